@@ -1,0 +1,3 @@
+"""bodysense completes a human body, hands included, from partial and occluded tracking, in real time."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,1 @@
+"""The human body: rotations, skeleton, pose, capsules, inverse kinematics."""

@@ -1,0 +1,86 @@
+"""Pose: where the root is and how every joint is turned; forward kinematics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from bodysense.body.rotation import Array, quaternion_conjugate, quaternion_exp, quaternion_multiply, quaternion_rotate
+from bodysense.body.skeleton import Skeleton
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A posed skeleton, or many: any leading batch axes, time last among them."""
+
+    skeleton: Skeleton
+    root_position: Array  # (..., 3) m, world
+    rotation: Array  # (..., J, 4) wxyz, parent ← joint; the root's is world ← root
+
+    def __getitem__(self, key: Any) -> Pose:
+        """Index the leading axes: `pose[10]`, `pose[5:20]`."""
+        return Pose(self.skeleton, self.root_position[key], self.rotation[key])
+
+
+def forward_kinematics(pose: Pose, rest_offset: Array | None = None) -> tuple[Array, Array]:
+    """World position of every point (..., P, 3) and world rotation of every joint (..., J, 4) of a pose.
+
+    `rest_offset` (..., P, 3) replaces the skeleton's own, so that bodies of many sizes share a batch. Works on NumPy
+    arrays and, differentiable, on PyTorch tensors. Bone lengths are kept exactly.
+    """
+    skeleton = pose.skeleton
+    xp = array_namespace(pose.rotation)
+    joint_levels = []
+    for joints, places in skeleton.levels:
+        local = pose.rotation[..., joints, :]
+        joint_levels.append(quaternion_multiply(joint_levels[-1][..., places, :], local) if joint_levels else local)
+    order = np.argsort(np.concatenate([joints for joints, _ in skeleton.levels]))
+    rotation = xp.concat(joint_levels, axis=-2)[..., order, :]
+
+    if rest_offset is None:
+        rest_offset = skeleton.rest_offset
+    offset = _like(rest_offset, pose.rotation)
+    bone = quaternion_rotate(rotation[..., list(skeleton.parents[1:]), :], offset[..., 1:, :])
+    path = _like(np.ascontiguousarray(skeleton.path[:, 1:]), pose.rotation)
+    return pose.root_position[..., None, :] + xp.matmul(path, bone), rotation
+
+
+def local_rotation(skeleton: Skeleton, world_rotation: Array) -> Array:
+    """Parent-relative rotations from world rotations: (..., J, 4) → (..., J, 4)."""
+    xp = array_namespace(world_rotation)
+    parents = list(skeleton.parents[1 : len(skeleton.joints)])
+    child = quaternion_multiply(quaternion_conjugate(world_rotation[..., parents, :]), world_rotation[..., 1:, :])
+    return xp.concat([world_rotation[..., :1, :], child], axis=-2)
+
+
+def rest_pose(skeleton: Skeleton, batch: tuple[int, ...] = ()) -> Pose:
+    """The T-pose at the skeleton's own root offset, with the given leading axes (NumPy, float64)."""
+    rotation = np.zeros((*batch, len(skeleton.joints), 4))
+    rotation[..., 0] = 1
+    return Pose(skeleton, np.broadcast_to(skeleton.rest_offset[0], (*batch, 3)).copy(), rotation)
+
+
+def _like(values: Any, like: Array) -> Array:
+    """`values` as an array of the same library, dtype and device as `like`."""
+    if hasattr(like, "detach"):
+        if hasattr(values, "detach"):
+            return values.to(like)
+        values = np.array(values)  # a copy, because PyTorch cannot share a read-only array
+    xp = array_namespace(like)
+    return xp.asarray(values, dtype=like.dtype, device=like.device)
+
+
+def standing_pose(skeleton: Skeleton) -> Pose:
+    """Standing, arms hanging, fingers a little curled: the guess for a body of which nothing was seen."""
+    pose = rest_pose(skeleton)
+    turns = {"shoulder": 1.25, "elbow": 0.1}
+    turns |= {f"{finger}{k}": 0.3 for finger in ("index", "middle", "ring", "pinky") for k in (1, 2, 3)}
+    for joint, angle in turns.items():
+        for side, sign in (("left", -1.0), ("right", 1.0)):
+            if f"{side}_{joint}" in skeleton.joints:
+                about_z = np.array([0.0, 0.0, sign * angle])
+                pose.rotation[skeleton.index(f"{side}_{joint}")] = quaternion_exp(about_z)
+    return pose

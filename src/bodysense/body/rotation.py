@@ -1,0 +1,255 @@
+"""Rotations: unit quaternions (wxyz), matrices, 6-D, axis-angle, Euler angles.
+
+Every function takes arrays with any leading batch axes, of NumPy or of PyTorch (through the Array API), is
+differentiable on PyTorch, and returns what it was given. Quaternions act as active rotations, `child → parent`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+from array_api_compat import array_namespace
+
+Array: TypeAlias = Any  # a NumPy array or a PyTorch tensor; one geometry serves both
+
+_AXES = {"X": 0, "Y": 1, "Z": 2}
+
+
+def quaternion_identity(like: Array) -> Array:
+    """Identity quaternions (..., 4) for the leading axes of `like` (..., n), with its dtype and device."""
+    xp = array_namespace(like)
+    one = xp.ones_like(like[..., :1])
+    return xp.concat([one, xp.zeros_like(one), xp.zeros_like(one), xp.zeros_like(one)], axis=-1)
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Inner product over the last axis, kept: (..., n), (..., n) → (..., 1)."""
+    xp = array_namespace(a, b)
+    return xp.sum(a * b, axis=-1, keepdims=True)
+
+
+def norm(a: Array) -> Array:
+    """Euclidean length over the last axis, kept: (..., n) → (..., 1)."""
+    xp = array_namespace(a)
+    return xp.sqrt(dot(a, a))
+
+
+def safe_norm(a: Array, floor: float = 1e-12) -> Array:
+    """Length over the last axis, kept; its gradient is zero, not NaN, where the length is below `floor`."""
+    xp = array_namespace(a)
+    squared = dot(a, a)
+    tiny = squared < floor * floor
+    return xp.where(tiny, xp.zeros_like(squared), xp.sqrt(xp.where(tiny, xp.ones_like(squared), squared)))
+
+
+def normalize(a: Array) -> Array:
+    """Scale the last axis to unit length. A zero vector stays zero."""
+    xp = array_namespace(a)
+    length = safe_norm(a)
+    return a / xp.where(length == 0, xp.ones_like(length), length)
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Vector product over the last axis: (..., 3), (..., 3) → (..., 3)."""
+    xp = array_namespace(a, b)
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return xp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
+def quaternion_multiply(a: Array, b: Array) -> Array:
+    """Hamilton product: first `b`, then `a`. (..., 4), (..., 4) → (..., 4)."""
+    xp = array_namespace(a, b)
+    aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
+    bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
+    return xp.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        axis=-1,
+    )
+
+
+def quaternion_conjugate(q: Array) -> Array:
+    """The inverse of a unit quaternion."""
+    xp = array_namespace(q)
+    return xp.concat([q[..., :1], -q[..., 1:]], axis=-1)
+
+
+def quaternion_canonical(q: Array) -> Array:
+    """The same rotation with w ≥ 0."""
+    xp = array_namespace(q)
+    return xp.where(q[..., :1] < 0, -q, q)
+
+
+def quaternion_rotate(q: Array, v: Array) -> Array:
+    """Rotate vectors: (..., 4), (..., 3) → (..., 3)."""
+    t = 2 * cross(q[..., 1:], v)
+    return v + q[..., :1] * t + cross(q[..., 1:], t)
+
+
+def quaternion_to_matrix(q: Array) -> Array:
+    """(..., 4) → (..., 3, 3)."""
+    xp = array_namespace(q)
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def matrix_to_quaternion(m: Array) -> Array:
+    """(..., 3, 3) → (..., 4), w ≥ 0. Of Shepperd's four forms the best conditioned is taken at each element."""
+    xp = array_namespace(m)
+    m00, m11, m22 = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    a, b, c = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
+    d, e, f = m[..., 1, 0] + m[..., 0, 1], m[..., 0, 2] + m[..., 2, 0], m[..., 2, 1] + m[..., 1, 2]
+    squared = [1 + m00 + m11 + m22, 1 + m00 - m11 - m22, 1 - m00 + m11 - m22, 1 - m00 - m11 + m22]
+    rows = [
+        [squared[0], a, b, c],
+        [a, squared[1], d, e],
+        [b, d, squared[2], f],
+        [c, e, f, squared[3]],
+    ]
+    forms = xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
+    largest = xp.argmax(xp.stack(squared, axis=-1), axis=-1)[..., None]
+    chosen = xp.concat([largest == k for k in range(4)], axis=-1)
+    best = xp.sum(xp.where(chosen[..., None], forms, xp.zeros_like(forms)), axis=-2)
+    return quaternion_canonical(normalize(best))
+
+
+def quaternion_exp(rotation_vector: Array) -> Array:
+    """Axis-angle vectors (radians) to quaternions: (..., 3) → (..., 4)."""
+    xp = array_namespace(rotation_vector)
+    squared = dot(rotation_vector, rotation_vector)
+    small = squared < 1e-8
+    angle = xp.sqrt(xp.where(small, xp.ones_like(squared), squared))
+    scale = xp.where(small, 0.5 - squared / 48, xp.sin(angle / 2) / angle)
+    w = xp.where(small, 1 - squared / 8 + squared * squared / 384, xp.cos(angle / 2))
+    return xp.concat([w, rotation_vector * scale], axis=-1)
+
+
+def quaternion_log(q: Array) -> Array:
+    """Quaternions to axis-angle vectors of at most π radians: (..., 4) → (..., 3)."""
+    xp = array_namespace(q)
+    q = quaternion_canonical(q)
+    w, v = q[..., :1], q[..., 1:]
+    sine = safe_norm(v, 1e-7)
+    small = sine == 0
+    angle = 2 * xp.atan2(xp.where(small, xp.ones_like(sine), sine), w)
+    return v * xp.where(
+        small, 2 / xp.where(w == 0, xp.ones_like(w), w), angle / xp.where(small, xp.ones_like(sine), sine)
+    )
+
+
+def matrix_exp(rotation_vector: Array) -> Array:
+    """Axis-angle vectors (radians) to matrices: (..., 3) → (..., 3, 3)."""
+    return quaternion_to_matrix(quaternion_exp(rotation_vector))
+
+
+def matrix_log(m: Array) -> Array:
+    """Matrices to axis-angle vectors of at most π radians: (..., 3, 3) → (..., 3)."""
+    return quaternion_log(matrix_to_quaternion(m))
+
+
+def matrix_to_sixd(m: Array) -> Array:
+    """The first two columns, one after the other: (..., 3, 3) → (..., 6). Zhou et al. 2019."""
+    xp = array_namespace(m)
+    return xp.concat([m[..., :, 0], m[..., :, 1]], axis=-1)
+
+
+def sixd_to_matrix(sixd: Array) -> Array:
+    """Gram-Schmidt on two 3-vectors: (..., 6) → (..., 3, 3). Zhou et al. 2019, eq. 15."""
+    xp = array_namespace(sixd)
+    x = normalize(sixd[..., :3])
+    second = sixd[..., 3:]
+    y = normalize(second - dot(x, second) * x)
+    return xp.stack([x, y, cross(x, y)], axis=-1)
+
+
+def slerp(a: Array, b: Array, t: Array) -> Array:
+    """Constant-speed interpolation on the shorter arc: (..., 4), (..., 4), (...,) or a number → (..., 4)."""
+    step = quaternion_log(quaternion_multiply(quaternion_conjugate(a), b))
+    return quaternion_multiply(a, quaternion_exp(step * (t if isinstance(t, (int, float)) else t[..., None])))
+
+
+def shortest_arc(u: Array, v: Array) -> Array:
+    """The smallest rotation that takes direction `u` to direction `v`: (..., 3), (..., 3) → (..., 4).
+
+    Opposite directions turn by π about an axis at right angles to `u`; a zero vector gives the identity.
+    """
+    xp = array_namespace(u, v)
+    u, v = normalize(u), normalize(v)
+    # An axis at right angles to u, for the opposite case: drop u's smallest component.
+    flat = xp.abs(u[..., :1]) > 0.8
+    zero, one = xp.zeros_like(u[..., :1]), xp.ones_like(u[..., :1])
+    helper = xp.concat([xp.where(flat, zero, one), xp.where(flat, one, zero), zero], axis=-1)
+    cosine = dot(u, v)
+    opposite = cosine < -1 + 4 * xp.finfo(cosine.dtype).eps
+    half_turn = xp.concat([xp.zeros_like(cosine), normalize(cross(u, helper))], axis=-1)
+    arc = normalize(xp.concat([1 + xp.where(opposite, xp.zeros_like(cosine), cosine), cross(u, v)], axis=-1))
+    return xp.where(opposite, half_turn, arc)
+
+
+def swing_twist(q: Array, axis: Array) -> tuple[Array, Array]:
+    """Split q = swing · twist, the twist about unit `axis` (..., 3), the swing about an axis at right angles to it.
+
+    Where the swing is a half turn the twist is not defined; the identity is returned for it.
+    """
+    xp = array_namespace(q)
+    along = dot(q[..., 1:], axis) * axis
+    twist = xp.concat([q[..., :1], along], axis=-1)
+    length = safe_norm(twist, 1e-8)
+    undefined = length == 0
+    twist = xp.where(undefined, quaternion_identity(q), twist / xp.where(undefined, xp.ones_like(length), length))
+    twist = quaternion_canonical(twist)
+    return quaternion_multiply(q, quaternion_conjugate(twist)), twist
+
+
+def heading(q: Array) -> Array:
+    """The turn about +Y in `q`: exact for yaw · pitch, defined unless the pitch is a half turn. (..., 4) → (..., 4)."""
+    xp = array_namespace(q)
+    zero = xp.zeros_like(q[..., :1])
+    return swing_twist(q, xp.concat([zero, zero + 1, zero], axis=-1))[1]
+
+
+def geodesic_angle(a: Array, b: Array) -> Array:
+    """Angle of the rotation from `a` to `b`, radians in [0, π]: (..., 4), (..., 4) → (...,)."""
+    xp = array_namespace(a, b)
+    difference = quaternion_multiply(quaternion_conjugate(a), b)
+    return 2 * xp.atan2(safe_norm(difference[..., 1:])[..., 0], xp.abs(difference[..., 0]))
+
+
+def euler_to_quaternion(angles: Array, order: str) -> Array:
+    """Intrinsic Euler angles (radians), a column an axis of `order` ('ZXY': R = Rz · Rx · Ry): (..., n) → (..., 4)."""
+    xp = array_namespace(angles)
+    result = None
+    for column, axis in enumerate(order):
+        half = angles[..., column] / 2
+        parts = [xp.cos(half), xp.zeros_like(half), xp.zeros_like(half), xp.zeros_like(half)]
+        parts[1 + _AXES[axis]] = xp.sin(half)
+        turn = xp.stack(parts, axis=-1)
+        result = turn if result is None else quaternion_multiply(result, turn)
+    return result
+
+
+def quaternion_to_euler(q: Array, order: str) -> Array:
+    """Intrinsic Euler angles (radians) for three different axes: (..., 4) → (..., 3). In gimbal lock the last is 0."""
+    xp = array_namespace(q)
+    i, j, k = (_AXES[axis] for axis in order)
+    if len({i, j, k}) != 3:
+        raise ValueError(f"order {order!r} must name X, Y and Z once each")
+    sign = 1.0 if (j - i) % 3 == 1 else -1.0
+    m = quaternion_to_matrix(q)
+    sine = xp.clip(sign * m[..., i, k], -1.0, 1.0)
+    locked = xp.abs(sine) > 1 - 1e-12
+    # atan2 keeps its precision near ±90°, where asin loses half its digits.
+    middle = xp.atan2(sine, xp.sqrt(m[..., i, i] ** 2 + m[..., i, j] ** 2))
+    first = xp.where(locked, xp.atan2(sign * m[..., k, j], m[..., j, j]), xp.atan2(-sign * m[..., j, k], m[..., k, k]))
+    last = xp.where(locked, xp.zeros_like(sine), xp.atan2(-sign * m[..., i, j], m[..., i, i]))
+    return xp.stack([first, middle, last], axis=-1)

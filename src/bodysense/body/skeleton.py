@@ -1,0 +1,173 @@
+"""Skeleton: names, parents and rest offsets of joints and of the end sites that hang on them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from importlib.resources import files
+
+import numpy as np
+
+from bodysense.errors import BodysenseError
+
+FINGERS = ("index", "middle", "pinky", "ring", "thumb")
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """A tree of joints, with end sites (fingertips, toe tips, head top) at its leaves.
+
+    A *point* is a joint or an end site: points are the joints, in order, then the end sites. Parents come before
+    their children. In the rest pose every rotation is the identity; the body stands in a T-pose, faces +Z, its left
+    hand toward +X (world: +Y up, metres).
+    """
+
+    joints: tuple[str, ...]
+    end_sites: tuple[str, ...]
+    parents: tuple[int, ...]  # one per point: index of the joint it hangs on; -1 for the root
+    rest_offset: np.ndarray = field(repr=False)  # (P, 3) m, from the parent joint, in the rest pose
+
+    def __post_init__(self) -> None:
+        offset = np.array(self.rest_offset, dtype=np.float64)
+        offset.setflags(write=False)
+        object.__setattr__(self, "rest_offset", offset)
+        names = self.points
+        if len(set(names)) != len(names):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            raise BodysenseError(f"skeleton: the name {twice[0]!r} stands twice; names must differ, rename one")
+        if len(self.parents) != len(names) or offset.shape != (len(names), 3):
+            raise BodysenseError(
+                f"skeleton: {len(names)} points need {len(names)} parents and offsets ({len(names)}, 3), "
+                f"but got {len(self.parents)} and {offset.shape}"
+            )
+        if not self.joints or self.parents[0] != -1:
+            raise BodysenseError("skeleton: the first joint must be the root, with parent -1")
+        for index, parent in enumerate(self.parents[1:], start=1):
+            if not 0 <= parent < min(index, len(self.joints)):
+                raise BodysenseError(
+                    f"skeleton: the parent of {names[index]!r} is {parent}; it must be a joint that comes before it"
+                )
+        if not np.isfinite(offset).all():
+            bad = names[int(np.argmin(np.isfinite(offset).all(axis=1)))]
+            raise BodysenseError(f"skeleton: the offset of {bad!r} is not finite; give three numbers in metres")
+
+    @cached_property
+    def points(self) -> tuple[str, ...]:
+        """Names of all points: joints, then end sites."""
+        return self.joints + self.end_sites
+
+    @cached_property
+    def _index(self) -> dict[str, int]:
+        return {name: index for index, name in enumerate(self.points)}
+
+    def index(self, name: str) -> int:
+        """Index of a point. Raises BodysenseError with the nearest names for an unknown one."""
+        if name not in self._index:
+            import difflib
+
+            near = ", ".join(difflib.get_close_matches(name, self.points, n=3, cutoff=0.3)) or ", ".join(self.points)
+            raise BodysenseError(f"unknown joint {name!r}; this skeleton has {near}")
+        return self._index[name]
+
+    def indices(self, names: Sequence[str]) -> np.ndarray:
+        """Indices (N,) of several points."""
+        return np.array([self.index(name) for name in names], dtype=np.int64)
+
+    @cached_property
+    def levels(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """Joints by depth below the root: (their indices, the place of each one's parent in the level above)."""
+        depth = [0] * len(self.joints)
+        for joint in range(1, len(self.joints)):
+            depth[joint] = depth[self.parents[joint]] + 1
+        levels: list[tuple[np.ndarray, np.ndarray]] = []
+        above: list[int] = []
+        for d in range(max(depth) + 1):
+            here = [joint for joint, value in enumerate(depth) if value == d]
+            places = [above.index(self.parents[joint]) for joint in here] if d else [0]
+            levels.append((np.array(here), np.array(places)))
+            above = here
+        return tuple(levels)
+
+    @cached_property
+    def path(self) -> np.ndarray:
+        """(P, P) 0/1: path[i, k] is 1 where point k lies on the way from the root (excluded) to point i (included).
+
+        With bone vectors in the world, positions are `root + path @ bones`.
+        """
+        count = len(self.points)
+        path = np.zeros((count, count))
+        for point in range(1, count):
+            path[point] = path[self.parents[point]]
+            path[point, point] = 1
+        return path
+
+    @cached_property
+    def wrist_of(self) -> np.ndarray:
+        """(P,) index of the wrist that each point of a finger hangs on; -1 for every other point."""
+        wrists = np.full(len(self.points), -1)
+        for point, name in enumerate(self.points):
+            side, _, part = name.partition("_")
+            if part.startswith(FINGERS):
+                wrists[point] = self.index(f"{side}_wrist")
+        return wrists
+
+    @cached_property
+    def mirror(self) -> np.ndarray:
+        """(P,) index of each point's partner on the other side; points of the middle are their own."""
+        swap = {"left": "right", "right": "left"}
+        partners = []
+        for name in self.points:
+            side, _, rest = name.partition("_")
+            partners.append(self._index.get(f"{swap[side]}_{rest}" if side in swap else name, self._index[name]))
+        return np.array(partners)
+
+    @cached_property
+    def height(self) -> float:
+        """Height of the rest pose, lowest to highest point, metres."""
+        position = self.path @ self.rest_offset
+        return float(position[:, 1].max() - position[:, 1].min())
+
+    @cached_property
+    def bone_length(self) -> np.ndarray:
+        """(P,) distance of every point from its parent, metres; 0 for the root."""
+        length = np.linalg.norm(self.rest_offset, axis=1)
+        length[0] = 0.0
+        return length
+
+    def with_offsets(self, rest_offset: np.ndarray) -> Skeleton:
+        """The same tree with other rest offsets (P, 3), metres."""
+        return replace(self, rest_offset=np.asarray(rest_offset))
+
+    def scaled(self, height: float) -> Skeleton:
+        """The same proportions at another rest-pose height (metres, joints and end sites)."""
+        if not 0.3 <= height <= 3.0:
+            raise BodysenseError(f"height {height:g} m is not a person's; give metres between 0.3 and 3.0")
+        return self.with_offsets(self.rest_offset * (height / self.height))
+
+
+def default_body() -> dict:
+    """The packaged description of an average adult: joints, end sites, landmarks, primitives (see docs/credits.md)."""
+    return json.loads(files("bodysense.body").joinpath("default_body.json").read_text(encoding="utf-8"))
+
+
+@lru_cache(maxsize=1)
+def default_skeleton() -> Skeleton:
+    """The 52 joints of SMPL-H and 13 end sites, with the offsets of an average adult."""
+    return skeleton_from_table(default_body()["joints"], default_body()["end_sites"])
+
+
+def skeleton_from_table(joints: Sequence[dict], end_sites: Sequence[dict]) -> Skeleton:
+    """A skeleton from rows with `name`, `parent` (a name, or null for the root) and `offset` (metres)."""
+    index = {row["name"]: place for place, row in enumerate(joints)}
+    rows = [*joints, *end_sites]
+    for row in rows:
+        if row["parent"] is not None and row["parent"] not in index:
+            raise BodysenseError(f"skeleton: {row['name']!r} hangs on {row['parent']!r}, which is not among its joints")
+    return Skeleton(
+        joints=tuple(row["name"] for row in joints),
+        end_sites=tuple(row["name"] for row in end_sites),
+        parents=tuple(-1 if row["parent"] is None else index[row["parent"]] for row in rows),
+        rest_offset=np.array([row["offset"] for row in rows], dtype=np.float64),
+    )

@@ -1,0 +1,131 @@
+"""The waist: everything that tracks becomes an Observation, everything that completes returns an Estimate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from bodysense.body.pose import Pose
+from bodysense.body.skeleton import Skeleton
+from bodysense.errors import BodysenseError
+
+UNIT_TOLERANCE = 0.01  # how far from 1 the length of a quaternion may be
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """What was tracked: named points over time, world frame (+Y up, metres). Hidden values are NaN."""
+
+    points: tuple[str, ...]  # joint or end-site names, 'head' for the headset's wearer, marker names …
+    position: np.ndarray  # (..., T, P, 3) m, world
+    rotation: np.ndarray  # (..., T, P, 4) wxyz, world ← point
+    has_position: np.ndarray  # (..., T, P) bool
+    has_rotation: np.ndarray  # (..., T, P) bool
+    time: np.ndarray  # (T,) s
+
+    def __getitem__(self, key: slice) -> Observation:
+        """Frames `key` (a slice) of an observation without batch axes."""
+        return replace(
+            self,
+            position=self.position[key],
+            rotation=self.rotation[key],
+            has_position=self.has_position[key],
+            has_rotation=self.has_rotation[key],
+            time=self.time[key],
+        )
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """A complete body for every frame of an observation."""
+
+    skeleton: Skeleton
+    position: np.ndarray  # (..., T, P, 3) m, world: every point of the skeleton, before IK
+    occluded: np.ndarray  # (..., T, P) probability that the point was hidden
+    confidence: np.ndarray  # (..., T, P) expected position error, m
+    pose: Pose | None = None  # rotations, from methods that give them; otherwise the tracker finds them by IK
+
+
+class Estimator(Protocol):
+    """A method that completes a body. State is an argument, so streaming, batches and replay are the same code."""
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The body that is completed."""
+        ...
+
+    def start(self) -> Any:
+        """The state before the first frame."""
+        ...
+
+    def step(self, observation: Observation, state: Any) -> tuple[Estimate, Any]:
+        """Complete the next T ≥ 1 frames: one call with T frames equals T calls with one."""
+        ...
+
+
+def check_observation(observation: Observation, name: str = "observation") -> Observation:
+    """Return the observation if its shapes, masks and times agree; raise BodysenseError, naming the fix, if not."""
+    frames, count = len(observation.time), len(observation.points)
+    expected = {"position": (3,), "rotation": (4,), "has_position": (), "has_rotation": ()}
+    if len(set(observation.points)) != count:
+        raise BodysenseError(f"{name}: a point is named twice; names must differ")
+    if observation.time.ndim != 1:
+        raise BodysenseError(f"{name}: time has shape {observation.time.shape}; give one number a frame, in seconds")
+    batch = observation.position.shape[:-3]
+    for field, tail in expected.items():
+        shape = getattr(observation, field).shape
+        wanted = (*batch, frames, count, *tail)
+        if shape != wanted:
+            raise BodysenseError(f"{name}: {field} has shape {shape}; {frames} frames of {count} points need {wanted}")
+    if not np.isfinite(observation.time).all():
+        bad = int(np.argmin(np.isfinite(observation.time)))
+        raise BodysenseError(f"{name}: the time of frame {bad} is not a number; give seconds, increasing")
+    backwards = np.flatnonzero(np.diff(observation.time) <= 0)
+    if backwards.size:
+        k = int(backwards[0]) + 1
+        raise BodysenseError(
+            f"{name}: time goes from {observation.time[k - 1]:g} s to {observation.time[k]:g} s at frame {k}; "
+            "times must increase: sort the frames and drop repeats"
+        )
+    for mask, field in (("has_position", "position"), ("has_rotation", "rotation")):
+        present = getattr(observation, mask)
+        broken = present & ~np.isfinite(getattr(observation, field)).all(axis=-1)
+        if broken.any():
+            *_, frame, point = np.argwhere(broken)[0]
+            raise BodysenseError(
+                f"{name}: {mask} says that {observation.points[point]!r} is tracked at frame {frame}, "
+                f"but its {field} is not finite; clear the mask there"
+            )
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(observation.rotation, axis=-1)
+    broken = observation.has_rotation & ~(np.abs(length - 1) < UNIT_TOLERANCE)
+    if broken.any():
+        *_, frame, point = place = tuple(np.argwhere(broken)[0])
+        raise BodysenseError(
+            f"{name}: the rotation of {observation.points[point]!r} at frame {frame} has length {length[place]:g}; "
+            "give unit quaternions w, x, y, z, or clear the mask there"
+        )
+    return observation
+
+
+def observed_points(
+    observation: Observation, skeleton: Skeleton
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Position, rotation and their masks for every point of a skeleton, in its order; what was not observed is hidden.
+
+    Raises BodysenseError for a point that the skeleton does not have.
+    """
+    if observation.points == skeleton.points:
+        return observation.position, observation.rotation, observation.has_position, observation.has_rotation
+    place = skeleton.indices(observation.points)
+    batch, count = observation.position.shape[:-2], len(skeleton.points)
+    position, rotation = np.full((*batch, count, 3), np.nan), np.full((*batch, count, 4), np.nan)
+    has_position, has_rotation = np.zeros((*batch, count), dtype=bool), np.zeros((*batch, count), dtype=bool)
+    position[..., place, :], rotation[..., place, :] = observation.position, observation.rotation
+    has_position[..., place], has_rotation[..., place] = observation.has_position, observation.has_rotation
+    return position, rotation, has_position, has_rotation

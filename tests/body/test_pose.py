@@ -1,0 +1,163 @@
+"""Forward kinematics against Pinocchio and a plain loop, on NumPy and PyTorch."""
+
+from __future__ import annotations
+
+# Pinocchio takes its names from a C++ module.
+# pyright: reportAttributeAccessIssue=false
+import numpy as np
+import pinocchio
+import pytest
+import torch
+
+from bodysense.body.pose import Pose, forward_kinematics, local_rotation, rest_pose
+from bodysense.body.rotation import (
+    geodesic_angle,
+    quaternion_exp,
+    quaternion_multiply,
+    quaternion_rotate,
+    quaternion_to_matrix,
+)
+from bodysense.body.skeleton import Skeleton, default_skeleton
+
+BODY = default_skeleton()
+SHAPES = [(), (1,), (3, 1, 2), (0,)]
+
+
+def random_pose(shape: tuple[int, ...] = (), seed: int = 0, skeleton: Skeleton = BODY) -> Pose:
+    rng = np.random.default_rng(seed)
+    turn = quaternion_exp(rng.normal(size=(*shape, len(skeleton.joints), 3)))
+    return Pose(skeleton, rng.normal(size=(*shape, 3)), turn)
+
+
+def as_torch(pose: Pose, dtype: torch.dtype = torch.float64) -> Pose:
+    return Pose(pose.skeleton, torch.tensor(pose.root_position, dtype=dtype), torch.tensor(pose.rotation, dtype=dtype))
+
+
+def loop(pose: Pose, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (P, 3) and matrices (J, 3, 3) of one pose, joint by joint."""
+    skeleton = pose.skeleton
+    local = quaternion_to_matrix(pose.rotation)
+    matrix, position = np.zeros_like(local), np.zeros((len(skeleton.points), 3))
+    for point, parent in enumerate(skeleton.parents):
+        position[point] = pose.root_position if parent < 0 else position[parent] + matrix[parent] @ offset[point]
+        if point < len(skeleton.joints):
+            matrix[point] = local[point] if parent < 0 else matrix[parent] @ local[point]
+    return position, matrix
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_forward_kinematics_is_the_plain_loop(shape: tuple[int, ...]) -> None:
+    pose = random_pose(shape)
+    position, rotation = forward_kinematics(pose)
+    assert position.shape == (*shape, len(BODY.points), 3)
+    assert rotation.shape == (*shape, len(BODY.joints), 4)
+    for index in np.ndindex(shape):
+        expected, matrix = loop(pose[index], BODY.rest_offset)
+        np.testing.assert_allclose(position[index], expected, atol=1e-12)
+        np.testing.assert_allclose(quaternion_to_matrix(rotation[index]), matrix, atol=1e-12)
+
+
+def test_forward_kinematics_is_pinocchios() -> None:
+    pose = random_pose()
+    model = pinocchio.Model()
+    joints: list[int] = []
+    for index, name in enumerate(BODY.joints):
+        place = pinocchio.SE3(np.eye(3), BODY.rest_offset[index] if index else np.zeros(3))
+        kind = pinocchio.JointModelSpherical() if index else pinocchio.JointModelFreeFlyer()
+        joints.append(model.addJoint(joints[BODY.parents[index]] if index else 0, kind, place, name))
+    data = model.createData()
+    q = pinocchio.neutral(model)
+    q[:3] = pose.root_position
+    for index, joint in enumerate(joints):
+        first = model.joints[joint].idx_q + (0 if index else 3)
+        q[first : first + 4] = pose.rotation[index][[1, 2, 3, 0]]
+    pinocchio.forwardKinematics(model, data, q)
+    position, rotation = forward_kinematics(pose)
+    for index, joint in enumerate(joints):
+        np.testing.assert_allclose(position[index], data.oMi[joint].translation, atol=1e-12)
+        np.testing.assert_allclose(quaternion_to_matrix(rotation[index]), data.oMi[joint].rotation, atol=1e-12)
+
+
+def test_bones_keep_their_lengths() -> None:
+    position, _ = forward_kinematics(random_pose((50,)))
+    bones = position[:, 1:] - position[:, list(BODY.parents[1:])]
+    np.testing.assert_allclose(np.linalg.norm(bones, axis=-1) - BODY.bone_length[1:], 0, atol=1e-12)
+
+
+def test_bodies_of_many_sizes_share_a_batch() -> None:
+    pose = random_pose((4,))
+    offset = BODY.rest_offset * np.array([0.5, 1.0, 1.5, 2.0])[:, None, None]
+    position, _ = forward_kinematics(pose, offset)
+    for k in range(4):
+        np.testing.assert_allclose(position[k], loop(pose[k], offset[k])[0], atol=1e-12)
+    in_torch, _ = forward_kinematics(as_torch(pose), torch.tensor(offset))
+    np.testing.assert_allclose(in_torch.numpy(), position, atol=1e-12)
+
+
+def test_whole_body_moves_with_the_root() -> None:
+    pose = random_pose()
+    turn, move = quaternion_exp(np.array([0.3, -0.8, 1.9])), np.array([1.0, 2.0, 3.0])
+    moved = np.array(pose.rotation)
+    moved[0] = quaternion_multiply(turn, moved[0])
+    position, rotation = forward_kinematics(pose)
+    found, turned = forward_kinematics(Pose(BODY, quaternion_rotate(turn, pose.root_position) + move, moved))
+    np.testing.assert_allclose(found, quaternion_rotate(turn, position) + move, atol=1e-12)
+    np.testing.assert_allclose(turned, quaternion_multiply(turn, rotation), atol=1e-12)
+
+
+def test_rest_pose_stands_at_the_offsets() -> None:
+    position, rotation = forward_kinematics(rest_pose(BODY))
+    np.testing.assert_allclose(position, BODY.path @ BODY.rest_offset + BODY.rest_offset[0], atol=1e-12)
+    assert (rotation == [1, 0, 0, 0]).all()
+    batch = rest_pose(BODY, (2, 3))
+    assert batch.root_position.shape == (2, 3, 3)
+    assert batch.rotation.shape == (2, 3, 52, 4)
+    batch.root_position[0, 0] += 1
+    np.testing.assert_array_equal(batch.root_position[1, 1], BODY.rest_offset[0])
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_local_rotations_come_back_from_world_rotations(shape: tuple[int, ...]) -> None:
+    pose = random_pose(shape)
+    _, rotation = forward_kinematics(pose)
+    assert geodesic_angle(local_rotation(BODY, rotation), pose.rotation).max(initial=0) < 1e-7
+    in_torch = local_rotation(BODY, torch.tensor(rotation)).numpy()
+    np.testing.assert_allclose(in_torch, local_rotation(BODY, rotation), atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-12), (torch.float32, 2e-5)])
+def test_pytorch_gives_what_numpy_gives(shape: tuple[int, ...], dtype: torch.dtype, tolerance: float) -> None:
+    pose = random_pose(shape)
+    position, rotation = forward_kinematics(pose)
+    found, turned = forward_kinematics(as_torch(pose, dtype))
+    assert found.dtype == turned.dtype == dtype
+    np.testing.assert_allclose(found.numpy(), position, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(turned.numpy(), rotation, rtol=0, atol=tolerance)
+
+
+def test_gradients_agree_with_differences() -> None:
+    skeleton = Skeleton(("a", "b", "c"), ("d", "e"), (-1, 0, 1, 1, 2), np.random.default_rng(0).normal(size=(5, 3)))
+    pose = as_torch(random_pose((2,), skeleton=skeleton))
+    offset = torch.tensor(skeleton.rest_offset, requires_grad=True)
+
+    def points(root: torch.Tensor, rotation: torch.Tensor, offset: torch.Tensor) -> torch.Tensor:
+        return forward_kinematics(Pose(skeleton, root, rotation), offset)[0]
+
+    arguments = (pose.root_position.requires_grad_(), pose.rotation.requires_grad_(), offset)
+    assert torch.autograd.gradcheck(points, arguments)
+
+
+def test_skeleton_of_one_joint() -> None:
+    skeleton = Skeleton(("root",), (), (-1,), np.zeros((1, 3)))
+    pose = random_pose((2,), skeleton=skeleton)
+    position, rotation = forward_kinematics(pose)
+    np.testing.assert_array_equal(position[:, 0], pose.root_position)
+    np.testing.assert_array_equal(rotation, pose.rotation)
+    assert forward_kinematics(as_torch(pose))[0].shape == (2, 1, 3)
+
+
+def test_indexing_takes_frames() -> None:
+    pose = random_pose((5,))
+    assert pose[2].rotation.shape == (52, 4)
+    np.testing.assert_array_equal(pose[1:3].root_position, pose.root_position[1:3])

@@ -1,0 +1,65 @@
+"""Fixtures that every room shares."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.body.pose import Pose, standing_pose
+from bodysense.body.rotation import quaternion_exp, quaternion_multiply
+from bodysense.body.skeleton import default_skeleton
+from bodysense.data.clip import Clip
+
+
+@pytest.fixture(scope="session")
+def motion_data() -> Path:
+    """A folder of real motion laid out as docs/data.md says; the test is skipped where there is none."""
+    given = os.environ.get("BODYSENSE_DATA")
+    candidates = [Path(given)] if given else [Path(__file__).parents[2] / "shared" / "data"]
+    for folder in candidates:
+        if (folder / "splits.json").is_file():
+            return folder
+    pytest.skip("no motion data: set BODYSENSE_DATA to a folder of it (docs/data.md)")
+
+
+@pytest.fixture(scope="session")
+def waving_clip() -> Clip:
+    """Three seconds at 30 Hz: somebody stands, looks around, sways and waves, so that hands come into sight and go."""
+    skeleton = default_skeleton()
+    standing, time = standing_pose(skeleton), np.arange(90) / 30
+    rotation = np.tile(standing.rotation, (len(time), 1, 1))
+    swings = {
+        "pelvis": (0.2, 0.0, 1.0, 0.0, 0.3),  # amplitude, axis, Hz
+        "head": (0.5, 0.3, 1.0, 0.0, 0.4),
+        "left_shoulder": (1.0, 0.0, 0.3, 1.0, 0.7),
+        "left_elbow": (0.9, 0.0, -1.0, 0.0, 0.9),
+        "right_shoulder": (0.9, 0.0, -1.0, -0.6, 0.5),
+        "right_elbow": (1.2, 0.0, 1.0, 0.0, 1.1),
+        "left_index2": (0.5, 0.0, 0.0, -1.0, 1.3),
+        "right_thumb2": (0.4, 0.0, -1.0, 0.0, 0.8),
+        "left_knee": (0.3, 1.0, 0.0, 0.0, 0.6),
+    }
+    for joint, (amplitude, *axis, rate) in swings.items():
+        angle = amplitude * np.sin(2 * np.pi * rate * time)
+        turn = quaternion_exp(angle[:, None] * np.array(axis))
+        place = skeleton.index(joint)
+        rotation[:, place] = quaternion_multiply(rotation[:, place], turn)
+    root = standing.root_position + 0.05 * np.stack([np.sin(time), 0.2 * np.sin(3 * time), np.cos(time)], axis=-1)
+    return Clip("waving", Pose(skeleton, root, rotation), 30.0)
+
+
+@pytest.fixture(scope="session")
+def small_network(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small network that was never trained, exported: what holds of every network holds of it."""
+    import torch
+
+    from bodysense.models.body_gru import BodyGru, BodyGruConfig
+    from bodysense.training.onnx_writing import write_onnx
+
+    torch.manual_seed(0)
+    path = tmp_path_factory.mktemp("network") / "small.onnx"
+    write_onnx(BodyGru(BodyGruConfig(hidden=16, branch=(16,)), default_skeleton()), path, {"licence": "Apache-2.0"})
+    return path
