@@ -1,0 +1,1 @@
+"""Signals of devices, and recordings of them, to observations."""

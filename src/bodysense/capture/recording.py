@@ -1,0 +1,266 @@
+"""Recordings: an Observation and its wearer's skeleton in one file, `.npz` or `.jsonl` (docs/recording.md)."""
+
+from __future__ import annotations
+
+import json
+import operator
+import sys
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.files import written_beside
+from bodysense.observation import Observation, check_observation
+
+FORMAT = "bodysense recording 1"
+_SKELETON = ("joints", "end_sites", "parents", "rest_offset")
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a device tracked, and on whom."""
+
+    observation: Observation
+    skeleton: Skeleton
+
+
+def write_recording(path: str | Path, recording: Recording) -> None:
+    """Write `.npz` (compact) or `.jsonl` (one frame a line); the file appears whole or not at all."""
+    path = Path(path)
+    _check_ending(path)
+    _check(path, recording)
+    with written_beside(path) as beside:
+        if path.suffix == ".npz":
+            _write_npz(beside, recording)
+        else:
+            beside.write_text("\n".join(_lines(recording)) + "\n", encoding="utf-8")
+
+
+def read_recording(path: str | Path) -> Recording:
+    """Read a recording. Raises BodysenseError naming the file, what is wrong, and the fix."""
+    path = Path(path)
+    _check_ending(path)
+    if not path.is_file():
+        raise BodysenseError(f"{path}: no such file")
+    recording = _read_npz(path) if path.suffix == ".npz" else _read_jsonl(path)
+    _check(path, recording)
+    return recording
+
+
+def is_recording(path: str | Path) -> bool:
+    """Whether a file says of itself that it is a recording (an `.npz` may be a motion instead)."""
+    path = Path(path)
+    if path.suffix == ".jsonl":
+        return True
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return "has_position.npy" in archive.namelist()
+    except (OSError, zipfile.BadZipFile):
+        return False
+
+
+def _check_ending(path: Path) -> None:
+    if path.suffix not in (".npz", ".jsonl"):
+        raise BodysenseError(f"{path}: a recording ends in .npz or .jsonl, not in {path.suffix or 'nothing'!r}")
+
+
+def _check(path: Path, recording: Recording) -> None:
+    """Raise BodysenseError, naming the file, for what is not one motion of points of the skeleton."""
+    seen = recording.observation
+    if not len(seen.time) or not seen.points:
+        raise BodysenseError(f"{path}: time and points must be lists of at least one value")
+    check_observation(seen, str(path))
+    wanted = (len(seen.time), len(seen.points), 3)
+    if seen.position.shape != wanted:
+        raise BodysenseError(
+            f"{path}: position has shape {seen.position.shape}; a recording is of one motion, {wanted}"
+        )
+    try:
+        recording.skeleton.indices(seen.points)
+    except BodysenseError as error:
+        raise BodysenseError(f"{path}: {error}") from None
+
+
+def _write_npz(path: Path, recording: Recording) -> None:
+    seen, skeleton = recording.observation, recording.skeleton
+    with path.open("wb") as file:
+        np.savez_compressed(
+            file,
+            format=np.array(FORMAT),
+            points=np.array(seen.points),
+            position=seen.position.astype(np.float32),
+            rotation=seen.rotation.astype(np.float32),
+            has_position=seen.has_position,
+            has_rotation=seen.has_rotation,
+            time=seen.time,
+            joints=np.array(skeleton.joints),
+            end_sites=np.array(skeleton.end_sites),
+            parents=np.array(skeleton.parents),
+            rest_offset=skeleton.rest_offset,
+        )
+
+
+def _read_npz(path: Path) -> Recording:
+    wanted = ("format", "points", "position", "rotation", "has_position", "has_rotation", "time")
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in (*wanted, *_SKELETON) if name in archive.files}
+    except Exception as error:  # a damaged zip file raises what it likes: zlib, struct, zipfile, Value, Memory errors
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise BodysenseError(f"{path}: not a readable .npz ({reason}); record it again") from None
+    missing = [name for name in wanted if name not in arrays]
+    if missing:
+        raise BodysenseError(f"{path}: not a recording, it has no {missing[0]!r}; see docs/recording.md for the layout")
+    if str(arrays["format"]) != FORMAT:
+        raise BodysenseError(f"{path}: format {str(arrays['format'])!r}, but this version reads {FORMAT!r}")
+    for name, kinds in (
+        ("position", "f"),
+        ("rotation", "f"),
+        ("time", "f"),
+        ("has_position", "b"),
+        ("has_rotation", "b"),
+    ):
+        if arrays[name].dtype.kind not in kinds:
+            raise BodysenseError(
+                f"{path}: {name} is of type {arrays[name].dtype}; positions, rotations and times are floats, masks bool"
+            )
+    if arrays["time"].ndim != 1 or arrays["points"].ndim != 1:
+        raise BodysenseError(f"{path}: time and points must be lists of at least one value")
+    observation = Observation(
+        points=tuple(str(name) for name in arrays["points"]),
+        position=arrays["position"].astype(np.float64),
+        rotation=arrays["rotation"].astype(np.float64),
+        has_position=arrays["has_position"],
+        has_rotation=arrays["has_rotation"],
+        time=arrays["time"].astype(np.float64),
+    )
+    return Recording(observation, _skeleton(path, arrays))
+
+
+def _skeleton(path: Path, fields: dict[str, Any]) -> Skeleton:
+    """The wearer's skeleton: given in full, or the default one."""
+    if not any(name in fields for name in _SKELETON):
+        return default_skeleton()
+    missing = [name for name in _SKELETON if name not in fields]
+    if missing:
+        raise BodysenseError(
+            f"{path}: its skeleton has no {missing[0]!r}; give {', '.join(_SKELETON)}, or none of them"
+        )
+    try:
+        offset = np.asarray(fields["rest_offset"])
+        if offset.dtype.kind not in "fiu":
+            raise TypeError("its rest_offset are not numbers")
+        return Skeleton(
+            joints=tuple(str(name) for name in fields["joints"]),
+            end_sites=tuple(str(name) for name in fields["end_sites"]),
+            parents=tuple(operator.index(parent) for parent in fields["parents"]),
+            rest_offset=offset,
+        )
+    except (TypeError, ValueError) as error:
+        raise BodysenseError(f"{path}: its skeleton cannot be read ({error}); see docs/recording.md") from None
+    except BodysenseError as error:
+        raise BodysenseError(f"{path}: {error}") from None
+
+
+def _lines(recording: Recording) -> list[str]:
+    seen, skeleton = recording.observation, recording.skeleton
+    header = {
+        "format": FORMAT,
+        "points": seen.points,
+        "skeleton": {
+            "joints": skeleton.joints,
+            "end_sites": skeleton.end_sites,
+            "parents": skeleton.parents,
+            "rest_offset": np.round(skeleton.rest_offset, 6).tolist(),
+        },
+    }
+    lines = [json.dumps(header)]
+    for t, time in enumerate(seen.time):
+        frame: dict[str, Any] = {"time": round(float(time), 6), "position": {}, "rotation": {}}
+        for kind, digits in (("position", 5), ("rotation", 6)):
+            values, mask = getattr(seen, kind)[t], getattr(seen, f"has_{kind}")[t]
+            frame[kind] = {seen.points[p]: np.round(values[p], digits).tolist() for p in np.flatnonzero(mask)}
+        lines.append(json.dumps(frame))
+    return lines
+
+
+def _read_jsonl(path: Path) -> Recording:
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError:
+        raise BodysenseError(f"{path}: not text in UTF-8; a .jsonl recording has one JSON object a line") from None
+    rows = [_object(path, number, line) for number, line in enumerate(lines, start=1) if line.strip()]
+    if not rows or rows[0].get("format") != FORMAT:
+        found = rows[0].get("format") if rows else None
+        raise BodysenseError(f"{path}: the first line must be a header with format {FORMAT!r}, but it has {found!r}")
+    points = rows[0].get("points")
+    if not isinstance(points, list) or not points or not all(isinstance(name, str) for name in points):
+        raise BodysenseError(f"{path}: the header needs 'points', a list of names")
+    frames = rows[1:]
+    if not frames:
+        raise BodysenseError(f"{path}: a header but no frames; each further line is one frame with its 'time'")
+    count = len(points)
+    values = {
+        "position": np.full((len(frames), count, 3), np.nan),
+        "rotation": np.full((len(frames), count, 4), np.nan),
+    }
+    place = {name: p for p, name in enumerate(points)}
+    time = np.zeros(len(frames))
+    for t, frame in enumerate(frames):
+        if not _numbers([frame.get("time")], 1):
+            raise BodysenseError(f"{path}: frame {t} has no 'time'; give seconds")
+        time[t] = frame["time"]
+        for kind, target in values.items():
+            for name, value in _entries(path, t, kind, frame):
+                if name not in place:
+                    raise BodysenseError(
+                        f"{path}: frame {t} has {kind} of {name!r}, which the header's points do not list"
+                    )
+                if not _numbers(value, target.shape[-1]):
+                    raise BodysenseError(
+                        f"{path}: frame {t}: {kind} of {name!r} is {str(value)[:60]}; give {target.shape[-1]} numbers"
+                    )
+                target[t, place[name]] = value
+    observation = Observation(
+        points=tuple(points),
+        position=values["position"],
+        rotation=values["rotation"],
+        has_position=np.isfinite(values["position"][..., 0]),  # a point has all its numbers or none
+        has_rotation=np.isfinite(values["rotation"][..., 0]),
+        time=time,
+    )
+    skeleton = rows[0].get("skeleton", {})
+    if not isinstance(skeleton, dict):
+        raise BodysenseError(f"{path}: the header's 'skeleton' must be an object with {', '.join(_SKELETON)}")
+    return Recording(observation, _skeleton(path, skeleton))
+
+
+def _object(path: Path, number: int, line: str) -> dict[str, Any]:
+    try:
+        value = json.loads(line)
+    except (ValueError, RecursionError):
+        raise BodysenseError(f"{path}: line {number} is not JSON; was the file cut short? Remove the line") from None
+    if not isinstance(value, dict):
+        raise BodysenseError(f"{path}: line {number} is not a JSON object")
+    return value
+
+
+def _entries(path: Path, t: int, kind: str, frame: dict[str, Any]) -> list[tuple[str, Any]]:
+    entries = frame.get(kind, {})
+    if not isinstance(entries, dict):
+        raise BodysenseError(f"{path}: frame {t}: {kind} must be an object from point names to numbers")
+    return list(entries.items())
+
+
+def _numbers(value: Any, count: int) -> bool:
+    return (
+        isinstance(value, list)
+        and len(value) == count
+        and all(isinstance(number, (int, float)) and not isinstance(number, bool) for number in value)
+        and all(abs(number) <= sys.float_info.max for number in value)  # NaN, infinity and endless integers are none
+    )

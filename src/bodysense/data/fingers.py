@@ -1,0 +1,57 @@
+"""Fingers that a recording does not have: is there finger motion, and what a relaxed hand looks like."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from bodysense.body.pose import Pose
+from bodysense.body.rotation import geodesic_angle, quaternion_exp
+
+FINGERS = ("thumb", "index", "middle", "ring", "pinky")
+STILL = np.deg2rad(0.5)  # finger joints that turn less than this over a whole recording were not recorded
+
+# Flexion of a hand that hangs or rests, degrees at the first, second and third joint: curled a little, more toward
+# the little finger. Fingers flex about Z of the T-pose (left: negative), the thumb closes about Y (left: positive).
+_RELAXED = {
+    "index": (15.0, 25.0, 15.0),
+    "middle": (20.0, 25.0, 15.0),
+    "ring": (23.0, 28.0, 18.0),
+    "pinky": (25.0, 28.0, 18.0),
+    "thumb": (0.0, 10.0, 15.0),
+}
+
+
+def is_finger(joint: str) -> bool:
+    """Whether a joint of ours is one of the 30 finger joints."""
+    return joint.rstrip("123").partition("_")[2] in FINGERS
+
+
+def relaxed_rotation(joint: str) -> np.ndarray:
+    """Rotation (4,) of a finger joint, 'left_index1' …, in a relaxed hand: constant, a slight curl."""
+    side, _, rest = joint.partition("_")
+    angle = np.deg2rad(_RELAXED[rest[:-1]][int(rest[-1]) - 1])
+    sign = 1.0 if side == "left" else -1.0
+    return quaternion_exp(np.array([0.0, sign * angle, 0.0] if rest[:-1] == "thumb" else [0.0, 0.0, -sign * angle]))
+
+
+def with_fingers(pose: Pose, missing: Collection[str] = ()) -> tuple[Pose, bool]:
+    """The pose (T, …) on our joints with all its fingers, and whether it has finger motion.
+
+    Finger joints `missing` from the recording are given a relaxed hand's rotations. Of the others: if none turns by
+    more than 0.5° they were not recorded; if they also stay at the identity, they are relaxed too, but a constant hand
+    of the recording's own (a model's mean hand) is kept.
+    """
+    joints = pose.skeleton.joints
+    present = [index for index, joint in enumerate(joints) if is_finger(joint) and joint not in missing]
+    rotation = pose.rotation[..., present, :]
+    moves = bool(np.any(geodesic_angle(rotation[:1], rotation) > STILL))
+    identity = not np.any(geodesic_angle(rotation, np.array([1.0, 0.0, 0.0, 0.0])) > STILL)
+    relaxed = {*missing, *((joints[index] for index in present) if identity else ())}
+    if not relaxed:
+        return pose, moves
+    filled = pose.rotation.copy()
+    for joint in relaxed:
+        filled[..., pose.skeleton.index(joint), :] = relaxed_rotation(joint)
+    return Pose(pose.skeleton, pose.root_position, filled), moves
