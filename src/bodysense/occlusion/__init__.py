@@ -1,0 +1,1 @@
+"""Poses become Observations: what a device would see of them."""
