@@ -1,0 +1,1 @@
+"""Methods that complete a body at run time, with NumPy and ONNX Runtime only."""
