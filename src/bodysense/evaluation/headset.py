@@ -1,0 +1,204 @@
+"""The headset table: what cameras on a head do not see, completed by the tracker that users run (papers.md 1.10)."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.data.clip import Clip
+from bodysense.data.resample import resample
+from bodysense.estimators.hold import Hold
+from bodysense.estimators.learned import Learned, load_model
+from bodysense.evaluation.metrics import joint_error
+from bodysense.observation import Observation
+from bodysense.occlusion.headset_camera import HeadsetCamera, observe
+from bodysense.tracker import Tracker, TrackerSettings
+
+RATE = 30.0
+KNOWN: tuple[Literal["world", "head", "heading"], ...] = (
+    "world",
+    "head",
+    "heading",
+)  # frames of the last-known baselines
+MAIN = ("sit", "talk_gesture", "everyday", "locomotion")  # what a headset's wearer does
+GROUPS = ("main", "sport", "dance", "other")  # the categories that are scored together
+TESTED = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "foot")  # the joints of the paper's tables
+
+
+@dataclass
+class Tally:
+    """Running sums of errors (cm), so that averages are over frames, not over clips."""
+
+    count: float = 0.0
+    total: float = 0.0
+    squared: float = 0.0
+
+    def add(self, error: np.ndarray) -> None:
+        """Count errors of any shape."""
+        self.count += error.size
+        self.total += float(error.sum())
+        self.squared += float((error * error).sum())
+
+    def merge(self, other: Tally) -> None:
+        """Count what another has counted."""
+        self.count += other.count
+        self.total += other.total
+        self.squared += other.squared
+
+    @property
+    def mpjpe(self) -> float:
+        """Mean, cm."""
+        return self.total / self.count if self.count else math.nan
+
+    @property
+    def rmsjpe(self) -> float:
+        """Root of the mean square, cm."""
+        return math.sqrt(self.squared / self.count) if self.count else math.nan
+
+
+Tallies = dict[tuple[str, str, str, str], Tally]  # by category group, part, share of joints, method
+
+
+@dataclass(frozen=True)
+class HeadsetTable:
+    """Errors of every method by category group, part of the body, and occluded or all joints."""
+
+    tallies: Tallies = field(repr=False)
+    clips: int
+    seconds: float
+
+    def numbers(self) -> dict[str, float]:
+        """One flat object; keys without a suffix are over the main categories."""
+        result: dict[str, float] = {"clips": self.clips, "seconds": round(self.seconds, 1)}
+        for group in GROUPS:
+            suffix = "" if group == "main" else f"_{group}"
+            for part in ("body", "finger", "body_and_finger", "every_point"):
+                for share in ("occluded", "known", "all"):
+                    ours = self.get(group, part, share, "bodysense")
+                    if not ours.count:
+                        continue
+                    network = self.get(group, part, share, "network")
+                    known = [self.get(group, part, share, frame) for frame in KNOWN]
+                    for measure in ("rmsjpe", "mpjpe"):
+                        value, base = getattr(ours, measure), min(getattr(tally, measure) for tally in known)
+                        key = f"{part}_{share}_{measure}"
+                        result[f"{key}_cm{suffix}"] = value
+                        result[f"baseline_{key}_cm{suffix}"] = base
+                        result[f"network_{key}_cm{suffix}"] = getattr(network, measure)
+                        result[f"{key}_ratio{suffix}"] = value / base if base else math.nan
+        return result
+
+    def get(self, group: str, part: str, share: str, method: str) -> Tally:
+        """One cell; empty where nothing was counted."""
+        return self.tallies.get((group, part, share, method), Tally())
+
+
+def evaluate_headset(
+    clips: Iterable[Clip],
+    model: Path | None,
+    settings: TrackerSettings,
+    jobs: int,
+    advance: Callable[[Clip], None],
+) -> HeadsetTable:
+    """Score the tracker on canonical clips, in `jobs` processes. `advance` is told of every clip that is done."""
+    tallies: Tallies = {}
+    count, seconds = 0, 0.0
+    for clip, one in _spread(partial(score_clip, model=model, settings=settings), clips, jobs):
+        for key, tally in one.items():
+            tallies.setdefault(key, Tally()).merge(tally)
+        count, seconds = count + 1, seconds + clip.seconds
+        advance(clip)
+    return HeadsetTable(tallies, count, seconds)
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """A clip, what the headset saw of it, and what every method made of that."""
+
+    clip: Clip  # the truth, at 30 Hz
+    observation: Observation
+    pose: Pose  # of the tracker
+    position: dict[str, np.ndarray]  # method → (T, P, 3) m
+    latency: np.ndarray  # (T,) s, the tracker's whole step
+
+
+def track_clip(clip: Clip, model: Path | None, settings: TrackerSettings) -> Tracked:
+    """Run the tracker, frame by frame, and the baselines on what a headset sees of a canonical clip."""
+    clip = resample(clip, RATE)
+    skeleton = clip.pose.skeleton
+    observation = observe(clip.pose, clip.time, HeadsetCamera())
+    tracker = Tracker(Learned(load_model(model), skeleton), settings)
+    state, poses, positions, latency = tracker.start(), [], [], np.zeros(len(clip))
+    for frame in range(len(clip)):
+        seen = observation[frame : frame + 1]
+        begun = time.perf_counter()
+        pose, estimate, state = tracker.step(seen, state)
+        latency[frame] = time.perf_counter() - begun
+        poses.append(pose)
+        positions.append(estimate.position)
+    pose = Pose(skeleton, np.concatenate([p.root_position for p in poses]), np.concatenate([p.rotation for p in poses]))
+    position = {"bodysense": np.asarray(forward_kinematics(pose)[0]), "network": np.concatenate(positions)}
+    for frame in KNOWN:
+        hold = Hold(skeleton, frame)
+        position[frame] = hold.step(observation, hold.start())[0].position
+    return Tracked(clip, observation, pose, position, latency)
+
+
+def score_clip(clip: Clip, model: Path | None, settings: TrackerSettings) -> Tallies:
+    """Errors of every method on one clip."""
+    return score(track_clip(clip, model, settings))
+
+
+def score(tracked: Tracked) -> Tallies:
+    """Errors of every method, by part of the body and share of the joints."""
+    clip, skeleton = tracked.clip, tracked.clip.pose.skeleton
+    truth = np.asarray(forward_kinematics(clip.pose)[0])
+    hidden = ~tracked.observation.has_position
+    # Hidden now but seen earlier in the clip: where a last known position exists at all.
+    known = hidden & (np.cumsum(~hidden, axis=0) > 0)
+    points = skeleton.points
+    finger = np.flatnonzero(skeleton.wrist_of >= 0).tolist()
+    tested = [p for p, name in enumerate(points) if name.partition("_")[2] in TESTED]
+    wrist = skeleton.wrist_of[finger]
+    every = [p for p, name in enumerate(points) if p not in finger and name != "head"]
+    group = "main" if clip.category in (*MAIN, "") else clip.category if clip.category in GROUPS else "other"
+    tallies: Tallies = {}
+    for method, position in tracked.position.items():
+        error = joint_error(position, truth)
+        local = joint_error(position[:, finger] - position[:, wrist], truth[:, finger] - truth[:, wrist])
+        parts = {"body": (error[:, tested], tested), "every_point": (error[:, every], every)}
+        if clip.has_fingers:
+            both = tested + finger
+            parts |= {"finger": (local, finger), "body_and_finger": (error[:, both], both)}
+        for part, (values, chosen) in parts.items():
+            shares = {"occluded": hidden[:, chosen], "known": known[:, chosen], "all": np.full(values.shape, True)}
+            for share, mask in shares.items():
+                tallies.setdefault((group, part, share, method), Tally()).add(values[mask])
+    return tallies
+
+
+def _spread(score: Callable[[Clip], Tallies], clips: Iterable[Clip], jobs: int) -> Iterator[tuple[Clip, Tallies]]:
+    """Clips with their scores, in order, from `jobs` processes."""
+    if jobs == 1:
+        for clip in clips:
+            yield clip, score(clip)
+        return
+    with ProcessPoolExecutor(jobs) as pool:
+        waiting: deque[tuple[Clip, Future[Tallies]]] = deque()
+        for clip in clips:
+            waiting.append((clip, pool.submit(score, clip)))
+            if len(waiting) > 2 * jobs:
+                done, future = waiting.popleft()
+                yield done, future.result()
+        for done, future in waiting:
+            yield done, future.result()

@@ -1,0 +1,66 @@
+"""Metrics, one definition each. Positions in metres go in; what comes out says its unit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bodysense.body.rotation import geodesic_angle, quaternion_log
+
+
+def joint_error(predicted: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Euclidean error of every point, cm: (..., P, 3), (..., P, 3) → (..., P)."""
+    return 100 * np.linalg.norm(predicted - truth, axis=-1)
+
+
+def mpjpe(error: np.ndarray, mask: np.ndarray | None = None) -> float:
+    """Mean per-joint position error over frames and joints, cm; NaN where nothing is counted."""
+    chosen = error if mask is None else error[mask]
+    return float(chosen.mean()) if chosen.size else float("nan")
+
+
+def rmsjpe(error: np.ndarray, mask: np.ndarray | None = None) -> float:
+    """Root of the mean squared per-joint position error over frames and joints, cm; NaN where nothing is counted."""
+    chosen = error if mask is None else error[mask]
+    return float(np.sqrt((chosen**2).mean())) if chosen.size else float("nan")
+
+
+def rotation_error(predicted: np.ndarray, truth: np.ndarray) -> float:
+    """Mean geodesic angle, degrees: (..., J, 4), (..., J, 4) wxyz."""
+    return float(np.degrees(geodesic_angle(predicted, truth)).mean())
+
+
+def mpjre_component(predicted: np.ndarray, truth: np.ndarray) -> float:
+    """Mean absolute difference of axis-angle components, degrees: for comparison with AvatarPoser and after it."""
+    return float(np.degrees(np.abs(quaternion_log(predicted) - quaternion_log(truth))).mean())
+
+
+def velocity_error(predicted: np.ndarray, truth: np.ndarray, frame_rate: float) -> float:
+    """Mean error of the velocity by backward differences, cm/s: (T, P, 3), (T, P, 3)."""
+    return float(100 * np.linalg.norm(np.diff(predicted - truth, axis=0), axis=-1).mean() * frame_rate)
+
+
+def jitter(position: np.ndarray, frame_rate: float) -> float:
+    """Mean jerk, 10² m/s³: (T, P, 3). Depends on the frame rate; show the truth's beside it."""
+    return float(np.linalg.norm(np.diff(position, 3, axis=0), axis=-1).mean() * frame_rate**3 / 100)
+
+
+def strong_acceleration_share(position: np.ndarray, frame_rate: float, limit: float = 9.0) -> float:
+    """Share of frames and joints with an acceleration above `limit` m/s² (UNOC, section 4.2): (T, P, 3)."""
+    acceleration = np.linalg.norm(np.diff(position, 2, axis=0), axis=-1) * frame_rate**2
+    return float((acceleration > limit).mean())
+
+
+def foot_skate(predicted: np.ndarray, truth: np.ndarray, frame_rate: float) -> float:
+    """Mean horizontal speed of foot points while their truth is in contact, cm/s: (T, P, 3), (T, P, 3).
+
+    In contact: lower than 5 cm and slower than 10 cm/s.
+    """
+    speed = np.linalg.norm(np.diff(truth, axis=0), axis=-1) * frame_rate
+    contact = (truth[1:, :, 1] < 0.05) & (speed < 0.10)
+    slide = 100 * np.linalg.norm(np.diff(predicted, axis=0)[..., [0, 2]], axis=-1) * frame_rate
+    return float(slide[contact].mean()) if contact.any() else float("nan")
+
+
+def floor_penetration(position: np.ndarray) -> float:
+    """Mean depth of foot points under the floor, cm: (T, P, 3)."""
+    return float(100 * np.maximum(-position[..., 1], 0).mean())

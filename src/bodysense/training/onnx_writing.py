@@ -1,0 +1,161 @@
+"""Writing a trained network as one self-describing ONNX file."""
+
+from __future__ import annotations
+
+import json
+import logging
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import torch
+from onnx import numpy_helper
+from torch import Tensor, nn
+
+from bodysense.estimators.learned import FORMAT
+from bodysense.files import written_beside
+from bodysense.models.body_gru import BodyGru, State, Tracked
+
+RATE = 30.0  # Hz of the frames that the network was trained on
+_HALF_FROM = 4096  # values: larger constants are stored in half precision
+
+
+class _OneStep(nn.Module):
+    """The network with its state spelled out as separate inputs and outputs."""
+
+    def __init__(self, model: BodyGru) -> None:
+        super().__init__()
+        self.model = model
+
+    def forward(self, *values: Tensor) -> tuple[Tensor, ...]:
+        count = len(Tracked._fields)
+        completed, state = self.model(Tracked(*values[:count]), State(*values[count:]))
+        return (*completed, *state)
+
+
+def write_onnx(model: BodyGru, path: Path, card: dict[str, Any]) -> None:
+    """Export one streaming step of `model` with its metadata; large weights in half precision.
+
+    `card` holds what a user should know: training data, licence, test figures. The file appears whole or not at all.
+    """
+    model = model.eval()
+    points = len(model.skeleton.points)
+    state = model.start(1)
+    tracked = Tracked(
+        position=torch.zeros(1, 1, points, 3),
+        visible=torch.ones(1, 1, points, dtype=torch.bool),
+        head_position=torch.zeros(1, 1, 3),
+        head_rotation=torch.tensor([[[1.0, 0, 0, 0]]]),
+        interval=torch.full((1, 1), 1 / RATE),
+        bone_length=model.typical_bone[None],
+        height=torch.tensor([1.7]),
+    )
+    inputs = [*Tracked._fields, *(f"state_{name}" for name in State._fields)]
+    outputs = ["completed", "occluded", "error", *(f"next_{name}" for name in State._fields)]
+    start = {
+        f"state_{name}": {"shape": list(value.shape), "dtype": str(value.numpy().dtype)}
+        | ({"values": np.round(value.flatten().numpy().astype(float), 5).tolist()} if value.any() else {})
+        for name, value in zip(State._fields, state, strict=True)
+    }
+    card = {
+        "points": model.skeleton.points,
+        "rate": RATE,
+        "state": start,
+        "network": vars(model.config),
+        "weights": sum(parameter.numel() for parameter in model.parameters()),
+        **card,
+    }
+    with written_beside(path) as beside:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+            torch.onnx.export(
+                _OneStep(model),
+                (*tracked, *state),
+                str(beside),
+                input_names=inputs,
+                output_names=outputs,
+                dynamo=True,
+                external_data=False,
+                verbose=False,
+            )
+        written = _halve(onnx.load(str(beside)))
+        fields = {"format": FORMAT} | {key: json.dumps(value) for key, value in card.items()}
+        onnx.helper.set_model_props(written, fields)
+        onnx.checker.check_model(written)
+        onnx.save(written, str(beside))
+
+
+def _halve(model: onnx.ModelProto) -> onnx.ModelProto:
+    """Store large weights as float16, cast back when the file is loaded: half the size, the same speed."""
+    graph = model.graph
+    casts = []
+    for initializer in list(graph.initializer):
+        values = numpy_helper.to_array(initializer)
+        if values.dtype != np.float32 or values.size < _HALF_FROM:
+            continue
+        name = initializer.name
+        graph.initializer.remove(initializer)
+        graph.initializer.append(numpy_helper.from_array(values.astype(np.float16), f"{name}_half"))
+        casts.append(onnx.helper.make_node("Cast", [f"{name}_half"], [name], to=onnx.TensorProto.FLOAT))
+    for cast in reversed(casts):
+        graph.node.insert(0, cast)
+    return model
+
+
+def describe(path: Path, figures: dict[str, float]) -> Path:
+    """Put test figures into a network file and write its model card beside it as Markdown. Returns the card's path.
+
+    `figures` is what `bodysense evaluate headset --json` wrote; those of the main motions are kept.
+    """
+    model = onnx.load(str(path))
+    fields = {row.key: row.value for row in model.metadata_props}
+    suffixes = ("_cm", "_ratio", "clips", "seconds")
+    kept = {
+        name: round(value, 3) for name, value in figures.items() if name.endswith(suffixes) and "network" not in name
+    }
+    fields["test"] = json.dumps(kept)
+    onnx.helper.set_model_props(model, fields)
+    with written_beside(path) as beside:
+        onnx.save(model, str(beside))
+    card = path.with_suffix(".md")
+    with written_beside(card) as beside:
+        beside.write_text(card_text(path.name, fields), encoding="utf-8")
+    return card
+
+
+def card_text(name: str, fields: dict[str, str]) -> str:
+    """The model card of a network file, from its metadata."""
+    read = {key: json.loads(value) for key, value in fields.items() if key != "format"}
+    test, network = read.get("test", {}), read["network"]
+    rows = [
+        f"| {part} | {share} | {test[f'baseline_{key}']:.1f} | {test[key]:.1f} |"
+        for part in ("body", "finger", "body_and_finger")
+        for share in ("occluded", "all")
+        for key in [f"{part}_{share}_rmsjpe_cm"]
+        if key in test
+    ]
+    lines = [
+        f"# {name}",
+        "",
+        "Completes a body and its fingers from what a headset's cameras see (UNOC, Parger et al. 2021).",
+        "",
+        f"- {read['form']}: GRU of {network['hidden']}, {read['weights']:,} weights, steps at {read['rate']:g} Hz",
+        f"- points: {len(read['points'])} (52 joints of SMPL-H, 13 end sites)",
+        f"- trained on: {read['training_data']}",
+        f"- licence: {read['licence']}; seed {read['seed']}",
+        f"- validation, cm: {', '.join(f'{key} {value}' for key, value in read['validation'].items())}",
+        "",
+        "Test people, main motions, RMSJPE in cm, through the tracker:",
+        "",
+        "| part | joints | last known | this network |",
+        "|---|---|---|---|",
+        *rows,
+        "",
+        "Not for: identifying people, medical judgement, bodies whose limbs differ from the skeleton's. Fingers were",
+        "learned from half an hour of avatar animation; expect less of hands that hold things.",
+        "",
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,148 @@
+"""A whole training run: data, variations, training, export."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import torch
+from lightning_fabric import Fabric
+from rich.console import Console
+from rich.progress import track
+
+from bodysense.body.skeleton import default_skeleton
+from bodysense.data.clip import Clip
+from bodysense.data.clips import open_clips
+from bodysense.errors import BodysenseError
+from bodysense.models.body_gru import PAPER, PAPER_WORLD_AXES, BodyGru, BodyGruConfig
+from bodysense.training.body_gru import Progress, Schedule, train, validate
+from bodysense.training.episodes import Episode, Variation, make_episode
+from bodysense.training.losses import LossWeights
+from bodysense.training.onnx_writing import write_onnx
+
+# What a wearer meets counts more than the error of a joint that is seen: the measured place overrides that one.
+SHIPPED_LOSS = LossWeights(occluded=3.0)
+
+
+@dataclass(frozen=True)
+class BodyGruRun:
+    """What `bodysense train body-gru` was asked for."""
+
+    data: Path
+    out: Path
+    form: Literal["shipped", "paper", "paper-world-axes"]
+    steps: int
+    epochs: int
+    window_stride: int
+    passes: int
+    lanes: int
+    chunk: int
+    hidden: int
+    finger_share: float
+    seed: int
+    threads: int | None
+    devices: int
+    licence: str
+    data_note: str
+
+
+def run_body_gru(run: BodyGruRun) -> None:
+    """Train, export, and leave the log (`.jsonl`) and checkpoint (`.ckpt`) beside the network."""
+    if not run.out.parent.is_dir():
+        raise BodysenseError(f"{run.out}: the folder {run.out.parent} does not exist; create it")
+    if run.threads is not None:
+        torch.set_num_threads(run.threads)
+    torch.manual_seed(run.seed)
+    console = Console()
+    forms = {"shipped": BodyGruConfig(), "paper": PAPER, "paper-world-axes": PAPER_WORLD_AXES}
+    config = replace(forms[run.form], hidden=run.hidden)
+    model = BodyGru(config, default_skeleton())
+    shipped = run.form == "shipped"
+    schedule = Schedule(
+        steps=run.steps,
+        epochs=run.epochs,
+        window_stride=run.window_stride,
+        lanes=run.lanes,
+        chunk=run.chunk,
+        finger_share=run.finger_share,
+        seed=run.seed,
+        average_decay=0.999 if shipped else 0.0,
+        loss=SHIPPED_LOSS if shipped else LossWeights(),
+    )
+    episodes = [
+        episode
+        for number in range(run.passes)
+        for episode in see(run, model, "train", variation_of(number, shipped), number)
+    ]
+    validation = list(see(run, model, "val", Variation(), 0))
+    frames = sum(len(episode) for episode in episodes)
+    console.print(f"{len(episodes)} clips, {frames / 30 / 60:.0f} minutes, {model.features} features a frame")
+
+    log = run.out.with_suffix(".jsonl")
+
+    def report(progress: Progress) -> None:
+        with log.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(vars(progress)) + "\n")
+        scores = ", ".join(f"{name} {value:.2f}" for name, value in progress.validation.items())
+        console.print(
+            f"step {progress.step}/{progress.steps}, {progress.seconds:.0f} s, loss {progress.terms['loss']:.4f}; "
+            f"occluded RMSJPE, cm: {scores}",
+            highlight=False,
+        )
+
+    fabric = Fabric(accelerator="auto", devices=run.devices, precision="bf16-mixed")
+    fabric.launch()
+    model = train(model, schedule, episodes, validation, run.out.with_suffix(".ckpt"), report, fabric)
+    if fabric.is_global_zero:
+        scores = validate(model, validation)
+        card = {
+            "licence": run.licence,
+            "training_data": run.data_note or f"{len(episodes)} clips, {frames / 30 / 60:.0f} minutes at 30 Hz",
+            "form": run.form,
+            "seed": run.seed,
+            "validation": {f"{name}_occluded_rmsjpe_cm": round(value, 2) for name, value in scores.items()},
+        }
+        write_onnx(model.cpu(), run.out, card)
+        console.print(f"wrote {run.out} ({run.out.stat().st_size / 1e6:.1f} MB)")
+
+
+def variation_of(number: int, shipped: bool) -> Variation:
+    """How the n-th pass over the data differs: as recorded, then mirrored, then both again with other limbs."""
+    if not shipped:
+        return Variation(mirrored=number % 2 == 1)
+    return Variation(
+        mirrored=number % 2 == 1,
+        limb_spread=0.0 if number == 0 else 0.05,
+        hand_dropouts_per_minute=0.0 if number == 0 else 6.0,
+    )
+
+
+def see(
+    run: BodyGruRun, model: BodyGru, split: Literal["train", "val"], variation: Variation, number: int
+) -> Iterator[Episode]:
+    """All clips of a split as episodes, prepared by several processes."""
+    make = partial(_seeded_episode, config=model.config, variation=variation, seed=(run.seed, number))
+    clips = enumerate(open_clips(run.data, split))
+    description = f"seeing the {split} split" + (f", pass {number + 1} of {run.passes}" if split == "train" else "")
+    with ProcessPoolExecutor(initializer=torch.set_num_threads, initargs=(1,)) as pool:
+        yield from track(pool.map(make, clips, chunksize=4), description=description)
+
+
+def _seeded_episode(
+    numbered: tuple[int, Clip], config: BodyGruConfig, variation: Variation, seed: tuple[int, int]
+) -> Episode:
+    """Every clip has a generator of its own, so that the order of work does not matter."""
+    index, clip = numbered
+    return make_episode(clip, _untrained(config), variation, np.random.default_rng([*seed, index]))
+
+
+@lru_cache(maxsize=1)
+def _untrained(config: BodyGruConfig) -> BodyGru:
+    """A network that prepares features in a worker; its weights do not matter for that."""
+    return BodyGru(config, default_skeleton())
