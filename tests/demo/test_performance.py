@@ -1,0 +1,202 @@
+"""The packaged performance: a plausible body that touches what it should, and the script that made it."""
+
+import subprocess
+import sys
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.rotation import geodesic_angle, quaternion_rotate
+from bodysense.body.skeleton import default_body, default_skeleton
+from bodysense.data.amass import read_amass
+from bodysense.data.fingers import is_finger
+
+FILE = Path(str(files("bodysense.demo").joinpath("performance.npz")))
+SCRIPT = Path(__file__).parents[2] / "scripts" / "make_performance.py"
+SKELETON = default_skeleton()
+CLIP = read_amass(FILE, SKELETON)
+POSITION, ROTATION = (np.asarray(part) for part in forward_kinematics(CLIP.pose))
+
+
+def during(start: float, end: float) -> slice:
+    """Frames from one time to another, s."""
+    return slice(round(start * CLIP.frame_rate), round(end * CLIP.frame_rate))
+
+
+def at(name: str, offset: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
+    """(T, 3) a point's place in the world, or that of an offset (m) in a joint's frame."""
+    index = SKELETON.index(name)
+    if not any(offset):
+        return POSITION[:, index]
+    return POSITION[:, index] + quaternion_rotate(ROTATION[:, index], np.array(offset, dtype=float))
+
+
+def gap(a: np.ndarray, b: np.ndarray, when: slice) -> float:
+    """Largest distance between two points over some frames, m."""
+    return float(np.linalg.norm(a - b, axis=-1)[when].max())
+
+
+def distance_to_segment(point: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(T,) m."""
+    along = ((point - start) * (end - start)).sum(-1) / ((end - start) ** 2).sum(-1)
+    return np.linalg.norm(point - start - np.clip(along, 0, 1)[:, None] * (end - start), axis=-1)
+
+
+def to_bone(point: np.ndarray, start: str, end: str, when: slice) -> float:
+    """Largest distance of a point from the segment between two joints, m."""
+    return float(distance_to_segment(point, at(start), at(end))[when].max())
+
+
+def test_file_is_small_and_says_whose_it_is():
+    assert FILE.stat().st_size < 400_000
+    with np.load(FILE, allow_pickle=False) as file:
+        assert file["poses"].shape == (len(CLIP), 156)
+        assert file["trans"].shape == (len(CLIP), 3)
+        assert str(file["gender"]) == "neutral"
+        assert not file["betas"].any()
+        assert "Apache-2.0" in str(file["licence"])
+        assert "own work" in str(file["source"])
+        assert np.array_equal(file["poses"] * 2**12, np.round(file["poses"] * 2**12))
+
+
+def test_is_twenty_to_thirty_seconds_with_fingers():
+    assert CLIP.frame_rate == 30
+    assert 20 <= CLIP.seconds <= 30
+    assert CLIP.has_fingers
+    assert np.isfinite(POSITION).all()
+
+
+def test_starts_upright_at_the_origin_and_faces_forward():
+    forward = quaternion_rotate(ROTATION[0, 0], np.array([0.0, 0.0, 1.0]))
+    assert forward[2] > 0.98
+    assert np.abs(POSITION[0, 0, [0, 2]]).max() < 0.1
+    assert 1.6 < POSITION[0, SKELETON.index("head_top"), 1] < 1.72
+
+
+def test_bones_are_rigid():
+    bone = np.linalg.norm(POSITION[:, 1:] - POSITION[:, list(SKELETON.parents[1:])], axis=-1)
+    np.testing.assert_allclose(bone, np.broadcast_to(SKELETON.bone_length[1:], bone.shape), atol=1e-9)
+
+
+def test_no_frame_jumps():
+    step = np.linalg.norm(np.diff(POSITION, axis=0), axis=-1)
+    assert step.max() < 0.12  # 3.6 m/s: a fast hand
+    assert geodesic_angle(CLIP.pose.rotation[:-1], CLIP.pose.rotation[1:]).max() < np.deg2rad(20)
+    acceleration = np.linalg.norm(np.diff(POSITION[:, : len(SKELETON.joints)], 2, axis=0), axis=-1) * CLIP.frame_rate**2
+    assert (acceleration > 9).mean() < 0.01
+
+
+def test_joints_turn_as_a_persons_do():
+    for side, inward in (("left", -1.0), ("right", 1.0)):
+        elbow = quaternion_rotate(CLIP.pose.rotation[:, SKELETON.index(f"{side}_elbow")], np.array([-inward, 0.0, 0.0]))
+        knee = quaternion_rotate(CLIP.pose.rotation[:, SKELETON.index(f"{side}_knee")], np.array([0.0, -1.0, 0.0]))
+        assert elbow[:, 2].min() > -0.02  # the forearm bends forward of the upper arm
+        assert knee[:, 2].max() < 0.02  # the shin bends back
+        hand = quaternion_rotate(CLIP.pose.rotation[:, SKELETON.index(f"{side}_wrist")], np.array([-inward, 0.0, 0.0]))
+        assert np.rad2deg(np.arccos(np.abs(hand[:, 0]).min())) < 80
+        for finger in ("index", "middle", "ring", "pinky"):
+            turn = CLIP.pose.rotation[:, SKELETON.index(f"{side}_{finger}2")]
+            assert (turn[:, 3] * inward).min() > -0.02  # curls toward the palm
+
+
+def test_arms_are_crossed():
+    when = during(2.4, 4.0)
+    assert to_bone(at("right_middle_tip"), "left_shoulder", "left_elbow", when) < 0.07
+    assert gap(at("left_wrist", (0.0529, -0.0222, -0.003)), at("spine3", (-0.06, -0.05, 0.168)), when) < 0.02
+    right = quaternion_rotate(ROTATION[:, 0] * [1, -1, -1, -1], at("right_wrist") - at("left_wrist"))
+    assert right[when, 0].min() > 0.05  # the right wrist is left of the left one
+
+
+def test_chin_rests_on_a_fist_and_the_elbow_on_a_palm():
+    when = during(5.4, 7.0)
+    assert gap(at("left_index2", (0.012, 0.011, 0)), at("head", (0, -0.072, 0.084)), when) < 0.01
+    assert gap(at("right_wrist", (-0.0529, -0.0222, -0.003)), at("left_elbow", (0.01, 0, -0.04)), when) < 0.01
+
+
+def test_hands_are_clasped():
+    when = during(8.3, 9.7)
+    for finger in ("index", "middle", "ring", "pinky"):
+        for side, other in (("left", "right"), ("right", "left")):
+            back = at(f"{other}_wrist", (0.083 if other == "left" else -0.083, 0.013, 0))
+            assert gap(at(f"{side}_{finger}_tip"), back, when) < 0.065
+
+
+def test_fingers_scratch_the_scalp():
+    when = during(11.2, 12.7)
+    head = ROTATION[:, SKELETON.index("head")] * [1, -1, -1, -1]
+    tip = quaternion_rotate(head, at("right_middle_tip") - at("head"))[when]
+    scalp = np.linalg.norm(tip - [0, 0.0707, -0.0141], axis=-1)
+    assert scalp.min() > 0.06 and scalp.max() < 0.10
+    strokes = np.flatnonzero(np.diff(np.sign(np.diff(tip[:, 2]))))
+    assert len(strokes) >= 5 and np.ptp(tip[:, 2]) > 0.01
+
+
+def test_hands_on_hips_and_on_thighs():
+    for side, sign in (("left", 1), ("right", -1)):
+        palm = at(f"{side}_wrist", (0.0529 * sign, -0.0222, -0.003))
+        assert gap(palm, at("pelvis", (0.142 * sign, 0.045, 0.035)), during(14.2, 15.4)) < 0.015
+        assert to_bone(palm, f"{side}_hip", f"{side}_knee", during(20.0, 21.3)) < 0.11
+
+
+def test_points_where_it_looks():
+    when = during(16.9, 18.1)
+    pointing = at("right_index_tip") - at("right_index1")
+    pointing /= np.linalg.norm(pointing, axis=-1, keepdims=True)
+    arm = at("right_index1") - at("right_shoulder")
+    arm /= np.linalg.norm(arm, axis=-1, keepdims=True)
+    face = quaternion_rotate(ROTATION[:, SKELETON.index("head")], np.array([0.0, 0.0, 1.0]))
+    assert (pointing * arm).sum(-1)[when].min() > np.cos(np.deg2rad(15))
+    assert (pointing * face).sum(-1)[when].min() > np.cos(np.deg2rad(20))
+
+
+def test_sits_on_the_seat_and_turns_at_the_end():
+    seat = POSITION[during(20.0, 21.3), SKELETON.index("pelvis"), 1]
+    assert np.abs(seat - 0.45 - 0.187).max() < 0.01
+    forward = quaternion_rotate(ROTATION[-1, 0], np.array([0.0, 0.0, 1.0]))
+    assert 60 < np.rad2deg(np.arctan2(forward[0], forward[2])) < 80
+    assert np.linalg.norm(POSITION[-1, 0, [0, 2]]) > 1.2
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_feet_stand_still_while_they_stand_and_stay_above_the_floor(side: str):
+    foot, ankle, toe = (at(f"{side}_{name}") for name in ("foot", "ankle", "toe"))
+    standing = (foot[:, 1] < 0.029) & (ankle[:, 1] < 0.0785)
+    spans = np.split(np.arange(len(CLIP)), np.flatnonzero(np.diff(standing)) + 1)
+    spans = [span for span in spans if standing[span[0]] and len(span) >= 6]
+    assert len(spans) >= 3
+    for span in spans:
+        assert np.ptp(foot[span], axis=0).max() < 0.01
+    assert foot[:, 1].min() > 0.025 and ankle[:, 1].min() > 0.07 and toe[:, 1].min() > 0.005
+
+
+@pytest.mark.parametrize("solid", ["pelvis", "abdomen", "waist", "chest", "chest_upper", "cranium", "face"])
+def test_hands_stay_out_of_trunk_and_head(solid: str):
+    row = next(row for row in default_body()["primitives"] if row["name"] == solid)
+    start, end = at(row["joint"], row["start"]), at(row["joint"], row["end"])
+    for name in SKELETON.points:
+        if is_finger(name) or name.endswith(("_tip", "_wrist")):
+            depth = row["radius"] - distance_to_segment(at(name), start, end)
+            assert depth.max() < 0.003, name
+
+
+def test_holds_are_alive():
+    for start, end in ((0.1, 1.0), (2.4, 4.0), (5.4, 7.0), (14.2, 15.4), (20.0, 21.3)):
+        when = during(start, end)
+        assert np.ptp(at("head_top")[when], axis=0).max() > 0.002
+        fingers = [index for index, name in enumerate(SKELETON.joints) if is_finger(name)]
+        turned = geodesic_angle(CLIP.pose.rotation[when, fingers][:1], CLIP.pose.rotation[when, fingers])
+        assert np.rad2deg(turned.max(axis=0)).mean() > 0.5
+
+
+@pytest.mark.slow
+def test_the_script_writes_the_same_file(tmp_path: Path):
+    output = tmp_path / "again.npz"
+    subprocess.run([sys.executable, str(SCRIPT), "--output", str(output)], check=True, capture_output=True)
+    with np.load(output) as again, np.load(FILE) as packaged:
+        assert set(again.files) == set(packaged.files)
+        # A few roundings: linear algebra differs in its last bits from machine to machine.
+        np.testing.assert_allclose(again["poses"], packaged["poses"], atol=4 * 2.0**-12)
+        np.testing.assert_allclose(again["trans"], packaged["trans"], atol=4e-4)
