@@ -1,0 +1,1 @@
+"""The packaged networks, one self-describing .onnx file each."""
