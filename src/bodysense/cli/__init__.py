@@ -1,0 +1,37 @@
+"""The command `bodysense`: one function a subcommand; heavy imports wait until a command needs them."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from bodysense.errors import BodysenseError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line. Returns the exit status: 2 for what the user gave wrong, with one line on stderr."""
+    from bodysense.cli.application import application
+
+    try:
+        application().cli(prog="bodysense", description=_description(), args=arguments)
+    except BodysenseError as error:
+        print("bodysense:", " ".join(str(error).splitlines()), file=sys.stderr)
+        return 2
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 1
+    except KeyboardInterrupt:
+        print("bodysense: stopped", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _description() -> str:
+    from bodysense import __version__
+
+    return f"Completes a human body, hands included, from partial tracking. Version {__version__}."
+
+
+def entry_point() -> None:
+    """What the installed script calls."""
+    sys.exit(main())

@@ -1,0 +1,19 @@
+"""The tree of commands."""
+
+from __future__ import annotations
+
+from tyro.extras import SubcommandApp
+
+from bodysense.cli import bench, data, evaluate, motion, train
+
+
+def application() -> SubcommandApp:
+    """All commands: `bodysense demo`, `bodysense data info` …"""
+    root = SubcommandApp()
+    for command in (motion.demo, motion.track, motion.simulate):
+        root.command(command)
+    root.command(data.commands(), name="data")
+    root.command(train.commands(), name="train")
+    root.command(evaluate.commands(), name="evaluate")
+    root.command(bench.commands(), name="bench")
+    return root

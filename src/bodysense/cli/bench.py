@@ -1,0 +1,184 @@
+"""`bodysense bench`: how fast, on this machine."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from tyro.extras import SubcommandApp
+
+from bodysense.errors import BodysenseError
+
+
+def commands() -> SubcommandApp:
+    """The group's commands."""
+    group = SubcommandApp()
+    group.command(step)
+    group.command(ik)
+    group.command(occlusion)
+    group.command(bvh)
+    group.command(name="import")(import_time)
+    return group
+
+
+def step(frames: int = 3000, model: Path | None = None, json: Path | None = None) -> None:
+    """Time the tracker's whole step (network, IK, smoothing; body and both hands), a frame at a time.
+
+    Args:
+        frames: Frames to time, after 100 to warm up.
+        model: A network written by `bodysense train`; the packaged one by default.
+        json: Write the numbers here, as one flat object.
+    """
+    from bodysense.cli.motion import packaged_performance
+    from bodysense.estimators.learned import Learned, load_model
+    from bodysense.occlusion.headset_camera import observe
+    from bodysense.tracker import Tracker
+
+    clip = packaged_performance()
+    observation = observe(clip.pose, clip.time)
+    tracker = Tracker(Learned(load_model(model), clip.pose.skeleton))
+    state = tracker.start()
+
+    def one(frame: int) -> None:
+        nonlocal state
+        place = frame % len(clip)
+        if place == 0:
+            state = tracker.start()
+        _, _, state = tracker.step(observation[place : place + 1], state)
+
+    numbers = percentiles(one, frames)
+    report("step", numbers | {"rss_mb": resident_memory()}, json)
+
+
+def ik(frames: int = 3000, noise: float = 0.0, json: Path | None = None) -> None:
+    """Time inverse kinematics of the whole body, a frame at a time, from the frame before.
+
+    Args:
+        frames: Frames to time, after 100 to warm up.
+        noise: Metres; standard deviation added to every target.
+        json: Write the numbers here, as one flat object.
+    """
+    from bodysense.body.ik import InverseKinematics
+    from bodysense.body.pose import forward_kinematics
+    from bodysense.cli.motion import packaged_performance
+
+    clip = packaged_performance()
+    target = np.asarray(forward_kinematics(clip.pose)[0])
+    target = target + np.random.default_rng(0).normal(scale=noise, size=target.shape) if noise else target
+    solver, state = InverseKinematics(clip.pose.skeleton), None
+
+    def one(frame: int) -> None:
+        nonlocal state
+        place = frame % len(clip)
+        _, state = solver.solve(target[place], state=None if place == 0 else state)
+
+    report("ik", percentiles(one, frames), json)
+
+
+def occlusion(frames: int = 30_000, json: Path | None = None) -> None:
+    """Time the simulation of what a headset's cameras see: the median of five passes after one to warm up.
+
+    Args:
+        frames: Frames to see.
+        json: Write the numbers here, as one flat object.
+    """
+    from bodysense.cli.motion import packaged_performance
+    from bodysense.occlusion.headset_camera import see
+
+    clip = packaged_performance()
+    many = clip.pose[np.arange(frames) % len(clip)]
+    passes = []
+    for _ in range(6):
+        begun = time.perf_counter()
+        see(many)
+        passes.append(frames / (time.perf_counter() - begun))
+    report("occlusion", {"frames_per_second": float(np.median(passes[1:]))}, json)
+
+
+def bvh(megabytes: int = 60, json: Path | None = None) -> None:
+    """Time reading a large BVH file, beside parsing the same floats with NumPy alone.
+
+    Args:
+        megabytes: Size of the file, written to a temporary folder.
+        json: Write the numbers here, as one flat object.
+    """
+    from dataclasses import replace
+    from tempfile import TemporaryDirectory
+
+    from bodysense.cli.motion import packaged_performance
+    from bodysense.data.bvh import read_bvh, write_bvh
+
+    clip = packaged_performance()
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "large.bvh"
+        write_bvh(path, clip)
+        copies = max(1, round(megabytes * 1e6 / path.stat().st_size))
+        write_bvh(path, replace(clip, pose=clip.pose[np.tile(np.arange(len(clip)), copies)]))
+        size = path.stat().st_size / 1e6
+        begun = time.perf_counter()
+        read_bvh(path)
+        read = time.perf_counter() - begun
+        text = path.read_bytes()
+        numbers = text[text.index(b"Frame Time") :].split(b"\n", 1)[1]
+        begun = time.perf_counter()
+        np.fromstring(numbers.decode("ascii"), sep=" ")
+        bare = time.perf_counter() - begun
+    report("bvh", {"mb_per_second": size / read, "bare_parse_mb_per_second": size / bare, "ratio": read / bare}, json)
+
+
+def import_time(runs: int = 9, json: Path | None = None) -> None:
+    """Time `import bodysense` with what tracking needs, in fresh processes, and see that PyTorch is not among it.
+
+    Args:
+        runs: Processes; the median is told.
+        json: Write the numbers here, as one flat object.
+    """
+    import subprocess
+
+    code = (
+        "import time; begun = time.perf_counter(); import bodysense, bodysense.tracker, bodysense.estimators.learned; "
+        "import sys; print(time.perf_counter() - begun, int('torch' in sys.modules))"
+    )
+    rows = [
+        [
+            float(word)
+            for word in subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout.split()
+        ]
+        for _ in range(runs)
+    ]
+    seconds = float(np.median([row[0] for row in rows]))
+    report("import", {"seconds": seconds, "torch_imported": max(row[1] for row in rows)}, json)
+
+
+def percentiles(one: Callable[[int], None], frames: int) -> dict[str, float]:
+    """Run `one(frame)` for every frame and return latency percentiles in ms."""
+    if frames < 1:
+        raise BodysenseError(f"--frames {frames}: give at least 1")
+    for frame in range(100):
+        one(frame)
+    taken = np.zeros(frames)
+    for frame in range(frames):
+        begun = time.perf_counter()
+        one(frame + 100)
+        taken[frame] = time.perf_counter() - begun
+    return {f"p{q}_ms": float(1000 * np.percentile(taken, q)) for q in (50, 95, 99)}
+
+
+def resident_memory() -> float:
+    """Peak resident memory of this process, MB."""
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1e6 if sys.platform == "darwin" else 1e3)
+
+
+def report(name: str, numbers: dict[str, float], json: Path | None) -> None:
+    """Print a line and write the numbers."""
+    from bodysense.cli.show import processor, write_numbers
+
+    shown = ", ".join(f"{key} {value:,.3g}" for key, value in numbers.items())
+    print(f"{name}: {shown}  ({processor()}, one thread)")
+    write_numbers(json, numbers)

@@ -1,0 +1,191 @@
+"""`bodysense demo`, `track`, `simulate`: motion in, motion out."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from bodysense.errors import BodysenseError
+from bodysense.files import check_place
+
+if TYPE_CHECKING:
+    from bodysense.capture.recording import Recording
+    from bodysense.data.clip import Clip
+
+Device = Literal["headset-camera"]
+Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
+MotionFile = Annotated[Path, tyro.conf.Positional]
+
+
+def demo(
+    file: Annotated[Path | None, tyro.conf.Positional] = None,
+    out: Output = Path("bodysense-demo"),
+    height: float | None = None,
+) -> None:
+    """Complete a motion from what a headset's cameras see of it; write BVH files and pictures.
+
+    Args:
+        file: A .bvh or AMASS .npz motion of your own; without one, the packaged performance.
+        out: Folder for truth.bvh, result.bvh, demo.png and demo.gif.
+        height: Metres; scales the body, for files that do not say how tall it is.
+    """
+    import numpy as np
+    from rich.console import Console
+
+    from bodysense.body.pose import forward_kinematics
+    from bodysense.cli.show import headset_table, latency_line
+    from bodysense.data.bvh import write_bvh
+    from bodysense.evaluation.headset import HeadsetTable, score, track_clip
+    from bodysense.export.picture import RESULT, Panel, draw_animation, draw_strip
+    from bodysense.tracker import TrackerSettings
+
+    console = Console()
+    clip = load_clip(file, height) if file is not None else packaged_performance()
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BodysenseError(f"{out}: no folder can be made there ({error.strerror}); choose another --out") from None
+    with console.status("completing the body …"):
+        tracked = track_clip(clip, None, TrackerSettings())
+    clip, moments = tracked.clip, tracked.clip.time
+    table = HeadsetTable(score(tracked), 1, clip.seconds)
+    title = f"{clip.name}: {clip.seconds:.0f} s"
+    console.print(headset_table(table, title, ("body", "finger", "body_and_finger"), ("occluded", "all")))
+    console.print(latency_line(tracked.latency), highlight=False)
+    with console.status("drawing …"):
+        truth = np.asarray(forward_kinematics(clip.pose)[0])
+        panels = [
+            Panel("truth", truth),
+            Panel("what the headset sees (hidden: red)", truth, ~tracked.observation.has_position),
+            Panel("bodysense", tracked.position["bodysense"], color=RESULT),
+        ]
+        write_bvh(out / "truth.bvh", clip)
+        write_bvh(out / "result.bvh", replace(clip, name="result", pose=tracked.pose))
+        draw_strip(out / "demo.png", clip.pose.skeleton, panels, moments)
+        draw_animation(out / "demo.gif", clip.pose.skeleton, panels, moments)
+    for name in ("truth.bvh", "result.bvh", "demo.png", "demo.gif"):
+        console.print(f"wrote {out / name}", highlight=False)
+
+
+def simulate(
+    file: MotionFile,
+    out: Output,
+    device: Device = "headset-camera",
+    height: float | None = None,
+) -> None:
+    """Record what a device would track of a motion.
+
+    Args:
+        file: A .bvh or AMASS .npz motion.
+        out: The recording: .npz or .jsonl (docs/recording.md).
+        device: What watches the body.
+        height: Metres; scales the body, for files that do not say how tall it is.
+    """
+    from rich.console import Console
+
+    from bodysense.capture.recording import write_recording
+
+    check_place(out)
+    recording = simulated(load_clip(file, height), device)
+    write_recording(out, recording)
+    seen = recording.observation.has_position.mean()
+    Console().print(f"wrote {out}: {len(recording.observation)} frames, {seen:.0%} of points seen", highlight=False)
+
+
+def track(
+    file: MotionFile,
+    out: Output,
+    device: Device | None = None,
+    model: Path | None = None,
+    half_life: float = 0.02,
+    height: float | None = None,
+) -> None:
+    """Complete a recording, or a motion seen by a simulated device, and write it as BVH.
+
+    Args:
+        file: A recording (.npz, .jsonl), or with --device a motion (.bvh, AMASS .npz).
+        out: The completed motion, .bvh.
+        device: What watches the body, where the file is a motion.
+        model: A network written by `bodysense train`; the packaged one by default.
+        half_life: Seconds in which the smoother closes half of a jump; 0 does not smooth.
+        height: Metres; scales the body, for files that do not say how tall it is.
+    """
+    import numpy as np
+    from rich.progress import track as progress
+
+    from bodysense.body.pose import Pose
+    from bodysense.capture.recording import is_recording, read_recording
+    from bodysense.data.bvh import write_bvh
+    from bodysense.data.clip import Clip
+    from bodysense.data.resample import at_constant_rate
+    from bodysense.estimators.learned import Learned, load_model
+    from bodysense.tracker import Tracker, TrackerSettings
+
+    check_place(out)
+    if out.suffix.lower() != ".bvh":
+        raise BodysenseError(f"{out}: the output ends in {out.suffix or 'nothing'!r}; give a name that ends in .bvh")
+    if device is not None:
+        recording = simulated(load_clip(file, height), device)
+    elif not file.is_file():
+        raise BodysenseError(f"{file}: no such file")
+    elif height is not None:
+        raise BodysenseError(
+            f"{file}: --height scales a motion; a recording holds its wearer's skeleton, so leave it out"
+        )
+    elif is_recording(file):
+        recording = read_recording(file)
+    else:
+        raise BodysenseError(
+            f"{file}: not a recording; if it is a motion, say what watches it: --device headset-camera"
+        )
+    tracker = Tracker(Learned(load_model(model), recording.skeleton), TrackerSettings(half_life=half_life))
+    state, poses, begun = tracker.start(), [], time.perf_counter()
+    for frame in progress(range(len(recording.observation)), description=f"tracking {file.name}"):
+        pose, _, state = tracker.step(recording.observation[frame : frame + 1], state)
+        poses.append(pose)
+    pose = Pose(
+        recording.skeleton,
+        np.concatenate([pose.root_position for pose in poses]),
+        np.concatenate([pose.rotation for pose in poses]),
+    )
+    rate = len(poses) / (time.perf_counter() - begun)
+    moments = recording.observation.time
+    frame_rate = 1 / float(np.median(np.diff(moments))) if len(moments) > 1 else 30.0
+    write_bvh(out, at_constant_rate(Clip(out.stem, pose, frame_rate), moments))
+    print(f"wrote {out}: {len(poses)} frames at {rate:.0f} frames/s")
+
+
+def load_clip(file: Path, height: float | None) -> Clip:
+    """A user's motion in canonical form, scaled where they say how tall it is."""
+    from bodysense.body.pose import Pose
+    from bodysense.data.sources import Source, read_source
+
+    clip = read_source(Source(file, person="", split="test"))
+    if height is None:
+        return clip
+    skeleton = clip.pose.skeleton.scaled(height)
+    root = clip.pose.root_position * (skeleton.height / clip.pose.skeleton.height)
+    return replace(clip, pose=Pose(skeleton, root, clip.pose.rotation))
+
+
+def packaged_performance() -> Clip:
+    """The project's own motion: arms crossed, chin on hand, sitting down, a few steps."""
+    from importlib.resources import as_file, files
+
+    from bodysense.data.amass import read_amass
+
+    with as_file(files("bodysense.demo").joinpath("performance.npz")) as path:
+        return replace(read_amass(path), name="performance")
+
+
+def simulated(clip: Clip, device: Device) -> Recording:
+    """What a device tracks of a clip."""
+    from bodysense.capture.recording import Recording
+    from bodysense.occlusion.headset_camera import observe
+
+    assert device == "headset-camera"
+    return Recording(observe(clip.pose, clip.time), clip.pose.skeleton)

@@ -1,0 +1,91 @@
+"""Tables for the terminal, and one flat object of numbers for machines."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bodysense.files import written_beside
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from bodysense.evaluation.headset import HeadsetTable
+
+PARTS = {
+    "body": "body",  # shoulders, elbows, hands, hips, knees, feet
+    "finger": "fingers",  # from their wrist
+    "body_and_finger": "body and fingers",
+    "every_point": "all body points",  # pelvis, spine and neck too
+}
+SHARES = {
+    "occluded": "occluded",
+    "known": "hidden again",  # and seen earlier in the clip
+    "all": "all",
+}
+
+
+def write_numbers(path: Path | None, numbers: dict[str, float]) -> None:
+    """Write one flat JSON object, if a path was given."""
+    if path is not None:
+        with written_beside(path) as beside:
+            beside.write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
+
+
+def headset_table(
+    table: HeadsetTable,
+    title: str,
+    parts: Sequence[str] = tuple(PARTS),
+    shares: Sequence[str] = tuple(SHARES),
+) -> Table:
+    """RMSJPE / MPJPE in cm of the better last-known baseline, the network before IK, and the tracker; and the ratio."""
+    from rich import box
+    from rich.table import Table
+
+    caption = "RMSJPE / MPJPE, cm. Last known: the best of three ways to keep it."
+    shown = Table(title=title, caption=caption, box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    numbers = table.numbers()
+    suffixes = {"main": "", "sport": "_sport", "dance": "_dance", "other": "_other"}
+    present = [group for group, suffix in suffixes.items() if f"body_occluded_rmsjpe_cm{suffix}" in numbers]
+    names = ("motion", "part", "joints") if len(present) > 1 else ("part", "joints")
+    for column in (*names, "last known", "network", "bodysense", "ratio"):
+        shown.add_column(column, justify="left" if column in names else "right", no_wrap=True)
+    for group in present:
+        suffix = suffixes[group]
+        for key, part, share in ((f"{part}_{share}", part, share) for part in parts for share in shares):
+            if f"{key}_rmsjpe_cm{suffix}" not in numbers:
+                continue
+            cells = [
+                f"{numbers[f'{who}{key}_rmsjpe_cm{suffix}']:.1f} / {numbers[f'{who}{key}_mpjpe_cm{suffix}']:.1f}"
+                for who in ("baseline_", "network_", "")
+            ]
+            ratio = " / ".join(f"{numbers[f'{key}_{m}_ratio{suffix}']:.2f}" for m in ("rmsjpe", "mpjpe"))
+            label = (group, PARTS[part], SHARES[share])[-len(names) :]
+            shown.add_row(*label, *cells, ratio)
+        shown.add_section()
+    return shown
+
+
+def latency_line(latency: np.ndarray) -> str:
+    """Frames a second and latency percentiles of steps, seconds in, one line out."""
+    p50, p99 = 1000 * np.percentile(latency, 50), 1000 * np.percentile(latency, 99)
+    return (
+        f"{1 / latency.mean():.0f} frames/s; latency p50 {p50:.2f} ms, p99 {p99:.2f} ms "
+        f"(network, IK and smoothing, one thread, {processor()})"
+    )
+
+
+def processor() -> str:
+    """Name of the processor, for figures of speed."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()

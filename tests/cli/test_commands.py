@@ -1,0 +1,235 @@
+"""The commands, each on a motion of less than a second: what they write can be read, and says what it must."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense import __version__
+from bodysense.body.pose import forward_kinematics
+from bodysense.capture.recording import read_recording, write_recording
+from bodysense.cli import main
+from bodysense.data.bvh import read_bvh, write_bvh
+from bodysense.data.clip import Clip
+from bodysense.data.resample import resample
+from bodysense.estimators.learned import load_model
+
+WEIGHTS, DEMO = (Path(str(files(f"bodysense.{room}"))) for room in ("weights", "demo"))
+needs_network = pytest.mark.skipif(
+    not (WEIGHTS / "body_gru.onnx").is_file(),
+    reason="the network is not packaged yet (bodysense/weights/body_gru.onnx)",
+)
+needs_performance = pytest.mark.skipif(
+    not (DEMO / "performance.npz").is_file(),
+    reason="the performance is not packaged yet (bodysense/demo/performance.npz)",
+)
+
+
+@pytest.mark.parametrize("ending", ["npz", "jsonl"])
+def test_from_motion_to_signals_to_motion(tmp_path: Path, motion: Path, small_network: Path, run, ending: str) -> None:
+    seen, out = tmp_path / f"seen.{ending}", tmp_path / "out.bvh"
+    assert f"wrote {seen}: 20 frames" in run("simulate", motion, "-o", seen)
+    recording = read_recording(seen)
+    assert len(recording.observation) == 20
+    assert f"wrote {out}: 20 frames at" in run("track", seen, "--out", out, "--model", small_network)
+    tracked, truth = read_bvh(out), read_bvh(motion)
+    assert (len(tracked), tracked.frame_rate) == (20, 30.0)
+    assert tracked.pose.skeleton.points == truth.pose.skeleton.points
+    # The head is always seen, so the result is near it, however far a network without training pulls the body.
+    head = truth.pose.skeleton.index("head")
+    found, wanted = (forward_kinematics(clip.pose)[0][:, head] for clip in (tracked, truth))
+    assert np.linalg.norm(found - wanted, axis=-1).max() < 0.2
+
+
+def test_a_motion_is_tracked_in_one_go(tmp_path: Path, motion: Path, small_network: Path, run) -> None:
+    """With --device the recording is not written, and the result is the same."""
+    given = ("--model", small_network)
+    run("simulate", motion, "-o", tmp_path / "seen.npz")
+    run("track", tmp_path / "seen.npz", "-o", tmp_path / "two.bvh", *given)
+    run("track", motion, "--device", "headset-camera", "-o", tmp_path / "one.bvh", *given)
+    one, two = (forward_kinematics(read_bvh(tmp_path / f"{name}.bvh").pose)[0] for name in ("one", "two"))
+    np.testing.assert_allclose(one, two, atol=1e-4)
+
+
+def test_height_and_half_life(tmp_path: Path, motion: Path, small_network: Path, run) -> None:
+    run("simulate", motion, "-o", tmp_path / "tall.npz", "--height", 1.9)
+    assert read_recording(tmp_path / "tall.npz").skeleton.height == pytest.approx(1.9)
+    for name, half_life in (("raw", 0), ("smooth", 0.2)):
+        out = tmp_path / f"{name}.bvh"
+        run("track", tmp_path / "tall.npz", "-o", out, "--model", small_network, "--half-life", half_life)
+    raw, smooth = (read_bvh(tmp_path / f"{name}.bvh").pose.root_position for name in ("raw", "smooth"))
+    steps = [np.linalg.norm(np.diff(root, 2, axis=0), axis=-1).mean() for root in (raw, smooth)]
+    assert steps[1] < steps[0]
+
+
+def test_irregular_frames_come_out_regular(tmp_path: Path, motion: Path, small_network: Path, run) -> None:
+    """A device at about 60 Hz that loses frames: the result has a frame every 1/60 s."""
+    run("simulate", motion, "-o", tmp_path / "seen.npz")
+    recording = read_recording(tmp_path / "seen.npz")
+    time = np.arange(26) / 60
+    time = np.delete(time, [3, 4, 9, 15, 16, 20])
+    write_recording(tmp_path / "odd.npz", replace(recording, observation=replace(recording.observation, time=time)))
+    run("track", tmp_path / "odd.npz", "-o", tmp_path / "out.bvh", "--model", small_network)
+    clip = read_bvh(tmp_path / "out.bvh")
+    assert clip.frame_rate == pytest.approx(60) and len(clip) == 26
+
+
+def test_one_frame_is_enough(tmp_path: Path, short_clip: Clip, small_network: Path, run) -> None:
+    write_bvh(tmp_path / "one.bvh", replace(short_clip, pose=short_clip.pose[:1]))
+    run(
+        "track",
+        tmp_path / "one.bvh",
+        "--device",
+        "headset-camera",
+        "-o",
+        tmp_path / "out.bvh",
+        "--model",
+        small_network,
+    )
+    assert len(read_bvh(tmp_path / "out.bvh")) == 1
+
+
+@pytest.fixture
+def folder(tmp_path: Path, short_clip: Clip) -> Path:
+    """Two people, one of them at 60 Hz."""
+    for person, clip in (("anna", short_clip), ("ben", resample(short_clip, 60.0))):
+        (tmp_path / "motion" / person).mkdir(parents=True)
+        write_bvh(tmp_path / "motion" / person / "a.bvh", clip)
+    write_bvh(tmp_path / "motion" / "ben" / "b.bvh", short_clip)
+    return tmp_path / "motion"
+
+
+def test_evaluate_headset(folder: Path, tmp_path: Path, small_network: Path, run) -> None:
+    out = tmp_path / "numbers.json"
+    given = ("--data", folder, "--split", "all", "--model", small_network, "--jobs", 1, "--json", out)
+    assert "last known" in run("evaluate", "headset", *given)
+    numbers = json.loads(out.read_text())
+    wanted = ["body_occluded_rmsjpe_cm", "body_occluded_mpjpe_cm", "finger_occluded_rmsjpe_cm", "body_all_rmsjpe_cm"]
+    wanted += [f"baseline_{key}" for key in wanted]
+    wanted += ["body_occluded_rmsjpe_ratio", "finger_occluded_rmsjpe_ratio"]
+    for key in wanted:
+        assert np.isfinite(numbers[key]) and numbers[key] > 0, key
+    assert numbers["clips"] == 3
+    for part in ("body", "finger"):
+        ours, baseline = (numbers[f"{prefix}{part}_occluded_rmsjpe_cm"] for prefix in ("", "baseline_"))
+        assert numbers[f"{part}_occluded_rmsjpe_ratio"] == pytest.approx(ours / baseline)
+        assert numbers[f"{part}_occluded_rmsjpe_cm"] >= numbers[f"{part}_occluded_mpjpe_cm"]
+    assert numbers["body_all_rmsjpe_cm"] < numbers["body_occluded_rmsjpe_cm"], "what is seen is known"
+
+
+@pytest.mark.slow
+def test_several_processes_count_the_same(folder: Path, tmp_path: Path, small_network: Path, run) -> None:
+    for jobs in (1, 2):
+        given = ("--split", "all", "--model", small_network, "--jobs", jobs, "--json", tmp_path / f"{jobs}.json")
+        run("evaluate", "headset", "--data", folder, *given)
+    one, two = (json.loads((tmp_path / f"{jobs}.json").read_text()) for jobs in (1, 2))
+    assert one == pytest.approx(two)
+
+
+def test_data_info(folder: Path, tmp_path: Path, run) -> None:
+    assert "people" in run("data", "info", folder, "--json", tmp_path / "a.json")
+    numbers = json.loads((tmp_path / "a.json").read_text())
+    assert (numbers["clips"], numbers["people"]) == (3, 2)
+    assert numbers["minutes"] == pytest.approx((20 + 20 + 39 / 2) / 30 / 60, rel=1e-3)
+
+
+def test_data_info_with_occlusion(folder: Path, tmp_path: Path, run) -> None:
+    shown = run("data", "info", folder, "--occlusion", "--json", tmp_path / "a.json")
+    assert "self-contact" in shown
+    numbers = json.loads((tmp_path / "a.json").read_text())
+    assert 0 <= numbers["all_hand_hidden"] <= 1 and 0 <= numbers["all_self_contact"] <= 1
+
+
+def test_data_sources(run) -> None:
+    assert "AMASS" in run("data", "sources")
+
+
+@needs_performance
+@pytest.mark.parametrize(
+    ("command", "keys"),
+    [
+        (("ik", "--frames", 10), {"p50_ms", "p95_ms", "p99_ms"}),
+        (("ik", "--frames", 10, "--noise", 0.02), {"p50_ms", "p95_ms", "p99_ms"}),
+        (("occlusion", "--frames", 200), {"frames_per_second"}),
+        (("bvh", "--megabytes", 1), {"mb_per_second", "bare_parse_mb_per_second", "ratio"}),
+        (("import", "--runs", 1), {"seconds", "torch_imported"}),
+    ],
+    ids=lambda value: "_".join(map(str, value)) if isinstance(value, tuple) else "",
+)
+def test_benchmarks(tmp_path: Path, run, command: tuple[object, ...], keys: set[str]) -> None:
+    run("bench", *command, "--json", tmp_path / "a.json")
+    numbers = json.loads((tmp_path / "a.json").read_text())
+    assert set(numbers) == keys
+    assert all(value > 0 for key, value in numbers.items() if key != "torch_imported"), numbers
+    assert numbers.get("torch_imported", 0) == 0
+
+
+@needs_performance
+def test_benchmark_of_a_step(tmp_path: Path, small_network: Path, run) -> None:
+    run("bench", "step", "--frames", 10, "--model", small_network, "--json", tmp_path / "a.json")
+    numbers = json.loads((tmp_path / "a.json").read_text())
+    assert set(numbers) == {"p50_ms", "p95_ms", "p99_ms", "rss_mb"}
+    assert 0 < numbers["p50_ms"] <= numbers["p95_ms"] <= numbers["p99_ms"] and numbers["rss_mb"] > 10
+
+
+@needs_network
+def test_demo_of_ones_own_motion(tmp_path: Path, motion: Path, run) -> None:
+    printed = run("demo", motion, "-o", tmp_path / "demo")
+    assert "frames/s; latency p50" in printed
+    assert sorted(path.name for path in (tmp_path / "demo").iterdir()) == [
+        "demo.gif", "demo.png", "result.bvh", "truth.bvh",
+    ]  # fmt: skip
+    truth, result = (read_bvh(tmp_path / "demo" / f"{name}.bvh") for name in ("truth", "result"))
+    assert len(truth) == len(result) == 20
+
+
+@needs_network
+@pytest.mark.slow
+@needs_performance
+def test_demo(tmp_path: Path, run) -> None:
+    run("demo", "-o", tmp_path / "demo")
+    assert (tmp_path / "demo" / "demo.gif").stat().st_size > 10_000
+
+
+@needs_network
+def test_the_packaged_network_is_better_than_the_last_known_place(tmp_path: Path, run) -> None:
+    (tmp_path / "motion").mkdir()
+    (tmp_path / "motion" / "performance.npz").write_bytes((DEMO / "performance.npz").read_bytes())
+    run(
+        "evaluate",
+        "headset",
+        "--data",
+        tmp_path / "motion",
+        "--split",
+        "all",
+        "--jobs",
+        1,
+        "--json",
+        tmp_path / "a.json",
+    )
+    numbers = json.loads((tmp_path / "a.json").read_text())
+    assert numbers["body_occluded_rmsjpe_ratio"] < 1
+
+
+def test_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in (["--help"], ["data", "--help"], ["bench", "step", "--help"]):
+        with pytest.raises(SystemExit) as stopped:
+            main(arguments)
+        assert stopped.value.code == 0
+    assert __version__ in capsys.readouterr().out
+
+
+@needs_network
+def test_card_puts_test_figures_into_the_network_and_beside_it(tmp_path: Path, run) -> None:
+    network, figures = tmp_path / "copy.onnx", tmp_path / "figures.json"
+    network.write_bytes((WEIGHTS / "body_gru.onnx").read_bytes())
+    key = "body_occluded_rmsjpe_cm"
+    figures.write_text(json.dumps({key: 5.0, f"baseline_{key}": 10.0, "clips": 3}))
+    assert "wrote" in run("train", "card", network, "--figures", figures)
+    assert load_model(network).card["test"][key] == 5.0
+    assert "| body | occluded | 10.0 | 5.0 |" in network.with_suffix(".md").read_text()

@@ -1,0 +1,234 @@
+"""Whatever is wrong with what the user gives: one line that names it, status 2, no traceback, no file left behind."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+
+from bodysense.body.skeleton import Skeleton
+from bodysense.capture.recording import Recording, write_recording
+from bodysense.cli import main
+from bodysense.data.bvh import write_bvh
+from bodysense.data.clip import Clip
+from bodysense.occlusion.headset_camera import observe
+
+
+def files(folder: Path) -> list[str]:
+    """Names of all files below a folder, also hidden ones."""
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+
+
+@pytest.fixture
+def broken(tmp_path: Path, motion: Path, short_clip: Clip) -> Path:
+    """A folder of files each of which is wrong in its own way; good ones are `motion.bvh` and `seen.npz`."""
+    text = motion.read_text()
+    lines = text.splitlines()
+    start = next(k for k, line in enumerate(lines) if line.startswith("Frame Time"))
+    (tmp_path / "cut.bvh").write_text(text[: len(text) // 2])
+    (tmp_path / "cut_tree.bvh").write_text(text[:300])
+    first = lines[start + 1].split()
+    spoilt = [*lines[: start + 1], " ".join(["nan", *first[1:]]), *lines[start + 2 :]]
+    (tmp_path / "nan.bvh").write_text("\n".join(spoilt) + "\n")
+    (tmp_path / "empty.bvh").write_text("")
+    skeleton = short_clip.pose.skeleton
+    renamed = Skeleton(tuple(f"bone{k}" for k in range(52)), (), skeleton.parents[:52], skeleton.rest_offset[:52])
+    write_bvh(tmp_path / "strange.bvh", replace(short_clip, pose=replace(short_clip.pose, skeleton=renamed)))
+
+    poses, trans = np.zeros((4, 156)), np.zeros((4, 3))
+    np.savez(tmp_path / "shape.npz", poses=poses[:, :100], trans=trans, mocap_framerate=30.0)
+    np.savez(tmp_path / "nan.npz", poses=poses + np.nan, trans=trans, mocap_framerate=30.0)
+    (tmp_path / "text.npz").write_text("hello")
+    (tmp_path / "motion.csv").write_text("1,2,3")
+
+    recording = Recording(observe(short_clip.pose, short_clip.time), skeleton)
+    write_recording(tmp_path / "seen.npz", recording)
+    with np.load(tmp_path / "seen.npz") as archive:
+        arrays = dict(archive)
+    changes = {
+        "backwards": {"time": arrays["time"][::-1]},
+        "few": {"position": arrays["position"][:3]},
+        "nose": {"points": np.array(["nose", *arrays["points"][1:]])},
+        "tail": {
+            "points": np.array(["tail", *arrays["points"][1:]]),
+            "joints": np.array(["tail", *arrays["joints"][1:]]),
+        },
+    }
+    for name, change in changes.items():
+        content: dict[str, Any] = arrays | change
+        np.savez(tmp_path / f"{name}.npz", **content)
+    header = '{"format": "bodysense recording 1", "points": ["head"]}\n'
+    (tmp_path / "backwards.jsonl").write_text(header + '{"time": 1}\n{"time": 0.5}\n')
+    (tmp_path / "cut.jsonl").write_text(header + '{"time": 1, "posi')
+
+    value = [onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [1]) for name in ("x", "y")]
+    graph = onnx.helper.make_graph([onnx.helper.make_node("Identity", ["x"], ["y"])], "g", value[:1], value[1:])
+    foreign = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=9)
+    onnx.save(foreign, str(tmp_path / "foreign.onnx"))
+    (tmp_path / "text.onnx").write_text("hello")
+    (tmp_path / "nothing").mkdir()
+    return tmp_path
+
+
+SIMULATE = ("simulate", "{file}", "-o", "{folder}/out.npz")
+TRACK = ("track", "{file}", "-o", "{folder}/out.bvh")
+MOTION = ("track", "{file}", "--device", "headset-camera", "-o", "{folder}/out.bvh")
+MODEL = ("track", "{folder}/seen.npz", "--model", "{file}", "-o", "{folder}/out.bvh")
+DEMO = ("demo", "{file}", "-o", "{folder}/demo")
+
+WRONG = {
+    "a truncated motion": (SIMULATE, "cut.bvh", "announces .* values .*, but there are .* whole frames"),
+    "a truncated hierarchy": (SIMULATE, "cut_tree.bvh", "there is no MOTION section; the file is cut off"),
+    "an empty file": (SIMULATE, "empty.bvh", "the file is empty"),
+    "frames that are NaN": (SIMULATE, "nan.bvh", "frame 0 is not finite; cut or mend it"),
+    "unknown joints": (SIMULATE, "strange.bvh", "bone"),
+    "poses of another shape": (SIMULATE, "shape.npz", r"'poses' has shape \(4, 100\)"),
+    "poses that are NaN": (SIMULATE, "nan.npz", "'poses' is not finite in row 0"),
+    "text for an archive": (SIMULATE, "text.npz", "cannot be read as an .npz file"),
+    "another kind of file": (SIMULATE, "motion.csv", r"unknown kind of file '\.csv'; valid are \.bvh, \.npz"),
+    "a missing motion": (SIMULATE, "missing.bvh", "No such file"),
+    "a missing archive": (SIMULATE, "missing.npz", "no such file"),
+    "the same, to be tracked": (MOTION, "cut.bvh", "announces .* values"),
+    "the same, to be shown": (DEMO, "nan.bvh", "frame 0 is not finite"),
+    "a recording backwards": (TRACK, "backwards.npz", "time goes from .* times must increase: sort the frames"),
+    "lines backwards": (TRACK, "backwards.jsonl", r"time goes from 1 s to 0\.5 s at frame 1; times must increase"),
+    "too few positions": (
+        TRACK,
+        "few.npz",
+        r"position has shape \(3, 65, 3\); 20 frames of 65 points need \(20, 65, 3\)",
+    ),
+    "an unknown point": (TRACK, "nose.npz", "unknown joint 'nose'"),
+    "a line cut short": (TRACK, "cut.jsonl", r"line 2 is not JSON; was the file cut short\?"),
+    "a motion for a recording": (TRACK, "motion.bvh", "not a recording; if it is a motion, .* --device headset-camera"),
+    "an archive for a recording": (
+        TRACK,
+        "shape.npz",
+        "not a recording; if it is a motion, .* --device headset-camera",
+    ),
+    "a missing recording": (TRACK, "missing.npz", "no such file"),
+    "missing lines": (TRACK, "missing.jsonl", "no such file"),
+    "a foreign network": (MODEL, "foreign.onnx", r"not a bodysense body network \(format 'not given', wanted"),
+    "text for a network": (MODEL, "text.onnx", "not a readable ONNX model"),
+    "a missing network": (MODEL, "missing.onnx", "no such model file"),
+    "a recording that is recorded": (SIMULATE, "seen.npz", "no 'poses' in it"),
+    "an empty folder": (("data", "info", "{file}"), "nothing", r"no \.bvh or \.npz file in it"),
+    "a missing folder": (("data", "info", "{file}"), "missing", "no such folder"),
+    "a folder to score": (
+        ("evaluate", "headset", "--data", "{file}", "--jobs", "1"),
+        "nothing",
+        r"no \.bvh or \.npz file",
+    ),
+    "a folder to prepare": (
+        ("data", "prepare", "{file}", "-o", "{folder}/out.zarr"),
+        "nothing",
+        r"no \.bvh or \.npz file",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_wrong_files(broken: Path, refused, what: str) -> None:
+    command, name, text = WRONG[what]
+    before = files(broken)
+    line = refused(*(word.format(file=broken / name, folder=broken) for word in command))
+    assert name in line
+    assert re.search(text, line), line
+    assert files(broken) == before
+
+
+def test_another_skeleton_is_refused(broken: Path, small_network: Path, refused) -> None:
+    line = refused("track", broken / "tail.npz", "--model", small_network, "-o", broken / "out.bvh")
+    assert line.startswith(
+        "small.onnx completes a skeleton of 65 points; the one given has 65 (differs in pelvis, tail)"
+    )
+
+
+PLACES = {
+    "recordings": ("simulate", "{none}.bvh", "-o", "{out}.npz"),
+    "motion": ("track", "{none}.npz", "-o", "{out}.bvh"),
+    "networks": ("train", "body-gru", "--data", "{none}", "-o", "{out}.onnx"),
+    "numbers": ("evaluate", "headset", "--data", "{none}", "--json", "{out}.json"),
+}
+
+
+@pytest.mark.parametrize("what", PLACES)
+def test_a_folder_that_is_missing_is_said_before_the_work(broken: Path, refused, what: str) -> None:
+    """Even before it is seen that there is nothing to work on."""
+    before = files(broken)
+    out = broken / "missing" / "out"
+    line = refused(*(word.format(out=out, none=broken / "none") for word in PLACES[what]))
+    assert str(out) in line and f"the folder {out.parent} does not exist; create it" in line
+    assert files(broken) == before
+
+
+@pytest.mark.parametrize(
+    ("command", "text"),
+    [
+        (
+            ("simulate", "{folder}/motion.bvh", "-o", "{folder}/a.txt"),
+            r"a recording ends in .npz or .jsonl, not in '\.txt'",
+        ),
+        (("track", "{folder}/seen.npz", "-o", "{folder}/a.txt"), r"ends in '\.txt'; give a name that ends in \.bvh"),
+        (("track", "{folder}/seen.npz", "-o", "{folder}/a"), r"ends in 'nothing'; give a name that ends in \.bvh"),
+        (
+            ("train", "body-gru", "--data", "{folder}", "-o", "{folder}/a.pt"),
+            r"written as \.onnx; give a name that ends so",
+        ),
+        (
+            ("track", "{folder}/seen.npz", "-o", "{folder}/nothing"),
+            r"nothing is a folder; give the name of a file in it",
+        ),
+        (("demo", "{folder}/motion.bvh", "-o", "{folder}/motion.csv"), r"motion\.csv: no folder can be made there"),
+    ],
+)
+def test_output_of_the_wrong_kind(broken: Path, refused, command: tuple[str, ...], text: str) -> None:
+    before = files(broken)
+    assert re.search(text, refused(*(word.format(folder=broken) for word in command)))
+    assert files(broken) == before
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (("--height", "17"), r"height 17 m is not a person's; give metres between 0\.3 and 3\.0"),
+        (("--half-life", "-1"), "half_life is -1; it must be 0 or more"),
+        (("--half-life", "nan"), "half_life is nan; it must be 0 or more"),
+    ],
+)
+def test_values_that_cannot_be(broken: Path, small_network: Path, refused, options: tuple[str, ...], text: str) -> None:
+    given = ("--device", "headset-camera", "--model", small_network, "-o", broken / "out.bvh")
+    assert re.search(text, refused("track", broken / "motion.bvh", *given, *options))
+
+
+def test_a_recording_has_its_own_height(broken: Path, refused) -> None:
+    line = refused("track", broken / "seen.npz", "-o", broken / "out.bvh", "--height", "1.8")
+    assert "seen.npz: --height scales a motion; a recording holds its wearer's skeleton, so leave it out" in line
+
+
+def test_numbers_that_cannot_be(broken: Path, refused) -> None:
+    assert "--jobs -1: give at least 1" in refused("evaluate", "headset", "--data", broken, "--jobs", "-1")
+    assert "--frames 0: give at least 1" in refused("bench", "ik", "--frames", "0")
+
+
+def test_a_split_without_clips(tmp_path: Path, short_clip: Clip, refused) -> None:
+    (tmp_path / "folder" / "anna").mkdir(parents=True)
+    write_bvh(tmp_path / "folder" / "anna" / "a.bvh", short_clip)
+    lines = [refused("data", "info", tmp_path / "folder", "--split", split) for split in ("val", "test")]
+    assert all("folder: none of its 1 clips is of split" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    "arguments", [["dance"], ["track"], ["simulate", "a.bvh", "-o", "b.npz", "--device", "gloves"]]
+)
+def test_commands_that_are_none(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """What tyro refuses, it explains itself; the status is the same."""
+    with pytest.raises(SystemExit) as stopped:
+        main(arguments)
+    assert stopped.value.code == 2
+    captured = capsys.readouterr()
+    assert "Traceback" not in captured.err and captured.err
