@@ -13,6 +13,7 @@ import numpy as np
 from bodysense.errors import BodysenseError
 
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")
+TESTED = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "foot")  # of either side: what UNOC's tables test
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.skeleton import TESTED
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.estimators.hold import Hold
@@ -32,7 +33,6 @@ KNOWN: tuple[Literal["world", "head", "heading"], ...] = (
 )  # frames of the last-known baselines
 MAIN = ("sit", "talk_gesture", "everyday", "locomotion")  # what a headset's wearer does
 GROUPS = ("main", "sport", "dance", "other")  # the categories that are scored together
-TESTED = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "foot")  # the joints of the paper's tables
 
 
 @dataclass

@@ -18,13 +18,12 @@ from lightning_fabric import Fabric
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
+from bodysense.body.skeleton import TESTED
 from bodysense.errors import BodysenseError
 from bodysense.models.body_gru import BodyGru, BodyGruConfig
 from bodysense.training.episodes import Episode
 from bodysense.training.losses import LossWeights, Truth, body_loss
 from bodysense.training.sampling import Batch, collate, lanes, windows
-
-TESTED = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "foot")  # the joints that the paper's tables test
 
 
 @dataclass(frozen=True)
