@@ -56,10 +56,11 @@ def small_network(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small network that was never trained, exported: what holds of every network holds of it."""
     import torch
 
-    from bodysense.models.body_gru import BodyGru, BodyGruConfig
+    from bodysense.models.body_network import BodyNetwork, BodyNetworkConfig
     from bodysense.training.onnx_writing import write_onnx
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("network") / "small.onnx"
-    write_onnx(BodyGru(BodyGruConfig(hidden=16, branch=(16,)), default_skeleton()), path, {"licence": "Apache-2.0"})
+    network = BodyNetwork(BodyNetworkConfig(hidden=16, branch=(16,)), default_skeleton())
+    write_onnx(network, path, {"licence": "Apache-2.0"})
     return path

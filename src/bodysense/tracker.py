@@ -11,7 +11,7 @@ import numpy as np
 
 from bodysense.body.ik import IkSettings, IkState, InverseKinematics
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_log, quaternion_multiply
+from bodysense.body.products import CONJUGATE, exp, log, multiply
 from bodysense.errors import BodysenseError
 from bodysense.observation import Estimate, Estimator, Observation, observed_points
 
@@ -29,7 +29,8 @@ class TrackerSettings:
     finger_weight: float = 0.05  # factor on the pull of every point of a finger
     head_weight: float = 0.05  # m²/rad²: pull of the measured head orientation in IK
     longest_gap: float = 1.0  # s without frames after which motion starts afresh
-    ik: IkSettings = IkSettings()
+    # A guess is centimetres off: IK need not place it to hundredths of a millimetre.
+    ik: IkSettings = IkSettings(tolerance=1e-4)
 
     def __post_init__(self) -> None:
         for name in ("half_life", "head_weight"):
@@ -66,6 +67,16 @@ class Tracker:
         return InverseKinematics(self.estimator.skeleton, self.settings.ik)
 
     @cached_property
+    def _is_finger(self) -> np.ndarray:
+        """(P,) bool."""
+        return self.estimator.skeleton.wrist_of >= 0
+
+    @cached_property
+    def _wrist_or_self(self) -> np.ndarray:
+        """(P,) the wrist of a finger's point; any other point itself."""
+        return np.where(self._is_finger, self.estimator.skeleton.wrist_of, np.arange(len(self._is_finger)))
+
+    @cached_property
     def _below(self) -> np.ndarray:
         """(J, P) 1 where a point hangs below a joint of an arm or hand, 0 for every other joint."""
         skeleton = self.estimator.skeleton
@@ -74,6 +85,11 @@ class Tracker:
         arm = (below[:, wrists].sum(axis=1) == 1) | (skeleton.wrist_of[: len(below)] >= 0)
         np.fill_diagonal(below, 0)
         return below * arm[:, None]
+
+    @cached_property
+    def _arm(self) -> np.ndarray:
+        """(J,) 1 for a joint of an arm or hand that anything hangs below, 0 for every other joint."""
+        return self._below.any(axis=1).astype(float)
 
     def start(self) -> TrackerState:
         """The state before the first frame."""
@@ -99,21 +115,17 @@ class Tracker:
 
     def _missed(self, reached: np.ndarray, target: np.ndarray, measured: np.ndarray) -> np.ndarray:
         """(P, 3) by how much each guessed finger's wrist missed its target; 0 for every other point."""
-        wrist = self.estimator.skeleton.wrist_of
-        guessed = (wrist >= 0) & ~measured
-        return np.where(guessed[:, None], (reached - target)[wrist], 0.0)
+        guessed = self._is_finger & ~measured
+        return (reached - target).take(self._wrist_or_self, axis=0) * guessed[:, None]
 
     def _weight(self, expected_error: np.ndarray, measured: np.ndarray) -> np.ndarray:
         """Pull of every point in IK, (T, P)."""
-        wrist = self.estimator.skeleton.wrist_of
-        fingers = np.flatnonzero(wrist >= 0)
-        error = expected_error.copy()
         # A finger's own error is that of its offset; it is misplaced by its wrist's as well.
-        error[:, fingers] = np.hypot(error[:, fingers], error[:, wrist[fingers]])
-        weight = np.where(measured, self.settings.measured_weight, 1 / (1 + (error / self.settings.doubt) ** 2))
+        squared = (expected_error / self.settings.doubt) ** 2
+        squared = squared + squared.take(self._wrist_or_self, axis=1) * self._is_finger
+        weight = np.where(measured, self.settings.measured_weight, 1 / (1 + squared))
         # The twenty points of a hand turn it about its wrist; together they must not outvote where the wrist is.
-        weight[:, fingers] *= self.settings.finger_weight
-        return weight
+        return np.where(self._is_finger, weight * self.settings.finger_weight, weight)
 
     def _pose(
         self,
@@ -148,9 +160,8 @@ class Tracker:
             return TrackerState(
                 state.estimator, ik, missed, time, solved.root_position, solved.rotation, np.zeros(3), zero
             )
-        lost = self._below.any(axis=1) & ~(self._below @ measured).astype(bool)
-        slower = np.where(lost, self.settings.guessed_arm_factor, 1.0)
-        root, root_velocity, rotation, spin = smooth(solved, state, gap, self.settings.half_life, slower[:, None])
+        slower = np.where(self._below @ measured < self._arm, self.settings.guessed_arm_factor, 1.0)
+        root, root_velocity, rotation, spin = smooth(solved, state, gap, self.settings.half_life, slower)
         return TrackerState(state.estimator, ik, missed, time, root, rotation, root_velocity, spin)
 
 
@@ -159,23 +170,22 @@ def smooth(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Critically damped motion of the state toward a pose for `interval` seconds, solved exactly.
 
-    A jump is half closed after `half_life` seconds, a joint's after `slower` (J, 1) times that, at any frame rate.
+    A jump is half closed after `half_life` seconds, a joint's after `slower` (J,) times that, at any frame rate.
     Returns root position, root velocity, local rotations and their angular velocities.
     """
     assert state.root_position is not None and state.root_velocity is not None
     assert state.rotation is not None and state.spin is not None
 
-    def settle(offset: np.ndarray, velocity: np.ndarray, slower: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-        y = _HALF / (half_life * slower)
-        fade = np.exp(-y * interval)
-        pull = velocity + offset * y
-        return fade * (offset + pull * interval), fade * (velocity - pull * y * interval)
-
-    root, root_velocity = settle(state.root_position - target.root_position, state.root_velocity, 1.0)
-    inverse = target.rotation * _CONJUGATE
-    offset, spin = settle(quaternion_log(quaternion_multiply(state.rotation, inverse)), state.spin, slower)
-    rotation = quaternion_canonical(quaternion_multiply(quaternion_exp(offset), target.rotation))
-    return target.root_position + root, root_velocity, rotation, spin
-
-
-_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+    # Joints, then the root, as rows that all settle in the same way.
+    offset = np.concatenate([log(multiply(state.rotation, target.rotation * CONJUGATE)), [state.root_position]])
+    offset[-1] -= target.root_position
+    velocity = np.concatenate([state.spin, [state.root_velocity]])
+    y = np.full((len(offset), 1), _HALF / half_life)
+    y[:-1, 0] /= slower
+    fade = np.exp(-y * interval)
+    pull = velocity + offset * y
+    offset = fade * (offset + pull * interval)
+    velocity = fade * (velocity - pull * (y * interval))
+    rotation = multiply(exp(offset[:-1]), target.rotation)
+    rotation *= np.copysign(1.0, rotation[:, :1])
+    return target.root_position + offset[-1], velocity[-1], rotation, velocity[:-1]

@@ -181,7 +181,7 @@ def test_somebody_elses_network_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_network_without_its_card_is_refused(tmp_path: Path) -> None:
-    fields = {"format": "bodysense body 1", "points": "[]", "rate": "30.0"}
+    fields = {"format": "bodysense body 1", "points": "[]", "rate": "30.0", "fastest_rate": "60.0"}
     with pytest.raises(BodysenseError, match=r"a\.onnx: its card has no 'state'; export the network again"):
         load_model(foreign(tmp_path / "a.onnx", fields))
 
@@ -191,6 +191,7 @@ def test_what_other_tools_write_into_the_file_is_let_be(tmp_path: Path) -> None:
         "format": "bodysense body 1",
         "points": '["head"]',
         "rate": "30.0",
+        "fastest_rate": "60.0",
         "state": "{}",
         "onnx.infer": "by tool",
     }

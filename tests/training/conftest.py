@@ -10,20 +10,23 @@ import torch
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.data.clip import Clip
-from bodysense.models.body_gru import BodyGru, BodyGruConfig
+from bodysense.models.body_network import BodyNetwork, BodyNetworkConfig
 from bodysense.training.episodes import Episode, Variation, make_episode
+
+# Without layers of the fingers' own and their dropout, so that few steps tell.
+SMALL = BodyNetworkConfig(hidden=16, branch=(16,), finger_branch=None, judge_branch=(16,))
 
 
 @pytest.fixture
-def network() -> BodyGru:
+def network() -> BodyNetwork:
     torch.manual_seed(3)
-    return BodyGru(BodyGruConfig(hidden=16, branch=(16,)), default_skeleton())
+    return BodyNetwork(SMALL, default_skeleton())
 
 
 @pytest.fixture(scope="session")
 def few_episodes(waving_clip: Clip) -> list[Episode]:
     """The waving clip as it is, mirrored, and without fingers."""
-    rng, network = np.random.default_rng(0), BodyGru(BodyGruConfig(hidden=16, branch=(16,)), default_skeleton())
+    rng, network = np.random.default_rng(0), BodyNetwork(SMALL, default_skeleton())
     bare = replace(waving_clip, name="bare", has_fingers=False)
     return [
         make_episode(waving_clip, network, Variation(), rng),

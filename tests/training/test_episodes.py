@@ -11,12 +11,12 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.data.augment import mirrored
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
-from bodysense.models.body_gru import Answer, BodyGru, Tracked
+from bodysense.models.body_network import Answer, BodyNetwork, Tracked
 from bodysense.occlusion.headset_camera import observe
 from bodysense.training.episodes import Variation, make_episode
 
 
-def test_the_truth_in_the_networks_frame_is_the_truth_in_the_world(waving_clip: Clip, network: BodyGru) -> None:
+def test_the_truth_in_the_networks_frame_is_the_truth_in_the_world(waving_clip: Clip, network: BodyNetwork) -> None:
     """Said exactly, the offsets of an episode are the clip's own positions."""
     episode = make_episode(waving_clip, network, Variation(), np.random.default_rng(0))
     position, rotation = forward_kinematics(waving_clip.pose)
@@ -33,11 +33,11 @@ def test_the_truth_in_the_networks_frame_is_the_truth_in_the_world(waving_clip: 
     )
     offset = torch.from_numpy(episode.offset)[None]
     said = Answer(offset, torch.zeros(offset.shape[:-1]), torch.ones(offset.shape[:-1]))
-    completed = network.place_in_world(said, network.heading(tracked.head_rotation), tracked)
+    completed = network.place_in_world(said, network.facing(tracked.head_rotation)[1], tracked)
     np.testing.assert_allclose(completed.position[0].numpy(), position, atol=1e-5)
 
 
-def test_what_is_seen_is_known(waving_clip: Clip, network: BodyGru) -> None:
+def test_what_is_seen_is_known(waving_clip: Clip, network: BodyNetwork) -> None:
     """Where a point is seen (a finger: with its wrist), its last known offset is the true one; else an earlier one."""
     episode = make_episode(waving_clip, network, Variation(), np.random.default_rng(0))
     np.testing.assert_array_equal(episode.visible, observe(waving_clip.pose, waving_clip.time).has_position)
@@ -48,7 +48,7 @@ def test_what_is_seen_is_known(waving_clip: Clip, network: BodyGru) -> None:
     np.testing.assert_array_equal(episode.known[1:][kept], episode.known[:-1][kept])
 
 
-def test_episodes_are_at_30_frames_a_second(waving_clip: Clip, network: BodyGru) -> None:
+def test_episodes_are_at_30_frames_a_second(waving_clip: Clip, network: BodyNetwork) -> None:
     fast = resample(waving_clip, 120.0)
     episode = make_episode(fast, network, Variation(), np.random.default_rng(0))
     assert len(episode) == len(waving_clip)
@@ -57,7 +57,7 @@ def test_episodes_are_at_30_frames_a_second(waving_clip: Clip, network: BodyGru)
     np.testing.assert_allclose(episode.features, slow.features, atol=1e-4)
 
 
-def test_variations(waving_clip: Clip, network: BodyGru) -> None:
+def test_variations(waving_clip: Clip, network: BodyNetwork) -> None:
     def made(variation: Variation, clip: Clip = waving_clip, seed: int = 0) -> np.ndarray:
         return make_episode(clip, network, variation, np.random.default_rng(seed)).features
 
@@ -72,7 +72,7 @@ def test_variations(waving_clip: Clip, network: BodyGru) -> None:
     assert lost.visible.sum() < seen.visible.sum() and not (lost.visible & ~seen.visible).any()
 
 
-def test_names_and_fingers_come_along(waving_clip: Clip, network: BodyGru) -> None:
+def test_names_and_fingers_come_along(waving_clip: Clip, network: BodyNetwork) -> None:
     clip = replace(waving_clip, category="sit", has_fingers=False)
     episode = make_episode(clip, network, Variation(), np.random.default_rng(0))
     assert (episode.name, episode.category, episode.fingers) == ("waving", "sit", False)

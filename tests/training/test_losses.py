@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.models.body_gru import Answer, BodyGru, BodyGruConfig
+from bodysense.models.body_network import Answer, BodyNetwork, BodyNetworkConfig
 from bodysense.training.losses import LossWeights, Truth, body_loss, bones
 
 SKELETON = default_skeleton()
@@ -21,9 +21,9 @@ WRIST = {side: SKELETON.index(f"{side}_wrist") for side in ("left", "right")}
 
 
 @pytest.fixture(scope="module")
-def network() -> BodyGru:
+def network() -> BodyNetwork:
     torch.manual_seed(0)
-    return BodyGru(BodyGruConfig(hidden=4, branch=(4,)), SKELETON)
+    return BodyNetwork(BodyNetworkConfig(hidden=4, branch=(4,)), SKELETON)
 
 
 def example(seed: int, frames: int = 3, batch: int = 2) -> tuple[Answer, Truth]:

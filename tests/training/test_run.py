@@ -16,7 +16,7 @@ from bodysense.data.splits import split_of
 from bodysense.errors import BodysenseError
 from bodysense.estimators.learned import Learned, load_model
 from bodysense.occlusion.headset_camera import observe
-from bodysense.training.run import BodyGruRun, run_body_gru, variation_of
+from bodysense.training.run import BodyRun, run_body, variation_of
 
 PEOPLE = {which: next(f"person{k}" for k in range(99) if split_of(f"person{k}") == which) for which in ("train", "val")}
 
@@ -32,8 +32,8 @@ def folder(tmp_path: Path, waving_clip: Clip) -> Path:
     return data
 
 
-def asked(data: Path, out: Path) -> BodyGruRun:
-    return BodyGruRun(
+def asked(data: Path, out: Path) -> BodyRun:
+    return BodyRun(
         data=data,
         out=out,
         form="shipped",
@@ -42,6 +42,7 @@ def asked(data: Path, out: Path) -> BodyGruRun:
         window_stride=4,
         lanes=3,
         chunk=10,
+        finger_passes=0,
         passes=2,
         hidden=8,
         finger_share=0.3,
@@ -57,7 +58,7 @@ def asked(data: Path, out: Path) -> BodyGruRun:
 @pytest.mark.parametrize("form", ["shipped", "paper"])
 def test_a_run_writes_a_network_that_tracks(folder: Path, tmp_path: Path, waving_clip: Clip, form: str) -> None:
     run = replace(asked(folder, tmp_path / "net.onnx"), form=form)
-    run_body_gru(run)
+    run_body(run)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "net.ckpt", "net.jsonl", "net.onnx"]
     model = load_model(tmp_path / "net.onnx")
     assert model.card["training_data"] == "somebody who waves"
@@ -71,13 +72,13 @@ def test_a_run_writes_a_network_that_tracks(folder: Path, tmp_path: Path, waving
     estimate, _ = learned.step(observe(waving_clip.pose, waving_clip.time)[:5], learned.start())
     assert np.isfinite(estimate.position).all()
     # The same command once more has nothing left to learn; the file still says how good the network is.
-    run_body_gru(run)
+    run_body(run)
     assert load_model(tmp_path / "net.onnx").card == model.card
 
 
 def test_a_missing_folder_is_said_before_the_work(tmp_path: Path) -> None:
     with pytest.raises(BodysenseError, match=r"net\.onnx: the folder .*missing does not exist; create it"):
-        run_body_gru(asked(tmp_path, tmp_path / "missing" / "net.onnx"))
+        run_body(asked(tmp_path, tmp_path / "missing" / "net.onnx"))
 
 
 def test_variations_of_the_passes() -> None:

@@ -9,48 +9,12 @@ import numpy as np
 from bodysense.body.condensed import condensed_system
 from bodysense.body.pose import Pose
 from bodysense.body.posture import posture
+from bodysense.body.products import ACROSS, CONJUGATE, LEFT, MATRIX, TANGENT
 from bodysense.body.rotation import matrix_to_quaternion
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 
-# Products of quaternions as constant matrices, so that a whole body takes one NumPy call each.
-# fmt: off
-_LEFT = np.array([  # q @ _LEFT is the 4×4 matrix, row by row, that multiplies by q from the left
-    [1, 0, 0, 0,  0, 1, 0, 0,  0, 0, 1, 0,  0, 0, 0, 1],
-    [0, -1, 0, 0,  1, 0, 0, 0,  0, 0, 0, -1,  0, 0, 1, 0],
-    [0, 0, -1, 0,  0, 0, 0, 1,  1, 0, 0, 0,  0, -1, 0, 0],
-    [0, 0, 0, -1,  0, 0, -1, 0,  0, 1, 0, 0,  1, 0, 0, 0],
-], dtype=float)
-_MATRIX = np.array([  # (q qᵀ) @ _MATRIX is the 3×3 rotation matrix, row by row
-    [1, 0, 0, 0, 1, 0, 0, 0, 1],  # ww
-    [0, 0, 0, 0, 0, -1, 0, 1, 0],  # wx
-    [0, 0, 1, 0, 0, 0, -1, 0, 0],  # wy
-    [0, -1, 0, 1, 0, 0, 0, 0, 0],  # wz
-    [0, 0, 0, 0, 0, -1, 0, 1, 0],  # xw …
-    [1, 0, 0, 0, -1, 0, 0, 0, -1],
-    [0, 1, 0, 1, 0, 0, 0, 0, 0],
-    [0, 0, 1, 0, 0, 0, 1, 0, 0],
-    [0, 0, 1, 0, 0, 0, -1, 0, 0],
-    [0, 1, 0, 1, 0, 0, 0, 0, 0],
-    [-1, 0, 0, 0, 1, 0, 0, 0, -1],
-    [0, 0, 0, 0, 0, 1, 0, 1, 0],
-    [0, -1, 0, 1, 0, 0, 0, 0, 0],
-    [0, 0, 1, 0, 0, 0, 1, 0, 0],
-    [0, 0, 0, 0, 0, 1, 0, 1, 0],
-    [-1, 0, 0, 0, -1, 0, 0, 0, 1],
-], dtype=float)
-_TANGENT = np.array([  # q @ _TANGENT is w·I − [v]×: how a small turn in the joint's own frame changes 2v, transposed
-    [1, 0, 0, 0, 1, 0, 0, 0, 1],
-    [0, 0, 0, 0, 0, 1, 0, -1, 0],
-    [0, 0, -1, 0, 0, 0, 1, 0, 0],
-    [0, 1, 0, -1, 0, 0, 0, 0, 0],
-], dtype=float)
-_ACROSS = np.zeros((9, 12))  # m @ _ACROSS is tr(m)·I − m for a 3×3 matrix, row by row, each row followed by a 0
-_ACROSS[np.ix_([0, 4, 8], [0, 5, 10])] = 1
-_ACROSS[range(9), [0, 1, 2, 4, 5, 6, 8, 9, 10]] -= 1
-# fmt: on
-_HALF_LEFT = _LEFT[1:] / 2
-_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+_HALF_LEFT = LEFT[1:] / 2
 _NO_JOINT, _NOTHING = np.zeros(0, dtype=np.intp), np.zeros((0, 4, 4))
 _FIRST_DAMPING = 1e-3  # after a step that raised the cost
 _MOST_DAMPING = 1e6
@@ -215,7 +179,7 @@ class InverseKinematics:
         while iteration < settings.max_iterations and not converged:
             iteration += 1
             # Derivatives (transposed) of the springs by the joint's own turn; by its parent's they are the opposite.
-            slope = body.world_matrix @ ((body.local_rotation @ _TANGENT).reshape(-1, 3, 3) * pull.stiffness[:, None])
+            slope = body.world_matrix @ ((body.local_rotation @ TANGENT).reshape(-1, 3, 3) * pull.stiffness[:, None])
             block = self._curvature(body, tension)
             if problem.aimed.size:
                 block[problem.aimed] += _aim(problem, body, pull.away)
@@ -249,12 +213,12 @@ class InverseKinematics:
 
     def _posed(self, root: np.ndarray, rotation: np.ndarray) -> PosedBody:
         """Forward kinematics from world rotations (J, 4)."""
-        matrix = ((rotation[:, :, None] * rotation[:, None, :]).reshape(-1, 16) @ _MATRIX).reshape(-1, 3, 3)
+        matrix = ((rotation[:, :, None] * rotation[:, None, :]).reshape(-1, 16) @ MATRIX).reshape(-1, 3, 3)
         bone = (matrix.take(self._bone_parent, axis=0) @ self._offset)[:, :, 0]
         position = self._path @ bone
         position += root
-        parent = (rotation * _CONJUGATE).take(self._spring_parent, axis=0)
-        local = ((parent @ _LEFT).reshape(-1, 4, 4) @ rotation[:, :, None])[:, :, 0]
+        parent = (rotation * CONJUGATE).take(self._spring_parent, axis=0)
+        local = ((parent @ LEFT).reshape(-1, 4, 4) @ rotation[:, :, None])[:, :, 0]
         local[0] = rotation[0]
         local *= np.copysign(1.0, local[:, :1])
         return PosedBody(root, rotation, matrix, local, bone, position)
@@ -302,7 +266,7 @@ class InverseKinematics:
         """
         taut = body.bone * tension[:, None]
         outer = (taut[:, :, None] * body.bone[:, None, :]).reshape(-1, 9)
-        return self._incidence @ (outer @ _ACROSS)
+        return self._incidence @ (outer @ ACROSS)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -343,15 +307,16 @@ def _problem(
         "rotation_target", rotation_target, rotation_weight, full=0.01, of=skeleton.joints, width=4
     )
     aimed = np.flatnonzero(turn_weight)
-    length = np.linalg.norm(turn[aimed], axis=1)
+    turn = turn[aimed]
+    length = np.sqrt(np.einsum("ij,ij->i", turn, turn))
     if (np.abs(length - 1) > 1e-3).any():
         worst = int(np.argmax(np.abs(length - 1)))
         raise BodysenseError(
             f"inverse kinematics: the rotation_target of {skeleton.joints[aimed[worst]]!r} has length "
             f"{length[worst]:g}; give a unit quaternion (wxyz)"
         )
-    inverse = turn[aimed] * _CONJUGATE * np.sqrt(turn_weight[aimed])[:, None]
-    return _Problem(target, weight, root_weight, aimed, (inverse @ _LEFT).reshape(-1, 4, 4))
+    inverse = turn * CONJUGATE * np.sqrt(turn_weight[aimed])[:, None]
+    return _Problem(target, weight, root_weight, aimed, (inverse @ LEFT).reshape(-1, 4, 4))
 
 
 def _known(
@@ -390,7 +355,7 @@ def _aim(problem: _Problem, body: PosedBody, away: np.ndarray) -> np.ndarray:
 
     An error is twice the vector part of target⁻¹ · rotation, either sign of it: the angle, where it is small.
     """
-    slope = body.world_matrix[problem.aimed] @ (away[:, :, 0] @ _TANGENT).reshape(-1, 3, 3)
+    slope = body.world_matrix[problem.aimed] @ (away[:, :, 0] @ TANGENT).reshape(-1, 3, 3)
     return (slope @ np.concatenate((slope.mT, 2 * away[:, 1:]), axis=2)).reshape(-1, 12)
 
 

@@ -21,6 +21,7 @@ def commands() -> SubcommandApp:
     group.command(occlusion)
     group.command(bvh)
     group.command(name="import")(import_time)
+    group.command(training)
     return group
 
 
@@ -151,6 +152,24 @@ def import_time(runs: int = 9, json: Path | None = None) -> None:
     ]
     seconds = float(np.median([row[0] for row in rows]))
     report("import", {"seconds": seconds, "torch_imported": max(row[1] for row in rows)}, json)
+
+
+def training(steps: int = 6, threads: int = 1, json: Path | None = None) -> None:
+    """Time training of the same network on windows, as in the paper, and on whole sequences with carried state.
+
+    A window teaches one frame, its last; a sequence teaches every frame that it plays. Needs `bodysense[train]`.
+
+    Args:
+        steps: Optimiser steps of each, after one to warm up.
+        threads: Of PyTorch.
+        json: Write the numbers here, as one flat object.
+    """
+    from bodysense.cli.motion import packaged_performance
+    from bodysense.training.throughput import throughput
+
+    if steps < 1:
+        raise BodysenseError(f"--steps {steps}: give at least 1")
+    report("training", throughput(packaged_performance(), steps, threads), json)
 
 
 def percentiles(one: Callable[[int], None], frames: int) -> dict[str, float]:

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import tyro
 from tyro.extras import SubcommandApp
 
+from bodysense.cli import train_more
 from bodysense.errors import BodysenseError
 
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
@@ -18,6 +19,9 @@ def commands() -> SubcommandApp:
     """The group's commands."""
     group = SubcommandApp()
     group.command(body_gru)
+    group.command(unoc_tables)
+    group.command(train_more.fingers)
+    group.command(train_more.upper_body)
     group.command(card)
     return group
 
@@ -30,6 +34,7 @@ def body_gru(
     epochs: int = 5,
     window_stride: int = 1,
     passes: int = 2,
+    finger_passes: int = 6,
     lanes: int = 256,
     chunk: int = 12,
     hidden: int = 512,
@@ -50,7 +55,8 @@ def body_gru(
         steps: Optimiser steps of the shipped form.
         epochs: Epochs of the paper's form.
         window_stride: The paper's form learns from every n-th window; 1 is the paper's.
-        passes: How often the data is varied (mirrored, other limb lengths, lost hands) and seen anew.
+        passes: How often the data is varied (mirrored, other limb lengths, lost hands, frame rates) and seen anew.
+        finger_passes: How often more the clips with fingers are, for they are few.
         lanes: Clips that the shipped form plays side by side; many make its gradient steady.
         chunk: Frames of each through which it is differentiated; the state carries on beyond them.
         hidden: Size of the recurrent state.
@@ -61,12 +67,12 @@ def body_gru(
         licence: Of the network, for its card.
         data_note: What it was trained on, for its card.
     """
-    from bodysense.training.run import BodyGruRun, run_body_gru
+    from bodysense.training.run import BodyRun, run_body
 
     if out.suffix != ".onnx":
         raise BodysenseError(f"{out}: the network is written as .onnx; give a name that ends so")
-    run_body_gru(
-        BodyGruRun(
+    run_body(
+        BodyRun(
             data=data,
             out=out,
             form=form,
@@ -74,6 +80,7 @@ def body_gru(
             epochs=epochs,
             window_stride=window_stride,
             passes=passes,
+            finger_passes=finger_passes,
             lanes=lanes,
             chunk=chunk,
             hidden=hidden,
@@ -84,6 +91,49 @@ def body_gru(
             licence=licence,
             data_note=data_note,
         )
+    )
+
+
+def unoc_tables(
+    data: Path,
+    out: Output,
+    tables: tuple[str, ...] = ("2", "3", "4", "smoothness"),
+    networks: tuple[str, ...] = (),
+    epochs: int = 5,
+    window_stride: int = 1,
+    batch_scale: float = 1.0,
+    seed: int = 1,
+    jobs: int = 1,
+    threads: int | None = None,
+    devices: int = 1,
+    nodes: int = 1,
+) -> None:
+    """Train all networks of UNOC's Tables 2 to 4 into one folder; `bodysense evaluate unoc-table2` … read it.
+
+    Run it again to go on after a stop. For several machines start it on each with `torchrun` and give --nodes.
+
+    Args:
+        data: A folder of motion files or a prepared store; its train split is learned.
+        out: The folder.
+        tables: Which tables' networks: 2, 3, 4, smoothness.
+        networks: Single networks instead, by name.
+        epochs: Epochs; the paper's schedule has 5.
+        window_stride: Learn from every n-th window; 1 is the paper's.
+        batch_scale: Factor on the paper's batch sizes; with fewer windows, smaller batches keep the number of steps.
+        seed: Of everything random.
+        jobs: Networks trained side by side, each in a process of its own.
+        threads: Of PyTorch in each; its own choice by default.
+        devices: Accelerators, where there are any.
+        nodes: Machines that share each network's training.
+    """
+    from bodysense.training.tables import TablesRun, run_tables
+
+    if jobs < 1:
+        raise BodysenseError(f"--jobs {jobs}: give at least 1")
+    if not batch_scale > 0:
+        raise BodysenseError(f"--batch-scale {batch_scale:g}: give a positive number; 1 is the paper's")
+    run_tables(
+        TablesRun(data, out, tables, networks, epochs, window_stride, batch_scale, seed, jobs, threads, devices, nodes)
     )
 
 

@@ -62,13 +62,13 @@ def load_model(path: str | Path | None = None) -> Model:
             f"{path}: not a bodysense body network (format {card.get('format', 'not given')!r}, wanted {FORMAT!r}); "
             "give the .onnx that `bodysense train body-gru` wrote"
         )
-    missing = [key for key in ("points", "rate", "state") if key not in card]
+    missing = [key for key in ("points", "rate", "fastest_rate", "state") if key not in card]
     if missing:
         raise BodysenseError(f"{path}: its card has no {missing[0]!r}; export the network again")
-    return Model(session, {key: _field(value) for key, value in card.items() if key != "format"}, path.name)
+    return Model(session, {key: card_field(value) for key, value in card.items() if key != "format"}, path.name)
 
 
-def _field(text: str) -> Any:
+def card_field(text: str) -> Any:
     """A field of a card: JSON where we wrote it, plain text where another tool did."""
     try:
         return json.loads(text)
@@ -107,7 +107,7 @@ class Learned:
     @cached_property
     def _step_interval(self) -> float:
         """s between steps of the network; a frame a little early still counts."""
-        return 0.8 / float(self.model.card["rate"])
+        return 0.8 / float(self.model.card["fastest_rate"])
 
     @cached_property
     def _outputs(self) -> list[str]:
@@ -131,10 +131,12 @@ class Learned:
         head = self.skeleton.index("head")
         guesses, hidden, errors = [], [], []
         for t, time in enumerate(observation.time):
-            if has_position[t, head]:
-                state = replace(state, head_position=position[t, head])
-            if has_rotation[t, head]:
-                state = replace(state, head_rotation=rotation[t, head])
+            state = LearnedState(
+                state.network,
+                state.time,
+                position[t, head] if has_position[t, head] else state.head_position,
+                rotation[t, head] if has_rotation[t, head] else state.head_rotation,
+            )
             answer, state = self._run(position[t], has_position[t], float(time), state)
             for row, name in ((guesses, "completed"), (hidden, "occluded"), (errors, "error")):
                 row.append(answer[name][0, 0])

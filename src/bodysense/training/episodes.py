@@ -11,9 +11,11 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.data.augment import mirrored, with_limb_proportions
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
-from bodysense.models.body_gru import BodyGru, Tracked
+from bodysense.models.body_network import BodyNetwork, tracked_of
 from bodysense.occlusion.dropout import hide_hands
 from bodysense.occlusion.headset_camera import HeadsetCamera, observe
+
+RATE = 30.0  # Hz, of the paper
 
 
 @dataclass(frozen=True)
@@ -23,6 +25,7 @@ class Variation:
     mirrored: bool = False
     limb_spread: float = 0.0  # standard deviation of the factors of limb lengths
     hand_dropouts_per_minute: float = 0.0
+    rates: tuple[float, float] = (RATE, RATE)  # Hz: the frame rate is drawn between them
 
 
 @dataclass(frozen=True)
@@ -41,9 +44,11 @@ class Episode:
         return len(self.features)
 
 
-def make_episode(clip: Clip, model: BodyGru, variation: Variation, rng: np.random.Generator) -> Episode:
-    """See a canonical clip through the headset's cameras at 30 Hz and prepare it for `model`."""
-    clip = resample(clip, 30.0)
+def make_episode(clip: Clip, model: BodyNetwork, variation: Variation, rng: np.random.Generator) -> Episode:
+    """See a canonical clip through the headset's cameras and prepare it for `model`."""
+    low, high = variation.rates
+    rate = low if low == high else float(np.exp(rng.uniform(np.log(low), np.log(high))))
+    clip = resample(clip, rate)
     if variation.mirrored:
         clip = mirrored(clip)
     if variation.limb_spread:
@@ -52,21 +57,11 @@ def make_episode(clip: Clip, model: BodyGru, variation: Variation, rng: np.rando
     observation = observe(clip.pose, clip.time, HeadsetCamera())
     if variation.hand_dropouts_per_minute:
         observation = hide_hands(observation, variation.hand_dropouts_per_minute, rng)
-    position, _ = forward_kinematics(clip.pose)
-    skeleton = clip.pose.skeleton
-    visible = torch.from_numpy(observation.has_position)[None]
-    tracked = Tracked(
-        position=_tensor(position),
-        visible=visible,
-        head_position=_tensor(position[:, model.head]),
-        head_rotation=_tensor(observation.rotation[:, observation.points.index("head")]),
-        interval=torch.full((1, len(clip)), 1 / 30),
-        bone_length=_tensor(skeleton.bone_length),
-        height=torch.tensor([skeleton.height], dtype=torch.float32),
-    )
+    tracked = tracked_of(observation, clip.pose.skeleton)
+    truth = torch.from_numpy(np.asarray(forward_kinematics(clip.pose)[0], dtype=np.float32))[None]
     with torch.no_grad():
-        features, known, turn, _ = model.prepare(tracked, model.start(1))
-        offset = model.offsets(tracked.position, turn, tracked.head_position, tracked.height)
+        features, known, into, _ = model.prepare(tracked, model.start(1))
+        offset = model.offsets(truth, into, tracked.height)
     return Episode(
         name=clip.name,
         category=clip.category,
@@ -76,7 +71,3 @@ def make_episode(clip: Clip, model: BodyGru, variation: Variation, rng: np.rando
         visible=observation.has_position,
         fingers=clip.has_fingers,
     )
-
-
-def _tensor(values: np.ndarray) -> torch.Tensor:
-    return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))[None]

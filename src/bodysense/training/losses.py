@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from bodysense.models.body_gru import Answer, BodyGru
+from bodysense.models.body_network import Answer, BodyNetwork
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Truth:
     fingers: Tensor  # (B,) bool: clips with recorded fingers
 
 
-def body_loss(model: BodyGru, answer: Answer, truth: Truth, weights: LossWeights) -> dict[str, Tensor]:
+def body_loss(model: BodyNetwork, answer: Answer, truth: Truth, weights: LossWeights) -> dict[str, Tensor]:
     """The weighted terms and their sum, 'loss'. Distances are Euclidean; terms that a clip cannot teach are masked."""
     points, device = len(model.skeleton.points), truth.offset.device
     is_finger = torch.zeros(points, dtype=torch.bool, device=device)
@@ -66,7 +66,7 @@ def body_loss(model: BodyGru, answer: Answer, truth: Truth, weights: LossWeights
     return {"loss": torch.stack(list(terms.values())).sum(), **terms}
 
 
-def bones(model: BodyGru, offset: Tensor) -> Tensor:
+def bones(model: BodyNetwork, offset: Tensor) -> Tensor:
     """Vectors from every point's parent to the point, in the network's frame: (B, T, P, 3)."""
     parents = [max(parent, 0) for parent in model.skeleton.parents]
     at_wrist = [parent == model.origin[point] and point in model.finger for point, parent in enumerate(parents)]

@@ -16,16 +16,16 @@ from torch import Tensor, nn
 
 from bodysense.estimators.learned import FORMAT
 from bodysense.files import written_beside
-from bodysense.models.body_gru import BodyGru, State, Tracked
+from bodysense.models.body_network import BodyNetwork, State, Tracked
+from bodysense.training.episodes import RATE
 
-RATE = 30.0  # Hz of the frames that the network was trained on
 _HALF_FROM = 4096  # values: larger constants are stored in half precision
 
 
 class _OneStep(nn.Module):
     """The network with its state spelled out as separate inputs and outputs."""
 
-    def __init__(self, model: BodyGru) -> None:
+    def __init__(self, model: BodyNetwork) -> None:
         super().__init__()
         self.model = model
 
@@ -35,10 +35,11 @@ class _OneStep(nn.Module):
         return (*completed, *state)
 
 
-def write_onnx(model: BodyGru, path: Path, card: dict[str, Any]) -> None:
+def write_onnx(model: BodyNetwork, path: Path, card: dict[str, Any]) -> None:
     """Export one streaming step of `model` with its metadata; large weights in half precision.
 
-    `card` holds what a user should know: training data, licence, test figures. The file appears whole or not at all.
+    `card` holds what a user should know: training data, licence, test figures, and `fastest_rate`, Hz, where the
+    network was taught to step faster than at `RATE`. The file appears whole or not at all.
     """
     model = model.eval()
     points = len(model.skeleton.points)
@@ -62,6 +63,7 @@ def write_onnx(model: BodyGru, path: Path, card: dict[str, Any]) -> None:
     card = {
         "points": model.skeleton.points,
         "rate": RATE,
+        "fastest_rate": RATE,
         "state": start,
         "network": vars(model.config),
         "weights": sum(parameter.numel() for parameter in model.parameters()),
@@ -81,14 +83,14 @@ def write_onnx(model: BodyGru, path: Path, card: dict[str, Any]) -> None:
                 external_data=False,
                 verbose=False,
             )
-        written = _halve(onnx.load(str(beside)))
+        written = halve(onnx.load(str(beside)))
         fields = {"format": FORMAT} | {key: json.dumps(value) for key, value in card.items()}
         onnx.helper.set_model_props(written, fields)
         onnx.checker.check_model(written)
         onnx.save(written, str(beside))
 
 
-def _halve(model: onnx.ModelProto) -> onnx.ModelProto:
+def halve(model: onnx.ModelProto) -> onnx.ModelProto:
     """Store large weights as float16, cast back when the file is loaded: half the size, the same speed."""
     graph = model.graph
     casts = []
@@ -142,7 +144,8 @@ def card_text(name: str, fields: dict[str, str]) -> str:
         "",
         "Completes a body and its fingers from what a headset's cameras see (UNOC, Parger et al. 2021).",
         "",
-        f"- {read['form']}: GRU of {network['hidden']}, {read['weights']:,} weights, steps at {read['rate']:g} Hz",
+        f"- {read['form']}: GRU of {network['hidden']}, {read['weights']:,} weights, "
+        f"steps at up to {read['fastest_rate']:g} Hz",
         f"- points: {len(read['points'])} (52 joints of SMPL-H, 13 end sites)",
         f"- trained on: {read['training_data']}",
         f"- licence: {read['licence']}; seed {read['seed']}",

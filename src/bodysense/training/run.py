@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -20,18 +19,19 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.data.clip import Clip
 from bodysense.data.clips import open_clips
 from bodysense.errors import BodysenseError
-from bodysense.models.body_gru import PAPER, PAPER_WORLD_AXES, BodyGru, BodyGruConfig
-from bodysense.training.body_gru import Progress, Schedule, train, validate
-from bodysense.training.episodes import Episode, Variation, make_episode
+from bodysense.models.body_network import PAPER, BodyNetwork, BodyNetworkConfig
+from bodysense.training.body_network import Progress, Schedule, train, validate
+from bodysense.training.episodes import RATE, Episode, Variation, make_episode
 from bodysense.training.losses import LossWeights
 from bodysense.training.onnx_writing import write_onnx
 
 # What a wearer meets counts more than the error of a joint that is seen: the measured place overrides that one.
 SHIPPED_LOSS = LossWeights(occluded=3.0)
+VARIED_RATES = (20.0, 60.0)  # Hz
 
 
 @dataclass(frozen=True)
-class BodyGruRun:
+class BodyRun:
     """What `bodysense train body-gru` was asked for."""
 
     data: Path
@@ -41,6 +41,7 @@ class BodyGruRun:
     epochs: int
     window_stride: int
     passes: int
+    finger_passes: int
     lanes: int
     chunk: int
     hidden: int
@@ -52,7 +53,7 @@ class BodyGruRun:
     data_note: str
 
 
-def run_body_gru(run: BodyGruRun) -> None:
+def run_body(run: BodyRun) -> None:
     """Train, export, and leave the log (`.jsonl`) and checkpoint (`.ckpt`) beside the network."""
     if not run.out.parent.is_dir():
         raise BodysenseError(f"{run.out}: the folder {run.out.parent} does not exist; create it")
@@ -60,9 +61,9 @@ def run_body_gru(run: BodyGruRun) -> None:
         torch.set_num_threads(run.threads)
     torch.manual_seed(run.seed)
     console = Console()
-    forms = {"shipped": BodyGruConfig(), "paper": PAPER, "paper-world-axes": PAPER_WORLD_AXES}
+    forms = {"shipped": BodyNetworkConfig(), "paper": PAPER, "paper-world-axes": replace(PAPER, frame="world")}
     config = replace(forms[run.form], hidden=run.hidden)
-    model = BodyGru(config, default_skeleton())
+    model = BodyNetwork(config, default_skeleton())
     shipped = run.form == "shipped"
     schedule = Schedule(
         steps=run.steps,
@@ -75,12 +76,9 @@ def run_body_gru(run: BodyGruRun) -> None:
         average_decay=0.999 if shipped else 0.0,
         loss=SHIPPED_LOSS if shipped else LossWeights(),
     )
-    episodes = [
-        episode
-        for number in range(run.passes)
-        for episode in see(run, model, "train", variation_of(number, shipped), number)
-    ]
-    validation = list(see(run, model, "val", Variation(), 0))
+    variations = tuple(variation_of(number, shipped) for number in range(run.passes + run.finger_passes))
+    episodes = see(run, model, "train", variations)
+    validation = see(run, model, "val", (Variation(),))
     frames = sum(len(episode) for episode in episodes)
     console.print(f"{len(episodes)} clips, {frames / 30 / 60:.0f} minutes, {model.features} features a frame")
 
@@ -105,6 +103,7 @@ def run_body_gru(run: BodyGruRun) -> None:
             "licence": run.licence,
             "training_data": run.data_note or f"{len(episodes)} clips, {frames / 30 / 60:.0f} minutes at 30 Hz",
             "form": run.form,
+            "fastest_rate": VARIED_RATES[1] if shipped and len(variations) > 1 else RATE,
             "seed": run.seed,
             "validation": {f"{name}_occluded_rmsjpe_cm": round(value, 2) for name, value in scores.items()},
         }
@@ -120,29 +119,38 @@ def variation_of(number: int, shipped: bool) -> Variation:
         mirrored=number % 2 == 1,
         limb_spread=0.0 if number == 0 else 0.05,
         hand_dropouts_per_minute=0.0 if number == 0 else 6.0,
+        rates=(RATE, RATE) if number == 0 else VARIED_RATES,
     )
 
 
 def see(
-    run: BodyGruRun, model: BodyGru, split: Literal["train", "val"], variation: Variation, number: int
-) -> Iterator[Episode]:
-    """All clips of a split as episodes, prepared by several processes."""
-    make = partial(_seeded_episode, config=model.config, variation=variation, seed=(run.seed, number))
+    run: BodyRun, model: BodyNetwork, split: Literal["train", "val"], variations: tuple[Variation, ...]
+) -> list[Episode]:
+    """All clips of a split as episodes, an episode a variation, prepared by several processes.
+
+    Of the variations a clip without fingers takes the first `run.passes` only.
+    """
+    make = partial(_episodes_of, config=model.config, variations=variations, passes=run.passes, seed=run.seed)
     clips = enumerate(open_clips(run.data, split))
-    description = f"seeing the {split} split" + (f", pass {number + 1} of {run.passes}" if split == "train" else "")
     with ProcessPoolExecutor(initializer=torch.set_num_threads, initargs=(1,)) as pool:
-        yield from track(pool.map(make, clips, chunksize=4), description=description)
+        made = track(pool.map(make, clips, chunksize=4), description=f"seeing the {split} split")
+        return [episode for episodes in made for episode in episodes]
 
 
-def _seeded_episode(
-    numbered: tuple[int, Clip], config: BodyGruConfig, variation: Variation, seed: tuple[int, int]
-) -> Episode:
-    """Every clip has a generator of its own, so that the order of work does not matter."""
+def _episodes_of(
+    numbered: tuple[int, Clip], config: BodyNetworkConfig, variations: tuple[Variation, ...], passes: int, seed: int
+) -> list[Episode]:
+    """Every clip and variation has a generator of its own, so that the order of work does not matter."""
     index, clip = numbered
-    return make_episode(clip, _untrained(config), variation, np.random.default_rng([*seed, index]))
+    chosen = variations if clip.has_fingers else variations[:passes]
+    network = _untrained(config)
+    return [
+        make_episode(clip, network, variation, np.random.default_rng([seed, number, index]))
+        for number, variation in enumerate(chosen)
+    ]
 
 
 @lru_cache(maxsize=1)
-def _untrained(config: BodyGruConfig) -> BodyGru:
+def _untrained(config: BodyNetworkConfig) -> BodyNetwork:
     """A network that prepares features in a worker; its weights do not matter for that."""
-    return BodyGru(config, default_skeleton())
+    return BodyNetwork(config, default_skeleton())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -13,17 +14,30 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
+from bodysense.errors import BodysenseError
 from bodysense.estimators.learned import load_model
-from bodysense.models.body_gru import BodyGru, BodyGruConfig, Completed, State, Tracked
+from bodysense.models.body_network import (
+    PAPER,
+    BodyNetwork,
+    BodyNetworkConfig,
+    Completed,
+    State,
+    Tracked,
+    read_weights,
+    tracked_of,
+    write_weights,
+)
+from bodysense.occlusion.headset_camera import observe
 from bodysense.training.onnx_writing import write_onnx
 
-CARRIED = BodyGruConfig(hidden=16, branch=(16,))
-WINDOWED = BodyGruConfig(hidden=16, branch=(16,), window=5, inputs="positions")
+CARRIED = BodyNetworkConfig(hidden=16, branch=(16,), finger_branch=(8,), judge_branch=(8,))
+WINDOWED = replace(PAPER, hidden=16, branch=(16,), judge_branch=(16,), window=5)
 WORLD_AXES = replace(WINDOWED, frame="world")
 FORMS = {
     "carried": CARRIED,
@@ -31,15 +45,22 @@ FORMS = {
     "windowed, world axes": WORLD_AXES,
     "windowed headset": replace(CARRIED, window=3),
     "carried positions": replace(CARRIED, inputs="positions"),
+    "carried lstm": replace(CARRIED, cell="lstm"),
+    "carried rnn": replace(CARRIED, cell="rnn"),
+    "convolutions": replace(WINDOWED, cell="tcn", window=9),
+    "windowed, mask given": replace(WINDOWED, inputs="positions_and_mask", judges=()),
+    "head-local fingers": replace(CARRIED, finger_origin="head"),
+    "without skip": replace(WINDOWED, skip=False),
 }
+SMALL = BodyNetworkConfig(hidden=16, branch=(16,))  # of the fixture `small_network`
 SKELETON = default_skeleton()
 HEAD = SKELETON.index("head")
 
 
 @pytest.fixture(scope="module")
-def networks() -> dict[str, BodyGru]:
+def networks() -> dict[str, BodyNetwork]:
     torch.manual_seed(1)
-    return {name: BodyGru(config, SKELETON).eval() for name, config in FORMS.items()}
+    return {name: BodyNetwork(config, SKELETON).eval() for name, config in FORMS.items()}
 
 
 def motion(frames: int, seed: int, batch: int = 1, hidden: float = 0.5) -> Tracked:
@@ -69,7 +90,7 @@ def cut(tracked: Tracked, frames: slice) -> Tracked:
 
 
 @torch.no_grad()
-def complete(network: BodyGru, tracked: Tracked, cuts: list[int] | None = None) -> tuple[Completed, State]:
+def complete(network: BodyNetwork, tracked: Tracked, cuts: list[int] | None = None) -> tuple[Completed, State]:
     """The whole motion, handed over in pieces that end at `cuts`."""
     batch, frames = tracked.visible.shape[:2]
     state, pieces = network.start(batch), []
@@ -102,11 +123,11 @@ def test_a_window_ends_at_its_frame(networks) -> None:
     stands in for those before the beginning."""
     network = networks["windowed"]
     features = torch.randn(2, 8, network.features, generator=torch.Generator().manual_seed(0))
-    hidden, memory = network.remember(features, network.start(2).memory)
+    hidden, memory = network.recurrent(features, network.start(2).memory)
     padded = torch.cat([features[:, :1]] * 4 + [features], dim=1)
     for frame in range(8):
-        _, last = network.gru(padded[:, frame : frame + 5])
-        np.testing.assert_allclose(hidden[:, frame].detach().numpy(), last[0].detach().numpy(), atol=1e-6)
+        last = network.recurrent.last(padded[:, frame : frame + 5])
+        np.testing.assert_allclose(hidden[:, frame].detach().numpy(), last.detach().numpy(), atol=1e-6)
     assert torch.equal(memory, features[:, 3:])
 
 
@@ -195,15 +216,16 @@ def test_a_finger_counts_as_seen_only_with_its_wrist(networks) -> None:
 
 def test_an_untrained_change_of_zero_repeats_the_last_known(networks) -> None:
     """What the network adds is a change of the last known offsets: with the change at zero, they are the answer."""
-    network = BodyGru(CARRIED, SKELETON).eval()
-    for parameter in network.place[-1].parameters():
+    network = BodyNetwork(CARRIED, SKELETON).eval()
+    assert network.place_fingers is not None
+    for parameter in [*network.place[-1].parameters(), *network.place_fingers[-1].parameters()]:
         torch.nn.init.zeros_(parameter)
     tracked = motion(1, 7, hidden=0.0)
     answer, _ = complete(network, tracked)
     np.testing.assert_allclose(answer.position.numpy(), tracked.position.numpy(), atol=1e-5)
     nothing = tracked._replace(visible=torch.zeros_like(tracked.visible))
     standing, _ = forward_kinematics(standing_pose(SKELETON.scaled(float(tracked.height))))
-    turn = network.heading(tracked.head_rotation)[0, 0].numpy()
+    turn = network.facing(tracked.head_rotation)[0][0, 0].numpy()
     yaw = np.array([0.0, np.arctan2(turn[1], turn[0]), 0.0])
     expected = quaternion_rotate(quaternion_exp(yaw), standing - standing[HEAD]) + tracked.head_position[0, 0].numpy()
     np.testing.assert_allclose(complete(network, nothing)[0].position[0, 0].numpy(), expected, atol=1e-5)
@@ -213,7 +235,7 @@ def test_an_untrained_change_of_zero_repeats_the_last_known(networks) -> None:
 def test_a_head_upside_down_has_some_heading(networks, rotation: list[float]) -> None:
     """Turned by exactly π about a horizontal axis, it has no heading; the answer must be a body all the same."""
     tracked = motion(3, 2)._replace(head_rotation=torch.tensor(rotation).expand(1, 3, 4))
-    turn = networks["carried"].heading(tracked.head_rotation)
+    turn, *_ = networks["carried"].facing(tracked.head_rotation)
     np.testing.assert_allclose(torch.linalg.norm(turn, dim=-1).numpy(), 1.0, atol=1e-6)
     assert_same(complete(networks["carried"], tracked)[0], complete(networks["carried"], tracked, [1, 2])[0], 1e-5)
 
@@ -228,6 +250,63 @@ def test_gradients_are_finite(form: str, networks) -> None:
         assert parameter.grad is not None and torch.isfinite(parameter.grad).all(), name
         assert parameter.grad.abs().sum() > 0 or name.endswith("hh_l0"), name
         parameter.grad = None
+
+
+def test_a_head_faces_where_its_rotation_says() -> None:
+    """Against SciPy: heading, forward and up of a turn about +Y after a tilt."""
+    network = BodyNetwork(SMALL, SKELETON)
+    yaw = Rotation.from_euler("y", [[0.3], [-2.0], [3.0]])
+    tilt = Rotation.from_euler("xz", [[0.5, 0.1], [-0.7, 0.4], [1.2, -0.3]])
+    turned = torch.tensor((yaw * tilt).as_quat(scalar_first=True)[None], dtype=torch.float32)
+    heading, into, vectors = network.facing(turned)
+    angle = torch.atan2(heading[0, :, 1], heading[0, :, 0])
+    w, y = turned[0, :, 0], turned[0, :, 2]
+    np.testing.assert_allclose(np.exp(1j * angle.numpy()), np.exp(2j * np.arctan2(y.numpy(), w.numpy())), atol=1e-6)
+    back = Rotation.from_euler("y", -angle.numpy()[:, None])
+    np.testing.assert_allclose(into[0].mT.numpy(), back.as_matrix(), atol=1e-6)
+    for row, axis in enumerate(([0, 0, 1], [0, 1, 0])):
+        np.testing.assert_allclose(vectors[0, :, row].numpy(), (back * yaw * tilt).apply(axis), atol=1e-6)
+
+
+def test_convolutions_see_their_window_and_nothing_else(networks) -> None:
+    recurrent = networks["convolutions"].recurrent
+    features = torch.randn(1, 9, recurrent.features, generator=torch.Generator().manual_seed(0), requires_grad=True)
+    recurrent.last(features).sum().backward()
+    assert features.grad is not None and (features.grad.abs().sum(dim=-1) > 0).all()
+
+
+@pytest.mark.parametrize("window", [None, 5, 1])
+def test_convolutions_need_a_power_of_three(window: int | None) -> None:
+    with pytest.raises(BodysenseError, match="window of 3, 9, 27, 81"):
+        BodyNetwork(replace(WINDOWED, cell="tcn", window=window), SKELETON)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_weights_come_back(form: str, networks, tmp_path: Path) -> None:
+    write_weights(networks[form], tmp_path / "a.pt")
+    again = read_weights(tmp_path / "a.pt", SKELETON)
+    assert again.config == networks[form].config
+    tracked = motion(4, 1)
+    assert_same(complete(networks[form], tracked)[0], complete(again, tracked)[0], 0.0)
+
+
+def test_what_is_no_network_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BodysenseError, match="no such network"):
+        read_weights(tmp_path / "a.pt", SKELETON)
+    (tmp_path / "a.pt").write_bytes(b"not a network")
+    with pytest.raises(BodysenseError, match="no network of these tables"):
+        read_weights(tmp_path / "a.pt", SKELETON)
+
+
+def test_an_observation_is_what_the_network_reads(waving_clip) -> None:
+    seen = observe(waving_clip.pose, waving_clip.time)
+    tracked = tracked_of(seen, waving_clip.pose.skeleton)
+    assert tracked.visible.shape == (1, len(waving_clip), len(SKELETON.points))
+    np.testing.assert_array_equal(tracked.visible[0].numpy(), seen.has_position)
+    shown = seen.has_position
+    np.testing.assert_allclose(tracked.position[0].numpy()[shown], seen.position[shown], atol=1e-6)
+    assert torch.isfinite(tracked.position).all()
+    np.testing.assert_allclose(tracked.interval[0].numpy(), 1 / waving_clip.frame_rate, atol=1e-6)
 
 
 # --- the exported file
@@ -252,11 +331,11 @@ def run_onnx(path: Path, tracked: Tracked) -> list[np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def exported(small_network: Path) -> tuple[Path, BodyGru, BodyGru]:
+def exported(small_network: Path) -> tuple[Path, BodyNetwork, BodyNetwork]:
     """The file, the network that was exported, and the same with its large weights rounded to half precision."""
     torch.manual_seed(0)
-    network = BodyGru(CARRIED, SKELETON).eval()
-    rounded = BodyGru(CARRIED, SKELETON).eval()
+    network = BodyNetwork(SMALL, SKELETON).eval()
+    rounded = BodyNetwork(SMALL, SKELETON).eval()
     rounded.load_state_dict(
         {name: value.half().float() if value.numel() >= 4096 else value for name, value in network.state_dict().items()}
     )
@@ -282,7 +361,10 @@ def test_the_file_describes_itself(exported) -> None:
     assert tuple(model.card["points"]) == SKELETON.points
     assert model.card["rate"] == 30.0
     assert model.card["licence"] == "Apache-2.0"
-    assert model.card["network"] == {**vars(CARRIED), "branch": [16]}
+    told: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in model.card["network"].items()
+    }
+    assert BodyNetworkConfig(**told) == SMALL
     assert model.card["weights"] == sum(parameter.numel() for parameter in network.parameters())
     assert set(model.card["state"]) == {f"state_{name}" for name in State._fields}
     inputs = {entry.name for entry in model.session.get_inputs()}

