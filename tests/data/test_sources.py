@@ -60,6 +60,20 @@ def described(tmp_path: Path, make_clip) -> Path:
     return tmp_path
 
 
+def test_the_folder_of_one_set_is_described_too(described: Path) -> None:
+    """Its people, splits, categories and bodies are those that the folder above it tells."""
+    whole = [source for source in list_sources(described) if source.path.parent.parent.name == "cmu"]
+    part = list_sources(described / "cmu")
+    assert [source.path for source in part] == [source.path for source in whole]
+    for ours, theirs in zip(part, whole, strict=True):
+        assert (ours.person, ours.split, ours.category) == (theirs.person, theirs.split, theirs.category)
+        assert ours.skeleton is not None and theirs.skeleton is not None
+        np.testing.assert_array_equal(ours.skeleton.rest_offset, theirs.skeleton.rest_offset)
+    (described / "other").mkdir()
+    (described / "other" / "x_1.npz").write_bytes((described / "cmu" / "01" / "01_01.npz").read_bytes())
+    assert list_sources(described / "other")[0].person == "x", "not a set of the description"
+
+
 def test_a_described_folder(described: Path) -> None:
     clips = list(open_clips(described))
     assert [(c.name, c.person, c.category, c.frame_rate) for c in clips] == [

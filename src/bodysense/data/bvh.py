@@ -74,6 +74,11 @@ def read_bvh(path: str | Path, unit: float | None = None, up: Literal["Y", "Z"] 
         data = path.read_bytes()
     except OSError as error:
         raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
+    return parse_bvh(data, path, unit, up)
+
+
+def parse_bvh(data: bytes, path: Path, unit: float | None = None, up: Literal["Y", "Z"] = "Y") -> Clip:
+    """What `read_bvh` makes of a file's bytes, wherever they are from; `path` names it in messages and the clip."""
     if not data.removeprefix(b"\xef\xbb\xbf").lstrip()[:9].upper() == b"HIERARCHY":
         raise BodysenseError(f"{path}: is not a BVH file: it does not begin with HIERARCHY")
     motion = _MOTION.search(data)

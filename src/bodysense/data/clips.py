@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 from bodysense.data.clip import Clip
+from bodysense.data.layouts import Layout
 from bodysense.data.sources import list_sources, read_source
 from bodysense.data.splits import SPLITS, Split
 from bodysense.data.store import read_store
@@ -17,12 +18,30 @@ def open_clips(
     directory: str | Path,
     split: Split | Literal["all"] = "all",
     categories: Collection[str] | None = None,
+    layout: Layout | None = None,
+    at_most: int | None = None,
 ) -> Iterator[Clip]:
     """The clips of a folder or a store one after the other, in canonical form, at their own frame rates.
 
-    `categories` None takes all. Raises BodysenseError where nothing is left, and for the first file that cannot be
-    read (`prepare` skips such files and says why).
+    `categories` None takes all; `layout` None recognises a folder's (`data.layouts`); `at_most` takes so many, spread
+    evenly. Raises BodysenseError where nothing is left, and for the first file that cannot be read (`prepare` skips
+    such files and says why).
     """
+    chosen, clip_at = _choose(directory, split, categories, layout)
+    if at_most is not None and at_most < len(chosen):
+        chosen = [chosen[(2 * k + 1) * len(chosen) // (2 * at_most)] for k in range(at_most)]
+    return map(clip_at, chosen)
+
+
+def count_clips(directory: str | Path, split: Split | Literal["all"] = "all") -> int:
+    """How many clips `open_clips` gives. Raises as it does."""
+    return len(_choose(directory, split, None, None)[0])
+
+
+def _choose(
+    directory: str | Path, split: Split | Literal["all"], categories: Collection[str] | None, layout: Layout | None
+) -> tuple[list[int], Callable[[int], Clip]]:
+    """Places of the clips asked for, and what reads the clip at a place."""
     if split != "all" and split not in SPLITS:
         raise BodysenseError(f"unknown split {split!r}; valid are {', '.join(SPLITS)} and all")
     rows: Sequence[Any]
@@ -30,7 +49,7 @@ def open_clips(
         store = read_store(directory)
         rows, clip_at = store.table.clips, store.clip
     else:
-        sources = list_sources(directory)
+        sources = list_sources(directory, layout)
         rows, clip_at = sources, lambda index: read_source(sources[index])
     chosen = [
         index
@@ -43,4 +62,4 @@ def open_clips(
             f"{directory}: none of its {len(rows)} clips is of split {split!r}"
             + ("" if categories is None else f" and of {', '.join(categories)}; its categories are {known}")
         )
-    return map(clip_at, chosen)
+    return chosen, clip_at

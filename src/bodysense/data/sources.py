@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import csv
 import json
-import re
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from bodysense.body.skeleton import Skeleton
 from bodysense.data.amass import read_amass
-from bodysense.data.bvh import read_bvh
+from bodysense.data.archive import SUFFIXES, ZIP, MotionFile, motion_files
+from bodysense.data.bvh import parse_bvh
 from bodysense.data.canonical import canonical, complete_skeleton
 from bodysense.data.clip import Clip
-from bodysense.data.splits import SPLITS, Split, split_of
+from bodysense.data.layouts import Layout, labelled, layout_of
+from bodysense.data.splits import SPLITS, Split
+from bodysense.data.stance import standing_rest
 from bodysense.errors import BodysenseError
-
-READERS = {".bvh": read_bvh, ".npz": read_amass}
 
 
 @dataclass(frozen=True)
@@ -31,16 +32,22 @@ class Source:
     split: Split
     category: str = ""
     skeleton: Skeleton | None = None  # of the body, where the file does not hold it
+    member: str = ""  # of the zip file at `path`
+    rest: Literal["given", "found"] = "given"  # found: in the motion, if the file's is no standing body (`stance`)
+
+    @property
+    def file(self) -> MotionFile:
+        """Where it lies."""
+        return MotionFile(self.path, self.member)
+
+    def key(self, directory: Path) -> str:
+        """Its place in a folder, the name of the zip file included."""
+        return self.file.place.relative_to(directory).as_posix()
 
 
 def read_motion(path: str | Path) -> Clip:
     """Read a .bvh or .npz (AMASS) file, as it is. Raises BodysenseError for other files and damaged ones."""
-    path = Path(path)
-    if path.suffix.lower() not in READERS:
-        raise BodysenseError(f"{path}: unknown kind of file {path.suffix!r}; valid are {', '.join(READERS)}")
-    if path.is_file() and path.stat().st_size == 0:
-        raise BodysenseError(f"{path}: the file is empty; copy or export it again")
-    return READERS[path.suffix.lower()](path)
+    return _read(MotionFile(Path(path)))
 
 
 def read_source(source: Source) -> Clip:
@@ -48,28 +55,40 @@ def read_source(source: Source) -> Clip:
     if source.skeleton is not None:
         clip = read_amass(source.path, source.skeleton)
     else:
-        clip = read_motion(source.path)
-    if source.path.suffix.lower() == ".bvh":
-        clip = replace(canonical(replace(clip, name=str(source.path))), name=clip.name)  # errors name the file
+        clip = _read(source.file)
+    place = source.file.place
+    if place.suffix.lower() == ".bvh":
+        named = replace(clip, name=str(place))  # errors name the file
+        clip = replace(canonical(named, rest=standing_rest(named) if source.rest == "found" else None), name=clip.name)
     return replace(clip, person=source.person, category=source.category)
 
 
-def list_sources(directory: str | Path) -> list[Source]:
-    """The motion files of a folder, sorted by path.
+def list_sources(directory: str | Path, layout: Layout | None = None) -> list[Source]:
+    """The motion files of a folder, those in zip files included, sorted by path.
 
-    A folder with `splits.json` is read by that file, `categories.csv` and `skeletons.json` (see docs/data.md). In any
-    other, the person is the first folder below `directory`; of files that lie in it, the 'subject5' in the name, or
-    else the name up to the first '_'. The split follows from the person's name. Raises BodysenseError where there is
-    no file.
+    A folder with `splits.json` is read by that file, `categories.csv` and `skeletons.json` (see docs/data.md), and so
+    is the folder of one of its sets. The published data sets that `data.layouts` describes are recognised by what is in
+    the folder, or taken to be of `layout`. In any other, the person is the first folder below `directory`; of files
+    that lie in it, the 'subject5' in the name, or else the name up to the first '_'. The split follows from the
+    person's name. Raises BodysenseError where there is no file, and where the folder is not of the layout asked for.
     """
     directory = Path(directory)
     if not directory.is_dir():
         raise BodysenseError(f"{directory}: no such folder; give a folder of .bvh or .npz files")
-    described = (directory / "splits.json").is_file()
-    sources = _described_sources(directory) if described else _plain_sources(directory)
+    if layout is None and (directory / "splits.json").is_file():
+        sources = _described_sources(directory)
+    elif layout is None and directory.name in _described_sets(directory.parent):
+        sources = [one for one in _described_sources(directory.parent) if one.path.is_relative_to(directory)]
+    else:
+        files = motion_files(directory)
+        rows = labelled(layout or layout_of(directory, files), directory, files) if files else []
+        sources = [
+            Source(row.file.path, row.person, row.split, row.category, member=row.file.member, rest=row.rest)
+            for row in rows
+        ]
     if not sources:
         raise BodysenseError(f"{directory}: no .bvh or .npz file in it; give a folder of motion files")
-    return sorted(sources, key=lambda source: source.path)
+    return sorted(sources, key=lambda source: source.file)
 
 
 def skeleton_from_entry(entry: dict[str, Any]) -> Skeleton:
@@ -88,6 +107,14 @@ def skeleton_from_entry(entry: dict[str, Any]) -> Skeleton:
     )
 
 
+def _described_sets(directory: Path) -> Collection[str]:
+    """The sets that a folder's splits.json names; none where there is no such file."""
+    try:
+        return json.loads((directory / "splits.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return ()
+
+
 def _described_sources(directory: Path) -> list[Source]:
     """Files of a folder that has splits.json ({set: {split: people or clips}}), categories.csv and skeletons.json."""
     try:
@@ -102,7 +129,7 @@ def _described_sources(directory: Path) -> list[Source]:
         sources = []
         for name, of_split in splits.items():
             split = {key: which for which, keys in of_split.items() for key in keys}
-            for path in (path for path in (directory / name).rglob("*") if path.suffix.lower() in READERS):
+            for path in (path for path in (directory / name).rglob("*") if path.suffix.lower() in SUFFIXES):
                 inside = path.parent != directory / name
                 person = path.parent.name if inside else path.stem.partition("_")[0]
                 which = split.get(person if inside else path.stem)
@@ -117,12 +144,13 @@ def _described_sources(directory: Path) -> list[Source]:
     return sources
 
 
-def _plain_sources(directory: Path) -> list[Source]:
-    """Files of any folder, the person by the rule that `list_sources` says."""
-    sources = []
-    for path in (path for path in directory.rglob("*") if path.suffix.lower() in READERS and path.is_file()):
-        parts = path.relative_to(directory).parts
-        subject = re.search(r"subject_?\d+", path.stem, re.IGNORECASE)
-        person = parts[0] if len(parts) > 1 else subject[0] if subject else path.stem.partition("_")[0]
-        sources.append(Source(path, person, split_of(person)))
-    return sources
+def _read(file: MotionFile) -> Clip:
+    """The clip of a file, as it is."""
+    suffix = file.place.suffix
+    if suffix.lower() not in (*SUFFIXES, ZIP):
+        raise BodysenseError(f"{file.place}: unknown kind of file {suffix!r}; valid are {', '.join(SUFFIXES)}")
+    if not file.member and file.path.is_file() and file.path.stat().st_size == 0:
+        raise BodysenseError(f"{file.path}: the file is empty; copy or export it again")
+    if suffix.lower() == ".npz":
+        return read_amass(file.path)
+    return parse_bvh(file.read(), file.place)

@@ -10,7 +10,6 @@ It is built beside its place, in `<store>.part`, and renamed when it is whole. N
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -25,6 +24,7 @@ from bodysense.body.pose import Pose
 from bodysense.body.rotation import normalize
 from bodysense.body.skeleton import default_skeleton
 from bodysense.data.clip import Clip
+from bodysense.data.layouts import Layout
 from bodysense.data.resample import resample
 from bodysense.data.sources import Source, list_sources, read_source
 from bodysense.data.splits import Split
@@ -99,16 +99,18 @@ def prepare(
     rate: float = 30.0,
     workers: int | None = None,
     scheduler: str | None = None,
+    layout: Layout | None = None,
 ) -> Store:
     """Turn a folder of motion files into a store at `rate` Hz, in parallel, and say what was skipped and why.
 
     `workers` processes of this machine do it (None: one for each processor; 1: this process alone), or, where
     `scheduler` is its address ('tcp://host:8786'), a Dask cluster that sees the same folders. A stopped run goes on
-    where it was when it is run again; a finished one is left as it is. Raises BodysenseError where the folder has no
-    motion, where nothing in it can be read, and where `store_path` was made from other files or at another rate.
+    where it was when it is run again; a finished one is left as it is. `layout` None recognises the folder's
+    (`data.layouts`). Raises BodysenseError where the folder has no motion, where nothing in it can be read, and where
+    `store_path` was made from other files or at another rate.
     """
     directory, store_path = Path(directory), Path(store_path)
-    sources = {source.path.relative_to(directory).as_posix(): source for source in list_sources(directory)}
+    sources = {source.key(directory): source for source in list_sources(directory, layout)}
     if is_store(store_path):
         store = read_store(store_path)
         _check_same(store_path, store.table, rate, sources, whole=True)
@@ -199,7 +201,7 @@ def _check_same(path: Path, table: Table, rate: float, sources: Mapping[str, Sou
         raise BodysenseError(f"{path} is at {table.rate:g} Hz, not {rate:g}; give another place or remove it")
     rows = [*table.clips, *table.skipped]
     for row in rows:
-        if row.source not in sources or (not whole and _sha256(sources[row.source].path) != row.sha256):
+        if row.source not in sources or (not whole and sources[row.source].file.sha256() != row.sha256):
             raise BodysenseError(
                 f"{path} was made with another {row.source} than there is now; give another place or remove it"
             )
@@ -211,10 +213,7 @@ def _check_same(path: Path, table: Table, rate: float, sources: Mapping[str, Sou
 
 def _prepared(source: Source, rate: float) -> tuple[Clip | str, str]:
     """The clip at `rate`, or why there is none; and the hash of its file. Runs in the workers."""
-    try:
-        sha256 = _sha256(source.path)
-    except OSError as error:
-        return f"cannot be read ({error.strerror})", ""
+    sha256 = source.file.sha256()
     try:
         clip = resample(read_source(source), rate)
     except BodysenseError as error:
@@ -222,11 +221,6 @@ def _prepared(source: Source, rate: float) -> tuple[Clip | str, str]:
     pose = clip.pose
     small = Pose(pose.skeleton, pose.root_position.astype(np.float32), pose.rotation.astype(np.float32))
     return replace(clip, pose=small), sha256
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _computed(

@@ -1,0 +1,137 @@
+"""Motion files where they lie: on disk, or in a zip file, which is read without unpacking it to disk."""
+
+from __future__ import annotations
+
+import hashlib
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path, PurePath, PurePosixPath
+from typing import IO
+
+from bodysense.errors import BodysenseError
+
+SUFFIXES = (".bvh", ".npz")  # of files on disk; in a zip file only .bvh is looked for
+ZIP = ".zip"
+# What a damaged, encrypted or foreign zip file raises when it is opened or read.
+_BROKEN = (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError, ValueError)
+
+
+@dataclass(frozen=True, order=True)
+class MotionFile:
+    """A motion file on disk, or a member of the zip file at `path`.
+
+    A zip file without a member is one that no motion can be read from; reading it says why.
+    """
+
+    path: Path
+    member: str = ""  # name in the zip file; '' for a file of its own
+
+    @property
+    def place(self) -> Path:
+        """Where it is, for messages and for its name: `session1/take2.zip/take2_deep1.bvh`."""
+        return self.path / self.member.lstrip("/") if self.member else self.path
+
+    def inside(self, directory: Path) -> PurePosixPath:
+        """Its place relative to `directory`, a zip file counted as the folder that unpacking it would make."""
+        place = PurePosixPath(self.path.relative_to(directory).as_posix())
+        return place.with_suffix("") / self.member.lstrip("/") if self.path.suffix.lower() == ZIP else place
+
+    def read(self) -> bytes:
+        """All its bytes. Raises BodysenseError, naming it, where it cannot be read."""
+        with self._opened() as stream:
+            return stream.read()
+
+    def head(self, count: int = 512) -> bytes:
+        """Its first bytes; none where it cannot be read (reading it whole says why)."""
+        try:
+            with self._opened() as stream:
+                return stream.read(count)
+        except BodysenseError:
+            return b""
+
+    def sha256(self) -> str:
+        """Hash of its bytes, as hexadecimal digits; '' where it cannot be read (reading it says why)."""
+        digest = hashlib.sha256()
+        try:
+            with self._opened() as stream:
+                while block := stream.read(1 << 20):
+                    digest.update(block)
+        except BodysenseError:
+            return ""
+        return digest.hexdigest()
+
+    @contextmanager
+    def _opened(self) -> Iterator[IO[bytes]]:
+        if self.path.suffix.lower() == ZIP and not self.member:
+            raise BodysenseError(_why_not(self.path))
+        try:
+            if self.member:
+                with zipfile.ZipFile(self.path) as archive, archive.open(self.member) as stream:
+                    yield stream
+            else:
+                with self.path.open("rb") as stream:
+                    yield stream
+        except KeyError:
+            raise BodysenseError(f"{self.place}: the zip file has no such member; was it replaced?") from None
+        except _BROKEN as error:
+            if self.member:
+                raise BodysenseError(f"{self.place}: {_damaged(error)}") from None
+            raise BodysenseError(f"{self.path}: cannot be read ({getattr(error, 'strerror', error)})") from None
+
+
+def motion_files(directory: Path) -> list[MotionFile]:
+    """The .bvh and .npz files below a folder and the .bvh members of the zip files there, sorted.
+
+    A zip file that lies beside its own unpacked copy is counted once, as the copy. One that is damaged or has no .bvh
+    stands in the list by itself, so that it is reported when it is read.
+    """
+    files: list[MotionFile] = []
+    for path in (path for path in directory.rglob("*") if path.is_file() and not _is_shadow(path)):
+        suffix = path.suffix.lower()
+        if suffix in SUFFIXES:
+            files.append(MotionFile(path))
+        elif suffix == ZIP:
+            try:
+                members = _members(path)
+            except _BROKEN:
+                members = []
+            files += [MotionFile(path, member) for member in members if not _is_unpacked(path, member)]
+            files += [] if members else [MotionFile(path)]
+    return sorted(set(files))
+
+
+def _members(path: Path) -> list[str]:
+    """Names of the BVH files in a zip file."""
+    with zipfile.ZipFile(path) as archive:
+        names = [entry.filename for entry in archive.infolist() if entry.filename.lower().endswith(".bvh")]
+    return [name for name in names if not _is_shadow(PurePosixPath(name))]
+
+
+def _is_shadow(path: PurePath) -> bool:
+    """Whether it is one of the files of attributes that macOS writes beside others."""
+    return path.name.startswith("._") or "__MACOSX" in path.parts
+
+
+def _is_unpacked(path: Path, member: str) -> bool:
+    return (path.parent / member).is_file() or (path.with_suffix("") / member).is_file()
+
+
+def _why_not(path: Path) -> str:
+    """Why no motion can be read from a zip file."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            count = len(archive.infolist())
+        motions = len(_members(path))
+    except _BROKEN as error:
+        return f"{path}: {_damaged(error)}"
+    if motions:
+        return f"{path}: a zip file of {motions} motions, not one; give the folder it lies in, or unpack it"
+    return f"{path}: no .bvh file among the {count} in this zip file; take it out of the folder or download it again"
+
+
+def _damaged(error: Exception) -> str:
+    reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+    return f"cannot be read as a zip file ({reason}); copy or download it again"

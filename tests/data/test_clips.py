@@ -1,0 +1,34 @@
+"""Some of the clips of a folder, spread evenly, and how many there are."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from bodysense.data.bvh import write_bvh
+from bodysense.data.clips import count_clips, open_clips
+from bodysense.errors import BodysenseError
+
+
+@pytest.fixture
+def folder(tmp_path: Path, make_clip) -> Path:
+    for k in range(7):
+        write_bvh(tmp_path / f"p{k}_walk.bvh", make_clip(frames=3, seed=k))
+    return tmp_path
+
+
+def test_counts(folder: Path) -> None:
+    assert count_clips(folder, "all") == 7 == len(list(open_clips(folder)))
+    with pytest.raises(BodysenseError, match="no such folder"):
+        count_clips(folder / "none")
+
+
+@pytest.mark.parametrize("at_most", [1, 2, 3, 6, 7, 20])
+def test_some_are_spread_evenly(folder: Path, at_most: int) -> None:
+    order = [clip.person for clip in open_clips(folder)]
+    some = [clip.person for clip in open_clips(folder, at_most=at_most)]
+    assert len(some) == min(at_most, 7) and some == sorted(set(some))
+    gaps = [order.index(b) - order.index(a) for a, b in pairwise(some)]
+    assert max(gaps, default=0) - min(gaps, default=0) <= 1
