@@ -1,0 +1,57 @@
+"""What a headset and two hand-held controllers track: three points with their orientation (UNOC, section 5.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import quaternion_canonical, quaternion_multiply, quaternion_rotate
+from bodysense.errors import BodysenseError
+from bodysense.observation import UNIT_TOLERANCE, Observation
+
+POINTS = ("head", "left_wrist", "right_wrist")
+
+
+@dataclass(frozen=True)
+class ThreePoint:
+    """A headset and two controllers, rigidly held.
+
+    A controller's frame is its wrist's, shifted and turned by a grip that never changes. The grip is the left hand's;
+    the right hand's is its mirror image. None by default: the points are then head and wrists themselves. Estimators
+    take them for wrists either way, so that a grip stands for a device whose offset was not taken out.
+    """
+
+    grip_position: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, of the controller in the left wrist's frame
+    grip_rotation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)  # wxyz, left wrist ← controller
+
+    def __post_init__(self) -> None:
+        length = float(np.linalg.norm(self.grip_rotation))
+        if not abs(length - 1) < UNIT_TOLERANCE:
+            raise BodysenseError(f"grip_rotation has length {length:g}; give a unit quaternion w, x, y, z")
+        if not np.isfinite(self.grip_position).all():
+            raise BodysenseError(f"grip_position {self.grip_position} is not finite; give metres")
+
+
+def observe(pose: Pose, time: np.ndarray, device: ThreePoint = ThreePoint()) -> Observation:
+    """The three points of a motion (..., T) at `time` (T,) s: world positions (m) and rotations, never hidden.
+
+    Raises BodysenseError for a skeleton without head or wrists.
+    """
+    places = pose.skeleton.indices(POINTS)
+    position, rotation = (values[..., places, :] for values in forward_kinematics(pose))
+    shift, turn = np.array([np.zeros(3), device.grip_position, device.grip_position]), np.zeros((3, 4))
+    turn[0, 0], turn[1:] = 1, device.grip_rotation
+    # In the mirror an offset changes its x, a turn the sense about every axis but x.
+    shift[2] *= [-1, 1, 1]
+    turn[2] *= [1, 1, -1, -1]
+    shape = position.shape[:-1]
+    return Observation(
+        points=POINTS,
+        position=position + quaternion_rotate(rotation, np.broadcast_to(shift, position.shape)),
+        rotation=quaternion_canonical(quaternion_multiply(rotation, turn)),
+        has_position=np.ones(shape, dtype=bool),
+        has_rotation=np.ones(shape, dtype=bool),
+        time=np.asarray(time, dtype=float),
+    )
