@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bodysense.capture.recording import Recording
     from bodysense.data.clip import Clip
 
-Device = Literal["headset-camera"]
+Device = Literal["headset-camera", "three-point"]
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 MotionFile = Annotated[Path, tyro.conf.Positional]
 
@@ -103,8 +103,11 @@ def track(
     model: Path | None = None,
     half_life: float = 0.02,
     height: float | None = None,
+    fingers: Literal["tracked", "synthesize"] = "tracked",
 ) -> None:
     """Complete a recording, or a motion seen by a simulated device, and write it as BVH.
+
+    A recording of head and wrists alone is completed by the upper-body network.
 
     Args:
         file: A recording (.npz, .jsonl), or with --device a motion (.bvh, AMASS .npz).
@@ -113,6 +116,8 @@ def track(
         model: A network written by `bodysense train`; the packaged one by default.
         half_life: Seconds in which the smoother closes half of a jump; 0 does not smooth.
         height: Metres; scales the body, for files that do not say how tall it is.
+        fingers: 'synthesize' makes plausible fingers from the body's motion; of a motion without --device nothing else
+            changes.
     """
     import numpy as np
     from rich.progress import track as progress
@@ -122,7 +127,11 @@ def track(
     from bodysense.data.bvh import write_bvh
     from bodysense.data.clip import Clip
     from bodysense.data.resample import at_constant_rate
+    from bodysense.estimators.finger_synthesis import synthesize
     from bodysense.estimators.learned import Learned, load_model
+    from bodysense.estimators.learned_upper_body import LearnedUpperBody
+    from bodysense.estimators.point_model import load_point_model
+    from bodysense.occlusion.three_point import POINTS
     from bodysense.tracker import Tracker, TrackerSettings
 
     check_place(out)
@@ -132,6 +141,11 @@ def track(
         recording = simulated(load_clip(file, height), device)
     elif not file.is_file():
         raise BodysenseError(f"{file}: no such file")
+    elif fingers == "synthesize" and not is_recording(file):
+        clip = synthesize(load_clip(file, height), load_point_model("fingers", model))
+        write_bvh(out, replace(clip, name=out.stem))
+        print(f"wrote {out}: {len(clip)} frames with synthesized fingers")
+        return
     elif height is not None:
         raise BodysenseError(
             f"{file}: --height scales a motion; a recording holds its wearer's skeleton, so leave it out"
@@ -140,9 +154,14 @@ def track(
         recording = read_recording(file)
     else:
         raise BodysenseError(
-            f"{file}: not a recording; if it is a motion, say what watches it: --device headset-camera"
+            f"{file}: not a recording; if it is a motion, say what watches it: --device headset-camera, or "
+            "--fingers synthesize to give it fingers"
         )
-    tracker = Tracker(Learned(load_model(model), recording.skeleton), TrackerSettings(half_life=half_life))
+    if set(recording.observation.points) <= set(POINTS):
+        estimator = LearnedUpperBody(recording.skeleton, load_point_model("upper-body", model))
+    else:
+        estimator = Learned(load_model(model), recording.skeleton)
+    tracker = Tracker(estimator, TrackerSettings(half_life=half_life))
     state, poses, begun = tracker.start(), [], time.perf_counter()
     for frame in progress(range(len(recording.observation)), description=f"tracking {file.name}"):
         pose, _, state = tracker.step(recording.observation[frame : frame + 1], state)
@@ -155,7 +174,8 @@ def track(
     rate = len(poses) / (time.perf_counter() - begun)
     moments = recording.observation.time
     frame_rate = 1 / float(np.median(np.diff(moments))) if len(moments) > 1 else 30.0
-    write_bvh(out, at_constant_rate(Clip(out.stem, pose, frame_rate), moments))
+    clip = at_constant_rate(Clip(out.stem, pose, frame_rate), moments)
+    write_bvh(out, synthesize(clip) if fingers == "synthesize" else clip)
     print(f"wrote {out}: {len(poses)} frames at {rate:.0f} frames/s")
 
 
@@ -185,7 +205,7 @@ def packaged_performance() -> Clip:
 def simulated(clip: Clip, device: Device) -> Recording:
     """What a device tracks of a clip."""
     from bodysense.capture.recording import Recording
-    from bodysense.occlusion.headset_camera import observe
+    from bodysense.occlusion import headset_camera, three_point
 
-    assert device == "headset-camera"
+    observe = headset_camera.observe if device == "headset-camera" else three_point.observe
     return Recording(observe(clip.pose, clip.time), clip.pose.skeleton)

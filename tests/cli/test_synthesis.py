@@ -1,0 +1,82 @@
+"""`bodysense track --fingers synthesize`: fingers for any motion, its body as it was."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.skeleton import Skeleton
+from bodysense.cli.motion import load_clip
+from bodysense.data.bvh import write_bvh
+from bodysense.data.clip import Clip
+
+
+def without_fingers(clip: Clip) -> Clip:
+    """The same motion on a skeleton that ends at the wrists."""
+    whole = clip.pose.skeleton
+    joints = [k for k in range(len(whole.joints)) if whole.wrist_of[k] < 0]
+    skeleton = Skeleton(
+        joints=tuple(whole.joints[k] for k in joints),
+        end_sites=(),
+        parents=tuple(joints.index(whole.parents[k]) if k else -1 for k in joints),
+        rest_offset=whole.rest_offset[joints],
+    )
+    return Clip("bare", Pose(skeleton, clip.pose.root_position, clip.pose.rotation[:, joints]), clip.frame_rate)
+
+
+@pytest.fixture
+def bare(tmp_path: Path, short_clip: Clip) -> Path:
+    """The short clip as BVH, without any finger."""
+    write_bvh(tmp_path / "bare.bvh", without_fingers(short_clip))
+    return tmp_path / "bare.bvh"
+
+
+def places(file: Path) -> tuple[Clip, np.ndarray]:
+    clip = load_clip(file, None)
+    return clip, np.asarray(forward_kinematics(clip.pose)[0])
+
+
+def test_a_body_gets_fingers_and_stays_as_it_was(tmp_path: Path, bare: Path, run) -> None:
+    out = tmp_path / "out.bvh"
+    assert "20 frames with synthesized fingers" in run("track", bare, "--fingers", "synthesize", "-o", out)
+    (before, was), (after, now) = places(bare), places(out)
+    skeleton = after.pose.skeleton
+    body = np.flatnonzero(skeleton.wrist_of[: len(skeleton.joints)] < 0)
+    np.testing.assert_allclose(now[:, body], was[:, body], atol=1e-4)
+    np.testing.assert_allclose(after.pose.rotation[:, body], before.pose.rotation[:, body], atol=1e-3)
+    assert not before.has_fingers and after.has_fingers
+    assert after.frame_rate == pytest.approx(before.frame_rate)
+    length = np.linalg.norm(now[:, 1:] - now[:, list(skeleton.parents[1:])], axis=-1)
+    np.testing.assert_allclose(length, np.tile(before.pose.skeleton.bone_length[1:], (20, 1)), atol=1e-4)
+
+
+def test_fingers_for_what_a_device_tracked(tmp_path: Path, motion: Path, run) -> None:
+    """Only fingers differ from what is tracked without."""
+    arguments = ("track", motion, "--device", "three-point", "-o")
+    run(*arguments, tmp_path / "plain.bvh")
+    run(*arguments, tmp_path / "made.bvh", "--fingers", "synthesize")
+    (plain, one), (_, two) = places(tmp_path / "plain.bvh"), places(tmp_path / "made.bvh")
+    finger = plain.pose.skeleton.wrist_of >= 0
+    np.testing.assert_allclose(one[:, ~finger], two[:, ~finger], atol=1e-4)
+    assert np.abs(one[:, finger] - two[:, finger]).max() > 1e-3
+
+
+def test_what_cannot_be_is_refused(tmp_path: Path, motion: Path, small_network: Path, refused) -> None:
+    out = tmp_path / "out.bvh"
+    assert "a.bvh: no such file" in refused("track", tmp_path / "a.bvh", "--fingers", "synthesize", "-o", out)
+    text = refused("track", motion, "--fingers", "synthesize", "--model", small_network, "-o", out)
+    assert "format 'bodysense body 1', wanted 'bodysense points 1'" in text and "`bodysense train fingers`" in text
+    assert "--fingers synthesize to give it fingers" in refused("track", motion, "-o", out)
+    assert "give a name that ends in .bvh" in refused("track", motion, "--fingers", "synthesize", "-o", tmp_path / "a")
+    assert not out.exists()
+
+
+def test_training_refuses_at_once(tmp_path: Path, refused) -> None:
+    for command in ("fingers", "upper-body"):
+        arguments = ("train", command, "--data", tmp_path)
+        assert "give a name that ends so" in refused(*arguments, "-o", tmp_path / "a.pt")
+        assert "--steps 0: give at least 1" in refused(*arguments, "-o", tmp_path / "a.onnx", "--steps", 0)
+        assert "create it or choose another" in refused(*arguments, "-o", tmp_path / "no" / "a.onnx")
