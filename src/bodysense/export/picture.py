@@ -28,7 +28,7 @@ class Panel:
 def draw_strip(path: str | Path, skeleton: Skeleton, panels: list[Panel], time: np.ndarray, moments: int = 7) -> None:
     """A PNG: one row a panel, `moments` evenly spaced frames across."""
     frames = np.linspace(0, len(time) - 1, moments + 2).astype(int)[1:-1]
-    pyplot = _pyplot()
+    pyplot = load_pyplot()
     width, height = 1.15, 2.15
     figure, axis = pyplot.subplots(figsize=(1.3 * moments, 2.5 * len(panels)))
     for row, panel in enumerate(reversed(panels)):
@@ -51,7 +51,7 @@ def draw_animation(
     """A GIF of all panels side by side, at `rate` pictures a second."""
     from matplotlib.animation import PillowWriter
 
-    pyplot = _pyplot()
+    pyplot = load_pyplot()
     moments = np.arange(time[0], time[-1] + 0.5 / rate, 1 / rate)
     frames = np.minimum(np.searchsorted(time, moments), len(time) - 1)
     width = 1.5
@@ -75,7 +75,8 @@ def draw_animation(
     pyplot.close(figure)
 
 
-def _pyplot() -> Any:
+def load_pyplot() -> Any:
+    """Matplotlib's pyplot, drawing into files. Raises BodysenseError where it is not installed."""
     try:
         import matplotlib
     except ImportError:

@@ -1,0 +1,102 @@
+"""Charts: groups of bars, with errors as in UNOC's Fig. 6 or beside published figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bodysense.export.picture import INK, MUTED, load_pyplot
+from bodysense.files import written_beside
+
+COLORS = ("#5b7fa6", "#1b7f79", "#c98a2b")
+
+
+@dataclass(frozen=True)
+class Bars:
+    """One colour of bars, one bar a group."""
+
+    label: str
+    height: np.ndarray  # (G,) NaN draws none
+    error: np.ndarray  # (G,) drawn up and down; NaN draws none
+    mark: tuple[str, ...]  # (G,) text beyond the error
+
+
+@dataclass(frozen=True)
+class BarPanel:
+    """One row of a chart: groups of bars, and what their heights are."""
+
+    title: str
+    groups: tuple[str, ...]
+    series: tuple[Bars, ...]  # up to three
+    measure: str
+
+
+def plain_bars(label: str, heights: Sequence[float | None]) -> Bars:
+    """Bars without errors and marks; None draws none."""
+    height = np.array([np.nan if one is None else one for one in heights], dtype=float)
+    return Bars(label, height, np.full(len(height), np.nan), ("",) * len(height))
+
+
+def draw_bars(path: str | Path, groups: Sequence[str], series: Sequence[Bars], title: str, note: str) -> None:
+    """A PNG of heights from −1 to 1, a group of bars for each name; up to three colours."""
+    pyplot = load_pyplot()
+    figure, axis = pyplot.subplots(figsize=(max(6.0, 1.1 * len(groups) + 1.5), 4.0), layout="constrained")
+    _draw(axis, BarPanel(title, tuple(groups), tuple(series), "mean preference"))
+    axis.set_ylim(-1.2, 1.2)
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=len(series), frameon=False, title=note)
+    with written_beside(path) as beside:
+        figure.savefig(beside, dpi=130)
+    pyplot.close(figure)
+
+
+def draw_panels(path: str | Path, panels: Sequence[BarPanel], title: str) -> None:
+    """A PNG of panels, one below the other, that share a legend."""
+    pyplot = load_pyplot()
+    widest = max(len(panel.groups) for panel in panels)
+    size = (max(6.5, 0.9 * widest + 1.5), 0.7 + 2.6 * len(panels))
+    figure, axes = pyplot.subplots(len(panels), squeeze=False, figsize=size, layout="constrained")
+    for axis, panel in zip(axes[:, 0], panels, strict=True):
+        _draw(axis, panel)
+        axis.margins(y=0.12)
+        axis.set_xlim(-0.6, max(len(panel.groups), 4) - 0.4)  # a lone group is not a wall
+    shown: dict[str, Any] = {}
+    for axis in axes[:, 0]:
+        handles, labels = axis.get_legend_handles_labels()
+        shown |= dict(zip(labels, handles, strict=True))
+    figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=len(shown), frameon=False)
+    figure.suptitle(title, fontsize=12, color=INK)
+    with written_beside(path) as beside:
+        figure.savefig(beside, dpi=130)
+    pyplot.close(figure)
+
+
+def _draw(axis: Any, panel: BarPanel) -> None:
+    """Bars, their errors and marks, and the names of the groups."""
+    place, width = np.arange(len(panel.groups)), 0.8 / len(panel.series)
+    for k, bars in enumerate(panel.series):
+        x = place + (k - (len(panel.series) - 1) / 2) * width
+        axis.bar(x, bars.height, 0.9 * width, color=COLORS[k], label=bars.label)
+        error = np.nan_to_num(bars.error)
+        axis.errorbar(x, bars.height, error, fmt="none", ecolor=INK, elinewidth=1, capsize=2.5 * bool(error.any()))
+        for at, height, reach, mark in zip(x, bars.height, error, bars.mark, strict=True):
+            up = height >= 0
+            axis.annotate(
+                mark,
+                (at, height + (reach if up else -reach)),
+                (0, 1 if up else -1),
+                textcoords="offset points",
+                ha="center",
+                va="bottom" if up else "top",
+                color=INK,
+            )
+    axis.axhline(0, color=INK, linewidth=0.8)
+    axis.set_xticks(place, panel.groups, rotation=25 if max(map(len, panel.groups)) > 9 else 0)
+    axis.set_ylabel(panel.measure)
+    axis.set_title(panel.title, loc="left", fontsize=11)
+    axis.grid(axis="y", color=MUTED, linewidth=0.4)
+    axis.set_axisbelow(True)
+    axis.spines[["top", "right"]].set_visible(False)

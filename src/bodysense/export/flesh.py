@@ -1,0 +1,136 @@
+"""Flesh: the balls and links of which a body's skin is drawn, made of the primitives that stand for it elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+
+from bodysense.body.capsules import Primitives, fit_primitives
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import quaternion_to_matrix
+from bodysense.body.skeleton import Skeleton
+
+SKIN, HAIR, SHIRT, TROUSERS, SHOES = range(5)
+COLORS = np.array(  # red, green, blue, 0 to 1, of each
+    [[0.86, 0.68, 0.57], [0.30, 0.23, 0.19], [0.28, 0.56, 0.62], [0.34, 0.39, 0.50], [0.22, 0.22, 0.25]], np.float32
+)
+_CLOTHES = {
+    "cranium": HAIR,
+    "upper_arm": SHIRT,
+    "collar": SHIRT,
+    "waist": SHIRT,
+    "chest": SHIRT,
+    "abdomen": SHIRT,
+    "pelvis": TROUSERS,
+    "thigh": TROUSERS,
+    "shin": TROUSERS,
+    "foot": SHOES,
+    "instep": SHOES,
+    "toes": SHOES,
+}
+_TRUNK = ("pelvis_lower", "pelvis", "abdomen", "waist", "chest", "chest_upper")
+_LIMBS = (
+    ("thigh_upper", "thigh_lower", "shin_upper", "shin_lower"),
+    ("upper_arm_upper", "upper_arm_lower", "forearm_upper", "forearm_lower"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Flesh:
+    """N balls, each rigid in the frame of a joint, and L links: the skin is the hull of each link's two balls."""
+
+    joint: np.ndarray = field(repr=False)  # (N,) index of the joint that carries each ball
+    center: np.ndarray = field(repr=False)  # (N, 3) m, in the joint's frame
+    radius: np.ndarray = field(repr=False)  # (N,) m
+    link: np.ndarray = field(repr=False)  # (L, 2) balls
+    color: np.ndarray = field(repr=False)  # (L,) index into COLORS
+
+
+@lru_cache(maxsize=64)
+def fit_flesh(skeleton: Skeleton) -> Flesh:
+    """The flesh of a skeleton of the default tree: its primitives, tapered along limbs and joined along the trunk.
+
+    Raises BodysenseError for a skeleton with other points or parents.
+    """
+    primitives = fit_primitives(skeleton)
+    balls: list[tuple[int, np.ndarray, float]] = []
+    links: list[tuple[int, int, int]] = []
+    ends: dict[str, tuple[int, int]] = {}
+
+    def add(name: str, joint: int, start: np.ndarray, end: np.ndarray, radius: float) -> None:
+        ends[name] = (len(balls), len(balls) + 1)
+        balls.extend([(joint, start, radius), (joint, end, radius)])
+        links.append((*ends[name], _color(name)))
+
+    capsules = len(primitives.radius)
+    for n, name in enumerate(primitives.names[:capsules]):
+        add(name, int(primitives.joint[n]), primitives.start[n], primitives.end[n], float(primitives.radius[n]))
+    for n, name in enumerate(primitives.names[capsules:]):
+        for k, (start, end, radius) in enumerate(_rods(primitives, n)):
+            add(f"{name}{k}", int(primitives.joint[capsules + n]), start, end, radius)
+
+    def join(first: int, second: int, name: str) -> None:
+        links.append((first, second, _color(name)))
+
+    for below, above in pairwise(_TRUNK):
+        for low, high in zip(ends[below], ends[above], strict=True):
+            join(low, high, below)
+    sides = {"right": 0, "left": 1}  # ends of the trunk's capsules, which lie from right to left
+    for side, end in sides.items():
+        collar, hip = ends[f"{side}_collar"], ends[f"{side}_thigh_upper"][0]
+        join(ends["neck"][0], collar[1], "collar")
+        join(collar[1], ends[f"{side}_upper_arm_upper"][0], "collar")
+        join(ends["chest_upper"][end], collar[1], "collar")
+        join(ends["pelvis_lower"][end], hip, "pelvis")
+        join(ends[f"{side}_shin_lower"][1], ends[f"{side}_instep"][0], "instep")
+    scale = skeleton.height / 1.7
+    head = skeleton.index("head")
+    nose = primitives.nose - np.array([0.0, 0.0, 0.011]) * scale
+    bridge = primitives.nose + np.array([0.0, 0.032, -0.025]) * scale
+    add("nose", head, nose, bridge, 0.011 * scale)
+
+    radius = np.array([size for _, _, size in balls])
+    joint, center = np.array([joint for joint, _, _ in balls]), np.array([center for _, center, _ in balls])
+    center[ends["face"][0]] -= np.array([0.0, 0.028, 0.0]) * scale  # the forehead ends where the hair begins
+    radius[ends["cranium"][1]] += 0.004 * scale
+    rest = (skeleton.path @ skeleton.rest_offset)[joint]
+    for limb in _LIMBS:
+        for side in sides:
+            parts = [ends[f"{side}_{part}"] for part in limb]
+            for (_, end), (start, _) in pairwise(parts):
+                # One capsule of a limb ends as thick as the next begins, and where it does.
+                radius[[end, start]] = radius[[end, start]].mean()
+                center[[end, start]] = (center + rest)[[end, start]].mean(axis=0) - rest[[end, start]]
+    return Flesh(
+        joint=joint,
+        center=center,
+        radius=radius,
+        link=np.array([(first, second) for first, second, _ in links]),
+        color=np.array([color for _, _, color in links]),
+    )
+
+
+def place_flesh(flesh: Flesh, pose: Pose) -> np.ndarray:
+    """(..., N, 3) m, world: the centres of the balls of posed bodies."""
+    position, rotation = forward_kinematics(pose)
+    turn = quaternion_to_matrix(rotation)[..., flesh.joint, :, :]
+    return position[..., flesh.joint, :] + np.einsum("...nij,nj->...ni", turn, flesh.center)
+
+
+def _color(name: str) -> int:
+    """What a part of the body wears."""
+    return next((color for part, color in _CLOTHES.items() if part in name), SKIN)
+
+
+def _rods(primitives: Primitives, box: int) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """Capsules side by side along a box's longest axis, which fill it but for its edges."""
+    half = primitives.half_size[box]
+    thin, wide, long = np.argsort(half)
+    radius = float(half[thin])
+    along, across = np.eye(3)[long] * max(half[long] - radius, 0.0), np.eye(3)[wide] * max(half[wide] - radius, 0.0)
+    count = int(np.ceil(half[wide] / radius)) + 1
+    middles = primitives.center[box] + np.linspace(-1, 1, count)[:, None] * across
+    return [(middle - along, middle + along, radius) for middle in middles]
