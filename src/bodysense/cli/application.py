@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tyro.extras import SubcommandApp
 
-from bodysense.cli import bench, data, evaluate, motion, train
+from bodysense.cli import bench, data, evaluate, motion, study, train
 
 
 def application() -> SubcommandApp:
@@ -16,4 +16,5 @@ def application() -> SubcommandApp:
     root.command(train.commands(), name="train")
     root.command(evaluate.commands(), name="evaluate")
     root.command(bench.commands(), name="bench")
+    root.command(study.commands(), name="study")
     return root

@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 from tyro.extras import SubcommandApp
 
+from bodysense.data.layouts import Layout
+from bodysense.occlusion.headset_camera import HeadsetCamera
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -29,14 +32,19 @@ def info(
     directory: Folder,
     occlusion: bool = False,
     split: Literal["train", "val", "test", "all"] = "all",
+    layout: Layout | None = None,
+    camera: HeadsetCamera = HeadsetCamera(),
     json: Path | None = None,
 ) -> None:
     """Say what motion a folder or a prepared store holds; with --occlusion, what a headset would see of it.
 
     Args:
-        directory: A folder of .bvh and AMASS .npz files, or a store written by `bodysense data prepare`.
+        directory: A folder of .bvh and AMASS .npz files, also .bvh in .zip, or a store written by
+            `bodysense data prepare`.
         occlusion: Simulate the headset's cameras and print the statistics of UNOC, Table 1, beside the published ones.
         split: Which people.
+        layout: Of which published data set the folder is; recognised by what is in it if not given.
+        camera: Of the headset, for --occlusion.
         json: Write the numbers here, as one flat object.
     """
     from rich.console import Console
@@ -46,9 +54,9 @@ def info(
     from bodysense.cli.show import write_numbers
     from bodysense.data.clips import open_clips
 
-    clips = open_clips(directory, split)
+    clips = open_clips(directory, split, layout=layout)
     if occlusion:
-        shown, numbers = occlusion_table(track(clips, description="looking through the headset"))
+        shown, numbers = occlusion_table(track(clips, description="looking through the headset"), camera)
         Console().print(shown)
         write_numbers(json, numbers)
         return
@@ -75,34 +83,21 @@ def info(
     write_numbers(json, {"clips": total[0], "minutes": total[1], "people": len(everyone), **numbers})
 
 
-def occlusion_table(clips: Iterable[Clip]) -> tuple[Table, dict[str, float]]:
+def occlusion_table(clips: Iterable[Clip], camera: HeadsetCamera = HeadsetCamera()) -> tuple[Table, dict[str, float]]:
     """UNOC, Table 1: a column a category, then all, then the published ones; and the numbers of ours."""
     from rich.table import Table
 
+    from bodysense.evaluation.occlusion_table import columns_of, count_clips, numbers_of
     from bodysense.occlusion import statistics
 
-    counts: dict[str, list[statistics.Counts]] = {}
-    for clip in clips:
-        counts.setdefault(clip.category or "(none)", []).append(statistics.count(clip.pose, clip.frame_rate))
-    ours = [statistics.column(category, rows) for category, rows in sorted(counts.items())]
-    ours.append(statistics.column("all", [row for rows in counts.values() for row in rows]))
+    ours = columns_of(count_clips(clips, 1, lambda clip: None, camera)[0])
     header, rows = statistics.table([*ours, *statistics.PUBLISHED])
     shown = Table(title="Occlusion and contact (UNOC, Table 1; the last columns are published)")
     for name in header:
         shown.add_column(name, justify="left" if name == header[0] else "right")
     for row in rows:
         shown.add_row(*row)
-    numbers = {
-        f"{column.name}_{group}_{name}": value
-        for column in ours
-        for group, hiding in column.hiding.items()
-        for name, value in (("hidden", hiding.ratio), ("seconds", hiding.duration))
-        if value is not None
-    }
-    for column in ours:
-        contacts = (("self_contact", column.self_contact), ("hand_contact", column.hand_contact))
-        numbers |= {f"{column.name}_{name}": value for name, value in contacts if value is not None}
-    return shown, numbers
+    return shown, numbers_of(ours)
 
 
 def prepare(
@@ -111,19 +106,21 @@ def prepare(
     rate: float = 30.0,
     workers: int | None = None,
     scheduler: str | None = None,
+    layout: Layout | None = None,
 ) -> None:
     """Turn a folder of motion files into a chunked Zarr store, in parallel; run it again to go on after a stop.
 
     Args:
-        directory: A folder of .bvh and AMASS .npz files.
+        directory: A folder of .bvh and AMASS .npz files, also .bvh in .zip.
         out: The store.
         rate: Frames a second of the store.
         workers: Processes on this machine; all processors by default.
         scheduler: Address of a Dask scheduler to run on instead of this machine, like tcp://host:8786.
+        layout: Of which published data set the folder is; recognised by what is in it if not given.
     """
     from bodysense.data.store import prepare as prepare_store
 
-    prepare_store(directory, out, rate=rate, workers=workers, scheduler=scheduler)
+    prepare_store(directory, out, rate=rate, workers=workers, scheduler=scheduler, layout=layout)
 
 
 def sources() -> None:
@@ -134,8 +131,8 @@ def sources() -> None:
     from bodysense.data.catalogue import CATALOGUE
 
     shown = Table(title="Motion data that bodysense reads")
-    for column in ("name", "what", "format", "fingers", "licence", "where"):
+    for column in ("name", "what", "format", "fingers", "licence", "where", "tables"):
         shown.add_column(column)
     for entry in CATALOGUE:
-        shown.add_row(entry.name, entry.what, entry.format, entry.fingers, entry.licence, entry.where)
+        shown.add_row(entry.name, entry.what, entry.format, entry.fingers, entry.licence, entry.where, entry.tables)
     Console().print(shown)

@@ -7,6 +7,7 @@ from typing import Literal
 
 from tyro.extras import SubcommandApp
 
+from bodysense.cli import evaluate_more, unoc
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 
@@ -15,6 +16,8 @@ def commands() -> SubcommandApp:
     """The group's commands."""
     group = SubcommandApp()
     group.command(headset)
+    group.command(evaluate_more.finger_synthesis)
+    unoc.add_commands(group)
     return group
 
 

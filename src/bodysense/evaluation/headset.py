@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -15,12 +13,13 @@ from typing import Literal
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.skeleton import TESTED
+from bodysense.body.skeleton import TESTED, Skeleton
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.estimators.hold import Hold
 from bodysense.estimators.learned import Learned, load_model
 from bodysense.evaluation.metrics import joint_error
+from bodysense.evaluation.spread import spread
 from bodysense.observation import Observation
 from bodysense.occlusion.headset_camera import HeadsetCamera, observe
 from bodysense.tracker import Tracker, TrackerSettings
@@ -31,7 +30,7 @@ KNOWN: tuple[Literal["world", "head", "heading"], ...] = (
     "head",
     "heading",
 )  # frames of the last-known baselines
-MAIN = ("sit", "talk_gesture", "everyday", "locomotion")  # what a headset's wearer does
+MAIN = ("sit", "talk_gesture", "conversation", "everyday", "locomotion")  # what a headset's wearer does
 GROUPS = ("main", "sport", "dance", "other")  # the categories that are scored together
 
 
@@ -113,7 +112,7 @@ def evaluate_headset(
     """Score the tracker on canonical clips, in `jobs` processes. `advance` is told of every clip that is done."""
     tallies: Tallies = {}
     count, seconds = 0, 0.0
-    for clip, one in _spread(partial(score_clip, model=model, settings=settings), clips, jobs):
+    for clip, one in spread(partial(score_clip, model=model, settings=settings), clips, jobs):
         for key, tally in one.items():
             tallies.setdefault(key, Tally()).merge(tally)
         count, seconds = count + 1, seconds + clip.seconds
@@ -148,10 +147,13 @@ def track_clip(clip: Clip, model: Path | None, settings: TrackerSettings) -> Tra
         positions.append(estimate.position)
     pose = Pose(skeleton, np.concatenate([p.root_position for p in poses]), np.concatenate([p.rotation for p in poses]))
     position = {"bodysense": np.asarray(forward_kinematics(pose)[0]), "network": np.concatenate(positions)}
-    for frame in KNOWN:
-        hold = Hold(skeleton, frame)
-        position[frame] = hold.step(observation, hold.start())[0].position
-    return Tracked(clip, observation, pose, position, latency)
+    return Tracked(clip, observation, pose, position | last_known(observation, skeleton), latency)
+
+
+def last_known(observation: Observation, skeleton: Skeleton) -> dict[str, np.ndarray]:
+    """The baselines: the frame of `KNOWN` in which hidden points stay → (T, P, 3) m, world."""
+    holds = {frame: Hold(skeleton, frame) for frame in KNOWN}
+    return {frame: hold.step(observation, hold.start())[0].position for frame, hold in holds.items()}
 
 
 def score_clip(clip: Clip, model: Path | None, settings: TrackerSettings) -> Tallies:
@@ -166,39 +168,40 @@ def score(tracked: Tracked) -> Tallies:
     hidden = ~tracked.observation.has_position
     # Hidden now but seen earlier in the clip: where a last known position exists at all.
     known = hidden & (np.cumsum(~hidden, axis=0) > 0)
-    points = skeleton.points
-    finger = np.flatnonzero(skeleton.wrist_of >= 0).tolist()
-    tested = [p for p, name in enumerate(points) if name.partition("_")[2] in TESTED]
-    wrist = skeleton.wrist_of[finger]
-    every = [p for p, name in enumerate(points) if p not in finger and name != "head"]
-    group = "main" if clip.category in (*MAIN, "") else clip.category if clip.category in GROUPS else "other"
     tallies: Tallies = {}
     for method, position in tracked.position.items():
-        error = joint_error(position, truth)
-        local = joint_error(position[:, finger] - position[:, wrist], truth[:, finger] - truth[:, wrist])
-        parts = {"body": (error[:, tested], tested), "every_point": (error[:, every], every)}
-        if clip.has_fingers:
-            both = tested + finger
-            parts |= {"finger": (local, finger), "body_and_finger": (error[:, both], both)}
-        for part, (values, chosen) in parts.items():
+        for part, (values, chosen) in part_errors(position, truth, skeleton, clip.has_fingers).items():
             shares = {"occluded": hidden[:, chosen], "known": known[:, chosen], "all": np.full(values.shape, True)}
             for share, mask in shares.items():
-                tallies.setdefault((group, part, share, method), Tally()).add(values[mask])
+                tallies.setdefault((group_of(clip), part, share, method), Tally()).add(values[mask])
     return tallies
 
 
-def _spread(score: Callable[[Clip], Tallies], clips: Iterable[Clip], jobs: int) -> Iterator[tuple[Clip, Tallies]]:
-    """Clips with their scores, in order, from `jobs` processes."""
-    if jobs == 1:
-        for clip in clips:
-            yield clip, score(clip)
-        return
-    with ProcessPoolExecutor(jobs) as pool:
-        waiting: deque[tuple[Clip, Future[Tallies]]] = deque()
-        for clip in clips:
-            waiting.append((clip, pool.submit(score, clip)))
-            if len(waiting) > 2 * jobs:
-                done, future = waiting.popleft()
-                yield done, future.result()
-        for done, future in waiting:
-            yield done, future.result()
+def part_errors(
+    position: np.ndarray, truth: np.ndarray, skeleton: Skeleton, fingers: bool
+) -> dict[str, tuple[np.ndarray, list[int]]]:
+    """Errors (T, N), cm, of every part of the body, and which N points it has: positions (T, P, 3) m in one frame.
+
+    Fingers are measured from their wrist, but where they count together with the body; where there are none they and
+    what has them are left out.
+    """
+    finger, tested = np.flatnonzero(skeleton.wrist_of >= 0).tolist(), scored_points(skeleton)
+    wrist = skeleton.wrist_of[finger]
+    every = [p for p, name in enumerate(skeleton.points) if p not in finger and name != "head"]
+    error = joint_error(position, truth)
+    parts = {"body": (error[:, tested], tested), "every_point": (error[:, every], every)}
+    if fingers:
+        local = joint_error(position[:, finger] - position[:, wrist], truth[:, finger] - truth[:, wrist])
+        both = tested + finger
+        parts |= {"finger": (local, finger), "body_and_finger": (error[:, both], both)}
+    return parts
+
+
+def scored_points(skeleton: Skeleton) -> list[int]:
+    """The points that UNOC's tables test, of either side."""
+    return [p for p, name in enumerate(skeleton.points) if name.partition("_")[2] in TESTED]
+
+
+def group_of(clip: Clip) -> str:
+    """The one of `GROUPS` with which a clip is scored."""
+    return "main" if clip.category in (*MAIN, "") else clip.category if clip.category in GROUPS else "other"

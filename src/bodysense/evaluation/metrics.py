@@ -46,8 +46,12 @@ def jitter(position: np.ndarray, frame_rate: float) -> float:
 
 def strong_acceleration_share(position: np.ndarray, frame_rate: float, limit: float = 9.0) -> float:
     """Share of frames and joints with an acceleration above `limit` m/s² (UNOC, section 4.2): (T, P, 3)."""
-    acceleration = np.linalg.norm(np.diff(position, 2, axis=0), axis=-1) * frame_rate**2
-    return float((acceleration > limit).mean())
+    return float((acceleration(position, frame_rate) > limit).mean())
+
+
+def acceleration(position: np.ndarray, frame_rate: float) -> np.ndarray:
+    """Magnitude of the second difference, m/s²: (T, P, 3) → (T - 2, P)."""
+    return np.linalg.norm(np.diff(position, 2, axis=0), axis=-1) * frame_rate**2
 
 
 def foot_skate(predicted: np.ndarray, truth: np.ndarray, frame_rate: float) -> float:

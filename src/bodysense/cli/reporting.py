@@ -1,0 +1,93 @@
+"""What every table's command shares: its options, its progress, and how it hands out the report."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from bodysense.errors import BodysenseError
+from bodysense.files import check_place
+
+if TYPE_CHECKING:
+    from bodysense.data.clip import Clip
+    from bodysense.evaluation.datasets import DataSet
+    from bodysense.evaluation.report import Report
+
+
+@dataclass(frozen=True)
+class Common:
+    """What every table asks for."""
+
+    split: Literal["train", "val", "test", "all"] = "test"
+    """Which people."""
+    quick: bool = False
+    """Only the first seconds of a few clips, in under a minute; the table says what was left out."""
+    jobs: int | None = None
+    """Processes; all processors by default."""
+    out: Path = Path("bodysense-tables")
+    """Folder for the table as CSV and as a picture (PNG)."""
+    json: Path | None = None
+    """Write the numbers here, as one flat object."""
+
+
+Flat = Annotated[Common, tyro.conf.arg(name="")]
+
+
+def checked(common: Common, stride: int = 1) -> int:
+    """Refuse what cannot work before anything is computed; the number of processes."""
+    for name, value in (("--jobs", common.jobs), ("--stride", stride)):
+        if value is not None and value < 1:
+            raise BodysenseError(f"{name} {value}: give at least 1")
+    if common.json is not None:
+        check_place(common.json)
+    try:
+        common.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BodysenseError(
+            f"{common.out}: no folder can be made there ({error.strerror}); choose another --out"
+        ) from None
+    return common.jobs or os.cpu_count() or 1
+
+
+@contextmanager
+def progress_over(sets: list[DataSet]) -> Iterator[Callable[[Clip], None]]:
+    """A progress bar over the clips of data sets; gives what is to be told of each clip that is done."""
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, TimeRemainingColumn()) as progress:
+        bar = progress.add_task("scoring", total=sum(data.count() for data in sets))
+        yield lambda clip: progress.update(bar, advance=1, description=f"scored {clip.name}")
+
+
+def finish(report: Report, common: Common) -> None:
+    """Print a report and write its files."""
+    from rich.console import Console
+
+    from bodysense.cli.show import print_report, write_numbers
+    from bodysense.evaluation.report import write_csv
+    from bodysense.export.chart import draw_panels
+
+    console = Console()
+    if not console.is_terminal and "COLUMNS" not in os.environ:
+        console = Console(width=120)
+    print_report(report, console)
+    write_csv(common.out / f"{report.name}.csv", report)
+    draw_panels(common.out / f"{report.name}.png", report.panels, report.title)
+    write_numbers(common.json, report.numbers)
+    for path in (common.out / f"{report.name}.csv", common.out / f"{report.name}.png", common.json):
+        if path is not None:
+            console.print(f"wrote {path}", highlight=False)
