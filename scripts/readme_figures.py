@@ -1,13 +1,14 @@
 """Write the tables of README.md and docs/occlusion.md from the numbers that the commands wrote.
 
     bodysense evaluate headset --data DIR --json FIGURES/headset.json
-    bodysense evaluate headset --data DIR --model paper.onnx --json FIGURES/paper.json
+    bodysense evaluate unoc-table2 --data DIR --networks NETWORKS --stride 8 --json FIGURES/unoc-table2.json
     bodysense bench step --json FIGURES/step.json        (and ik, occlusion, bvh, import)
     bodysense data info DIR --occlusion --split test --json FIGURES/hidden.json
+    … the same with --camera.solid-scale 0.8, with --camera.nose-distance 0, with both, into FIGURES/hidden_….json
     python scripts/readme_figures.py FIGURES
 
-`paper.onnx` comes from `bodysense train body-gru --form paper --window-stride 8 --passes 1`. Files that are not there
-leave their table as it is.
+NETWORKS comes from `bodysense train unoc-tables --window-stride 24 --batch-scale 0.25`. Files that are not there leave
+their table as it is.
 """
 
 from __future__ import annotations
@@ -24,6 +25,14 @@ ROOT = Path(__file__).parents[1]
 README, OCCLUSION = ROOT / "README.md", ROOT / "docs" / "occlusion.md"
 GROUPS = {"": "main", "_sport": "sport", "_dance": "dance", "_other": "other"}
 CATEGORIES = ("talk_gesture", "sit", "everyday", "locomotion", "all")
+CAMERAS = {
+    "hidden": "as it ships",
+    "hidden_thin": "solids of 0.8",
+    "hidden_thinner": "solids of 0.7",
+    "hidden_back": "camera at the nose",
+    "hidden_both": "solids of 0.7, camera at the nose",
+    "hidden_tilted": "tilted down by 30°",
+}
 GROUPS_HIDDEN = ("shoulder", "elbow", "hand", "hip", "knee", "foot", "body", "all")
 PARTS = {"body": "body", "finger": "fingers, from the wrist", "body_and_finger": "body and fingers"}
 
@@ -34,14 +43,17 @@ def main(folder: Path) -> None:
     text = README.read_text(encoding="utf-8")
     if "headset" in read:
         text = put(text, "headset", headset(read["headset"]))
-    if {"headset", "paper"} <= set(read):
-        text = put(text, "forms", forms(read["headset"], read["paper"]))
+    if "unoc-table2" in read:
+        text = put(text, "networks", networks(read["unoc-table2"]))
     if {"step", "ik", "occlusion", "bvh", "import"} <= set(read):
         text = put(text, "speed", speed(read))
     README.write_text(text, encoding="utf-8")
+    rates = OCCLUSION.read_text(encoding="utf-8")
     if "hidden" in read:
-        body = hidden(read["hidden"])
-        OCCLUSION.write_text(put(OCCLUSION.read_text(encoding="utf-8"), "occlusion", body), encoding="utf-8")
+        rates = put(rates, "occlusion", hidden(read["hidden"]))
+    if set(CAMERAS) <= set(read):
+        rates = put(rates, "cameras", cameras(read))
+    OCCLUSION.write_text(rates, encoding="utf-8")
 
 
 def headset(numbers: dict[str, float]) -> str:
@@ -66,20 +78,22 @@ def headset(numbers: dict[str, float]) -> str:
     return f"{markdown(head, rows)}\n\nRMSJPE / MPJPE in cm. {command}."
 
 
-def forms(shipped: dict[str, float], paper: dict[str, float]) -> str:
-    """The shipped form, the paper's form, and the paper's own figures."""
-    keys = ("body_occluded_rmsjpe", "body_occluded_mpjpe", "finger_occluded_rmsjpe", "finger_occluded_mpjpe")
-    rows = [
-        [name, *(f"{numbers[f'{key}_cm']:.1f} ({numbers[f'{key}_ratio']:.2f})" for key in keys)]
-        for name, numbers in (
-            ("carried state, headset's orientation", shipped),
-            ("windows of 27, positions only", paper),
-        )
-    ]
-    # UNOC, Table 2: GRU over last known.
-    published = ((5.9, 13.1), (4.0, 8.5), (4.1, 5.0), (3.0, 3.2))
-    rows.append(["published, on UNOC's data", *(f"{ours:.1f} ({ours / known:.2f})" for ours, known in published)])
-    head = ["form", "body RMSJPE", "body MPJPE", "finger RMSJPE", "finger MPJPE"]
+def networks(numbers: dict[str, float]) -> str:
+    """UNOC's Table 2: hidden joints, ours (and the ratio to last known) and the paper's."""
+    # Published RMSJPE, cm: body and fingers of GRU, RNN, LSTM, TCN, last known (Table 2).
+    published = {"gru": (5.9, 4.1), "rnn": (6.1, 4.4), "lstm": (6.4, 4.3), "tcn": (6.2, 4.4), "last_known": (13.1, 5.0)}
+    labels = {"gru": "GRU", "rnn": "RNN", "lstm": "LSTM", "tcn": "TCN", "best": "packaged", "last_known": "last known"}
+    rows = []
+    for name, label in labels.items():
+        cells = []
+        for column, part in enumerate(("body", "finger")):
+            for measure in ("rmsjpe", "mpjpe"):
+                ours, known = (numbers[f"{who}_{part}_occluded_{measure}_cm"] for who in (name, "last_known"))
+                cells.append(f"{ours:.1f} ({ours / known:.2f})")
+            theirs, known = published.get(name, (0, 0))[column], published["last_known"][column]
+            cells.append(f"{theirs:.1f} ({theirs / known:.2f})" if theirs else "–")
+        rows.append([label, *cells])
+    head = ["network", "body RMSJPE", "MPJPE", "published RMSJPE", "finger RMSJPE", "MPJPE", "published RMSJPE"]
     return f"{markdown(head, rows)}\n\nOccluded joints, cm, and the ratio to last known in brackets."
 
 
@@ -96,6 +110,24 @@ def hidden(numbers: dict[str, float]) -> str:
         published = [getattr(column, name) for column in PUBLISHED]
         rows.append([label, *ours, *("–" if ratio is None else f"{100 * ratio:.0f} %" for ratio in published)])
     return markdown(["", *categories, *(f"{column.name}, published" for column in PUBLISHED)], rows)
+
+
+def cameras(read: dict[str, dict[str, float]]) -> str:
+    """Shares of time hidden while people talk and sit, by what the paper leaves open or its cameras could differ in."""
+    rows = [
+        [
+            label,
+            *(
+                " / ".join(f"{100 * read[name][f'{kind}_{group}_hidden']:.0f}" for kind in ("talk_gesture", "sit"))
+                for group in GROUPS_HIDDEN[:6]
+            ),
+        ]
+        for name, label in CAMERAS.items()
+    ]
+    ratios = [[column.hiding[group].ratio for column in PUBLISHED] for group in GROUPS_HIDDEN[:6]]
+    found = [[ratio for ratio in row if ratio is not None] for row in ratios]
+    rows.append(["published, by data set", *(f"{100 * min(row):.0f}-{100 * max(row):.0f}" for row in found)])
+    return markdown(["%, talk_gesture / sit", *GROUPS_HIDDEN[:6]], rows)
 
 
 def speed(read: dict[str, dict[str, float]]) -> str:
