@@ -1,8 +1,11 @@
-"""Write the tables of README.md and docs/occlusion.md from the numbers that the commands wrote.
+"""Write the tables of README.md, docs/occlusion.md and docs/evaluation.md from the numbers that the commands wrote.
 
     bodysense evaluate headset --data DIR --json FIGURES/headset.json
     bodysense evaluate unoc-table2 --data DIR --networks NETWORKS --stride 8 --json FIGURES/unoc-table2.json
-    bodysense bench step --json FIGURES/step.json        (and ik, occlusion, bvh, import)
+    bodysense evaluate unoc-table6 --data DIR --json FIGURES/unoc-table6.json
+    bodysense evaluate finger-synthesis --data DIR --json FIGURES/finger-synthesis.json
+    bodysense evaluate transitions --data DIR --json FIGURES/transitions.json        (and reliability)
+    bodysense bench step --json FIGURES/step.json        (and ik, occlusion, bvh, import, training)
     bodysense data info DIR --occlusion --split test --json FIGURES/hidden.json
     … the same with --camera.solid-scale 0.8, with --camera.nose-distance 0, with both, into FIGURES/hidden_….json
     python scripts/readme_figures.py FIGURES
@@ -23,6 +26,7 @@ from bodysense.occlusion.statistics import PUBLISHED
 
 ROOT = Path(__file__).parents[1]
 README, OCCLUSION = ROOT / "README.md", ROOT / "docs" / "occlusion.md"
+EVALUATION = ROOT / "docs" / "evaluation.md"
 GROUPS = {"": "main", "_sport": "sport", "_dance": "dance", "_other": "other"}
 CATEGORIES = ("talk_gesture", "sit", "everyday", "locomotion", "all")
 CAMERAS = {
@@ -48,6 +52,12 @@ def main(folder: Path) -> None:
     if {"step", "ik", "occlusion", "bvh", "import"} <= set(read):
         text = put(text, "speed", speed(read))
     README.write_text(text, encoding="utf-8")
+    tables = EVALUATION.read_text(encoding="utf-8")
+    if {"unoc-table6", "finger-synthesis"} <= set(read):
+        tables = put(tables, "applications", applications(read["unoc-table6"], read["finger-synthesis"]))
+    if {"transitions", "reliability", "training"} <= set(read):
+        tables = put(tables, "beyond", beyond(read["transitions"], read["reliability"], read["training"]))
+    EVALUATION.write_text(tables, encoding="utf-8")
     rates = OCCLUSION.read_text(encoding="utf-8")
     if "hidden" in read:
         rates = put(rates, "occlusion", hidden(read["hidden"]))
@@ -95,6 +105,75 @@ def networks(numbers: dict[str, float]) -> str:
         rows.append([label, *cells])
     head = ["network", "body RMSJPE", "MPJPE", "published RMSJPE", "finger RMSJPE", "MPJPE", "published RMSJPE"]
     return f"{markdown(head, rows)}\n\nOccluded joints, cm, and the ratio to last known in brackets."
+
+
+def applications(upper: dict[str, float], fingers: dict[str, float]) -> str:
+    """UNOC's Table 6 and finger synthesis: network, baselines, and the published figures."""
+    # Published RMSJPE / MPJPE, cm, on UNOC's data: network, inverse kinematics (Table 6); fingers (Table 5, right).
+    published = {
+        "neck": ("1.1 / 0.9", "3.9 / 3.5"),
+        "shoulders": ("2.7 / 2.3", "7.5 / 6.2"),
+        "elbows": ("3.5 / 2.9", "10.3 / 7.8"),
+        "all": ("2.3 / 1.7", "8.3 / 6.3"),
+    }
+
+    def pair(numbers: dict[str, float], name: str) -> str:
+        return f"{numbers[f'{name}_rmsjpe_cm']:.1f} / {numbers[f'{name}_mpjpe_cm']:.1f}"
+
+    rows = [
+        [
+            joints,
+            pair(upper, f"network_{joints}"),
+            pair(upper, f"ik_{joints}"),
+            f"{upper[f'network_{joints}_rmsjpe_cm'] / upper[f'ik_{joints}_rmsjpe_cm']:.2f}",
+            *theirs,
+        ]
+        for joints, theirs in published.items()
+    ]
+    first = markdown(["three points", "network", "inverse kinematics", "ratio", "published", "published IK"], rows)
+    names = {"network": "network", "mean_pose": "mean hand", "nearest": "hand of the nearest body"}
+    second = markdown(
+        ["fingers from the body", "RMSJPE / MPJPE", "network below it by"],
+        [
+            [
+                label,
+                pair(fingers, name),
+                ""
+                if name == "network"
+                else f"{100 * (1 - fingers['network_rmsjpe_cm'] / fingers[f'{name}_rmsjpe_cm']):.0f} %",
+            ]
+            for name, label in names.items()
+        ],
+    )
+    return f"{first}\n\n{second}\n\nRMSJPE / MPJPE, cm. The paper's fingers: 1.5 / 0.8 on its own data."
+
+
+def beyond(jerk: dict[str, float], trust: dict[str, float], training: dict[str, float]) -> str:
+    """What the paper does not measure: re-entry, calibrated confidence, and how fast sequences train."""
+    peaks = [jerk[f"{who}_regained_peak_jerk"] for who in ("truth", "last_known", "best", "tracker")]
+    errors = [jerk[f"{who}_occluded_rmsjpe_cm"] for who in ("best", "tracker")]
+    head = ["peak jerk in the second after a joint is seen again", "m/s³"]
+    names = ("truth", "last known", "packaged network, before IK", "packaged, smoothed by the tracker")
+    rows = [[name, f"{peak:,.0f}"] for name, peak in zip(names, peaks, strict=True)]
+    bins = [
+        [f"{trust[f'body_bin{k}_expected_cm']:.1f}", f"{trust[f'body_bin{k}_error_cm']:.1f}"]
+        for k in range(1, 11)
+        if f"body_bin{k}_expected_cm" in trust
+    ]
+    return "\n".join(
+        [
+            markdown(head, rows),
+            "",
+            f"The tracker's peak is {peaks[3] / peaks[2]:.2f} of the network's; hidden joints go from "
+            f"{errors[0]:.2f} to {errors[1]:.2f} cm (RMSJPE).",
+            "",
+            markdown(["expected error of hidden joints, cm, in ten bins", "true error"], bins),
+            "",
+            f"Training (`bodysense bench training`, one thread): {training['window_frames_per_second']:,.0f} windows/s "
+            f"(a window teaches one frame) and {training['sequence_frames_per_second']:,.0f} frames/s of sequences, "
+            f"{training['ratio']:.0f} times as many.",
+        ]
+    )
 
 
 def hidden(numbers: dict[str, float]) -> str:

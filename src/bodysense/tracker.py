@@ -22,7 +22,7 @@ _HALF = 1.6783469900166605  # y·t at which (1 + y t) e^(−y t), the critically
 class TrackerSettings:
     """How an estimate becomes motion."""
 
-    half_life: float = 0.02  # s until the smoother has closed half of a jump; 0 does not smooth
+    half_life: float = 0.03  # s until the smoother has closed half of a jump; 0 does not smooth
     guessed_arm_factor: float = 5.0  # on the half-life of arm and hand joints below which nothing is tracked
     doubt: float = 0.03  # m of expected error at which a guessed point pulls half as much in IK
     measured_weight: float = 10.0  # pull of a tracked point in IK, beside a certain guess's 1

@@ -8,6 +8,7 @@ from typing import Literal
 from tyro.extras import SubcommandApp
 
 from bodysense.cli import evaluate_more, unoc
+from bodysense.cli.options import tracker_settings
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 
@@ -25,7 +26,7 @@ def headset(
     data: Path,
     split: Literal["train", "val", "test", "all"] = "test",
     model: Path | None = None,
-    half_life: float = 0.02,
+    half_life: float | None = None,
     jobs: int | None = None,
     json: Path | None = None,
 ) -> None:
@@ -35,7 +36,7 @@ def headset(
         data: A folder of motion files, or a prepared store.
         split: Which people.
         model: A network written by `bodysense train`; the packaged one by default.
-        half_life: Of the tracker's smoother, seconds.
+        half_life: Of the tracker's smoother, seconds; the tracker's own by default.
         jobs: Processes; all processors by default.
         json: Write the numbers here, as one flat object.
     """
@@ -47,7 +48,6 @@ def headset(
     from bodysense.cli.show import headset_table, write_numbers
     from bodysense.data.clips import open_clips
     from bodysense.evaluation.headset import evaluate_headset
-    from bodysense.tracker import TrackerSettings
 
     if json is not None:
         check_place(json)
@@ -58,7 +58,7 @@ def headset(
         table = evaluate_headset(
             open_clips(data, split),
             model,
-            TrackerSettings(half_life=half_life),
+            tracker_settings(half_life),
             jobs or os.cpu_count() or 1,
             lambda clip: progress.update(bar, advance=1, description=f"tracked {clip.name}"),
         )

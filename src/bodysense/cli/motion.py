@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from bodysense.cli.options import tracker_settings
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 
@@ -101,7 +102,7 @@ def track(
     out: Output,
     device: Device | None = None,
     model: Path | None = None,
-    half_life: float = 0.02,
+    half_life: float | None = None,
     height: float | None = None,
     fingers: Literal["tracked", "synthesize"] = "tracked",
 ) -> None:
@@ -114,7 +115,7 @@ def track(
         out: The completed motion, .bvh.
         device: What watches the body, where the file is a motion.
         model: A network written by `bodysense train`; the packaged one by default.
-        half_life: Seconds in which the smoother closes half of a jump; 0 does not smooth.
+        half_life: Seconds in which the smoother closes half of a jump; 0 does not smooth, its own choice by default.
         height: Metres; scales the body, for files that do not say how tall it is.
         fingers: 'synthesize' makes plausible fingers from the body's motion; of a motion without --device nothing else
             changes.
@@ -132,7 +133,7 @@ def track(
     from bodysense.estimators.learned_upper_body import LearnedUpperBody
     from bodysense.estimators.point_model import load_point_model
     from bodysense.occlusion.three_point import POINTS
-    from bodysense.tracker import Tracker, TrackerSettings
+    from bodysense.tracker import Tracker
 
     check_place(out)
     if out.suffix.lower() != ".bvh":
@@ -161,7 +162,7 @@ def track(
         estimator = LearnedUpperBody(recording.skeleton, load_point_model("upper-body", model))
     else:
         estimator = Learned(load_model(model), recording.skeleton)
-    tracker = Tracker(estimator, TrackerSettings(half_life=half_life))
+    tracker = Tracker(estimator, tracker_settings(half_life))
     state, poses, begun = tracker.start(), [], time.perf_counter()
     for frame in progress(range(len(recording.observation)), description=f"tracking {file.name}"):
         pose, _, state = tracker.step(recording.observation[frame : frame + 1], state)

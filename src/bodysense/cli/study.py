@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 from tyro.extras import SubcommandApp
 
+from bodysense.cli.options import tracker_settings
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 
@@ -37,7 +38,7 @@ def build(
     scenes: int = 8,
     model: Path | None = None,
     last_known: Literal["world", "head", "heading"] = "heading",
-    half_life: float = 0.02,
+    half_life: float | None = None,
     height: float | None = None,
     seed: int = 0,
     jobs: int | None = None,
@@ -51,7 +52,7 @@ def build(
         scenes: At most so many, drawn at random; each rater sees three pairs of each.
         model: A network written by `bodysense train`; the packaged one by default.
         last_known: Where the baseline keeps a hidden joint: in the world, or with the head, or turning with it.
-        half_life: Of the tracker's smoother, seconds; for network and baseline alike.
+        half_life: Of the tracker's smoother, seconds; the tracker's own by default; for network and baseline alike.
         height: Metres; scales the bodies, for files that do not say how tall they are.
         seed: Of the names, the scenes drawn, and each rater's order.
         jobs: Processes; all processors by default.
@@ -64,7 +65,6 @@ def build(
 
     from bodysense.cli.motion import load_clip, packaged_performance
     from bodysense.evaluation.study_scenes import StudySettings, build_study
-    from bodysense.tracker import TrackerSettings
 
     if jobs is not None and jobs < 1:
         raise BodysenseError(f"--jobs {jobs}: give at least 1")
@@ -75,7 +75,7 @@ def build(
         scenes=scenes,
         model=model,
         last_known=last_known,
-        tracker=TrackerSettings(half_life=half_life),
+        tracker=tracker_settings(half_life),
     )
     check_place(out / "key.json" if out.is_dir() else out)
     loaded = [replace(load_clip(file, height), name=file.stem) for file in clips] or [packaged_performance()]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from tyro.extras import SubcommandApp
 
+from bodysense.cli.options import tracker_settings
 from bodysense.cli.reporting import Common, Flat, checked, finish, progress_over
 from bodysense.errors import BodysenseError
 
@@ -146,7 +147,7 @@ def unoc_table6(data: str, model: Path | None = None, common: Flat = Common()) -
 
 
 def unoc_smoothness(
-    data: str, networks: Path, model: Path | None = None, half_life: float = 0.02, common: Flat = Common()
+    data: str, networks: Path, model: Path | None = None, half_life: float | None = None, common: Flat = Common()
 ) -> None:
     """UNOC, section 4.2: how often joints accelerate strongly, before and after inverse kinematics and smoothing.
 
@@ -154,16 +155,15 @@ def unoc_smoothness(
         data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table.
         networks: The folder into which `bodysense train unoc-tables` wrote the networks.
         model: The shipped predictor, a network written by `bodysense train body-gru`; the packaged one by default.
-        half_life: Of the tracker's smoother, seconds.
+        half_life: Of the tracker's smoother, seconds; the tracker's own by default.
         common: Common options.
     """
     from bodysense.evaluation.datasets import named_data
     from bodysense.evaluation.smoothness import NETWORKS, measure_smoothness, smoothness_report
     from bodysense.evaluation.variants import networks_in
-    from bodysense.tracker import TrackerSettings
 
     jobs, chosen = checked(common), named_data(data, common.split, common.quick)
-    files, settings = networks_in(networks, NETWORKS), TrackerSettings(half_life=half_life)
+    files, settings = networks_in(networks, NETWORKS), tracker_settings(half_life)
     with progress_over([chosen]) as advance:
         sums, census = measure_smoothness(chosen, files, model, settings, jobs, advance)
     finish(smoothness_report(sums, census, chosen), common)
@@ -186,22 +186,21 @@ def reliability(data: str, model: Path | None = None, common: Flat = Common()) -
     finish(reliability_report(pairs, census, chosen), common)
 
 
-def transitions(data: str, model: Path | None = None, half_life: float = 0.02, common: Flat = Common()) -> None:
+def transitions(data: str, model: Path | None = None, half_life: float | None = None, common: Flat = Common()) -> None:
     """How jerky the second is in which a joint is lost, or seen again: before and after smoothing, and what it costs.
 
     Args:
         data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table.
         model: A network written by `bodysense train body-gru`; the packaged one by default.
-        half_life: Of the tracker's smoother, seconds.
+        half_life: Of the tracker's smoother, seconds; the tracker's own by default.
         common: Common options.
     """
     from bodysense.evaluation.datasets import named_data
     from bodysense.evaluation.transitions import measure_transitions, transitions_report
-    from bodysense.tracker import TrackerSettings
 
     jobs, chosen = checked(common), named_data(data, common.split, common.quick)
     with progress_over([chosen]) as advance:
-        found, census = measure_transitions(chosen, model, TrackerSettings(half_life=half_life), jobs, advance)
+        found, census = measure_transitions(chosen, model, tracker_settings(half_life), jobs, advance)
     finish(transitions_report(found, census, chosen), common)
 
 
