@@ -1,0 +1,20 @@
+"""Numbers for machines: strict JSON, and nothing that is not a number."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bodysense.cli.show import write_numbers
+
+
+def test_figures_that_do_not_exist_are_left_out(tmp_path: Path) -> None:
+    write_numbers(tmp_path / "a.json", {"error_cm": 1.5, "ratio": float("nan"), "peak": float("inf"), "clips": 3})
+
+    def refuse(word: str) -> float:
+        pytest.fail(f"{word} is no JSON")
+
+    text = (tmp_path / "a.json").read_text(encoding="utf-8")
+    assert json.loads(text, parse_constant=refuse) == {"error_cm": 1.5, "clips": 3}
