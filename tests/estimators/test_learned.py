@@ -149,7 +149,7 @@ def test_a_body_of_another_size(small_network: Path, waving_clip: Clip) -> None:
 
 def test_what_is_no_onnx_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
-        BodysenseError, match=r"missing\.onnx: no such model file; give the \.onnx that `bodysense train`"
+        BodysenseError, match=r"missing\.onnx: no such model file; give the \.onnx that `bodysense train body-gru`"
     ):
         load_model(tmp_path / "missing.onnx")
     for content in (b"", b"hello", bytes(range(256))):

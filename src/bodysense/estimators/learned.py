@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from functools import cached_property
-from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +12,11 @@ import numpy as np
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
+from bodysense.estimators.network_file import open_network, open_packaged
 from bodysense.observation import Estimate, Observation, observed_points
 
 FORMAT = "bodysense body 1"
+PACKAGED = "body_gru.onnx"
 MEASURED_ERROR = 0.002  # m: what is expected of a tracked point
 
 
@@ -41,39 +41,15 @@ class Model:
 
 def load_model(path: str | Path | None = None) -> Model:
     """Load a network: a path, or None for the packaged one. Raises BodysenseError for a file that is not ours."""
+    wanted: dict[str, Any] = {
+        "format": FORMAT,
+        "kind": "body network",
+        "fields": ("points", "rate", "fastest_rate", "state"),
+        "command": "bodysense train body-gru",
+    }
     if path is None:
-        with as_file(files("bodysense.weights").joinpath("body_gru.onnx")) as packaged:
-            return load_model(packaged)
-    import onnxruntime
-
-    path = Path(path)
-    if not path.is_file():
-        raise BodysenseError(f"{path}: no such model file; give the .onnx that `bodysense train` wrote")
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.log_severity_level = 3
-    try:
-        session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # ONNX Runtime raises classes of its own for every way a file can be wrong
-        raise BodysenseError(f"{path}: not a readable ONNX model ({str(error).splitlines()[0][:120]})") from None
-    card = session.get_modelmeta().custom_metadata_map
-    if card.get("format") != FORMAT:
-        raise BodysenseError(
-            f"{path}: not a bodysense body network (format {card.get('format', 'not given')!r}, wanted {FORMAT!r}); "
-            "give the .onnx that `bodysense train body-gru` wrote"
-        )
-    missing = [key for key in ("points", "rate", "fastest_rate", "state") if key not in card]
-    if missing:
-        raise BodysenseError(f"{path}: its card has no {missing[0]!r}; export the network again")
-    return Model(session, {key: card_field(value) for key, value in card.items() if key != "format"}, path.name)
-
-
-def card_field(text: str) -> Any:
-    """A field of a card: JSON where we wrote it, plain text where another tool did."""
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text
+        return Model(*open_packaged(PACKAGED, **wanted), PACKAGED)
+    return Model(*open_network(path, **wanted), Path(path).name)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,7 +12,7 @@ import numpy as np
 from bodysense.body.resting import resting_offset
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
-from bodysense.estimators.learned import card_field
+from bodysense.estimators.network_file import open_network, open_packaged
 
 FORMAT = "bodysense points 1"
 ORIENTED = ("head", "left_wrist", "right_wrist")  # the points whose rotation is read
@@ -65,34 +64,13 @@ def load_point_model(task: Task, path: str | Path | None = None) -> PointModel:
 
     Raises BodysenseError for a file that is not ours, or of another task.
     """
-    if path is None:
-        with as_file(files("bodysense.weights").joinpath(PACKAGED[task])) as packaged:
-            return load_point_model(task, packaged)
-    import onnxruntime
-
-    path, command = Path(path), f"`bodysense train {task}`"
-    if not path.is_file():
-        raise BodysenseError(f"{path}: no such model file; give the .onnx that {command} wrote")
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.log_severity_level = 3
-    try:
-        session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # ONNX Runtime raises classes of its own for every way a file can be wrong
-        raise BodysenseError(f"{path}: not a readable ONNX model ({str(error).splitlines()[0][:120]})") from None
-    fields = session.get_modelmeta().custom_metadata_map
-    if fields.get("format") != FORMAT:
-        raise BodysenseError(
-            f"{path}: not a bodysense network of points (format {fields.get('format', 'not given')!r}, wanted "
-            f"{FORMAT!r}); give the .onnx that {command} wrote"
-        )
-    missing = [key for key in _FIELDS if key not in fields]
-    if missing:
-        raise BodysenseError(f"{path}: its card has no {missing[0]!r}; export the network again")
-    card = {key: card_field(value) for key, value in fields.items() if key != "format"}
+    command = f"bodysense train {task}"
+    wanted: dict[str, Any] = {"format": FORMAT, "kind": "network of points", "fields": _FIELDS, "command": command}
+    name = PACKAGED[task] if path is None else Path(path).name
+    session, card = open_packaged(name, **wanted) if path is None else open_network(path, **wanted)
     if card["task"] != task:
-        raise BodysenseError(f"{path}: a network for {card['task']}, not {task}; give the .onnx that {command} wrote")
-    return PointModel(session, card, path.name)
+        raise BodysenseError(f"{path}: a network for {card['task']}, not {task}; give the .onnx that `{command}` wrote")
+    return PointModel(session, card, name)
 
 
 @dataclass(frozen=True)

@@ -69,13 +69,26 @@ def write_onnx(model: BodyNetwork, path: Path, card: dict[str, Any]) -> None:
         "weights": sum(parameter.numel() for parameter in model.parameters()),
         **card,
     }
+    export(_OneStep(model), (*tracked, *state), inputs, outputs, FORMAT, card, path)
+
+
+def export(
+    step: nn.Module,
+    example: tuple[Tensor, ...],
+    inputs: list[str],
+    outputs: list[str],
+    format: str,
+    card: dict[str, Any],
+    path: Path,
+) -> None:
+    """Write one step of a network with its card; large weights in half precision. The file appears whole or not."""
     with written_beside(path) as beside:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             logging.getLogger("torch.onnx").setLevel(logging.ERROR)
             torch.onnx.export(
-                _OneStep(model),
-                (*tracked, *state),
+                step,
+                example,
                 str(beside),
                 input_names=inputs,
                 output_names=outputs,
@@ -83,14 +96,14 @@ def write_onnx(model: BodyNetwork, path: Path, card: dict[str, Any]) -> None:
                 external_data=False,
                 verbose=False,
             )
-        written = halve(onnx.load(str(beside)))
-        fields = {"format": FORMAT} | {key: json.dumps(value) for key, value in card.items()}
+        written = _halve(onnx.load(str(beside)))
+        fields = {"format": format} | {key: json.dumps(value) for key, value in card.items()}
         onnx.helper.set_model_props(written, fields)
         onnx.checker.check_model(written)
         onnx.save(written, str(beside))
 
 
-def halve(model: onnx.ModelProto) -> onnx.ModelProto:
+def _halve(model: onnx.ModelProto) -> onnx.ModelProto:
     """Store large weights as float16, cast back when the file is loaded: half the size, the same speed."""
     graph = model.graph
     casts = []

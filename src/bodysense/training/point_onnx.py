@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import logging
-import warnings
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import onnx
 import torch
 from torch import Tensor, nn
 
 from bodysense.estimators.point_model import FORMAT, Task
-from bodysense.files import written_beside
 from bodysense.models.point_network import ORIENTED, PointNetwork, Tracked
 from bodysense.training.episodes import RATE
-from bodysense.training.onnx_writing import halve
+from bodysense.training.onnx_writing import export
 
 
 class _OneStep(nn.Module):
@@ -55,22 +50,5 @@ def write_point_network(network: PointNetwork, path: Path, task: Task, card: dic
         "weights": sum(parameter.numel() for parameter in network.parameters()),
         **card,
     }
-    with written_beside(path) as beside:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            logging.getLogger("torch.onnx").setLevel(logging.ERROR)
-            torch.onnx.export(
-                _OneStep(network),
-                (*tracked, memory),
-                str(beside),
-                input_names=[*Tracked._fields, "state_memory"],
-                output_names=["placed", "error", "next_memory"],
-                dynamo=True,
-                external_data=False,
-                verbose=False,
-            )
-        written = halve(onnx.load(str(beside)))
-        fields = {"format": FORMAT} | {key: json.dumps(value) for key, value in card.items()}
-        onnx.helper.set_model_props(written, fields)
-        onnx.checker.check_model(written)
-        onnx.save(written, str(beside))
+    inputs, outputs = [*Tracked._fields, "state_memory"], ["placed", "error", "next_memory"]
+    export(_OneStep(network), (*tracked, memory), inputs, outputs, FORMAT, card, path)
