@@ -2,6 +2,7 @@
 
     bodysense evaluate headset --data DIR --json FIGURES/headset.json
     bodysense evaluate unoc-table2 --data DIR --networks NETWORKS --stride 8 --json FIGURES/unoc-table2.json
+    … unoc-table4 likewise
     bodysense evaluate unoc-table6 --data DIR --json FIGURES/unoc-table6.json
     bodysense evaluate finger-synthesis --data DIR --json FIGURES/finger-synthesis.json
     bodysense evaluate transitions --data DIR --json FIGURES/transitions.json        (and reliability)
@@ -22,6 +23,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bodysense.cli.show import processor
+from bodysense.models.variants import TABLES, VARIANTS
 from bodysense.occlusion.statistics import PUBLISHED
 
 ROOT = Path(__file__).parents[1]
@@ -55,6 +57,9 @@ def main(folder: Path) -> None:
     tables = EVALUATION.read_text(encoding="utf-8")
     if {"unoc-table6", "finger-synthesis"} <= set(read):
         tables = put(tables, "applications", applications(read["unoc-table6"], read["finger-synthesis"]))
+    if "unoc-table4" in read:
+        bones = {"body, hidden": "body_occluded", "bones, body": "parent_body", "bone lengths, body": "bone_body"}
+        tables = put(tables, "table4", ablations(read["unoc-table4"], TABLES["4"], bones))
     if {"transitions", "reliability", "training"} <= set(read):
         tables = put(tables, "beyond", beyond(read["transitions"], read["reliability"], read["training"]))
     EVALUATION.write_text(tables, encoding="utf-8")
@@ -146,6 +151,18 @@ def applications(upper: dict[str, float], fingers: dict[str, float]) -> str:
         ],
     )
     return f"{first}\n\n{second}\n\nRMSJPE / MPJPE, cm. The paper's fingers: 1.5 / 0.8 on its own data."
+
+
+def ablations(numbers: dict[str, float], names: Sequence[str], parts: dict[str, str]) -> str:
+    """UNOC's Table 4: RMSJPE in cm of other forms of the network, and how much more that is than the GRU's."""
+    rows = []
+    for name in names:
+        cells = []
+        for key in parts.values():
+            ours, gru = numbers[f"{name}_{key}_rmsjpe_cm"], numbers[f"gru_{key}_rmsjpe_cm"]
+            cells.append(f"{ours:.2f}" + ("" if name == "gru" else f" ({100 * (ours / gru - 1):+.0f} %)"))
+        rows.append([VARIANTS[name].title, *cells])
+    return markdown(["network", *parts], rows)
 
 
 def beyond(jerk: dict[str, float], trust: dict[str, float], training: dict[str, float]) -> str:
