@@ -53,7 +53,7 @@ def test_a_motion_is_tracked_in_one_go(tmp_path: Path, motion: Path, run) -> Non
     run("track", tmp_path / "seen.npz", "-o", tmp_path / "two.bvh")
     run("track", motion, "--device", "headset-camera", "-o", tmp_path / "one.bvh")
     one, two = (forward_kinematics(read_bvh(tmp_path / f"{name}.bvh").pose)[0] for name in ("one", "two"))
-    np.testing.assert_allclose(one, two, atol=2e-3)
+    np.testing.assert_allclose(one, two, atol=1e-4)
 
 
 def test_three_points_are_completed(tmp_path: Path, motion: Path, run) -> None:

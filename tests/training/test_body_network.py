@@ -49,10 +49,11 @@ def run(
 def test_the_loss_falls(network: BodyNetwork, few_episodes: list[Episode], tmp_path: Path) -> None:
     before = validate(network, few_episodes)
     reports: list[Progress] = []
-    trained = run(network, SCHEDULE, few_episodes, tmp_path / "a.ckpt", reports.append)
-    assert [progress.step for progress in reports] == [20, 40, 60]
+    longer = replace(SCHEDULE, steps=180, checkpoint_every=60)
+    trained = run(network, longer, few_episodes, tmp_path / "a.ckpt", reports.append)
+    assert [progress.step for progress in reports] == [60, 120, 180]
     losses = [progress.terms["loss"] for progress in reports]
-    assert losses[2] < 0.85 * losses[0], losses
+    assert losses[2] < 0.8 * losses[0], losses
     after = validate(trained, few_episodes)
     assert after["body"] < before["body"] and after["body_known"] == before["body_known"]
     assert reports[-1].validation == pytest.approx(validate(trained, few_episodes[:1]))
