@@ -17,10 +17,10 @@ from bodysense.body.rotation import (
     quaternion_rotate,
 )
 from bodysense.body.skeleton import Skeleton
+from bodysense.estimators.learned import MEASURED_ERROR
 from bodysense.estimators.point_model import ORIENTED, PointModel, PointRunner, PointState, load_point_model
 from bodysense.observation import Estimate, Observation, observed_points
 
-MEASURED_ERROR = 0.002  # m: what is expected of a tracked point
 LOST_ERROR = 0.15  # m: of a hand that is not tracked now
 FINGER_ERROR = 0.03  # m: of a relaxed finger about its wrist
 LEG_ERROR = 0.5  # m: of legs, of which nothing is known

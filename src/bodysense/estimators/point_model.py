@@ -69,7 +69,9 @@ def load_point_model(task: Task, path: str | Path | None = None) -> PointModel:
     name = PACKAGED[task] if path is None else Path(path).name
     session, card = open_packaged(name, **wanted) if path is None else open_network(path, **wanted)
     if card["task"] != task:
-        raise BodysenseError(f"{path}: a network for {card['task']}, not {task}; give the .onnx that `{command}` wrote")
+        raise BodysenseError(
+            f"{path or name}: a network for {card['task']}, not {task}; give the .onnx that `{command}` wrote"
+        )
     return PointModel(session, card, name)
 
 

@@ -5,8 +5,8 @@ fingers. Two baselines know the train split: the mean hand, and the hand of the 
 scaled by the length of the wearer's hand. Mirrored frames count as train frames too, for network and baselines alike.
 
 Nearest is by Euclidean distance of a single frame's features, no window: the positions of the body's joints from the
-head, in the axes of its heading, at one stature (m), and where both hands point (the wrist's
-±X) and their backs (+Y).
+head, in the axes of its heading, at one stature (m), and where both hands point (the wrist's ±X)
+and their backs (+Y).
 """
 
 from __future__ import annotations

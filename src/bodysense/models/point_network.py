@@ -17,10 +17,9 @@ from torch import Tensor, nn
 from bodysense.body.resting import hand_length
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
+from bodysense.models.body_network import FINGER_SCALE, REFERENCE_HEIGHT
 from bodysense.models.recurrent import Cell, Recurrent, branch
 
-REFERENCE_HEIGHT = 1.7  # m: bodies are scaled to it, hands to the hand of a body of that height
-FINGER_SCALE = 10.0  # fingers move within centimetres; bring them to the range of the body
 ORIENTED = ("head", "left_wrist", "right_wrist")  # the points whose rotation is read
 # Their forward vector: where the head looks, where the hand points; and their up vector: the back of the hand.
 AXES = ([[0.0, 0, 1], [1, 0, 0], [-1, 0, 0]], [[0.0, 1, 0], [0, 1, 0], [0, 1, 0]])

@@ -1,8 +1,8 @@
 """The upper body from a headset and two controllers (UNOC, section 5.2).
 
 Reads positions, forward and up vectors of head and both wrists (see `models.point_network.AXES`) and places the upper
-body's joints. What ships
-also knows how high the head is and how long the wearer's bones are, and says how far off it expects to be.
+body's joints. What ships also knows how high the head is and how long the wearer's bones are, and says how far off it
+expects to be.
 """
 
 from __future__ import annotations
