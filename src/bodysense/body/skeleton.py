@@ -14,6 +14,16 @@ from bodysense.errors import BodysenseError
 
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")
 TESTED = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "foot")  # of either side: what UNOC's tables test
+# The 22 joints of SMPL without its hands, in its order, which all three-point methods are measured on.
+# fmt: off
+BODY = (
+    "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle", "right_ankle",
+    "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head", "left_shoulder",
+    "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
+)
+# fmt: on
+# Of these the lower body as AGRoL (Du et al. 2023) counts it; hands are the wrists.
+LOWER_BODY = tuple(name for name in BODY if name.split("_")[-1] in ("pelvis", "hip", "knee", "ankle", "foot"))
 
 
 @dataclass(frozen=True, eq=False)

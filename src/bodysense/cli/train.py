@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import tyro
 from tyro.extras import SubcommandApp
 
-from bodysense.cli import train_more
+from bodysense.cli import hmd_vae, train_more
 from bodysense.errors import BodysenseError
 
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
@@ -22,6 +22,8 @@ def commands() -> SubcommandApp:
     group.command(unoc_tables)
     group.command(train_more.fingers)
     group.command(train_more.upper_body)
+    group.command(train_more.three_point)
+    group.command(hmd_vae.hmd_vae)
     group.command(card)
     return group
 
@@ -110,7 +112,8 @@ def unoc_tables(
 ) -> None:
     """Train all networks of UNOC's Tables 2 to 4 into one folder; `bodysense evaluate unoc-table2` … read it.
 
-    Run it again to go on after a stop. For several machines start it on each with `torchrun` and give --nodes.
+    Run it again to go on after a stop. For several machines start it on each with `torchrun` and
+    give --nodes; they must share the folder --out.
 
     Args:
         data: A folder of motion files or a prepared store; its train split is learned.

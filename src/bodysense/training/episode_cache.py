@@ -68,7 +68,11 @@ def _write(folder: Path, identity: dict[str, Any], episodes: Iterable[Episode]) 
             del raw
             (beside / f"{name}.raw").unlink()
         (beside / "index.json").write_text(json.dumps({"identity": identity, "clips": clips}), encoding="utf-8")
-        os.replace(beside, folder)
+        try:
+            os.replace(beside, folder)
+        except OSError:
+            if not folder.is_dir():  # otherwise another process, on this machine or another, was done first
+                raise
     finally:
         shutil.rmtree(beside, ignore_errors=True)
 

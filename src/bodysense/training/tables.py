@@ -58,15 +58,16 @@ def run_tables(run: TablesRun) -> None:
     if run.jobs > 1 and (run.devices > 1 or run.nodes > 1):
         raise BodysenseError(f"--jobs {run.jobs} trains networks side by side; with --devices or --nodes leave it at 1")
     run.out.mkdir(parents=True, exist_ok=True)
+    fabric = launched(run)
     for name in names:
         episodes_of(run, VARIANTS[name].config)
     steps = {name: step_count(VARIANTS[name].config, schedule_of(run, name), training_of(run, name)) for name in names}
-    todo = [name for name in names if not is_trained(run, name)]
-    console = Console()
+    todo = fabric.broadcast([name for name in names if not is_trained(run, name)])
+    console = Console(quiet=not fabric.is_global_zero)
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total} steps"))
     with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console) as progress:
         bar = progress.add_task("training", total=sum(steps.values()))
-        for name in _trained(run, todo, lambda: progress.update(bar, completed=_done(run, steps))):
+        for name in _trained(run, todo, fabric, lambda: progress.update(bar, completed=_done(run, steps))):
             console.print(f"trained {VARIANTS[name].title}: {summary(run, name)}", highlight=False)
         progress.update(bar, completed=_done(run, steps))
     console.print(f"{len(names)} networks in {run.out}", highlight=False)
@@ -96,8 +97,19 @@ def schedule_of(run: TablesRun, name: str) -> Schedule:
     )
 
 
-def train_network(run: TablesRun, name: str) -> str:
-    """Train one network of the tables and write its weights beside its checkpoint and log; returns its name."""
+def launched(run: TablesRun) -> Fabric:
+    """The devices of this process, and its place among those of a run on several, which share one folder."""
+    fabric = Fabric(accelerator="auto", devices=run.devices, num_nodes=run.nodes, precision="bf16-mixed")
+    fabric.launch()
+    return fabric
+
+
+def train_network(run: TablesRun, name: str, fabric: Fabric | None = None) -> str:
+    """Train one network of the tables and write its weights beside its checkpoint and log; returns its name.
+
+    A process of its own, without `fabric`, takes the devices that the run names.
+    """
+    fabric = fabric or launched(run)
     if run.threads is not None:
         torch.set_num_threads(run.threads)
     torch.manual_seed(run.seed)
@@ -105,11 +117,10 @@ def train_network(run: TablesRun, name: str) -> str:
     log = run.out / f"{name}.jsonl"
 
     def report(progress: Report) -> None:
-        with log.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(vars(progress)) + "\n")
+        if fabric.is_global_zero:
+            with log.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(vars(progress)) + "\n")
 
-    fabric = Fabric(accelerator="auto", devices=run.devices, num_nodes=run.nodes, precision="bf16-mixed")
-    fabric.launch()
     model = BodyNetwork(config, default_skeleton())
     few = _few(episodes_of(run, config)["val"])
     model = train(model, schedule, training_of(run, name), few, run.out / f"{name}.ckpt", report, fabric)
@@ -118,6 +129,7 @@ def train_network(run: TablesRun, name: str) -> str:
         with written_beside(run.out / f"{name}.json") as beside:
             trained = {"identity": identity(config, schedule), "seconds": time.monotonic() - begun}
             beside.write_text(json.dumps(trained), encoding="utf-8")
+    fabric.barrier()
     return name
 
 
@@ -187,11 +199,11 @@ def _few(episodes: Sequence[Episode]) -> list[Episode]:
     return chosen
 
 
-def _trained(run: TablesRun, names: Sequence[str], tick: Any) -> Iterator[str]:
+def _trained(run: TablesRun, names: Sequence[str], fabric: Fabric, tick: Any) -> Iterator[str]:
     """Train networks, `run.jobs` at a time, in processes of their own; `tick` is called every second."""
     if run.jobs == 1:
         for name in names:
-            yield train_network(run, name)
+            yield train_network(run, name, fabric)
         return
     with ProcessPoolExecutor(run.jobs, mp_context=get_context("spawn")) as pool:
         waiting = {pool.submit(train_network, run, name) for name in names}

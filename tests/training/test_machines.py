@@ -1,0 +1,49 @@
+"""Two machines train one network: two `torchrun` of one process each, on loopback, with one shared folder."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bodysense.data.bvh import write_bvh
+from bodysense.data.clip import Clip
+from bodysense.data.splits import split_of
+
+
+@pytest.mark.slow
+def test_two_machines_train_one_network(tmp_path: Path, waving_clip: Clip) -> None:
+    for split in ("train", "val"):
+        person = next(name for name in map(str, range(99)) if split_of(name) == split)
+        (tmp_path / "data" / person).mkdir(parents=True)
+        write_bvh(tmp_path / "data" / person / "waving.bvh", waving_clip)
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    asked = (
+        "--data data -o out --networks window_9 --epochs 1 --window-stride 4 --batch-scale 0.02 --threads 1 --nodes 2"
+    )
+    machines = [
+        subprocess.Popen(
+            [
+                *(sys.executable, "-m", "torch.distributed.run", "--nnodes", "2", "--node-rank", str(rank)),
+                *("--nproc-per-node", "1", "--master-addr", "127.0.0.1", "--master-port", str(port)),
+                *("-m", "bodysense", "train", "unoc-tables", *asked.split()),
+            ],
+            cwd=tmp_path,
+            env={**os.environ, "OMP_NUM_THREADS": "1"},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        for rank in (0, 1)
+    ]
+    said = [machine.communicate(timeout=300)[0] for machine in machines]
+    assert [machine.returncode for machine in machines] == [0, 0], said
+    assert "trained 9 frames" in said[0] and "trained" not in said[1]
+    assert len((tmp_path / "out" / "window_9.jsonl").read_text().splitlines()) == 1  # one of them keeps the log
+    assert not list(tmp_path.glob("out/episodes/*/.*.part"))
