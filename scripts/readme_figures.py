@@ -2,7 +2,7 @@
 
     bodysense evaluate headset --data DIR --json FIGURES/headset.json
     bodysense evaluate unoc-table2 --data DIR --networks NETWORKS --stride 8 --json FIGURES/unoc-table2.json
-    … unoc-table4 likewise
+    … unoc-table3, unoc-table4, unoc-smoothness likewise, unoc-table5 with a folder of networks for each set
     bodysense evaluate unoc-table6 --data DIR --json FIGURES/unoc-table6.json
     bodysense evaluate finger-synthesis --data DIR --json FIGURES/finger-synthesis.json
     bodysense evaluate transitions --data DIR --json FIGURES/transitions.json        (and reliability)
@@ -57,6 +57,13 @@ def main(folder: Path) -> None:
     tables = EVALUATION.read_text(encoding="utf-8")
     if {"unoc-table6", "finger-synthesis"} <= set(read):
         tables = put(tables, "applications", applications(read["unoc-table6"], read["finger-synthesis"]))
+    if "unoc-table3" in read:
+        places = {"body, hidden": "body_occluded", "body, all": "body_all", "fingers, hidden": "finger_occluded"}
+        tables = put(tables, "table3", ablations(read["unoc-table3"], TABLES["3"], places))
+    if "unoc-table5" in read:
+        tables = put(tables, "table5", crossed(read["unoc-table5"]))
+    if "unoc-smoothness" in read:
+        tables = put(tables, "smoothness", smoothness(read["unoc-smoothness"]))
     if "unoc-table4" in read:
         bones = {"body, hidden": "body_occluded", "bones, body": "parent_body", "bone lengths, body": "bone_body"}
         tables = put(tables, "table4", ablations(read["unoc-table4"], TABLES["4"], bones))
@@ -154,7 +161,7 @@ def applications(upper: dict[str, float], fingers: dict[str, float]) -> str:
 
 
 def ablations(numbers: dict[str, float], names: Sequence[str], parts: dict[str, str]) -> str:
-    """UNOC's Table 4: RMSJPE in cm of other forms of the network, and how much more that is than the GRU's."""
+    """UNOC's Tables 3 and 4: RMSJPE in cm of other forms of the network, and how much more that is than the GRU's."""
     rows = []
     for name in names:
         cells = []
@@ -163,6 +170,35 @@ def ablations(numbers: dict[str, float], names: Sequence[str], parts: dict[str, 
             cells.append(f"{ours:.2f}" + ("" if name == "gru" else f" ({100 * (ours / gru - 1):+.0f} %)"))
         rows.append([VARIANTS[name].title, *cells])
     return markdown(["network", *parts], rows)
+
+
+def crossed(numbers: dict[str, float]) -> str:
+    """UNOC's Table 5: hidden joints of the body and synthesized fingers, trained on one set and tested on another."""
+    parts = {"body_occluded": "body, hidden", "finger_synthesis": "fingers from the body"}
+    sets = {"cmu": "CMU", "rocketbox": "Rocketbox"}
+    rows = []
+    for part, label in parts.items():
+        for test, name in sets.items():
+            cells = []
+            for key in (*(f"{train}_to_{test}_{part}" for train in sets), f"last_known_on_{test}_{part}"):
+                known = f"{key}_rmsjpe_cm" in numbers
+                cells.append(f"{numbers[f'{key}_rmsjpe_cm']:.1f} / {numbers[f'{key}_mpjpe_cm']:.1f}" if known else "–")
+            if any(cell != "–" for cell in cells):
+                rows.append([label, name, *cells])
+    head = ["joints", "tested on", *(f"trained on {name}" for name in sets.values()), "last known"]
+    return f"{markdown(head, rows)}\n\nRMSJPE / MPJPE, cm."
+
+
+def smoothness(numbers: dict[str, float]) -> str:
+    """Shares of strong accelerations before and after inverse kinematics and smoothing (papers.md 1.14)."""
+    labels = {"gru": "GRU, mask predicted", "mask_given": "GRU, mask given", "best": "packaged"}
+    after = {"gru": "gru_tracker", "mask_given": "mask_given_tracker", "best": "tracker"}
+    rows = [
+        [label, *(f"{numbers[f'{who}_strong_acceleration_percent']:.1f} %" for who in (name, after[name]))]
+        for name, label in labels.items()
+    ]
+    rows.append(["truth", f"{numbers['truth_strong_acceleration_percent']:.1f} %", ""])
+    return markdown(["stronger than 9 m/s²", "network", "after the tracker"], rows)
 
 
 def beyond(jerk: dict[str, float], trust: dict[str, float], training: dict[str, float]) -> str:

@@ -64,3 +64,39 @@ def small_network(tmp_path_factory: pytest.TempPathFactory) -> Path:
     network = BodyNetwork(BodyNetworkConfig(hidden=16, branch=(16,)), default_skeleton())
     write_onnx(network, path, {"licence": "Apache-2.0"})
     return path
+
+
+@pytest.fixture(scope="session")
+def small_three_point(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same of the three-point network."""
+    import torch
+
+    from bodysense.models.three_point_network import ThreePointConfig, ThreePointNetwork
+    from bodysense.training.three_point_onnx import write_three_point
+
+    torch.manual_seed(0)
+    path = tmp_path_factory.mktemp("network") / "three_point.onnx"
+    network = ThreePointNetwork(ThreePointConfig(hidden=16, branch=(16,), judge_branch=(16,)))
+    write_three_point(network, path, {"licence": "Apache-2.0"})
+    return path
+
+
+@pytest.fixture(scope="session")
+def small_vae(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """HMD-VAE's model 2, small and never trained, exported; its weights lie beside as .pt."""
+    import torch
+
+    from bodysense.models.body_vae import BodyVae, BodyVaeConfig, write_vae
+    from bodysense.training.body_vae_onnx import write_vae_onnx
+
+    torch.manual_seed(0)
+    path = tmp_path_factory.mktemp("vae") / "model2.onnx"
+    card = {"identity": "{}", "licence": "Apache-2.0", "training_data": "nothing", "expected_error": [0.05] * 22}
+    card |= {"validation_position_cm": 9.0, "within_position_cm": 8.0}
+    network = BodyVae(BodyVaeConfig(model=2, latent=4, width=16, sequence_width=8, length=8)).eval()
+    for name, parameter in network.named_parameters():
+        if name.endswith("gate"):
+            torch.nn.init.constant_(parameter, 0.5)  # else the blocks do nothing
+    write_vae(network, path.with_suffix(".pt"), card)
+    write_vae_onnx(network, path, card)
+    return path

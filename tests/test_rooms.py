@@ -33,7 +33,10 @@ FLOORS = {
     "__main__": 7,
 }
 LIGHT = {"numpy", "array_api_compat", "tyro", "rich"}  # what run-time modules may import at once
-TRAINING_ONLY = ("bodysense.models", "bodysense.training", "bodysense.data.store", "bodysense.evaluation.variants")
+TRAINING_ONLY = (
+    *("bodysense.models", "bodysense.training", "bodysense.data.store"),
+    *("bodysense.evaluation.variants", "bodysense.evaluation.body_vae"),
+)
 
 
 def name_of(path: Path) -> str:

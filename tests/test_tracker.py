@@ -244,6 +244,7 @@ def test_a_long_gap_starts_afresh() -> None:
         ("doubt", 0.0, r"doubt is 0; it must be positive"),
         ("measured_weight", 0.0, r"measured_weight is 0; it must be positive"),
         ("head_weight", -1.0, r"head_weight is -1; it must be 0 or more"),
+        ("pose_weight", np.nan, r"pose_weight is nan; it must be 0 or more"),
         ("longest_gap", 0.0, r"longest_gap is 0; it must be positive"),
     ],
 )

@@ -1,4 +1,8 @@
-"""Tracker: estimator → inverse kinematics → smoothing → Pose, one `step` a frame, no I/O."""
+"""Tracker: estimator → inverse kinematics → smoothing → Pose, one `step` a frame, no I/O.
+
+An estimator that gives rotations keeps them where inverse kinematics may choose, in twists and in the spine, and its
+motion is not smoothed: it is smooth already, and what is measured must not lag behind.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ import numpy as np
 
 from bodysense.body.ik import IkSettings, IkState, InverseKinematics
 from bodysense.body.pose import Pose
-from bodysense.body.products import CONJUGATE, exp, log, multiply
+from bodysense.body.products import CONJUGATE, exp, log, multiply, world_rotation
 from bodysense.errors import BodysenseError
 from bodysense.observation import Estimate, Estimator, Observation, observed_points
 
@@ -22,18 +26,20 @@ _HALF = 1.6783469900166605  # y·t at which (1 + y t) e^(−y t), the critically
 class TrackerSettings:
     """How an estimate becomes motion."""
 
-    half_life: float = 0.03  # s until the smoother has closed half of a jump; 0 does not smooth
+    # s until the smoother has closed half of a jump; 0 does not smooth. Of estimates without rotations of their own.
+    half_life: float = 0.03
     guessed_arm_factor: float = 5.0  # on the half-life of arm and hand joints below which nothing is tracked
     doubt: float = 0.03  # m of expected error at which a guessed point pulls half as much in IK
     measured_weight: float = 10.0  # pull of a tracked point in IK, beside a certain guess's 1
     finger_weight: float = 0.05  # factor on the pull of every point of a finger
     head_weight: float = 0.05  # m²/rad²: pull of the measured head orientation in IK
+    pose_weight: float = 1e-3  # m²/rad²: pull of each rotation that the estimator gives
     longest_gap: float = 1.0  # s without frames after which motion starts afresh
     # A guess is centimetres off: IK need not place it to hundredths of a millimetre.
     ik: IkSettings = IkSettings(tolerance=1e-4)
 
     def __post_init__(self) -> None:
-        for name in ("half_life", "head_weight"):
+        for name in ("half_life", "head_weight", "pose_weight"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise BodysenseError(f"tracker settings: {name} is {getattr(self, name):g}; it must be 0 or more")
         for name in ("guessed_arm_factor", "doubt", "measured_weight", "finger_weight", "longest_gap"):
@@ -102,16 +108,37 @@ class Tracker:
         """
         estimate, estimator_state = self.estimator.step(observation, state.estimator)
         _, rotation, has_position, has_rotation = observed_points(observation, self.estimator.skeleton)
-        head = self.estimator.skeleton.index("head")
-        aims = np.where(has_rotation[:, head, None], rotation[:, head], np.nan)
+        aims, aim_weight = self._aims(estimate, rotation, has_rotation)
         weight = self._weight(estimate.confidence, has_position)
         roots, rotations = [], []
         for t, time in enumerate(observation.time):
-            state = self._pose(estimate.position[t], weight[t], aims[t], has_position[t], float(time), state)
+            root = None if estimate.pose is None else estimate.pose.root_position[t]
+            state = self._pose(
+                *(estimate.position[t], weight[t], aims[t], aim_weight[t], has_position[t], root, float(time), state)
+            )
             roots.append(state.root_position)
             rotations.append(state.rotation)
         pose = Pose(self.estimator.skeleton, np.stack(roots), np.stack(rotations))
         return pose, estimate, replace(state, estimator=estimator_state)
+
+    def _aims(
+        self, estimate: Estimate, rotation: np.ndarray, has_rotation: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """World rotations (T, J, 4) that joints should have, and their pull (T, J).
+
+        The head's as it is measured; where the estimator gives rotations, all of them, and more so those of the head
+        and the wrists that are measured, which it may have moved a little where one was lost or found again.
+        """
+        skeleton = self.estimator.skeleton
+        joints, head = len(skeleton.joints), skeleton.index("head")
+        if estimate.pose is None:
+            aims, weight = np.full((len(rotation), joints, 4), np.nan), np.zeros((len(rotation), joints))
+            aims[:, head] = rotation[:, head]
+            weight[:, head] = np.where(has_rotation[:, head], self.settings.head_weight, 0.0)
+            return aims, weight
+        aims = np.stack([world_rotation(skeleton, local) for local in estimate.pose.rotation])
+        weight = np.where(has_rotation[:, :joints], self.settings.head_weight, self.settings.pose_weight)
+        return aims, weight
 
     def _missed(self, reached: np.ndarray, target: np.ndarray, measured: np.ndarray) -> np.ndarray:
         """(P, 3) by how much each guessed finger's wrist missed its target; 0 for every other point."""
@@ -131,38 +158,40 @@ class Tracker:
         self,
         target: np.ndarray,
         weight: np.ndarray,
-        head_rotation: np.ndarray,
+        aim: np.ndarray,
+        aim_weight: np.ndarray,
         measured: np.ndarray,
+        root: np.ndarray | None,
         time: float,
         state: TrackerState,
     ) -> TrackerState:
-        """One frame: IK from the frame before, then smoothing."""
+        """One frame: IK from the frame before, then smoothing; or, with a `root`, IK from the estimator's own pose."""
         if state.time is not None and not time > state.time:  # so that what is no number is refused as well
             raise BodysenseError(
                 f"tracker: a frame at {time:g} s came after one at {state.time:g} s; give frames in order of time"
             )
         gap = math.inf if state.time is None else time - state.time
-        rotation_target = rotation_weight = None
-        if np.isfinite(head_rotation).all():
-            joints, head = len(self.estimator.skeleton.joints), self.estimator.skeleton.index("head")
-            rotation_target = np.full((joints, 4), np.nan)
-            rotation_target[head] = head_rotation
-            rotation_weight = np.zeros(joints)
-            rotation_weight[head] = self.settings.head_weight
+        if root is not None:
+            solved, ik = self._ik.solve(target, weight, aim, aim_weight, self._ik.at(root, aim))
+            return self._at_once(solved, ik, None, time, state)
         start = state.ik if gap <= self.settings.longest_gap else None
         if start is not None and state.missed is not None:
             # A guessed hand keeps its shape and direction about the wrist as it is, not as it was wanted.
             target = target + state.missed
-        solved, ik = self._ik.solve(target, weight, rotation_target, rotation_weight, start)
+        solved, ik = self._ik.solve(target, weight, aim, aim_weight, start)
         missed = self._missed(ik.position, target, measured)
         if start is None or self.settings.half_life == 0:
-            zero = np.zeros((len(self.estimator.skeleton.joints), 3))
-            return TrackerState(
-                state.estimator, ik, missed, time, solved.root_position, solved.rotation, np.zeros(3), zero
-            )
+            return self._at_once(solved, ik, missed, time, state)
         slower = np.where(self._below @ measured < self._arm, self.settings.guessed_arm_factor, 1.0)
         root, root_velocity, rotation, spin = smooth(solved, state, gap, self.settings.half_life, slower)
         return TrackerState(state.estimator, ik, missed, time, root, rotation, root_velocity, spin)
+
+    def _at_once(
+        self, pose: Pose, ik: IkState, missed: np.ndarray | None, time: float, state: TrackerState
+    ) -> TrackerState:
+        """The state of a body that is shown as it was solved."""
+        still = np.zeros((len(self.estimator.skeleton.joints), 3))
+        return TrackerState(state.estimator, ik, missed, time, pose.root_position, pose.rotation, np.zeros(3), still)
 
 
 def smooth(

@@ -368,6 +368,16 @@ def test_orientation_targets_of_every_joint_give_back_the_pose() -> None:
     assert np.degrees(geodesic_angle(pose.rotation, truth.rotation)).max() < 0.2
 
 
+def test_a_frame_may_start_at_any_body() -> None:
+    """At the answer itself, its rotations as weak targets: one step, which keeps even what positions leave open."""
+    pose = random_pose(np.random.default_rng(1))
+    place, world = forward_kinematics(pose)
+    solved, state = IK.solve(place, None, world, np.full(len(world), 1e-3), IK.at(pose.root_position, world))
+    assert state.iterations == 1
+    np.testing.assert_allclose(points(solved), place, atol=1e-4)
+    assert np.degrees(geodesic_angle(solved.rotation, pose.rotation)).max() < 0.5
+
+
 def test_positions_and_orientations_that_disagree_are_weighed() -> None:
     position, rotation = forward_kinematics(bent())
     turn = quaternion_exp(np.radians([0, 0, 30.0]))

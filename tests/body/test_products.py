@@ -8,6 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bodysense.body import products, rotation
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.skeleton import default_skeleton
 
 
 def turns(seed: int, count: int = 20) -> np.ndarray:
@@ -34,3 +36,12 @@ def test_small_and_large_turns_come_back(size: float) -> None:
     np.testing.assert_allclose(np.linalg.norm(there, axis=1), 1, atol=1e-15)
     np.testing.assert_allclose(products.log(there), vector, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(products.log(-there), vector, rtol=1e-6, atol=1e-12)
+
+
+@settings(deadline=None, max_examples=20)
+@given(seed=st.integers(0, 9999))
+def test_world_rotations_are_those_of_forward_kinematics(seed: int) -> None:
+    skeleton = default_skeleton()
+    local = turns(seed, len(skeleton.joints))
+    _, world = forward_kinematics(Pose(skeleton, np.zeros(3), local))
+    np.testing.assert_allclose(products.world_rotation(skeleton, local), world, atol=1e-12)

@@ -165,6 +165,11 @@ class InverseKinematics:
                 found = fresh if fresh.cost < found.cost else found
         return Pose(self.skeleton, found.body.root_position, found.body.local_rotation), found
 
+    def at(self, root_position: np.ndarray, world_rotation: np.ndarray) -> IkState:
+        """The state of a body that stands there, root (3,) m and joints (J, 4) wxyz, from which a frame may start."""
+        body = self._posed(np.array(root_position, dtype=np.float64), np.array(world_rotation, dtype=np.float64))
+        return IkState(body, np.inf, 0, True, np.zeros(len(self._bone_parent)))
+
     def _descend(self, problem: _Problem, body: PosedBody, tension: np.ndarray | None = None) -> IkState:
         """Gauss-Newton from a start; a step that raises the cost is damped until it does not.
 

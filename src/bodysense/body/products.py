@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from bodysense.body.skeleton import Skeleton
+
 # fmt: off
 LEFT = np.array([  # q @ LEFT is the 4×4 matrix, row by row, that multiplies by q from the left
     [1, 0, 0, 0,  0, 1, 0, 0,  0, 0, 1, 0,  0, 0, 0, 1],
@@ -48,6 +50,15 @@ CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Hamilton products: (N, 4), (N, 4) → (N, 4)."""
     return ((a @ LEFT).reshape(-1, 4, 4) @ b[:, :, None])[:, :, 0]
+
+
+def world_rotation(skeleton: Skeleton, local: np.ndarray) -> np.ndarray:
+    """World rotations of all joints of a pose from their local ones: (J, 4) → (J, 4)."""
+    world = local.copy()
+    for joints, _ in skeleton.levels[1:]:
+        above = [skeleton.parents[joint] for joint in joints]
+        world[joints] = multiply(world[above], local[joints])
+    return world
 
 
 def log(q: np.ndarray) -> np.ndarray:

@@ -6,17 +6,23 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from tyro.extras import SubcommandApp
 
 from bodysense.errors import BodysenseError
 
+if TYPE_CHECKING:
+    from bodysense.observation import Estimator, Observation
+    from bodysense.tracker import Tracker
+
 
 def commands() -> SubcommandApp:
     """The group's commands."""
     group = SubcommandApp()
     group.command(step)
+    group.command(three_point)
     group.command(ik)
     group.command(occlusion)
     group.command(bvh)
@@ -52,6 +58,43 @@ def step(frames: int = 3000, model: Path | None = None, json: Path | None = None
 
     numbers = percentiles(one, frames)
     report("step", numbers | {"rss_mb": resident_memory()}, json)
+
+
+def three_point(frames: int = 3000, tracker: bool = True, model: Path | None = None, json: Path | None = None) -> None:
+    """Time a whole body from a headset and two hands, a frame at a time: the estimator, and with IK after it.
+
+    Args:
+        frames: Frames to time, after 100 to warm up.
+        tracker: Also time the tracker's whole step, as tracker_p50_ms and so on.
+        model: A network written by `bodysense train three-point`; the packaged one by default.
+        json: Write the numbers here, as one flat object.
+    """
+    from bodysense.cli.motion import packaged_performance
+    from bodysense.estimators.three_point import ThreePoint, load_three_point
+    from bodysense.occlusion.three_point import observe
+    from bodysense.tracker import Tracker
+
+    clip = packaged_performance()
+    observation = observe(clip.pose, clip.time)
+    estimator = ThreePoint(clip.pose.skeleton, load_three_point(model))
+    numbers = percentiles(_streamed(estimator, observation), frames)
+    if tracker:
+        whole = percentiles(_streamed(Tracker(estimator), observation), frames)
+        numbers |= {f"tracker_{name}": value for name, value in whole.items()}
+    report("three points", numbers | {"rss_mb": resident_memory()}, json)
+
+
+def _streamed(method: Estimator | Tracker, observation: Observation) -> Callable[[int], None]:
+    """Takes the n-th frame of an observation that begins anew whenever it ends."""
+    state = method.start()
+    single = [observation[place : place + 1] for place in range(len(observation))]
+
+    def one(frame: int) -> None:
+        nonlocal state
+        place = frame % len(single)
+        state = method.step(single[place], method.start() if place == 0 else state)[-1]
+
+    return one
 
 
 def ik(frames: int = 3000, noise: float = 0.0, json: Path | None = None) -> None:

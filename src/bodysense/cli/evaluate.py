@@ -18,6 +18,8 @@ def commands() -> SubcommandApp:
     group = SubcommandApp()
     group.command(headset)
     group.command(evaluate_more.finger_synthesis)
+    group.command(evaluate_more.three_point)
+    group.command(evaluate_more.hmd_vae)
     unoc.add_commands(group)
     return group
 

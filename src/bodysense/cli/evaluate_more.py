@@ -1,10 +1,12 @@
-"""`bodysense evaluate finger-synthesis`: fingers from the motion of the body alone."""
+"""`bodysense evaluate finger-synthesis`, `three-point`, `hmd-vae`: fingers from a body, a body from three points."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
+from bodysense.cli.reporting import Common, Flat, checked, finish, progress_over
 from bodysense.files import check_place
 
 
@@ -53,3 +55,68 @@ def finger_synthesis(
         shown.add_row(method.replace("_", " "), f"{tally.rmsjpe:.2f}", f"{tally.mpjpe:.2f}")
     Console().print(shown)
     write_numbers(json, table.numbers())
+
+
+def three_point(data: str, model: Path | None = None, common: Flat = Common()) -> None:
+    """Score the whole body of a headset and two hands: errors, motion, feet, other heights, the head alone.
+
+    Args:
+        data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table.
+        model: A network written by `bodysense train three-point`; the packaged one by default.
+        common: Common options.
+    """
+    from rich.progress import Progress
+
+    from bodysense.estimators.three_point import load_three_point
+    from bodysense.evaluation.datasets import named_data
+    from bodysense.evaluation.three_point_table import PASSES, evaluate_three_point, three_point_report
+
+    jobs, chosen = checked(common), named_data(data, common.split, common.quick)
+    load_three_point(model)  # what cannot be read is refused before anything is computed
+    with Progress() as progress:
+        bar = progress.add_task("scoring", total=PASSES * chosen.count())
+        table, census = evaluate_three_point(
+            chosen, model, jobs, lambda clip: progress.update(bar, advance=1, description=f"scored {clip.name}")
+        )
+    finish(three_point_report(table, census, chosen), common)
+
+
+def hmd_vae(
+    data: str,
+    networks: Path,
+    shipped: bool = True,
+    model: Path | None = None,
+    threads: int | None = None,
+    common: Flat = Common(),
+) -> None:
+    """HMD-VAE, Figs 5 to 7: models 1 to 4 with and without history, from scratch and pretrained, 3 and 6 blocks.
+
+    A second table has the measures of later papers, with the shipped predictor and published figures.
+
+    Args:
+        data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table.
+        networks: The folder into which `bodysense train hmd-vae` wrote the networks.
+        shipped: Score the shipped three-point predictor, too, which takes longer than all of the rest.
+        model: That predictor, a network written by `bodysense train three-point`; the packaged one by default.
+        threads: Of PyTorch; its own choice by default.
+        common: Common options.
+    """
+    from rich.progress import track
+
+    from bodysense.evaluation.body_vae import read_test, score_vae, vaes_in
+    from bodysense.evaluation.body_vae_report import metrics_report, vae_report
+    from bodysense.evaluation.datasets import named_data
+    from bodysense.evaluation.three_point_table import PASSES, evaluate_three_point
+
+    jobs = checked(common)
+    chosen, files = named_data(data, common.split, common.quick), vaes_in(networks)
+    table = None
+    if shipped:
+        with progress_over([chosen] * PASSES) as advance:
+            table, _ = evaluate_three_point(chosen, model, jobs, advance)
+    with progress_over([chosen]) as advance:
+        frames, census = read_test(chosen, advance)
+    scored = [score_vae(name, path, frames, threads) for name, path in track(files.items(), "scoring the networks")]
+    figures, later = vae_report(scored, census, chosen), metrics_report(scored, table, census, chosen)
+    finish(later, replace(common, json=None))
+    finish(replace(figures, numbers=later.numbers | figures.numbers), common)

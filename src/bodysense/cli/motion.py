@@ -14,10 +14,13 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from bodysense.capture.recording import Recording
     from bodysense.data.clip import Clip
+    from bodysense.observation import Estimator
 
-Device = Literal["headset-camera", "three-point"]
+Device = Literal["headset-camera", "three-point", "head-only"]
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 MotionFile = Annotated[Path, tyro.conf.Positional]
 
@@ -103,12 +106,14 @@ def track(
     device: Device | None = None,
     model: Path | None = None,
     half_life: float | None = None,
-    height: float | None = None,
+    height: float | Literal["headset"] | None = None,
     fingers: Literal["tracked", "synthesize"] = "tracked",
+    samples: int | None = None,
+    seed: int = 1,
 ) -> None:
     """Complete a recording, or a motion seen by a simulated device, and write it as BVH.
 
-    A recording of head and wrists alone is completed by the upper-body network.
+    A recording of head and wrists alone is completed by the three-point network.
 
     Args:
         file: A recording (.npz, .jsonl), or with --device a motion (.bvh, AMASS .npz).
@@ -116,9 +121,13 @@ def track(
         device: What watches the body, where the file is a motion.
         model: A network written by `bodysense train`; the packaged one by default.
         half_life: Seconds in which the smoother closes half of a jump; 0 does not smooth, its own choice by default.
-        height: Metres; scales the body, for files that do not say how tall it is.
+            The three-point network's motion is not smoothed.
+        height: Metres; scales the body, for files that do not say how tall it is. For a recording of head and wrists:
+            the wearer's height, or 'headset' to take it from how high the headset is carried.
         fingers: 'synthesize' makes plausible fingers from the body's motion; of a motion without --device nothing else
             changes.
+        samples: So many plausible bodies for the one signal of head and wrists, OUT_1.bvh, OUT_2.bvh …, by HMD-VAE.
+        seed: Of the samples.
     """
     import numpy as np
     from rich.progress import track as progress
@@ -129,40 +138,42 @@ def track(
     from bodysense.data.clip import Clip
     from bodysense.data.resample import at_constant_rate
     from bodysense.estimators.finger_synthesis import synthesize
-    from bodysense.estimators.learned import Learned, load_model
-    from bodysense.estimators.learned_upper_body import LearnedUpperBody
     from bodysense.estimators.point_model import load_point_model
-    from bodysense.occlusion.three_point import POINTS
     from bodysense.tracker import Tracker
 
     check_place(out)
     if out.suffix.lower() != ".bvh":
         raise BodysenseError(f"{out}: the output ends in {out.suffix or 'nothing'!r}; give a name that ends in .bvh")
+    if height == "headset" and (device is not None or not is_recording(file)):
+        raise BodysenseError(f"{file}: --height headset is for recordings of head and wrists; give metres, or none")
+    metres = None if height == "headset" else height
     if device is not None:
-        recording = simulated(load_clip(file, height), device)
+        recording = simulated(load_clip(file, metres), device)
     elif not file.is_file():
         raise BodysenseError(f"{file}: no such file")
     elif fingers == "synthesize" and not is_recording(file):
-        clip = synthesize(load_clip(file, height), load_point_model("fingers", model))
+        clip = synthesize(load_clip(file, metres), load_point_model("fingers", model))
         write_bvh(out, replace(clip, name=out.stem))
         print(f"wrote {out}: {len(clip)} frames with synthesized fingers")
         return
-    elif height is not None:
-        raise BodysenseError(
-            f"{file}: --height scales a motion; a recording holds its wearer's skeleton, so leave it out"
-        )
     elif is_recording(file):
         recording = read_recording(file)
+        if height is not None:
+            recording = _of_height(file, recording, height)
+    elif height is not None:
+        raise BodysenseError(f"{file}: --height scales a motion seen by a device; say which with --device")
     else:
         raise BodysenseError(
             f"{file}: not a recording; if it is a motion, say what watches it: --device headset-camera, or "
             "--fingers synthesize to give it fingers"
         )
-    if set(recording.observation.points) <= set(POINTS):
-        estimator = LearnedUpperBody(recording.skeleton, load_point_model("upper-body", model))
-    else:
-        estimator = Learned(load_model(model), recording.skeleton)
-    tracker = Tracker(estimator, tracker_settings(half_life))
+    if samples is not None:
+        from bodysense.cli.samples import write_samples
+
+        for path in write_samples(recording, out, samples, seed, model):
+            print(f"wrote {path}")
+        return
+    tracker = Tracker(_estimator(recording, model, half_life), tracker_settings(half_life))
     state, poses, begun = tracker.start(), [], time.perf_counter()
     for frame in progress(range(len(recording.observation)), description=f"tracking {file.name}"):
         pose, _, state = tracker.step(recording.observation[frame : frame + 1], state)
@@ -182,15 +193,11 @@ def track(
 
 def load_clip(file: Path, height: float | None) -> Clip:
     """A user's motion in canonical form, scaled where they say how tall it is."""
-    from bodysense.body.pose import Pose
+    from bodysense.data.augment import at_height
     from bodysense.data.sources import Source, read_source
 
     clip = read_source(Source(file, person="", split="test"))
-    if height is None:
-        return clip
-    skeleton = clip.pose.skeleton.scaled(height)
-    root = clip.pose.root_position * (skeleton.height / clip.pose.skeleton.height)
-    return replace(clip, pose=Pose(skeleton, root, clip.pose.rotation))
+    return clip if height is None else at_height(clip, height)
 
 
 def packaged_performance() -> Clip:
@@ -208,5 +215,54 @@ def simulated(clip: Clip, device: Device) -> Recording:
     from bodysense.capture.recording import Recording
     from bodysense.occlusion import headset_camera, three_point
 
-    observe = headset_camera.observe if device == "headset-camera" else three_point.observe
-    return Recording(observe(clip.pose, clip.time), clip.pose.skeleton)
+    if device == "headset-camera":
+        observation = headset_camera.observe(clip.pose, clip.time)
+    else:
+        observation = three_point.observe(clip.pose, clip.time, three_point.ThreePoint(hands=device == "three-point"))
+    return Recording(observation, clip.pose.skeleton)
+
+
+def _estimator(recording: Recording, model: Path | None, half_life: float | None) -> Estimator:
+    """What completes a recording: of head and wrists alone the three-point network, otherwise the body network."""
+    import numpy as np
+
+    from bodysense.estimators.learned import Learned, load_model
+    from bodysense.estimators.three_point import ThreePoint, load_three_point
+
+    if not _is_three_point(recording):
+        return Learned(load_model(model), recording.skeleton)
+    if half_life is not None:
+        raise BodysenseError(
+            f"--half-life {half_life:g}: head and wrists are completed without smoothing, so that head and hands are "
+            "where they are measured; leave it out"
+        )
+    if not np.isfinite(_head_height(recording)).any():
+        raise BodysenseError(
+            "the recording has no headset: 'head' is tracked in none of its frames; record it with one"
+        )
+    return ThreePoint(recording.skeleton, load_three_point(model))
+
+
+def _is_three_point(recording: Recording) -> bool:
+    from bodysense.occlusion.three_point import POINTS
+
+    return set(recording.observation.points) <= set(POINTS)
+
+
+def _head_height(recording: Recording) -> np.ndarray:
+    """(T,) m over the floor; NaN where the headset was not tracked."""
+    seen = recording.observation
+    return seen.position[:, [name == "head" for name in seen.points], 1].ravel()
+
+
+def _of_height(file: Path, recording: Recording, height: float | Literal["headset"]) -> Recording:
+    """A recording of head and wrists whose wearer is as tall as they say, or as their headset shows."""
+    from bodysense.body.stature import height_from_headset
+
+    if not _is_three_point(recording):
+        raise BodysenseError(
+            f"{file}: --height scales a motion; a recording holds its wearer's skeleton, so leave it out"
+        )
+    if height == "headset":
+        height = height_from_headset(_head_height(recording), recording.skeleton)
+    return replace(recording, skeleton=recording.skeleton.scaled(height))

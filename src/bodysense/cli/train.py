@@ -145,14 +145,15 @@ def card(network: Annotated[Path, tyro.conf.Positional], figures: Path) -> None:
 
     Args:
         network: The .onnx file that `bodysense train` wrote.
-        figures: What `bodysense evaluate headset --model NETWORK --json FIGURES` wrote.
+        figures: What the command that measures such a network wrote with --json: `bodysense evaluate headset`,
+            `three-point`, `finger-synthesis` or `unoc-table6`, with --model NETWORK.
     """
     import json
 
-    from bodysense.estimators.learned import load_model
-    from bodysense.training.onnx_writing import describe
+    from bodysense.training.model_card import describe
 
-    load_model(network)
+    if not network.is_file():
+        raise BodysenseError(f"{network}: no such model file; give the .onnx that `bodysense train` wrote")
     try:
         numbers = json.loads(figures.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

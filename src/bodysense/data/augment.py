@@ -45,6 +45,13 @@ def turned(clip: Clip, angle: float) -> Clip:
     return replace(clip, pose=Pose(clip.pose.skeleton, root, rotation))
 
 
+def at_height(clip: Clip, height: float) -> Clip:
+    """The same rotations on a body of the same proportions, `height` m tall; the root's path is scaled with it."""
+    skeleton = clip.pose.skeleton.scaled(height)
+    root = clip.pose.root_position * (skeleton.height / clip.pose.skeleton.height)
+    return replace(clip, pose=Pose(skeleton, root, clip.pose.rotation))
+
+
 def with_limb_proportions(clip: Clip, spread: float, rng: np.random.Generator) -> Clip:
     """The same rotations on another body: the lengths of each group of `LIMBS` times a random factor of its own.
 

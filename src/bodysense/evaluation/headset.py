@@ -204,4 +204,9 @@ def scored_points(skeleton: Skeleton) -> list[int]:
 
 def group_of(clip: Clip) -> str:
     """The one of `GROUPS` with which a clip is scored."""
-    return "main" if clip.category in (*MAIN, "") else clip.category if clip.category in GROUPS else "other"
+    return group_named(clip.category)
+
+
+def group_named(category: str) -> str:
+    """The one of `GROUPS` with which clips of a category are scored."""
+    return "main" if category in (*MAIN, "") else category if category in GROUPS else "other"

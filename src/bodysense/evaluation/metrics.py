@@ -57,12 +57,17 @@ def acceleration(position: np.ndarray, frame_rate: float) -> np.ndarray:
 def foot_skate(predicted: np.ndarray, truth: np.ndarray, frame_rate: float) -> float:
     """Mean horizontal speed of foot points while their truth is in contact, cm/s: (T, P, 3), (T, P, 3).
 
-    In contact: lower than 5 cm and slower than 10 cm/s.
+    In contact: `on_floor`.
     """
-    speed = np.linalg.norm(np.diff(truth, axis=0), axis=-1) * frame_rate
-    contact = (truth[1:, :, 1] < 0.05) & (speed < 0.10)
+    contact = on_floor(truth, frame_rate)
     slide = 100 * np.linalg.norm(np.diff(predicted, axis=0)[..., [0, 2]], axis=-1) * frame_rate
     return float(slide[contact].mean()) if contact.any() else float("nan")
+
+
+def on_floor(truth: np.ndarray, frame_rate: float) -> np.ndarray:
+    """(T − 1, P) bool: points (T, P, 3) lower than 5 cm and, since the frame before, slower than 10 cm/s."""
+    speed = np.linalg.norm(np.diff(truth, axis=0), axis=-1) * frame_rate
+    return (truth[1:, :, 1] < 0.05) & (speed < 0.10)
 
 
 def floor_penetration(position: np.ndarray) -> float:

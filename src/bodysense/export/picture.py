@@ -45,6 +45,25 @@ def draw_strip(path: str | Path, skeleton: Skeleton, panels: list[Panel], time: 
     pyplot.close(figure)
 
 
+def draw_sheet(path: str | Path, skeleton: Skeleton, position: np.ndarray, columns: int = 6) -> None:
+    """A PNG of bodies (N, P, 3) m in rows."""
+    pyplot = load_pyplot()
+    width, height = 1.6, 2.3
+    columns = min(columns, len(position))
+    rows = -(-len(position) // columns)
+    figure, axis = pyplot.subplots(figsize=(1.6 * columns, 2.3 * rows))
+    panel = Panel("", position)
+    for body in range(len(position)):
+        row, column = divmod(body, columns)
+        _draw(axis, skeleton, panel, body, (column * width, (rows - 1 - row) * height))
+    axis.set_xlim(-0.55 * width, (columns - 0.45) * width)
+    axis.set_ylim(-0.1, rows * height)
+    _bare(axis)
+    with written_beside(path) as beside:
+        figure.savefig(beside, dpi=100, bbox_inches="tight", pad_inches=0.1)
+    pyplot.close(figure)
+
+
 def draw_animation(
     path: str | Path, skeleton: Skeleton, panels: list[Panel], time: np.ndarray, rate: float = 8.0
 ) -> None:

@@ -1,4 +1,7 @@
-"""What a headset and two hand-held controllers track: three points with their orientation (UNOC, section 5.2)."""
+"""What a headset and two hand-held controllers track: three points with their orientation (UNOC, section 5.2).
+
+Or the headset alone.
+"""
 
 from __future__ import annotations
 
@@ -25,6 +28,7 @@ class ThreePoint:
 
     grip_position: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, of the controller in the left wrist's frame
     grip_rotation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)  # wxyz, left wrist ← controller
+    hands: bool = True  # False: the headset alone; the hands are there as points, and hidden throughout
 
     def __post_init__(self) -> None:
         length = float(np.linalg.norm(self.grip_rotation))
@@ -35,7 +39,7 @@ class ThreePoint:
 
 
 def observe(pose: Pose, time: np.ndarray, device: ThreePoint = ThreePoint()) -> Observation:
-    """The three points of a motion (..., T) at `time` (T,) s: world positions (m) and rotations, never hidden.
+    """The three points of a motion (..., T) at `time` (T,) s: positions (m) and rotations, hidden by `hands` only.
 
     Raises BodysenseError for a skeleton without head or wrists.
     """
@@ -46,12 +50,16 @@ def observe(pose: Pose, time: np.ndarray, device: ThreePoint = ThreePoint()) -> 
     # In the mirror an offset changes its x, a turn the sense about every axis but x.
     shift[2] *= [-1, 1, 1]
     turn[2] *= [1, 1, -1, -1]
-    shape = position.shape[:-1]
+    seen = np.broadcast_to([True, device.hands, device.hands], position.shape[:-1])
+    position = position + quaternion_rotate(rotation, np.broadcast_to(shift, position.shape))
     return Observation(
         points=POINTS,
-        position=position + quaternion_rotate(rotation, np.broadcast_to(shift, position.shape)),
-        rotation=quaternion_canonical(quaternion_multiply(rotation, turn)),
-        has_position=np.ones(shape, dtype=bool),
-        has_rotation=np.ones(shape, dtype=bool),
+        position=np.where(seen[..., None], position, np.nan),
+        rotation=np.where(seen[..., None], quaternion_canonical(quaternion_multiply(rotation, turn)), np.nan),
+        has_position=seen.copy(),
+        has_rotation=seen.copy(),
         time=np.asarray(time, dtype=float),
     )
+
+
+HEAD_ONLY = ThreePoint(hands=False)

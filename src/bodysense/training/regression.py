@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
 from bodysense.errors import BodysenseError
@@ -24,6 +24,25 @@ from bodysense.training.losses import LossWeights
 from bodysense.training.point_episodes import PointBatch, PointEpisode, collate, lanes, windows
 
 TYPICAL = 0.02  # m: the distance at which a squared one weighs as much as a Euclidean one
+
+
+class Schedule(Protocol):
+    """Of which the learning rate warms up and then falls."""
+
+    @property
+    def steps(self) -> int:
+        """Of the optimiser."""
+        ...
+
+    @property
+    def warm_up(self) -> int:
+        """Steps until the learning rate is reached."""
+        ...
+
+    @property
+    def learning_rate(self) -> float:
+        """The highest."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -86,7 +105,8 @@ def train_points(
     average = AveragedModel(network, avg_fn=partial(moving_average, decay=schedule.average_decay))
     averaged = average.module
     assert isinstance(averaged, PointNetwork)
-    done, best = load(checkpoint, network, schedule, optimizer, average)
+    run = identity(network.config, schedule)
+    done, best = load(checkpoint, run, network, optimizer, average)
     memory = network.start(schedule.batch)
     begun, recent = time.monotonic(), []
     steps = range(done + 1, schedule.steps + 1)
@@ -112,7 +132,7 @@ def train_points(
             if score < best["score"]:
                 best = {"score": score, "step": step, "weights": averaged.state_dict()}
                 best["weights"] = {name: value.clone() for name, value in best["weights"].items()}
-            save(checkpoint, network, schedule, step, optimizer, average, best)
+            save(checkpoint, run, step, network, optimizer, average, best)
             mean = {name: float(np.mean([row[name] for row in recent])) for name in recent[0]}
             recent = []
             scores = {"rmsjpe_cm": score, "best_rmsjpe_cm": best["score"]}
@@ -137,7 +157,7 @@ def last_frame(batch: PointBatch) -> PointBatch:
     return PointBatch(**{name: value[:, -1:] for name, value in batch._asdict().items() if name not in fixed}, **fixed)
 
 
-def learning_rate(schedule: PointSchedule, step: int) -> float:
+def learning_rate(schedule: Schedule, step: int) -> float:
     """Warm-up, then a cosine down to a hundredth."""
     if step < schedule.warm_up:
         return schedule.learning_rate * step / schedule.warm_up
@@ -161,31 +181,31 @@ def validate_points(network: PointNetwork, episodes: Sequence[PointEpisode]) -> 
     return 100 * math.sqrt(total / max(count, 1))
 
 
-def identity(network: PointNetwork, schedule: PointSchedule) -> str:
-    """What a checkpoint must agree on to be continued."""
-    return json.dumps({"network": asdict(network.config), "schedule": asdict(schedule)}, sort_keys=True)
+def identity(config: Any, schedule: Any) -> str:
+    """What a checkpoint must agree on to be continued: two dataclasses, of the network and of the run."""
+    return json.dumps({"network": asdict(config), "schedule": asdict(schedule)}, sort_keys=True)
 
 
 def save(
     path: Path,
-    network: PointNetwork,
-    schedule: PointSchedule,
+    run: str,
     step: int,
+    network: nn.Module,
     optimizer: torch.optim.Optimizer,
     average: AveragedModel,
     best: dict[str, Any],
 ) -> None:
-    """Written beside and renamed, so that a run killed at any moment can go on."""
+    """Written beside and renamed, so that a run (its `identity`) killed at any moment can go on."""
     beside = path.with_name(path.name + ".part")
     state = {"network": network.state_dict(), "optimizer": optimizer.state_dict(), "average": average.state_dict()}
-    torch.save({"identity": identity(network, schedule), "step": step, "best": best, **state}, beside)
+    torch.save({"identity": run, "step": step, "best": best, **state}, beside)
     os.replace(beside, path)
 
 
 def load(
     path: Path,
-    network: PointNetwork,
-    schedule: PointSchedule,
+    run: str,
+    network: nn.Module,
     optimizer: torch.optim.Optimizer,
     average: AveragedModel,
 ) -> tuple[int, dict[str, Any]]:
@@ -198,10 +218,9 @@ def load(
         raise BodysenseError(
             f"{path}: not a readable checkpoint ({type(error).__name__}); take it away to begin anew"
         ) from None
-    if saved.get("identity") != identity(network, schedule):
+    if saved.get("identity") != run:
         raise BodysenseError(
-            f"{path} belongs to another configuration "
-            f"({differences(saved.get('identity', '{}'), identity(network, schedule))}); "
+            f"{path} belongs to another configuration ({differences(saved.get('identity', '{}'), run)}); "
             "give another --out, or the settings it was begun with"
         )
     network.load_state_dict(saved["network"])

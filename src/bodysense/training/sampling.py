@@ -32,21 +32,26 @@ def lanes(
     The state of a lane carries over from batch to batch, except where `begins`. A clip's last chunk is padded.
     """
     length = np.array([len(episode) for episode in episodes])
-    # A drawn clip plays whole, so that it counts by its length already.
-    probability = weight / weight.sum()
-    current: list[int] = [-1] * lane_count
-    place = np.zeros(lane_count, dtype=int)
-    while True:
-        begins = np.zeros(lane_count, dtype=bool)
-        pieces: list[tuple[Episode, int]] = []
-        for lane in range(lane_count):
-            if current[lane] < 0 or place[lane] >= length[current[lane]]:
-                current[lane] = int(rng.choice(len(episodes), p=probability))
-                place[lane] = 0
-                begins[lane] = True
-            pieces.append((episodes[current[lane]], int(place[lane])))
-            place[lane] += chunk
+    for clips, starts, begins in walk(length, weight, lane_count, chunk, rng):
+        pieces = [(episodes[clip], int(start)) for clip, start in zip(clips, starts, strict=True)]
         yield collate(pieces, chunk, begins)
+
+
+def walk(
+    length: np.ndarray, weight: np.ndarray, lane_count: int, chunk: int, rng: np.random.Generator
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Where each lane stands, chunk after chunk: its clip, its first frame there, and whether it begins the clip.
+
+    Clips of `length` (C,) frames are drawn by `weight` (C,) and play whole, so that they count by their length already.
+    """
+    probability = weight / weight.sum()
+    clip, place = np.full(lane_count, -1), np.zeros(lane_count, dtype=int)
+    while True:
+        begins = (clip < 0) | (place >= length[clip])
+        for lane in np.flatnonzero(begins):
+            clip[lane], place[lane] = rng.choice(len(length), p=probability), 0
+        yield clip.copy(), place.copy(), begins
+        place += chunk
 
 
 def collate(pieces: Sequence[tuple[Episode, int]], chunk: int, begins: np.ndarray) -> Batch:

@@ -1,0 +1,101 @@
+"""`bodysense train hmd-vae`: the paper's variational autoencoders, one or a sweep of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from bodysense.errors import BodysenseError
+
+Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
+
+
+def hmd_vae(
+    data: Path,
+    out: Output,
+    model: Literal[0, 1, 2, 3, 4] = 2,
+    decoder: Path | None = None,
+    latent: Literal[15, 30, 60] = 30,
+    beta: float = 0.01,
+    blocks: Literal[3, 6] = 3,
+    samples: int = 1,
+    origin: Literal["head", "pelvis"] = "head",
+    steps: int = 6000,
+    batch: int = 256,
+    sweep: bool = False,
+    grid: Literal["one", "few", "all"] = "few",
+    split_file: Path | None = None,
+    seed: int = 1,
+    threads: int | None = None,
+    devices: int = 1,
+    nodes: int = 1,
+    licence: str = "Apache-2.0",
+    data_note: str = "",
+) -> None:
+    """Train HMD-VAE, a whole body from a headset and two hands. Run it again to go on after a stop.
+
+    Args:
+        data: A folder of motion files or a prepared store; its train split is learned, but for 5 % of the sequences of
+            each data set that are held out; its val split is watched.
+        out: NAME.onnx, with the weights beside it as NAME.pt, or NAME.pt alone; checkpoint and log lie beside. Of a
+            sweep: the folder.
+        model: 0 sees the whole body; 1 head and hands now; 2 their last half second; 3 and 4 are 1 and 2 with the
+            decoder of a model 0, which stays as it is.
+        decoder: The .pt of a trained model 0, for models 3 and 4.
+        latent: Numbers that make a body.
+        beta: Weight of the divergence from the prior.
+        blocks: Residual blocks of encoder and decoder.
+        samples: Draws of the posterior a step.
+        origin: 'head' is under the headset; 'pelvis', the paper's, knows where the pelvis is and faces, as no headset
+            does, and cannot be exported.
+        steps: Optimiser steps.
+        batch: Windows a step.
+        sweep: Train models 0 to 4 of many settings into the folder `out`, with results.csv; what is there is kept.
+        grid: Of a sweep. 'one': the setting of --latent, --beta, --blocks. 'few': beta 0.01 and 1, latent 30, blocks 3
+            and 6: 20 networks. 'all': the paper's 30 settings, 150 networks.
+        split_file: Lines 'PATH train' or 'PATH test' instead of the split by person, for a published protocol; the
+            sequences that are held out are then watched.
+        seed: Of everything random.
+        threads: Of PyTorch; its own choice by default.
+        devices: Accelerators, where there are any.
+        nodes: Machines that share each network's training: start it on each with `torchrun`; they share `out`'s folder.
+        licence: Of the network, for its card.
+        data_note: What it was trained on, for its card.
+    """
+    for name, value in (("--steps", steps), ("--batch", batch)):
+        if value < 1:
+            raise BodysenseError(f"{name} {value}: give at least 1")
+    if not sweep and out.suffix not in (".onnx", ".pt"):
+        raise BodysenseError(f"{out}: a network is written as .onnx or .pt; give a name that ends so")
+    if sweep and (out.suffix in (".onnx", ".pt") or decoder is not None):
+        raise BodysenseError("--sweep trains its own decoders into a folder; give a folder as --out, and no --decoder")
+    if not sweep and out.suffix == ".onnx" and origin != "head":
+        raise BodysenseError(
+            f"{out}: no device tracks the {origin}, so a network with that origin is not exported; give a name that "
+            "ends in .pt, or --origin head"
+        )
+
+    from bodysense.models.body_vae import BodyVaeConfig
+    from bodysense.training.body_vae import VaeSchedule
+    from bodysense.training.body_vae_run import VaeRun, run_sweep, run_vae, sweep_configs
+
+    config = BodyVaeConfig(model=model, latent=latent, blocks=blocks, beta=beta, samples=samples, origin=origin)
+    run = VaeRun(
+        data=data,
+        out=out,
+        config=config,
+        schedule=VaeSchedule(steps=steps, batch=batch, seed=seed),
+        decoder=decoder,
+        split_file=split_file,
+        threads=threads,
+        devices=devices,
+        nodes=nodes,
+        licence=licence,
+        data_note=data_note,
+    )
+    if sweep:
+        run_sweep(run, sweep_configs(config, grid))
+    else:
+        run_vae(run)

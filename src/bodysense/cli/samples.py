@@ -1,0 +1,84 @@
+"""Bodies drawn from HMD-VAE: `bodysense generate`, and what `bodysense track --samples` writes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from bodysense.errors import BodysenseError
+from bodysense.files import check_place
+
+if TYPE_CHECKING:
+    from bodysense.capture.recording import Recording
+
+Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
+
+
+def generate(
+    out: Output, model: Path | None = None, count: int = 12, seed: int = 1, height: float | None = None
+) -> None:
+    """Draw bodies that nobody tracked: samples of HMD-VAE's prior, as a picture or as the frames of a BVH file.
+
+    Args:
+        out: NAME.png or NAME.bvh.
+        model: A network written by `bodysense train hmd-vae`, best a model 0; the packaged one by default.
+        count: How many.
+        seed: Of the draw.
+        height: Of the bodies, metres; the default skeleton's by default.
+    """
+    import numpy as np
+
+    from bodysense.body.pose import forward_kinematics
+    from bodysense.body.skeleton import default_skeleton
+    from bodysense.data.bvh import write_bvh
+    from bodysense.data.clip import Clip
+    from bodysense.estimators.body_vae import load_body_vae, sample_prior
+    from bodysense.export.picture import draw_sheet
+
+    check_place(out)
+    if out.suffix.lower() not in (".bvh", ".png"):
+        raise BodysenseError(f"{out}: the output ends in {out.suffix or 'nothing'!r}; valid are .png and .bvh")
+    skeleton = default_skeleton() if height is None else default_skeleton().scaled(height)
+    pose = sample_prior(skeleton, load_body_vae(model), count, np.random.default_rng(seed))
+    if out.suffix.lower() == ".png":
+        draw_sheet(out, skeleton, np.asarray(forward_kinematics(pose)[0]))
+    else:
+        write_bvh(out, Clip(out.stem, pose, frame_rate=1.0))  # a frame a body, a second each
+    print(f"wrote {out}: {count} bodies")
+
+
+def write_samples(recording: Recording, out: Path, count: int, seed: int, model: Path | None = None) -> list[Path]:
+    """Track one recording `count` times, each with its own draw of what was not tracked: OUT_1.bvh, OUT_2.bvh, …
+
+    Head and hands, where tracked, are where they were measured in all of them. `model` is a network written by
+    `bodysense train hmd-vae`, the packaged one for None. Raises BodysenseError where the recording has other points
+    than head and wrists.
+    """
+    import numpy as np
+    from rich.progress import track as progress
+
+    from bodysense.data.bvh import write_bvh
+    from bodysense.data.clip import Clip
+    from bodysense.data.resample import at_constant_rate
+    from bodysense.estimators.body_vae import POINTS, BodyVae, load_body_vae, sample_noise
+    from bodysense.tracker import Tracker
+
+    observation = recording.observation
+    other = [name for name in observation.points if name not in POINTS]
+    if other:
+        raise BodysenseError(
+            f"--samples draws from head and hands ({', '.join(POINTS)}), but {other[0]!r} is tracked too; "
+            "give a three-point recording, or --device three-point"
+        )
+    network = load_body_vae(model)
+    noises = sample_noise(network, count, np.random.default_rng(seed))
+    paths = [out.with_name(f"{out.stem}_{k}{out.suffix}") for k in range(1, count + 1)]
+    interval = np.diff(observation.time)
+    rate = 1 / float(np.median(interval)) if len(interval) else 30.0
+    for path, noise in progress(list(zip(paths, noises, strict=True)), description="drawing bodies"):
+        tracker = Tracker(BodyVae(recording.skeleton, network, noise))
+        pose, _, _ = tracker.step(observation, tracker.start())
+        write_bvh(path, at_constant_rate(Clip(path.stem, pose, rate), observation.time))
+    return paths

@@ -1,0 +1,72 @@
+"""Feet that stand: where contact with the floor is likely a foot is held in its place, and none is under the floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bodysense.errors import BodysenseError
+
+
+@dataclass(frozen=True)
+class FootLockSettings:
+    """When a foot is held and how it comes free."""
+
+    hold: float = 0.6  # probability of contact from which a foot is held
+    release: float = 0.4  # and below which it is let go
+    half_life: float = 0.1  # s in which half of what a released foot was held back by fades
+    longest: float = 0.12  # m: a foot that its leg drags farther slides along
+
+    def __post_init__(self) -> None:
+        if not 0 < self.release <= self.hold < 1:
+            raise BodysenseError(
+                f"foot lock: release {self.release:g} and hold {self.hold:g} must be probabilities, release the smaller"
+            )
+        for name in ("half_life", "longest"):
+            if not getattr(self, name) > 0:
+                raise BodysenseError(f"foot lock: {name} is {getattr(self, name):g}; it must be positive")
+
+
+@dataclass(frozen=True, eq=False)
+class FootLockState:
+    """What holds each foot, left and right."""
+
+    held: np.ndarray  # (2,) -1 free, 0 by its ankle, 1 by its ball
+    anchor: np.ndarray  # (2, 2) m: where that stands, x and z
+    shift: np.ndarray  # (2, 2) m: how far the foot is moved, x and z
+
+
+def released() -> FootLockState:
+    """No foot is held."""
+    return FootLockState(np.full(2, -1), np.zeros((2, 2)), np.zeros((2, 2)))
+
+
+def lock_feet(
+    foot: np.ndarray, contact: np.ndarray, interval: float, settings: FootLockSettings, state: FootLockState
+) -> tuple[np.ndarray, FootLockState]:
+    """By how much (2, 3) m to move each foot, and the state after it.
+
+    Args:
+        foot: (2, 3, 3) m, world: ankle, ball and toe tip of left and right foot.
+        contact: (2, 2) probability that ankle and ball stand on the floor.
+        interval: s since the frame before.
+        settings: When a foot is held.
+        state: Of the frame before.
+    """
+    held, anchor = state.held.copy(), state.anchor.copy()
+    shift = state.shift * 0.5 ** (interval / settings.half_life)
+    for side in range(2):
+        if held[side] >= 0 and contact[side, held[side]] < settings.release:
+            held[side] = -1
+        best = int(contact[side, 1] >= contact[side, 0])
+        if held[side] < 0 and contact[side, best] >= settings.hold:
+            held[side], anchor[side] = best, foot[side, best, ::2] + shift[side]
+        if held[side] >= 0:
+            pull = anchor[side] - foot[side, held[side], ::2]
+            pull *= min(1.0, settings.longest / max(float(np.hypot(*pull)), 1e-9))
+            shift[side], anchor[side] = pull, foot[side, held[side], ::2] + pull
+    move = np.zeros((2, 3))
+    move[:, ::2] = shift
+    move[:, 1] = np.maximum(-foot[:, :, 1].min(axis=1), 0)
+    return move, FootLockState(held, anchor, shift)

@@ -1,0 +1,318 @@
+"""A whole body from a headset and two hands by a network: arms that reach the hands, feet that stand.
+
+The network (`models/three_point_network.py`) gives every joint's rotation. Then each arm is bent so that its hand is
+where it is measured, and each leg so that a foot in contact with the floor stays where it stands (`foot_lock`,
+`limbs`). Fingers are relaxed.
+
+What is not as it should be:
+
+- Without a headset in a frame, its last pose is repeated; before its first, the body stands at the origin, facing +Z.
+- A hand that the arm cannot reach is shown where it is measured, while the pose only points at it: the tracker's
+  inverse kinematics then moves the body.
+- A hand that is not tracked is the network's guess. Where a hand is lost or found again, what is shown moves to its new
+  place within a few frames, without a jump.
+- A pose that cannot be one counts as not tracked: not finite, a quaternion that is not of unit length, farther than
+  `FARTHEST` from the origin, a hand farther from the head than `REACH` of the wearer's height.
+- After more than `longest_gap` without a frame everything starts afresh. A point that is named twice (two headsets)
+  and time that does not increase are errors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bodysense.body.pose import Pose, forward_kinematics, standing_pose
+from bodysense.body.products import CONJUGATE, exp, log, multiply
+from bodysense.body.skeleton import BODY, Skeleton
+from bodysense.errors import BodysenseError
+from bodysense.estimators.foot_lock import FootLockSettings, FootLockState, lock_feet, released
+from bodysense.estimators.network_file import open_network, open_packaged
+from bodysense.estimators.whole_body import WholeBody
+from bodysense.observation import UNIT_TOLERANCE, Estimate, Observation
+from bodysense.occlusion.three_point import POINTS
+
+FORMAT = "bodysense three-point 1"
+PACKAGED = "three_point.onnx"
+FIRST_INTERVAL = 1 / 60  # s: the time step of a frame that has none before it
+FARTHEST = 1000.0  # m: beyond it single precision is too coarse for a body
+REACH = 0.75  # of the wearer's height, from the head: no hand is farther
+
+
+@dataclass(frozen=True)
+class ThreePointModel:
+    """A loaded network file: its session and what it says of itself."""
+
+    session: Any  # onnxruntime.InferenceSession
+    card: dict[str, Any]
+    name: str
+
+    @cached_property
+    def outputs(self) -> list[str]:
+        """Names of what it answers."""
+        return [output.name for output in self.session.get_outputs()]
+
+
+def load_three_point(path: str | Path | None = None) -> ThreePointModel:
+    """Load a network: a path, or None for the packaged one. Raises BodysenseError for a file that is not ours."""
+    wanted: dict[str, Any] = {
+        "format": FORMAT,
+        "kind": "three-point network",
+        "fields": ("joints", "contact", "fastest_rate", "state"),
+        "command": "bodysense train three-point",
+    }
+    if path is None:
+        return ThreePointModel(*open_packaged(PACKAGED, **wanted), PACKAGED)
+    return ThreePointModel(*open_network(path, **wanted), Path(path).name)
+
+
+@dataclass(frozen=True)
+class ThreePointSettings:
+    """What is done about the network's answer."""
+
+    hand_half_life: float = 0.06  # s in which half of the way to a lost or found hand's new place is made
+    longest_gap: float = 1.0  # s without frames after which everything starts afresh
+    # None leaves feet where the network has them, also under the floor.
+    feet: FootLockSettings | None = field(default_factory=FootLockSettings)
+
+    def __post_init__(self) -> None:
+        for name in ("hand_half_life", "longest_gap"):
+            if not getattr(self, name) > 0:
+                raise BodysenseError(f"three-point settings: {name} is {getattr(self, name):g}; it must be positive")
+
+
+@dataclass(frozen=True, eq=False)
+class ThreePointState:
+    """What the network remembers, when it last stepped, and what was shown."""
+
+    network: dict[str, np.ndarray]
+    stepped: float | None  # s, when the network's state last advanced
+    time: float | None  # s, of the last frame
+    head: tuple[np.ndarray, np.ndarray]  # (3,) m, (4,) wxyz: the last known
+    measured: np.ndarray  # (2, 2) bool: position and rotation of left and right hand in the last frame
+    hand: np.ndarray  # (2, 3) m, from the head: where hands were shown
+    hand_rotation: np.ndarray  # (2, 4) wxyz, world
+    shift: np.ndarray  # (2, 3) m: what is left of the last jump
+    turn: np.ndarray  # (2, 3) rad, rotation vectors in the world: the same of rotations
+    feet: FootLockState
+
+
+@dataclass(frozen=True, eq=False)
+class _Answer:
+    """The network's answer of one frame, in the world."""
+
+    rotation: np.ndarray  # (22, 4) wxyz, world ← joint
+    position: np.ndarray  # (22, 3) m
+    error: np.ndarray  # (22,) m
+    contact: np.ndarray  # (2, 2) probability: of ankle and ball of left and right foot
+
+
+@dataclass(frozen=True)
+class ThreePoint:
+    """A body from `head`, `left_wrist` and `right_wrist`, each where tracked; see the module's text.
+
+    The network steps at its own rate at most: a frame that comes sooner is completed from the state of the last step
+    and does not advance it. Raises BodysenseError for a skeleton that lacks one of the 22 joints.
+    """
+
+    skeleton: Skeleton
+    model: ThreePointModel
+    settings: ThreePointSettings = ThreePointSettings()
+
+    def __post_init__(self) -> None:
+        wanted = (*self.model.card["joints"], "left_toe", "right_toe")
+        missing = [name for name in wanted if name not in self.skeleton.points]
+        if missing or tuple(self.model.card["joints"]) != BODY:
+            raise BodysenseError(
+                f"{self.model.name} turns the joints {', '.join(BODY[:3])} …; the skeleton given has no "
+                f"{missing[0] if missing else 'such order'}: bring the motion to the default skeleton with "
+                "`bodysense.data.canonical`"
+            )
+
+    @cached_property
+    def _body(self) -> WholeBody:
+        return WholeBody(self.skeleton)
+
+    @cached_property
+    def _points(self) -> np.ndarray:
+        return self.skeleton.indices(POINTS)
+
+    @cached_property
+    def _constants(self) -> dict[str, np.ndarray]:
+        return {
+            "rest_offset": self.skeleton.rest_offset[None, self._body.joints].astype(np.float32),
+            "height": np.array([self.skeleton.height], dtype=np.float32),
+        }
+
+    def start(self) -> ThreePointState:
+        """Nothing seen yet: a standing body that faces +Z."""
+        network = {
+            name: np.array(row["values"], dtype=row["dtype"]).reshape(row["shape"])
+            if "values" in row
+            else np.zeros(row["shape"], dtype=row["dtype"])
+            for name, row in self.model.card["state"].items()
+        }
+        position, rotation = forward_kinematics(standing_pose(self.skeleton))
+        head, *hands = self.skeleton.indices(POINTS)
+        return ThreePointState(
+            network=network,
+            stepped=None,
+            time=None,
+            head=(position[head], rotation[head]),
+            measured=np.zeros((2, 2), dtype=bool),
+            hand=position[hands] - position[head],
+            hand_rotation=rotation[hands],
+            shift=np.zeros((2, 3)),
+            turn=np.zeros((2, 3)),
+            feet=released(),
+        )
+
+    def step(self, observation: Observation, state: ThreePointState) -> tuple[Estimate, ThreePointState]:
+        """Complete T frames, one after the other.
+
+        Raises BodysenseError for a point that is named twice and for time that does not increase.
+        """
+        position, rotation, known = _usable(observation)
+        roots, locals_, positions, errors = [], [], [], []
+        for t, now in enumerate(np.asarray(observation.time, dtype=float).tolist()):
+            state = self._continued(now, state)
+            root, local, place, error, state = self._complete(position[t], rotation[t], known[t], now, state)
+            for rows, one in ((roots, root), (locals_, local), (positions, place), (errors, error)):
+                rows.append(one)
+        hidden = np.ones((len(roots), len(self.skeleton.points)))
+        hidden[:, self._points] = ~known[..., 0]
+        pose = Pose(self.skeleton, np.stack(roots), np.stack(locals_))
+        return Estimate(self.skeleton, np.stack(positions), hidden, np.stack(errors), pose), state
+
+    def _continued(self, now: float, state: ThreePointState) -> ThreePointState:
+        """The state, or a fresh one after a gap."""
+        if state.time is None and np.isfinite(now):
+            return state
+        if state.time is None or not now > state.time:  # so that what is no number is refused as well
+            raise BodysenseError(
+                f"three points: a frame at {now:g} s"
+                + (f" came after one at {state.time:g} s" if state.time is not None else "")
+                + "; give frames in order of time, in seconds"
+            )
+        if now - state.time <= self.settings.longest_gap:
+            return state
+        return replace(self.start(), head=state.head)
+
+    def _complete(
+        self, position: np.ndarray, rotation: np.ndarray, known: np.ndarray, now: float, state: ThreePointState
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, ThreePointState]:
+        """One frame (3, 3), (3, 4), (3, 2): root, local rotations, positions, expected errors of the whole body."""
+        head = (
+            position[0] if known[0, 0] else state.head[0],
+            rotation[0] if known[0, 1] else state.head[1],
+        )
+        far = np.linalg.norm(position[1:] - head[0], axis=1) > REACH * self.skeleton.height
+        measured = known[1:] & ~far[:, None]
+        state = replace(state, head=head)
+        answer, network, stepped = self._run(position, rotation, measured, now, state)
+
+        body, interval = self._body, FIRST_INTERVAL if state.time is None else now - state.time
+        known_position, known_rotation = measured[:, :1], measured[:, 1:]
+        hand = np.where(known_position, position[1:], answer.position[body.wrists]) - head[0]
+        turned = np.where(known_rotation, rotation[1:], answer.rotation[body.wrists])
+        shift, turn = self._jumps(hand, turned, measured, interval, state)
+        hand, turned = hand + shift, multiply(exp(turn), turned) if turn.any() else turned
+        foot, moved, feet = body.foot(answer.position, answer.rotation), np.zeros((2, 3)), state.feet
+        if self.settings.feet is not None:
+            moved, feet = lock_feet(foot, answer.contact, interval, self.settings.feet, feet)
+
+        world = answer.rotation.copy()
+        world[body.wrists] = turned
+        body.reach(answer.position, world, np.concatenate([hand + head[0], foot[:, 0] + moved]))
+        root = answer.position[0]
+        whole, world = body.placed(root, world)
+        # Hands are where they should be, also where an arm is too short: the tracker then moves the body.
+        for side, points in enumerate(body.hands):
+            whole[points] += hand[side] + head[0] - whole[points[0]]
+        state = ThreePointState(network, stepped, now, head, measured, hand, turned, shift, turn, feet)
+        error = body.expected(answer.error, measured[:, 0], feet.held >= 0)
+        return root, body.local(world), whole, error, state
+
+    def _run(
+        self, position: np.ndarray, rotation: np.ndarray, measured: np.ndarray, now: float, state: ThreePointState
+    ) -> tuple[_Answer, dict[str, np.ndarray], float | None]:
+        """The network on one frame; its state advances only when a step is due."""
+        elapsed = FIRST_INTERVAL if state.stepped is None else now - state.stepped
+        feed = {
+            "position": np.concatenate([state.head[0][None], np.where(measured[:, :1], position[1:], 0.0)]),
+            "rotation": np.concatenate([state.head[1][None], np.where(measured[:, 1:], rotation[1:], _UPRIGHT)]),
+        }
+        feed = {name: values[None, None].astype(np.float32) for name, values in feed.items()}
+        feed |= {
+            "has_position": measured[None, None, :, 0],
+            "has_rotation": measured[None, None, :, 1],
+            "interval": np.array([[elapsed]], dtype=np.float32),
+            **self._constants,
+            **{f"state_{name}": value for name, value in state.network.items()},
+        }
+        said = dict(zip(self.model.outputs, self.model.session.run(None, feed), strict=True))
+        answer = _Answer(
+            rotation=said["body_rotation"][0, 0].astype(float),
+            position=said["body_position"][0, 0].astype(float),
+            error=said["body_error"][0, 0].astype(float),
+            contact=said["body_contact"][0, 0].astype(float).reshape(2, 2).T,
+        )
+        if state.stepped is None or elapsed >= 0.8 / float(self.model.card["fastest_rate"]):
+            return answer, {name: said[f"next_{name}"] for name in state.network}, now
+        return answer, state.network, state.stepped
+
+    def _jumps(
+        self, hand: np.ndarray, turned: np.ndarray, measured: np.ndarray, interval: float, state: ThreePointState
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """How far (2, 3) m and (2, 3) rad hands are still shown from where they are now known or guessed to be."""
+        fade = 0.5 ** (interval / self.settings.hand_half_life)
+        jumped = measured != state.measured
+        if state.time is None or not jumped.any():
+            return state.shift * fade, state.turn * fade
+        shift = np.where(jumped[:, :1], state.hand - hand, state.shift)
+        turn = np.where(jumped[:, 1:], log(multiply(state.hand_rotation, turned * CONJUGATE)), state.turn)
+        return shift * fade, turn * fade
+
+
+_UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def _usable(observation: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position (T, 3, 3), rotation (T, 3, 4) of head and hands, zeros where unknown, and which (T, 3, 2) are known."""
+    given, here = _places(observation.points)
+    frames = len(observation.time)
+    position, rotation = np.zeros((frames, 3, 3)), np.empty((frames, 3, 4))
+    rotation[:] = _UPRIGHT
+    known = np.zeros((frames, 3, 2), dtype=bool)
+    place, turn = observation.position[:, here], observation.rotation[:, here]
+    # Comparisons with what is no number are false.
+    with np.errstate(all="ignore"):
+        near = np.abs(place).max(axis=-1) <= FARTHEST
+        unit = np.abs(np.sqrt((turn * turn).sum(axis=-1)) - 1) < UNIT_TOLERANCE
+    near &= observation.has_position[:, here]
+    unit &= observation.has_rotation[:, here]
+    known[:, given, 0], known[:, given, 1] = near, unit
+    position[:, given] = np.where(near[..., None], place, 0.0)
+    rotation[:, given] = np.where(unit[..., None], turn, _UPRIGHT)
+    return position, rotation, known
+
+
+@lru_cache(maxsize=16)
+def _places(points: tuple[str, ...]) -> tuple[list[int], list[int]]:
+    """Which of head and hands are among the points of an observation, and where."""
+    twice = [name for name in POINTS if points.count(name) > 1]
+    if twice:
+        raise BodysenseError(
+            f"three points: {twice[0]!r} is named twice; give one device for each of {', '.join(POINTS)}"
+        )
+    given = [k for k, name in enumerate(POINTS) if name in points]
+    return given, [points.index(POINTS[k]) for k in given]
+
+
+def packaged_three_point(skeleton: Skeleton) -> ThreePoint:
+    """The packaged network on a wearer's skeleton."""
+    return ThreePoint(skeleton, load_three_point())

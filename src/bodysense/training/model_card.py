@@ -1,0 +1,184 @@
+"""Model cards: test figures put into a network file, and what it says of itself as Markdown beside it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import onnx
+
+from bodysense.errors import BodysenseError
+from bodysense.estimators import learned, point_model, three_point
+from bodysense.files import written_beside
+
+Numbers = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What the card of a kind of network says."""
+
+    what: str
+    measured_by: str  # the command whose --json gives the figures
+    over: str  # what the figures are of
+    head: tuple[str, ...]
+    rows: Callable[[Numbers], list[tuple[str, ...]]]
+    not_for: str
+
+
+def describe(path: Path, figures: Numbers) -> Path:
+    """Put test figures into a network file and write its model card beside it as Markdown. Returns the card's path.
+
+    `figures` is what the command that measures such networks wrote with --json; those of the card's table are kept.
+    Raises BodysenseError for a file of no kind that has a card, and for figures of another command.
+    """
+    try:
+        model = onnx.load(str(path))
+    except Exception as error:  # protobuf's own classes
+        raise BodysenseError(f"{path}: not a readable ONNX model ({type(error).__name__})") from None
+    fields = {row.key: row.value for row in model.metadata_props}
+    kind = kind_of(path, fields)
+    wanted = _Asked(figures)
+    try:
+        kind.rows(wanted)
+    except KeyError as error:
+        raise BodysenseError(f"the figures have no {error}; write them with `{kind.measured_by} --json FILE`") from None
+    fields["test"] = json.dumps({name: round(figures[name], 3) for name in sorted(wanted.asked)})
+    onnx.helper.set_model_props(model, fields)
+    with written_beside(path) as beside:
+        onnx.save(model, str(beside))
+    card = path.with_suffix(".md")
+    with written_beside(card) as beside:
+        beside.write_text(card_text(path.name, kind, fields), encoding="utf-8")
+    return card
+
+
+def kind_of(path: Path, fields: Mapping[str, str]) -> Kind:
+    """The kind of a file by its metadata."""
+    key = (fields.get("format", "none"), json.loads(fields.get("task", '""')))
+    if key not in KINDS:
+        known = ", ".join(" ".join(key).strip() for key in KINDS)
+        raise BodysenseError(f"{path}: no card for a network of format {key[0]!r}; there are cards for {known}")
+    return KINDS[key]
+
+
+def card_text(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
+    """The model card of a network file, from its metadata."""
+    read: dict[str, Any] = {key: json.loads(value) for key, value in fields.items() if key != "format"}
+    network, layers = read["network"], read["network"].get("layers", 1)
+    rate = f"up to {read['fastest_rate']:g} Hz" if "fastest_rate" in read else f"{read['rate']:g} Hz"
+    size = f"{network['hidden']}" if layers == 1 else f"{layers} × {network['hidden']}"
+    form = f"{read['form']}: " if "form" in read else ""
+    validation = ", ".join(f"{key} {value}" for key, value in read["validation"].items())
+    return "\n".join(
+        [
+            *(f"# {name}", "", kind.what, ""),
+            f"- {form}GRU of {size}, {read['weights']:,} weights, steps at {rate}",
+            f"- trained on: {read['training_data']}",
+            f"- licence: {read['licence']}; seed {read['seed']}",
+            f"- validation: {validation}",
+            *("", f"{kind.over} (`{kind.measured_by} --data DIR`):", ""),
+            *(f"| {' | '.join(row)} |" for row in (kind.head, ("---",) * len(kind.head), *kind.rows(read["test"]))),
+            *("", f"Not for: {kind.not_for}", ""),
+        ]
+    )
+
+
+class _Asked(dict[str, float]):
+    """Figures that note which of them were asked for."""
+
+    def __init__(self, figures: Numbers) -> None:
+        super().__init__(figures)
+        self.asked: set[str] = set()
+
+    def __getitem__(self, name: str) -> float:
+        value = super().__getitem__(name)
+        self.asked.add(name)
+        return value
+
+
+def _pair(test: Numbers, key: str) -> str:
+    return f"{test[f'{key}_rmsjpe_cm']:.2f} / {test[f'{key}_mpjpe_cm']:.2f}"
+
+
+def _body_rows(test: Numbers) -> list[tuple[str, ...]]:
+    parts = [(part, share) for part in ("body", "finger", "body_and_finger") for share in ("occluded", "all")]
+    # Data without fingers has no figures of them.
+    measured = [parts[0], *(one for one in parts[1:] if f"{'_'.join(one)}_rmsjpe_cm" in test)]
+    return [
+        (part, share, *(f"{test[f'{who}{part}_{share}_rmsjpe_cm']:.1f}" for who in ("baseline_", "")))
+        for part, share in measured
+    ]
+
+
+def _finger_rows(test: Numbers) -> list[tuple[str, ...]]:
+    methods = {
+        "network": "this network",
+        "bodysense": "this network, smoothed, on rigid bones",
+        "mean_pose": "mean hand of the train split",
+        "nearest": "hand of the nearest body of the train split",
+    }
+    return [(label, _pair(test, name)) for name, label in methods.items()]
+
+
+def _upper_rows(test: Numbers) -> list[tuple[str, ...]]:
+    return [
+        (joints, _pair(test, f"network_{joints}"), _pair(test, f"ik_{joints}"))
+        for joints in ("neck", "shoulders", "elbows", "all")
+    ]
+
+
+def _three_point_rows(test: Numbers) -> list[tuple[str, ...]]:
+    figures = {
+        "position, 22 joints from the head, cm": "best_mpjpe_cm",
+        "lower body, cm": "best_lower_mpjpe_cm",
+        "upper body, cm": "best_upper_mpjpe_cm",
+        "analytic upper body on standing legs, cm": "baseline_mpjpe_cm",
+        "head only, cm": "head_only_mpjpe_cm",
+        "rotation, geodesic, degrees": "best_rotation_deg",
+        "velocity, cm/s": "best_velocity_cm_s",
+        "jitter, 10² m/s³": "best_jitter",
+        "jitter of the truth, 10² m/s³": "truth_jitter",
+    }
+    return [(label, f"{test[key]:.2f}") for label, key in figures.items()]
+
+
+_NOBODY = "identifying people, medical judgement."
+KINDS = {
+    (learned.FORMAT, ""): Kind(
+        "Completes a body and its fingers from what a headset's cameras see (UNOC, Parger et al. 2021).",
+        "bodysense evaluate headset",
+        "Test people, main motions, RMSJPE in cm, through the tracker",
+        ("part", "joints", "last known", "this network"),
+        _body_rows,
+        "bodies whose limbs differ from the skeleton's; hands that hold things, for fingers were learned from half an "
+        f"hour of avatar animation; {_NOBODY}",
+    ),
+    (point_model.FORMAT, "fingers"): Kind(
+        "Places the fingers of a body from the motion of that body alone (UNOC, Parger et al. 2021, section 5.3).",
+        "bodysense evaluate finger-synthesis",
+        "Test actions, main motions, finger joints and tips from their wrist, RMSJPE / MPJPE in cm",
+        ("method", "cm"),
+        _finger_rows,
+        f"gestures that mean something, hands that hold or use things; {_NOBODY}",
+    ),
+    (point_model.FORMAT, "upper-body"): Kind(
+        "Places the upper body of a headset and two controllers (UNOC, Parger et al. 2021, section 5.2).",
+        "bodysense evaluate unoc-table6",
+        "Test people, main motions, RMSJPE / MPJPE in cm, beside inverse kinematics after Parger et al. 2018",
+        ("joints", "network", "inverse kinematics"),
+        _upper_rows,
+        f"legs, of which it knows nothing; floors that are not at y = 0; {_NOBODY}",
+    ),
+    (three_point.FORMAT, ""): Kind(
+        "A whole body, in rotations, from a headset and two hands, each hand where it is tracked.",
+        "bodysense evaluate three-point",
+        "Test people, main motions",
+        ("what", "figure"),
+        _three_point_rows,
+        f"floors that are not at y = 0; {_NOBODY}",
+    ),
+}

@@ -1,0 +1,91 @@
+"""HMD-VAE's commands, as their users call them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.capture.recording import Recording
+from bodysense.cli.samples import write_samples
+from bodysense.data.bvh import read_bvh, write_bvh
+from bodysense.data.clip import Clip
+from bodysense.errors import BodysenseError
+from bodysense.occlusion import headset_camera, three_point
+
+
+def test_bodies_from_the_prior(run, small_vae: Path, tmp_path: Path) -> None:
+    for name in ("bodies.bvh", "bodies.png"):
+        said = run("generate", "-o", tmp_path / name, "--model", small_vae, "--count", 5, "--seed", 2)
+        assert said == f"wrote {tmp_path / name}: 5 bodies\n"
+    sheet = read_bvh(tmp_path / "bodies.bvh")
+    assert len(sheet) == 5
+    assert (tmp_path / "bodies.png").read_bytes().startswith(b"\x89PNG")
+    run("generate", "-o", tmp_path / "again.bvh", "--model", small_vae, "--count", 5, "--seed", 2)
+    np.testing.assert_array_equal(read_bvh(tmp_path / "again.bvh").pose.rotation, sheet.pose.rotation)
+    run("generate", "-o", tmp_path / "other.bvh", "--model", small_vae, "--count", 5, "--seed", 3)
+    assert not np.allclose(read_bvh(tmp_path / "other.bvh").pose.rotation, sheet.pose.rotation)
+
+
+def test_what_generate_refuses(refused, small_vae: Path, tmp_path: Path) -> None:
+    said = refused("generate", "-o", tmp_path / "bodies.txt", "--model", small_vae)
+    assert said.endswith("bodies.txt: the output ends in '.txt'; valid are .png and .bvh")
+    said = refused("generate", "-o", tmp_path / "bodies.bvh", "--model", small_vae, "--count", 0)
+    assert said == "0 samples cannot be; give at least 1"
+    assert "no such model file" in refused("generate", "-o", tmp_path / "a.bvh", "--model", tmp_path / "gone.onnx")
+
+
+def test_several_bodies_for_one_signal(small_vae: Path, tmp_path: Path, short_clip: Clip) -> None:
+    skeleton = short_clip.pose.skeleton
+    observation = three_point.observe(short_clip.pose, short_clip.time)
+    paths = write_samples(Recording(observation, skeleton), tmp_path / "out.bvh", 2, 1, small_vae)
+    assert [path.name for path in paths] == ["out_1.bvh", "out_2.bvh"]
+    one, two = (read_bvh(path) for path in paths)
+    assert len(one) == len(two) == len(short_clip)
+    knee = one.pose.skeleton.index("left_knee")
+    assert not np.allclose(one.pose.rotation[:, knee], two.pose.rotation[:, knee])
+
+
+def test_samples_are_of_head_and_hands(small_vae: Path, tmp_path: Path, short_clip: Clip) -> None:
+    recording = Recording(headset_camera.observe(short_clip.pose, short_clip.time), short_clip.pose.skeleton)
+    with pytest.raises(BodysenseError, match=r"--samples draws from head and hands .*'pelvis' is tracked too"):
+        write_samples(recording, tmp_path / "out.bvh", 2, 1, small_vae)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("-o", "net.txt"), "net.txt: a network is written as .onnx or .pt; give a name that ends so"),
+        (("-o", "net.pt", "--steps", 0), "--steps 0: give at least 1"),
+        (("-o", "net.onnx", "--origin", "pelvis"), "net.onnx: no device tracks the pelvis, so a network with that"),
+        (("-o", "net.pt", "--sweep"), "--sweep trains its own decoders into a folder; give a folder as --out"),
+        (("-o", "net.pt", "--model", 3), "model 3 takes the decoder of a model 0: train that first"),
+        (("-o", "net.pt", "--decoder", "zero.pt"), "--decoder is for models 3 and 4; model 2 trains its own"),
+    ],
+)
+def test_what_training_refuses(refused, tmp_path: Path, arguments: tuple, message: str, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert refused("train", "hmd-vae", "--data", tmp_path, *arguments).startswith(message)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_tables(run, refused, small_vae: Path, tmp_path: Path, waving_clip: Clip) -> None:
+    data = tmp_path / "data"
+    data.mkdir()
+    write_bvh(data / "anna_waves.bvh", waving_clip)
+    asked = ("evaluate", "hmd-vae", "--data", data, "--networks", small_vae.parent, "--split", "all", "--no-shipped")
+    said = run(*asked, "--out", tmp_path / "tables", "--json", tmp_path / "n.json", "--threads", 1)
+    assert "HMD-VAE, Figs 5 to 7" in said and "2 sequence" in said
+    numbers = json.loads((tmp_path / "n.json").read_text())
+    wanted = {
+        f"model2_{part}_{measure}"
+        for part in ("full", "legs")
+        for measure in ("position_cm", "velocity_cm_s", "acceleration_m_s2")
+    }
+    assert wanted | {"paper_best_mpjpe_cm"} <= set(numbers)
+    assert numbers["paper_best_mpjpe_cm"] == numbers["model2_full_position_cm"]
+    names = {path.name for path in (tmp_path / "tables").iterdir()}
+    assert names == {f"{name}.{kind}" for name in ("hmd-vae", "hmd-vae-metrics") for kind in ("csv", "png")}
+    assert "no trained model 1 to 4 in it" in refused(*asked[:4], "--networks", data, "--out", tmp_path / "tables")
