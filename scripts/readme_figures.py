@@ -198,7 +198,8 @@ def smoothness(numbers: dict[str, float]) -> str:
         for name, label in labels.items()
     ]
     rows.append(["truth", f"{numbers['truth_strong_acceleration_percent']:.1f} %", ""])
-    return markdown(["stronger than 9 m/s²", "network", "after the tracker"], rows)
+    amount = f"{numbers['clips']:.0f} clips, {numbers['minutes']:.1f} min"
+    return markdown(["stronger than 9 m/s²", "network", "after the tracker"], rows) + f"\n\nOf {amount}."
 
 
 def beyond(jerk: dict[str, float], trust: dict[str, float], training: dict[str, float]) -> str:
