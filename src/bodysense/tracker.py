@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from bodysense.body.damping import settle
 from bodysense.body.ik import IkSettings, IkState, InverseKinematics
 from bodysense.body.pose import Pose
 from bodysense.body.products import CONJUGATE, exp, log, multiply, world_rotation
 from bodysense.errors import BodysenseError
 from bodysense.observation import Estimate, Estimator, Observation, observed_points
-
-_HALF = 1.6783469900166605  # y·t at which (1 + y t) e^(−y t), the critically damped response, is one half
 
 
 @dataclass(frozen=True)
@@ -109,6 +108,8 @@ class Tracker:
         estimate, estimator_state = self.estimator.step(observation, state.estimator)
         _, rotation, has_position, has_rotation = observed_points(observation, self.estimator.skeleton)
         aims, aim_weight = self._aims(estimate, rotation, has_rotation)
+        if estimate.pose is not None:  # such an estimator may have refused what was tracked
+            has_position = has_position & (estimate.occluded < 0.5)
         weight = self._weight(estimate.confidence, has_position)
         roots, rotations = [], []
         for t, time in enumerate(observation.time):
@@ -166,7 +167,7 @@ class Tracker:
         state: TrackerState,
     ) -> TrackerState:
         """One frame: IK from the frame before, then smoothing; or, with a `root`, IK from the estimator's own pose."""
-        if state.time is not None and not time > state.time:  # so that what is no number is refused as well
+        if state.time is not None and not state.time < time < math.inf:  # so that what is no number is refused as well
             raise BodysenseError(
                 f"tracker: a frame at {time:g} s came after one at {state.time:g} s; give frames in order of time"
             )
@@ -209,12 +210,9 @@ def smooth(
     offset = np.concatenate([log(multiply(state.rotation, target.rotation * CONJUGATE)), [state.root_position]])
     offset[-1] -= target.root_position
     velocity = np.concatenate([state.spin, [state.root_velocity]])
-    y = np.full((len(offset), 1), _HALF / half_life)
-    y[:-1, 0] /= slower
-    fade = np.exp(-y * interval)
-    pull = velocity + offset * y
-    offset = fade * (offset + pull * interval)
-    velocity = fade * (velocity - pull * (y * interval))
+    lives = np.full((len(offset), 1), half_life)
+    lives[:-1, 0] *= slower
+    offset, velocity = settle(offset, velocity, lives, interval)
     rotation = multiply(exp(offset[:-1]), target.rotation)
     rotation *= np.copysign(1.0, rotation[:, :1])
     return target.root_position + offset[-1], velocity[-1], rotation, velocity[:-1]

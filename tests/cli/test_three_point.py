@@ -55,7 +55,37 @@ def test_what_cannot_be_completed(tmp_path: Path, recorded: Path, small_three_po
     write_recording(recorded, replace(recording, observation=hide(recording.observation, hidden)))
     assert "'head' is tracked in none of its frames" in refused(*arguments)
     assert "the headset was tracked in no frame" in refused(*arguments, "--height", "headset")
+    # Not tracked is what the mask says, whatever number stands there.
+    filled = replace(recording.observation, has_position=recording.observation.has_position & ~hidden)
+    write_recording(recorded, replace(recording, observation=filled))
+    assert "'head' is tracked in none of its frames" in refused(*arguments)
+    deep = replace(recording.observation, position=recording.observation.position - [0.0, 2.0, 0.0])
+    write_recording(recorded, replace(recording, observation=deep))
+    assert "below the floor, which is y = 0" in refused(*arguments)
     assert not out.exists()
+
+
+def test_samples_go_with_nothing_else(tmp_path: Path, recorded: Path, small_vae: Path, refused) -> None:
+    out = tmp_path / "out.bvh"
+    arguments = ("track", recorded, "-o", out, "--model", small_vae, "--samples", 2)
+    assert "leave --fingers synthesize out" in refused(*arguments, "--fingers", "synthesize")
+    assert "leave --half-life out" in refused(*arguments, "--half-life", 0.1)
+    recording = read_recording(recorded)
+    headless = hide(recording.observation, np.tile([True, False, False], (20, 1)))
+    write_recording(recorded, replace(recording, observation=headless))
+    assert "'head' is tracked in none of its frames" in refused(*arguments)
+
+
+def test_samples_of_one_signal(tmp_path: Path, recorded: Path, small_vae: Path, run) -> None:
+    arguments = ("track", recorded, "--model", small_vae, "--samples", 2)
+    run(*arguments, "-o", tmp_path / "a.bvh")
+    run(*arguments, "-o", tmp_path / "b.bvh")
+    run(*arguments, "-o", tmp_path / "c.bvh", "--seed", 2)
+    pose = {path.stem: read_bvh(path).pose for path in tmp_path.glob("*.bvh")}
+    root = {name: pose[name].root_position for name in ("a_1", "a_2", "b_1", "b_2", "c_1", "c_2")}
+    np.testing.assert_array_equal(root["a_1"], root["b_1"])
+    np.testing.assert_array_equal(root["a_2"], root["b_2"])
+    assert np.abs(root["a_1"] - root["a_2"]).max() > 1e-4 and np.abs(root["a_1"] - root["c_1"]).max() > 1e-4
 
 
 def test_it_is_timed(tmp_path: Path, small_three_point: Path, run) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 
-SHORTEST, TALLEST = 1.2, 2.3  # m: whoever seems to be beyond does not stand on y = 0
+SHORTEST, TALLEST = 1.4, 2.3  # m: whoever seems to be beyond does not stand on y = 0
 
 
 def height_from_headset(head_height: np.ndarray, skeleton: Skeleton) -> float:

@@ -133,7 +133,7 @@ def track(
     from rich.progress import track as progress
 
     from bodysense.body.pose import Pose
-    from bodysense.capture.recording import is_recording, read_recording
+    from bodysense.capture.recording import is_recording
     from bodysense.data.bvh import write_bvh
     from bodysense.data.clip import Clip
     from bodysense.data.resample import at_constant_rate
@@ -146,27 +146,14 @@ def track(
         raise BodysenseError(f"{out}: the output ends in {out.suffix or 'nothing'!r}; give a name that ends in .bvh")
     if height == "headset" and (device is not None or not is_recording(file)):
         raise BodysenseError(f"{file}: --height headset is for recordings of head and wrists; give metres, or none")
-    metres = None if height == "headset" else height
-    if device is not None:
-        recording = simulated(load_clip(file, metres), device)
-    elif not file.is_file():
-        raise BodysenseError(f"{file}: no such file")
-    elif fingers == "synthesize" and not is_recording(file):
-        clip = synthesize(load_clip(file, metres), load_point_model("fingers", model))
+    if samples is not None:
+        _check_samples(samples, fingers == "synthesize", half_life is not None)
+    if device is None and fingers == "synthesize" and file.is_file() and not is_recording(file):
+        clip = synthesize(load_clip(file, _metres(height)), load_point_model("fingers", model))
         write_bvh(out, replace(clip, name=out.stem))
         print(f"wrote {out}: {len(clip)} frames with synthesized fingers")
         return
-    elif is_recording(file):
-        recording = read_recording(file)
-        if height is not None:
-            recording = _of_height(file, recording, height)
-    elif height is not None:
-        raise BodysenseError(f"{file}: --height scales a motion seen by a device; say which with --device")
-    else:
-        raise BodysenseError(
-            f"{file}: not a recording; if it is a motion, say what watches it: --device headset-camera, or "
-            "--fingers synthesize to give it fingers"
-        )
+    recording = _recording(file, device, height)
     if samples is not None:
         from bodysense.cli.samples import write_samples
 
@@ -222,10 +209,43 @@ def simulated(clip: Clip, device: Device) -> Recording:
     return Recording(observation, clip.pose.skeleton)
 
 
+def _metres(height: float | Literal["headset"] | None) -> float | None:
+    return None if height == "headset" else height
+
+
+def _recording(file: Path, device: Device | None, height: float | Literal["headset"] | None) -> Recording:
+    """A recording, or what a device records of a motion; checked for what would come out of it."""
+    from bodysense.capture.recording import is_recording, read_recording
+
+    if device is not None:
+        recording = simulated(load_clip(file, _metres(height)), device)
+    elif not file.is_file():
+        raise BodysenseError(f"{file}: no such file")
+    elif is_recording(file):
+        recording = read_recording(file)
+        if height is not None:
+            recording = _of_height(file, recording, height)
+    elif height is not None:
+        raise BodysenseError(f"{file}: --height scales a motion seen by a device; say which with --device")
+    else:
+        raise BodysenseError(
+            f"{file}: not a recording; if it is a motion, say what watches it: --device headset-camera, or "
+            "--fingers synthesize to give it fingers"
+        )
+    if _is_three_point(recording):
+        _check_headset(recording)
+    return recording
+
+
+def _check_samples(samples: int, fingers: bool, smoothed: bool) -> None:
+    """Refuse what samples do not go with."""
+    other = "--fingers synthesize" if fingers else "--half-life" if smoothed else None
+    if other is not None:
+        raise BodysenseError(f"--samples {samples} draws bodies as they are; leave {other} out")
+
+
 def _estimator(recording: Recording, model: Path | None, half_life: float | None) -> Estimator:
     """What completes a recording: of head and wrists alone the three-point network, otherwise the body network."""
-    import numpy as np
-
     from bodysense.estimators.learned import Learned, load_model
     from bodysense.estimators.three_point import ThreePoint, load_three_point
 
@@ -235,10 +255,6 @@ def _estimator(recording: Recording, model: Path | None, half_life: float | None
         raise BodysenseError(
             f"--half-life {half_life:g}: head and wrists are completed without smoothing, so that head and hands are "
             "where they are measured; leave it out"
-        )
-    if not np.isfinite(_head_height(recording)).any():
-        raise BodysenseError(
-            "the recording has no headset: 'head' is tracked in none of its frames; record it with one"
         )
     return ThreePoint(recording.skeleton, load_three_point(model))
 
@@ -251,8 +267,28 @@ def _is_three_point(recording: Recording) -> bool:
 
 def _head_height(recording: Recording) -> np.ndarray:
     """(T,) m over the floor; NaN where the headset was not tracked."""
+    import numpy as np
+
     seen = recording.observation
-    return seen.position[:, [name == "head" for name in seen.points], 1].ravel()
+    head = [name == "head" for name in seen.points]
+    return np.where(seen.has_position[:, head], seen.position[:, head, 1], np.nan).ravel()
+
+
+def _check_headset(recording: Recording) -> None:
+    """Refuse a recording of head and wrists without a headset, or with one below the floor."""
+    import numpy as np
+
+    height = _head_height(recording)
+    known = height[np.isfinite(height)]
+    if not known.size:
+        raise BodysenseError(
+            "the recording has no headset: 'head' is tracked in none of its frames; record it with one"
+        )
+    highest = float(np.percentile(known, 95))
+    if highest < 0:
+        raise BodysenseError(
+            f"the headset is {-highest:.2f} m below the floor, which is y = 0; give positions over the floor"
+        )
 
 
 def _of_height(file: Path, recording: Recording, height: float | Literal["headset"]) -> Recording:
@@ -265,4 +301,5 @@ def _of_height(file: Path, recording: Recording, height: float | Literal["headse
         )
     if height == "headset":
         height = height_from_headset(_head_height(recording), recording.skeleton)
+        print(f"the headset is carried by a body of {height:.2f} m")
     return replace(recording, skeleton=recording.skeleton.scaled(height))

@@ -16,7 +16,7 @@ class FootLockSettings:
     hold: float = 0.6  # probability of contact from which a foot is held
     release: float = 0.4  # and below which it is let go
     half_life: float = 0.1  # s in which half of what a released foot was held back by fades
-    longest: float = 0.12  # m: a foot that its leg drags farther slides along
+    longest: float = 0.12  # m: a foot that its leg drags farther slides along, and none is lifted farther
 
     def __post_init__(self) -> None:
         if not 0 < self.release <= self.hold < 1:
@@ -68,5 +68,6 @@ def lock_feet(
             shift[side], anchor[side] = pull, foot[side, held[side], ::2] + pull
     move = np.zeros((2, 3))
     move[:, ::2] = shift
-    move[:, 1] = np.maximum(-foot[:, :, 1].min(axis=1), 0)
+    # A floor that is deeper than this is somewhere else: legs do not fold to stand on it.
+    move[:, 1] = np.clip(-foot[:, :, 1].min(axis=1), 0, settings.longest)
     return move, FootLockState(held, anchor, shift)

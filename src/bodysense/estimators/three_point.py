@@ -7,6 +7,7 @@ where it is measured, and each leg so that a foot in contact with the floor stay
 What is not as it should be:
 
 - Without a headset in a frame, its last pose is repeated; before its first, the body stands at the origin, facing +Z.
+  Where it is found everything starts afresh if it was lost for more than `longest_gap`; otherwise feet come free.
 - A hand that the arm cannot reach is shown where it is measured, while the pose only points at it: the tracker's
   inverse kinematics then moves the body.
 - A hand that is not tracked is the network's guess. Where a hand is lost or found again, what is shown moves to its new
@@ -26,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from bodysense.body.damping import settle
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.products import CONJUGATE, exp, log, multiply
 from bodysense.body.skeleton import BODY, Skeleton
@@ -93,11 +95,12 @@ class ThreePointState:
     stepped: float | None  # s, when the network's state last advanced
     time: float | None  # s, of the last frame
     head: tuple[np.ndarray, np.ndarray]  # (3,) m, (4,) wxyz: the last known
+    headset: float | None  # s, when its position was last known
     measured: np.ndarray  # (2, 2) bool: position and rotation of left and right hand in the last frame
     hand: np.ndarray  # (2, 3) m, from the head: where hands were shown
     hand_rotation: np.ndarray  # (2, 4) wxyz, world
-    shift: np.ndarray  # (2, 3) m: what is left of the last jump
-    turn: np.ndarray  # (2, 3) rad, rotation vectors in the world: the same of rotations
+    jump: np.ndarray  # (2, 2, 3): what is left of the last one, in m and in rad (rotation vectors in the world)
+    closing: np.ndarray  # (2, 2, 3) how fast that changes, per s
     feet: FootLockState
 
 
@@ -163,11 +166,12 @@ class ThreePoint:
             stepped=None,
             time=None,
             head=(position[head], rotation[head]),
+            headset=None,
             measured=np.zeros((2, 2), dtype=bool),
             hand=position[hands] - position[head],
             hand_rotation=rotation[hands],
-            shift=np.zeros((2, 3)),
-            turn=np.zeros((2, 3)),
+            jump=np.zeros((2, 2, 3)),
+            closing=np.zeros((2, 2, 3)),
             feet=released(),
         )
 
@@ -177,14 +181,16 @@ class ThreePoint:
         Raises BodysenseError for a point that is named twice and for time that does not increase.
         """
         position, rotation, known = _usable(observation)
-        roots, locals_, positions, errors = [], [], [], []
+        roots, locals_, positions, errors, tracked = [], [], [], [], []
         for t, now in enumerate(np.asarray(observation.time, dtype=float).tolist()):
             state = self._continued(now, state)
+            state = self._found(known[t, 0], now, state)
             root, local, place, error, state = self._complete(position[t], rotation[t], known[t], now, state)
             for rows, one in ((roots, root), (locals_, local), (positions, place), (errors, error)):
                 rows.append(one)
+            tracked.append((known[t, 0, 0], *state.measured[:, 0]))
         hidden = np.ones((len(roots), len(self.skeleton.points)))
-        hidden[:, self._points] = ~known[..., 0]
+        hidden[:, self._points] = ~np.array(tracked)
         pose = Pose(self.skeleton, np.stack(roots), np.stack(locals_))
         return Estimate(self.skeleton, np.stack(positions), hidden, np.stack(errors), pose), state
 
@@ -192,7 +198,7 @@ class ThreePoint:
         """The state, or a fresh one after a gap."""
         if state.time is None and np.isfinite(now):
             return state
-        if state.time is None or not now > state.time:  # so that what is no number is refused as well
+        if state.time is None or not state.time < now < np.inf:  # so that what is no number is refused as well
             raise BodysenseError(
                 f"three points: a frame at {now:g} s"
                 + (f" came after one at {state.time:g} s" if state.time is not None else "")
@@ -201,6 +207,18 @@ class ThreePoint:
         if now - state.time <= self.settings.longest_gap:
             return state
         return replace(self.start(), head=state.head)
+
+    def _found(self, known: np.ndarray, now: float, state: ThreePointState) -> ThreePointState:
+        """The state in which a headset that was lost, position and rotation `known` (2,) now, is found again."""
+        if not known[0]:
+            return state
+        if state.headset is None or now - state.headset > self.settings.longest_gap:
+            return replace(self.start(), headset=now)
+        if state.headset != state.time:  # not one step, but a leap from where it was lost
+            fresh = state.network["fresh"].copy()
+            fresh[:, 0] = False
+            state = replace(state, network=state.network | {"fresh": fresh}, feet=released())
+        return replace(state, headset=now)
 
     def _complete(
         self, position: np.ndarray, rotation: np.ndarray, known: np.ndarray, now: float, state: ThreePointState
@@ -219,8 +237,8 @@ class ThreePoint:
         known_position, known_rotation = measured[:, :1], measured[:, 1:]
         hand = np.where(known_position, position[1:], answer.position[body.wrists]) - head[0]
         turned = np.where(known_rotation, rotation[1:], answer.rotation[body.wrists])
-        shift, turn = self._jumps(hand, turned, measured, interval, state)
-        hand, turned = hand + shift, multiply(exp(turn), turned) if turn.any() else turned
+        jump, closing = self._jumps(hand, turned, measured, interval, state)
+        hand, turned = hand + jump[0], multiply(exp(jump[1]), turned) if jump[1].any() else turned
         foot, moved, feet = body.foot(answer.position, answer.rotation), np.zeros((2, 3)), state.feet
         if self.settings.feet is not None:
             moved, feet = lock_feet(foot, answer.contact, interval, self.settings.feet, feet)
@@ -233,7 +251,9 @@ class ThreePoint:
         # Hands are where they should be, also where an arm is too short: the tracker then moves the body.
         for side, points in enumerate(body.hands):
             whole[points] += hand[side] + head[0] - whole[points[0]]
-        state = ThreePointState(network, stepped, now, head, measured, hand, turned, shift, turn, feet)
+        state = ThreePointState(
+            *(network, stepped, now, head, state.headset, measured, hand, turned, jump, closing, feet)
+        )
         error = body.expected(answer.error, measured[:, 0], feet.held >= 0)
         return root, body.local(world), whole, error, state
 
@@ -261,21 +281,24 @@ class ThreePoint:
             error=said["body_error"][0, 0].astype(float),
             contact=said["body_contact"][0, 0].astype(float).reshape(2, 2).T,
         )
-        if state.stepped is None or elapsed >= 0.8 / float(self.model.card["fastest_rate"]):
+        if state.stepped is None or elapsed >= 0.9 / float(self.model.card["fastest_rate"]):
             return answer, {name: said[f"next_{name}"] for name in state.network}, now
         return answer, state.network, state.stepped
 
     def _jumps(
         self, hand: np.ndarray, turned: np.ndarray, measured: np.ndarray, interval: float, state: ThreePointState
     ) -> tuple[np.ndarray, np.ndarray]:
-        """How far (2, 3) m and (2, 3) rad hands are still shown from where they are now known or guessed to be."""
-        fade = 0.5 ** (interval / self.settings.hand_half_life)
-        jumped = measured != state.measured
-        if state.time is None or not jumped.any():
-            return state.shift * fade, state.turn * fade
-        shift = np.where(jumped[:, :1], state.hand - hand, state.shift)
-        turn = np.where(jumped[:, 1:], log(multiply(state.hand_rotation, turned * CONJUGATE)), state.turn)
-        return shift * fade, turn * fade
+        """How far (2, 2, 3), in m and rad, hands are still shown from where they are, and how fast that changes.
+
+        The way is made as by the tracker's smoother, critically damped: from rest and without overshoot.
+        """
+        jump, closing, jumped = state.jump, state.closing, (measured != state.measured).T[..., None]
+        if state.time is None or not (jumped.any() or jump.any()):
+            return np.zeros((2, 2, 3)), np.zeros((2, 2, 3))
+        if jumped.any():
+            apart = np.stack([state.hand - hand, log(multiply(state.hand_rotation, turned * CONJUGATE))])
+            jump, closing = np.where(jumped, apart, jump), np.where(jumped, 0.0, closing)
+        return settle(jump, closing, self.settings.hand_half_life, interval)
 
 
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])

@@ -45,6 +45,7 @@ REGIONS = {
     "upper_": tuple(name for name in BODY if name not in LOWER_BODY),
     "hands_": ("left_wrist", "right_wrist"),
 }
+HEAD_FAR, HAND_FAR = 1.0, 2.0  # cm: farther than this from where they are measured, head and hands are misplaced
 _BALLS = ("left_foot", "right_foot")
 _FEET = (*_BALLS, "left_ankle", "right_ankle", "left_toe", "right_toe")
 
@@ -169,7 +170,12 @@ def _measures(motion: _Motion, truth: _Motion, skeleton: Skeleton) -> dict[str, 
         measures[f"{region}mpjpe_cm"] = (float(from_head[:, skeleton.indices(names)].mean()), frames)
     measures["head_world_cm"] = (float(in_world[:, head].mean()), frames)
     measures["hands_world_cm"] = (float(in_world[:, skeleton.indices(REGIONS["hands_"])].mean()), frames)
+    measures["head_far_share"] = (float((in_world[:, head] > HEAD_FAR).mean()), frames)
+    measures["hands_far_share"] = (float((in_world[:, skeleton.indices(REGIONS["hands_"])] > HAND_FAR).mean()), frames)
     if motion.rotation is not None and truth.rotation is not None:
+        turned = forward_kinematics(Pose(skeleton, motion.position[:, 0], motion.rotation))[1][:, head]
+        wanted = forward_kinematics(Pose(skeleton, truth.position[:, 0], truth.rotation))[1][:, head]
+        measures["head_world_deg"] = (rotation_error(turned, wanted), frames)
         measures["rotation_deg"] = (rotation_error(motion.rotation[:, body], truth.rotation[:, body]), frames)
         measures["mpjre_component_deg"] = (mpjre_component(motion.rotation[:, body], truth.rotation[:, body]), frames)
     if frames > 1:

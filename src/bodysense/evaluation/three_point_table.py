@@ -61,8 +61,8 @@ class ThreePointTable:
                 result[f"truth_{measure}{suffix}"] = self.shipped.get(measure, "truth", group)
             for measure in ("skate_cm_s", "penetration_cm", "mpjpe_cm"):
                 result[f"unlocked_{measure}{suffix}"] = self.unlocked.get(measure, "estimate", group)
-        for part in ("head", "hands"):
-            result[f"best_{part}_world_cm"] = self.shipped.get(f"{part}_world_cm")
+        for measure in ("head_world_cm", "head_world_deg", "hands_world_cm", "head_far_share", "hands_far_share"):
+            result[f"best_{measure}"] = self.shipped.get(measure)
         for height, scores in self.heights.items():
             result[f"height_{height:.1f}_mpjpe_cm"] = scores.get("mpjpe_cm", "estimate")
         return finite(result)

@@ -1,0 +1,16 @@
+"""Critically damped motion toward rest, solved exactly, so that it is the same at any frame rate."""
+
+from __future__ import annotations
+
+import numpy as np
+
+_HALF = 1.6783469900166605  # y·t at which (1 + y t) e^(−y t), the critically damped response, is one half
+
+
+def settle(
+    offset: np.ndarray, velocity: np.ndarray, half_life: np.ndarray | float, interval: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Offset and velocity `interval` s later. From rest, half of an offset is closed after `half_life` s."""
+    y = _HALF / half_life
+    fade, pull = np.exp(-y * interval), velocity + offset * y
+    return fade * (offset + pull * interval), fade * (velocity - pull * (y * interval))
