@@ -12,6 +12,7 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 
 UNIT_TOLERANCE = 0.01  # how far from 1 the length of a quaternion may be
+FARTHEST = 1000.0  # m from the origin: beyond it single precision is too coarse for a body
 
 
 @dataclass(frozen=True, eq=False)

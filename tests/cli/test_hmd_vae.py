@@ -63,12 +63,48 @@ def test_samples_are_of_head_and_hands(small_vae: Path, tmp_path: Path, short_cl
         (("-o", "net.pt", "--sweep"), "--sweep trains its own decoders into a folder; give a folder as --out"),
         (("-o", "net.pt", "--model", 3), "model 3 takes the decoder of a model 0: train that first"),
         (("-o", "net.pt", "--decoder", "zero.pt"), "--decoder is for models 3 and 4; model 2 trains its own"),
+        (("-o", "net.pt", "--grid", "few"), "--grid few is of a sweep; add --sweep, or leave --grid out"),
+        (("-o", "nets", "--sweep", "--model", 2), "--sweep trains models 0 to 4; leave --model 2 out"),
+        (("-o", "nets", "--sweep", "--beta", 1), "--grid few has settings of its own; leave --beta 1.0 out, or give"),
+        (
+            ("-o", "nets", "--sweep", "--grid", "all", "--latent", 30, "--blocks", 3),
+            "--grid all has settings of its own; leave --latent 30 --blocks 3 out, or give --grid one",
+        ),
     ],
 )
 def test_what_training_refuses(refused, tmp_path: Path, arguments: tuple, message: str, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert refused("train", "hmd-vae", "--data", tmp_path, *arguments).startswith(message)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_sweep_of_one_setting_takes_it(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from bodysense.training import body_vae_run
+
+    asked = []
+    monkeypatch.setattr(body_vae_run, "run_sweep", lambda _, configs: asked.append(configs))
+    for more in (("--grid", "one", "--beta", 1, "--origin", "pelvis"), ()):
+        run("train", "hmd-vae", "--data", tmp_path, "-o", tmp_path / "nets", "--sweep", *more)
+    assert {(one.beta, one.latent, one.blocks, one.origin) for one in asked[0]} == {(1.0, 30, 3, "pelvis")}
+    assert (len(asked[0]), len(asked[1])) == (5, 20)
+
+
+def test_a_published_list_is_tested(run, refused, small_vae: Path, tmp_path: Path, waving_clip: Clip) -> None:
+    data, listing = tmp_path / "data", tmp_path / "split.txt"
+    data.mkdir()
+    for name in ("one", "two", "three"):
+        write_bvh(data / f"{name}.bvh", waving_clip)
+    listing.write_text("one.bvh train\ntwo.bvh test\nthree.bvh test\n")
+    asked = ("evaluate", "hmd-vae", "--data", data, "--networks", small_vae.parent, "--out", tmp_path / "tables")
+    asked = (*asked, "--split-file", listing)
+    said = run(*asked, "--json", tmp_path / "n.json", "--threads", 1)
+    assert "with --split-file the shipped predictor is not scored" in said
+    assert f"Of it, the test motions of {listing}." in said
+    assert json.loads((tmp_path / "n.json").read_text())["clips"] == 2
+    for more in (("--split", "val"), ("--quick",), ("--model", "net.onnx")):
+        assert refused(*asked, *more).startswith("--split-file scores its own test motions; leave --split, --quick")
+    listing.write_text("one.bvh test\ngone.bvh test\n")
+    assert "1 of 2 motions are not in" in refused(*asked)
 
 
 def test_the_tables(run, refused, small_vae: Path, tmp_path: Path, waving_clip: Clip) -> None:

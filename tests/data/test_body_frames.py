@@ -65,10 +65,11 @@ def test_windows_of_some_clips(waving_clip: Clip) -> None:
 
 def test_a_twentieth_of_every_data_set_is_held_out() -> None:
     people = [f"cmu_{k}" for k in range(200)] + [f"kit_{k}" for k in range(40)] + ["anna", "otto"] * 10 + ["lone_one"]
+    people += [f"MPI_HDM05_{k}" for k in range(20)] + [f"MPI_Limits_{k}" for k in range(60)]
     chosen = held_out(people, np.random.default_rng(0))
-    sets = np.array([name.partition("_")[0] if "_" in name else "" for name in people])
-    counts = {name: int(chosen[sets == name].sum()) for name in ("cmu", "kit", "", "lone")}
-    assert counts == {"cmu": 10, "kit": 2, "": 1, "lone": 0}
+    sets = np.array([name[: name.rfind("_")] if "_" in name else "" for name in people])
+    counts = {name: int(chosen[sets == name].sum()) for name in np.unique(sets)}
+    assert counts == {"cmu": 10, "kit": 2, "": 1, "lone": 0, "MPI_HDM05": 1, "MPI_Limits": 3}
     np.testing.assert_array_equal(chosen, held_out(people, np.random.default_rng(0)))
 
 

@@ -173,3 +173,11 @@ def test_errors_of_a_folder_name_the_file(tmp_path: Path, make_clip, reframe) ->
     with pytest.raises(BodysenseError, match=r"a/dance.bvh: no joint here is left_knee"):
         next(open_clips(tmp_path))
     assert path.is_file()
+
+
+def test_in_a_tree_of_amass_people_are_those_of_its_sets(tmp_path: Path) -> None:
+    for place in ("CMU/01/01_01_poses.npz", "CMU/02/02_01_poses.npz", "KIT/3/walk_poses.npz", "mine/a/b.npz"):
+        (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / place).write_bytes(b"not read")
+    people = [source.person for source in list_sources(tmp_path)]
+    assert people == ["CMU_01", "CMU_02", "KIT_3", "mine"]

@@ -106,6 +106,7 @@ def test_garbage_gives_numbers(model: BodyVaeModel, signal: Observation, seed: i
     position, rotation = some.position.copy(), some.rotation.copy()
     position[rng.random(position.shape) < 0.1] = np.nan
     position[rng.random(position.shape[:-1]) < 0.05] = np.inf
+    position[rng.random(position.shape[:-1]) < 0.05] = 1e39
     rotation[rng.random(rotation.shape[:-1]) < 0.1] = 0
     rotation[rng.random(rotation.shape[:-1]) < 0.1] = 1e200
     masks = {name: rng.random(position.shape[:-1]) < rng.random() for name in ("has_position", "has_rotation")}

@@ -162,3 +162,15 @@ def test_short_clips_are_not_counted(tmp_path: Path, waving_clip: Clip) -> None:
     told: list[str] = []
     frames, census = read_test(DataSet("set", tmp_path, "all"), lambda clip: told.append(clip.name))
     assert (len(frames), census.clips, len(told)) == (1, 1, 2)
+
+
+def test_a_list_says_what_is_scored(tmp_path: Path, waving_clip: Clip) -> None:
+    from bodysense.evaluation.body_vae import read_test
+
+    data, told = tmp_path / "data", []
+    data.mkdir()
+    for name in ("one", "two", "three"):
+        write_bvh(data / f"{name}.bvh", waving_clip)
+    (tmp_path / "split.txt").write_text("one.bvh train\ntwo.bvh test\n")
+    frames, census = read_test(DataSet("set", data), lambda clip: told.append(clip.name), tmp_path / "split.txt")
+    assert (len(frames), census.clips, told) == (1, 1, ["two"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,12 +16,12 @@ from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import BODY
 from bodysense.data.augment import mirrored as mirrored_clip
 from bodysense.data.body_frames import BodyFrames, read_body_frames
-from bodysense.data.bvh import write_bvh
+from bodysense.data.bvh import read_bvh, write_bvh
 from bodysense.data.clip import Clip
 from bodysense.data.splits import split_of
 from bodysense.errors import BodysenseError
 from bodysense.estimators.body_vae import load_body_vae
-from bodysense.models.body_vae import BodyVae, BodyVaeConfig, read_vae
+from bodysense.models.body_vae import BodyVae, BodyVaeConfig, read_vae, write_vae
 from bodysense.models.body_windows import VaeBatch, make_batch, mirrored
 from bodysense.training.body_network import Progress
 from bodysense.training.body_vae import VaeSchedule, batches, joint_errors, one_cycle, train_vae
@@ -139,6 +140,13 @@ def test_the_grids() -> None:
     assert len({sweep_name(config) for config in sweep_configs(SMALL, "all")}) == 150
 
 
+def test_names_in_a_sweep_tell_what_is_not_swept() -> None:
+    config = BodyVaeConfig()
+    assert sweep_name(config) == "model2-beta0.01-latent30-blocks3"
+    assert sweep_name(replace(config, origin="pelvis", samples=4)) == f"{sweep_name(config)}-pelvis-samples4"
+    assert sweep_name(replace(config, samples=2)) == f"{sweep_name(config)}-samples2"
+
+
 def test_a_run_writes_what_can_be_loaded(folder: Path, tmp_path: Path) -> None:
     run = VaeRun(folder, tmp_path / "net.pt", replace(SMALL, model=0), SCHEDULE, threads=1)
     run_vae(run)
@@ -179,6 +187,73 @@ def test_a_sweep_keeps_what_is_there(folder: Path, tmp_path: Path) -> None:
         assert torch.equal(decoders[3][name], value) and torch.equal(decoders[4][name], value)
     with pytest.raises(BodysenseError, match=r"is of another configuration \(schedule.batch: 8 → 9\)"):
         run_sweep(replace(run, schedule=replace(run.schedule, batch=9)), sweep_configs(SMALL, "one"))
+
+
+def test_a_network_of_other_data_is_not_kept(folder: Path, tmp_path: Path) -> None:
+    run = VaeRun(folder, tmp_path / "net.pt", replace(SMALL, model=1), SCHEDULE, threads=1)
+    run_vae(run)
+    listing = tmp_path / "split.txt"
+    listing.write_text("".join(f"{path.relative_to(folder).as_posix()} train\n" for path in folder.rglob("*.bvh")))
+    with pytest.raises(BodysenseError, match=r"another configuration \(source.split_file: None → [0-9a-f]{12}\)"):
+        run_vae(replace(run, split_file=listing))
+    moved = shutil.copytree(folder, tmp_path / "moved")
+    with pytest.raises(BodysenseError, match=r"another configuration \(source.data: .*/data → .*/moved\)"):
+        run_vae(replace(run, data=moved))
+    (folder / PEOPLE["train"] / "other.bvh").unlink()
+    (tmp_path / "net.pt").unlink()  # half finished: the checkpoint is there
+    write_bvh(folder / PEOPLE["train"] / "more.bvh", read_bvh(moved / PEOPLE["train"] / "other.bvh"))
+    write_bvh(folder / PEOPLE["train"] / "most.bvh", read_bvh(moved / PEOPLE["train"] / "other.bvh"))
+    learned = "source.learned.frames: 180 → 270, source.learned.sequences: 2 → 3"
+    with pytest.raises(BodysenseError, match=rf"net\.ckpt belongs to another configuration \({learned}\)"):
+        run_vae(run)
+
+
+def test_a_network_of_another_decoder_is_not_kept(folder: Path, tmp_path: Path) -> None:
+    first, second = tmp_path / "first.pt", tmp_path / "second.pt"
+    for seed, path in enumerate((first, second)):
+        torch.manual_seed(seed)
+        write_vae(BodyVae(replace(SMALL, model=0)), path, {})
+    run = VaeRun(folder, tmp_path / "net.pt", replace(SMALL, model=3), SCHEDULE, decoder=first, threads=1)
+    run_vae(run)
+    other = r"another configuration \(source.decoder: [0-9a-f]{12} → [0-9a-f]{12}\)"
+    with pytest.raises(BodysenseError, match=rf"net\.pt is of {other}"):
+        run_vae(replace(run, decoder=second))
+    (tmp_path / "net.pt").unlink()
+    with pytest.raises(BodysenseError, match=rf"net\.ckpt belongs to {other}"):
+        run_vae(replace(run, decoder=second))
+
+
+def test_a_sweep_looks_at_decoder_and_data(folder: Path, tmp_path: Path) -> None:
+    run = VaeRun(folder, tmp_path / "sweep", SMALL, replace(SCHEDULE, steps=2), threads=1)
+    configs = sweep_configs(SMALL, "one", (3,))
+    run_sweep(run, configs)
+    zero, three = (run.out / f"{sweep_name(config)}.pt" for config in configs)
+    torch.manual_seed(9)
+    write_vae(BodyVae(replace(SMALL, model=0)), zero, read_vae(zero)[1])
+    with pytest.raises(BodysenseError, match=r"model3.* is of another configuration \(source.decoder: "):
+        run_sweep(run, configs)
+    for path in (zero, zero.with_suffix(".ckpt")):
+        path.unlink()
+    before = three.read_bytes()
+    run_sweep(run, configs)  # the same decoder comes out again, and what was trained with it is kept
+    assert three.read_bytes() == before
+    shutil.copy(folder / PEOPLE["train"] / "other.bvh", folder / PEOPLE["train"] / "more.bvh")
+    with pytest.raises(
+        BodysenseError, match=r"model0.* is of another configuration \(source.learned.frames: 180 → 270"
+    ):
+        run_sweep(run, sweep_configs(SMALL, "one"))
+
+
+def test_a_sweep_into_a_bad_place(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    configs = sweep_configs(SMALL, "one", ())
+    for out in (tmp_path / "file", tmp_path / "file" / "below"):
+        run = VaeRun(folder, out, SMALL, SCHEDULE)
+        with pytest.raises(BodysenseError, match=rf"^{out}: no folder can be made there .*; choose another --out$"):
+            run_sweep(run, configs)
+    with pytest.raises(BodysenseError):
+        run_sweep(VaeRun(tmp_path / "gone", tmp_path / "sweep", SMALL, SCHEDULE), configs)
+    assert not (tmp_path / "sweep").exists()
 
 
 def test_a_published_list_holds_out_its_own(folder: Path, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import onnx
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense.training.model_card import KINDS, describe, kind_of
+from bodysense.training.model_card import KINDS, describe, fields_read, kind_of
 
 WEIGHTS = Path(str(files("bodysense.weights")))
 SHIPPED = sorted(WEIGHTS.glob("*.onnx"))
@@ -32,9 +32,9 @@ def copied(path: Path, folder: Path) -> Path:
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_a_card_keeps_what_it_shows(path: Path, tmp_path: Path) -> None:
     network = copied(path, tmp_path)
-    kind = kind_of(network, {row.key: row.value for row in onnx.load(str(network)).metadata_props})
-    figures = Every()
-    rows = kind.rows(figures)
+    fields = {row.key: row.value for row in onnx.load(str(network)).metadata_props}
+    kind, figures = kind_of(network, fields), Every()
+    rows = kind.rows(figures, fields_read(fields))
     text = describe(network, {**figures, "another": 7.0}).read_text(encoding="utf-8")
     assert rows and all(f"| {' | '.join(row)} |" in text for row in rows)
     assert kind.measured_by in text and "another" not in text

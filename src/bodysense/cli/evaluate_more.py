@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from bodysense.cli.reporting import Common, Flat, checked, finish, progress_over
+from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 
 
@@ -84,6 +85,7 @@ def three_point(data: str, model: Path | None = None, common: Flat = Common()) -
 def hmd_vae(
     data: str,
     networks: Path,
+    split_file: Path | None = None,
     shipped: bool = True,
     model: Path | None = None,
     threads: int | None = None,
@@ -96,27 +98,42 @@ def hmd_vae(
     Args:
         data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table.
         networks: The folder into which `bodysense train hmd-vae` wrote the networks.
+        split_file: The list they were trained with: its motions 'PATH test' are scored instead of a split by person,
+            and the shipped predictor, which may have learned some of them, is not.
         shipped: Score the shipped three-point predictor, too, which takes longer than all of the rest.
         model: That predictor, a network written by `bodysense train three-point`; the packaged one by default.
         threads: Of PyTorch; its own choice by default.
         common: Common options.
     """
-    from rich.progress import track
+    from rich.console import Console
+    from rich.progress import Progress, track
 
+    from bodysense.data.body_frames import read_split_file
     from bodysense.evaluation.body_vae import read_test, score_vae, vaes_in
     from bodysense.evaluation.body_vae_report import metrics_report, vae_report
     from bodysense.evaluation.datasets import named_data
     from bodysense.evaluation.three_point_table import PASSES, evaluate_three_point
 
+    if split_file is not None and (common.split != "test" or common.quick or model is not None):
+        raise BodysenseError("--split-file scores its own test motions; leave --split, --quick and --model out")
     jobs = checked(common)
     chosen, files = named_data(data, common.split, common.quick), vaes_in(networks)
+    total = None if split_file is None else list(read_split_file(split_file).values()).count("test")
     table = None
-    if shipped:
+    if shipped and split_file is not None:
+        Console().print("with --split-file the shipped predictor is not scored: it may know the list's test motions")
+    elif shipped:
         with progress_over([chosen] * PASSES) as advance:
             table, _ = evaluate_three_point(chosen, model, jobs, advance)
-    with progress_over([chosen]) as advance:
-        frames, census = read_test(chosen, advance)
+    with Progress() as progress:
+        bar = progress.add_task("reading", total=chosen.count() if total is None else total)
+        frames, census = read_test(
+            chosen, lambda clip: progress.update(bar, advance=1, description=f"read {clip.name}"), split_file
+        )
     scored = [score_vae(name, path, frames, threads) for name, path in track(files.items(), "scoring the networks")]
     figures, later = vae_report(scored, census, chosen), metrics_report(scored, table, census, chosen)
+    if split_file is not None:
+        listed = f"Of it, the test motions of {split_file}."
+        figures, later = (replace(one, data=(*one.data, listed)) for one in (figures, later))
     finish(later, replace(common, json=None))
     finish(replace(figures, numbers=later.numbers | figures.numbers), common)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -15,17 +16,17 @@ Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 def hmd_vae(
     data: Path,
     out: Output,
-    model: Literal[0, 1, 2, 3, 4] = 2,
+    model: Literal[0, 1, 2, 3, 4] | None = None,
     decoder: Path | None = None,
-    latent: Literal[15, 30, 60] = 30,
-    beta: float = 0.01,
-    blocks: Literal[3, 6] = 3,
+    latent: Literal[15, 30, 60] | None = None,
+    beta: float | None = None,
+    blocks: Literal[3, 6] | None = None,
     samples: int = 1,
     origin: Literal["head", "pelvis"] = "head",
     steps: int = 6000,
     batch: int = 256,
     sweep: bool = False,
-    grid: Literal["one", "few", "all"] = "few",
+    grid: Literal["one", "few", "all"] | None = None,
     split_file: Path | None = None,
     seed: int = 1,
     threads: int | None = None,
@@ -42,19 +43,19 @@ def hmd_vae(
         out: NAME.onnx, with the weights beside it as NAME.pt, or NAME.pt alone; checkpoint and log lie beside. Of a
             sweep: the folder.
         model: 0 sees the whole body; 1 head and hands now; 2 their last half second; 3 and 4 are 1 and 2 with the
-            decoder of a model 0, which stays as it is.
+            decoder of a model 0, which stays as it is. 2 by default; a sweep trains all.
         decoder: The .pt of a trained model 0, for models 3 and 4.
-        latent: Numbers that make a body.
-        beta: Weight of the divergence from the prior.
-        blocks: Residual blocks of encoder and decoder.
+        latent: Numbers that make a body; 30 by default.
+        beta: Weight of the divergence from the prior; 0.01 by default.
+        blocks: Residual blocks of encoder and decoder; 3 by default.
         samples: Draws of the posterior a step.
         origin: 'head' is under the headset; 'pelvis', the paper's, knows where the pelvis is and faces, as no headset
             does, and cannot be exported.
         steps: Optimiser steps.
         batch: Windows a step.
         sweep: Train models 0 to 4 of many settings into the folder `out`, with results.csv; what is there is kept.
-        grid: Of a sweep. 'one': the setting of --latent, --beta, --blocks. 'few': beta 0.01 and 1, latent 30, blocks 3
-            and 6: 20 networks. 'all': the paper's 30 settings, 150 networks.
+        grid: Of a sweep. 'one': the setting of --latent, --beta, --blocks. 'few', the default: beta 0.01 and 1, latent
+            30, blocks 3 and 6: 20 networks. 'all': the paper's 30 settings, 150 networks.
         split_file: Lines 'PATH train' or 'PATH test' instead of the split by person, for a published protocol; the
             sequences that are held out are then watched.
         seed: Of everything random.
@@ -71,6 +72,15 @@ def hmd_vae(
         raise BodysenseError(f"{out}: a network is written as .onnx or .pt; give a name that ends so")
     if sweep and (out.suffix in (".onnx", ".pt") or decoder is not None):
         raise BodysenseError("--sweep trains its own decoders into a folder; give a folder as --out, and no --decoder")
+    if not sweep and grid is not None:
+        raise BodysenseError(f"--grid {grid} is of a sweep; add --sweep, or leave --grid out")
+    if sweep and model is not None:
+        raise BodysenseError(f"--sweep trains models 0 to 4; leave --model {model} out")
+    setting = {"latent": latent, "beta": beta, "blocks": blocks}
+    given = {name: value for name, value in setting.items() if value is not None}
+    if sweep and grid != "one" and given:
+        options = " ".join(f"--{name} {value}" for name, value in given.items())
+        raise BodysenseError(f"--grid {grid or 'few'} has settings of its own; leave {options} out, or give --grid one")
     if not sweep and out.suffix == ".onnx" and origin != "head":
         raise BodysenseError(
             f"{out}: no device tracks the {origin}, so a network with that origin is not exported; give a name that "
@@ -81,7 +91,8 @@ def hmd_vae(
     from bodysense.training.body_vae import VaeSchedule
     from bodysense.training.body_vae_run import VaeRun, run_sweep, run_vae, sweep_configs
 
-    config = BodyVaeConfig(model=model, latent=latent, blocks=blocks, beta=beta, samples=samples, origin=origin)
+    chosen = given if model is None else {**given, "model": model}
+    config = replace(BodyVaeConfig(samples=samples, origin=origin), **chosen)
     run = VaeRun(
         data=data,
         out=out,
@@ -96,6 +107,6 @@ def hmd_vae(
         data_note=data_note,
     )
     if sweep:
-        run_sweep(run, sweep_configs(config, grid))
+        run_sweep(run, sweep_configs(config, grid or "few"))
     else:
         run_vae(run)

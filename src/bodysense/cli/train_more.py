@@ -80,6 +80,8 @@ def three_point(
     lanes: int = 128,
     chunk: int = 12,
     hidden: int = 384,
+    learning_rate: float = 1.5e-3,
+    begin_with: Path | None = None,
     clips: int | None = None,
     seed: int = 1,
     threads: int | None = None,
@@ -98,6 +100,9 @@ def three_point(
         lanes: Clips that are played side by side; many make the gradient steady.
         chunk: Frames of each through which it is differentiated; the state carries on beyond them.
         hidden: Size of each of the two recurrent layers.
+        learning_rate: The highest; it warms up to it and then falls.
+        begin_with: The .ckpt of another run, whose best weights are where this one begins: for a second stage, say with
+            longer chunks.
         clips: So many clips of each split only, spread evenly.
         seed: Of everything random.
         threads: Of PyTorch and processes that prepare the data; their own choice by default.
@@ -107,7 +112,10 @@ def three_point(
     from bodysense.training.three_point_run import ThreePointRun, run_three_point
 
     run_three_point(
-        ThreePointRun(data, _onnx(out), steps, passes, lanes, chunk, hidden, clips, seed, threads, licence, data_note)
+        ThreePointRun(
+            *(data, _onnx(out), steps, passes, lanes, chunk, hidden, learning_rate, begin_with, clips, seed, threads),
+            *(licence, data_note),
+        )
     )
 
 

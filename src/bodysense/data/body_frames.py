@@ -84,12 +84,12 @@ def read_body_frames(clips: Iterable[Clip]) -> BodyFrames:
 
 
 def held_out(person: Iterable[str], rng: np.random.Generator) -> np.ndarray:
-    """(C,) bool: about 5 % of the clips of each data set, at least one; a set is what a person's name begins with.
+    """(C,) bool: about 5 % of the clips of each data set, at least one; a set is a person's name up to its last '_'.
 
-    'cmu_07' is of 'cmu'; a name without '_' is of a set with all others like it. Within-person test of the paper,
-    beside the split by person.
+    'cmu_07' is of 'cmu', 'MPI_HDM05_dg' of 'MPI_HDM05'; a name without '_' is of a set with all others like it.
+    Within-person test of the paper, beside the split by person.
     """
-    names = np.array([name.partition("_")[0] if "_" in name else "" for name in person])
+    names = np.array([name.rpartition("_")[0] for name in person])
     chosen = np.zeros(len(names), dtype=bool)
     for name in np.unique(names):
         rows = np.flatnonzero(names == name)

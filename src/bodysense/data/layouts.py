@@ -5,7 +5,8 @@
     twh      mocap_data/<session>/<take>.zip. Talking With Hands 16.2M (Lee et al., ICCV 2019; 90 Hz, centimetres): two
              speakers a take, named in its members, take5_hasFingers_shallow26_scale_local.bvh. Unpacked, too.
     mixamo   BVH files whose root is called mixamorig:Hips, exported from Mixamo, in any folders.
-    folder   Any other: the person is the first folder, or the beginning of the name.
+    folder   Any other: the person is the first folder, or the beginning of the name. In a tree of AMASS,
+             <set>/<subject>/*.npz, a person is both.
 
 UNOC's wrists. The gloves measured the fingers relative to the hand, and the optical system the hand's orientation,
 which is off by a constant turn for each participant, because of where the markers sat; the paper (section 3.1) found
@@ -34,6 +35,15 @@ Layout = Literal["unoc", "twh", "mixamo", "folder"]
 LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 UNOC_PARTICIPANTS = 13
 
+# As its archives are called, in the first release and after it.
+# fmt: off
+AMASS_SETS = frozenset((
+    "ACCAD", "BMLhandball", "BMLmovi", "BMLrub", "BioMotionLab_NTroje", "CMU", "CNRS", "DFaust", "DFaust_67", "DanceDB",
+    "EKUT", "EyesJapanDataset", "Eyes_Japan_Dataset", "GRAB", "HDM05", "HUMAN4D", "HumanEva", "KIT", "MOYO",
+    "MPI_HDM05", "MPI_Limits", "MPI_mosh", "MoSh", "PosePrior", "SFU", "SOMA", "SSM", "SSM_synced", "TCDHands",
+    "TCD_handMocap", "TotalCapture", "Transitions", "Transitions_mocap", "WEIZMANN",
+))
+# fmt: on
 _MERGED = re.compile(r"merged[ _-]?bvh", re.IGNORECASE)
 _SPEAKER = re.compile(r"(?:^|_)((?:deep|shallow)\d+)(?=[_.]|$)", re.IGNORECASE)
 _SESSION = re.compile(r"session\d+", re.IGNORECASE)
@@ -158,11 +168,16 @@ def _conversations(directory: Path) -> set[tuple[str, str]] | None:
 
 
 def _person(file: MotionFile, directory: Path) -> str:
-    """The first folder, a zip file not counted unless it is all that names anybody; else the beginning of the name."""
+    """The first folder, a zip file not counted unless it is all that names anybody; else the beginning of the name.
+
+    Below the folder of a set of AMASS people have folders of their own.
+    """
     above = PurePosixPath(file.path.relative_to(directory).as_posix()).parent.parts
     folders = (*above, *PurePosixPath(file.member).parent.parts)
     if not folders and file.member:
         folders = (file.path.stem,)
+    if len(folders) > 1 and folders[0] in AMASS_SETS:
+        return f"{folders[0]}_{folders[1]}"
     subject = _SUBJECT.search(file.place.stem)
     return folders[0] if folders else subject[0] if subject else file.place.stem.partition("_")[0]
 

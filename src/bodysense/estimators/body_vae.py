@@ -28,7 +28,7 @@ from bodysense.body.skeleton import BODY, Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.estimators.learned import MEASURED_ERROR
 from bodysense.estimators.network_file import open_network, open_packaged
-from bodysense.observation import UNIT_TOLERANCE, Estimate, Observation, observed_points
+from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Estimate, Observation, observed_points
 
 FORMAT = "bodysense body vae 1"
 PACKAGED = "body_vae.onnx"
@@ -100,7 +100,8 @@ class BodyVae:
     """Whole body of a skeleton from `head`, `left_wrist` and `right_wrist`; its head is where the measured one is.
 
     The paper's network takes hands for given. One that is lost stays where it was relative to the head; one that was
-    never seen hangs; a head that is lost stays where it was. What is no unit quaternion or no number counts as lost.
+    never seen hangs; a head that is lost stays where it was. What is no unit quaternion, no number or over 1 km
+    away counts as lost.
     After half a second without frames the history begins anew. Fingers are relaxed.
     """
 
@@ -149,11 +150,11 @@ class BodyVae:
     def step(self, observation: Observation, state: BodyVaeState) -> tuple[Estimate, BodyVaeState]:
         """Complete T frames, one after the other. Raises BodysenseError when time does not increase."""
         position, rotation, has_position, has_rotation = observed_points(observation, self.skeleton)
-        has_position = has_position & np.isfinite(position).all(axis=-1)
         with np.errstate(over="ignore", invalid="ignore"):
+            has_position = has_position & (np.abs(position).max(axis=-1) <= FARTHEST)  # false for what is no number
             has_rotation = has_rotation & (np.abs(np.linalg.norm(rotation, axis=-1) - 1) < UNIT_TOLERANCE)
         position = np.where(has_position[..., None], position, 0.0)
-        rotation = np.where(has_rotation[..., None], rotation, quaternion_identity(rotation))
+        rotation = np.asarray(normalize(np.where(has_rotation[..., None], rotation, quaternion_identity(rotation))))
         places, roots, rotations = self._places, [], []
         for t, time in enumerate(observation.time):
             seen = (position[t, places], rotation[t, places])

@@ -35,13 +35,12 @@ from bodysense.errors import BodysenseError
 from bodysense.estimators.foot_lock import FootLockSettings, FootLockState, lock_feet, released
 from bodysense.estimators.network_file import open_network, open_packaged
 from bodysense.estimators.whole_body import WholeBody
-from bodysense.observation import UNIT_TOLERANCE, Estimate, Observation
+from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Estimate, Observation
 from bodysense.occlusion.three_point import POINTS
 
 FORMAT = "bodysense three-point 1"
 PACKAGED = "three_point.onnx"
 FIRST_INTERVAL = 1 / 60  # s: the time step of a frame that has none before it
-FARTHEST = 1000.0  # m: beyond it single precision is too coarse for a body
 REACH = 0.75  # of the wearer's height, from the head: no hand is farther
 
 

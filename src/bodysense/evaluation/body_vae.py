@@ -18,7 +18,15 @@ from bodysense.body.body_joints import body_skeleton
 from bodysense.body.pose import local_rotation
 from bodysense.body.rotation import geodesic_angle, quaternion_log, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import BODY, LOWER_BODY, default_skeleton
-from bodysense.data.body_frames import RATE, STRIDE, TEST_LENGTH, TRAIN_LENGTH, BodyFrames, read_body_frames
+from bodysense.data.body_frames import (
+    RATE,
+    STRIDE,
+    TEST_LENGTH,
+    TRAIN_LENGTH,
+    BodyFrames,
+    read_body_frames,
+    split_clips,
+)
 from bodysense.data.windows import Windows
 from bodysense.errors import BodysenseError
 from bodysense.evaluation.datasets import Census, DataSet, census_of
@@ -60,13 +68,19 @@ def vaes_in(folder: Path) -> dict[str, Path]:
     return kept
 
 
-def read_test(data: DataSet, advance: Callable[[Any], None]) -> tuple[BodyFrames, Census]:
-    """The data set at 30 Hz, and how much of it is used: clips of 64 frames and more."""
+def read_test(
+    data: DataSet, advance: Callable[[Any], None], split_file: Path | None = None
+) -> tuple[BodyFrames, Census]:
+    """The data set at 30 Hz, and how much of it is used: clips of 64 frames and more.
+
+    With a split list, the test motions of that list instead of the people of `data.split`.
+    """
+    clips = data.clips() if split_file is None else split_clips(data.path, "test", split_file)
     census = Census()
 
     def counted() -> Any:
         nonlocal census
-        for clip in data.clips():
+        for clip in clips:
             advance(clip)
             if clip.seconds * RATE >= TEST_LENGTH - 1:
                 census += census_of(clip)

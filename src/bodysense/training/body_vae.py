@@ -6,9 +6,10 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -64,10 +65,12 @@ def train_vae(
     checkpoint: Path,
     report: Callable[[Progress], None],
     fabric: Fabric,
+    source: Mapping[str, Any] | None = None,
 ) -> BodyVae:
     """Train and return the network with averaged weights, evaluating.
 
-    Continues from `checkpoint` where that file exists; raises BodysenseError when it belongs to another configuration.
+    Continues from `checkpoint` where that file exists; raises BodysenseError when it belongs to another configuration
+    or `source` (`identity`).
     """
     optimizer = torch.optim.AdamW(
         [parameter for parameter in network.parameters() if parameter.requires_grad],
@@ -81,7 +84,8 @@ def train_vae(
     learner, optimizer = fabric.setup(network, optimizer)
     learner.mark_forward_method("negative_elbo")
     average.to(fabric.device)
-    done = load_checkpoint(checkpoint, network, schedule, optimizer, average)
+    run = identity(network.config, schedule, source)
+    done = load_checkpoint(checkpoint, run, network, optimizer, average)
     begun, recent = time.monotonic(), []
     steps = range(done + 1, schedule.steps + 1)
     made = batches(network, schedule, frames, windows, done, fabric.global_rank)
@@ -101,7 +105,7 @@ def train_vae(
             recent = []
             scores = {"position_cm": 100 * float(joint_errors(kept, *validation).mean())}
             if fabric.is_global_zero:
-                save_checkpoint(checkpoint, network, schedule, step, optimizer, average)
+                save_checkpoint(checkpoint, run, step, network, optimizer, average)
                 report(Progress(step, schedule.steps, time.monotonic() - begun, mean, scores))
     network.load_state_dict(kept.state_dict())
     return network.eval()
@@ -131,34 +135,35 @@ def joint_errors(network: BodyVae, frames: BodyFrames, windows: Windows) -> Tens
     return missed.norm(dim=-1).mean(dim=0).cpu()
 
 
-def identity(config: BodyVaeConfig, schedule: VaeSchedule) -> str:
-    """What a checkpoint must agree on to be continued."""
-    return json.dumps({"network": asdict(config), "schedule": asdict(schedule)}, sort_keys=True)
+def identity(config: BodyVaeConfig, schedule: VaeSchedule, source: Mapping[str, Any] | None = None) -> str:
+    """What a checkpoint must agree on to be continued; `source` is what it learns from, in plain values."""
+    parts: dict[str, Any] = {"network": asdict(config), "schedule": asdict(schedule)}
+    return json.dumps(parts if source is None else {**parts, "source": dict(source)}, sort_keys=True)
 
 
 def save_checkpoint(
     path: Path,
-    network: BodyVae,
-    schedule: VaeSchedule,
+    run: str,
     step: int,
+    network: BodyVae,
     optimizer: torch.optim.Optimizer,
     average: AveragedModel,
 ) -> None:
-    """Written beside and renamed, so that a run killed at any moment can go on."""
+    """Written beside and renamed, so that a run killed at any moment can go on; `run` is its identity."""
     beside = path.with_name(path.name + ".part")
     state = {"network": network.state_dict(), "optimizer": optimizer.state_dict(), "average": average.state_dict()}
-    torch.save({"identity": identity(network.config, schedule), "step": step, **state}, beside)
+    torch.save({"identity": run, "step": step, **state}, beside)
     os.replace(beside, path)
 
 
 def load_checkpoint(
     path: Path,
+    run: str,
     network: BodyVae,
-    schedule: VaeSchedule,
     optimizer: torch.optim.Optimizer,
     average: AveragedModel,
 ) -> int:
-    """Restore a run and return its step; 0 where there is no checkpoint."""
+    """Restore the run of this identity and return its step; 0 where there is no checkpoint."""
     if not path.exists():
         return 0
     try:
@@ -167,10 +172,9 @@ def load_checkpoint(
         raise BodysenseError(
             f"{path}: not a readable checkpoint ({type(error).__name__}); take it away to begin anew"
         ) from None
-    now = identity(network.config, schedule)
-    if saved.get("identity") != now:
+    if saved.get("identity") != run:
         raise BodysenseError(
-            f"{path} belongs to another configuration ({differences(saved.get('identity', '{}'), now)}); "
+            f"{path} belongs to another configuration ({differences(saved.get('identity', '{}'), run)}); "
             "give another --out, or the settings it was begun with"
         )
     network.load_state_dict(saved["network"])

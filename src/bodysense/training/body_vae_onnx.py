@@ -75,7 +75,9 @@ def write_vae_onnx(network: BodyVae, path: Path, card: dict[str, Any]) -> None:
         torch.zeros(1, config.latent),
         torch.tensor(np.array(network.skeleton.rest_offset[None]), dtype=torch.float32),
     )
-    known = {name: value for name, value in card.items() if name != "identity"}
+    known = {name: value for name, value in card.items() if name not in ("identity", "validation_position_cm")}
+    if "validation_position_cm" in card:
+        known["validation"] = {"position_cm": card["validation_position_cm"]}
     card = {
         "reads": config.reads,
         "frames": config.frames,

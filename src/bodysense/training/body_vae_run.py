@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import itertools
 import json
 import time
@@ -17,7 +18,14 @@ from lightning_fabric import Fabric
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn, track
 
-from bodysense.data.body_frames import TRAIN_LENGTH, BodyFrames, held_out, read_body_frames, split_clips
+from bodysense.data.body_frames import (
+    TRAIN_LENGTH,
+    BodyFrames,
+    held_out,
+    read_body_frames,
+    read_split_file,
+    split_clips,
+)
 from bodysense.data.clip import Clip
 from bodysense.data.clips import count_clips, open_clips
 from bodysense.data.windows import Windows
@@ -87,8 +95,8 @@ def run_vae(run: VaeRun) -> None:
     """Train one network; the weights (.pt), log (.jsonl) and checkpoint (.ckpt) lie beside `run.out`."""
     check_place(run.out)
     console, weights = Console(), run.out.with_suffix(".pt")
-    if not is_trained(run, weights):
-        whole = whole_body(run)
+    whole = whole_body(run)
+    if not is_trained(run, weights, whole):
         data = read_data(run)
         console.print(f"{data.note}; {len(data.train)} windows", highlight=False)
 
@@ -138,15 +146,16 @@ def train_network(
             file.write(json.dumps(vars(progress)) + "\n")
         report(progress)
 
+    source = source_of(run, whole, data)
     fabric = Fabric(accelerator="auto", devices=run.devices, num_nodes=run.nodes, precision="32-true")
     fabric.launch()
     checkpoint = weights.with_suffix(".ckpt")
     network = train_vae(
-        network, run.schedule, data.frames, data.train, data.validation, checkpoint, noted, fabric
+        network, run.schedule, data.frames, data.train, data.validation, checkpoint, noted, fabric, source
     ).cpu()
     error = joint_errors(network, *data.validation)
     card = {
-        "identity": identity(network.config, run.schedule),
+        "identity": identity(network.config, run.schedule, source),
         "model": run.config.model,
         "licence": run.licence,
         "training_data": run.data_note or data.note,
@@ -162,11 +171,29 @@ def train_network(
     fabric.barrier()
 
 
-def is_trained(run: VaeRun, weights: Path) -> bool:
-    """Whether the weights are there, trained as this run asks. Raises BodysenseError if trained otherwise."""
+def source_of(run: VaeRun, whole: BodyVae | None, data: VaeData | None = None) -> dict[str, Any]:
+    """What a run learns from, for its identity; how much that is where its data have been read."""
+    source: dict[str, Any] = {"data": str(run.data.resolve()), "split_file": None, "decoder": None}
+    if run.split_file is not None:
+        source["split_file"] = _digest(json.dumps(read_split_file(run.split_file)).encode())
+    if whole is not None:
+        source["decoder"] = _digest(*(value.numpy().tobytes() for value in whole.decoder.state_dict().values()))
+    if data is not None:
+        source["learned"] = {"sequences": len(data.frames), "frames": int(data.frames.length.sum())}
+    return source
+
+
+def is_trained(run: VaeRun, weights: Path, whole: BodyVae | None, data: VaeData | None = None) -> bool:
+    """Whether the weights are there, trained as this run asks. Raises BodysenseError if trained otherwise.
+
+    How much was learned is compared where `data` is given.
+    """
     if not weights.is_file():
         return False
-    before, now = read_vae(weights)[1]["identity"], identity(run.config, run.schedule)
+    saved = json.loads(read_vae(weights)[1]["identity"])
+    if data is None:
+        saved.get("source", {}).pop("learned", None)
+    before, now = json.dumps(saved, sort_keys=True), identity(run.config, run.schedule, source_of(run, whole, data))
     if before != now:
         raise BodysenseError(
             f"{weights} is of another configuration ({differences(before, now)}); give another --out, or those settings"
@@ -175,8 +202,10 @@ def is_trained(run: VaeRun, weights: Path) -> bool:
 
 
 def sweep_name(config: BodyVaeConfig) -> str:
-    """Of a network's files in the folder of a sweep."""
-    return f"model{config.model}-beta{config.beta:g}-latent{config.latent}-blocks{config.blocks}"
+    """Of a network's files in the folder of a sweep; what no grid sweeps is named where it is not the default."""
+    name = f"model{config.model}-beta{config.beta:g}-latent{config.latent}-blocks{config.blocks}"
+    name += f"-{config.origin}" if config.origin != BodyVaeConfig.origin else ""
+    return name + (f"-samples{config.samples}" if config.samples != BodyVaeConfig.samples else "")
 
 
 def swept(run: VaeRun, config: BodyVaeConfig) -> VaeRun:
@@ -201,12 +230,17 @@ def sweep_configs(config: BodyVaeConfig, grid: Grid, models: Sequence[int] = MOD
 
 def run_sweep(run: VaeRun, configs: Sequence[BodyVaeConfig]) -> None:
     """Train what is not trained yet into the folder `run.out`; the results of all in its results.csv."""
-    run.out.mkdir(parents=True, exist_ok=True)
+    check_folder(run.out)
     runs = [swept(run, config) for config in configs]
-    todo = [one for one in runs if not is_trained(one, one.out)]
+    todo = [one for one in runs if not is_swept(one)]
     console = Console()
     if todo:
         data = read_data(run)
+        todo = [one for one in runs if not is_swept(one, data)]
+        try:
+            run.out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise _no_folder(run.out, error.strerror) from None
         columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total} steps"))
         with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console) as progress:
             steps = run.schedule.steps
@@ -218,12 +252,36 @@ def run_sweep(run: VaeRun, configs: Sequence[BodyVaeConfig]) -> None:
                 def report(now: Report, done: int = before + steps * place) -> None:
                     progress.update(bar, completed=done + now.step)
 
+                if is_swept(one, data):  # it waited for its decoder, which came out as it was
+                    continue
                 train_network(one, one.out, whole_body(one), data, report)
                 write_results(run.out / "results.csv", [other.out for other in runs])
                 score = read_vae(one.out)[1]["validation_position_cm"]
                 console.print(f"trained {one.out.stem}: validation {score:.2f} cm", highlight=False)
     write_results(run.out / "results.csv", [one.out for one in runs])
     console.print(f"{len(runs)} networks in {run.out}, results in {run.out / 'results.csv'}", highlight=False)
+
+
+def is_swept(run: VaeRun, data: VaeData | None = None) -> bool:
+    """`is_trained` of a network of a sweep; not before its decoder is, on which it depends."""
+    if run.decoder is not None and not run.decoder.is_file():
+        return False
+    return is_trained(run, run.out, whole_body(run), data)
+
+
+def check_folder(path: Path) -> None:
+    """Raise BodysenseError where no folder can be, before any work; nothing is made."""
+    nearest = next(place for place in (path, *path.absolute().parents) if place.exists())
+    if not nearest.is_dir():
+        raise _no_folder(path, f"{nearest} is a file")
+
+
+def _no_folder(path: Path, reason: str | None) -> BodysenseError:
+    return BodysenseError(f"{path}: no folder can be made there ({reason}); choose another --out")
+
+
+def _digest(*parts: bytes) -> str:
+    return hashlib.sha256(b"".join(parts)).hexdigest()[:12]
 
 
 def write_results(path: Path, weights: Sequence[Path]) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import onnx
 
 from bodysense.errors import BodysenseError
-from bodysense.estimators import learned, point_model, three_point
+from bodysense.estimators import body_vae, learned, point_model, three_point
 from bodysense.files import written_beside
 
 Numbers = Mapping[str, float]
@@ -25,7 +25,7 @@ class Kind:
     measured_by: str  # the command whose --json gives the figures
     over: str  # what the figures are of
     head: tuple[str, ...]
-    rows: Callable[[Numbers], list[tuple[str, ...]]]
+    rows: Callable[[Numbers, Mapping[str, Any]], list[tuple[str, ...]]]  # of figures and of the file's metadata
     not_for: str
 
 
@@ -43,7 +43,7 @@ def describe(path: Path, figures: Numbers) -> Path:
     kind = kind_of(path, fields)
     wanted = _Asked(figures)
     try:
-        kind.rows(wanted)
+        kind.rows(wanted, fields_read(fields))
     except KeyError as error:
         raise BodysenseError(f"the figures have no {error}; write them with `{kind.measured_by} --json FILE`") from None
     fields["test"] = json.dumps({name: round(figures[name], 3) for name in sorted(wanted.asked)})
@@ -67,24 +67,39 @@ def kind_of(path: Path, fields: Mapping[str, str]) -> Kind:
 
 def card_text(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
     """The model card of a network file, from its metadata."""
-    read: dict[str, Any] = {key: json.loads(value) for key, value in fields.items() if key != "format"}
-    network, layers = read["network"], read["network"].get("layers", 1)
+    read = fields_read(fields)
     rate = f"up to {read['fastest_rate']:g} Hz" if "fastest_rate" in read else f"{read['rate']:g} Hz"
-    size = f"{network['hidden']}" if layers == 1 else f"{layers} × {network['hidden']}"
-    form = f"{read['form']}: " if "form" in read else ""
     validation = ", ".join(f"{key} {value}" for key, value in read["validation"].items())
     return "\n".join(
         [
             *(f"# {name}", "", kind.what, ""),
-            f"- {form}GRU of {size}, {read['weights']:,} weights, steps at {rate}",
+            f"- {form(read)}, {read['weights']:,} weights, steps at {rate}",
             f"- trained on: {read['training_data']}",
             f"- licence: {read['licence']}; seed {read['seed']}",
             f"- validation: {validation}",
             *("", f"{kind.over} (`{kind.measured_by} --data DIR`):", ""),
-            *(f"| {' | '.join(row)} |" for row in (kind.head, ("---",) * len(kind.head), *kind.rows(read["test"]))),
+            *(
+                f"| {' | '.join(row)} |"
+                for row in (kind.head, ("---",) * len(kind.head), *kind.rows(read["test"], read))
+            ),
             *("", f"Not for: {kind.not_for}", ""),
         ]
     )
+
+
+def fields_read(fields: Mapping[str, str]) -> dict[str, Any]:
+    """The metadata of a file, read."""
+    return {key: json.loads(value) for key, value in fields.items() if key != "format"}
+
+
+def form(card: Mapping[str, Any]) -> str:
+    """What kind of network it is, and how large."""
+    network = card["network"]
+    if "hidden" not in network:
+        return f"model {network['model']}: β {network['beta']:g}, d {network['latent']}, {network['blocks']} blocks"
+    layers = network.get("layers", 1)
+    size = f"{network['hidden']}" if layers == 1 else f"{layers} × {network['hidden']}"
+    return (f"{card['form']}: " if "form" in card else "") + f"GRU of {size}"
 
 
 class _Asked(dict[str, float]):
@@ -104,7 +119,7 @@ def _pair(test: Numbers, key: str) -> str:
     return f"{test[f'{key}_rmsjpe_cm']:.2f} / {test[f'{key}_mpjpe_cm']:.2f}"
 
 
-def _body_rows(test: Numbers) -> list[tuple[str, ...]]:
+def _body_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
     parts = [(part, share) for part in ("body", "finger", "body_and_finger") for share in ("occluded", "all")]
     # Data without fingers has no figures of them.
     measured = [parts[0], *(one for one in parts[1:] if f"{'_'.join(one)}_rmsjpe_cm" in test)]
@@ -114,7 +129,7 @@ def _body_rows(test: Numbers) -> list[tuple[str, ...]]:
     ]
 
 
-def _finger_rows(test: Numbers) -> list[tuple[str, ...]]:
+def _finger_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
     methods = {
         "network": "this network",
         "bodysense": "this network, smoothed, on rigid bones",
@@ -124,14 +139,14 @@ def _finger_rows(test: Numbers) -> list[tuple[str, ...]]:
     return [(label, _pair(test, name)) for name, label in methods.items()]
 
 
-def _upper_rows(test: Numbers) -> list[tuple[str, ...]]:
+def _upper_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
     return [
         (joints, _pair(test, f"network_{joints}"), _pair(test, f"ik_{joints}"))
         for joints in ("neck", "shoulders", "elbows", "all")
     ]
 
 
-def _three_point_rows(test: Numbers) -> list[tuple[str, ...]]:
+def _three_point_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
     figures = {
         "position, 22 joints from the head, cm": "best_mpjpe_cm",
         "lower body, cm": "best_lower_mpjpe_cm",
@@ -144,6 +159,14 @@ def _three_point_rows(test: Numbers) -> list[tuple[str, ...]]:
         "jitter of the truth, 10² m/s³": "truth_jitter",
     }
     return [(label, f"{test[key]:.2f}") for label, key in figures.items()]
+
+
+def _vae_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    measures, parts = ("position_cm", "velocity_cm_s", "acceleration_m_s2"), {"full": "full body", "legs": "legs"}
+    key = f"model{card['model']}"
+    return [
+        (label, *(f"{test[f'{key}_{part}_{measure}']:.2f}" for measure in measures)) for part, label in parts.items()
+    ]
 
 
 _NOBODY = "identifying people, medical judgement."
@@ -180,5 +203,13 @@ KINDS = {
         ("what", "figure"),
         _three_point_rows,
         f"floors that are not at y = 0; {_NOBODY}",
+    ),
+    (body_vae.FORMAT, ""): Kind(
+        "Draws whole bodies, several for one signal of head and hands or from nothing (HMD-VAE, Dittadi et al. 2021).",
+        "bodysense evaluate hmd-vae",
+        "Test people, main motions, at the posterior's mean",
+        ("joints", "position error, cm", "velocity error, cm/s", "acceleration, m/s²"),
+        _vae_rows,
+        f"the most accurate body, which is the three-point network's; floors that are not at y = 0; {_NOBODY}",
     ),
 }

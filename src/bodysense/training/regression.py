@@ -237,3 +237,17 @@ def _bones(offset: Tensor, known: Tensor, children: list[int], parents: list[int
 
 def _length(vector: Tensor) -> Tensor:
     return torch.sqrt((vector * vector).sum(dim=-1) + 1e-12)
+
+
+def best_weights(path: Path, network: nn.Module) -> dict[str, Tensor]:
+    """The weights that did best in the run of a checkpoint. Raises BodysenseError where they are of another network."""
+    try:
+        weights = torch.load(path, map_location="cpu", weights_only=True)["best"]["weights"]
+        shapes = {name: value.shape for name, value in weights.items()}
+    except FileNotFoundError:
+        raise BodysenseError(f"{path}: no such checkpoint; give the .ckpt of another run") from None
+    except Exception as error:  # PyTorch raises what it likes: pickle, zip, end of file
+        raise BodysenseError(f"{path}: not a readable checkpoint ({type(error).__name__})") from None
+    if shapes != {name: value.shape for name, value in network.state_dict().items()}:
+        raise BodysenseError(f"{path} is of a network of another size; give the settings that it was trained with")
+    return weights

@@ -20,6 +20,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.models.three_point_network import ThreePointConfig, ThreePointNetwork
 from bodysense.training.body_network import Progress
+from bodysense.training.regression import best_weights
 from bodysense.training.three_point import ThreePointSchedule, train_three_point
 from bodysense.training.three_point_episodes import (
     Corpus,
@@ -45,6 +46,8 @@ class ThreePointRun:
     lanes: int
     chunk: int
     hidden: int
+    learning_rate: float
+    begin_with: Path | None  # checkpoint of another run, whose best weights are where this one begins
     clips: int | None
     seed: int
     threads: int | None
@@ -67,7 +70,13 @@ def run_three_point(run: ThreePointRun) -> None:
     torch.manual_seed(run.seed)
     console = Console()
     network = ThreePointNetwork(ThreePointConfig(hidden=run.hidden))
-    schedule = ThreePointSchedule(steps=run.steps, lanes=run.lanes, chunk=run.chunk, seed=run.seed)
+    schedule = ThreePointSchedule(
+        *(run.steps, run.lanes, run.chunk, run.learning_rate),
+        check_every=min(500, max(1, run.steps // 10)),
+        seed=run.seed,
+    )
+    if run.begin_with is not None:
+        network.load_state_dict(best_weights(run.begin_with, network))
     corpus = prepare(run, "train", tuple(variation_of(number) for number in range(run.passes)))
     validation = {name: prepare(run, "val", (variation,)) for name, variation in VALIDATION.items()}
     console.print(f"{len(corpus)} episodes, {corpus.minutes:.0f} minutes, {network.features} features a frame")
