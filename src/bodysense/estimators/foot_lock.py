@@ -16,14 +16,15 @@ class FootLockSettings:
     hold: float = 0.6  # probability of contact from which a foot is held
     release: float = 0.4  # and below which it is let go
     half_life: float = 0.1  # s in which half of what a released foot was held back by fades
-    longest: float = 0.12  # m: a foot that its leg drags farther slides along, and none is lifted farther
+    longest: float = 0.12  # m: a foot that its leg drags farther slides along
+    highest: float = 0.5  # m: no foot is lifted farther to be on the floor
 
     def __post_init__(self) -> None:
         if not 0 < self.release <= self.hold < 1:
             raise BodysenseError(
                 f"foot lock: release {self.release:g} and hold {self.hold:g} must be probabilities, release the smaller"
             )
-        for name in ("half_life", "longest"):
+        for name in ("half_life", "longest", "highest"):
             if not getattr(self, name) > 0:
                 raise BodysenseError(f"foot lock: {name} is {getattr(self, name):g}; it must be positive")
 
@@ -69,5 +70,5 @@ def lock_feet(
     move = np.zeros((2, 3))
     move[:, ::2] = shift
     # A floor that is deeper than this is somewhere else: legs do not fold to stand on it.
-    move[:, 1] = np.clip(-foot[:, :, 1].min(axis=1), 0, settings.longest)
+    move[:, 1] = np.clip(-foot[:, :, 1].min(axis=1), 0, settings.highest)
     return move, FootLockState(held, anchor, shift)
