@@ -169,7 +169,7 @@ def test_a_run_writes_what_can_be_loaded(folder: Path, tmp_path: Path) -> None:
 def test_a_run_exports(folder: Path, tmp_path: Path) -> None:
     run_vae(VaeRun(folder, tmp_path / "net.onnx", replace(SMALL, model=1), SCHEDULE, threads=1))
     model, (network, card) = load_body_vae(tmp_path / "net.onnx"), read_vae(tmp_path / "net.pt")
-    assert model.card["validation_position_cm"] == card["validation_position_cm"]
+    assert model.card["validation"] == {"position_cm": card["validation_position_cm"]}
     assert model.latent == network.config.latent
 
 

@@ -70,11 +70,7 @@ def run_three_point(run: ThreePointRun) -> None:
     torch.manual_seed(run.seed)
     console = Console()
     network = ThreePointNetwork(ThreePointConfig(hidden=run.hidden))
-    schedule = ThreePointSchedule(
-        *(run.steps, run.lanes, run.chunk, run.learning_rate),
-        check_every=min(500, max(1, run.steps // 10)),
-        seed=run.seed,
-    )
+    schedule = ThreePointSchedule(run.steps, run.lanes, run.chunk, run.learning_rate, seed=run.seed)
     if run.begin_with is not None:
         network.load_state_dict(best_weights(run.begin_with, network))
     corpus = prepare(run, "train", tuple(variation_of(number) for number in range(run.passes)))
