@@ -100,3 +100,21 @@ def small_vae(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_vae(network, path.with_suffix(".pt"), card)
     write_vae_onnx(network, path, card)
     return path
+
+
+@pytest.fixture(scope="session")
+def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with every network of UNOC's tables, tiny."""
+    from dataclasses import replace
+
+    import torch
+
+    from bodysense.models.body_network import BodyNetwork, write_weights
+    from bodysense.models.variants import VARIANTS
+
+    folder = tmp_path_factory.mktemp("networks")
+    torch.manual_seed(0)
+    for name, variant in VARIANTS.items():
+        config = replace(variant.config, hidden=8, branch=(8,), judge_branch=(8,))
+        write_weights(BodyNetwork(config, default_skeleton()), folder / f"{name}.pt")
+    return folder

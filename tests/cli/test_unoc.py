@@ -9,24 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.data.bvh import write_bvh
 from bodysense.data.clip import Clip
-from bodysense.models.body_network import BodyNetwork, write_weights
-from bodysense.models.variants import VARIANTS
 
 
-@pytest.fixture(scope="module")
-def networks(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Every network of the tables, tiny and untrained."""
-    folder = tmp_path_factory.mktemp("networks")
-    torch.manual_seed(0)
-    for name, variant in VARIANTS.items():
-        config = replace(variant.config, hidden=8, branch=(8,), judge_branch=(8,))
-        write_weights(BodyNetwork(config, default_skeleton()), folder / f"{name}.pt")
-    return folder
+@pytest.fixture
+def networks(untrained: Path) -> Path:
+    """Those of the tables."""
+    return untrained
 
 
 @pytest.fixture

@@ -17,7 +17,6 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quatern
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
 from bodysense.models.body_vae import (
-    HEAD_AND_HANDS,
     BodyVae,
     BodyVaeConfig,
     OverTime,
@@ -28,6 +27,7 @@ from bodysense.models.body_vae import (
     write_vae,
 )
 from bodysense.models.body_windows import Joints, Origin, frame_of, seen_from
+from bodysense.occlusion.three_point import POINTS
 
 SMALL = BodyVaeConfig(latent=4, width=16, sequence_width=8, length=8)
 HEAD = BODY.index("head")
@@ -279,6 +279,6 @@ def test_configurations_that_cannot_be(wrong: dict, text: str) -> None:
 def test_what_each_model_reads() -> None:
     reads = {model: (BodyVaeConfig(model=model).reads, BodyVaeConfig(model=model).frames) for model in range(5)}
     assert reads == {
-        **{0: (BODY, 1), 1: (HEAD_AND_HANDS, 1), 2: (HEAD_AND_HANDS, 16)},
-        **{3: (HEAD_AND_HANDS, 1), 4: (HEAD_AND_HANDS, 16)},
+        **{0: (BODY, 1), 1: (POINTS, 1), 2: (POINTS, 16)},
+        **{3: (POINTS, 1), 4: (POINTS, 16)},
     }

@@ -17,8 +17,9 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.data.clip import Clip
 from bodysense.estimators.point_model import WARM_UP, PointRunner, Task, load_point_model
 from bodysense.models.finger_synthesis import BODY, FINGERS, HANDS, PAPER_FINGERS
-from bodysense.models.point_network import ORIENTED, PointNetwork, PointNetworkConfig, Tracked, bones
+from bodysense.models.point_network import PointNetwork, PointNetworkConfig, Tracked, bones
 from bodysense.models.upper_body import PAPER_UPPER_BODY, UPPER_BODY
+from bodysense.occlusion.three_point import POINTS
 from bodysense.training.point_episodes import tracked_of
 from bodysense.training.point_onnx import write_point_network
 
@@ -157,8 +158,8 @@ def test_the_file_is_the_network(form: str, networks, waving_clip: Clip, tmp_pat
 
 def test_what_is_read_and_placed() -> None:
     assert len(BODY) == 22 and len(HANDS) == 40
-    assert set(ORIENTED) <= set(BODY)
-    assert not set(UPPER_BODY.places) & set(ORIENTED)
+    assert set(POINTS) <= set(BODY)
+    assert not set(UPPER_BODY.places) & set(POINTS)
     assert PAPER_FINGERS.window == PAPER_UPPER_BODY.window == 27  # papers.md 1.5
     standing, _ = forward_kinematics(standing_pose(SKELETON))
     assert len(standing) == 65

@@ -153,7 +153,7 @@ def test_the_kept_weights_are_the_average(network: BodyNetwork, few_episodes: li
     saved = torch.load(tmp_path / "a.ckpt", weights_only=True)
     for name, value in trained.state_dict().items():
         assert torch.equal(value, saved["average"][f"module.{name}"])
-    assert any(not torch.equal(value, trained.state_dict()[name]) for name, value in saved["model"].items())
+    assert any(not torch.equal(value, trained.state_dict()[name]) for name, value in saved["network"].items())
 
 
 def test_moving_average() -> None:

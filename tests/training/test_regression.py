@@ -32,7 +32,7 @@ from bodysense.training.point_episodes import (
     with_bent_wrists,
 )
 from bodysense.training.point_run import PointRun, run_points
-from bodysense.training.regression import PointSchedule, best_weights, point_loss, train_points, validate_points
+from bodysense.training.regression import PointSchedule, point_loss, train_points, validate_points
 
 SMALL = replace(UPPER_BODY, hidden=8, branch=(8,), judge_branch=(8,))
 SMALL_FINGERS = replace(FINGERS, hidden=8, branch=(8,), dropout=0.0)
@@ -186,19 +186,3 @@ def test_a_whole_run(waving_clip: Clip, tmp_path: Path) -> None:
     assert (card["licence"], card["training_data"], card["form"]) == ("CC0-1.0", "waving", "shipped")
     rows = [json.loads(line) for line in out.with_suffix(".jsonl").read_text().splitlines()]
     assert rows[-1]["step"] == 2 and rows[-1]["validation"]["rmsjpe_cm"] > 0
-
-
-def test_a_second_stage_begins_with_the_best_weights_of_the_first(tmp_path: Path) -> None:
-    first, other = torch.nn.Linear(3, 2), torch.nn.Linear(4, 2)
-    weights = {name: value.clone() for name, value in first.state_dict().items()}
-    torch.save({"best": {"weights": weights}}, tmp_path / "one.ckpt")
-    second = torch.nn.Linear(3, 2)
-    second.load_state_dict(best_weights(tmp_path / "one.ckpt", second))
-    assert all(torch.equal(weights[name], value) for name, value in second.state_dict().items())
-    with pytest.raises(BodysenseError, match="of a network of another size"):
-        best_weights(tmp_path / "one.ckpt", other)
-    with pytest.raises(BodysenseError, match="no such checkpoint"):
-        best_weights(tmp_path / "none.ckpt", other)
-    (tmp_path / "text.ckpt").write_text("text")
-    with pytest.raises(BodysenseError, match="not a readable checkpoint"):
-        best_weights(tmp_path / "text.ckpt", other)

@@ -62,7 +62,8 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
     from bodysense.data.bvh import write_bvh
     from bodysense.data.clip import Clip
     from bodysense.data.resample import at_constant_rate
-    from bodysense.estimators.body_vae import POINTS, BodyVae, load_body_vae, sample_noise
+    from bodysense.estimators.body_vae import BodyVae, load_body_vae, sample_noise
+    from bodysense.occlusion.three_point import POINTS
     from bodysense.tracker import Tracker
 
     observation = recording.observation

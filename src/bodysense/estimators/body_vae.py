@@ -29,10 +29,10 @@ from bodysense.errors import BodysenseError
 from bodysense.estimators.learned import MEASURED_ERROR
 from bodysense.estimators.network_file import open_network, open_packaged
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Estimate, Observation, observed_points
+from bodysense.occlusion.three_point import POINTS
 
 FORMAT = "bodysense body vae 1"
 PACKAGED = "body_vae.onnx"
-POINTS = ("head", "left_wrist", "right_wrist")
 FINGER_ERROR = 0.03  # m: of a relaxed finger about its wrist
 _FIELDS = ("reads", "frames", "latent", "rate", "expected_error")
 _EARLY = 1e-6  # s

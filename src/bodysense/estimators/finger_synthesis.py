@@ -25,7 +25,8 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import Skeleton
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
-from bodysense.estimators.point_model import ORIENTED, PointModel, PointRunner, PointState, load_point_model
+from bodysense.estimators.point_model import PointModel, PointRunner, PointState, load_point_model
+from bodysense.occlusion.three_point import POINTS
 
 HALF_LIFE = 0.05  # s until the smoother has closed half of a jump
 _HALF = 1.6783469900166605  # y·t at which (1 + y t) e^(−y t), the critically damped response, is one half
@@ -73,7 +74,7 @@ class FingerSynthesis:
         time does not increase.
         """
         position, rotation = forward_kinematics(pose)
-        reads, oriented = self.skeleton.indices(self.model.reads), self.skeleton.indices(ORIENTED)
+        reads, oriented = self.skeleton.indices(self.model.reads), self.skeleton.indices(POINTS)
         offsets = []
         for t, now in enumerate(np.asarray(time, dtype=float).tolist()):
             if state.time is not None and not now > state.time:

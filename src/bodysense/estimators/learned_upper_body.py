@@ -18,8 +18,9 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import Skeleton
 from bodysense.estimators.learned import MEASURED_ERROR
-from bodysense.estimators.point_model import ORIENTED, PointModel, PointRunner, PointState, load_point_model
+from bodysense.estimators.point_model import PointModel, PointRunner, PointState, load_point_model
 from bodysense.observation import Estimate, Observation, observed_points
+from bodysense.occlusion.three_point import POINTS
 
 LOST_ERROR = 0.15  # m: of a hand that is not tracked now
 FINGER_ERROR = 0.03  # m: of a relaxed finger about its wrist
@@ -60,11 +61,11 @@ class LearnedUpperBody:
 
     @cached_property
     def _oriented(self) -> np.ndarray:
-        return self.skeleton.indices(ORIENTED)
+        return self.skeleton.indices(POINTS)
 
     @cached_property
     def _order(self) -> list[int]:
-        return [ORIENTED.index(name) for name in self.model.reads]
+        return [POINTS.index(name) for name in self.model.reads]
 
     @cached_property
     def _expected_error(self) -> np.ndarray:

@@ -15,7 +15,6 @@ from bodysense.errors import BodysenseError
 from bodysense.estimators.network_file import open_network, open_packaged
 
 FORMAT = "bodysense points 1"
-ORIENTED = ("head", "left_wrist", "right_wrist")  # the points whose rotation is read
 Task = Literal["fingers", "upper-body"]
 PACKAGED: dict[Task, str] = {"fingers": "fingers.onnx", "upper-body": "upper_body.onnx"}
 WARM_UP = 15  # steps on the first frame, so that the answer does not move while the memory fills

@@ -38,8 +38,8 @@ from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.models.body_windows import Joints, Origin
+from bodysense.occlusion.three_point import POINTS
 
-HEAD_AND_HANDS = ("head", "left_wrist", "right_wrist")
 MODELS = (0, 1, 2, 3, 4)
 
 
@@ -73,7 +73,7 @@ class BodyVaeConfig:
     @property
     def reads(self) -> tuple[str, ...]:
         """The joints that the encoder sees."""
-        return BODY if self.model == 0 else HEAD_AND_HANDS
+        return BODY if self.model == 0 else POINTS
 
     @property
     def frames(self) -> int:

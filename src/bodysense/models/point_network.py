@@ -19,8 +19,8 @@ from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_mu
 from bodysense.body.skeleton import Skeleton
 from bodysense.models.body_network import FINGER_SCALE, REFERENCE_HEIGHT
 from bodysense.models.recurrent import Cell, Recurrent, branch
+from bodysense.occlusion.three_point import POINTS
 
-ORIENTED = ("head", "left_wrist", "right_wrist")  # the points whose rotation is read
 # Their forward vector: where the head looks, where the hand points; and their up vector: the back of the hand.
 AXES = ([[0.0, 0, 1], [1, 0, 0], [-1, 0, 0]], [[0.0, 1, 0], [0, 1, 0], [0, 1, 0]])
 
@@ -76,10 +76,10 @@ class PointNetwork(nn.Module):
         reads, places = list(config.reads), list(config.places)
         placed = skeleton.indices(places)
         self.head = reads.index("head")
-        self.wrists = [reads.index(name) for name in ORIENTED[1:]]
+        self.wrists = [reads.index(name) for name in POINTS[1:]]
         is_finger = skeleton.wrist_of[placed] >= 0
-        self.measured_from: list[int] = [  # head, left or right wrist, as places in ORIENTED
-            ORIENTED.index(skeleton.points[wrist]) if wrist >= 0 else 0 for wrist in skeleton.wrist_of[placed]
+        self.measured_from: list[int] = [  # head, left or right wrist, as places in POINTS
+            POINTS.index(skeleton.points[wrist]) if wrist >= 0 else 0 for wrist in skeleton.wrist_of[placed]
         ]
         self.bones = bones(config, skeleton)
 
@@ -96,7 +96,7 @@ class PointNetwork(nn.Module):
         self.register_buffer("up_axis", torch.tensor(AXES[1]), persistent=False)
 
         others = len(reads) - 1
-        features = 3 * others + 6 * len(ORIENTED)
+        features = 3 * others + 6 * len(POINTS)
         features += (1 + len(self.bone_points)) if config.wearer else 0
         features += 2 * 3 * others if config.from_wrists else 0
         self.features = features

@@ -340,4 +340,7 @@ def _outer(a: Tensor, b: Tensor) -> Tensor:
 
 
 def _unit(vector: Tensor) -> Tensor:
-    return vector / torch.clamp(torch.linalg.vector_norm(vector, dim=-1, keepdim=True), min=1e-6)
+    """Of length one, however short it was; a zero vector stays zero."""
+    # Its largest part becomes one first, so that no square is too small.
+    vector = vector / torch.clamp(vector.abs().amax(dim=-1, keepdim=True), min=torch.finfo(vector.dtype).tiny)
+    return vector / torch.clamp(torch.linalg.vector_norm(vector, dim=-1, keepdim=True), min=1.0)

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from bodysense.models.point_network import ORIENTED, PointNetworkConfig
+from bodysense.models.point_network import PointNetworkConfig
+from bodysense.occlusion.three_point import POINTS
 
 TRUNK = ("pelvis", "spine1", "spine2", "spine3", "neck")
 ARMS = tuple(f"{side}_{part}" for part in ("collar", "shoulder", "elbow") for side in ("left", "right"))
 
-UPPER_BODY = PointNetworkConfig(reads=ORIENTED, places=(*TRUNK, *ARMS), wearer=True, judge_branch=(64,))
+UPPER_BODY = PointNetworkConfig(reads=POINTS, places=(*TRUNK, *ARMS), wearer=True, judge_branch=(64,))
 # Section 5.2, but for the axes, which turn with the head's heading.
 PAPER_UPPER_BODY = replace(UPPER_BODY, wearer=False, judge_branch=None, hidden=512, branch=(512, 512), window=27)

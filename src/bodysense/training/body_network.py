@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -20,8 +17,8 @@ from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
 from bodysense.body.skeleton import TESTED
-from bodysense.errors import BodysenseError
 from bodysense.models.body_network import BodyNetwork, BodyNetworkConfig
+from bodysense.training.checkpoint import identity, load_checkpoint, save_checkpoint
 from bodysense.training.episodes import Episode
 from bodysense.training.losses import LossWeights, Truth, body_loss
 from bodysense.training.sampling import Batch, collate, lanes, windows
@@ -98,7 +95,8 @@ def train(
     averaged = average.module
     assert isinstance(averaged, BodyNetwork)
     averaged.eval()
-    done = load_checkpoint(checkpoint, model.config, schedule, model, optimizer, average)
+    run = identity(model.config, schedule)
+    done, _ = load_checkpoint(checkpoint, run, model, optimizer, average)
     steps = step_count(model.config, schedule, episodes)
     memory = fabric.to_device(model.start(schedule.lanes).memory)
     batches = itertools.islice(make_batches(model.config, schedule, episodes, done, fabric.global_rank), steps - done)
@@ -117,7 +115,7 @@ def train(
         recent.append({name: float(value.detach()) for name, value in terms.items()})
         if step % schedule.checkpoint_every == 0 or step == steps:
             if fabric.is_global_zero:
-                save_checkpoint(checkpoint, model.config, schedule, step, model, optimizer, average)
+                save_checkpoint(checkpoint, run, step, model, optimizer, average)
             mean = {name: float(np.mean([row[name] for row in recent])) for name in recent[0]}
             recent = []
             report(Progress(step, steps, time.monotonic() - begun, mean, validate(averaged, validation)))
@@ -202,76 +200,3 @@ def validate(model: BodyNetwork, episodes: Sequence[Episode]) -> dict[str, float
 def to_device(batch: Batch, fabric: Fabric) -> Batch:
     """The batch on the device that trains."""
     return Batch(*(fabric.to_device(value) for value in batch))
-
-
-def identity(config: BodyNetworkConfig, schedule: Schedule) -> str:
-    """What a checkpoint must agree on to be continued."""
-    return json.dumps({"network": asdict(config), "schedule": asdict(schedule)}, sort_keys=True)
-
-
-def differences(before: str, now: str) -> str:
-    """In what two identities differ, each as 'name: before → now'."""
-
-    def flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-        parts = (
-            flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
-            for name, value in values.items()
-        )
-        return {name: value for part in parts for name, value in part.items()}
-
-    a, b = flat(json.loads(before)), flat(json.loads(now))
-    names = [name for name in {**a, **b} if a.get(name) != b.get(name)]
-    return ", ".join(f"{name}: {a.get(name, 'none')} → {b.get(name, 'none')}" for name in names)
-
-
-def save_checkpoint(
-    path: Path,
-    config: BodyNetworkConfig,
-    schedule: Schedule,
-    step: int,
-    model: BodyNetwork,
-    optimizer: torch.optim.Optimizer,
-    average: AveragedModel,
-) -> None:
-    """Written beside and renamed, so that a run killed at any moment can go on."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(path.name + ".part")
-    torch.save(
-        {
-            "identity": identity(config, schedule),
-            "step": step,
-            "model": model.state_dict(),
-            "optimizer": optimizer.state_dict(),
-            "average": average.state_dict(),
-        },
-        beside,
-    )
-    os.replace(beside, path)
-
-
-def load_checkpoint(
-    path: Path,
-    config: BodyNetworkConfig,
-    schedule: Schedule,
-    model: BodyNetwork,
-    optimizer: torch.optim.Optimizer,
-    average: AveragedModel,
-) -> int:
-    """Restore a run and return its step; 0 where there is no checkpoint."""
-    if not path.exists():
-        return 0
-    try:
-        saved = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # PyTorch raises what it likes: pickle, zip, end of file
-        raise BodysenseError(
-            f"{path}: not a readable checkpoint ({type(error).__name__}); take it away to begin anew"
-        ) from None
-    if saved["identity"] != identity(config, schedule):
-        raise BodysenseError(
-            f"{path} belongs to another configuration ({differences(saved['identity'], identity(config, schedule))}); "
-            "give another --out, or the settings it was begun with"
-        )
-    model.load_state_dict(saved["model"])
-    optimizer.load_state_dict(saved["optimizer"])
-    average.load_state_dict(saved["average"])
-    return int(saved["step"])

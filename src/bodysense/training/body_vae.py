@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import math
-import os
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +18,10 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from bodysense.body.skeleton import BODY
 from bodysense.data.body_frames import BodyFrames
 from bodysense.data.windows import Windows
-from bodysense.errors import BodysenseError
-from bodysense.models.body_vae import BodyVae, BodyVaeConfig
+from bodysense.models.body_vae import BodyVae
 from bodysense.models.body_windows import Joints, VaeBatch, make_batch, mirrored
-from bodysense.training.body_network import Progress, differences
+from bodysense.training.body_network import Progress
+from bodysense.training.checkpoint import identity, load_checkpoint, save_checkpoint
 
 _VALIDATED = 2048  # windows that are enough to see how a run goes
 
@@ -85,7 +83,7 @@ def train_vae(
     learner.mark_forward_method("negative_elbo")
     average.to(fabric.device)
     run = identity(network.config, schedule, source)
-    done = load_checkpoint(checkpoint, run, network, optimizer, average)
+    done, _ = load_checkpoint(checkpoint, run, network, optimizer, average)
     begun, recent = time.monotonic(), []
     steps = range(done + 1, schedule.steps + 1)
     made = batches(network, schedule, frames, windows, done, fabric.global_rank)
@@ -133,51 +131,3 @@ def joint_errors(network: BodyVae, frames: BodyFrames, windows: Windows) -> Tens
     missed = (body.position - body.position[:, head, None]) - (truth.position - truth.position[:, head, None])
     network.train(training)
     return missed.norm(dim=-1).mean(dim=0).cpu()
-
-
-def identity(config: BodyVaeConfig, schedule: VaeSchedule, source: Mapping[str, Any] | None = None) -> str:
-    """What a checkpoint must agree on to be continued; `source` is what it learns from, in plain values."""
-    parts: dict[str, Any] = {"network": asdict(config), "schedule": asdict(schedule)}
-    return json.dumps(parts if source is None else {**parts, "source": dict(source)}, sort_keys=True)
-
-
-def save_checkpoint(
-    path: Path,
-    run: str,
-    step: int,
-    network: BodyVae,
-    optimizer: torch.optim.Optimizer,
-    average: AveragedModel,
-) -> None:
-    """Written beside and renamed, so that a run killed at any moment can go on; `run` is its identity."""
-    beside = path.with_name(path.name + ".part")
-    state = {"network": network.state_dict(), "optimizer": optimizer.state_dict(), "average": average.state_dict()}
-    torch.save({"identity": run, "step": step, **state}, beside)
-    os.replace(beside, path)
-
-
-def load_checkpoint(
-    path: Path,
-    run: str,
-    network: BodyVae,
-    optimizer: torch.optim.Optimizer,
-    average: AveragedModel,
-) -> int:
-    """Restore the run of this identity and return its step; 0 where there is no checkpoint."""
-    if not path.exists():
-        return 0
-    try:
-        saved = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # PyTorch raises what it likes: pickle, zip, end of file
-        raise BodysenseError(
-            f"{path}: not a readable checkpoint ({type(error).__name__}); take it away to begin anew"
-        ) from None
-    if saved.get("identity") != run:
-        raise BodysenseError(
-            f"{path} belongs to another configuration ({differences(saved.get('identity', '{}'), run)}); "
-            "give another --out, or the settings it was begun with"
-        )
-    network.load_state_dict(saved["network"])
-    optimizer.load_state_dict(saved["optimizer"])
-    average.load_state_dict(saved["average"])
-    return int(saved["step"])

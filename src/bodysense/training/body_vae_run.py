@@ -33,9 +33,9 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_place, written_beside
 from bodysense.models.body_vae import MODELS, BodyVae, BodyVaeConfig, pretrained, read_vae, write_vae
 from bodysense.training.body_network import Progress as Report
-from bodysense.training.body_network import differences
-from bodysense.training.body_vae import VaeSchedule, identity, joint_errors, train_vae
+from bodysense.training.body_vae import VaeSchedule, joint_errors, train_vae
 from bodysense.training.body_vae_onnx import write_vae_onnx
+from bodysense.training.checkpoint import differences, identity
 
 BETAS, LATENTS, BLOCKS = (0.0001, 0.01, 0.1, 1.0, 5.0), (15, 30, 60), (3, 6)  # the paper's 30 settings
 FEW_BETAS, FEW_LATENTS = (0.01, 1.0), (30,)  # of these, what a small machine trains: 4 settings

@@ -16,7 +16,8 @@ from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quater
 from bodysense.data.augment import mirrored, with_limb_proportions
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
-from bodysense.models.point_network import ORIENTED, PointNetwork, Tracked
+from bodysense.models.point_network import PointNetwork, Tracked
+from bodysense.occlusion.three_point import POINTS
 from bodysense.training.episodes import RATE
 
 STIFF = np.radians(2.0)  # wrists that never bend further than this were not recorded
@@ -88,7 +89,7 @@ def tracked_of(pose: Pose, network: PointNetwork) -> tuple[Tracked, Tensor]:
     places = skeleton.indices(network.config.places)
     tracked = Tracked(
         position=torch.from_numpy(position[..., skeleton.indices(network.config.reads), :]),
-        rotation=torch.from_numpy(rotation[..., skeleton.indices(ORIENTED), :]),
+        rotation=torch.from_numpy(rotation[..., skeleton.indices(POINTS), :]),
         rest=torch.tensor(resting_offset(skeleton)[None, places], dtype=torch.float32),
         bone_length=torch.tensor(skeleton.bone_length[None], dtype=torch.float32),
         height=torch.tensor([skeleton.height], dtype=torch.float32),

@@ -10,7 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from bodysense.estimators.point_model import FORMAT, Task
-from bodysense.models.point_network import ORIENTED, PointNetwork, Tracked
+from bodysense.models.point_network import PointNetwork, Tracked
+from bodysense.occlusion.three_point import POINTS
 from bodysense.training.episodes import RATE
 from bodysense.training.onnx_writing import export
 
@@ -34,7 +35,7 @@ def write_point_network(network: PointNetwork, path: Path, task: Task, card: dic
     upright = torch.tensor([1.0, 0.0, 0.0, 0.0])
     tracked = Tracked(
         position=torch.zeros(1, 1, len(config.reads), 3),
-        rotation=upright.expand(1, 1, len(ORIENTED), 4).clone(),
+        rotation=upright.expand(1, 1, len(POINTS), 4).clone(),
         rest=torch.zeros(1, len(config.places), 3),
         bone_length=torch.tensor(skeleton.bone_length[None], dtype=torch.float32),
         height=torch.tensor([skeleton.height], dtype=torch.float32),

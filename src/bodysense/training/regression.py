@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import math
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.optim.swa_utils import AveragedModel
 
-from bodysense.errors import BodysenseError
 from bodysense.models.point_network import Answer, PointNetwork
-from bodysense.training.body_network import Progress, differences, moving_average
+from bodysense.training.body_network import Progress, moving_average
+from bodysense.training.checkpoint import identity, load_checkpoint, save_checkpoint
 from bodysense.training.losses import LossWeights
 from bodysense.training.point_episodes import PointBatch, PointEpisode, collate, lanes, windows
 
@@ -106,7 +104,8 @@ def train_points(
     averaged = average.module
     assert isinstance(averaged, PointNetwork)
     run = identity(network.config, schedule)
-    done, best = load(checkpoint, run, network, optimizer, average)
+    done, kept = load_checkpoint(checkpoint, run, network, optimizer, average)
+    best = kept or {"score": math.inf, "step": 0, "weights": network.state_dict()}
     memory = network.start(schedule.batch)
     begun, recent = time.monotonic(), []
     steps = range(done + 1, schedule.steps + 1)
@@ -132,7 +131,7 @@ def train_points(
             if score < best["score"]:
                 best = {"score": score, "step": step, "weights": averaged.state_dict()}
                 best["weights"] = {name: value.clone() for name, value in best["weights"].items()}
-            save(checkpoint, run, step, network, optimizer, average, best)
+            save_checkpoint(checkpoint, run, step, network, optimizer, average, best)
             mean = {name: float(np.mean([row[name] for row in recent])) for name in recent[0]}
             recent = []
             scores = {"rmsjpe_cm": score, "best_rmsjpe_cm": best["score"]}
@@ -181,54 +180,6 @@ def validate_points(network: PointNetwork, episodes: Sequence[PointEpisode]) -> 
     return 100 * math.sqrt(total / max(count, 1))
 
 
-def identity(config: Any, schedule: Any) -> str:
-    """What a checkpoint must agree on to be continued: two dataclasses, of the network and of the run."""
-    return json.dumps({"network": asdict(config), "schedule": asdict(schedule)}, sort_keys=True)
-
-
-def save(
-    path: Path,
-    run: str,
-    step: int,
-    network: nn.Module,
-    optimizer: torch.optim.Optimizer,
-    average: AveragedModel,
-    best: dict[str, Any],
-) -> None:
-    """Written beside and renamed, so that a run (its `identity`) killed at any moment can go on."""
-    beside = path.with_name(path.name + ".part")
-    state = {"network": network.state_dict(), "optimizer": optimizer.state_dict(), "average": average.state_dict()}
-    torch.save({"identity": run, "step": step, "best": best, **state}, beside)
-    os.replace(beside, path)
-
-
-def load(
-    path: Path,
-    run: str,
-    network: nn.Module,
-    optimizer: torch.optim.Optimizer,
-    average: AveragedModel,
-) -> tuple[int, dict[str, Any]]:
-    """Restore a run; its step, and its best average so far. (0, a start without one) where there is no checkpoint."""
-    if not path.exists():
-        return 0, {"score": math.inf, "step": 0, "weights": network.state_dict()}
-    try:
-        saved = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # PyTorch raises what it likes: pickle, zip, end of file
-        raise BodysenseError(
-            f"{path}: not a readable checkpoint ({type(error).__name__}); take it away to begin anew"
-        ) from None
-    if saved.get("identity") != run:
-        raise BodysenseError(
-            f"{path} belongs to another configuration ({differences(saved.get('identity', '{}'), run)}); "
-            "give another --out, or the settings it was begun with"
-        )
-    network.load_state_dict(saved["network"])
-    optimizer.load_state_dict(saved["optimizer"])
-    average.load_state_dict(saved["average"])
-    return int(saved["step"]), saved["best"]
-
-
 def _bones(offset: Tensor, known: Tensor, children: list[int], parents: list[int]) -> Tensor:
     """Vectors from parents to children (B, T, bones, 3), some of whose ends are known."""
     points = torch.cat([offset, known, torch.zeros_like(known[..., :1, :])], dim=-2)
@@ -237,17 +188,3 @@ def _bones(offset: Tensor, known: Tensor, children: list[int], parents: list[int
 
 def _length(vector: Tensor) -> Tensor:
     return torch.sqrt((vector * vector).sum(dim=-1) + 1e-12)
-
-
-def best_weights(path: Path, network: nn.Module) -> dict[str, Tensor]:
-    """The weights that did best in the run of a checkpoint. Raises BodysenseError where they are of another network."""
-    try:
-        weights = torch.load(path, map_location="cpu", weights_only=True)["best"]["weights"]
-        shapes = {name: value.shape for name, value in weights.items()}
-    except FileNotFoundError:
-        raise BodysenseError(f"{path}: no such checkpoint; give the .ckpt of another run") from None
-    except Exception as error:  # PyTorch raises what it likes: pickle, zip, end of file
-        raise BodysenseError(f"{path}: not a readable checkpoint ({type(error).__name__})") from None
-    if shapes != {name: value.shape for name, value in network.state_dict().items()}:
-        raise BodysenseError(f"{path} is of a network of another size; give the settings that it was trained with")
-    return weights

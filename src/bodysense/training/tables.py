@@ -25,7 +25,8 @@ from bodysense.files import written_beside
 from bodysense.models.body_network import BodyNetwork, BodyNetworkConfig, write_weights
 from bodysense.models.variants import TABLES, VARIANTS
 from bodysense.training.body_network import Progress as Report
-from bodysense.training.body_network import Schedule, differences, identity, step_count, train
+from bodysense.training.body_network import Schedule, step_count, train
+from bodysense.training.checkpoint import differences, identity
 from bodysense.training.episode_cache import cached_episodes
 from bodysense.training.episodes import Episode, Variation, make_episode
 from bodysense.training.losses import LossWeights

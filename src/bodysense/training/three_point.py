@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,7 +19,8 @@ from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import BODY, LOWER_BODY
 from bodysense.models.three_point_network import CONTACT, Answer, ThreePointNetwork
 from bodysense.training.body_network import Progress, moving_average
-from bodysense.training.regression import identity, learning_rate, load, save
+from bodysense.training.checkpoint import identity, load_checkpoint, save_checkpoint
+from bodysense.training.regression import learning_rate
 from bodysense.training.three_point_episodes import Corpus, ThreePointBatch, world_turn
 
 LOWER = [BODY.index(name) for name in LOWER_BODY]
@@ -112,7 +114,8 @@ def train_three_point(
     averaged = average.module
     assert isinstance(averaged, ThreePointNetwork)
     run = identity(network.config, schedule)
-    done, best = load(checkpoint, run, network, optimizer, average)
+    done, kept = load_checkpoint(checkpoint, run, network, optimizer, average)
+    best = kept or {"score": math.inf, "step": 0, "weights": network.state_dict()}
     memory = network.recurrent.start(schedule.lanes)
     batches = corpus.lanes(schedule.lanes, schedule.chunk, np.random.default_rng([schedule.seed, done]))
     begun, recent = time.monotonic(), []
@@ -138,7 +141,7 @@ def train_three_point(
             if score < best["score"]:
                 weights = {name: value.clone() for name, value in averaged.state_dict().items()}
                 best = {"score": score, "step": step, "weights": weights}
-            save(checkpoint, run, step, network, optimizer, average, best)
+            save_checkpoint(checkpoint, run, step, network, optimizer, average, best)
             mean = {name: float(np.mean([row[name] for row in recent])) for name in recent[0]}
             recent = []
             report(Progress(step, schedule.steps, time.monotonic() - begun, mean, figures))

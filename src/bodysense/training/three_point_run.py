@@ -20,7 +20,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.models.three_point_network import ThreePointConfig, ThreePointNetwork
 from bodysense.training.body_network import Progress
-from bodysense.training.regression import best_weights
+from bodysense.training.checkpoint import best_weights
 from bodysense.training.three_point import ThreePointSchedule, train_three_point
 from bodysense.training.three_point_episodes import (
     Corpus,

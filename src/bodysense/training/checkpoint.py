@@ -1,0 +1,99 @@
+"""Checkpoints: what a run has reached, kept so that it can go on, and only as the run that it was."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.optim.swa_utils import AveragedModel
+
+from bodysense.errors import BodysenseError
+
+
+def identity(config: Any, schedule: Any, source: Mapping[str, Any] | None = None) -> str:
+    """What a checkpoint must agree on to be continued: the dataclasses of network and schedule.
+
+    `source` is what the run learns from, in plain values.
+    """
+    parts: dict[str, Any] = {"network": asdict(config), "schedule": asdict(schedule)}
+    return json.dumps(parts if source is None else {**parts, "source": dict(source)}, sort_keys=True)
+
+
+def differences(before: str, now: str) -> str:
+    """In what two identities differ, each as 'name: before → now'."""
+
+    def flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+        parts = (
+            flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+            for name, value in values.items()
+        )
+        return {name: value for part in parts for name, value in part.items()}
+
+    a, b = flat(json.loads(before)), flat(json.loads(now))
+    names = [name for name in {**a, **b} if a.get(name) != b.get(name)]
+    return ", ".join(f"{name}: {a.get(name, 'none')} → {b.get(name, 'none')}" for name in names)
+
+
+def save_checkpoint(
+    path: Path,
+    run: str,
+    step: int,
+    network: nn.Module,
+    optimizer: torch.optim.Optimizer,
+    average: AveragedModel,
+    best: dict[str, Any] | None = None,
+) -> None:
+    """Written beside and renamed, so that a run (its `identity`) killed at any moment can go on.
+
+    `best` holds the weights that did best so far, where a run keeps those.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_name(path.name + ".part")
+    state = {"network": network.state_dict(), "optimizer": optimizer.state_dict(), "average": average.state_dict()}
+    torch.save({"identity": run, "step": step, "best": best, **state}, beside)
+    os.replace(beside, path)
+
+
+def load_checkpoint(
+    path: Path, run: str, network: nn.Module, optimizer: torch.optim.Optimizer, average: AveragedModel
+) -> tuple[int, dict[str, Any] | None]:
+    """Restore the run of this identity; its step and its `best` so far. (0, None) where there is no checkpoint."""
+    if not path.exists():
+        return 0, None
+    saved = _read(path)
+    if saved.get("identity") != run:
+        raise BodysenseError(
+            f"{path} belongs to another configuration ({differences(saved.get('identity', '{}'), run)}); "
+            "give another --out, or the settings it was begun with"
+        )
+    network.load_state_dict(saved["network"])
+    optimizer.load_state_dict(saved["optimizer"])
+    average.load_state_dict(saved["average"])
+    return int(saved["step"]), saved["best"]
+
+
+def best_weights(path: Path, network: nn.Module) -> dict[str, Tensor]:
+    """The weights that did best in the run of a checkpoint. Raises BodysenseError where they are of another network."""
+    if not path.exists():
+        raise BodysenseError(f"{path}: no such checkpoint; give the .ckpt of another run")
+    weights = (_read(path).get("best") or {}).get("weights", {})
+    if {name: value.shape for name, value in weights.items()} != {
+        name: value.shape for name, value in network.state_dict().items()
+    }:
+        raise BodysenseError(f"{path} is of a network of another size; give the settings that it was trained with")
+    return weights
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:  # PyTorch raises what it likes: pickle, zip, end of file
+        raise BodysenseError(
+            f"{path}: not a readable checkpoint ({type(error).__name__}); take it away to begin anew"
+        ) from None
