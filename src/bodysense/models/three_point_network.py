@@ -23,7 +23,7 @@ from torch import Tensor, nn
 from bodysense.body.body_joints import body_skeleton
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.products import CONJUGATE, LEFT, MATRIX
-from bodysense.body.rotation import matrix_to_sixd, quaternion_to_matrix
+from bodysense.body.rotation import matrix_to_sixd, normalize, quaternion_to_matrix
 from bodysense.body.skeleton import BODY, Skeleton, default_skeleton
 from bodysense.models.body_network import FIRST_INTERVAL, REFERENCE_HEIGHT
 from bodysense.models.recurrent import Recurrent, branch
@@ -197,9 +197,9 @@ class ThreePointNetwork(nn.Module):
 
     def upright(self, axes: Tensor) -> Tensor:
         """Rotations (..., 3, 3) from two columns (..., 6) that need not be of length one, nor at right angles."""
-        x = _unit(axes[..., :3])
+        x = normalize(axes[..., :3])
         y = axes[..., 3:]
-        y = _unit(y - (x * y).sum(dim=-1, keepdim=True) * x)
+        y = normalize(y - (x * y).sum(dim=-1, keepdim=True) * x)
         return torch.stack([x, y, _outer(x, y) @ self.of_cross], dim=-1)
 
     def quaternions(self, matrix: Tensor) -> Tensor:
@@ -207,7 +207,7 @@ class ThreePointNetwork(nn.Module):
         products = matrix.flatten(-2) @ self.of_matrix  # 4 q qᵀ, but for 1 on the diagonal
         largest = products.index_select(-1, self.diagonal).argmax(dim=-1, keepdim=True)[..., None]
         rows = (products + torch.eye(4).flatten().to(products)).unflatten(-1, (4, 4))
-        chosen = _unit(torch.take_along_dim(rows, largest.expand(*rows.shape[:-2], 1, 4), dim=-2)[..., 0, :])
+        chosen = normalize(torch.take_along_dim(rows, largest.expand(*rows.shape[:-2], 1, 4), dim=-2)[..., 0, :])
         return torch.where(chosen[..., :1] < 0, -chosen, chosen)
 
     def facing(self, head_rotation: Tensor) -> Tensor:
@@ -337,10 +337,3 @@ def _last(known: Tensor) -> Tensor:
 def _outer(a: Tensor, b: Tensor) -> Tensor:
     """Every product of a part of `a` with one of `b`: (..., n), (..., m) → (..., n · m)."""
     return (a[..., :, None] * b[..., None, :]).flatten(-2)
-
-
-def _unit(vector: Tensor) -> Tensor:
-    """Of length one, however short it was; a zero vector stays zero."""
-    # Its largest part becomes one first, so that no square is too small.
-    vector = vector / torch.clamp(vector.abs().amax(dim=-1, keepdim=True), min=torch.finfo(vector.dtype).tiny)
-    return vector / torch.clamp(torch.linalg.vector_norm(vector, dim=-1, keepdim=True), min=1.0)
