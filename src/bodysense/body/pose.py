@@ -42,9 +42,9 @@ def forward_kinematics(pose: Pose, rest_offset: Array | None = None) -> tuple[Ar
 
     if rest_offset is None:
         rest_offset = skeleton.rest_offset
-    offset = _like(rest_offset, pose.rotation)
+    offset = as_like(rest_offset, pose.rotation)
     bone = quaternion_rotate(rotation[..., list(skeleton.parents[1:]), :], offset[..., 1:, :])
-    path = _like(np.ascontiguousarray(skeleton.path[:, 1:]), pose.rotation)
+    path = as_like(np.ascontiguousarray(skeleton.path[:, 1:]), pose.rotation)
     return pose.root_position[..., None, :] + xp.matmul(path, bone), rotation
 
 
@@ -63,7 +63,7 @@ def rest_pose(skeleton: Skeleton, batch: tuple[int, ...] = ()) -> Pose:
     return Pose(skeleton, np.broadcast_to(skeleton.rest_offset[0], (*batch, 3)).copy(), rotation)
 
 
-def _like(values: Any, like: Array) -> Array:
+def as_like(values: Any, like: Array) -> Array:
     """`values` as an array of the same library, dtype and device as `like`."""
     if hasattr(like, "detach"):
         if hasattr(values, "detach"):

@@ -75,11 +75,13 @@ def upper_body(
 def three_point(
     data: Path,
     out: Output,
-    steps: int = 20_000,
-    passes: int = 3,
-    lanes: int = 128,
-    chunk: int = 12,
+    steps: int = 7000,
+    passes: int = 6,
+    lanes: int = 96,
+    chunk: int = 24,
     hidden: int = 384,
+    dropout: float = 0.1,
+    weight_decay: float = 0.05,
     learning_rate: float = 1.5e-3,
     begin_with: Path | None = None,
     clips: int | None = None,
@@ -100,6 +102,8 @@ def three_point(
         lanes: Clips that are played side by side; many make the gradient steady.
         chunk: Frames of each through which it is differentiated; the state carries on beyond them.
         hidden: Size of each of the two recurrent layers.
+        dropout: Between them, and of what the branches read and pass on.
+        weight_decay: Of AdamW.
         learning_rate: The highest; it warms up to it and then falls.
         begin_with: The .ckpt of another run, whose best weights are where this one begins: for a second stage, say with
             longer chunks.
@@ -113,8 +117,8 @@ def three_point(
 
     run_three_point(
         ThreePointRun(
-            *(data, _onnx(out), steps, passes, lanes, chunk, hidden, learning_rate, begin_with, clips, seed, threads),
-            *(licence, data_note),
+            *(data, _onnx(out), steps, passes, lanes, chunk, hidden, dropout, weight_decay, learning_rate, begin_with),
+            *(clips, seed, threads, licence, data_note),
         )
     )
 

@@ -53,6 +53,7 @@ class ThreePointConfig:
     layers: int = 2  # recurrent layers
     branch: tuple[int, ...] = (384,)  # hidden layers that turn the joints
     judge_branch: tuple[int, ...] = (96,)  # hidden layers that judge contact with the floor and expected error
+    dropout: float = 0.0  # in training: between recurrent layers, and of what the branches read and pass on
 
 
 class Tracked(NamedTuple):
@@ -128,10 +129,10 @@ class ThreePointNetwork(nn.Module):
         for name, places in (("parents", reference.parents[1:]), ("turned", turned), ("diagonal", range(0, 16, 5))):
             self.register_buffer(name, torch.tensor(list(places)), persistent=False)
         self.features = sum(_WIDTHS.values())
-        self.recurrent = Recurrent("gru", self.features, config.hidden, None, config.layers)
+        self.recurrent = Recurrent("gru", self.features, config.hidden, None, config.layers, config.dropout)
         both = config.hidden + self.features
-        self.turn = branch(both, config.branch, 6 * len(turned))
-        self.judge = branch(both, config.judge_branch, len(BODY) + len(CONTACT))
+        self.turn = branch(both, config.branch, 6 * len(turned), config.dropout)
+        self.judge = branch(both, config.judge_branch, len(BODY) + len(CONTACT), config.dropout)
 
     standing_axes: Tensor
     standing_offset: Tensor

@@ -52,6 +52,7 @@ class ThreePointSchedule:
     chunk: int = 12  # frames of truncated backpropagation
     learning_rate: float = 1.5e-3
     warm_up: int = 200  # steps
+    weight_decay: float = 0.0
     average_decay: float = 0.999  # the kept weights are a moving average
     check_every: int = 500  # steps between checkpoints, each of which measures the average and keeps it if it is best
     seed: int = 1
@@ -109,7 +110,9 @@ def train_three_point(
 
     Continues from `checkpoint` where that file exists; raises BodysenseError when it belongs to another configuration.
     """
-    optimizer = torch.optim.Adam(network.parameters(), lr=schedule.learning_rate)
+    optimizer = torch.optim.AdamW(
+        network.parameters(), lr=schedule.learning_rate, weight_decay=schedule.weight_decay
+    )
     average = AveragedModel(network, avg_fn=partial(moving_average, decay=schedule.average_decay))
     averaged = average.module
     assert isinstance(averaged, ThreePointNetwork)
@@ -156,7 +159,8 @@ def validate_three_point(network: ThreePointNetwork, corpora: dict[str, Corpus])
     `full_mpjpe_cm`, `full_lower_cm`, `full_upper_cm` of positions from the head, `full_velocity_cm_s` in the world and
     `full_rotation_deg` of rotations from the heading's frame, for a corpus 'full'.
     """
-    figures = {}
+    figures, training = {}, network.training
+    network.eval()
     for name, corpus in corpora.items():
         distance, velocity, angle, frames, pairs = np.zeros(len(BODY)), 0.0, 0.0, 0, 0
         for clip in range(len(corpus)):
@@ -174,6 +178,7 @@ def validate_three_point(network: ThreePointNetwork, corpora: dict[str, Corpus])
         figures |= {f"{name}_{part}": float(values.mean()) for part, values in parts.items()}
         figures[f"{name}_velocity_cm_s"] = 100 * velocity / max(pairs, 1)
         figures[f"{name}_rotation_deg"] = float(np.degrees(angle / frames))
+    network.train(training)
     return figures
 
 

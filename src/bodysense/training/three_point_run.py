@@ -31,7 +31,7 @@ from bodysense.training.three_point_episodes import (
 )
 from bodysense.training.three_point_onnx import write_three_point
 
-RATES = (24.0, 120.0)  # Hz, that a pass draws from
+RATES = (22.0, 45.0)  # Hz, that a pass draws from
 VALIDATION = {"full": ThreePointVariation(), "head_only": ThreePointVariation(hands=False)}
 
 
@@ -46,6 +46,8 @@ class ThreePointRun:
     lanes: int
     chunk: int
     hidden: int
+    dropout: float
+    weight_decay: float
     learning_rate: float
     begin_with: Path | None  # checkpoint of another run, whose best weights are where this one begins
     clips: int | None
@@ -69,8 +71,10 @@ def run_three_point(run: ThreePointRun) -> None:
         torch.set_num_threads(run.threads)
     torch.manual_seed(run.seed)
     console = Console()
-    network = ThreePointNetwork(ThreePointConfig(hidden=run.hidden))
-    schedule = ThreePointSchedule(run.steps, run.lanes, run.chunk, run.learning_rate, seed=run.seed)
+    network = ThreePointNetwork(ThreePointConfig(hidden=run.hidden, dropout=run.dropout))
+    schedule = ThreePointSchedule(
+        run.steps, run.lanes, run.chunk, run.learning_rate, weight_decay=run.weight_decay, seed=run.seed
+    )
     if run.begin_with is not None:
         network.load_state_dict(best_weights(run.begin_with, network))
     corpus = prepare(run, "train", tuple(variation_of(number) for number in range(run.passes)))
@@ -111,7 +115,7 @@ def variation_of(number: int) -> ThreePointVariation:
         limb_spread=0.05 if number else 0.0,
         wrist_bend=0.25 if number % 3 == 1 else 0.0,
         rates=RATES,
-        loses_hands=number > 0,
+        loses_hands=number % 4 > 1,
     )
 
 

@@ -1,0 +1,181 @@
+"""One hand: its skeleton, cut from a body's, and its 26 degrees of freedom (two-hands, Figure 9).
+
+The left hand is the model; the right one is its mirror image at the plane x = 0 and is handled as a left hand. In the
+rest pose a left hand is flat, fingers toward +x, back of the hand up (+y), thumb forward (+z); the wrist is the root.
+
+Every joint of a finger turns by R = Rz(−flexion) · Ry(abduction) · Rx(twist) in axes of its own: x along the bone, z
+such that a finger flexes about −z. Base joints have all three angles, the thumb's middle joint flexion and abduction,
+every other joint flexion alone: 5 · 3 + 1 + 2 + 8 = 26.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+
+from bodysense.body.pose import Pose, as_like, forward_kinematics
+from bodysense.body.rotation import (
+    Array,
+    euler_to_quaternion,
+    matrix_to_quaternion,
+    quaternion_canonical,
+    quaternion_conjugate,
+    quaternion_multiply,
+    quaternion_to_euler,
+)
+from bodysense.body.skeleton import Skeleton
+from bodysense.errors import BodysenseError
+
+Side = Literal["left", "right"]
+FINGERS = ("thumb", "index", "middle", "ring", "pinky")
+HAND_JOINTS = ("wrist", *(f"{finger}{k}" for finger in FINGERS for k in (1, 2, 3)))
+FINGERTIPS = tuple(f"{finger}_tip" for finger in FINGERS)
+Angle = Literal["flexion", "abduction", "twist"]
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """One degree of freedom: an angle of a joint and its range, degrees."""
+
+    joint: str
+    angle: Angle
+    low: float
+    high: float
+
+
+# Adults' ranges: fingers flex by 90°, 100° and 90° and extend by 45°, the thumb by 50° and 80° (American Academy of
+# Orthopaedic Surgeons, Joint Motion, 1965); fingers spread by 15° to either side (Lin, Wu and Huang, Modeling the
+# constraints of human hand motion, 2000). Widened where recorded hands go further: a fitted skeleton's axes are not the
+# hand's own, and base joints of ring and little finger roll as the palm folds.
+def _freedoms() -> tuple[Freedom, ...]:
+    rows = [
+        *(Freedom("thumb1", "flexion", -35, 50), Freedom("thumb1", "abduction", -50, 50)),
+        *(Freedom("thumb1", "twist", -50, 70), Freedom("thumb2", "flexion", -25, 60)),
+        *(Freedom("thumb2", "abduction", -15, 15), Freedom("thumb3", "flexion", -30, 85)),
+    ]
+    for finger, spread, roll in (("index", 25, 25), ("middle", 20, 15), ("ring", 25, 25), ("pinky", 30, 40)):
+        rows += [Freedom(f"{finger}1", "flexion", -45, 100), Freedom(f"{finger}1", "abduction", -spread, spread)]
+        rows += [Freedom(f"{finger}1", "twist", -roll, roll), Freedom(f"{finger}2", "flexion", -15, 120)]
+        rows += [Freedom(f"{finger}3", "flexion", -15, 130)]
+    return tuple(rows)
+
+
+FREEDOMS = _freedoms()
+# About the finger, degrees by which the hinges of its middle and last joint are tilted: flexed fingers point to one
+# spot at the base of the thumb. As in recorded hands (Microsoft Rocketbox), of which both avatars agree within 4°.
+_TILT = {"index": (12.0, 12.0), "middle": (-4.0, -4.0), "ring": (-6.0, -6.0), "pinky": (-18.0, -22.0)}
+_THUMB_FLEXION = (0.43, 0.84, 0.33)  # axis of the thumb's flexion at rest, also as in recorded hands
+_THUMB_BONE = (0.70, -0.49, 0.52)  # about where the thumb points at rest
+_COLUMN = {"flexion": 0, "abduction": 1, "twist": 2}
+
+
+def hand_skeleton(skeleton: Skeleton, side: Side) -> Skeleton:
+    """The hand of a body as a left hand: `HAND_JOINTS` and `FINGERTIPS`, the wrist at the origin.
+
+    Raises BodysenseError where the skeleton lacks a joint of it.
+    """
+    points = _points_of(skeleton, side)
+    names = [*HAND_JOINTS, *FINGERTIPS]
+    parents = tuple(-1 if name == "wrist" else names.index(_parent(name)) for name in names)
+    for name, point in zip(names[1:], points[1:], strict=True):
+        above = skeleton.points[skeleton.parents[point]]
+        if above != f"{side}_{_parent(name)}":
+            raise BodysenseError(f"hand: {side}_{name} hangs on {above!r}; it must hang on {side}_{_parent(name)!r}")
+    offset = skeleton.rest_offset[points] * _flip(side)
+    offset[0] = 0.0
+    return Skeleton(HAND_JOINTS, FINGERTIPS, parents, offset)
+
+
+def hand_pose(pose: Pose, side: Side) -> Pose:
+    """The hand of a posed body, as a left hand: its root is the wrist in the world, mirrored for a right hand."""
+    points = _points_of(pose.skeleton, side)[: len(HAND_JOINTS)]
+    position, world = forward_kinematics(pose)
+    rotation = np.array(pose.rotation[..., points, :], dtype=float)
+    rotation[..., 0, :] = world[..., points[0], :]
+    root = np.asarray(position[..., points[0], :])
+    return Pose(hand_skeleton(pose.skeleton, side), mirrored_vectors(root, side), mirrored_rotations(rotation, side))
+
+
+def mirrored_vectors(vectors: np.ndarray, side: Side) -> np.ndarray:
+    """World vectors (..., 3) of a `side` hand as a left hand's, and back."""
+    return vectors * _flip(side)
+
+
+def mirrored_rotations(rotations: np.ndarray, side: Side) -> np.ndarray:
+    """Rotations (..., 4) of a `side` hand as a left hand's, and back: the axis is mirrored, the sense reversed."""
+    return rotations * (np.array([1.0, 1, -1, -1]) if side == "right" else np.ones(4))
+
+
+def rotations_of(angles: Array) -> Array:
+    """Local rotations (..., 15, 4) of the finger joints from angles (..., 26), radians, in the order of `FREEDOMS`."""
+    place, sign = _places()
+    basis = np.asarray(joint_bases())
+    euler = angles[..., place] * as_like(sign, angles)  # of an angle that a joint does not have, 0
+    about = as_like(basis, angles)
+    turned = euler_to_quaternion(euler, "ZYX")
+    return quaternion_canonical(quaternion_multiply(quaternion_multiply(about, turned), quaternion_conjugate(about)))
+
+
+def angles_of(rotations: Array) -> Array:
+    """Angles (..., 26), radians, of local rotations (..., 15, 4); turns that a joint cannot make are left out."""
+    about = as_like(np.asarray(joint_bases()), rotations)
+    turned = quaternion_multiply(quaternion_multiply(quaternion_conjugate(about), rotations), about)
+    euler = quaternion_to_euler(turned, "ZYX")
+    signs = as_like(np.array([-1.0, 1.0, 1.0]), rotations)
+    joint, column = _where()
+    return (euler * signs)[..., joint, column]
+
+
+def limits() -> tuple[np.ndarray, np.ndarray]:
+    """Smallest and largest angles (26,), (26,), radians."""
+    return np.radians([row.low for row in FREEDOMS]), np.radians([row.high for row in FREEDOMS])
+
+
+@lru_cache(maxsize=1)
+def joint_bases() -> tuple[tuple[float, ...], ...]:
+    """Of every finger joint the turn (15, 4) from its own axes into the rest frame."""
+    flexion = np.array(_THUMB_FLEXION) / np.linalg.norm(_THUMB_FLEXION)
+    along = np.array(_THUMB_BONE) - np.dot(_THUMB_BONE, flexion) * flexion
+    along /= np.linalg.norm(along)
+    thumb = np.stack([along, np.cross(-flexion, along), -flexion], axis=1)
+    bases = [matrix_to_quaternion(thumb)] * 3
+    for finger in FINGERS[1:]:
+        for tilt in (0.0, *_TILT[finger]):
+            half = np.radians(tilt) / 2
+            bases.append(np.array([np.cos(half), np.sin(half), 0.0, 0.0]))
+    return tuple(tuple(float(part) for part in basis) for basis in bases)
+
+
+@lru_cache(maxsize=1)
+def _where() -> tuple[list[int], list[int]]:
+    """Of every degree of freedom its joint among the 15 and its column: flexion, abduction, twist."""
+    return [HAND_JOINTS.index(row.joint) - 1 for row in FREEDOMS], [_COLUMN[row.angle] for row in FREEDOMS]
+
+
+@lru_cache(maxsize=1)
+def _places() -> tuple[np.ndarray, np.ndarray]:
+    """(15, 3) which of the 26 angles each Euler angle is, and its sign, 0 where the joint has none."""
+    place, sign = np.zeros((15, 3), dtype=np.int64), np.zeros((15, 3))
+    for index, (joint, column) in enumerate(zip(*_where(), strict=True)):
+        place[joint, column], sign[joint, column] = index, -1.0 if column == 0 else 1.0
+    return place, sign
+
+
+def _points_of(skeleton: Skeleton, side: Side) -> np.ndarray:
+    if side not in ("left", "right"):
+        raise BodysenseError(f"hand: side {side!r}; it is 'left' or 'right'")
+    return skeleton.indices([f"{side}_{name}" for name in (*HAND_JOINTS, *FINGERTIPS)])
+
+
+def _parent(name: str) -> str:
+    """The joint that a point of a finger hangs on, without its side."""
+    if name.endswith("_tip"):
+        return f"{name.removesuffix('_tip')}3"
+    return "wrist" if name.endswith("1") else f"{name[:-1]}{int(name[-1]) - 1}"
+
+
+def _flip(side: Side) -> np.ndarray:
+    return np.array([-1.0, 1, 1]) if side == "right" else np.ones(3)
