@@ -104,15 +104,26 @@ def test_head_and_hands_are_where_they_are_measured(estimator: ThreePoint, seen:
 
 @pytest.mark.parametrize("rate", [24, 72, 90, 120, 144, 240])
 def test_any_rate_is_answered_at_every_frame(estimator: ThreePoint, seen: Observation, rate: int) -> None:
-    """The network steps at 120 Hz at most, and at every frame the head is where it is."""
+    """The head is where it is at every frame; the network goes on from a frame that is long enough ago, no longer."""
     seen = at_rate(seen, rate)
-    state, steps = estimator.start(), 0
+    shortest = 0.9 / float(estimator.model.card["fastest_rate"])
+    state = estimator.start()
     for t in range(len(seen)):
-        before = state.stepped
         estimate, state = estimator.step(seen[t : t + 1], state)
-        steps += state.stepped != before
         np.testing.assert_allclose(estimate.position[0, WHERE[0]], seen.position[t, 0], atol=1e-5)
-    assert steps == (len(seen) if rate <= 120 else len(seen) // 2)
+        assert len(state.memories) <= int(np.ceil(shortest * rate)) + 1
+        later = seen.time[t] + 1 / rate - np.array([memory.time for memory in state.memories])
+        assert (later[1:] < shortest + 1 / rate).all()
+
+
+def test_frames_that_come_faster_are_completed_alike(estimator: ThreePoint, seen: Observation) -> None:
+    """Every second of frames that come twice as fast as the network steps is as without those in between."""
+    often = at_rate(seen, 2 * float(estimator.model.card["fastest_rate"]))
+    alone = complete(estimator, often[::2]).position
+    apart = np.linalg.norm(complete(estimator, often).position[::2] - alone, axis=-1)
+    # Feet are held, with the time between frames; all else is the same.
+    legs = [k for k, name in enumerate(SKELETON.points) if name.split("_")[-1] in ("knee", "ankle", "foot", "toe")]
+    assert np.delete(apart, legs, axis=1).max() < 1e-6
 
 
 @pytest.mark.parametrize("height", [1.45, 2.05])

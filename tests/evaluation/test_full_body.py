@@ -80,6 +80,18 @@ def test_a_height_scales_clip_and_error(waving_clip: Clip) -> None:
     assert tall.get("lower_mpjpe_cm", "estimate") == pytest.approx(5)
 
 
+def test_a_height_is_taken_from_the_headset(waving_clip: Clip) -> None:
+    """Of a body that stands; of one on its knees the height that is said is too small for anybody."""
+    kneeling = replace(
+        waving_clip, pose=replace(waving_clip.pose, root_position=waving_clip.pose.root_position * [1, 0.4, 1])
+    )
+    scores = evaluate_full_body([waving_clip, kneeling], knows(waving_clip), tracked=False, measured=True)
+    assert scores.get("refused", "estimate") == pytest.approx(0.5)
+    assert 0 < scores.get("height_error_cm", "estimate") < 8
+    told = evaluate_full_body([waving_clip], knows(waving_clip), tracked=False)
+    assert scores.get("mpjpe_cm", "estimate") > told.get("mpjpe_cm", "estimate")
+
+
 def test_means_are_over_frames(waving_clip: Clip) -> None:
     """Of clips of different length in two groups."""
     short = replace(waving_clip, pose=waving_clip.pose[:30])
@@ -119,6 +131,7 @@ def test_the_table_has_every_figure(report: Report) -> None:
     keys = {f"best_{name}" for name in wanted} | {
         *("truth_jitter", "baseline_mpjpe_cm", "head_only_mpjpe_cm", "unlocked_skate_cm_s", "unlocked_penetration_cm"),
         *("height_1.5_mpjpe_cm", "height_1.7_mpjpe_cm", "height_2.0_mpjpe_cm", "clips", "minutes"),
+        *("untold_mpjpe_cm", "untold_height_error_cm", "untold_refused"),
     }
     missing = keys - set(report.numbers)
     # A waving body may stand in no frame long enough to skate.

@@ -75,10 +75,10 @@ def upper_body(
 def three_point(
     data: Path,
     out: Output,
-    steps: int = 7000,
+    steps: int = 6000,
     passes: int = 6,
-    lanes: int = 96,
-    chunk: int = 24,
+    lanes: int = 64,
+    chunk: int = 40,
     hidden: int = 384,
     dropout: float = 0.1,
     weight_decay: float = 0.05,
@@ -102,7 +102,7 @@ def three_point(
         lanes: Clips that are played side by side; many make the gradient steady.
         chunk: Frames of each through which it is differentiated; the state carries on beyond them.
         hidden: Size of each of the two recurrent layers.
-        dropout: Between them, and of what the branches read and pass on.
+        dropout: Of what they pass on.
         weight_decay: Of AdamW.
         learning_rate: The highest; it warms up to it and then falls.
         begin_with: The .ckpt of another run, whose best weights are where this one begins: for a second stage, say with

@@ -23,7 +23,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -86,12 +86,18 @@ class ThreePointSettings:
                 raise BodysenseError(f"three-point settings: {name} is {getattr(self, name):g}; it must be positive")
 
 
+class Memory(NamedTuple):
+    """What the network knew after a frame."""
+
+    time: float  # s, of that frame
+    network: dict[str, np.ndarray]
+
+
 @dataclass(frozen=True, eq=False)
 class ThreePointState:
-    """What the network remembers, when it last stepped, and what was shown."""
+    """What the network remembers, and what was shown."""
 
-    network: dict[str, np.ndarray]
-    stepped: float | None  # s, when the network's state last advanced
+    memories: tuple[Memory, ...]  # of the network, oldest first; none before the first frame
     time: float | None  # s, of the last frame
     head: tuple[np.ndarray, np.ndarray]  # (3,) m, (4,) wxyz: the last known
     headset: float | None  # s, when its position was last known
@@ -117,8 +123,9 @@ class _Answer:
 class ThreePoint:
     """A body from `head`, `left_wrist` and `right_wrist`, each where tracked; see the module's text.
 
-    The network steps at its own rate at most: a frame that comes sooner is completed from the state of the last step
-    and does not advance it. Raises BodysenseError for a skeleton that lacks one of the 22 joints.
+    The network learned steps down to a shortest one. Where frames come faster each goes on from the newest one that is
+    so long ago: at 90 Hz, with a network for 45, from the second last. Raises BodysenseError for a skeleton that lacks
+    one of the 22 joints.
     """
 
     skeleton: Skeleton
@@ -150,19 +157,22 @@ class ThreePoint:
             "height": np.array([self.skeleton.height], dtype=np.float32),
         }
 
-    def start(self) -> ThreePointState:
-        """Nothing seen yet: a standing body that faces +Z."""
-        network = {
+    @cached_property
+    def _unknowing(self) -> dict[str, np.ndarray]:
+        """The network's state before the first frame."""
+        return {
             name: np.array(row["values"], dtype=row["dtype"]).reshape(row["shape"])
             if "values" in row
             else np.zeros(row["shape"], dtype=row["dtype"])
             for name, row in self.model.card["state"].items()
         }
+
+    def start(self) -> ThreePointState:
+        """Nothing seen yet: a standing body that faces +Z."""
         position, rotation = forward_kinematics(standing_pose(self.skeleton))
         head, *hands = self.skeleton.indices(POINTS)
         return ThreePointState(
-            network=network,
-            stepped=None,
+            memories=(),
             time=None,
             head=(position[head], rotation[head]),
             headset=None,
@@ -214,9 +224,7 @@ class ThreePoint:
         if state.headset is None or now - state.headset > self.settings.longest_gap:
             return replace(self.start(), headset=now)
         if state.headset != state.time:  # not one step, but a leap from where it was lost
-            fresh = state.network["fresh"].copy()
-            fresh[:, 0] = False
-            state = replace(state, network=state.network | {"fresh": fresh}, feet=released())
+            state = replace(state, memories=tuple(_without_head(memory) for memory in state.memories), feet=released())
         return replace(state, headset=now)
 
     def _complete(
@@ -230,7 +238,7 @@ class ThreePoint:
         far = np.linalg.norm(position[1:] - head[0], axis=1) > REACH * self.skeleton.height
         measured = known[1:] & ~far[:, None]
         state = replace(state, head=head)
-        answer, network, stepped = self._run(position, rotation, measured, now, state)
+        answer, memories = self._run(position, rotation, measured, now, state)
 
         body, interval = self._body, FIRST_INTERVAL if state.time is None else now - state.time
         known_position, known_rotation = measured[:, :1], measured[:, 1:]
@@ -250,17 +258,19 @@ class ThreePoint:
         # Hands are where they should be, also where an arm is too short: the tracker then moves the body.
         for side, points in enumerate(body.hands):
             whole[points] += hand[side] + head[0] - whole[points[0]]
-        state = ThreePointState(
-            *(network, stepped, now, head, state.headset, measured, hand, turned, jump, closing, feet)
-        )
+        state = ThreePointState(*(memories, now, head, state.headset, measured, hand, turned, jump, closing, feet))
         error = body.expected(answer.error, measured[:, 0], feet.held >= 0)
         return root, body.local(world), whole, error, state
 
     def _run(
         self, position: np.ndarray, rotation: np.ndarray, measured: np.ndarray, now: float, state: ThreePointState
-    ) -> tuple[_Answer, dict[str, np.ndarray], float | None]:
-        """The network on one frame; its state advances only when a step is due."""
-        elapsed = FIRST_INTERVAL if state.stepped is None else now - state.stepped
+    ) -> tuple[_Answer, tuple[Memory, ...]]:
+        """The network on one frame, and the memories that later frames may go on from."""
+        shortest = 0.9 / float(self.model.card["fastest_rate"])
+        kept = state.memories
+        while len(kept) > 1 and now - kept[1].time >= shortest:
+            kept = kept[1:]
+        before = kept[0] if kept else Memory(now - FIRST_INTERVAL, self._unknowing)
         feed = {
             "position": np.concatenate([state.head[0][None], np.where(measured[:, :1], position[1:], 0.0)]),
             "rotation": np.concatenate([state.head[1][None], np.where(measured[:, 1:], rotation[1:], _UPRIGHT)]),
@@ -269,9 +279,9 @@ class ThreePoint:
         feed |= {
             "has_position": measured[None, None, :, 0],
             "has_rotation": measured[None, None, :, 1],
-            "interval": np.array([[elapsed]], dtype=np.float32),
+            "interval": np.array([[now - before.time]], dtype=np.float32),
             **self._constants,
-            **{f"state_{name}": value for name, value in state.network.items()},
+            **{f"state_{name}": value for name, value in before.network.items()},
         }
         said = dict(zip(self.model.outputs, self.model.session.run(None, feed), strict=True))
         answer = _Answer(
@@ -280,9 +290,7 @@ class ThreePoint:
             error=said["body_error"][0, 0].astype(float),
             contact=said["body_contact"][0, 0].astype(float).reshape(2, 2).T,
         )
-        if state.stepped is None or elapsed >= 0.9 / float(self.model.card["fastest_rate"]):
-            return answer, {name: said[f"next_{name}"] for name in state.network}, now
-        return answer, state.network, state.stepped
+        return answer, (*kept, Memory(now, {name: said[f"next_{name}"] for name in before.network}))
 
     def _jumps(
         self, hand: np.ndarray, turned: np.ndarray, measured: np.ndarray, interval: float, state: ThreePointState
@@ -301,6 +309,13 @@ class ThreePoint:
 
 
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def _without_head(memory: Memory) -> Memory:
+    """The memory of a head that leapt: its way from there is no velocity."""
+    fresh = memory.network["fresh"].copy()
+    fresh[:, 0] = False
+    return memory._replace(network=memory.network | {"fresh": fresh})
 
 
 def _usable(observation: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -324,13 +339,15 @@ def _usable(observation: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 @lru_cache(maxsize=16)
-def _places(points: tuple[str, ...]) -> tuple[list[int], list[int]]:
-    """Which of head and hands are among the points of an observation, and where."""
+def _places(points: tuple[str, ...]) -> tuple[list[int] | slice, list[int] | slice]:
+    """Which of head and hands are among the points of an observation, and where; quicker to take where they are all."""
     twice = [name for name in POINTS if points.count(name) > 1]
     if twice:
         raise BodysenseError(
             f"three points: {twice[0]!r} is named twice; give one device for each of {', '.join(POINTS)}"
         )
+    if points == POINTS:
+        return slice(None), slice(None)
     given = [k for k, name in enumerate(POINTS) if name in points]
     return given, [points.index(POINTS[k]) for k in given]
 

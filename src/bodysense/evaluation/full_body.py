@@ -16,9 +16,11 @@ import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import BODY, LOWER_BODY, Skeleton
+from bodysense.body.stature import height_from_headset
 from bodysense.data.augment import at_height
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
+from bodysense.errors import BodysenseError
 from bodysense.evaluation.headset import RATE, group_of
 from bodysense.evaluation.metrics import (
     floor_penetration,
@@ -31,7 +33,7 @@ from bodysense.evaluation.metrics import (
     velocity_error,
 )
 from bodysense.evaluation.spread import spread
-from bodysense.observation import Estimator
+from bodysense.observation import Estimator, Observation
 from bodysense.occlusion.three_point import ThreePoint, observe
 from bodysense.tracker import Tracker
 
@@ -94,6 +96,7 @@ def evaluate_full_body(
     *,
     tracked: bool = True,
     height: float | None = None,
+    measured: bool = False,
     jobs: int = 1,
     advance: Callable[[Clip], None] = lambda clip: None,
 ) -> FullBodyScores:
@@ -105,12 +108,14 @@ def evaluate_full_body(
         device: What is tracked; `HEAD_ONLY` has no hands.
         tracked: Also score what the tracker makes of it.
         height: Metres; scales every body.
+        measured: The estimator is not told the height; it is taken from the headset.
         jobs: Processes.
         advance: Is told of every clip that is done.
     """
     sums: Sums = {}
     count, seconds = 0, 0.0
-    work = partial(score_clip, make_estimator=make_estimator, device=device, tracked=tracked, height=height)
+    options = {"device": device, "tracked": tracked, "height": height, "measured": measured}
+    work = partial(score_clip, make_estimator=make_estimator, **options)
     for clip, one in spread(work, clips, jobs):
         for key, mean in one.items():
             sums.setdefault(key, Mean()).merge(mean)
@@ -120,17 +125,31 @@ def evaluate_full_body(
 
 
 def score_clip(
-    clip: Clip, make_estimator: MakeEstimator, device: ThreePoint, tracked: bool, height: float | None
+    clip: Clip,
+    make_estimator: MakeEstimator,
+    device: ThreePoint,
+    tracked: bool,
+    height: float | None,
+    measured: bool = False,
 ) -> Sums:
     """Every measure of one clip.
 
     `mpjpe_cm`, with `lower_`, `upper_` or `hands_` before it of a region, `hands_world_cm` and `head_world_cm` of what
     is measured, `rotation_deg`, `mpjre_component_deg`, `velocity_cm_s`, `jitter` (10² m/s³), `skate_cm_s` and
-    `penetration_cm`; the last three of the truth too.
+    `penetration_cm`; the last three of the truth too. With `measured` also `height_error_cm`, and `refused`, the share
+    of frames of clips whose wearer's height the headset does not tell: those have no other measure.
     """
     clip = resample(clip if height is None else at_height(clip, height), RATE)
     skeleton = clip.pose.skeleton
-    observation, estimator = observe(clip.pose, clip.time, device), make_estimator(skeleton)
+    observation = observe(clip.pose, clip.time, device)
+    wearer, said = _measured(observation, skeleton) if measured else (skeleton, {})
+    sums: Sums = {}
+    group = group_of(clip)
+    for measure, value in said.items():
+        sums.setdefault((group, "estimate", measure), Mean()).add(value, len(clip))
+    if wearer is None:
+        return sums
+    estimator = make_estimator(wearer)
     truth = _Motion(*_placed(clip.pose))
     motions: dict[Stage, _Motion] = {"truth": truth}
     if tracked:
@@ -141,12 +160,20 @@ def score_clip(
         estimate, _ = estimator.step(observation, estimator.start())
     local = None if estimate.pose is None else estimate.pose.rotation
     motions["estimate"] = _Motion(estimate.position, local)
-    sums: Sums = {}
     for stage, motion in motions.items():
         for measure, (value, count) in _measures(motion, truth, skeleton).items():
             if stage != "truth" or measure in ("jitter", "skate_cm_s", "penetration_cm"):
-                sums.setdefault((group_of(clip), stage, measure), Mean()).add(value, count)
+                sums.setdefault((group, stage, measure), Mean()).add(value, count)
     return sums
+
+
+def _measured(observation: Observation, skeleton: Skeleton) -> tuple[Skeleton | None, dict[str, float]]:
+    """The body of a wearer whose height the headset tells, None where it does not, and measures of that."""
+    try:
+        height = height_from_headset(observation.position[:, observation.points.index("head"), 1], skeleton)
+    except BodysenseError:
+        return None, {"refused": 1.0}
+    return skeleton.scaled(height), {"refused": 0.0, "height_error_cm": 100 * abs(height - skeleton.height)}
 
 
 @dataclass(frozen=True, eq=False)

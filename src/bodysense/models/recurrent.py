@@ -22,22 +22,17 @@ class Recurrent(nn.Module):
     """Features (B, T, F) → what is made of each frame (B, T, hidden).
 
     `window` None carries the state on; a number answers every frame from that many frames. Convolutions need a window
-    that is a power of 3. Raises BodysenseError where they do not get one. `layers` stacks recurrent cells, `dropout`
-    is between them, in training.
+    that is a power of 3. Raises BodysenseError where they do not get one. `layers` stacks recurrent cells.
     """
 
-    def __init__(
-        self, cell: Cell, features: int, hidden: int, window: int | None, layers: int = 1, dropout: float = 0.0
-    ) -> None:
+    def __init__(self, cell: Cell, features: int, hidden: int, window: int | None, layers: int = 1) -> None:
         super().__init__()
         self.cell, self.features, self.hidden, self.window, self.layers = cell, features, hidden, window, layers
         if cell == "tcn":
             self.convolutions = _Convolutions(features, hidden, window)
         else:
             layer = {"gru": nn.GRU, "lstm": nn.LSTM, "rnn": nn.RNN}[cell]
-            self.layer: nn.GRU | nn.LSTM | nn.RNN = layer(
-                features, hidden, layers, batch_first=True, dropout=dropout if layers > 1 else 0.0
-            )
+            self.layer: nn.GRU | nn.LSTM | nn.RNN = layer(features, hidden, layers, batch_first=True)
 
     def start(self, batch: int) -> Tensor:
         """The memory before the first frame of `batch` sequences."""

@@ -53,7 +53,7 @@ class ThreePointConfig:
     layers: int = 2  # recurrent layers
     branch: tuple[int, ...] = (384,)  # hidden layers that turn the joints
     judge_branch: tuple[int, ...] = (96,)  # hidden layers that judge contact with the floor and expected error
-    dropout: float = 0.0  # in training: between recurrent layers, and of what the branches read and pass on
+    dropout: float = 0.0  # in training, of the recurrent part: the same for all frames of a chunk, as motion is judged
 
 
 class Tracked(NamedTuple):
@@ -129,10 +129,10 @@ class ThreePointNetwork(nn.Module):
         for name, places in (("parents", reference.parents[1:]), ("turned", turned), ("diagonal", range(0, 16, 5))):
             self.register_buffer(name, torch.tensor(list(places)), persistent=False)
         self.features = sum(_WIDTHS.values())
-        self.recurrent = Recurrent("gru", self.features, config.hidden, None, config.layers, config.dropout)
+        self.recurrent = Recurrent("gru", self.features, config.hidden, None, config.layers)
         both = config.hidden + self.features
-        self.turn = branch(both, config.branch, 6 * len(turned), config.dropout)
-        self.judge = branch(both, config.judge_branch, len(BODY) + len(CONTACT), config.dropout)
+        self.turn = branch(both, config.branch, 6 * len(turned))
+        self.judge = branch(both, config.judge_branch, len(BODY) + len(CONTACT))
 
     standing_axes: Tensor
     standing_offset: Tensor
@@ -178,6 +178,9 @@ class ThreePointNetwork(nn.Module):
 
     def say(self, prepared: Prepared, hidden: Tensor) -> tuple[Tensor, Tensor]:
         """What the two branches make (B, T, 126), (B, T, 26) of features and recurrent part (B, T, hidden)."""
+        if self.training and self.config.dropout:
+            kept = torch.rand_like(hidden[:, :1]) >= self.config.dropout
+            hidden = hidden * kept / (1 - self.config.dropout)
         both = torch.cat([hidden, prepared.features], dim=-1)
         frames, both = both.shape[:-1], both.flatten(0, -2)  # as matrices, layers fuse in the exported file
         return self.turn(both).unflatten(0, frames), self.judge(both).unflatten(0, frames)

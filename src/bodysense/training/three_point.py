@@ -110,9 +110,7 @@ def train_three_point(
 
     Continues from `checkpoint` where that file exists; raises BodysenseError when it belongs to another configuration.
     """
-    optimizer = torch.optim.AdamW(
-        network.parameters(), lr=schedule.learning_rate, weight_decay=schedule.weight_decay
-    )
+    optimizer = torch.optim.AdamW(network.parameters(), lr=schedule.learning_rate, weight_decay=schedule.weight_decay)
     average = AveragedModel(network, avg_fn=partial(moving_average, decay=schedule.average_decay))
     averaged = average.module
     assert isinstance(averaged, ThreePointNetwork)

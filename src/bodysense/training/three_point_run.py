@@ -29,9 +29,9 @@ from bodysense.training.three_point_episodes import (
     corpus_of,
     make_three_point_episode,
 )
-from bodysense.training.three_point_onnx import write_three_point
+from bodysense.training.three_point_onnx import FASTEST_RATE, write_three_point
 
-RATES = (22.0, 45.0)  # Hz, that a pass draws from
+RATES = (22.0, FASTEST_RATE)  # Hz, that a pass draws from
 VALIDATION = {"full": ThreePointVariation(), "head_only": ThreePointVariation(hands=False)}
 
 
@@ -112,8 +112,8 @@ def variation_of(number: int) -> ThreePointVariation:
     """
     return ThreePointVariation(
         mirrored=number % 2 == 1,
-        limb_spread=0.05 if number else 0.0,
-        wrist_bend=0.25 if number % 3 == 1 else 0.0,
+        limb_spread=0.05 if number > 1 else 0.0,
+        wrist_bend=0.25 if number % 3 == 2 else 0.0,
         rates=RATES,
         loses_hands=number % 4 > 1,
     )
