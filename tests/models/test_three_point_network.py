@@ -21,7 +21,7 @@ from bodysense.body.rotation import (
     sixd_to_matrix,
 )
 from bodysense.body.skeleton import BODY, default_skeleton
-from bodysense.data.augment import at_height, turned
+from bodysense.data.augment import at_height, mirrored, turned
 from bodysense.data.clip import Clip
 from bodysense.models.recurrent import Recurrent
 from bodysense.models.three_point_network import (
@@ -104,6 +104,26 @@ def test_the_answer_turns_and_moves_with_the_world(network: ThreePointNetwork, w
     # The observation was rounded to single precision.
     expected = before.position @ turn.T + torch.tensor(shift)
     torch.testing.assert_close(after.position, expected, atol=1e-5, rtol=0)
+
+
+def test_a_mirrored_body_gets_the_mirrored_answer(network: ThreePointNetwork, waving_clip: Clip) -> None:
+    """Also of a hand that is lost, and of contact and expected error."""
+    lost = np.zeros((90, 2), dtype=bool)
+    lost[30:60, 0] = True
+    here, _ = complete(network, seen(waving_clip, lost))
+    there, _ = complete(network, seen(mirrored(waving_clip), lost[:, ::-1]))
+    swap = [BODY.index(name) for name in (_other_side(name) for name in BODY)]
+    flip = torch.tensor([-1.0, 1.0, 1.0], dtype=torch.float64)
+    torch.testing.assert_close(there.position[:, :, swap] * flip, here.position, atol=1e-5, rtol=0)
+    turn = there.rotation[:, :, swap] * torch.tensor([1.0, 1.0, -1.0, -1.0], dtype=torch.float64)
+    assert geodesic_angle(turn.numpy(), here.rotation.numpy()).max() < 1e-4
+    torch.testing.assert_close(there.error[:, :, swap], here.error, atol=1e-5, rtol=0)
+    torch.testing.assert_close(there.contact[:, :, [1, 0, 3, 2]], here.contact, atol=1e-5, rtol=0)
+
+
+def _other_side(name: str) -> str:
+    side, _, rest = name.partition("_")
+    return {"left": f"right_{rest}", "right": f"left_{rest}"}.get(side, name)
 
 
 @pytest.mark.parametrize("height", [1.45, 2.05])

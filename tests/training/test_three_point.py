@@ -187,8 +187,8 @@ def test_validation_says_what_the_metrics_say(network: ThreePointNetwork, waving
     figures = validate_three_point(network, {"full": corpus})
     batch = corpus.whole(0)
     with torch.no_grad():
-        hidden, _ = network.recurrent(batch.features, network.recurrent.start(1))
-        answer = network.answer(batch.prepared, *network.say(batch.prepared, hidden))
+        said, _ = network.ask_twice(batch.features, network.begin(1))
+        answer = network.answer(batch.prepared, *said)
         world = (answer.position @ world_turn(batch.travel) + batch.travel[..., None, :3])[0].double().numpy()
     truth = np.asarray(forward_kinematics(clip.pose)[0])[:, :22]
     error = joint_error(world, truth)

@@ -9,10 +9,14 @@ and the repetition of lost hands are inside, so that training, the exported file
 The network states every joint's rotation from the heading's frame, not from its parent's: a bone then depends on one
 rotation and errors do not add up along the chains. The head's rotation is the measured one, and a wrist's where it is
 measured.
+
+At run time it is asked twice, once about what is seen in a mirror, and the answers are averaged: a body and its mirror
+image get the same answer, mirrored, and errors that differ between the two cancel.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -126,6 +130,10 @@ class ThreePointNetwork(nn.Module):
         for name, values in constants.items():
             self.register_buffer(name, torch.tensor(values, dtype=torch.float32), persistent=False)
         turned = [joint for joint in range(len(BODY)) if joint != _HEAD]
+        for name, swap in (("mirror_features", _mirrored_features()), ("mirror_turned", _mirrored_axes(turned))):
+            self.register_buffer(name, torch.tensor(swap, dtype=torch.float32), persistent=False)
+        partner = _partners(BODY) + [len(BODY) + place for place in _partners(CONTACT)]
+        self.register_buffer("mirror_judged", torch.tensor(partner), persistent=False)
         for name, places in (("parents", reference.parents[1:]), ("turned", turned), ("diagonal", range(0, 16, 5))):
             self.register_buffer(name, torch.tensor(list(places)), persistent=False)
         self.features = sum(_WIDTHS.values())
@@ -143,6 +151,9 @@ class ThreePointNetwork(nn.Module):
     of_step: Tensor
     of_cross: Tensor
     of_matrix: Tensor
+    mirror_features: Tensor
+    mirror_turned: Tensor
+    mirror_judged: Tensor
     parents: Tensor
     turned: Tensor
     diagonal: Tensor
@@ -157,14 +168,14 @@ class ThreePointNetwork(nn.Module):
             position=like.new_zeros(batch, 3, 3),
             rotation=like.new_tensor([1.0, 0.0, 0.0, 0.0]).expand(batch, 3, 4).clone(),
             fresh=torch.zeros(batch, 3, 2, dtype=torch.bool, device=like.device),
-            memory=self.recurrent.start(batch).to(like),
+            memory=self.begin(batch),
         )
 
     def forward(self, tracked: Tracked, state: State) -> tuple[Completed, State]:
         """Complete T frames; one call with T frames equals T calls with one."""
         prepared, into, state = self.prepare(tracked, state)
-        hidden, memory = self.recurrent(prepared.features, state.memory)
-        answer = self.answer(prepared, *self.say(prepared, hidden))
+        said, memory = self.ask_twice(prepared.features, state.memory)
+        answer = self.answer(prepared, *said)
         size = (tracked.height / REFERENCE_HEIGHT)[:, None, None]
         position = answer.position @ (into.mT * size[..., None]) + tracked.position[..., :1, :]
         completed = Completed(
@@ -176,12 +187,25 @@ class ThreePointNetwork(nn.Module):
         )
         return completed, state._replace(memory=memory)
 
-    def say(self, prepared: Prepared, hidden: Tensor) -> tuple[Tensor, Tensor]:
+    def begin(self, batch: int) -> Tensor:
+        """The memory of `ask_twice` before the first frame."""
+        return torch.cat([self.recurrent.start(batch)] * 2, dim=-1).to(self.path)
+
+    def ask_twice(self, features: Tensor, memory: Tensor) -> tuple[tuple[Tensor, Tensor], Tensor]:
+        """What the branches say of features (B, T, F), averaged with what they say in a mirror; the memory after."""
+        both = torch.cat([features, features @ self.mirror_features])
+        hidden, after = self.recurrent(both, torch.cat(memory.chunk(2, dim=-1)))
+        (turned, in_mirror), (judged, judged_in_mirror) = (part.chunk(2) for part in self.say(both, hidden))
+        turned = (turned + in_mirror @ self.mirror_turned) / 2
+        judged = (judged + judged_in_mirror.index_select(-1, self.mirror_judged)) / 2
+        return (turned, judged), torch.cat(after.chunk(2), dim=-1)
+
+    def say(self, features: Tensor, hidden: Tensor) -> tuple[Tensor, Tensor]:
         """What the two branches make (B, T, 126), (B, T, 26) of features and recurrent part (B, T, hidden)."""
         if self.training and self.config.dropout:
             kept = torch.rand_like(hidden[:, :1]) >= self.config.dropout
             hidden = hidden * kept / (1 - self.config.dropout)
-        both = torch.cat([hidden, prepared.features], dim=-1)
+        both = torch.cat([hidden, features], dim=-1)
         frames, both = both.shape[:-1], both.flatten(0, -2)  # as matrices, layers fuse in the exported file
         return self.turn(both).unflatten(0, frames), self.judge(both).unflatten(0, frames)
 
@@ -341,3 +365,40 @@ def _last(known: Tensor) -> Tensor:
 def _outer(a: Tensor, b: Tensor) -> Tensor:
     """Every product of a part of `a` with one of `b`: (..., n), (..., m) → (..., n · m)."""
     return (a[..., :, None] * b[..., None, :]).flatten(-2)
+
+
+def _partners(names: Sequence[str]) -> list[int]:
+    """Of every name the place of the other side's; of a name without a side its own."""
+    other = {"left": "right", "right": "left"}
+    swapped = [
+        f"{other[side]}_{rest}" if side in other else name for name in names for side, _, rest in [name.partition("_")]
+    ]
+    return [list(names).index(name) for name in swapped]
+
+
+def _mirrored_features() -> np.ndarray:
+    """(F, F): features @ this are those of what is seen in a mirror at the plane x = 0 of the heading's frame."""
+    mirror, hands = np.diag([-1.0, 1.0, 1.0]), np.eye(2)[::-1]
+    head_and_hands = np.eye(3)[[0, 2, 1]]
+    axes = np.kron(np.diag([-1.0, 1.0]), mirror)  # columns of a rotation's matrix: its own x axis is mirrored too
+    blocks = {
+        "head_axes": axes,
+        "hand_axes": np.kron(hands, axes),
+        **dict.fromkeys(("has_rotation", "has_position", "unseen"), hands),
+        **dict.fromkeys(("head_height", "interval"), np.eye(1)),
+        "hand_offset": np.kron(hands, mirror),
+        "velocity": np.kron(head_and_hands, mirror),
+        "spin": np.kron(head_and_hands, -mirror),
+        "bone": np.eye(len(BODY))[_partners(BODY)][1:, 1:],
+    }
+    whole, place = np.zeros((sum(_WIDTHS.values()),) * 2), 0
+    for name, width in _WIDTHS.items():
+        whole[place : place + width, place : place + width] = blocks[name]
+        place += width
+    return whole
+
+
+def _mirrored_axes(joints: Sequence[int]) -> np.ndarray:
+    """(6 J, 6 J): the same for two columns of each of these joints' matrices."""
+    partner = [list(joints).index(_partners(BODY)[joint]) for joint in joints]
+    return np.kron(np.eye(len(joints))[partner], np.kron(np.diag([-1.0, 1.0]), np.diag([-1.0, 1.0, 1.0])))

@@ -127,7 +127,7 @@ def train_three_point(
         # Half precision is for the layers alone: geometry needs the digits.
         with torch.autocast("cpu", torch.bfloat16):
             hidden, after = network.recurrent(batch.features, memory)
-            said = network.say(batch.prepared, hidden)
+            said = network.say(batch.features, hidden)
         answer = network.answer(batch.prepared, *(part.float() for part in said))
         memory, terms = after.float(), three_point_loss(network, answer, batch, schedule.loss)
         optimizer.zero_grad()
@@ -163,8 +163,8 @@ def validate_three_point(network: ThreePointNetwork, corpora: dict[str, Corpus])
         distance, velocity, angle, frames, pairs = np.zeros(len(BODY)), 0.0, 0.0, 0, 0
         for clip in range(len(corpus)):
             batch = corpus.whole(clip)
-            hidden, _ = network.recurrent(batch.features, network.recurrent.start(1))
-            answer = network.answer(batch.prepared, *network.say(batch.prepared, hidden))
+            said, _ = network.ask_twice(batch.features, network.begin(1))
+            answer = network.answer(batch.prepared, *said)
             missed = (answer.position - batch.position) @ world_turn(batch.travel)
             distance += _length(missed).sum(dim=(0, 1)).numpy()
             too_fast = (missed[:, 1:] - missed[:, :-1]) / batch.interval[:, None, None, None]
