@@ -25,18 +25,19 @@ def reach(
 
     Returns the new rotations (2, N, 4). A limb that is nearly straight may end a millimetre beside its target.
     """
-    first, second = _length(upper), _length(lower)
-    end = upper + lower
-    distance, wanted = np.maximum(_length(end), 1e-9), np.maximum(_length(target), 1e-9)
-    along, toward = end / distance[:, None], target / wanted[:, None]
-    within = np.minimum(np.maximum(wanted, np.abs(first - second) + 1e-4), _STRAIGHT * (first + second))
+    lines = np.empty((4, len(upper), 3))  # both bones, from end to end of the limb, and where that should lead
+    lines[0], lines[1], lines[3] = upper, lower, target
+    np.add(upper, lower, out=lines[2])
+    length = np.maximum(np.sqrt(np.einsum("kij,kij->ki", lines, lines)), 1e-9)
+    first, second, _, wanted = length
+    along, toward = lines[2:] / length[2:, :, None]
     # The triangle of both bones and the line between the limb's ends, as it is and as it should be.
-    side, other = np.stack([first, second])[:, None], np.stack([second, first])[:, None]
-    line = np.stack([distance, within])
+    line = length[2:].copy()
+    line[1] = np.minimum(np.maximum(wanted, np.abs(first - second) + 1e-4), _STRAIGHT * (first + second))
+    side, other = length[:2, None], length[1::-1, None]
     cosine = (side * side + line * line - other * other) / (2 * side * line)
     angle = np.arccos(np.minimum(np.maximum(cosine, -1.0), 1.0))
-    half = (angle[:, 1] - angle[:, 0]) / 2
-    half[1] *= -1
+    half = (angle[:, 1] - angle[:, 0]) * _SENSE
 
     # A bone that bends about its hinge leads the middle joint to the other side of the line.
     normal = _cross(along, upper) - (_HINGED * first)[:, None] * hinge
@@ -73,4 +74,5 @@ def _length(vector: np.ndarray) -> np.ndarray:
     return np.sqrt(np.einsum("ij,ij->i", vector, vector))
 
 
+_SENSE = np.array([[0.5], [-0.5]])  # the lower bone turns back by its own corner
 _NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])

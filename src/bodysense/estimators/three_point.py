@@ -190,18 +190,17 @@ class ThreePoint:
         Raises BodysenseError for a point that is named twice and for time that does not increase.
         """
         position, rotation, known = _usable(observation)
-        roots, locals_, positions, errors, tracked = [], [], [], [], []
+        frames, points = len(position), len(self.skeleton.points)
+        roots, locals_ = np.empty((frames, 3)), np.empty((frames, len(self.skeleton.joints), 4))
+        positions, errors, hidden = np.empty((frames, points, 3)), np.empty((frames, points)), np.ones((frames, points))
         for t, now in enumerate(np.asarray(observation.time, dtype=float).tolist()):
             state = self._continued(now, state)
             state = self._found(known[t, 0], now, state)
-            root, local, place, error, state = self._complete(position[t], rotation[t], known[t], now, state)
-            for rows, one in ((roots, root), (locals_, local), (positions, place), (errors, error)):
-                rows.append(one)
-            tracked.append((known[t, 0, 0], *state.measured[:, 0]))
-        hidden = np.ones((len(roots), len(self.skeleton.points)))
-        hidden[:, self._points] = ~np.array(tracked)
-        pose = Pose(self.skeleton, np.stack(roots), np.stack(locals_))
-        return Estimate(self.skeleton, np.stack(positions), hidden, np.stack(errors), pose), state
+            roots[t], locals_[t], positions[t], errors[t], state = self._complete(
+                position[t], rotation[t], known[t], now, state
+            )
+            hidden[t, self._points] = not known[t, 0, 0], *~state.measured[:, 0]
+        return Estimate(self.skeleton, positions, hidden, errors, Pose(self.skeleton, roots, locals_)), state
 
     def _continued(self, now: float, state: ThreePointState) -> ThreePointState:
         """The state, or a fresh one after a gap."""
@@ -271,12 +270,13 @@ class ThreePoint:
         while len(kept) > 1 and now - kept[1].time >= shortest:
             kept = kept[1:]
         before = kept[0] if kept else Memory(now - FIRST_INTERVAL, self._unknowing)
+        place, turn = np.zeros((1, 1, 3, 3), dtype=np.float32), np.zeros((1, 1, 3, 4), dtype=np.float32)
+        place[0, 0, 0], turn[0, 0, 0] = state.head
+        place[0, 0, 1:] = np.where(measured[:, :1], position[1:], 0.0)
+        turn[0, 0, 1:] = np.where(measured[:, 1:], rotation[1:], _UPRIGHT)
         feed = {
-            "position": np.concatenate([state.head[0][None], np.where(measured[:, :1], position[1:], 0.0)]),
-            "rotation": np.concatenate([state.head[1][None], np.where(measured[:, 1:], rotation[1:], _UPRIGHT)]),
-        }
-        feed = {name: values[None, None].astype(np.float32) for name, values in feed.items()}
-        feed |= {
+            "position": place,
+            "rotation": turn,
             "has_position": measured[None, None, :, 0],
             "has_rotation": measured[None, None, :, 1],
             "interval": np.array([[now - before.time]], dtype=np.float32),
