@@ -12,19 +12,17 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import geodesic_angle
+from bodysense.body.rotation import geodesic_angle, quaternion_exp
 from bodysense.body.skeleton import BODY, Skeleton, default_skeleton
 from bodysense.data.augment import at_height
 from bodysense.data.clip import Clip
+from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
 from bodysense.estimators.foot_lock import FootLockSettings
-from bodysense.estimators.three_point import (
-    PACKAGED,
-    ThreePoint,
-    ThreePointSettings,
-    load_three_point,
-    packaged_three_point,
-)
+from bodysense.estimators.three_point import ThreePoint, ThreePointSettings, packaged_three_point
+from bodysense.estimators.three_point_answers import PACKAGED, Answer, Memory, load_three_point, steadied
+from bodysense.estimators.whole_body import WholeBody
+from bodysense.evaluation.metrics import jitter
 from bodysense.observation import Estimate, Observation
 from bodysense.occlusion.dropout import hide
 from bodysense.occlusion.three_point import HEAD_ONLY, POINTS, observe
@@ -116,14 +114,34 @@ def test_any_rate_is_answered_at_every_frame(estimator: ThreePoint, seen: Observ
         assert (later[1:] < shortest + 1 / rate).all()
 
 
-def test_frames_that_come_faster_are_completed_alike(estimator: ThreePoint, seen: Observation) -> None:
-    """Every second of frames that come twice as fast as the network steps is as without those in between."""
-    often = at_rate(seen, 2 * float(estimator.model.card["fastest_rate"]))
-    alone = complete(estimator, often[::2]).position
-    apart = np.linalg.norm(complete(estimator, often).position[::2] - alone, axis=-1)
-    # Feet are held, with the time between frames; all else is the same.
-    legs = [k for k, name in enumerate(SKELETON.points) if name.split("_")[-1] in ("knee", "ankle", "foot", "toe")]
-    assert np.delete(apart, legs, axis=1).max() < 1e-6
+def test_answers_in_between_are_averaged(estimator: ThreePoint) -> None:
+    """Half of the way between two turns, whatever the sign of their quaternions; the head stays where it is."""
+    body, head = WholeBody(SKELETON), np.array([0.3, 1.6, -0.2])
+    turns = [np.tile(quaternion_exp(np.array([0.0, angle, 0.1])), (len(BODY), 1)) for angle in (0.2, 0.6)]
+    answers = [
+        Answer(turn, np.zeros((22, 3)), np.ones(22), np.full((2, 2), c)) for turn, c in zip(turns, (0, 1), strict=True)
+    ]
+    for sign in (1, -1):
+        before = Memory(0.0, {}, replace(answers[0], rotation=sign * turns[0]))
+        mean = steadied(answers[1], (before,), head, body)
+        assert geodesic_angle(mean.rotation, turns[0]) == pytest.approx(geodesic_angle(*turns) / 2, abs=1e-9)
+        np.testing.assert_allclose(mean.position[BODY.index("head")], head, atol=1e-12)
+        np.testing.assert_allclose(np.linalg.norm(mean.position[4] - mean.position[1]), SKELETON.bone_length[4])
+        assert (mean.contact == 0.5).all()
+    assert steadied(answers[1], (), head, body) is answers[1]
+
+
+def test_sequences_that_take_turns_do_not_tremble(waving_clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the packaged network at 90 Hz: averaged answers are much smoother than each frame's own."""
+    clip = resample(waving_clip, 90)
+    legs = SKELETON.indices(["left_knee", "right_knee", "spine1"])
+
+    def trembling() -> float:
+        return jitter(complete(packaged_three_point(SKELETON), observe(clip.pose, clip.time)).position[:, legs], 90)
+
+    averaged = trembling()
+    monkeypatch.setattr("bodysense.estimators.three_point.steadied", lambda answer, *others: answer)
+    assert averaged < 0.7 * trembling()
 
 
 @pytest.mark.parametrize("height", [1.45, 2.05])

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tyro.extras import SubcommandApp
 
+from bodysense.cli import arms
 from bodysense.errors import BodysenseError
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ def commands() -> SubcommandApp:
     group.command(bvh)
     group.command(name="import")(import_time)
     group.command(training)
+    group.command(name="arms")(arms.bench_arms)
     return group
 
 
@@ -70,7 +72,8 @@ def three_point(frames: int = 3000, tracker: bool = True, model: Path | None = N
         json: Write the numbers here, as one flat object.
     """
     from bodysense.cli.motion import packaged_performance
-    from bodysense.estimators.three_point import ThreePoint, load_three_point
+    from bodysense.estimators.three_point import ThreePoint
+    from bodysense.estimators.three_point_answers import load_three_point
     from bodysense.occlusion.three_point import observe
     from bodysense.tracker import Tracker
 

@@ -68,7 +68,7 @@ def three_point(data: str, model: Path | None = None, common: Flat = Common()) -
     """
     from rich.progress import Progress
 
-    from bodysense.estimators.three_point import load_three_point
+    from bodysense.estimators.three_point_answers import load_three_point
     from bodysense.evaluation.datasets import named_data
     from bodysense.evaluation.three_point_table import PASSES, evaluate_three_point, three_point_report
 

@@ -22,8 +22,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,42 +31,22 @@ from bodysense.body.products import CONJUGATE, exp, log, multiply
 from bodysense.body.skeleton import BODY, Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.estimators.foot_lock import FootLockSettings, FootLockState, lock_feet, released
-from bodysense.estimators.network_file import open_network, open_packaged
+from bodysense.estimators.three_point_answers import (
+    FIRST_INTERVAL,
+    UPRIGHT,
+    Memory,
+    ThreePointModel,
+    ask,
+    load_three_point,
+    recalled,
+    steadied,
+    without_head,
+)
 from bodysense.estimators.whole_body import WholeBody
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Estimate, Observation
 from bodysense.occlusion.three_point import POINTS
 
-FORMAT = "bodysense three-point 1"
-PACKAGED = "three_point.onnx"
-FIRST_INTERVAL = 1 / 60  # s: the time step of a frame that has none before it
 REACH = 0.75  # of the wearer's height, from the head: no hand is farther
-
-
-@dataclass(frozen=True)
-class ThreePointModel:
-    """A loaded network file: its session and what it says of itself."""
-
-    session: Any  # onnxruntime.InferenceSession
-    card: dict[str, Any]
-    name: str
-
-    @cached_property
-    def outputs(self) -> list[str]:
-        """Names of what it answers."""
-        return [output.name for output in self.session.get_outputs()]
-
-
-def load_three_point(path: str | Path | None = None) -> ThreePointModel:
-    """Load a network: a path, or None for the packaged one. Raises BodysenseError for a file that is not ours."""
-    wanted: dict[str, Any] = {
-        "format": FORMAT,
-        "kind": "three-point network",
-        "fields": ("joints", "contact", "fastest_rate", "state"),
-        "command": "bodysense train three-point",
-    }
-    if path is None:
-        return ThreePointModel(*open_packaged(PACKAGED, **wanted), PACKAGED)
-    return ThreePointModel(*open_network(path, **wanted), Path(path).name)
 
 
 @dataclass(frozen=True)
@@ -84,13 +62,6 @@ class ThreePointSettings:
         for name in ("hand_half_life", "longest_gap"):
             if not getattr(self, name) > 0:
                 raise BodysenseError(f"three-point settings: {name} is {getattr(self, name):g}; it must be positive")
-
-
-class Memory(NamedTuple):
-    """What the network knew after a frame."""
-
-    time: float  # s, of that frame
-    network: dict[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,22 +80,11 @@ class ThreePointState:
     feet: FootLockState
 
 
-@dataclass(frozen=True, eq=False)
-class _Answer:
-    """The network's answer of one frame, in the world."""
-
-    rotation: np.ndarray  # (22, 4) wxyz, world ← joint
-    position: np.ndarray  # (22, 3) m
-    error: np.ndarray  # (22,) m
-    contact: np.ndarray  # (2, 2) probability: of ankle and ball of left and right foot
-
-
 @dataclass(frozen=True)
 class ThreePoint:
     """A body from `head`, `left_wrist` and `right_wrist`, each where tracked; see the module's text.
 
-    The network learned steps down to a shortest one. Where frames come faster each goes on from the newest one that is
-    so long ago: at 90 Hz, with a network for 45, from the second last. Raises BodysenseError for a skeleton that lacks
+    Raises BodysenseError for a skeleton that lacks
     one of the 22 joints.
     """
 
@@ -155,16 +115,6 @@ class ThreePoint:
         return {
             "rest_offset": self.skeleton.rest_offset[None, self._body.joints].astype(np.float32),
             "height": np.array([self.skeleton.height], dtype=np.float32),
-        }
-
-    @cached_property
-    def _unknowing(self) -> dict[str, np.ndarray]:
-        """The network's state before the first frame."""
-        return {
-            name: np.array(row["values"], dtype=row["dtype"]).reshape(row["shape"])
-            if "values" in row
-            else np.zeros(row["shape"], dtype=row["dtype"])
-            for name, row in self.model.card["state"].items()
         }
 
     def start(self) -> ThreePointState:
@@ -223,7 +173,7 @@ class ThreePoint:
         if state.headset is None or now - state.headset > self.settings.longest_gap:
             return replace(self.start(), headset=now)
         if state.headset != state.time:  # not one step, but a leap from where it was lost
-            state = replace(state, memories=tuple(_without_head(memory) for memory in state.memories), feet=released())
+            state = replace(state, memories=tuple(without_head(memory) for memory in state.memories), feet=released())
         return replace(state, headset=now)
 
     def _complete(
@@ -237,9 +187,11 @@ class ThreePoint:
         far = np.linalg.norm(position[1:] - head[0], axis=1) > REACH * self.skeleton.height
         measured = known[1:] & ~far[:, None]
         state = replace(state, head=head)
-        answer, memories = self._run(position, rotation, measured, now, state)
+        body, before = self._body, recalled(self.model, state.memories, now)
+        answer, after = ask(self.model, self._constants, head, position[1:], rotation[1:], measured, now, before)
+        answer = steadied(answer, before[1:], head[0], body)
 
-        body, interval = self._body, FIRST_INTERVAL if state.time is None else now - state.time
+        interval = FIRST_INTERVAL if state.time is None else now - state.time
         known_position, known_rotation = measured[:, :1], measured[:, 1:]
         hand = np.where(known_position, position[1:], answer.position[body.wrists]) - head[0]
         turned = np.where(known_rotation, rotation[1:], answer.rotation[body.wrists])
@@ -257,40 +209,11 @@ class ThreePoint:
         # Hands are where they should be, also where an arm is too short: the tracker then moves the body.
         for side, points in enumerate(body.hands):
             whole[points] += hand[side] + head[0] - whole[points[0]]
-        state = ThreePointState(*(memories, now, head, state.headset, measured, hand, turned, jump, closing, feet))
+        state = ThreePointState(
+            *((*before, after), now, head, state.headset, measured, hand, turned, jump, closing, feet)
+        )
         error = body.expected(answer.error, measured[:, 0], feet.held >= 0)
         return root, body.local(world), whole, error, state
-
-    def _run(
-        self, position: np.ndarray, rotation: np.ndarray, measured: np.ndarray, now: float, state: ThreePointState
-    ) -> tuple[_Answer, tuple[Memory, ...]]:
-        """The network on one frame, and the memories that later frames may go on from."""
-        shortest = 0.9 / float(self.model.card["fastest_rate"])
-        kept = state.memories
-        while len(kept) > 1 and now - kept[1].time >= shortest:
-            kept = kept[1:]
-        before = kept[0] if kept else Memory(now - FIRST_INTERVAL, self._unknowing)
-        place, turn = np.zeros((1, 1, 3, 3), dtype=np.float32), np.zeros((1, 1, 3, 4), dtype=np.float32)
-        place[0, 0, 0], turn[0, 0, 0] = state.head
-        place[0, 0, 1:] = np.where(measured[:, :1], position[1:], 0.0)
-        turn[0, 0, 1:] = np.where(measured[:, 1:], rotation[1:], _UPRIGHT)
-        feed = {
-            "position": place,
-            "rotation": turn,
-            "has_position": measured[None, None, :, 0],
-            "has_rotation": measured[None, None, :, 1],
-            "interval": np.array([[now - before.time]], dtype=np.float32),
-            **self._constants,
-            **{f"state_{name}": value for name, value in before.network.items()},
-        }
-        said = dict(zip(self.model.outputs, self.model.session.run(None, feed), strict=True))
-        answer = _Answer(
-            rotation=said["body_rotation"][0, 0].astype(float),
-            position=said["body_position"][0, 0].astype(float),
-            error=said["body_error"][0, 0].astype(float),
-            contact=said["body_contact"][0, 0].astype(float).reshape(2, 2).T,
-        )
-        return answer, (*kept, Memory(now, {name: said[f"next_{name}"] for name in before.network}))
 
     def _jumps(
         self, hand: np.ndarray, turned: np.ndarray, measured: np.ndarray, interval: float, state: ThreePointState
@@ -308,22 +231,12 @@ class ThreePoint:
         return settle(jump, closing, self.settings.hand_half_life, interval)
 
 
-_UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
-
-
-def _without_head(memory: Memory) -> Memory:
-    """The memory of a head that leapt: its way from there is no velocity."""
-    fresh = memory.network["fresh"].copy()
-    fresh[:, 0] = False
-    return memory._replace(network=memory.network | {"fresh": fresh})
-
-
 def _usable(observation: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Position (T, 3, 3), rotation (T, 3, 4) of head and hands, zeros where unknown, and which (T, 3, 2) are known."""
     given, here = _places(observation.points)
     frames = len(observation.time)
     position, rotation = np.zeros((frames, 3, 3)), np.empty((frames, 3, 4))
-    rotation[:] = _UPRIGHT
+    rotation[:] = UPRIGHT
     known = np.zeros((frames, 3, 2), dtype=bool)
     place, turn = observation.position[:, here], observation.rotation[:, here]
     # Comparisons with what is no number are false.
@@ -334,7 +247,7 @@ def _usable(observation: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarra
     unit &= observation.has_rotation[:, here]
     known[:, given, 0], known[:, given, 1] = near, unit
     position[:, given] = np.where(near[..., None], place, 0.0)
-    rotation[:, given] = np.where(unit[..., None], turn, _UPRIGHT)
+    rotation[:, given] = np.where(unit[..., None], turn, UPRIGHT)
     return position, rotation, known
 
 

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from bodysense.body.skeleton import BODY, default_skeleton
-from bodysense.estimators.three_point import FORMAT
+from bodysense.estimators.three_point_answers import FORMAT
 from bodysense.models.three_point_network import CONTACT, Completed, State, ThreePointNetwork, Tracked
 from bodysense.training.onnx_writing import export
 
