@@ -144,7 +144,9 @@ def three_point(numbers: dict[str, float]) -> str:
         f"Feet that stand slide by {skate[0]:.1f} cm/s before and {skate[1]:.1f} after they are held (in the",
         f"recordings {numbers['truth_skate_cm_s']:.1f});",
         f"feet are {depth[0]:.2f} and {depth[1]:.2f} cm under the floor on average.",
-        f"The same motions on bodies of other heights: {bodies}.",
+        f"The same motions on bodies of other heights: {bodies};",
+        f"with the height taken from the headset, {numbers['untold_height_error_cm']:.0f} cm off on average: "
+        f"{numbers['untold_mpjpe_cm']:.2f} cm.",
     ]
     return f"{markdown(head, rows)}\n\n" + "\n".join(text)
 
