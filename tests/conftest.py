@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +104,30 @@ def small_vae(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def small_arms(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """PAHMT, small and never trained, exported; its weights lie beside as .pt."""
+    import torch
+
+    from bodysense.models.arm_file import write_arms
+    from bodysense.models.arm_transformer import ArmNetwork, ArmNetworkConfig
+    from bodysense.training.arms_onnx import write_arms_onnx
+
+    torch.manual_seed(0)
+    path = tmp_path_factory.mktemp("arms") / "arms.onnx"
+    config = ArmNetworkConfig(
+        width=16, layers=1, heads=2, spatial_width=8, spatial_layers=1, spatial_heads=2, rotation="6d", more_inputs=True
+    )
+    network = ArmNetwork(config).eval()
+    with torch.no_grad():  # so that rotations differ from frame to frame
+        list(network.head.parameters())[-2].mul_(20.0)
+    card = {"identity": "{}", "licence": "Apache-2.0", "training_data": "nothing"}
+    card |= {"validation": {"overall_m": 0.05, "hands_m": 0.02}}
+    write_arms(network, path.with_suffix(".pt"), card)
+    write_arms_onnx(network, path, card)
+    return path
+
+
+@pytest.fixture(scope="session")
 def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with every network of UNOC's tables, tiny."""
     from dataclasses import replace
@@ -118,3 +143,39 @@ def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
         config = replace(variant.config, hidden=8, branch=(8,), judge_branch=(8,))
         write_weights(BodyNetwork(config, default_skeleton()), folder / f"{name}.pt")
     return folder
+
+
+@pytest.fixture(scope="session")
+def landmarkers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of MediaPipe's models: the cache's, or built once of an older wheel; skips where it cannot be had."""
+    import runpy
+
+    pytest.importorskip("mediapipe")
+    from bodysense.capture.landmarker_files import HAND_LANDMARKER, POSE_LANDMARKER, landmarker_folder
+
+    assert request.config.cache is not None
+    built = request.config.cache.mkdir("landmarkers")
+    for folder in (landmarker_folder(), built):
+        if all((folder / name).is_file() for name in (HAND_LANDMARKER, POSE_LANDMARKER)):
+            return folder
+    script = runpy.run_path(str(Path(__file__).parents[1] / "scripts" / "build_landmarkers.py"))
+    try:
+        script["build"](script["download"](tmp_path_factory.mktemp("wheel")), built)
+    except subprocess.CalledProcessError:
+        pytest.skip("no landmarkers: the wheel of mediapipe 0.10.21 cannot be downloaded")
+    return built
+
+
+@pytest.fixture(scope="session")
+def filmed() -> tuple[np.ndarray, Clip]:
+    """Eight pictures (8, 320, 320, 3) at 15 Hz of the packaged performance, drawn, and its motion; both hands show."""
+    from dataclasses import replace
+
+    from bodysense.cli.motion import packaged_performance
+    from bodysense.export.animation import draw_pose
+    from bodysense.export.shot import Lens, frame_shot
+
+    clip = packaged_performance()
+    clip = replace(clip, pose=clip.pose[600:624:3], frame_rate=15.0)  # here it is not taken for somebody's back
+    lens = Lens(width=320, height=320, distance=3.0, eye=1.35, aim=1.15, shown=1.5, azimuth=0.15)
+    return np.stack(list(draw_pose(clip.pose, frame_shot(clip.pose, 15.0, lens)))), clip

@@ -35,7 +35,7 @@ FLOORS = {
 LIGHT = {"numpy", "array_api_compat", "tyro", "rich"}  # what run-time modules may import at once
 TRAINING_ONLY = (
     *("bodysense.models", "bodysense.training", "bodysense.data.store"),
-    *("bodysense.evaluation.variants", "bodysense.evaluation.body_vae"),
+    *("bodysense.evaluation.variants", "bodysense.evaluation.body_vae", "bodysense.evaluation.arm_table"),
 )
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 
+from bodysense.body.glove import glove_marker
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
@@ -114,15 +116,35 @@ def check_observation(observation: Observation, name: str = "observation") -> Ob
     return observation
 
 
+def without_gloves(observation: Observation) -> Observation:
+    """The same without the markers of gloves."""
+    return chosen_points(observation, [k for k, name in enumerate(observation.points) if not glove_marker(name)])
+
+
+def chosen_points(observation: Observation, places: Sequence[int]) -> Observation:
+    """The points of an observation at some places."""
+    return Observation(
+        points=tuple(observation.points[k] for k in places),
+        position=observation.position[..., places, :],
+        rotation=observation.rotation[..., places, :],
+        has_position=observation.has_position[..., places],
+        has_rotation=observation.has_rotation[..., places],
+        time=observation.time,
+    )
+
+
 def observed_points(
     observation: Observation, skeleton: Skeleton
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Position, rotation and their masks for every point of a skeleton, in its order; what was not observed is hidden.
 
-    Raises BodysenseError for a point that the skeleton does not have.
+    A glove's markers are no points of a skeleton and are left out. Raises BodysenseError for any other point that the
+    skeleton does not have.
     """
     if observation.points == skeleton.points:
         return observation.position, observation.rotation, observation.has_position, observation.has_rotation
+    if any(map(glove_marker, observation.points)):
+        observation = without_gloves(observation)
     place = skeleton.indices(observation.points)
     batch, count = observation.position.shape[:-2], len(skeleton.points)
     position, rotation = np.full((*batch, count, 3), np.nan), np.full((*batch, count, 4), np.nan)

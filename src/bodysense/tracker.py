@@ -15,8 +15,9 @@ import numpy as np
 
 from bodysense.body.damping import settle
 from bodysense.body.ik import IkSettings, IkState, InverseKinematics
-from bodysense.body.pose import Pose
+from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.products import CONJUGATE, exp, log, multiply, world_rotation
+from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.observation import Estimate, Estimator, Observation, observed_points
 
@@ -108,8 +109,8 @@ class Tracker:
         estimate, estimator_state = self.estimator.step(observation, state.estimator)
         _, rotation, has_position, has_rotation = observed_points(observation, self.estimator.skeleton)
         aims, aim_weight = self._aims(estimate, rotation, has_rotation)
-        if estimate.pose is not None:  # such an estimator may have refused what was tracked
-            has_position = has_position & (estimate.occluded < 0.5)
+        if estimate.pose is not None:  # such an estimator says itself what it took as tracked, by gloves too
+            has_position = estimate.occluded < 0.5
         weight = self._weight(estimate.confidence, has_position)
         roots, rotations = [], []
         for t, time in enumerate(observation.time):
@@ -193,6 +194,27 @@ class Tracker:
         """The state of a body that is shown as it was solved."""
         still = np.zeros((len(self.estimator.skeleton.joints), 3))
         return TrackerState(state.estimator, ik, missed, time, pose.root_position, pose.rotation, np.zeros(3), still)
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """A tracker as an estimator: its estimates have the tracker's pose and stand where that has them."""
+
+    tracker: Tracker
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The body that is completed."""
+        return self.tracker.estimator.skeleton
+
+    def start(self) -> TrackerState:
+        """The state before the first frame."""
+        return self.tracker.start()
+
+    def step(self, observation: Observation, state: TrackerState) -> tuple[Estimate, TrackerState]:
+        """Complete and track the next T frames."""
+        pose, estimate, state = self.tracker.step(observation, state)
+        return replace(estimate, position=forward_kinematics(pose)[0], pose=pose), state
 
 
 def smooth(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
 
-from bodysense.body.hand import hand_skeleton
+from bodysense.body.hand import Side, hand_skeleton
 from bodysense.body.pose import Pose, as_like, forward_kinematics
 from bodysense.body.rotation import Array, quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
@@ -90,3 +91,30 @@ def template(glove: Glove, hand: Skeleton) -> np.ndarray:
     rest = np.zeros((len(hand.joints), 4))
     rest[:, 0] = 1.0
     return np.asarray(marker_positions(glove, Pose(hand, np.zeros(3), rest)))
+
+
+@lru_cache(maxsize=64)
+def glove_points(hand: str) -> tuple[str, ...]:
+    """Names of a hand's markers as points of an observation: 'left_glove_pinky_base' … for the hand 'left'."""
+    side_of(hand)
+    return tuple(f"{hand}_glove_{marker}" for marker in MARKERS)
+
+
+@lru_cache(maxsize=4096)
+def glove_marker(point: str) -> tuple[str, str] | None:
+    """The hand and the marker that a point's name says; None for a point that is no marker of a glove."""
+    hand, _, marker = point.partition("_glove_")
+    return (hand, marker) if marker in MARKERS and hand.startswith(("left", "right")) else None
+
+
+def glove_hands(points: Iterable[str]) -> tuple[str, ...]:
+    """The hands whose markers are among the points, in order of first mention."""
+    return tuple(dict.fromkeys(found[0] for found in map(glove_marker, points) if found))
+
+
+def side_of(hand: str) -> Side:
+    """Whether a hand, 'left', 'right', 'left2' …, is a left or a right one."""
+    for side in ("left", "right"):
+        if hand.startswith(side):
+            return side
+    raise BodysenseError(f"glove: the hand {hand!r} is neither left nor right; begin its name with 'left' or 'right'")

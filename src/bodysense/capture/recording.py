@@ -15,7 +15,7 @@ import numpy as np
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
-from bodysense.observation import Observation, check_observation
+from bodysense.observation import Observation, check_observation, without_gloves
 
 FORMAT = "bodysense recording 1"
 _SKELETON = ("joints", "end_sites", "parents", "rest_offset")
@@ -81,7 +81,7 @@ def _check(path: Path, recording: Recording) -> None:
             f"{path}: position has shape {seen.position.shape}; a recording is of one motion, {wanted}"
         )
     try:
-        recording.skeleton.indices(seen.points)
+        recording.skeleton.indices(without_gloves(seen).points)
     except BodysenseError as error:
         raise BodysenseError(f"{path}: {error}") from None
 

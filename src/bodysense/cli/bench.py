@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from tyro.extras import SubcommandApp
@@ -15,8 +15,7 @@ from bodysense.cli import arms
 from bodysense.errors import BodysenseError
 
 if TYPE_CHECKING:
-    from bodysense.observation import Estimator, Observation
-    from bodysense.tracker import Tracker
+    from bodysense.observation import Observation
 
 
 def commands() -> SubcommandApp:
@@ -24,6 +23,7 @@ def commands() -> SubcommandApp:
     group = SubcommandApp()
     group.command(step)
     group.command(three_point)
+    group.command(gloves)
     group.command(ik)
     group.command(occlusion)
     group.command(bvh)
@@ -87,8 +87,35 @@ def three_point(frames: int = 3000, tracker: bool = True, model: Path | None = N
     report("three points", numbers | {"rss_mb": resident_memory()}, json)
 
 
-def _streamed(method: Estimator | Tracker, observation: Observation) -> Callable[[int], None]:
-    """Takes the n-th frame of an observation that begins anew whenever it ends."""
+def gloves(frames: int = 3000, json: Path | None = None) -> None:
+    """Time gloves with one hidden marker a hand, a frame at a time, everything included: one hand, then two.
+
+    Which marker is hidden changes every half second. `all` is with none hidden. The step that moves hands and fingers
+    out of each other is timed in `contact` alone.
+
+    Args:
+        frames: Frames to time of each, after 100 to warm up.
+        json: Write the numbers here, as one flat object.
+    """
+    from bodysense.cli.glove_stream import glove_stream
+    from bodysense.estimators.gloves.hands import Hands, HandsSettings, load_glove_models
+
+    numbers, models = {}, load_glove_models()
+    for name, hands in (("one_hand", ("left",)), ("two_hands", ("left", "right"))):
+        skeletons, hidden = glove_stream(hands, frames=600, hidden=1)
+        _, whole = glove_stream(hands, frames=600, hidden=0)
+        for label, observation, settings in (
+            ("", hidden, HandsSettings(contact=None)),
+            ("_all", whole, HandsSettings(contact=None)),
+            ("_contact", hidden, HandsSettings()),
+        ):
+            taken = percentiles(_streamed(Hands(skeletons, models, settings), observation), frames)
+            numbers |= {f"{name}{label}_{key}": value for key, value in taken.items()}
+    report("gloves", numbers | {"rss_mb": resident_memory()}, json)
+
+
+def _streamed(method: Any, observation: Observation) -> Callable[[int], None]:
+    """Takes the n-th frame of an observation that begins anew whenever it ends: by an estimator, a tracker, hands."""
     state = method.start()
     single = [observation[place : place + 1] for place in range(len(observation))]
 

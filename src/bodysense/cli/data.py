@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 from tyro.extras import SubcommandApp
 
+from bodysense.cli.render import render
 from bodysense.data.layouts import Layout
 from bodysense.occlusion.headset_camera import HeadsetCamera
 
@@ -23,7 +24,7 @@ Folder = Annotated[Path, tyro.conf.Positional]
 def commands() -> SubcommandApp:
     """The group's commands."""
     group = SubcommandApp()
-    for command in (info, prepare, sources):
+    for command in (info, prepare, sources, render):
         group.command(command)
     return group
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 from tyro.extras import SubcommandApp
 
-from bodysense.cli import evaluate_more, unoc
+from bodysense.cli import arms, evaluate_more, gloves, render, unoc
 from bodysense.cli.options import tracker_settings
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
@@ -20,7 +20,10 @@ def commands() -> SubcommandApp:
     group.command(evaluate_more.finger_synthesis)
     group.command(evaluate_more.three_point)
     group.command(evaluate_more.hmd_vae)
+    group.command(arms.pahmt_table1)
+    group.command(render.video_rendered)
     unoc.add_commands(group)
+    gloves.add_commands(group)
     return group
 
 

@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from bodysense.cli.markers import (
+    NO_OPTIONS,
+    MarkerOptions,
+    check_gloves_of,
+    gloved,
+    has_gloves,
+    recording_of_markers,
+    simulated_gloves,
+)
 from bodysense.cli.options import tracker_settings
+from bodysense.cli.video import NO_VIDEO, VideoOptions, track_video
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 
@@ -20,7 +30,7 @@ if TYPE_CHECKING:
     from bodysense.data.clip import Clip
     from bodysense.observation import Estimator
 
-Device = Literal["headset-camera", "three-point", "head-only"]
+Device = Literal["headset-camera", "three-point", "head-only", "gloves"]
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 MotionFile = Annotated[Path, tyro.conf.Positional]
 
@@ -85,17 +95,18 @@ def simulate(
 
     Args:
         file: A .bvh or AMASS .npz motion.
-        out: The recording: .npz or .jsonl (docs/recording.md).
+        out: The recording: .npz or .jsonl (docs/recording.md); of gloves also .csv or .c3d (docs/gloves.md).
         device: What watches the body.
         height: Metres; scales the body, for files that do not say how tall it is.
     """
     from rich.console import Console
 
-    from bodysense.capture.recording import write_recording
+    from bodysense.cli.markers import write_seen
 
     check_place(out)
-    recording = simulated(load_clip(file, height), device)
-    write_recording(out, recording)
+    clip = load_clip(file, height)
+    recording = simulated(clip, device)
+    write_seen(out, recording, clip.frame_rate)
     seen = recording.observation.has_position.mean()
     Console().print(f"wrote {out}: {len(recording.observation)} frames, {seen:.0%} of points seen", highlight=False)
 
@@ -110,13 +121,16 @@ def track(
     fingers: Literal["tracked", "synthesize"] = "tracked",
     samples: int | None = None,
     seed: int = 1,
+    gloves: Annotated[MarkerOptions, tyro.conf.arg(name="")] = NO_OPTIONS,
+    video: Annotated[VideoOptions, tyro.conf.arg(name="")] = NO_VIDEO,
 ) -> None:
-    """Complete a recording, or a motion seen by a simulated device, and write it as BVH.
+    """Complete a recording, a video, or a motion seen by a simulated device, and write it as BVH.
 
-    A recording of head and wrists alone is completed by the three-point network.
+    A recording of head and wrists alone is completed by the three-point network, the markers of gloves by theirs.
 
     Args:
-        file: A recording (.npz, .jsonl), or with --device a motion (.bvh, AMASS .npz).
+        file: A recording (.npz, .jsonl), the markers of gloves (.csv, .c3d), a video (docs/video.md: a file, a folder
+            of images, or a webcam's index), or with --device a motion (.bvh, AMASS .npz).
         out: The completed motion, .bvh.
         device: What watches the body, where the file is a motion.
         model: A network written by `bodysense train`; the packaged one by default.
@@ -133,7 +147,9 @@ def track(
     from rich.progress import track as progress
 
     from bodysense.body.pose import Pose
+    from bodysense.capture.markers import is_marker_file
     from bodysense.capture.recording import is_recording
+    from bodysense.capture.video import is_video
     from bodysense.data.bvh import write_bvh
     from bodysense.data.clip import Clip
     from bodysense.data.resample import at_constant_rate
@@ -144,16 +160,28 @@ def track(
     check_place(out)
     if out.suffix.lower() != ".bvh":
         raise BodysenseError(f"{out}: the output ends in {out.suffix or 'nothing'!r}; give a name that ends in .bvh")
+    if is_video(str(file)):
+        if device is not None or half_life is not None or fingers == "synthesize" or samples is not None:
+            raise BodysenseError(f"{file}: --device, --half-life, --fingers and --samples are not for videos")
+        if height == "headset" or gloves != NO_OPTIONS:
+            raise BodysenseError(f"{file}: give --height in metres for a video, and no options of markers")
+        track_video(str(file), out, video, model, height)
+        return
+    if video != NO_VIDEO:
+        raise BodysenseError(f"{file}: not a video; --overlay, --arms, --people and their like are for videos")
     if height == "headset" and (device is not None or not is_recording(file)):
         raise BodysenseError(f"{file}: --height headset is for recordings of head and wrists; give metres, or none")
     if samples is not None:
         _check_samples(samples, fingers == "synthesize", half_life is not None)
-    if device is None and fingers == "synthesize" and file.is_file() and not is_recording(file):
+    is_motion = file.is_file() and not is_recording(file) and not is_marker_file(file)
+    if device is None and fingers == "synthesize" and is_motion:
         clip = synthesize(load_clip(file, _metres(height)), load_point_model("fingers", model))
         write_bvh(out, replace(clip, name=out.stem))
         print(f"wrote {out}: {len(clip)} frames with synthesized fingers")
         return
-    recording = _recording(file, device, height)
+    recording = _recording(file, device, height, gloves)
+    if has_gloves(recording.observation):
+        check_gloves_of(recording, file, fingers == "synthesize", samples, model)
     if samples is not None:
         from bodysense.cli.samples import write_samples
 
@@ -202,6 +230,8 @@ def simulated(clip: Clip, device: Device) -> Recording:
     from bodysense.capture.recording import Recording
     from bodysense.occlusion import headset_camera, three_point
 
+    if device == "gloves":
+        return simulated_gloves(clip)
     if device == "headset-camera":
         observation = headset_camera.observe(clip.pose, clip.time)
     else:
@@ -213,14 +243,21 @@ def _metres(height: float | Literal["headset"] | None) -> float | None:
     return None if height == "headset" else height
 
 
-def _recording(file: Path, device: Device | None, height: float | Literal["headset"] | None) -> Recording:
+def _recording(
+    file: Path, device: Device | None, height: float | Literal["headset"] | None, gloves: MarkerOptions
+) -> Recording:
     """A recording, or what a device records of a motion; checked for what would come out of it."""
+    from bodysense.capture.markers import is_marker_file
     from bodysense.capture.recording import is_recording, read_recording
 
     if device is not None:
         recording = simulated(load_clip(file, _metres(height)), device)
     elif not file.is_file():
         raise BodysenseError(f"{file}: no such file")
+    elif is_marker_file(file):
+        recording = recording_of_markers(file, gloves, _metres(height))
+    elif gloves != NO_OPTIONS:
+        raise BodysenseError(f"{file}: --names, --unit, --up and their like are for marker files, .csv and .c3d")
     elif is_recording(file):
         recording = read_recording(file)
         if height is not None:
@@ -245,10 +282,16 @@ def _check_samples(samples: int, fingers: bool, smoothed: bool) -> None:
 
 
 def _estimator(recording: Recording, model: Path | None, half_life: float | None) -> Estimator:
-    """What completes a recording: of head and wrists alone the three-point network, otherwise the body network."""
-    from bodysense.estimators.learned import Learned, load_model
-    from bodysense.estimators.three_point import ThreePoint, load_three_point
+    """What completes a recording: of head and wrists alone the three-point network, otherwise the body network.
 
+    Hands with gloves are completed by theirs.
+    """
+    from bodysense.estimators.learned import Learned, load_model
+    from bodysense.estimators.three_point import ThreePoint
+    from bodysense.estimators.three_point_answers import load_three_point
+
+    if has_gloves(recording.observation):
+        return gloved(recording, lambda rest: _estimator(rest, model, half_life), half_life)
     if not _is_three_point(recording):
         return Learned(load_model(model), recording.skeleton)
     if half_life is not None:
@@ -260,9 +303,11 @@ def _estimator(recording: Recording, model: Path | None, half_life: float | None
 
 
 def _is_three_point(recording: Recording) -> bool:
+    from bodysense.observation import without_gloves
     from bodysense.occlusion.three_point import POINTS
 
-    return set(recording.observation.points) <= set(POINTS)
+    body = without_gloves(recording.observation).points
+    return bool(body) and set(body) <= set(POINTS)
 
 
 def _head_height(recording: Recording) -> np.ndarray:

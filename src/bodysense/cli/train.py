@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import tyro
 from tyro.extras import SubcommandApp
 
-from bodysense.cli import hmd_vae, train_more
+from bodysense.cli import arms, hmd_vae, train_gloves, train_more
 from bodysense.errors import BodysenseError
 
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
@@ -24,6 +24,9 @@ def commands() -> SubcommandApp:
     group.command(train_more.upper_body)
     group.command(train_more.three_point)
     group.command(hmd_vae.hmd_vae)
+    group.command(train_gloves.gloves)
+    group.command(arms.arms)
+    group.command(arms.arms_table)
     group.command(card)
     return group
 

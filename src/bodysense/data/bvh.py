@@ -108,18 +108,23 @@ def write_bvh(path: str | Path, clip: Clip, unit: float = 0.01, order: str = "ZX
         raise BodysenseError(f"order {order!r} must name X, Y and Z once each, e.g. 'ZXY'")
     if not (np.isfinite([frame_rate, unit]).all() and frame_rate > 0 and unit > 0):
         raise BodysenseError(f"frame rate {frame_rate:g} Hz and unit {unit:g} m must be positive")
-    hierarchy, written = _hierarchy_text(pose.skeleton, unit, order)
-    row = " ".join(["%.6f"] * (3 + 3 * len(written))) + "\n"
+    hierarchy, written = hierarchy_text(pose.skeleton, unit, order)
     with written_beside(path) as part, part.open("w", encoding="utf-8", newline="\n") as file:
         file.write(f"{hierarchy}MOTION\nFrames: {len(rotation)}\nFrame Time: {1 / frame_rate:.10g}\n")
         for start in range(0, len(rotation), _BLOCK):
             block = slice(start, start + _BLOCK)
-            angles = np.rad2deg(quaternion_to_euler(rotation[block][:, written], order))
-            values = np.concatenate([root[block] / unit, angles.reshape(len(angles), -1)], axis=1)
-            file.write(row * len(values) % tuple(values.ravel().tolist()))  # one formatting call, for speed
+            file.write(motion_text(root[block], rotation[block][:, written], unit, order))
 
 
-def _hierarchy_text(skeleton: Skeleton, unit: float, order: str) -> tuple[str, list[int]]:
+def motion_text(root: np.ndarray, rotation: np.ndarray, unit: float, order: str) -> str:
+    """Lines of the MOTION section: root (T, 3) m, local rotations (T, J, 4) in the order of the HIERARCHY section."""
+    angles = np.rad2deg(quaternion_to_euler(rotation, order))
+    values = np.concatenate([root / unit, angles.reshape(len(angles), -1)], axis=1)
+    row = " ".join(["%.6f"] * values.shape[1]) + "\n"
+    return row * len(values) % tuple(values.ravel().tolist())  # one formatting call, for speed
+
+
+def hierarchy_text(skeleton: Skeleton, unit: float, order: str) -> tuple[str, list[int]]:
     """The HIERARCHY section, and the joints in the order in which they stand there."""
     odd = [name for name in skeleton.joints if name != name.strip() or not name or any(c in name for c in "{}\r\n")]
     if odd:

@@ -1,4 +1,4 @@
-"""Work on clips in several processes, results in the order of the clips."""
+"""Work on clips, or anything else, in several processes, results in order."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import TypeVar
 
-from bodysense.data.clip import Clip
-
+Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-def spread(work: Callable[[Clip], Result], clips: Iterable[Clip], jobs: int) -> Iterator[tuple[Clip, Result]]:
+def spread(work: Callable[[Item], Result], clips: Iterable[Item], jobs: int) -> Iterator[tuple[Item, Result]]:
     """Every clip with what `work` made of it, in order, from `jobs` processes (1: this one).
 
     `work` must pickle. No more than a few clips wait in memory.
@@ -24,7 +23,7 @@ def spread(work: Callable[[Clip], Result], clips: Iterable[Clip], jobs: int) -> 
         return
     # Spawned, not forked: a fork of a process that has threads (a progress bar, BLAS, PyTorch) can hang.
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        waiting: deque[tuple[Clip, Future[Result]]] = deque()
+        waiting: deque[tuple[Item, Future[Result]]] = deque()
         for clip in clips:
             waiting.append((clip, pool.submit(work, clip)))
             if len(waiting) > 2 * jobs:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.body.capsules import PlacedPrimitives
+from bodysense.body.segments import nearest_shares
 
 _SLACK = 1e-4  # m: the quick test runs in single precision and lets near misses pass
 _TINY = 1e-30  # keeps divisions by zero finite
@@ -84,16 +85,11 @@ def segment_meets_capsule(target: np.ndarray, start: np.ndarray, along: np.ndarr
 def segment_distance_squared(
     start: np.ndarray, along: np.ndarray, other: np.ndarray, other_along: np.ndarray
 ) -> np.ndarray:
-    """Squared distance (...) of the segments from `start` on `along` and from `other` on `other_along`, all (3, ...).
-
-    Ericson 2005, Real-Time Collision Detection, 5.1.9.
-    """
+    """Squared distance (...) of segments from `start` on `along` and from `other` on `other_along`, all (3, ...)."""
     between = start - other
     uu, vv, uv = _dot(along, along), _dot(other_along, other_along), _dot(along, other_along)
     uw, vw = _dot(along, between), _dot(other_along, between)
-    s = np.clip((uv * vw - uw * vv) / np.maximum(uu * vv - uv * uv, _TINY), 0, 1)
-    t = np.clip((uv * s + vw) / np.maximum(vv, _TINY), 0, 1)
-    s = np.clip((uv * t - uw) / np.maximum(uu, _TINY), 0, 1)
+    s, t = nearest_shares(uu, vv, uv, uw, vw)
     gap = between + s * along - t * other_along
     return _dot(gap, gap)
 

@@ -11,7 +11,8 @@ from typing import Any
 import onnx
 
 from bodysense.errors import BodysenseError
-from bodysense.estimators import body_vae, learned, point_model, three_point
+from bodysense.estimators import body_vae, learned, point_model, three_point_answers
+from bodysense.estimators.gloves import networks as glove
 from bodysense.files import written_beside
 
 Numbers = Mapping[str, float]
@@ -95,6 +96,9 @@ def fields_read(fields: Mapping[str, str]) -> dict[str, Any]:
 def form(card: Mapping[str, Any]) -> str:
     """What kind of network it is, and how large."""
     network = card["network"]
+    if "reads_hand" in network:
+        memory = f"GRU of {network['memory']}, then " if network.get("memory") else ""
+        return f"{card['form']}: {memory}layers of {', '.join(str(width) for width in network['layers'])}"
     if "hidden" not in network:
         return f"model {network['model']}: β {network['beta']:g}, d {network['latent']}, {network['blocks']} blocks"
     layers = network.get("layers", 1)
@@ -169,6 +173,21 @@ def _vae_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
     ]
 
 
+def _cells(test: Numbers, prefix: str) -> list[tuple[str, ...]]:
+    """Rows of figures by hidden markers, columns by duration."""
+    durations = ("0.1", "0.2", "0.5", "1.0", "2.0")
+    return [(str(n), *(f"{test[f'{prefix}_{n}_{duration}_cm']:.2f}" for duration in durations)) for n in (1, 2, 3, 4)]
+
+
+def _glove_marker_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    return _cells(test, "nn")
+
+
+def _glove_joint_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    return [("0", f"{test['nn_0_cm']:.2f}", "", "", "", ""), *_cells(test, "nn")]
+
+
+_DURATIONS = ("hidden markers", "0.1 s", "0.2 s", "0.5 s", "1 s", "2 s")
 _NOBODY = "identifying people, medical judgement."
 KINDS = {
     (learned.FORMAT, ""): Kind(
@@ -196,13 +215,29 @@ KINDS = {
         _upper_rows,
         f"legs, of which it knows nothing; floors that are not at y = 0; {_NOBODY}",
     ),
-    (three_point.FORMAT, ""): Kind(
+    (three_point_answers.FORMAT, ""): Kind(
         "A whole body, in rotations, from a headset and two hands, each hand where it is tracked.",
         "bodysense evaluate three-point",
         "Test people, main motions",
         ("what", "figure"),
         _three_point_rows,
         f"floors that are not at y = 0; {_NOBODY}",
+    ),
+    (glove.MARKER_FORMAT, ""): Kind(
+        "Fills hidden markers of a glove from those that are seen (Pavllo et al. 2019, section 3.2.2).",
+        "bodysense evaluate gloves-table3",
+        "Test actions, main motions, error of hidden markers on the last frame before they return, cm",
+        _DURATIONS,
+        _glove_marker_rows,
+        f"gloves with markers in other places; hands that hold things; {_NOBODY}",
+    ),
+    (glove.JOINT_FORMAT, ""): Kind(
+        "Tells the 26 angles of a hand from the nine markers of a glove (Pavllo et al. 2019, section 3.2.3).",
+        "bodysense evaluate gloves-table4",
+        "Test actions, main motions, error of the joints of fingers through the whole pipeline, cm",
+        _DURATIONS,
+        _glove_joint_rows,
+        f"gloves with markers in other places; hands that hold things; {_NOBODY}",
     ),
     (body_vae.FORMAT, ""): Kind(
         "Draws whole bodies, several for one signal of head and hands or from nothing (HMD-VAE, Dittadi et al. 2021).",

@@ -80,8 +80,12 @@ def export(
     format: str,
     card: dict[str, Any],
     path: Path,
+    dynamic_shapes: tuple[dict[int, Any], ...] | None = None,
 ) -> None:
-    """Write one step of a network with its card; large weights in half precision. The file appears whole or not."""
+    """Write one step of a network with its card; large weights in half precision. The file appears whole or not.
+
+    `dynamic_shapes` are the axes (torch.export.Dim) of each input that may have any length.
+    """
     with written_beside(path) as beside:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -95,6 +99,7 @@ def export(
                 dynamo=True,
                 external_data=False,
                 verbose=False,
+                dynamic_shapes=dynamic_shapes,
             )
         written = _halve(onnx.load(str(beside)))
         fields = {"format": format} | {key: json.dumps(value) for key, value in card.items()}

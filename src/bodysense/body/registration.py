@@ -1,0 +1,177 @@
+"""Where a hand is: the rigid motion that takes known points best onto markers (two-hands, 2.2, equations 1 and 2)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bodysense.body.products import MATRIX
+
+# What the markers leave open, such as the turn about a line of two, is as in the rotation given before: it is pulled
+# toward that by this much, m². Three markers 3 cm apart pull with 1e-3 m².
+_PULL = 1e-9
+_PULLED = _PULL * np.eye(3)
+_FEW = 4  # hands, to which `_turns` is faster
+
+
+def _quadratic() -> np.ndarray:
+    """(9, 16): of S = Σ template·markerᵀ, row by row, the matrix N whose quadratic form qᵀNq the rotation maximises.
+
+    Horn, Closed-form solution of absolute orientation using unit quaternions, 1987.
+    """
+    form = np.zeros((3, 3, 4, 4))
+    for i in range(3):
+        form[i, i, 0, 0] = 1.0
+        for j in range(3):
+            form[i, j, 1 + i, 1 + j] += 1.0
+            form[i, j, 1 + j, 1 + i] += 1.0
+        form[i, i, 1:, 1:] -= np.eye(3)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        for sign, (a, b) in ((1.0, (i, j)), (-1.0, (j, i))):
+            form[a, b, 0, 1 + k] += sign
+            form[a, b, 1 + k, 0] += sign
+    return form.reshape(9, 16)
+
+
+_QUADRATIC = _quadratic()
+
+
+def register(
+    template: np.ndarray,
+    markers: np.ndarray,
+    known: np.ndarray,
+    last: tuple[np.ndarray, np.ndarray] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rotations (H, 3, 3) and translations (H, 3) m with markers ≈ rotation · template + translation.
+
+    The least squares over the known markers, always a proper rotation: Kabsch's problem, solved with quaternions.
+    Where two markers, one, or points of a line leave a turn open, it is the one nearest to `last`; where nothing is
+    known, all is as in `last`.
+
+    Args:
+        template: (M, 3) or (H, M, 3) m, points on the hand.
+        markers: (H, M, 3) m; anything where not known.
+        known: (H, M) bool.
+        last: the rotations and translations before; by default the identity at the origin.
+    """
+    seen = np.where(known[..., None], markers, 0.0)
+    return fit(levers(template, known), seen, last)[1:]
+
+
+class Levers(NamedTuple):
+    """What registering needs of the template and of which markers are known."""
+
+    lever: np.ndarray  # (H, 4, M) of each marker, weighted: from the template's mean, m; and 1
+    base: np.ndarray  # (H, 1, 3) m, the template's mean
+    loose: bool  # whether some hand has so few markers that they may leave a turn open
+    empty: np.ndarray | None  # (H,) bool, where nothing is known; None where something is in all
+
+
+def levers(template: np.ndarray, known: np.ndarray) -> Levers:
+    """Of a template (M, 3) or (H, M, 3) m and known (H, M)."""
+    count = known.sum(axis=1)
+    weight = (known / np.maximum(count, 1)[:, None])[:, None]
+    base = weight @ template
+    lever = np.concatenate([(template - base).swapaxes(1, 2) * weight, weight], axis=1)
+    return Levers(lever, base, bool((count < 4).any()), None if count.all() else count == 0)
+
+
+def fit(
+    levers: Levers, seen: np.ndarray, last: tuple[np.ndarray, np.ndarray] | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`register` with the rotations as quaternions (H, 4) wxyz before them; markers `seen` (H, M, 3) without NaN."""
+    drawn = levers.lever @ seen  # Σ lever is 0: the markers' mean need not be taken off
+    hands, spread = len(drawn), drawn[:, :3]
+    if levers.loose:
+        spread = spread + (_PULLED if last is None else _PULL * last[0].swapaxes(1, 2))
+    turns = _turns(spread) if hands <= _FEW else None
+    if turns is None:
+        quaternion = np.linalg.eigh((spread.reshape(hands, 9) @ _QUADRATIC).reshape(hands, 4, 4))[1][:, :, 3]
+        rotation = to_matrix(quaternion)
+    else:
+        quaternion, rotation = turns[:, :4], turns[:, 4:].reshape(hands, 3, 3)
+    translation = (drawn[:, 3:] - levers.base @ rotation.swapaxes(1, 2))[:, 0]
+    if levers.empty is not None:
+        origin = np.zeros(3) if last is None else last[1]
+        translation = np.where(levers.empty[:, None], origin, translation)
+    return quaternion, rotation, translation
+
+
+def _turns(spread: np.ndarray) -> np.ndarray | None:
+    """(H, 13) the quaternions and matrices of a few hands, number by number; None where one is not well determined.
+
+    Theobald, Rapid calculation of RMSDs using a quaternion-based characteristic polynomial, 2005: for a hand or two a
+    fraction of the time that eigenvectors take.
+    """
+    turns = []
+    for (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) in spread.tolist():
+        # The quadratic form, symmetric: (a b c d), (b e f g), (c f h i), (d g i j).
+        a, b, c, d = xx + yy + zz, yz - zy, zx - xz, xy - yx
+        e, f, g, h, i, j = xx - yy - zz, xy + yx, zx + xz, yy - xx - zz, yz + zy, zz - xx - yy
+        size = xx * xx + xy * xy + xz * xz + yx * yx + yy * yy + yz * yz + zx * zx + zy * zy + zz * zz
+        linear = -8 * (xx * (yy * zz - yz * zy) - xy * (yx * zz - yz * zx) + xz * (yx * zy - yy * zx))
+        s0, s1, s2, s3, s4, s5, c0, c1, c2, c3, c4, c5 = _minors(a, b, c, d, e, f, g, h, i, j)
+        constant = s0 * c5 - s1 * c4 + s2 * c3 + s3 * c2 - s4 * c1 + s5 * c0
+        root = (3 * size) ** 0.5  # not below the largest eigenvalue, so that Newton's method comes down to it
+        for _ in range(30):
+            square = root * root
+            slope = 4 * root * (square - size) + linear
+            if slope <= 0:
+                return None
+            step = (square * (square - 2 * size) + linear * root + constant) / slope
+            root -= step
+            if step < 1e-13 * root:
+                break
+        a, e, h, j = a - root, e - root, h - root, j - root
+        s0, s1, s2, s3, s4, s5, c0, c1, c2, c3, c4, c5 = _minors(a, b, c, d, e, f, g, h, i, j)
+        # The adjugate is the eigenvector's outer product with itself: of its columns the longest.
+        parts = (e * c5 - f * c4 + g * c3, a * c5 - c * c2 + d * c1, d * s4 - g * s2 + j * s0, c * s3 - f * s1 + h * s0)
+        least = min(parts)  # the form is negative: so are the diagonal's parts
+        if least == parts[0]:
+            column = (least, c * c4 - b * c5 - d * c3, g * s5 - i * s4 + j * s3, h * s4 - f * s5 - i * s3)
+        elif least == parts[1]:
+            column = (c * c4 - b * c5 - d * c3, least, i * s2 - d * s5 - j * s1, c * s5 - h * s2 + i * s1)
+        elif least == parts[2]:
+            column = (b * c4 - e * c2 + g * c0, b * c2 - a * c4 - d * c0, least, f * s2 - c * s4 - i * s0)
+        else:
+            column = (e * c1 - b * c3 - f * c0, a * c3 - b * c1 + c * c0, g * s1 - d * s3 - i * s0, least)
+        length = -((column[0] ** 2 + column[1] ** 2 + column[2] ** 2 + column[3] ** 2) ** 0.5)
+        if not length < -1e-4 * size * root:
+            return None
+        turns.append(_with_matrix(*(part / length for part in column)))
+    return np.array(turns)
+
+
+def _minors(
+    a: float, b: float, c: float, d: float, e: float, f: float, g: float, h: float, i: float, j: float
+) -> tuple[float, ...]:
+    """The 2 × 2 minors of the upper two rows (columns 01, 02, 03, 12, 13, 23), then of the lower two."""
+    return (
+        *(a * e - b * b, a * f - c * b, a * g - d * b, b * f - c * e, b * g - d * e, c * g - d * f),
+        *(c * g - f * d, c * i - h * d, c * j - i * d, f * i - h * g, f * j - i * g, h * j - i * i),
+    )
+
+
+def _with_matrix(w: float, x: float, y: float, z: float) -> tuple[float, ...]:
+    """A unit quaternion and its matrix, row by row."""
+    ww, xx, yy, zz, wx, wy, wz = w * w, x * x, y * y, z * z, 2 * w * x, 2 * w * y, 2 * w * z
+    xy, yz, zx = 2 * x * y, 2 * y * z, 2 * z * x
+    first, second = (ww + xx - yy - zz, xy - wz, zx + wy), (xy + wz, ww - xx + yy - zz, yz - wx)
+    return (w, x, y, z, *first, *second, zx - wy, yz + wx, ww - xx - yy + zz)
+
+
+def to_matrix(quaternion: np.ndarray) -> np.ndarray:
+    """Unit quaternions (..., 4) to matrices (..., 3, 3), in few calls."""
+    square = quaternion[..., :, None] * quaternion[..., None, :]
+    return (square.reshape(*quaternion.shape[:-1], 16) @ MATRIX).reshape(*quaternion.shape[:-1], 3, 3)
+
+
+def moved(points: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
+    """Points (H, M, 3) of the hand into the world."""
+    return points @ rotation.swapaxes(1, 2) + translation[:, None]
+
+
+def brought_back(points: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
+    """Points (H, M, 3) of the world into the hand: the inverse of `moved`."""
+    return (points - translation[:, None]) @ rotation

@@ -1,0 +1,65 @@
+"""Assignment: every row gets a column of its own, at the least cost in all."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def assignment(cost: np.ndarray) -> np.ndarray:
+    """Columns (R,) of R rows, all different, whose costs (R, C), R ≤ C, sum to the least; −1 where a cost is infinite.
+
+    Shortest augmenting paths (Jonker and Volgenant, 1987). As long as every row's cheapest column is its own, that is
+    the answer.
+    """
+    rows = len(cost)
+    if not rows:
+        return np.zeros(0, dtype=np.int64)
+    nearest = cost.argmin(axis=1)
+    if len(set(nearest.tolist())) < rows:
+        finite = np.isfinite(cost)
+        far = 1.0 + 2 * (rows + 1) * np.abs(cost[finite]).max(initial=1.0)  # dearer than any way around it
+        nearest = _shortest_paths(np.where(finite, cost, far))
+    return np.where(np.isfinite(cost[np.arange(rows), nearest]), nearest, -1)
+
+
+def assigned_or_none(cost: np.ndarray) -> np.ndarray:
+    """Columns (R,) of R rows as `assignment`, where a row may go without one, −1, at a cost of 1."""
+    count = cost.shape[1]
+    none = np.where(np.eye(len(cost), dtype=bool), 1.0, np.inf)
+    chosen = assignment(np.concatenate([cost, none], axis=1))
+    return np.where(chosen < count, chosen, -1)
+
+
+def cost_of(cost: np.ndarray, chosen: np.ndarray) -> float:
+    """What such an assignment (R,) costs (R, C) in all; no column costs more than none."""
+    return float(np.where(chosen >= 0, np.minimum(cost[np.arange(len(cost)), chosen], 1.0), 1.0).sum())
+
+
+def _shortest_paths(cost: np.ndarray) -> np.ndarray:
+    rows, columns = cost.shape
+    of_row, of_column = np.zeros(rows), np.zeros(columns)  # dual prices
+    row_at = np.full(columns, -1)
+    for row in range(rows):
+        distance, before = np.full(columns, np.inf), np.full(columns, -1)
+        done = np.zeros(columns, dtype=bool)
+        here, length, column = row, 0.0, -1
+        while here >= 0:
+            through = length + cost[here] - of_row[here] - of_column
+            shorter = ~done & (through < distance)
+            distance[shorter], before[shorter] = through[shorter], column
+            column = int(np.where(done, np.inf, distance).argmin())
+            length = distance[column]
+            done[column] = True
+            here = row_at[column]
+        of_row[row] += length
+        passed = done & (row_at >= 0)
+        of_row[row_at[passed]] += length - distance[passed]
+        of_column[done] -= length - distance[done]
+        while column >= 0:  # turn the path around: each of its columns goes to the row before
+            previous = int(before[column])
+            row_at[column] = row_at[previous] if previous >= 0 else row
+            column = previous
+    answer = np.empty(rows, dtype=np.int64)
+    taken = np.flatnonzero(row_at >= 0)
+    answer[row_at[taken]] = taken
+    return answer

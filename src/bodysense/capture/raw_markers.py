@@ -1,0 +1,184 @@
+"""Markers as a file or a stream has them, and the door: their names, unit and axes become ours."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from bodysense.body.glove import MARKERS, glove_marker, glove_points, side_of
+from bodysense.errors import BodysenseError
+from bodysense.observation import Observation, check_observation
+
+Unit = Literal["m", "cm", "mm"]
+Up = Literal["y", "z"]
+METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+# What the paper's release calls the markers of its left glove, in the order of `MARKERS`.
+_RELEASE = ("LEHAR", "LEHAL", "WHARHAR", "LRIF", "LBAF", "LMIF", "LINF", "LPAL", "LTHF")
+RELEASE_NAMES: dict[str, str] = dict(zip(_RELEASE, glove_points("left"), strict=True))
+_SHOWN = 6  # names that a message lists
+
+
+@dataclass(frozen=True, eq=False)
+class RawMarkers:
+    """Points as they were written: any names, unit and axes; NaN where missing."""
+
+    names: tuple[str, ...]
+    position: np.ndarray  # (T, M, 3)
+    time: np.ndarray  # (T,) s
+    frame_rate: float  # Hz
+    unit: Unit = "m"
+    # (3, 3): our axes, rows, in the file's. None: it does not say, and +Y is up.
+    axes: np.ndarray | None = field(default=None, repr=False)
+
+
+@dataclass(frozen=True)
+class MarkerFormat:
+    """What a file does not say of itself, or says wrongly. None takes the file's word: metres and +Y up for CSV."""
+
+    names: Mapping[str, str] | None = None  # its markers' names → ours, 'left_glove_index_tip' …
+    unit: Unit | None = None
+    up: Up | None = None
+    left_handed: bool = False  # axes as Unity's and Unreal's: the world is mirrored
+    rate: float | None = None  # Hz, of a CSV file without times
+
+    def __post_init__(self) -> None:
+        if self.rate is not None and not 0 < self.rate < float("inf"):
+            raise BodysenseError(f"{self.rate:g} Hz is no frame rate; give a positive number, e.g. 60")
+
+
+def read_names(path: str | Path) -> dict[str, str]:
+    """A table of names: JSON, {"LEHAR": "left_glove_pinky_base", …}, or CSV, one pair a line.
+
+    Raises BodysenseError for what is no such table, for a name that is no marker's and for one that stands twice.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not text in UTF-8"
+        raise BodysenseError(f"{path}: cannot be read ({reason}); give a table of names, .json or .csv") from None
+    if path.suffix.lower() == ".json":
+        try:
+            pairs = json.loads(text, object_pairs_hook=list)
+        except (ValueError, RecursionError):
+            raise BodysenseError(f"{path}: not JSON; give an object of names, theirs to ours") from None
+    else:
+        pairs = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if any(row)]
+    well_formed = isinstance(pairs, list) and all(
+        isinstance(pair, list | tuple) and len(pair) == 2 and all(isinstance(name, str) for name in pair)
+        for pair in pairs
+    )
+    if not well_formed or not pairs:
+        raise BodysenseError(f"{path}: a table of names has pairs: the marker's name in the file, and ours")
+    for theirs, ours in pairs:
+        if glove_marker(ours) is None:
+            raise BodysenseError(
+                f"{path}: {ours!r} (for {theirs!r}) is no marker; say '<hand>_glove_<marker>' with the hand 'left' or "
+                f"'right' and one of {', '.join(MARKERS)}"
+            )
+    for column in zip(*pairs, strict=True):
+        twice = [name for name in column if column.count(name) > 1]
+        if twice:
+            raise BodysenseError(f"{path}: {twice[0]!r} stands twice; every marker has one name")
+    return dict(pairs)
+
+
+def observed_markers(raw: RawMarkers, form: MarkerFormat, place: str) -> tuple[Observation, list[str]]:
+    """The markers that are known by name as an Observation, and what is to be said of the rest.
+
+    `place` names the file in messages. Raises BodysenseError for names that stand twice, for a file without a glove
+    and for times that do not increase.
+    """
+    ours = _our_names(raw, form, place)
+    here = [k for k, name in enumerate(ours) if name is not None]
+    remarks = []
+    others = [name for name, known in zip(raw.names, ours, strict=True) if known is None]
+    if others:
+        remarks.append(f"left out {_listed(others)}: no markers of a glove by name")
+    points = tuple(name for name in ours if name is not None)
+    for hand in dict.fromkeys(point.partition("_glove_")[0] for point in points):
+        missing = [name for name in glove_points(hand) if name not in points]
+        if missing:
+            remarks.append(f"the {hand} glove lacks {_listed([name.partition('_glove_')[2] for name in missing])}")
+    observation = points_alone(points, in_our_world(raw.position[:, here], raw, form), raw.time)
+    return check_observation(observation, place), remarks
+
+
+def points_alone(names: tuple[str, ...], position: np.ndarray, time: np.ndarray) -> Observation:
+    """An observation of positions (T, P, 3) m, world, without rotations; NaN where hidden."""
+    seen = np.asarray(np.isfinite(position).all(axis=-1))
+    return Observation(
+        points=names,
+        position=np.where(seen[..., None], position, np.nan),
+        rotation=np.full((*seen.shape, 4), np.nan),
+        has_position=seen,
+        has_rotation=np.zeros_like(seen),
+        time=time,
+    )
+
+
+def in_our_world(position: np.ndarray, raw: RawMarkers, form: MarkerFormat) -> np.ndarray:
+    """Positions (..., 3) of a file in our world: metres, +Y up, right-handed."""
+    unit = form.unit or raw.unit
+    axes = _AXES[form.up] if form.up is not None else _AXES["y"] if raw.axes is None else raw.axes
+    if form.left_handed:
+        axes = axes * [[-1.0], [1.0], [1.0]]
+    with np.errstate(invalid="ignore", over="ignore"):
+        return (position * METRES[unit]) @ axes.T
+
+
+_AXES = {"y": np.eye(3), "z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])}
+
+
+def _our_names(raw: RawMarkers, form: MarkerFormat, place: str) -> list[str | None]:
+    """Our name of every marker of a file, None for what is none."""
+    twice = [name for name in raw.names if raw.names.count(name) > 1]
+    if twice:
+        raise BodysenseError(f"{place}: the marker {twice[0]!r} stands twice; every marker has one name")
+    if form.names is not None:
+        absent = [theirs for theirs in form.names if theirs not in raw.names]
+        if absent:
+            raise BodysenseError(
+                f"{place}: no marker is named {absent[0]!r}, which the table of names has; "
+                f"there are {_listed(raw.names)}"
+            )
+    ours = [_our_name(name, form.names or {}) for name in raw.names]
+    known = [name for name in ours if name is not None]
+    if not known:
+        raise BodysenseError(
+            f"{place}: no marker of a glove among {_listed(raw.names)}; "
+            "give a table of names with --names (docs/gloves.md)"
+        )
+    twice = [name for name in known if known.count(name) > 1]
+    if twice:
+        pair = [theirs for theirs, name in zip(raw.names, ours, strict=True) if name == twice[0]]
+        raise BodysenseError(f"{place}: {_listed(pair)} are both {twice[0]!r}; every marker has one name")
+    for name in known:
+        side_of(name)
+    return ours
+
+
+def _our_name(name: str, table: Mapping[str, str]) -> str | None:
+    """By the table that is given, by its own sense, or as the paper's release calls it; 'Subject:' in front is off."""
+    bare = name.rpartition(":")[2].strip()
+    for candidate in (name, bare):
+        if candidate in table:
+            return table[candidate]
+    if table:
+        return name if glove_marker(name) and name not in table.values() else None
+    for candidate in (bare, bare.lower()):
+        if glove_marker(candidate):
+            return candidate
+    return RELEASE_NAMES.get(bare)
+
+
+def _listed(names: tuple[str, ...] | list[str]) -> str:
+    """Names in a sentence; of many the first."""
+    shown = ", ".join(repr(name) for name in names[:_SHOWN])
+    return shown if len(names) <= _SHOWN else f"{shown} and {len(names) - _SHOWN} more"

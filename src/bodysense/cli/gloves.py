@@ -1,0 +1,124 @@
+"""`bodysense evaluate gloves-…`: gloves with hidden markers (two-hands)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tyro.extras import SubcommandApp
+
+from bodysense.cli.glove_limits import gloves_limits
+from bodysense.cli.reporting import Common, Flat, checked, finish, progress_over
+from bodysense.errors import BodysenseError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bodysense.evaluation.datasets import DataSet
+
+
+def add_commands(group: SubcommandApp) -> None:
+    """Put these commands into `bodysense evaluate`."""
+    group.command(gloves_occlusion)
+    group.command(gloves_limits)
+    group.command(gloves_table3)
+    group.command(gloves_table4)
+
+
+def gloves_occlusion(data: str | None = None, cameras: int = 12, seed: int = 1, common: Flat = Common()) -> None:
+    """Two hands, Figs 13 and 14: how many markers of a glove are hidden at once, and for how long.
+
+    A ring of cameras looks at the hands; one hand, two hands, and what of the paper's statements holds.
+
+    Args:
+        data: A folder of motion files with fingers or a prepared store; NAME=FOLDER names it. Synthesised motion of two
+            hands by default.
+        cameras: In the ring; two must see a marker.
+        seed: Of the synthesised motion.
+        common: Common options.
+    """
+    from rich.progress import Progress
+
+    from bodysense.evaluation.datasets import Census, named_data
+    from bodysense.evaluation.glove_occlusion import (
+        SYNTHESISED_PIECES,
+        count_clips,
+        count_synthesised,
+        occlusion_report,
+    )
+    from bodysense.occlusion.camera_ring import CameraRing
+
+    jobs, ring = checked(common), CameraRing(count=cameras)
+    if data is not None:
+        chosen = named_data(data, common.split, common.quick)
+        with progress_over([chosen]) as advance:
+            counted, census = count_clips(chosen.clips(), ring, jobs, advance)
+        if not counted:
+            raise BodysenseError(f"{data}: no clip has fingers; give motion with fingers, or leave --data out")
+        finish(occlusion_report(counted, ring, chosen, census), common)
+        return
+    pieces = 1 if common.quick else SYNTHESISED_PIECES
+    with Progress() as progress:
+        bar = progress.add_task("synthesised hands", total=pieces)
+        counted = count_synthesised(ring, seed, jobs, lambda: progress.update(bar, advance=1), pieces)
+    finish(occlusion_report(counted, ring, None, Census()), common)
+
+
+def gloves_table3(data: str | None = None, model: Path | None = None, common: Flat = Common()) -> None:
+    """Two hands, Table 3: hidden markers filled by the last known position, mean velocity, affine weights, the network.
+
+    One to four markers are hidden for 0.1 to 2 s. Synthesised hands are scored beside the recorded ones.
+
+    Args:
+        data: A folder of motion files with fingers or a prepared store; NAME=FOLDER names it. Synthesised hands alone
+            by default.
+        model: A network written by `bodysense train gloves`; the packaged one by default.
+        common: Common options.
+    """
+    from bodysense.evaluation.datasets import named_data
+    from bodysense.evaluation.glove_tables import table3
+
+    jobs, chosen = checked(common), None if data is None else named_data(data, common.split, common.quick)
+    synthesised = _synthesised(common)
+    with _progress(chosen, synthesised) as advance:
+        report = table3(chosen, synthesised, model, jobs, advance)
+    finish(report, common)
+
+
+def gloves_table4(
+    data: str | None = None, markers: Path | None = None, joints: Path | None = None, common: Flat = Common()
+) -> None:
+    """Two hands, Table 4: the joints of fingers by cyclic coordinate descent, and by the run time with hidden markers.
+
+    Args:
+        data: A folder of motion files with fingers or a prepared store; NAME=FOLDER names it. Synthesised hands alone
+            by default.
+        markers: A network for hidden markers, written by `bodysense train gloves`; the packaged one by default.
+        joints: One for angles, likewise.
+        common: Common options.
+    """
+    from bodysense.evaluation.datasets import named_data
+    from bodysense.evaluation.glove_tables import table4
+
+    jobs, chosen = checked(common), None if data is None else named_data(data, common.split, common.quick)
+    synthesised = _synthesised(common)
+    with _progress(chosen, synthesised) as advance:
+        report = table4(chosen, synthesised, markers, joints, jobs, advance)
+    finish(report, common)
+
+
+def _synthesised(common: Common) -> int:
+    """How many hands are synthesised."""
+    return 2 if common.quick else 20
+
+
+@contextmanager
+def _progress(data: DataSet | None, synthesised: int) -> Iterator[Callable[[], None]]:
+    """A progress bar over the clips of a table, and its synthesised hands."""
+    from rich.progress import Progress
+
+    with Progress() as progress:
+        bar = progress.add_task("scoring hands", total=synthesised + (0 if data is None else data.count()))
+        yield lambda: progress.update(bar, advance=1)

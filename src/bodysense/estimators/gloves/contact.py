@@ -1,0 +1,297 @@
+"""Hands that do not pass through each other or themselves, and fingertips that meet where their markers do.
+
+What the networks say of a hand is moved as little as possible so that no two capsules (body/hand_capsules.py) stand in
+each other: fingers turn, within their limits, and hands that meet give way to each other alike. Where the markers of a
+thumb and a finger, or of fingertips of two hands, are as near as touching fingertips, the model's fingertips are
+brought as near. Every frame starts from the correction of the one before, and no point is corrected faster than at a
+stated speed: a sudden collision takes a few frames to be resolved, and nothing jumps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from bodysense.body.glove import ALIGNMENT, MARKERS
+from bodysense.body.hand import FINGERS, Side
+from bodysense.body.registration import to_matrix
+from bodysense.body.skeleton import Skeleton
+from bodysense.errors import BodysenseError
+from bodysense.estimators.gloves.contact_rows import ANGLES, PARTS, Ends, growth_rows, joined, tip_ends, tip_pairs
+from bodysense.estimators.gloves.finger_chains import (
+    FREE,
+    HIGH,
+    LOW,
+    FingerChains,
+    PlacedFingers,
+    angles_of_turns,
+    finger_chains,
+    levers,
+    own_turns,
+    placed_fingers,
+    turned_by,
+    turning_axes,
+    turns_of_angles,
+)
+from bodysense.estimators.gloves.joints import HandPoses
+from bodysense.estimators.gloves.least_change import least_change
+from bodysense.estimators.gloves.meetings import Flesh, Meeting, Pairs, meet, nearest, points_on
+
+_TIP_MARKERS = [MARKERS.index(f"{finger}_tip") for finger in FINGERS]
+_LONGEST_STEP, _SHORT_STEP = 0.3, 0.01  # rad of a linear step; a short one needs no other after it
+_MOST_ROWS = 48  # of collisions at a time, the deepest
+_SOFT, _SOFT_PINCH = 1e-3, 1e-2  # how softly collisions and pinches are met, of 1 for a finger's own ease
+_NOTHING = 1e-4  # rad and m: a smaller correction is none
+_HORIZON = 0.03  # m: pairs with a wider gap are not looked at again in a frame
+
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """How hands are kept out of each other. Lengths in metres."""
+
+    tolerance: float = 5e-4  # penetration that is left alone
+    max_iterations: int = 3  # linear steps a frame, at most
+    touching: float = 0.020  # fingertip markers nearer than this: the fingertips are brought as near
+    apart: float = 0.030  # farther than this: they are left as they are; in between, partly
+    missed: float = 0.0015  # by less than this fingertips are not brought together
+    half_life: float = 0.05  # s in which half of a correction goes that is no longer needed
+    speed: float = 0.2  # m/s at which a point is corrected, at most: 3.3 mm a frame at 60 Hz
+    seen_weight: float = 4.0  # how much harder a finger moves whose marker is seen, and a hand whose back is
+    hand_weight: float = 10.0  # how much harder a whole hand moves than a finger
+    nearby: float = 0.008  # gaps narrower than this are kept while others are widened
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            if not getattr(self, field.name) > 0:
+                raise BodysenseError(
+                    f"contact settings: {field.name} is {getattr(self, field.name):g}; it must be positive"
+                )
+        if not self.touching < self.apart:
+            raise BodysenseError(
+                f"contact settings: touching is {self.touching:g} m and apart {self.apart:g} m; apart must be more"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class ContactState:
+    """What the next frame starts from."""
+
+    begun: bool = False  # whether there was a frame
+    change: np.ndarray | None = None  # (H, 48): correction of 45 angles, rad, and of the wrist, m; None: there is none
+
+
+class _Pinches(NamedTuple):
+    """Pairs of fingertips that are to be brought together."""
+
+    first: np.ndarray  # (N,) number of a fingertip, hand · 5 + finger
+    second: np.ndarray  # (N,)
+    offset: np.ndarray  # (N, 3) m world, from the first to the second as it is to be
+
+
+@dataclass(frozen=True, eq=False)
+class _Given:
+    """A frame before contact: what a change is made to, and what it may be."""
+
+    root: np.ndarray  # (H, 3)
+    wrist: np.ndarray  # (H, 3, 3)
+    angles: np.ndarray  # (H, 15, 3) rad
+    rest: np.ndarray  # (H, 15, 3, 3) what of the joints' turns is none of their angles
+    ease: np.ndarray  # (H · 48,)
+    bounds: tuple[np.ndarray, np.ndarray]  # (H · 48,)
+    pinches: _Pinches
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """The contact of certain hands: their skeletons (body.hand.hand_skeleton), and which hand each is.
+
+    Few hands: every two of them can meet. Raises BodysenseError where there are not as many sides as hands.
+    """
+
+    hands: Sequence[Skeleton]
+    sides: Sequence[Side]
+    settings: ContactSettings = ContactSettings()
+
+    def __post_init__(self) -> None:
+        if len(self.hands) != len(self.sides):
+            raise BodysenseError(f"contact: {len(self.hands)} hands and {len(self.sides)} sides; give one side a hand")
+
+    @cached_property
+    def _flesh(self) -> Flesh:
+        return Flesh(self.hands, self.sides)
+
+    @cached_property
+    def _chains(self) -> FingerChains:
+        return finger_chains(self.hands)
+
+    @cached_property
+    def _lever(self) -> np.ndarray:
+        """(H, 15) m."""
+        return np.stack([levers(hand) for hand in self.hands])
+
+    @cached_property
+    def _tips(self) -> tuple[np.ndarray, np.ndarray]:
+        return tip_pairs(len(self.hands))
+
+    def start(self) -> ContactState:
+        """The state before the first frame."""
+        return ContactState()
+
+    def step(
+        self, posed: HandPoses, markers: np.ndarray, known: np.ndarray, interval: float, state: ContactState
+    ) -> tuple[HandPoses, ContactState]:
+        """The hands of the next frame, moved as little as contact asks for.
+
+        Args:
+            posed: what is known of them without regard to contact.
+            markers: (H, 9, 3) m in each hand's own mirrored world, seen or filled; NaN where there is none.
+            known: (H, 9) bool: markers that are seen.
+            interval: seconds since the frame before.
+            state: from `start` or the frame before.
+
+        Returns:
+            The very same `posed` where nothing is to be moved, and the state for the next frame.
+        """
+        pairs, pinches = self._flesh.pairs(posed.position), self._pinches(posed, markers)
+        if state.change is None and not len(pinches.offset):
+            meeting = meet(self._flesh.axes(posed.position), pairs)
+            if not (meeting.squared < (pairs.reach - self.settings.tolerance) ** 2).any():
+                return posed, ContactState(True)
+        given = self._given(posed, known, pinches)
+        change = np.zeros((len(posed.root), PARTS)) if state.change is None else state.change
+        wanted, placed = self._solved(given, pairs, change, interval)
+        limited = self._limited(wanted, change, interval) if state.begun else wanted
+        if np.abs(limited).max() < _NOTHING:
+            return posed, ContactState(True)
+        if limited is not wanted:
+            placed = self._placed(given, limited)
+        return _moved(posed, given, limited, placed), ContactState(True, limited)
+
+    def _pinches(self, posed: HandPoses, markers: np.ndarray) -> _Pinches:
+        """The fingertips whose markers are near each other, and that are not as near as these."""
+        flip = self._flesh.flip[:, None]
+        tips = (markers[:, _TIP_MARKERS] * flip).reshape(-1, 3)
+        offset = tips[self._tips[1]] - tips[self._tips[0]]
+        apart = np.sqrt(np.einsum("ki,ki->k", offset, offset))
+        chosen = np.flatnonzero(apart < self.settings.apart)  # none where it is not a number
+        first, second, offset = self._tips[0][chosen], self._tips[1][chosen], offset[chosen]
+        if not len(chosen):
+            return _Pinches(first, second, offset)
+        tips = (posed.position[:, -5:] * flip).reshape(-1, 3)
+        present = tips[second] - tips[first]
+        span = self.settings.apart - self.settings.touching
+        way = np.minimum((self.settings.apart - apart[chosen, None]) / span, 1.0) * (offset - present)
+        missed = np.einsum("ki,ki->k", way, way) > self.settings.missed**2
+        return _Pinches(first[missed], second[missed], (present + way)[missed])
+
+    def _given(self, posed: HandPoses, known: np.ndarray, pinches: _Pinches) -> _Given:
+        """A frame taken apart into what may change and what may not."""
+        matrix = to_matrix(posed.rotation)
+        turn = own_turns(matrix[:, 1:])
+        angles = np.where(FREE, angles_of_turns(turn), 0.0)
+        rest = turns_of_angles(angles).swapaxes(-1, -2) @ turn
+        seen = np.where(known[:, _TIP_MARKERS], self.settings.seen_weight, 1.0).repeat(3, axis=1)
+        back = np.where(known[:, list(ALIGNMENT)].all(axis=1), self.settings.seen_weight, 1.0)
+        ease = np.empty((len(angles), PARTS))
+        ease[:, :ANGLES] = (FREE / (seen * self._lever**2)[..., None]).reshape(-1, ANGLES)
+        ease[:, ANGLES:] = 1 / (self.settings.hand_weight * back[:, None])
+        bounds = np.full((2, len(angles), PARTS), [[[-np.inf]], [[np.inf]]])
+        bounds[0, :, :ANGLES] = np.minimum(LOW - angles, 0).reshape(-1, ANGLES)
+        bounds[1, :, :ANGLES] = np.maximum(HIGH - angles, 0).reshape(-1, ANGLES)
+        low, high = bounds.reshape(2, -1)
+        return _Given(posed.root, matrix[:, 0], angles, rest, ease.ravel(), (low, high), pinches)
+
+    def _placed(self, given: _Given, change: np.ndarray) -> PlacedFingers:
+        """Hands after a change (H, 48)."""
+        turn = turns_of_angles(_angles(given, change)) @ given.rest
+        return placed_fingers(self._chains, given.root + change[:, ANGLES:], given.wrist, turn)
+
+    def _solved(
+        self, given: _Given, pairs: Pairs, change: np.ndarray, interval: float
+    ) -> tuple[np.ndarray, PlacedFingers]:
+        """The change (H, 48) after which nothing collides, in linear steps from another, and the hands after it.
+
+        The first step leaves as little of the former change as its decay and contact allow, later ones mend that.
+        """
+        placed = self._placed(given, change)
+        meeting = meet(self._flesh.axes(placed.position), pairs)
+        pairs, meeting = nearest(pairs, meeting, _HORIZON)
+        kept = 0.5 ** (interval / self.settings.half_life)
+        for step in range(self.settings.max_iterations):
+            rows, demand, exact = self._demands(given, change, placed, pairs, meeting)
+            start = change.ravel()
+            center = start * (kept if step == 0 else 1.0)
+            bounds = (given.bounds[0] - center, given.bounds[1] - center)
+            softness = np.where(exact, _SOFT_PINCH, _SOFT)
+            from_center = least_change(rows, demand + rows @ (start - center), exact, given.ease, bounds, softness)
+            way = np.clip(center + from_center - start, -_LONGEST_STEP, _LONGEST_STEP)
+            change = change + way.reshape(change.shape)
+            placed = self._placed(given, change)
+            if np.abs(way).max() < _SHORT_STEP:
+                break
+            meeting = meet(self._flesh.axes(placed.position), pairs)
+            if not (meeting.squared < (pairs.reach - self.settings.tolerance) ** 2).any():
+                break
+        return change, placed
+
+    def _demands(
+        self, given: _Given, change: np.ndarray, placed: PlacedFingers, pairs: Pairs, meeting: Meeting
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows (K, H · 48), how much (K,) they are to grow, and (K,) whether exactly: of collisions, then pinches."""
+        distance = np.sqrt(meeting.squared)
+        gap = distance - pairs.reach
+        close = np.flatnonzero(gap < self.settings.nearby)
+        if len(close) > _MOST_ROWS:
+            close = close[np.argsort(gap[close])[:_MOST_ROWS]]
+        gap = gap[close]
+        start, end = (
+            Ends(which[close], points_on(meeting.axes, which[close], along[close]))
+            for which, along in zip((pairs.first, pairs.second), meeting.along, strict=True)
+        )
+        normal = (end.point - start.point) / np.maximum(distance[close], 1e-9)[:, None]
+        tips = (placed.position[:, -5:] * self._flesh.flip[:, None]).reshape(-1, 3)
+        first, second, wanted = given.pinches
+        offset = tips[second] - tips[first]
+        rows = growth_rows(
+            placed,
+            turning_axes(placed, _angles(given, change)),
+            self._flesh.flip,
+            joined(start, tip_ends(first, tips[first])),
+            joined(end, tip_ends(second, tips[second])),
+            np.concatenate([normal, np.tile(np.eye(3), (len(offset), 1))]),
+        )
+        demand = np.concatenate([-gap, (wanted - offset).ravel()])
+        return rows, demand, np.arange(len(rows)) >= len(gap)
+
+    def _limited(self, change: np.ndarray, before: np.ndarray, interval: float) -> np.ndarray:
+        """The change (H, 48) no farther from the one before than the speed allows."""
+        way = change - before
+        angles = np.abs(way[:, :ANGLES]).reshape(-1, 5, 3, 3)
+        turned = np.einsum("hfka,hfk->hf", angles, self._lever.reshape(-1, 5, 3))  # at most so far goes a fingertip
+        shifted = np.sqrt(np.einsum("hi,hi->h", way[:, ANGLES:], way[:, ANGLES:]))
+        farthest = float((turned.max(axis=1) + shifted).max())
+        allowed = self.settings.speed * interval
+        return change if farthest <= allowed else before + (allowed / farthest) * way
+
+
+def _angles(given: _Given, change: np.ndarray) -> np.ndarray:
+    """(H, 15, 3) rad, after a change (H, 48)."""
+    return given.angles + change[:, :ANGLES].reshape(given.angles.shape)
+
+
+def _moved(posed: HandPoses, given: _Given, change: np.ndarray, placed: PlacedFingers) -> HandPoses:
+    """The hands after a change; what it does not touch stays as it is to the bit."""
+    touched = change != 0
+    turned = touched[:, :ANGLES].reshape(-1, 5, 9).max(axis=-1)
+    shifted = touched[:, ANGLES:].max(axis=-1, keepdims=True)
+    joints = turned.repeat(3, axis=1)
+    points = shifted | np.concatenate([shifted, joints, turned], axis=1)
+    position = np.where(points[..., None], placed.position, posed.position)
+    rotation = posed.rotation.copy()
+    new = turned_by(rotation[:, 1:], given.angles, _angles(given, change))
+    rotation[:, 1:] = np.where(joints[..., None], new, rotation[:, 1:])
+    return HandPoses(position[:, 0], rotation, position)

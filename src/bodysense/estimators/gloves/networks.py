@@ -1,0 +1,95 @@
+"""The two networks of gloves as files: one fills markers, one tells joint angles (two-hands, Tables 1 and 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from bodysense.body.glove import default_glove, hand_size
+from bodysense.body.skeleton import Skeleton
+from bodysense.estimators.gloves.dense import DenseLayers, read_dense
+from bodysense.estimators.network_file import open_network
+
+MARKER_FORMAT = "bodysense glove markers 1"
+JOINT_FORMAT = "bodysense glove joints 1"
+MARKER_NETWORK = "glove_markers.onnx"
+JOINT_NETWORK = "glove_joints.onnx"
+
+
+class HandNetwork(Protocol):
+    """What answers for hands: markers (H, 27) and bone lengths (H, 20) in, markers (H, 27) or angles (H, 26) out."""
+
+    def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
+        """Answer for H hands at the default size.
+
+        The marker network sees markers registered onto the template, 0 where hidden; the joint network all of them, in
+        the hand's axes by its alignment markers, from the wrist.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class GloveNetwork:
+    """A loaded network file: its session, what it says of itself, and its layers if it is made of dense ones alone."""
+
+    session: Any  # onnxruntime.InferenceSession
+    card: dict[str, Any]
+    name: str
+    layers: DenseLayers | None = None
+
+    def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
+        """See `HandNetwork`; single precision."""
+        if self.layers is None:
+            return self.session.run(None, {"markers": markers, "hand": hand})[0]
+        read = [markers]
+        if self.layers.width in (36, 56):  # also which markers are known, as in models/glove.py
+            read.append(np.asarray(markers.reshape(len(markers), 9, 3).any(axis=2), dtype=np.float32))
+        if self.layers.width in (47, 56):
+            read.append(hand)
+        return self.layers.run(np.concatenate(read, axis=1))
+
+
+def load_marker_network(path: str | Path | None = None) -> GloveNetwork:
+    """The network that fills markers: a path, or None for the packaged one. BodysenseError for a file not ours."""
+    return _load(path, MARKER_NETWORK, MARKER_FORMAT, "glove marker network")
+
+
+def load_joint_network(path: str | Path | None = None) -> GloveNetwork:
+    """The network that tells joint angles: a path, or None for the packaged one. BodysenseError for a file not ours."""
+    return _load(path, JOINT_NETWORK, JOINT_FORMAT, "glove joint network")
+
+
+def _load(path: str | Path | None, packaged: str, format: str, kind: str) -> GloveNetwork:
+    wanted: dict[str, Any] = {"format": format, "kind": kind, "fields": (), "command": "bodysense train gloves"}
+    with as_file(files("bodysense.weights").joinpath(packaged)) if path is None else nullcontext(Path(path)) as file:
+        slow = GloveNetwork(*open_network(file, **wanted), file.name)
+        fast = GloveNetwork(slow.session, slow.card, slow.name, read_dense(file.read_bytes()))
+    return fast if fast.layers is not None and _agree(fast, slow) else slow
+
+
+def _agree(fast: GloveNetwork, slow: GloveNetwork) -> bool:
+    """Whether both answer the same, whatever the file is: of hands with all markers and with some hidden."""
+    rng = np.random.default_rng(0)
+    markers, hand = rng.normal(scale=0.1, size=(8, 27)), rng.uniform(0.02, 0.1, size=(8, 20))
+    markers.reshape(8, 9, 3)[rng.random((8, 9)) < 0.3] = 0.0
+    given = markers.astype(np.float32), hand.astype(np.float32)
+    if fast.layers is None or fast.layers.width not in (27, 36, 47, 56):
+        return False
+    return bool(np.allclose(fast.run(*given), slow.run(*given), rtol=1e-4, atol=1e-4))
+
+
+def size_ratios(hands: Sequence[Skeleton]) -> np.ndarray:
+    """(H,) how many times as long as the default hand each one is: networks see all hands at one size."""
+    return np.array([hand_size(hand) for hand in hands]) / default_glove().size
+
+
+def bone_lengths(hands: Sequence[Skeleton]) -> np.ndarray:
+    """(H, 20) single precision: what networks know of each hand, at one size."""
+    lengths = np.stack([hand.bone_length[1:] for hand in hands]) / size_ratios(hands)[:, None]
+    return lengths.astype(np.float32)

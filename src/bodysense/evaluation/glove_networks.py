@@ -1,0 +1,93 @@
+"""A network of both hands against two of one, a recurrent one against one that is not (two-hands, section 8)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.glove import default_glove, marker_positions
+from bodysense.data.hand_motion import RATE, HandMotion
+from bodysense.estimators.gloves.continuity import Continuous
+from bodysense.estimators.gloves.fillers import Filler, LastShape, NetworkFiller, Stack
+from bodysense.estimators.gloves.hands import natural_markers
+from bodysense.estimators.gloves.networks import load_marker_network
+from bodysense.estimators.gloves.variants import MEMORY_NETWORK, TWO_HANDS_NETWORK, load_memory, load_two_hands
+from bodysense.evaluation.glove_trials import DURATIONS, HIDDEN, Means, cut, hide_some, marker_error
+from bodysense.evaluation.metrics import joint_error
+from bodysense.occlusion.camera_ring import CameraRing
+from bodysense.occlusion.glove import visible
+
+_STRIDE = 30  # frames from one trial to the next
+
+
+def compare_two_hands(
+    pairs: Iterable[tuple[HandMotion, HandMotion]],
+    networks: Path,
+    model: Path | None = None,
+    ring: CameraRing = CameraRing(),
+) -> dict[str, float]:
+    """Errors of markers that two hands hide from a ring of cameras, cm, by a network of both hands and by two of one.
+
+    Both with continuity. `networks` is the folder in which `bodysense train gloves --network two-hands` wrote. Keys:
+    single_hidden_cm, two_hands_hidden_cm and, of hands of which four markers or fewer are seen, single_mutual_cm and
+    two_hands_mutual_cm; hidden_share, mutual_share. Raises BodysenseError where there is no such network.
+    """
+    means = Means()
+    for left, right in pairs:
+        hands = (left.pose.skeleton, right.pose.skeleton)
+        markers = np.stack([marker_positions(default_glove(), hand.pose) for hand in (left, right)], axis=1)
+        seen = visible({"left": left.pose, "right": right.pose}, ring, None).reshape(markers.shape[:3])
+        hidden = ~seen
+        few = (seen.sum(axis=-1) <= 4)[..., None] & hidden
+        means.add(("hidden_share",), hidden.astype(float))
+        means.add(("mutual_share",), few.any(axis=-1).astype(float))
+        natural = LastShape(np.stack([natural_markers(default_glove(), hand) for hand in hands]))
+        fillers = {
+            "single": NetworkFiller(load_marker_network(model), hands),
+            "two_hands": load_two_hands(networks / TWO_HANDS_NETWORK, hands),
+        }
+        for name, filler in fillers.items():
+            error = _errors(markers, seen, Continuous(Stack((filler, natural))))
+            means.add((name, "hidden"), error[hidden])
+            means.add((name, "mutual"), error[few])
+    numbers = {
+        f"{name}_{of}_cm": means.get(name, of) for name in ("single", "two_hands") for of in ("hidden", "mutual")
+    }
+    return numbers | {name: means.get(name) for name in ("hidden_share", "mutual_share")}
+
+
+def compare_memory(
+    motions: Iterable[HandMotion], networks: Path, model: Path | None = None, seed: int = 1
+) -> dict[str, float]:
+    """Errors of hidden markers, cm, as in Table 3, by a network that remembers and by one that does not.
+
+    Both with continuity and without. `networks` is the folder in which `bodysense train gloves --network recurrent`
+    wrote. Keys: feed_forward_1_0.1_cm …, recurrent_…, feed_forward_alone_…, recurrent_alone_…
+    """
+    means, rng = Means(), np.random.default_rng(seed)
+    for motion in motions:
+        trials = cut([motion], _STRIDE, rng)
+        if trials is None:
+            continue
+        alone: dict[str, Filler] = {
+            "feed_forward": NetworkFiller(load_marker_network(model), trials.hands),
+            "recurrent": load_memory(networks / MEMORY_NETWORK, trials.hands),
+        }
+        for count in HIDDEN:
+            hidden = hide_some(len(trials), count, rng)
+            for name, filler in alone.items():
+                for label, way in ((f"{name}_alone", filler), (name, Continuous(filler))):
+                    for duration, error in zip(DURATIONS, marker_error(trials, hidden, way), strict=True):
+                        means.add((label, count, duration), error)
+    return {f"{name}_{n}_{duration:.1f}_cm": means.get(name, n, duration) for name, n, duration in means.sums}
+
+
+def _errors(markers: np.ndarray, seen: np.ndarray, filler: Filler) -> np.ndarray:
+    """Errors (T, H, 9) cm of markers (T, H, 9, 3) m of which some are `seen` (T, H, 9)."""
+    state, filled = filler.start(markers.shape[1]), []
+    for now, known in zip(markers, seen, strict=True):
+        told, state = filler.fill(np.where(known[..., None], now, np.nan), 1 / RATE, state)
+        filled.append(told)
+    return joint_error(np.stack(filled), markers)

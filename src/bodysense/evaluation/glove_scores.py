@@ -1,0 +1,169 @@
+"""What is missed of a glove's hidden markers and of the joints of fingers (two-hands, section 6.2): the measuring."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.hand import FINGERS, hand_skeleton
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.skeleton import default_skeleton
+from bodysense.data.clip import Clip
+from bodysense.data.hand_motion import HandMotion, hand_motions
+from bodysense.data.hand_synthesis import synthesize_hand, varied_hand
+from bodysense.estimators.gloves.baselines import AffineCombination, LastKnown, MovingAverage
+from bodysense.estimators.gloves.continuity import Continuous
+from bodysense.estimators.gloves.fillers import LastShape, NetworkFiller
+from bodysense.estimators.gloves.hands import GloveModels, HandsSettings
+from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
+from bodysense.evaluation.cyclic_descent import FingerLimits, solve_fingers
+from bodysense.evaluation.datasets import Census, DataSet, census_of
+from bodysense.evaluation.glove_trials import (
+    DURATIONS,
+    FINGER_POINTS,
+    HIDDEN,
+    Means,
+    Trials,
+    cut,
+    finger_error,
+    hide_some,
+    marker_error,
+    together,
+)
+from bodysense.evaluation.headset import GROUPS, group_of
+from bodysense.evaluation.metrics import joint_error
+from bodysense.evaluation.spread import spread
+
+SEEDS = 5
+Task = tuple[list[HandMotion], str]  # motions, and the group with which they are scored
+# No marker of a trial is wrong, and every trial is a hand by itself, whose neighbours are not there.
+ALONE = HandsSettings(rejection=None, contact=None)
+SYNTHESISED = "synthesised"
+STRIDE = 30  # frames at 60 Hz from one trial to the next, at each seed from another one on
+SYNTHETIC_SECONDS, SYNTHETIC_SEED = 12.0, 2019
+
+
+@dataclass(frozen=True)
+class GloveTable:
+    """What was measured: means in cm under (group, method, hidden, duration)."""
+
+    means: Means
+    census: Census
+    data: DataSet | None  # None: synthesised motion alone
+    synthesised: int  # hands
+
+    @property
+    def groups(self) -> list[str]:
+        """Of which there are figures, the one whose keys have no suffix first."""
+        return [group for group in (*GROUPS, SYNTHESISED) if any(key[0] == group for key in self.means.sums)]
+
+    def get(self, method: str, hidden: int, duration: float, group: str | None = None) -> float:
+        """One cell, cm; of the main group without one."""
+        return self.means.get(group or self.groups[0], method, hidden, duration)
+
+    def suffix(self, group: str) -> str:
+        """Of the group's keys."""
+        return "" if group == self.groups[0] else f"_{group}"
+
+
+def measure(
+    work: Callable[[Task], Means],
+    data: DataSet | None,
+    synthesised: int,
+    jobs: int,
+    advance: Callable[[], None],
+) -> GloveTable:
+    """Every clip of `data` with fingers, and so many synthesised hands beside, in `jobs` processes."""
+    means, census = Means(), Census()
+
+    def tasks() -> Iterator[Task]:
+        nonlocal census
+        for clip in data.clips() if data is not None else ():
+            if clip.has_fingers:
+                census += census_of(clip)
+                yield both_hands(clip)
+            else:
+                advance()
+        for number in range(synthesised):
+            yield [synthetic_hand(number)], SYNTHESISED
+
+    for _, told in spread(work, tasks(), jobs):
+        means.merge(told)
+        advance()
+    return GloveTable(means, census, data, synthesised)
+
+
+def both_hands(clip: Clip) -> Task:
+    """The hands of a clip at 60 Hz, and its group."""
+    return list(hand_motions([clip])), group_of(clip)
+
+
+def synthetic_hand(number: int) -> HandMotion:
+    """One of the synthesised hands, none of which a network has learned from: another seed, another hand."""
+    rng = np.random.default_rng([SYNTHETIC_SEED, number])
+    hand = varied_hand(hand_skeleton(default_skeleton(), "left"), 0.05, rng)
+    return synthesize_hand(hand, SYNTHETIC_SECONDS, rng)
+
+
+def measure_markers(task: Task, model: Path | None = None, stride: int = STRIDE) -> Means:
+    """Table 3 of some motions: errors of hidden markers, cm, under (group, method, hidden, duration)."""
+    motions, group = task
+    network, means = load_marker_network(model), Means()
+    for trials, count, hidden in _all_trials(motions, stride):
+        fillers = {
+            "lk": LastKnown(),
+            "ls": LastShape(np.zeros((1, 9, 3))),  # its natural shape is not needed: five markers are seen
+            "ma": MovingAverage(),
+            "ac": AffineCombination(),
+            "nn": Continuous(NetworkFiller(network, trials.hands)),
+        }
+        for method, filler in fillers.items():
+            for duration, error in zip(DURATIONS, marker_error(trials, hidden, filler), strict=True):
+                means.add((group, method, count, duration), error)
+    return means
+
+
+def measure_fingers(
+    task: Task,
+    markers: Path | None = None,
+    joints: Path | None = None,
+    settings: HandsSettings = ALONE,
+    stride: int = STRIDE,
+) -> Means:
+    """Table 4 of some motions: errors of the joints of fingers, cm, under (group, method, hidden, duration)."""
+    motions, group = task
+    models, means = GloveModels(load_marker_network(markers), load_joint_network(joints)), Means()
+    for method, limits in (("ik", None), ("ik_tuned", FingerLimits())):
+        for motion in motions:
+            means.add((group, method, 0, 0.0), descent_error(motion, limits, stride))
+    for trials, count, hidden in _all_trials(motions, stride):
+        still, *errors = finger_error(trials, hidden, models, settings)
+        means.add((group, "nn", 0, 0.0), still)
+        for duration, error in zip(DURATIONS, errors, strict=True):
+            means.add((group, "nn", count, duration), error)
+    return means
+
+
+def _all_trials(motions: list[HandMotion], stride: int) -> Iterator[tuple[Trials, int, np.ndarray]]:
+    """Trials of all seeds, how many markers are hidden, and which (H, 9); nothing where motions are too short."""
+    generators = [np.random.default_rng(seed) for seed in range(SEEDS)]
+    parts = [(rng, trials) for rng in generators if (trials := cut(motions, stride, rng)) is not None]
+    if not parts:
+        return
+    every = together([trials for _, trials in parts])
+    for count in HIDDEN:
+        yield every, count, np.concatenate([hide_some(len(trials), count, rng) for rng, trials in parts])
+
+
+def descent_error(motion: HandMotion, limits: FingerLimits | None, stride: int) -> np.ndarray:
+    """Errors of the joints of fingers by inverse kinematics, cm: (n,), at every `stride` frames, nothing hidden."""
+    pose = motion.pose[::stride]
+    rotation = np.array(pose.rotation)
+    rotation[:, 0] = [1.0, 0.0, 0.0, 0.0]
+    true, _ = forward_kinematics(Pose(pose.skeleton, np.zeros_like(pose.root_position), rotation))
+    tips, points = (pose.skeleton.indices(names) for names in ([f"{finger}_tip" for finger in FINGERS], FINGER_POINTS))
+    told = solve_fingers(pose.skeleton, true[:, tips], limits)
+    return joint_error(told[:, points], true[:, points]).mean(axis=-1)

@@ -1,0 +1,204 @@
+"""The networks of a glove: hidden markers from those that are seen, and a hand's angles from all (two-hands, 3.2).
+
+Both read markers of a left hand, at the default hand's size: the first registered onto the template by all that are
+known, hidden ones exactly 0 (section 3.2.2), the second, in which none is missing, by those on the back of the hand.
+What scales them is inside, and linear, so that an exported network has it in its first and last layer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from bodysense.body.glove import MARKERS, default_glove, template
+from bodysense.body.hand import FINGERTIPS, FREEDOMS, HAND_JOINTS, hand_skeleton
+from bodysense.body.skeleton import default_skeleton
+from bodysense.models.recurrent import Recurrent
+
+MARKER_VALUES = 3 * len(MARKERS)
+BONES = len(HAND_JOINTS) - 1 + len(FINGERTIPS)
+_REACH = 0.03  # m: by about so much markers of fingers move
+_SPREAD = 0.1  # of the length of a bone: by about so much hands differ
+_TURN = 0.5  # rad: by about so much joints turn
+
+
+@dataclass(frozen=True)
+class MarkerNetworkConfig:
+    """What fills hidden markers, by Table 1; the fields below the first are ours."""
+
+    layers: tuple[int, ...] = (256, 200, 256)
+    reads_mask: bool = True  # and markers from the template; without, a hidden marker is a zero and nothing else
+    reads_hand: bool = True  # the lengths of its bones
+    reads_other: bool = False  # the markers of the person's other hand, in this one's frame
+    memory: int = 0  # of a recurrent layer (GRU) before the others; 0: it has none
+
+
+PAPER_MARKERS = MarkerNetworkConfig((200, 150, 200), reads_mask=False, reads_hand=False)
+RECURRENT_MARKERS = MarkerNetworkConfig(memory=128)
+TWO_HANDS = MarkerNetworkConfig(reads_other=True)
+
+
+@dataclass(frozen=True)
+class JointNetworkConfig:
+    """What turns markers into angles, by Table 2; the last field is ours."""
+
+    layers: tuple[int, ...] = (200, 200, 200)
+    dropout: float = 0.0  # behind every layer but the last
+    reads_hand: bool = True
+
+
+PAPER_JOINTS = JointNetworkConfig(dropout=0.1, reads_hand=False)
+
+
+class MarkerNetwork(nn.Module):
+    """Registered markers, hidden ones 0, to all markers in the same frame."""
+
+    scale: Tensor
+    shift: Tensor
+    typical: Tensor
+
+    def __init__(self, config: MarkerNetworkConfig) -> None:
+        super().__init__()
+        self.config = config
+        shape, lengths = typical_hand()
+        blocks = [_seen_scale(shape) if config.reads_mask else (torch.eye(MARKER_VALUES) / _REACH, None)]
+        blocks += [_seen_scale(shape)] * config.reads_other + [_hand_scale(lengths)] * config.reads_hand
+        _register_scale(self, blocks)
+        self.register_buffer("typical", shape.flatten(), persistent=False)
+        features = len(self.scale)
+        self.recurrent = Recurrent("gru", features, config.memory, None) if config.memory else None
+        self.layers = _layers(features + config.memory, config.layers, MARKER_VALUES, 0.0)
+
+    def forward(self, markers: Tensor, hand: Tensor, other: Tensor | None = None) -> Tensor:
+        """Markers (..., 27) m and lengths of bones (..., 20) m → (..., 27) m.
+
+        `other` (..., 27) are the markers of the other hand in the same frame, hidden ones 0; none are known without it.
+        Not for a network with memory.
+        """
+        return self.answer(self.features(markers, hand, other))
+
+    def step(self, markers: Tensor, hand: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
+        """The same of a network with memory: (B, T, 27), (B, T, 20) and memory (B, M) → (B, T, 27) and memory."""
+        assert self.recurrent is not None, "this network has no memory: call it instead"
+        features = self.features(markers, hand)
+        hidden, memory = self.recurrent(features, memory)
+        return self.answer(torch.cat([features, hidden], dim=-1)), memory
+
+    def start(self, batch: int) -> Tensor:
+        """The memory before the first frame."""
+        assert self.recurrent is not None, "this network has no memory"
+        return self.recurrent.start(batch)
+
+    def raw(self, markers: Tensor, hand: Tensor, other: Tensor | None = None) -> Tensor:
+        """What is read, not yet scaled."""
+        config = self.config
+        parts = [_with_mask(markers)] if config.reads_mask else [markers]
+        if config.reads_other:
+            parts.append(_with_mask(torch.zeros_like(markers) if other is None else other))
+        if config.reads_hand:
+            parts.append(hand)
+        return torch.cat(parts, dim=-1)
+
+    def features(self, markers: Tensor, hand: Tensor, other: Tensor | None = None) -> Tensor:
+        """What the layers read."""
+        return nn.functional.linear(self.raw(markers, hand, other), self.scale, self.shift)
+
+    def answer(self, features: Tensor) -> Tensor:
+        """All markers (..., 27) m."""
+        return self.typical + _REACH * self.layers(features)
+
+    def folded(self) -> nn.Sequential:
+        """From `raw` to the answer, in as few layers as there are. Not for a network with memory."""
+        return _folded(self.layers, self.scale, self.shift, _REACH, self.typical)
+
+
+class JointNetwork(nn.Module):
+    """Markers in the hand's own frame, all known, to the 26 angles of `body.hand.FREEDOMS`."""
+
+    scale: Tensor
+    shift: Tensor
+
+    def __init__(self, config: JointNetworkConfig) -> None:
+        super().__init__()
+        self.config = config
+        shape, lengths = typical_hand()
+        markers = (torch.eye(MARKER_VALUES) / _REACH, -shape.flatten() / _REACH)
+        _register_scale(self, [markers] + [_hand_scale(lengths)] * config.reads_hand)
+        self.layers = _layers(len(self.scale), config.layers, len(FREEDOMS), config.dropout)
+
+    def forward(self, markers: Tensor, hand: Tensor) -> Tensor:
+        """Markers (..., 27) m and lengths of bones (..., 20) m → angles (..., 26) rad."""
+        return _TURN * self.layers(nn.functional.linear(self.raw(markers, hand), self.scale, self.shift))
+
+    def raw(self, markers: Tensor, hand: Tensor) -> Tensor:
+        """What is read, not yet scaled."""
+        return torch.cat([markers, hand], dim=-1) if self.config.reads_hand else markers
+
+    def folded(self) -> nn.Sequential:
+        """From `raw` to the angles, in as few layers as there are."""
+        return _folded(self.layers, self.scale, self.shift, _TURN, torch.zeros(len(FREEDOMS)))
+
+
+def typical_hand() -> tuple[Tensor, Tensor]:
+    """The default glove's template (9, 3) m and the default hand's lengths of bones (20,) m."""
+    hand = hand_skeleton(default_skeleton(), "left")
+    shape = torch.tensor(template(default_glove(), hand), dtype=torch.float32)
+    return shape, torch.tensor(hand.bone_length[1:], dtype=torch.float32)
+
+
+def _with_mask(markers: Tensor) -> Tensor:
+    """Markers (..., 27) and which of them are known (..., 9): (..., 36)."""
+    known = markers.unflatten(-1, (len(MARKERS), 3)).abs().sum(dim=-1) > 0
+    return torch.cat([markers, known.to(markers.dtype)], dim=-1)
+
+
+Scale = tuple[Tensor, Tensor | None]  # (F, R) from what is read to features, and what is added (F,), if anything
+
+
+def _seen_scale(shape: Tensor) -> Scale:
+    """Of markers and their mask: those that are known from the template, in units of what they move by."""
+    scale = torch.eye(MARKER_VALUES + len(MARKERS))
+    scale[:MARKER_VALUES] /= _REACH
+    for marker, place in enumerate(shape):
+        scale[3 * marker : 3 * marker + 3, MARKER_VALUES + marker] = -place / _REACH
+    return scale, None
+
+
+def _hand_scale(lengths: Tensor) -> Scale:
+    """Of lengths of bones: how they differ from the default hand's."""
+    return torch.diag(1 / (lengths * _SPREAD)), torch.full_like(lengths, -1 / _SPREAD)
+
+
+def _register_scale(network: nn.Module, blocks: list[Scale]) -> None:
+    """One scale of several parts that are read, one after the other, as buffers."""
+    shifts = [torch.zeros(len(scale)) if shift is None else shift for scale, shift in blocks]
+    network.register_buffer("scale", torch.block_diag(*(scale for scale, _ in blocks)), persistent=False)
+    network.register_buffer("shift", torch.cat(shifts), persistent=False)
+
+
+def _layers(features: int, hidden: tuple[int, ...], outputs: int, dropout: float) -> nn.Sequential:
+    parts: list[nn.Module] = []
+    for k, width in enumerate(hidden):
+        parts += [nn.Linear(features, width), nn.ReLU()]
+        if dropout and k < len(hidden) - 1:
+            parts.append(nn.Dropout(dropout))
+        features = width
+    return nn.Sequential(*parts, nn.Linear(features, outputs))
+
+
+def _folded(layers: nn.Sequential, scale: Tensor, shift: Tensor, gain: float, offset: Tensor) -> nn.Sequential:
+    """Layers whose first one has the scale of what is read in it, and whose last one that of the answer."""
+    parts = [layer for layer in layers if not isinstance(layer, nn.Dropout)]
+    first, last = parts[0], parts[-1]
+    assert isinstance(first, nn.Linear)
+    assert isinstance(last, nn.Linear)
+    with torch.no_grad():
+        begin = nn.Linear(scale.shape[1], first.out_features)
+        begin.weight.copy_(first.weight @ scale)
+        begin.bias.copy_(first.bias + first.weight @ shift)
+        end = nn.Linear(last.in_features, last.out_features)
+        end.weight.copy_(gain * last.weight)
+        end.bias.copy_(gain * last.bias + offset)
+    return nn.Sequential(begin, *parts[1:-1], end)

@@ -1,0 +1,208 @@
+"""A whole training run of the networks of a glove: data, synthesised hands, training, export."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+import torch
+from rich.console import Console
+
+from bodysense.body.hand import hand_skeleton
+from bodysense.body.skeleton import default_skeleton
+from bodysense.data.clips import open_clips
+from bodysense.data.hand_motion import HandMotion, hand_pairs
+from bodysense.data.hand_synthesis import synthesize_hand, varied_hand
+from bodysense.data.pair_synthesis import synthesize_pair
+from bodysense.errors import BodysenseError
+from bodysense.models.glove import (
+    PAPER_JOINTS,
+    PAPER_MARKERS,
+    RECURRENT_MARKERS,
+    TWO_HANDS,
+    JointNetwork,
+    JointNetworkConfig,
+    MarkerNetwork,
+    MarkerNetworkConfig,
+)
+from bodysense.training.body_network import Progress
+from bodysense.training.glove import (
+    PAPER_JOINT_SCHEDULE,
+    PAPER_MARKER_SCHEDULE,
+    GloveSchedule,
+    Task,
+    train_glove,
+)
+from bodysense.training.glove_frames import (
+    AS_RECORDED,
+    VARIATIONS,
+    GloveFrames,
+    HandVariation,
+    frames_of,
+    join,
+)
+from bodysense.training.glove_onnx import write_glove_network
+from bodysense.training.glove_tasks import JointTask, MarkerTask, MemoryTask
+
+Network = Literal["markers", "joints", "two-hands", "recurrent"]
+Form = Literal["shipped", "paper"]
+FILES: dict[Network, str] = {name: f"glove_{name.replace('-', '_')}.onnx" for name in get_args(Network)}
+RATE = 30.0  # Hz, of the frames that are learned
+MEMORY_RATE = 60.0  # of the recurrent network's, for which time matters
+SCHEDULES: dict[tuple[Network, Form], GloveSchedule] = {
+    ("markers", "shipped"): GloveSchedule(steps=7_000),
+    ("markers", "paper"): PAPER_MARKER_SCHEDULE,
+    ("joints", "shipped"): GloveSchedule(steps=8_000),
+    ("joints", "paper"): PAPER_JOINT_SCHEDULE,
+    ("two-hands", "shipped"): GloveSchedule(steps=5_000),
+    ("recurrent", "shipped"): GloveSchedule(steps=2_500, batch=64, check_every=500),
+}
+_HAND_SPREAD = 0.1  # of the sizes of synthesised hands
+_TRAIN, _VALIDATION = 1, 2  # of the generators of synthesised hands
+
+
+@dataclass(frozen=True)
+class GloveRun:
+    """What `bodysense train gloves` was asked for."""
+
+    networks: tuple[Network, ...]
+    data: Path | None  # None: synthesised hands alone
+    out: Path  # a folder
+    form: Form
+    steps: int | None
+    hand_minutes: float  # of synthesised single hands
+    pair_minutes: float  # of synthesised pairs
+    seed: int
+    threads: int | None
+    licence: str
+    data_note: str
+
+    def __post_init__(self) -> None:
+        if self.steps is not None and self.steps < 1:
+            raise BodysenseError(f"--steps {self.steps}: give at least 1")
+        if "two-hands" in self.networks and self.data is None and not self.pair_minutes > 0:
+            raise BodysenseError("--pair-minutes 0: the network of two hands needs pairs; give more than 0, or --data")
+        for name in ("hand_minutes", "pair_minutes"):
+            if not 0 <= getattr(self, name) < float("inf"):
+                option = name.replace("_", "-")
+                raise BodysenseError(f"--{option} {getattr(self, name):g}: give 0 or more")
+        for network in self.networks:
+            if (network, self.form) not in SCHEDULES:
+                raise BodysenseError(f"--network {network}: the paper has no such network; leave --form out")
+
+
+def run_gloves(run: GloveRun) -> None:
+    """Train, export, and leave log (`.jsonl`) and checkpoint (`.ckpt`) of each network beside it in the folder."""
+    try:
+        run.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BodysenseError(f"{run.out}: no folder can be made there ({error.strerror}); choose another") from None
+    if run.threads is not None:
+        torch.set_num_threads(run.threads)
+    console = Console()
+    for rate in sorted({_rate(name) for name in run.networks}):
+        console.print("preparing hands", highlight=False)
+        frames, validation = prepare(run, "train", rate), prepare(run, "val", rate)
+        minutes = len(frames) / rate / 60
+        console.print(f"{len(frames.hand)} hands, {minutes:.0f} minutes at {rate:g} Hz", highlight=False)
+        for name in run.networks:
+            if _rate(name) == rate:
+                _train(run, name, frames, validation, rate, console)
+
+
+def prepare(run: GloveRun, split: Literal["train", "val"], rate: float) -> GloveFrames:
+    """The hands of a split: recorded ones in every variation, and synthesised ones."""
+    return join([*_recorded(run, split, rate), *_synthesised(run, split, rate)])
+
+
+def _recorded(run: GloveRun, split: Literal["train", "val"], rate: float) -> Iterator[GloveFrames]:
+    if run.data is None:
+        return
+    variations = VARIATIONS if split == "train" and run.form == "shipped" else AS_RECORDED
+    for index, (left, right) in enumerate(hand_pairs(open_clips(run.data, split), rate)):
+        yield from _both(left, right, variations, [run.seed, index])
+
+
+def _synthesised(run: GloveRun, split: Literal["train", "val"], rate: float) -> Iterator[GloveFrames]:
+    """Half-minute motions of hands of all sizes; those of validation are a tenth, and of another generator."""
+    part, stream = (1.0, _TRAIN) if split == "train" else (0.1, _VALIDATION)
+    default = hand_skeleton(default_skeleton(), "left")
+    for number in range(math.ceil(2 * part * run.hand_minutes)):
+        rng = np.random.default_rng([run.seed, stream, 0, number])
+        motion = synthesize_hand(varied_hand(default, _HAND_SPREAD, rng), 30.0, rng, rate)
+        yield frames_of(motion, VARIATIONS[1] if split == "train" else AS_RECORDED[0], rng)
+    for number in range(math.ceil(2 * part * run.pair_minutes)):
+        rng = np.random.default_rng([run.seed, stream, 1, number])
+        left, right = synthesize_pair(varied_hand(default, _HAND_SPREAD, rng), 30.0, rng, rate)
+        yield from _both(left, right, AS_RECORDED, [run.seed, stream, 2, number])
+
+
+def _both(
+    left: HandMotion, right: HandMotion, variations: tuple[HandVariation, ...], seed: list[int]
+) -> Iterator[GloveFrames]:
+    """Each hand of a person beside the other, in every variation, each with a generator of its own."""
+    for number, variation in enumerate(variations):
+        for side, (hand, other) in enumerate(((left, right), (right, left))):
+            yield frames_of(hand, variation, np.random.default_rng([*seed, number, side]), other)
+
+
+def _train(
+    run: GloveRun, name: Network, frames: GloveFrames, validation: GloveFrames, rate: float, console: Console
+) -> None:
+    schedule = replace(SCHEDULES[name, run.form], seed=run.seed)
+    if run.steps is not None:
+        schedule = replace(schedule, steps=run.steps)
+    torch.manual_seed(run.seed)
+    network, task = _task(name, run.form, frames, validation, schedule, rate)
+    out = run.out / FILES[name]
+    log = out.with_suffix(".jsonl")
+
+    def report(progress: Progress) -> None:
+        with log.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(vars(progress)) + "\n")
+        scores = ", ".join(f"{key} {value:.3f}" for key, value in progress.validation.items())
+        console.print(
+            f"{name}: step {progress.step}/{progress.steps}, {progress.seconds:.0f} s, "
+            f"loss {progress.terms['loss']:.4f}; {scores}",
+            highlight=False,
+        )
+
+    source: dict[str, Any] = {"frames": len(frames), "hands": len(frames.hand), "rate": rate}
+    _, score = train_glove(network, task, schedule, source, out.with_suffix(".ckpt"), report)
+    made = f"{run.hand_minutes:g} minutes of synthesised hands and {run.pair_minutes:g} of pairs"
+    recorded = "" if run.data is None else f"{run.data.name}, train split, left and right hands; "
+    card = {
+        "licence": run.licence,
+        "training_data": run.data_note or f"{recorded}{made}",
+        "form": run.form,
+        "rate": 60.0,
+        "seed": run.seed,
+        "validation": {"error_cm": round(score, 3)},
+    }
+    write_glove_network(network, out, card)
+    console.print(f"wrote {out} ({out.stat().st_size / 1e6:.2f} MB)")
+
+
+def _task(
+    name: Network, form: Form, frames: GloveFrames, validation: GloveFrames, schedule: GloveSchedule, rate: float
+) -> tuple[MarkerNetwork | JointNetwork, Task]:
+    """The network and what it learns."""
+    if name == "joints":
+        config = JointNetworkConfig() if form == "shipped" else PAPER_JOINTS
+        return JointNetwork(config), JointTask(frames, validation, schedule)
+    if name == "recurrent":
+        return MarkerNetwork(RECURRENT_MARKERS), MemoryTask(frames, validation, schedule)
+    if name == "two-hands":
+        frames, validation = (one.only(~np.isnan(one.other[:, 0, 0])) for one in (frames, validation))
+        return MarkerNetwork(TWO_HANDS), MarkerTask(frames, validation, schedule, rate)
+    config = MarkerNetworkConfig() if form == "shipped" else PAPER_MARKERS
+    return MarkerNetwork(config), MarkerTask(frames, validation, schedule, rate)
+
+
+def _rate(name: Network) -> float:
+    return MEMORY_RATE if name == "recurrent" else RATE

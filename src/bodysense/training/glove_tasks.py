@@ -1,0 +1,270 @@
+"""What the networks of a glove learn: hidden markers from the others, angles from all (two-hands, section 3.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove
+from bodysense.body.hand import FINGERS, hand_skeleton, rotations_of
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.registration import brought_back, register
+from bodysense.body.rotation import quaternion_rotate, shortest_arc
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.models.glove import JointNetwork, MarkerNetwork
+from bodysense.training.glove import GloveSchedule
+from bodysense.training.glove_frames import GloveFrames
+
+_ROUND = 1e-3  # m: below, distances count squared
+_BASES = tuple(f"{finger}1" for finger in FINGERS)
+FINGER_POINTS = tuple(f"{finger}{k}" for finger in FINGERS for k in ("2", "3", "_tip"))
+_ALL_ALIKE = (0.25, 0.25, 0.25, 0.25)
+
+
+class Registered(NamedTuple):
+    """Markers on the template, by those that are known."""
+
+    seen: Tensor  # (..., 27) hidden ones 0
+    all: Tensor  # (..., 27)
+    hidden: Tensor  # (..., 9) bool
+    hand: Tensor  # (..., 20)
+    other: Tensor | None  # (..., 27) of the other hand in the same frame, hidden ones 0
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerTask:
+    """Hidden markers from the others."""
+
+    frames: GloveFrames
+    validation: GloveFrames
+    schedule: GloveSchedule
+    rate: float  # Hz, of the frames
+
+    def loss(self, network: MarkerNetwork, rng: np.random.Generator) -> dict[str, Tensor]:
+        """Of markers that are hidden, at two times."""
+        schedule = self.schedule
+        share, noise, beside = schedule.hidden_share, schedule.noise, network.config.reads_other
+        batch = draw_markers(self.frames, schedule.batch, share, noise, self.rate, beside, rng)
+        if schedule.squared:
+            missed = network(batch.seen, batch.hand, batch.other) - batch.all
+            return {"loss": (missed * 100).square().mean()}
+        before, after = self._errors(network, batch)
+        position = (_rounded(before) + _rounded(after)).mean() / 2
+        change = _rounded(after - before).mean()
+        return {"loss": 100 * (position + schedule.change * change), "position": position, "change": change}
+
+    @torch.no_grad()
+    def validate(self, network: MarkerNetwork) -> float:
+        """Mean change of the error since the occlusion, one to four markers hidden as often, cm."""
+        rng, beside = np.random.default_rng(0), network.config.reads_other
+        batch = draw_markers(self.validation, 4096, _ALL_ALIKE, 0.0, self.rate, beside, rng)
+        before, after = self._errors(network, batch)
+        return 100 * float((after - before).norm(dim=-1).mean())
+
+    @staticmethod
+    def _errors(network: MarkerNetwork, batch: Registered) -> tuple[Tensor, Tensor]:
+        """Of hidden markers (n, 3) m at both times."""
+        missed = (network(batch.seen, batch.hand, batch.other) - batch.all).unflatten(-1, (-1, 3))
+        return missed[0][batch.hidden[0]], missed[1][batch.hidden[1]]
+
+
+@dataclass(frozen=True, eq=False)
+class MemoryTask:
+    """Hidden markers from the others and from what was seen before, by a network with memory.
+
+    Of every stretch of motion all markers are seen at first, then some are hidden to its end. Stretches are of every
+    frame, every second … so that they last up to 2 s.
+    """
+
+    frames: GloveFrames
+    validation: GloveFrames
+    schedule: GloveSchedule
+    length: int = 40  # frames of a stretch
+    before: int = 8  # of them with all markers
+    strides: tuple[int, ...] = (1, 2, 4)
+
+    def loss(self, network: MarkerNetwork, rng: np.random.Generator) -> dict[str, Tensor]:
+        """Of hidden markers, and of those seen before, a little."""
+        schedule = self.schedule
+        batch = self._draw(self.frames, schedule.batch, schedule.hidden_share, schedule.noise, rng)
+        missed = self._errors(network, batch)
+        hidden = _rounded(missed)[batch.hidden].mean()
+        return {"loss": 100 * (hidden + 0.1 * _rounded(missed)[~batch.hidden].mean()), "position": hidden}
+
+    @torch.no_grad()
+    def validate(self, network: MarkerNetwork) -> float:
+        """Mean error of hidden markers, one to four hidden as often, cm."""
+        batch = self._draw(self.validation, 512, _ALL_ALIKE, 0.0, np.random.default_rng(0))
+        return 100 * float(self._errors(network, batch)[batch.hidden].norm(dim=-1).mean())
+
+    @staticmethod
+    def _errors(network: MarkerNetwork, batch: Registered) -> Tensor:
+        """(B, T, 9, 3) m."""
+        told, _ = network.step(batch.seen, batch.hand, network.start(len(batch.seen)))
+        return (told - batch.all).unflatten(-1, (-1, 3))
+
+    def _draw(
+        self, frames: GloveFrames, count: int, share: tuple[float, ...], noise: float, rng: np.random.Generator
+    ) -> Registered:
+        begins, stride = rng.integers(len(frames), size=(count, 1)), rng.choice(self.strides, size=(count, 1))
+        rows = _within(frames, np.repeat(begins, self.length, axis=1), stride * np.arange(self.length))
+        hidden = np.repeat(hide(count, share, rng)[:, None], self.length, axis=1)
+        hidden[:, : self.before] = False
+        markers = frames.markers[rows] + rng.normal(0.0, noise, (*rows.shape, len(MARKERS), 3))
+        of = frames.motion[rows]
+        return registered(markers, hidden, frames.hand[of], frames.template[of])
+
+
+@dataclass(frozen=True, eq=False)
+class JointTask:
+    """A hand's angles from all its markers."""
+
+    frames: GloveFrames
+    validation: GloveFrames
+    schedule: GloveSchedule
+
+    def loss(self, network: JointNetwork, rng: np.random.Generator) -> dict[str, Tensor]:
+        """Of the joints of fingers after the finger rotation, and a little of those before it and of the angles."""
+        schedule, frames = self.schedule, self.frames
+        rows = rng.integers(len(frames), size=schedule.batch)
+        markers = frames.markers[rows] + rng.normal(0.0, schedule.noise, (len(rows), len(MARKERS), 3))
+        angles = network(*in_hand(frames, rows, markers))
+        turned = (angles - torch.from_numpy(frames.angles[rows])).square().mean()
+        if schedule.squared:
+            return {"loss": turned}
+        true = fingers_of(torch.from_numpy(frames.points[rows]))
+        before = finger_points(angles, torch.from_numpy(frames.rest[frames.motion[rows]]))
+        after = turned_to(before, torch.from_numpy(markers.astype(np.float32)))
+        position, raw = (_rounded(points - true).mean() for points in (after, fingers_of(before)))
+        return {"loss": 100 * (position + 0.3 * raw) + 0.3 * turned, "position": position, "turned": turned}
+
+    @torch.no_grad()
+    def validate(self, network: JointNetwork) -> float:
+        """Mean distance of the joints of fingers after the finger rotation, cm."""
+        rows = np.linspace(0, len(self.validation) - 1, 8192).astype(int)
+        frames = self.validation
+        angles = network(*in_hand(frames, rows, frames.markers[rows]))
+        points = finger_points(angles, torch.from_numpy(frames.rest[frames.motion[rows]]))
+        points = turned_to(points, torch.from_numpy(frames.markers[rows]))
+        return 100 * float((points - fingers_of(torch.from_numpy(frames.points[rows]))).norm(dim=-1).mean())
+
+
+def draw_markers(
+    frames: GloveFrames,
+    count: int,
+    share: tuple[float, ...],
+    noise: float,
+    rate: float,
+    beside: bool,
+    rng: np.random.Generator,
+) -> Registered:
+    """Frames and others of the same motions up to 2 s later or earlier, the same markers hidden: (2, count, …).
+
+    Where `beside`, with the other hand, of which as many are hidden in a frame in which all are seen.
+    """
+    rows = rng.integers(len(frames), size=count)
+    gap = np.exp(rng.uniform(np.log(0.1), np.log(2.0), count)) * rate
+    later = _within(frames, rows, np.maximum(1, np.round(gap)).astype(int) * rng.choice([-1, 1], count))
+    both, hidden = np.stack([rows, later]), hide(count, share, rng)
+    other = np.where(hide(count, share, rng)[:, :, None], np.nan, frames.other[both]) if beside else None
+    markers = frames.markers[both] + rng.normal(0.0, noise, (2, count, len(MARKERS), 3))
+    of = frames.motion[both]
+    return registered(markers, np.stack([hidden, hidden]), frames.hand[of], frames.template[of], other)
+
+
+def hide(count: int, share: tuple[float, ...], rng: np.random.Generator) -> np.ndarray:
+    """(count, 9) bool: one marker is hidden as often as the first of `share` says, two as the second …"""
+    number = 1 + rng.choice(len(share), size=count, p=share)
+    rank = rng.random((count, len(MARKERS))).argsort(axis=1).argsort(axis=1)
+    return rank < number[:, None]
+
+
+def registered(
+    markers: np.ndarray, hidden: np.ndarray, hand: np.ndarray, template: np.ndarray, other: np.ndarray | None = None
+) -> Registered:
+    """Markers (..., 9, 3) m on `template` (..., 9, 3) by those that are not `hidden` (..., 9), as at run time.
+
+    `hand` (..., 20) m; `other` (..., 9, 3) m, the markers of the other hand beside them, NaN where hidden.
+    """
+    aligned = _on_template(markers, markers, hidden, template)
+    return Registered(
+        seen=_flat(np.where(hidden[..., None], 0.0, aligned)),
+        all=_flat(aligned),
+        hidden=torch.from_numpy(hidden),
+        hand=torch.from_numpy(np.asarray(hand, dtype=np.float32)),
+        other=None if other is None else _flat(np.nan_to_num(_on_template(other, markers, hidden, template))),
+    )
+
+
+def in_hand(frames: GloveFrames, rows: np.ndarray, markers: np.ndarray) -> tuple[Tensor, Tensor]:
+    """What the joint network reads of frames: their `markers` (n, 9, 3) by those on the back, and the hands."""
+    of = frames.motion[rows]
+    elsewhere = np.ones(markers.shape[:-1], dtype=bool)
+    elsewhere[:, list(ALIGNMENT)] = False
+    return _flat(_on_template(markers, markers, elsewhere, frames.template[of])), torch.from_numpy(frames.hand[of])
+
+
+def finger_points(angles: Tensor, rest: Tensor) -> Tensor:
+    """Points (n, 21, 3) m of hands with angles (n, 26) and resting offsets (n, 21, 3), from the wrist in its axes."""
+    turns = rotations_of(angles)
+    upright = torch.zeros_like(turns[:, :1])
+    upright[..., 0] = 1.0
+    pose = Pose(_hand(), torch.zeros_like(rest[:, 0]), torch.cat([upright, turns], dim=1))
+    return forward_kinematics(pose, rest)[0]
+
+
+def fingers_of(points: Tensor) -> Tensor:
+    """Joints 2 and 3 and tips of fingers (n, 5, 3, 3) among all points (n, 21, 3)."""
+    return points[:, _places(FINGER_POINTS)].unflatten(1, (-1, 3))
+
+
+def turned_to(points: Tensor, markers: Tensor) -> Tensor:
+    """Joints 2 and 3 and tips (n, 5, 3, 3) after the finger rotation (two-hands, section 2.2).
+
+    Fingers turn about their bases to point at the markers of their tips. `points` (n, 21, 3) and `markers` (n, 9, 3) m,
+    from the wrist in its axes.
+    """
+    base, rest = points[:, _places(_BASES)][:, :, None], fingers_of(points)
+    goal = markers[:, [default_glove().markers.index(f"{finger}_tip") for finger in FINGERS], None]
+    arc = shortest_arc(rest[:, :, -1:] - base, goal - base)
+    return base + quaternion_rotate(arc.expand(-1, -1, 3, -1), rest - base)
+
+
+def _within(frames: GloveFrames, rows: np.ndarray, gap: np.ndarray) -> np.ndarray:
+    """The rows at a distance, moved to the ends of their motions where they lie beyond."""
+    first = np.searchsorted(frames.motion, np.arange(len(frames.hand)))
+    last = np.append(first[1:], len(frames)) - 1
+    of = frames.motion[rows]
+    return np.clip(rows + gap, first[of], last[of])
+
+
+def _on_template(points: np.ndarray, markers: np.ndarray, hidden: np.ndarray, template: np.ndarray) -> np.ndarray:
+    """Points (..., n, 3) turned and moved as brings the markers that are not hidden onto the template."""
+    base, seen, known = (part.reshape(-1, *part.shape[markers.ndim - 2 :]) for part in (template, markers, ~hidden))
+    rotation, translation = register(base, seen, known)
+    aligned = brought_back(points.reshape(-1, *points.shape[-2:]), rotation, translation)
+    return aligned.reshape(points.shape)
+
+
+@lru_cache(maxsize=1)
+def _hand() -> Skeleton:
+    return hand_skeleton(default_skeleton(), "left")
+
+
+@lru_cache(maxsize=16)
+def _places(names: tuple[str, ...]) -> list[int]:
+    return _hand().indices(names).tolist()
+
+
+def _flat(points: np.ndarray) -> Tensor:
+    return torch.from_numpy(points.reshape(*points.shape[:-2], -1).astype(np.float32))
+
+
+def _rounded(vector: Tensor) -> Tensor:
+    """Its length, squared near zero (m)."""
+    return torch.sqrt(vector.square().sum(dim=-1) + _ROUND**2) - _ROUND

@@ -1,0 +1,167 @@
+"""Gloves on the command line: simulated, recorded as .csv, .c3d and recordings, tracked, merged, refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.body.glove import glove_points
+from bodysense.body.pose import forward_kinematics
+from bodysense.capture.markers import read_markers, write_markers
+from bodysense.capture.recording import Recording, read_recording, write_recording
+from bodysense.data.bvh import read_bvh
+from bodysense.data.clip import Clip
+from bodysense.estimators.gloves import hands
+from bodysense.observation import Observation, chosen_points
+from bodysense.occlusion import three_point
+from bodysense.occlusion.glove import observe
+
+Command = Callable[..., str]
+
+
+class Fixed:
+    """A network that answers the same whatever it is asked: these tests are of the command."""
+
+    def __init__(self, values: int) -> None:
+        self.values = values
+
+    def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
+        return np.zeros((len(markers), self.values))
+
+
+@pytest.fixture(autouse=True)
+def small_models(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No network of gloves is needed."""
+    monkeypatch.setattr(hands, "load_glove_models", lambda: hands.GloveModels(Fixed(27), Fixed(26)))
+
+
+@pytest.fixture(scope="module")
+def gloves(short_clip: Clip) -> Observation:
+    """Both gloves of the short clip, every marker seen."""
+    return observe(short_clip.pose, short_clip.time)
+
+
+@pytest.fixture
+def files(tmp_path: Path, gloves: Observation, short_clip: Clip) -> Path:
+    """A folder with gloves.csv, .c3d and .npz."""
+    for name in ("gloves.csv", "gloves.c3d"):
+        write_markers(tmp_path / name, gloves, 30.0)
+    write_recording(tmp_path / "gloves.npz", Recording(gloves, short_clip.pose.skeleton))
+    return tmp_path
+
+
+def backs(path: Path) -> np.ndarray:
+    """(T, 2, 3) m: the wrists of a BVH file."""
+    pose = read_bvh(path).pose
+    return np.asarray(forward_kinematics(pose)[0])[:, pose.skeleton.indices(["left_wrist", "right_wrist"])]
+
+
+@pytest.mark.parametrize("ending", ["csv", "c3d", "npz"])
+def test_gloves_become_a_body(files: Path, motion: Path, run: Command, ending: str) -> None:
+    said = run("track", files / f"gloves.{ending}", "-o", files / "hands.bvh")
+    assert "wrote" in said and "note" not in said
+    # The hands of a file without its wearer's skeleton are as large as its gloves look, to within a few percent.
+    np.testing.assert_allclose(backs(files / "hands.bvh"), backs(motion), atol=0.002 if ending == "npz" else 0.02)
+
+
+def test_fingers_of_the_file_are_the_gloves(files: Path, run: Command, gloves: Observation, short_clip: Clip) -> None:
+    from bodysense.body.hand import HAND_JOINTS, hand_skeleton
+    from bodysense.body.rotation import geodesic_angle
+
+    run("track", files / "gloves.npz", "-o", files / "hands.bvh")
+    pose, skeleton = read_bvh(files / "hands.bvh").pose, short_clip.pose.skeleton
+    several = hands.Hands({"left": hand_skeleton(skeleton, "left")}, hands.load_glove_models())
+    answer = several.step(gloves, several.start())[0]["left"]
+    assert answer.pose is not None
+    joints = pose.skeleton.indices([f"left_{name}" for name in HAND_JOINTS[1:]])
+    assert np.degrees(geodesic_angle(pose.rotation[:, joints], answer.pose.rotation[:, 1:])).max() < 0.5
+    assert np.degrees(geodesic_angle(pose.rotation[0, joints], pose.rotation[10, joints])).max() > 1  # they move
+
+
+@pytest.mark.parametrize("ending", ["csv", "c3d", "npz", "jsonl"])
+def test_gloves_are_simulated(tmp_path: Path, motion: Path, run: Command, ending: str) -> None:
+    out = tmp_path / f"seen.{ending}"
+    assert "20 frames" in run("simulate", motion, "--device", "gloves", "-o", out)
+    found = read_recording(out) if ending in ("npz", "jsonl") else read_markers(out)
+    assert set(found.observation.points) == {*glove_points("left"), *glove_points("right")}
+    assert 0.3 < found.observation.has_position.mean() <= 1
+    run("track", out, "-o", tmp_path / "hands.bvh")
+
+
+def test_a_headset_and_gloves(
+    tmp_path: Path, short_clip: Clip, gloves: Observation, small_three_point: Path, motion: Path, run: Command
+) -> None:
+    head = three_point.observe(short_clip.pose, short_clip.time, three_point.HEAD_ONLY)
+    head = chosen_points(head, [0])
+    fields = ("position", "rotation", "has_position", "has_rotation")
+    joined = {name: np.concatenate([getattr(head, name), getattr(gloves, name)], axis=1) for name in fields}
+    both = Observation(points=(*head.points, *gloves.points), time=head.time, **joined)
+    write_recording(tmp_path / "both.npz", Recording(both, short_clip.pose.skeleton))
+    run("track", tmp_path / "both.npz", "-o", tmp_path / "body.bvh", "--model", small_three_point)
+    np.testing.assert_allclose(backs(tmp_path / "body.bvh"), backs(motion), atol=0.012)
+
+
+def test_names_units_and_axes(files: Path, gloves: Observation, run: Command, refused: Command) -> None:
+    theirs = tuple(f"M{k}" for k in range(18))
+    # As of another program: millimetres, +Z up, left-handed, names of its own.
+    other = gloves.position[..., [0, 2, 1]] * [-1, -1, 1] * 1000
+    from bodysense.capture.markers_csv import write_csv
+
+    write_csv(files / "other.csv", replace(gloves, points=theirs, position=other))
+    (files / "names.json").write_text(json.dumps(dict(zip(theirs, gloves.points, strict=True))))
+    arguments = ["track", files / "other.csv", "-o", files / "b.bvh"]
+    assert "give a table of names with --names" in refused(*arguments)
+    arguments += ["--names", files / "names.json"]
+    assert "the numbers are mm, not m; give --unit mm" in refused(*arguments)
+    arguments += ["--unit", "mm", "--up", "z"]
+    assert "if the axes are left-handed (Unity, Unreal), give --left-handed" in refused(*arguments)
+    run(*arguments, "--left-handed")
+    run("track", files / "gloves.csv", "-o", files / "a.bvh")
+    np.testing.assert_allclose(backs(files / "b.bvh"), backs(files / "a.bvh"), atol=1e-4)
+
+
+def test_what_goes_wrong_is_one_line(files: Path, motion: Path, refused: Command) -> None:
+    out = files / "out.bvh"
+    arguments = ("track", files / "gloves.csv", "-o", out)
+    assert "leave --fingers synthesize out" in refused(*arguments, "--fingers", "synthesize")
+    assert "--samples 2 is for head and wrists alone" in refused(*arguments, "--samples", 2)
+    assert "has gloves alone; leave it out" in refused(*arguments, "--model", files / "a.onnx")
+    assert "gloves are completed without smoothing" in refused(*arguments, "--half-life", 0.1)
+    assert "0 Hz is no frame rate" in refused(*arguments, "--marker-rate", 0)
+    assert "cannot be read" in refused(*arguments, "--names", files / "missing.json")
+    assert "are for marker files" in refused("track", files / "gloves.npz", "-o", out, "--unit", "mm")
+    assert "no such file" in refused("track", files / "missing.c3d", "-o", out)
+    (files / "text.c3d").write_text("hello")
+    assert "not a C3D file" in refused("track", files / "text.c3d", "-o", out)
+    text = (files / "gloves.csv").read_text()
+    (files / "twice.csv").write_text(text.replace("left_glove_wrist", "left_glove_index_base"))
+    assert "stands twice; every marker has one name" in refused("track", files / "twice.csv", "-o", out)
+    assert "no markers of a glove" in refused("simulate", motion, "-o", files / "a.csv")
+    assert not out.exists()
+
+
+def test_doubts_are_said(files: Path, run: Command) -> None:
+    text = (files / "gloves.csv").read_text()
+    swapped = text.replace("left_glove_index_tip", "x").replace("left_glove_thumb_tip", "left_glove_index_tip")
+    (files / "swapped.csv").write_text(swapped.replace("x.", "left_glove_thumb_tip."))
+    said = run("track", files / "swapped.csv", "-o", files / "a.bvh")
+    assert "'index_tip' and 'thumb_tip' exchanged" in said
+
+
+def test_a_third_hand_is_left_out(files: Path, gloves: Observation, short_clip: Clip, run: Command) -> None:
+    more = chosen_points(gloves, range(9))
+    three = Observation(
+        points=(*gloves.points, *glove_points("left2")),
+        time=gloves.time,
+        **{
+            name: np.concatenate([getattr(gloves, name), getattr(more, name)], axis=1)
+            for name in ("position", "rotation", "has_position", "has_rotation")
+        },
+    )
+    write_recording(files / "three.npz", Recording(three, short_clip.pose.skeleton))
+    assert "left out 'left2'" in run("track", files / "three.npz", "-o", files / "a.bvh")

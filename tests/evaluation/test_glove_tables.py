@@ -1,0 +1,192 @@
+"""Tables 3 and 4 of two-hands: what trials are, that errors are of what is hidden, and what the reports hold."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from bodysense.body.glove import default_glove, marker_positions
+from bodysense.body.hand import hand_skeleton
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.data.hand_motion import HandMotion
+from bodysense.data.hand_synthesis import synthesize_hand
+from bodysense.data.pair_synthesis import synthesize_pair
+from bodysense.estimators.gloves.baselines import LastKnown
+from bodysense.estimators.gloves.hands import GloveModels
+from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
+from bodysense.evaluation.datasets import Census
+from bodysense.evaluation.glove_networks import compare_memory, compare_two_hands
+from bodysense.evaluation.glove_scores import ALONE, GloveTable, measure_fingers, measure_markers
+from bodysense.evaluation.glove_tables import finger_report, marker_report, published_ratio
+from bodysense.evaluation.glove_trials import (
+    BEFORE,
+    DURATIONS,
+    HIDDEN,
+    LAST,
+    Means,
+    cut,
+    finger_error,
+    hide_some,
+    marker_error,
+)
+from bodysense.models.glove import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig
+from bodysense.training.glove_onnx import write_glove_network
+
+
+@pytest.fixture(scope="module")
+def hand() -> Skeleton:
+    return hand_skeleton(default_skeleton(), "left")
+
+
+@pytest.fixture(scope="module")
+def motion(hand: Skeleton) -> HandMotion:
+    return synthesize_hand(hand, 2.8, np.random.default_rng(1))
+
+
+@pytest.fixture(scope="module")
+def networks(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of small networks that were never trained."""
+    folder = tmp_path_factory.mktemp("gloves")
+    torch.manual_seed(0)
+    for name, network in {
+        "glove_markers": MarkerNetwork(MarkerNetworkConfig((16,))),
+        "glove_joints": JointNetwork(JointNetworkConfig((16,))),
+        "glove_two_hands": MarkerNetwork(MarkerNetworkConfig((16,), reads_other=True)),
+        "glove_recurrent": MarkerNetwork(MarkerNetworkConfig((16,), memory=8)),
+    }.items():
+        write_glove_network(network, folder / f"{name}.onnx", {})
+    return folder
+
+
+def test_trials_are_stretches_of_the_motion(motion: HandMotion) -> None:
+    trials = cut([motion, motion], 30, np.random.default_rng(2))
+    assert trials is not None
+    markers = np.asarray(marker_positions(default_glove(), motion.pose))
+    for k in range(len(trials)):
+        begin = len(motion) - trials.frames[k]
+        own = trials.markers[: trials.frames[k], k]
+        assert np.array_equal(own, markers[begin : begin + len(own)])
+        assert np.array_equal(trials.markers[-1, k], markers[min(begin + LAST[-1], len(markers) - 1)])
+    assert (trials.frames > LAST[0]).all()
+    short = HandMotion("short", motion.pose[:20], 60.0, "", "left")
+    assert cut([short], 30, np.random.default_rng(2)) is None
+
+
+def test_last_frames_are_those_before_markers_return() -> None:
+    """Hidden for 0.1 s at 60 Hz are six frames, the first of them the one after those that are seen."""
+    assert LAST[0] == BEFORE + 5
+    assert [(last + 1 - BEFORE) / 60 for last in LAST] == pytest.approx(DURATIONS)
+
+
+def test_errors_of_the_last_known_position_are_how_far_the_hidden_markers_went(motion: HandMotion) -> None:
+    trials = cut([motion], 30, np.random.default_rng(2))
+    assert trials is not None
+    hidden = hide_some(len(trials), 2, np.random.default_rng(3))
+    assert (hidden.sum(axis=1) == 2).all()
+    errors = marker_error(trials, hidden, LastKnown())
+    for row, last in enumerate(LAST):
+        gone = 100 * np.linalg.norm(trials.markers[last] - trials.markers[BEFORE - 1], axis=-1)
+        expected = np.array([gone[k][hidden[k]].mean() for k in range(len(trials))])
+        inside = trials.frames > last
+        assert np.allclose(errors[row][inside], expected[inside])
+        assert np.isnan(errors[row][~inside]).all()
+
+
+def test_nothing_is_missed_of_fingers_by_a_network_that_knows_them(motion: HandMotion) -> None:
+    """Through the run time: true angles and true markers give true joints, hidden markers or not."""
+    from bodysense.body.hand import angles_of
+
+    trials = cut([motion], 40, np.random.default_rng(2))
+    assert trials is not None
+    begin = len(motion) - trials.frames
+    true = np.asarray(angles_of(motion.pose.rotation[:, 1:]))
+
+    class Knowing:
+        def __init__(self) -> None:
+            self.frame = 0
+
+        def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
+            rows = np.minimum(begin + self.frame, len(true) - 1)
+            self.frame += 1
+            return true[rows]
+
+    class Markers:
+        def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
+            return np.zeros_like(markers)  # before the first frame; then nothing is hidden
+
+    nothing = np.zeros((len(trials), 9), dtype=bool)
+    errors = finger_error(trials, nothing, GloveModels(Markers(), Knowing()), ALONE)
+    assert errors.shape == (1 + len(DURATIONS), len(trials))
+    assert np.nanmax(errors) < 1e-3
+
+
+def test_reports_hold_the_figures_and_the_published_ones(networks: Path, motion: HandMotion) -> None:
+    task = ([motion], "main")
+    markers, joints = networks / "glove_markers.onnx", networks / "glove_joints.onnx"
+    table = GloveTable(measure_markers(task, markers, stride=60), Census(), None, 1)
+    report = marker_report(table)
+    for method in ("lk", "ls", "ma", "ac", "nn"):
+        for hidden in HIDDEN:
+            for duration in DURATIONS:
+                assert np.isfinite(report.numbers[f"{method}_{hidden}_{duration:.1f}_cm"])
+    ratio = report.numbers["nn_2_0.5_cm"] / report.numbers["lk_2_0.5_cm"]
+    assert report.numbers["ratio_2_0.5"] == pytest.approx(ratio)
+    assert published_ratio(1, 0.1) == pytest.approx(0.56 / 1.54)
+    assert published_ratio(4, 2.0) == pytest.approx(2.72 / 8.06)
+    shown = next(row for row in report.rows if row[1] == "affine combination" and row[2] == "4")
+    assert shown[-5:] == (1.66, 2.68, 4.06, 5.34, 5.45)
+
+    fingers = finger_report(GloveTable(measure_fingers(task, markers, joints, stride=60), Census(), None, 1))
+    wanted = {"ik_cm", "ik_tuned_cm", "nn_0_cm", *(f"nn_{n}_{d:.1f}_cm" for n in HIDDEN for d in DURATIONS)}
+    assert wanted <= set(fingers.numbers)
+    still = next(row for row in fingers.rows if row[1] == "network" and row[2] == "0")
+    assert still[3] == pytest.approx(fingers.numbers["nn_0_cm"])
+    assert still[-5] == 0.07
+
+
+def test_synthesised_hands_have_keys_of_their_own_beside_recorded_ones() -> None:
+    means = Means()
+    for group, error in (("main", 1.0), ("synthesised", 2.0)):
+        for method in ("lk", "ls", "ma", "ac", "nn"):
+            for hidden in HIDDEN:
+                for duration in DURATIONS:
+                    means.add((group, method, hidden, duration), np.array([error, np.nan]))
+    numbers: dict[str, Any] = marker_report(GloveTable(means, Census(), None, 1)).numbers
+    assert numbers["lk_1_0.1_cm"] == 1.0
+    assert numbers["lk_1_0.1_cm_synthesised"] == 2.0
+
+
+def test_means_merge_as_if_they_had_been_one() -> None:
+    one, other, both = Means(), Means(), Means()
+    for means in (one, both):
+        means.add(("a",), np.array([1.0, 2.0, np.nan]))
+    for means in (other, both):
+        means.add(("a",), np.array([[6.0]]))
+    one.merge(other)
+    assert one.get("a") == both.get("a") == 3.0
+    assert np.isnan(one.get("b"))
+
+
+def test_both_comparisons_measure_both_networks(networks: Path, hand: Skeleton, motion: HandMotion) -> None:
+    pair = synthesize_pair(hand, 4.0, np.random.default_rng(3), 15.0)
+    numbers = compare_two_hands([pair], networks, networks / "glove_markers.onnx")
+    assert 0 < numbers["hidden_share"] < 1
+    assert {"single_hidden_cm", "two_hands_hidden_cm"} <= set(numbers)
+    memory = compare_memory([motion], networks, networks / "glove_markers.onnx")
+    assert {
+        f"{name}_4_0.5_cm" for name in ("feed_forward", "recurrent", "feed_forward_alone", "recurrent_alone")
+    } <= set(memory)
+
+
+def test_packaged_networks_do_what_the_paper_s_do(motion: HandMotion) -> None:
+    """Bounds are the paper's figures of its own people (Tables 3 and 4), at 0.1 s."""
+    trials = cut([motion], 20, np.random.default_rng(2))
+    assert trials is not None
+    models = GloveModels(load_marker_network(), load_joint_network())
+    errors = finger_error(trials, hide_some(len(trials), 1, np.random.default_rng(1)), models, ALONE)
+    assert np.nanmean(errors[0]) < 0.4
+    assert np.nanmean(errors[1]) < 0.5

@@ -1,0 +1,96 @@
+"""Networks of a glove: what they read, what they start from, and what an exported one has folded in."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from bodysense.models.glove import (
+    PAPER_JOINTS,
+    PAPER_MARKERS,
+    RECURRENT_MARKERS,
+    TWO_HANDS,
+    JointNetwork,
+    JointNetworkConfig,
+    MarkerNetwork,
+    MarkerNetworkConfig,
+    typical_hand,
+)
+
+MARKERS = {"ours": MarkerNetworkConfig((16, 8)), "paper": PAPER_MARKERS, "two hands": TWO_HANDS}
+
+
+@pytest.fixture
+def read() -> tuple[Tensor, Tensor]:
+    """Markers (4, 27), some hidden, and lengths of bones (4, 20)."""
+    torch.manual_seed(1)
+    shape, lengths = typical_hand()
+    markers = (shape + 0.02 * torch.randn(4, 9, 3)).flatten(-2)
+    markers[1, 3:6] = 0.0
+    return markers, lengths * (1 + 0.1 * torch.randn(4, 20))
+
+
+def test_the_paper_s_layers_have_the_size_of_its_tables() -> None:
+    for network, sizes in (
+        (MarkerNetwork(PAPER_MARKERS), [27, 200, 150, 200, 27]),
+        (JointNetwork(PAPER_JOINTS), [27, 200, 200, 200, 26]),
+    ):
+        weights = [layer for layer in network.layers if isinstance(layer, torch.nn.Linear)]
+        assert [weights[0].in_features, *(layer.out_features for layer in weights)] == sizes
+    drops = [layer.p for layer in JointNetwork(PAPER_JOINTS).layers if isinstance(layer, torch.nn.Dropout)]
+    assert drops == [0.1, 0.1]
+
+
+@pytest.mark.parametrize("name", MARKERS)
+def test_folded_layers_answer_as_the_network(name: str, read: tuple[Tensor, Tensor]) -> None:
+    network = MarkerNetwork(MARKERS[name]).eval()
+    assert torch.allclose(network.folded()(network.raw(*read)), network(*read), atol=1e-6)
+
+
+@pytest.mark.parametrize("config", [JointNetworkConfig((16,)), PAPER_JOINTS])
+def test_folded_layers_of_angles_answer_as_the_network(config: JointNetworkConfig, read: tuple[Tensor, Tensor]) -> None:
+    network = JointNetwork(config).eval()
+    assert torch.allclose(network.folded()(network.raw(*read)), network(*read), atol=1e-5)
+
+
+def test_a_hidden_marker_is_read_as_such_and_not_as_one_at_the_template(read: tuple[Tensor, Tensor]) -> None:
+    markers, hand = read
+    shape, _ = typical_hand()
+    network = MarkerNetwork(MarkerNetworkConfig((16,)))
+    features = network.features(markers, hand)
+    assert not features[1, 3:6].any()
+    assert features[:, 27:36].sum() == 4 * 9 - 1
+    there = markers.clone()
+    there[1, 3:6] = shape[1]
+    seen = network.features(there, hand)
+    assert torch.allclose(seen[1, 3:6], torch.zeros(3), atol=1e-6)  # on the template, and known
+    assert seen[1, 28] == 1
+    assert features[1, 28] == 0
+
+
+def test_the_default_hand_on_the_template_reads_as_zeros() -> None:
+    shape, lengths = typical_hand()
+    features = MarkerNetwork(MarkerNetworkConfig((16,))).features(shape.flatten()[None], lengths[None])
+    assert torch.allclose(features[:, :27], torch.zeros(1, 27), atol=1e-5)
+    assert torch.allclose(features[:, 36:], torch.zeros(1, 20), atol=1e-5)
+
+
+def test_without_the_other_hand_none_of_its_markers_is_known(read: tuple[Tensor, Tensor]) -> None:
+    network = MarkerNetwork(TWO_HANDS)
+    assert torch.equal(network(*read), network(*read, torch.zeros(4, 27)))
+    assert not torch.equal(network(*read), network(*read, read[0]))
+
+
+def test_memory_carries_over_frames_and_one_call_is_many(read: tuple[Tensor, Tensor]) -> None:
+    network = MarkerNetwork(RECURRENT_MARKERS).eval()
+    markers, hand = (part[None] for part in read)  # one hand, four frames
+    at_once, after = network.step(markers, hand, network.start(1))
+    memory, single = network.start(1), []
+    for frame in range(4):
+        told, memory = network.step(markers[:, frame : frame + 1], hand[:, frame : frame + 1], memory)
+        single.append(told)
+    assert torch.allclose(torch.cat(single, dim=1), at_once, atol=1e-5)
+    assert torch.allclose(memory, after, atol=1e-5)
+    first, _ = network.step(markers[:, :1], hand[:, :1], after)
+    assert not torch.allclose(first, at_once[:, :1], atol=1e-5)

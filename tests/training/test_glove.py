@@ -1,0 +1,296 @@
+"""Training of a glove's networks: what is drawn, that losses fall, that a run goes on as the run it was."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+import pytest
+import torch
+
+from bodysense.body.glove import default_glove, marker_positions, template
+from bodysense.body.hand import hand_skeleton
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.data.hand_motion import HandMotion
+from bodysense.data.hand_synthesis import synthesize_hand, varied_hand
+from bodysense.data.pair_synthesis import synthesize_pair
+from bodysense.errors import BodysenseError
+from bodysense.estimators.gloves.networks import bone_lengths, load_joint_network, load_marker_network, size_ratios
+from bodysense.models.glove import (
+    PAPER_JOINTS,
+    PAPER_MARKERS,
+    TWO_HANDS,
+    JointNetwork,
+    JointNetworkConfig,
+    MarkerNetwork,
+    MarkerNetworkConfig,
+)
+from bodysense.training.body_network import Progress
+from bodysense.training.glove import GloveSchedule, Task, train_glove
+from bodysense.training.glove_frames import AS_RECORDED, GloveFrames, HandVariation, frames_of, join
+from bodysense.training.glove_onnx import write_glove_network
+from bodysense.training.glove_run import GloveRun, run_gloves
+from bodysense.training.glove_tasks import (
+    FINGER_POINTS,
+    JointTask,
+    MarkerTask,
+    MemoryTask,
+    draw_markers,
+    finger_points,
+    hide,
+    in_hand,
+    registered,
+    turned_to,
+)
+
+SMALL = GloveSchedule(steps=60, batch=64, learning_rate=4e-3, check_every=30, warm_up=5, average_decay=0.8)
+
+
+@pytest.fixture(scope="module")
+def hand() -> Skeleton:
+    return varied_hand(hand_skeleton(default_skeleton(), "left"), 0.1, np.random.default_rng(3))
+
+
+@pytest.fixture(scope="module")
+def motion(hand: Skeleton) -> HandMotion:
+    return synthesize_hand(hand, 8.0, np.random.default_rng(4), 30.0)
+
+
+@pytest.fixture(scope="module")
+def frames(motion: HandMotion) -> GloveFrames:
+    return frames_of(motion, HandVariation(), np.random.default_rng(5))
+
+
+def test_frames_are_the_motion_from_the_wrist_at_one_size(
+    motion: HandMotion, hand: Skeleton, frames: GloveFrames
+) -> None:
+    ratio = size_ratios([hand])[0]
+    markers = marker_positions(default_glove(), motion.pose)
+    points, _ = forward_kinematics(motion.pose)
+    for ours, true in ((frames.markers, markers), (frames.points, points)):
+        # From the wrist in its axes: distances between points stay.
+        between = np.linalg.norm(true[:, 3:] - true[:, :-3], axis=-1) / ratio
+        assert np.allclose(np.linalg.norm(ours[:, 3:] - ours[:, :-3], axis=-1), between, atol=1e-6)
+    assert np.abs(frames.points[:, 0]).max() == 0
+    assert np.allclose(frames.hand, bone_lengths([hand]))
+    assert np.isnan(frames.other).all()
+
+
+def test_the_other_hand_stands_where_it_is_for_this_one(hand: Skeleton) -> None:
+    left, right = synthesize_pair(hand, 3.0, np.random.default_rng(6), 30.0)
+    made = frames_of(left, HandVariation(), np.random.default_rng(7), right)
+    # Distances between markers of both hands, in the world: the right hand is mirrored at x = 0 there.
+    ours, theirs = (np.asarray(marker_positions(default_glove(), one.pose)) for one in (left, right))
+    theirs = theirs * [-1, 1, 1]
+    true = np.linalg.norm(ours[:, :, None] - theirs[:, None], axis=-1) / size_ratios([hand])[0]
+    assert np.allclose(np.linalg.norm(made.markers[:, :, None] - made.other[:, None], axis=-1), true, atol=1e-6)
+    with pytest.raises(BodysenseError, match="both need the same times"):
+        frames_of(left, HandVariation(), np.random.default_rng(7), replace(right, pose=right.pose[:5]))
+
+
+def test_joined_motions_keep_their_own_hands(frames: GloveFrames, motion: HandMotion) -> None:
+    other = frames_of(motion, HandVariation(hand=0.1), np.random.default_rng(8))
+    both = join([frames, other])
+    assert len(both) == 2 * len(frames)
+    assert np.array_equal(both.hand[both.motion[-1]], other.hand[0])
+    assert np.array_equal(both.hand[both.motion[0]], frames.hand[0])
+    rows = np.zeros(len(both), dtype=bool)
+    rows[len(frames) :] = True
+    assert np.array_equal(both.only(rows).markers, other.markers)
+    with pytest.raises(BodysenseError, match="no motion with fingers"):
+        join([])
+
+
+def test_as_many_markers_are_hidden_as_the_share_says() -> None:
+    hidden = hide(20_000, (0.70, 0.17, 0.08, 0.05), np.random.default_rng(1))
+    counts = np.bincount(hidden.sum(axis=1), minlength=5)[1:] / len(hidden)
+    assert np.allclose(counts, [0.70, 0.17, 0.08, 0.05], atol=0.01)
+    assert np.allclose(hidden.mean(axis=0), hidden.mean(), atol=0.02)  # every marker as often
+
+
+def test_markers_are_registered_by_those_that_are_known_as_scipy_does(frames: GloveFrames, hand: Skeleton) -> None:
+    from scipy.spatial.transform import Rotation
+
+    markers = frames.markers[[0, 100]].astype(float)
+    hidden = np.zeros((2, 9), dtype=bool)
+    hidden[:, [1, 5]] = True
+    goal = np.broadcast_to(frames.template[0], markers.shape)
+    made = registered(markers, hidden, np.repeat(frames.hand, 2, axis=0), goal)
+    assert np.allclose(frames.template[0], template(default_glove(), hand) / size_ratios([hand])[0])
+    for row in range(2):
+        known = ~hidden[row]
+        middle, aim = markers[row][known].mean(axis=0), goal[row][known].mean(axis=0)
+        turn = Rotation.align_vectors(goal[row][known] - aim, markers[row][known] - middle)[0]
+        expected = turn.apply(markers[row] - middle) + aim
+        assert np.allclose(made.all[row].reshape(9, 3), expected, atol=1e-6)
+        assert not made.seen[row].reshape(9, 3)[hidden[row]].any()
+        assert np.allclose(made.seen[row].reshape(9, 3)[known], expected[known], atol=1e-6)
+
+
+def test_drawn_frames_are_of_one_motion_with_the_same_markers_hidden(frames: GloveFrames) -> None:
+    drawn = draw_markers(frames, 50, (0.5, 0.5), 0.0, 30.0, False, np.random.default_rng(1))
+    assert torch.equal(drawn.hidden[0], drawn.hidden[1])
+    assert torch.equal(drawn.hand[0], drawn.hand[1])
+    assert drawn.other is None
+    again = draw_markers(frames, 50, (0.5, 0.5), 0.0, 30.0, False, np.random.default_rng(1))
+    assert torch.equal(drawn.seen, again.seen)
+
+
+def test_true_angles_put_fingers_where_they_are(frames: GloveFrames) -> None:
+    """Of synthesised hands angles tell all, and the finger rotation has nothing to do."""
+    points = finger_points(torch.from_numpy(frames.angles), torch.from_numpy(frames.rest[frames.motion]))
+    assert np.allclose(points, frames.points, atol=1e-5)
+    turned = turned_to(points, torch.from_numpy(frames.markers))
+    places = default_hand().indices(FINGER_POINTS)
+    assert np.allclose(turned.flatten(1, 2), frames.points[:, places], atol=1e-4)
+
+
+def test_a_turned_finger_points_at_its_marker(frames: GloveFrames) -> None:
+    rest = torch.from_numpy(frames.rest[frames.motion])
+    points = finger_points(torch.from_numpy(frames.angles) + 0.1, rest)
+    turned = turned_to(points, torch.from_numpy(frames.markers)).numpy()
+    glove, hand = default_glove(), default_hand()
+    for place, finger in enumerate(("thumb", "index", "middle", "ring", "pinky")):
+        base = frames.points[:, hand.index(f"{finger}1")]
+        marker = frames.markers[:, glove.markers.index(f"{finger}_tip")]
+        a, b = turned[:, place, 2] - base, marker - base
+        cosine = (a * b).sum(axis=-1) / np.linalg.norm(a, axis=-1) / np.linalg.norm(b, axis=-1)
+        assert cosine.min() > 1 - 1e-5
+
+
+def test_what_the_joint_network_reads_does_not_depend_on_where_the_hand_is(frames: GloveFrames) -> None:
+    rows = np.arange(20)
+    here, _ = in_hand(frames, rows, frames.markers[rows])
+    assert np.allclose(here.reshape(-1, 9, 3), frames.markers[rows], atol=1e-6)  # it is at its wrist already
+    turned = frames.markers[rows] @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]) + 0.3
+    there, _ = in_hand(frames, rows, turned)
+    assert torch.allclose(here, there, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["markers", "paper markers", "two hands", "recurrent", "joints", "paper joints"])
+def test_losses_fall(name: str, frames: GloveFrames, hand: Skeleton, tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    network, task = _small(name, frames, hand)
+
+    def loss() -> float:
+        with torch.no_grad():
+            return float(task.loss(network.eval(), np.random.default_rng(9))["loss"])
+
+    before = loss()
+    _, score = train_glove(network, task, SMALL, {}, tmp_path / "one.ckpt", lambda progress: None)
+    assert loss() < 0.85 * before
+    assert task.validate(network) == pytest.approx(score, rel=1e-5)  # the best weights are in it
+
+
+def _small(name: str, frames: GloveFrames, hand: Skeleton) -> tuple[MarkerNetwork | JointNetwork, Task]:
+    """A small network and its task."""
+    squared = replace(SMALL, squared=True, average_decay=0.0, patience=2)
+    if name == "two hands":
+        left, right = synthesize_pair(hand, 4.0, np.random.default_rng(6), 30.0)
+        frames = frames_of(left, AS_RECORDED[0], np.random.default_rng(7), right)
+        return MarkerNetwork(replace(TWO_HANDS, layers=(32,))), MarkerTask(frames, frames, SMALL, 30.0)
+    if name == "recurrent":
+        few = replace(SMALL, batch=8)
+        return MarkerNetwork(MarkerNetworkConfig((32,), memory=16)), MemoryTask(
+            frames, frames, few, length=10, before=4
+        )
+    if name == "joints":
+        return JointNetwork(JointNetworkConfig((32,))), JointTask(frames, frames, SMALL)
+    if name == "paper joints":
+        return JointNetwork(replace(PAPER_JOINTS, layers=(32, 32))), JointTask(frames, frames, squared)
+    if name == "paper markers":
+        return MarkerNetwork(replace(PAPER_MARKERS, layers=(32,))), MarkerTask(frames, frames, squared, 30.0)
+    return MarkerNetwork(MarkerNetworkConfig((32,))), MarkerTask(frames, frames, SMALL, 30.0)
+
+
+def test_a_stopped_run_goes_on_to_the_same_network(frames: GloveFrames, tmp_path: Path) -> None:
+    config = MarkerNetworkConfig((16,))
+
+    class Stop(Exception):
+        pass
+
+    def stop(progress: Progress) -> None:
+        if progress.step == 30:
+            raise Stop
+
+    def run(path: Path, report: object) -> MarkerNetwork:
+        torch.manual_seed(0)
+        network = MarkerNetwork(config)
+        task = MarkerTask(frames, frames, SMALL, 30.0)
+        train_glove(network, task, SMALL, {}, path, report)  # pyright: ignore[reportArgumentType]
+        return network
+
+    whole = run(tmp_path / "whole.ckpt", lambda progress: None)
+    with pytest.raises(Stop):
+        run(tmp_path / "halved.ckpt", stop)
+    resumed = run(tmp_path / "halved.ckpt", lambda progress: None)
+    for one, other in zip(whole.parameters(), resumed.parameters(), strict=True):
+        assert torch.equal(one, other)
+    task = MarkerTask(frames, frames, SMALL, 30.0)
+    with pytest.raises(BodysenseError, match=r"schedule\.seed: 1 → 2"):
+        train_glove(MarkerNetwork(config), task, replace(SMALL, seed=2), {}, tmp_path / "whole.ckpt", lambda p: None)
+
+
+def test_the_learning_rate_is_halved_where_nothing_gets_better(tmp_path: Path) -> None:
+    class Stuck:
+        def loss(self, network: torch.nn.Module, rng: np.random.Generator) -> dict[str, torch.Tensor]:
+            return {"loss": sum((p.sum() * 0 for p in network.parameters()), torch.zeros(()))}
+
+        def validate(self, network: torch.nn.Module) -> float:
+            return 1.0
+
+    schedule = replace(SMALL, steps=140, check_every=20, patience=2)
+    network = MarkerNetwork(MarkerNetworkConfig((4,)))
+    train_glove(network, Stuck(), schedule, {}, tmp_path / "one.ckpt", lambda progress: None)
+    best = torch.load(tmp_path / "one.ckpt", weights_only=True)["best"]
+    assert best["factor"] == 0.125  # one check that is best, then six without progress
+
+
+@pytest.mark.parametrize("name", ["markers", "joints"])
+def test_the_file_answers_as_the_network_for_any_number_of_hands(
+    name: str, frames: GloveFrames, tmp_path: Path
+) -> None:
+    torch.manual_seed(0)
+    network = MarkerNetwork(MarkerNetworkConfig()) if name == "markers" else JointNetwork(JointNetworkConfig())
+    write_glove_network(network, tmp_path / "one.onnx", {"licence": "none"})
+    load = load_marker_network if name == "markers" else load_joint_network
+    loaded = load(tmp_path / "one.onnx")
+    assert loaded.card["licence"] == "none"
+    assert (tmp_path / "one.onnx").stat().st_size < 1e6
+    for count in (1, 2, 17):
+        markers = torch.from_numpy(frames.markers[:count]).flatten(-2)
+        markers[0, :3] = 0.0
+        hand = torch.from_numpy(np.repeat(frames.hand, count, axis=0))
+        with torch.no_grad():
+            expected = network.eval()(markers, hand).numpy()
+        told = loaded.run(markers.numpy(), hand.numpy())
+        assert told.shape == expected.shape
+        # Half precision of weights, of numbers of the size of 0.1 m and of 0.5 rad.
+        assert np.abs(told - expected).max() < (2e-4 if name == "markers" else 4e-3)
+
+
+def test_a_run_without_data_writes_both_networks(tmp_path: Path) -> None:
+    run = GloveRun(("markers", "joints"), None, tmp_path / "out", "shipped", 2, 0.1, 0.1, 1, 1, "none", "")
+    run_gloves(run)
+    for name in ("glove_markers", "glove_joints"):
+        session = onnxruntime.InferenceSession(str(tmp_path / "out" / f"{name}.onnx"))
+        assert [one.name for one in session.get_inputs()] == ["markers", "hand"]
+        assert (tmp_path / "out" / f"{name}.ckpt").is_file()
+        assert (tmp_path / "out" / f"{name}.jsonl").is_file()
+
+
+def test_a_run_that_cannot_be_is_refused(tmp_path: Path) -> None:
+    good = GloveRun(("markers",), None, tmp_path, "shipped", 2, 0.1, 0.1, 1, 1, "none", "")
+    with pytest.raises(BodysenseError, match="--steps 0"):
+        replace(good, steps=0)
+    with pytest.raises(BodysenseError, match="--hand-minutes -1"):
+        replace(good, hand_minutes=-1.0)
+    with pytest.raises(BodysenseError, match="the paper has no such network"):
+        replace(good, networks=("recurrent",), form="paper")
+
+
+def default_hand() -> Skeleton:
+    return hand_skeleton(default_skeleton(), "left")
