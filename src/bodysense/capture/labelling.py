@@ -21,7 +21,7 @@ from bodysense.body.hand import mirrored_vectors
 from bodysense.body.registration import register
 from bodysense.body.skeleton import Skeleton
 from bodysense.capture.assignment import assigned_or_none, cost_of
-from bodysense.capture.hand_search import SIDES, FoundHand, find_hand
+from bodysense.capture.hand_search import SIDES, FoundHand, find_hands, surest, unlikeness
 from bodysense.capture.hand_shapes import marker_ranges
 from bodysense.capture.raw_markers import points_alone
 from bodysense.errors import BodysenseError
@@ -42,18 +42,24 @@ class LabellingSettings:
     drift: float = 0.3  # m/s by which it grows while a marker is hidden
     farthest: float = 0.05  # m that it grows to
     shape: float = 0.035  # m from where a hand can have it that a marker of a finger may be
-    back: float = 0.02  # m, the same of one on the back of the hand
+    back: float = 0.02  # m, the same of one on the back of the hand or at the middle of the thumb
     shape_share: float = 0.3  # how much that counts beside where a marker is expected
     no_hand: float = 0.4  # mean of these distances, squared and as a share of what may be: more is no hand
     better: float = 0.8  # of the cost of the labels that there are: another assignment with less is the better hand
     patience: float = 0.1  # s for which it must be, and for which a hand with few markers is followed on
     fewest: int = 7  # markers that a hand must show to be found
+    again: int = 6  # the same once the size of the hands is known
     followed: int = 3  # markers that it must show to be followed on
     stiffness: float = 0.008  # m by which sides of the triangle on the back of the hand may differ from the template's
     sizes: tuple[float, float] = (0.8, 1.25)  # of the hand that is given, that are looked for
     same_size: float = 0.05  # share by which sizes differ that are looked for once one hand is known
     proven: float = 0.2  # s of following after which the size of a hand is known
-    margin: float = 0.8  # of the cost as another hand: points that are two hands nearly as well are neither
+    margin: float = (
+        0.5  # markers that another hand must cost more: points that are two hands nearly as well are neither
+    )
+    worst: float = 0.12  # mean of the distances, squared and as a share of what may be, of a hand that is found
+    kept: float = 1.0  # markers that another hand must cost less than one that is followed
+    check: float = 0.1  # s after which hands that are followed are compared with others
     half_life: float = 0.008  # s in which the velocity of a marker adapts by half
 
     def __post_init__(self) -> None:
@@ -80,6 +86,7 @@ class LabelState(NamedTuple):
     time: float | None
     hands: tuple[HandTrack, ...]
     doubt: float  # s for which another assignment has been the better hand
+    checked: float  # s, when hands that are followed were last compared with others
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +121,7 @@ class Labeller:
 
     def start(self) -> LabelState:
         """No hand is followed yet."""
-        return LabelState(None, tuple(_nowhere() for _ in self.hands), 0.0)
+        return LabelState(None, tuple(_nowhere() for _ in self.hands), 0.0, -np.inf)
 
     def step(self, observation: Observation, state: LabelState) -> tuple[Observation, LabelState]:
         """Label T frames of points, whatever they are called: the markers of all gloves, by name.
@@ -142,16 +149,18 @@ class Labeller:
             if not hand.size:
                 labels[_of_hand(labels, k)] = -1
         # A hand that was just found is looked for once more: how it moves is not known yet.
-        doubtful = [
-            not hand.size or hand.weak > 0 or not before.velocity.any()
-            for hand, before in zip(hands, state.hands, strict=True)
-        ]
-        self._look_for(np.flatnonzero(doubtful).tolist(), points, labels, hands)
+        doubtful = {
+            k
+            for k, (hand, before) in enumerate(zip(hands, state.hands, strict=True))
+            if not hand.size or hand.weak > 0 or not before.velocity.any()
+        }
+        check = now - state.checked >= self.settings.check
+        self._look_for(doubtful, set(range(len(hands))) if check else doubtful, points, labels, hands)
         moved = [
             _with_velocity(hand, before, interval) if hand.velocity is _UNKNOWN else hand
             for hand, before in zip(hands, state.hands, strict=True)
         ]
-        return labels, LabelState(now, tuple(moved), doubt)
+        return labels, LabelState(now, tuple(moved), doubt, now if check else state.checked)
 
     def _followed(
         self, points: np.ndarray, expected: list[HandTrack], interval: float, doubt: float
@@ -188,14 +197,13 @@ class Labeller:
         known = np.ones((1, len(_BACK)), dtype=bool)
         rotation, translation = register(hand.size * self._templates[k][_BACK], hand.place[None, _BACK], known)[:2]
         local = (points * self._flips[k] - translation[0]) @ rotation[0] / hand.size
-        apart = ((local[:, None] - self._ranges[k][:, None]) ** 2).sum(axis=-1).min(axis=-1)
-        return apart / self._allowed
+        return unlikeness(local, self._ranges[k], self._allowed)
 
     @cached_property
     def _allowed(self) -> np.ndarray:
         """(9, 1) m²: how far, squared, markers may be from where a hand can have them."""
         allowed = np.full((_COUNT, 1), self.settings.shape**2)
-        allowed[_BACK] = self.settings.back**2
+        allowed[[*_BACK, MARKERS.index("thumb_middle")]] = self.settings.back**2
         return allowed
 
     def _taken(self, k: int, points: np.ndarray, labels: np.ndarray, expected: HandTrack, interval: float) -> HandTrack:
@@ -215,14 +223,15 @@ class Labeller:
         good = enough and np.minimum(own[seen], 1.0).mean() < self.settings.no_hand
         weak = 0.0 if good else expected.weak + interval
         if weak > self.settings.patience:
-            return _nowhere(expected.size if expected.age > self.settings.proven else expected.usual)
+            return _nowhere(expected.usual)
         velocity = expected.velocity
         if interval:
             share = 1 - 0.5 ** (interval / self.settings.half_life)
             velocity = velocity + share * (now - expected.place) / interval
         age = expected.age + interval if good else expected.age
         hidden = np.where(seen, 0.0, expected.hidden)
-        return HandTrack(expected.size, now, velocity, hidden, weak, age, expected.usual)
+        usual = expected.usual or expected.size * (age > self.settings.proven)
+        return HandTrack(expected.size, now, velocity, hidden, weak, age, usual)
 
     def _seen(self, k: int, points: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Markers (9, 3) of a hand, in its mirrored world, and which are seen."""
@@ -242,46 +251,62 @@ class Labeller:
         most = max(wrong.values())
         return [marker for marker, count in wrong.items() if most and count == most]
 
-    def _look_for(self, missing: list[int], points: np.ndarray, labels: np.ndarray, hands: list[HandTrack]) -> None:
-        """Label some hands by their shape alone, the surest first; `labels` and `hands` are filled in place."""
-        while missing:
-            free = {k: np.flatnonzero((labels < 0) | _of_hand(labels, k)) for k in missing}
-            found = [(k, self._found(k, points[free[k]], hands)) for k in missing]
-            sure = sorted(((k, hand) for k, hand in found if hand is not None), key=lambda pair: pair[1].cost)
-            if not sure:
-                return
-            k, hand = sure[0]
-            for other, rival in sure[1:]:
-                one, two = (free[i][h.chosen[h.chosen >= 0]] for i, h in ((k, hand), (other, rival)))
-                shared = np.intersect1d(one, two)
-                if len(shared) > _COUNT // 2 and hand.cost > self.settings.margin * rival.cost:
-                    return
-            seen = hand.chosen >= 0
-            labels[_of_hand(labels, k)] = -1
-            labels[free[k][hand.chosen[seen]]] = k * _COUNT + np.flatnonzero(seen)
-            place = np.where(seen[:, None], (points[free[k]] * self._flips[k])[hand.chosen], hand.flat)
-            before = hands[k]
-            hands[k] = HandTrack(hand.size, place, _UNKNOWN, np.where(seen, 0.0, 1.0), 0.0, before.age, before.usual)
-            missing.remove(k)
+    def _look_for(
+        self, doubtful: set[int], asked: set[int], points: np.ndarray, labels: np.ndarray, hands: list[HandTrack]
+    ) -> None:
+        """Label those hands that are `asked` for by their shape alone, the surest first, where it says something new.
 
-    def _found(self, k: int, points: np.ndarray, hands: list[HandTrack]) -> FoundHand | None:
-        """A hand among points (N, 3) m that are free; of the size of what is known of the hands."""
+        What is followed is one reading of its points among others, and gives way to another that is better. `labels`
+        and `hands` are filled in place.
+        """
+        free = np.flatnonzero((labels < 0) | np.isin(labels // _COUNT, list(asked)))
+        held = {k: self._held(k, points, labels, hands[k]) for k in asked if hands[k].size}
+        readings = [*held.values(), *(found for k in asked for found in self._found(k, points, free, hands))]
+        while readings and (sure := surest(readings, self.settings.margin)) is not None:
+            k, seen = sure.hand, sure.chosen >= 0
+            if k in doubtful or not sure.same_as(held[k]):
+                known = hands[k]
+                for other in set(held) - {k}:
+                    if len(np.intersect1d(held[other].points, sure.points)) > 2:
+                        hands[other] = _nowhere(hands[other].usual)
+                        labels[_of_hand(labels, other)] = -1
+                labels[_of_hand(labels, k)] = -1
+                labels[sure.points] = k * _COUNT + np.flatnonzero(seen)
+                place = np.where(seen[:, None], (points * self._flips[k])[sure.chosen], sure.flat)
+                hidden = np.where(seen, 0.0, 1.0)
+                hands[k] = HandTrack(sure.size, place, _UNKNOWN, hidden, 0.0, known.age, known.usual)
+            readings = [
+                one for one in readings if one.hand != k and not len(np.intersect1d(one.points, sure.points)) > 0
+            ]
+
+    def _held(self, k: int, points: np.ndarray, labels: np.ndarray, hand: HandTrack) -> FoundHand:
+        """A hand that is followed, as its labels say."""
+        chosen, mine = np.full(_COUNT, -1), np.flatnonzero(_of_hand(labels, k))
+        chosen[labels[mine] - k * _COUNT] = mine
+        cost = cost_of(self._unlike(k, points, hand), chosen)
+        cost -= self.settings.kept * (hand.weak == 0 and hand.age > self.settings.proven)
+        return FoundHand(k, cost, chosen, hand.size, hand.place)
+
+    def _found(self, k: int, points: np.ndarray, free: np.ndarray, hands: list[HandTrack]) -> list[FoundHand]:
+        """Readings of those of the points (N, 3) m that are free; of the size of what is known of the hands."""
         settings = self.settings
-        known = [hand.size if hand.age > settings.proven else hand.usual for hand in hands]
-        known = [size for size in known if size] or [hands[k].size] * (hands[k].size > 0)
-        sizes = settings.sizes
+        known = [hand.usual for hand in hands if hand.usual] or [hand.size for hand in hands if hand.size]
+        sizes, fewest = settings.sizes, settings.fewest
         if known:
             size = float(np.mean(known))
-            sizes = (size * (1 - settings.same_size), size * (1 + settings.same_size))
-        return find_hand(
-            points * self._flips[k],
+            sizes, fewest = (size * (1 - settings.same_size), size * (1 + settings.same_size)), settings.again
+        found = find_hands(
+            k,
+            points[free] * self._flips[k],
             self._templates[k],
             self._ranges[k],
             self._allowed,
             settings.stiffness,
             sizes,
-            settings.fewest,
+            fewest,
+            settings.worst,
         )
+        return [one._replace(chosen=np.where(one.chosen >= 0, free[one.chosen], -1)) for one in found]
 
 
 def _with_velocity(hand: HandTrack, before: HandTrack, interval: float) -> HandTrack:

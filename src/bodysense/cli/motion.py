@@ -129,8 +129,8 @@ def track(
     A recording of head and wrists alone is completed by the three-point network, the markers of gloves by theirs.
 
     Args:
-        file: A recording (.npz, .jsonl), the markers of gloves (.csv, .c3d), a video (docs/video.md: a file, a folder
-            of images, or a webcam's index), or with --device a motion (.bvh, AMASS .npz).
+        file: A recording (.npz, .jsonl), the markers of gloves (.csv, .c3d), a video (a file, a folder of images, or a
+            webcam's index), or with --device a motion (.bvh, AMASS .npz).
         out: The completed motion, .bvh.
         device: What watches the body, where the file is a motion.
         model: A network written by `bodysense train`; the packaged one by default.

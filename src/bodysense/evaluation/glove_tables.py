@@ -30,7 +30,7 @@ METHODS = {
     "ac": "affine combination",
     "nn": "network",
 }
-_PUBLISHED_3 = {  # cm, by duration; those of LK and MA are of any number of markers
+PUBLISHED_MARKERS = {  # cm, by duration; those of LK and MA are of any number of markers
     **{("lk", n): (1.54, 2.58, 4.43, 5.15, 8.06) for n in HIDDEN},
     **{("ma", n): (2.23, 4.28, 9.99, 20.19, 44.28) for n in HIDDEN},
     ("ac", 1): (0.97, 1.54, 2.42, 2.92, 3.67),
@@ -42,13 +42,13 @@ _PUBLISHED_3 = {  # cm, by duration; those of LK and MA are of any number of mar
     ("nn", 3): (0.68, 1.03, 1.48, 1.81, 2.32),
     ("nn", 4): (0.79, 1.20, 1.78, 2.14, 2.72),
 }
-_PUBLISHED_4 = {  # cm, by duration
+PUBLISHED_POINTS = {  # cm, by duration
     1: (0.11, 0.14, 0.17, 0.19, 0.29),
     2: (0.17, 0.23, 0.29, 0.35, 0.41),
     3: (0.26, 0.36, 0.48, 0.57, 0.79),
     4: (0.38, 0.55, 0.79, 0.89, 1.32),
 }
-_PUBLISHED_STILL = {"ik": 1.87, "ik_tuned": 1.08, "nn": 0.07}  # cm, nothing hidden
+PUBLISHED_STILL = {"ik": 1.87, "ik_tuned": 1.08, "nn": 0.07}  # cm, nothing hidden
 _STILL = {"ik": "CCD, no limits", "ik_tuned": "CCD, tuned limits", "nn": "network"}
 
 
@@ -142,7 +142,7 @@ def _marker_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
                     name,
                     str(hidden),
                     *ours,
-                    *_PUBLISHED_3.get((method, hidden), (None,) * len(DURATIONS)),
+                    *PUBLISHED_MARKERS.get((method, hidden), (None,) * len(DURATIONS)),
                 )
         for hidden in HIDDEN:
             ours = (cell(_ratio(table, hidden, duration, group)) for duration in DURATIONS)
@@ -165,7 +165,7 @@ def _marker_numbers(table: GloveTable) -> dict[str, float]:
 def published_ratio(hidden: int, duration: float) -> float:
     """Network ÷ last known position by the paper's table."""
     place = DURATIONS.index(duration)
-    return _PUBLISHED_3["nn", hidden][place] / _PUBLISHED_3["lk", hidden][place]
+    return PUBLISHED_MARKERS["nn", hidden][place] / PUBLISHED_MARKERS["lk", hidden][place]
 
 
 def _ratio(table: GloveTable, hidden: int, duration: float, group: str | None = None) -> float:
@@ -203,10 +203,10 @@ def _finger_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
     for group in table.groups:
         for method, name in _STILL.items():
             ours = cell(table.get(method, 0, 0.0, group))
-            yield (_motion(table, group), name, "0", ours, *blank, _PUBLISHED_STILL[method], *blank)
+            yield (_motion(table, group), name, "0", ours, *blank, PUBLISHED_STILL[method], *blank)
         for hidden in HIDDEN:
             row = (cell(table.get("nn", hidden, duration, group)) for duration in DURATIONS)
-            yield (_motion(table, group), "network", str(hidden), *row, *_PUBLISHED_4[hidden])
+            yield (_motion(table, group), "network", str(hidden), *row, *PUBLISHED_POINTS[hidden])
 
 
 def _finger_numbers(table: GloveTable) -> dict[str, float]:
@@ -232,5 +232,5 @@ def _finger_panels(table: GloveTable) -> Iterator[BarPanel]:
     groups = tuple(f"{duration:g} s" for duration in DURATIONS)
     for hidden in (HIDDEN[0], HIDDEN[-1]):
         ours = [cell(table.get("nn", hidden, duration)) for duration in DURATIONS]
-        series = (plain_bars("ours", ours), plain_bars("published", list(_PUBLISHED_4[hidden])))
+        series = (plain_bars("ours", ours), plain_bars("published", list(PUBLISHED_POINTS[hidden])))
         yield BarPanel(f"{hidden} hidden", groups, series, "joints of fingers, cm")

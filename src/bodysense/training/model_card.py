@@ -11,7 +11,7 @@ from typing import Any
 import onnx
 
 from bodysense.errors import BodysenseError
-from bodysense.estimators import body_vae, learned, point_model, three_point_answers
+from bodysense.estimators import arms, body_vae, learned, point_model, three_point_answers
 from bodysense.estimators.gloves import networks as glove
 from bodysense.files import written_beside
 
@@ -99,6 +99,10 @@ def form(card: Mapping[str, Any]) -> str:
     if "reads_hand" in network:
         memory = f"GRU of {network['memory']}, then " if network.get("memory") else ""
         return f"{card['form']}: {memory}layers of {', '.join(str(width) for width in network['layers'])}"
+    if "spatial_width" in network:
+        beside = f", over joints {network['spatial_layers']} × {network['spatial_width']}"
+        size = f"{network['layers']} × {network['width']} over time{beside if network['kind'] == 'pahmt' else ''}"
+        return f"{network['kind'].upper()}, windows of {network['frames']} frames: {size}"
     if "hidden" not in network:
         return f"model {network['model']}: β {network['beta']:g}, d {network['latent']}, {network['blocks']} blocks"
     layers = network.get("layers", 1)
@@ -188,6 +192,23 @@ def _glove_joint_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str,
 
 
 _DURATIONS = ("hidden markers", "0.1 s", "0.2 s", "0.5 s", "1 s", "2 s")
+
+
+def _arm_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    figures = {
+        "position of all joints of arms and hands, from the chest, cm": ("overall_cm", 1),
+        "position of finger joints and tips, from their wrist, cm": ("hands_cm", 2),
+        "rotation of collars, upper arms, forearms, hands, degrees": ("arms_deg", 1),
+        "rotation of finger joints, degrees": ("fingers_deg", 1),
+        "twist of the upper arm, degrees": ("upper_arm_twist_deg", 1),
+        "twist of the forearm, degrees": ("forearm_twist_deg", 1),
+    }
+    return [
+        (label, f"{test[f'shipped_{key}']:.{digits}f}", f"{test[f'ik_{key}']:.{digits}f}")
+        for label, (key, digits) in figures.items()
+    ]
+
+
 _NOBODY = "identifying people, medical judgement."
 KINDS = {
     (learned.FORMAT, ""): Kind(
@@ -238,6 +259,14 @@ KINDS = {
         _DURATIONS,
         _glove_joint_rows,
         f"gloves with markers in other places; hands that hold things; {_NOBODY}",
+    ),
+    (arms.FORMAT, ""): Kind(
+        "Turns arms and hands as key-points of a video show them (PAHMT, Liu et al. 2022).",
+        "bodysense evaluate pahmt-table1",
+        "Test actions, main motions, before simulated cameras whose detector errs",
+        ("what", "this network", "inverse kinematics on the true positions"),
+        _arm_rows,
+        f"hands that hold things, for fingers were learned from avatar animation; {_NOBODY}",
     ),
     (body_vae.FORMAT, ""): Kind(
         "Draws whole bodies, several for one signal of head and hands or from nothing (HMD-VAE, Dittadi et al. 2021).",

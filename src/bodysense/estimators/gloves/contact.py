@@ -18,6 +18,7 @@ import numpy as np
 
 from bodysense.body.glove import ALIGNMENT, MARKERS
 from bodysense.body.hand import FINGERS, Side
+from bodysense.body.hand_capsules import GIVE
 from bodysense.body.registration import to_matrix
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
@@ -45,7 +46,11 @@ _TIP_MARKERS = [MARKERS.index(f"{finger}_tip") for finger in FINGERS]
 _LONGEST_STEP, _SHORT_STEP = 0.3, 0.01  # rad of a linear step; a short one needs no other after it
 _MOST_ROWS = 48  # of collisions at a time, the deepest
 _SOFT, _SOFT_PINCH = 1e-3, 1e-2  # how softly collisions and pinches are met, of 1 for a finger's own ease
-_NOTHING = 1e-4  # rad and m: a smaller correction is none
+_SOFT_TOUCH = 1e-3
+KNOWN = True
+_UNSEEN = 2e-4  # m: a correction that takes no point so far is none
+_SLACK = 3e-4  # m: what is missed by less is left
+_ONES = np.ones(3)
 _HORIZON = 0.03  # m: pairs with a wider gap are not looked at again in a frame
 
 
@@ -62,6 +67,7 @@ class ContactSettings:
     speed: float = 0.2  # m/s at which a point is corrected, at most: 3.3 mm a frame at 60 Hz
     seen_weight: float = 4.0  # how much harder a finger moves whose marker is seen, and a hand whose back is
     hand_weight: float = 10.0  # how much harder a whole hand moves than a finger
+    keeping: float = 0.005  # fingertips whose flesh is nearer than this are not taken apart
     nearby: float = 0.008  # gaps narrower than this are kept while others are widened
 
     def __post_init__(self) -> None:
@@ -90,6 +96,9 @@ class _Pinches(NamedTuple):
     first: np.ndarray  # (N,) number of a fingertip, hand · 5 + finger
     second: np.ndarray  # (N,)
     offset: np.ndarray  # (N, 3) m world, from the first to the second as it is to be
+
+
+_NO_PINCH = _Pinches(np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros((0, 3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +143,11 @@ class Contact:
         return np.stack([levers(hand) for hand in self.hands])
 
     @cached_property
+    def _reach(self) -> np.ndarray:
+        """(H, 45, 5) m that each angle can carry each fingertip, a radian."""
+        return self._lever.repeat(3, axis=1)[..., None] * np.eye(5).repeat(9, axis=0)
+
+    @cached_property
     def _tips(self) -> tuple[np.ndarray, np.ndarray]:
         return tip_pairs(len(self.hands))
 
@@ -156,37 +170,63 @@ class Contact:
         Returns:
             The very same `posed` where nothing is to be moved, and the state for the next frame.
         """
-        pairs, pinches = self._flesh.pairs(posed.position), self._pinches(posed, markers)
-        if state.change is None and not len(pinches.offset):
-            meeting = meet(self._flesh.axes(posed.position), pairs)
-            if not (meeting.squared < (pairs.reach - self.settings.tolerance) ** 2).any():
-                return posed, ContactState(True)
+        pairs, pinches = self._flesh.pairs(posed.position), self._pinches(posed, markers, known)
+        meeting = meet(self._flesh.axes(posed.position), pairs)
+        needed = len(pinches.first) > 0 or bool(self._collides(pairs, meeting).any())
+        if state.change is None and not needed:
+            return posed, ContactState(True)
+        before = np.zeros((len(posed.root), PARTS)) if state.change is None else state.change
+        rest = 0.5 ** (interval / self.settings.half_life) * before
+        if not needed and self._way(rest) < _UNSEEN:
+            return posed, ContactState(True)
         given = self._given(posed, known, pinches)
-        change = np.zeros((len(posed.root), PARTS)) if state.change is None else state.change
-        wanted, placed = self._solved(given, pairs, change, interval)
-        limited = self._limited(wanted, change, interval) if state.begun else wanted
-        if np.abs(limited).max() < _NOTHING:
+        wanted, placed = self._solved(given, *self._near(pairs, meeting), rest)
+        limited = self._limited(wanted, before, interval) if state.begun else wanted
+        if self._way(limited) < _UNSEEN:
             return posed, ContactState(True)
         if limited is not wanted:
             placed = self._placed(given, limited)
         return _moved(posed, given, limited, placed), ContactState(True, limited)
 
-    def _pinches(self, posed: HandPoses, markers: np.ndarray) -> _Pinches:
-        """The fingertips whose markers are near each other, and that are not as near as these."""
+    def _collides(self, pairs: Pairs, meeting: Meeting) -> np.ndarray:
+        """(P,) whether pairs stand in each other so deep that something is done about it."""
+        least = pairs.reach - (self.settings.tolerance + _SLACK)
+        return meeting.squared < least * least
+
+    def _near(self, pairs: Pairs, meeting: Meeting) -> tuple[Pairs, np.ndarray]:
+        """The pairs that are to be looked at in a frame, and how far (P,) m they may be from each other.
+
+        Fingertips that touch, or nearly, stay as near as they are; other pairs may be anywhere.
+        """
+        pairs, meeting = nearest(pairs, meeting, _HORIZON)
+        farthest, tips = np.full(len(pairs.reach), np.inf), np.flatnonzero(pairs.tips)
+        distance, touch = np.sqrt(meeting.squared[tips]), pairs.reach[tips] / (1 - GIVE)
+        gap, keeping = np.maximum(distance - touch, 0.0), self.settings.keeping
+        most = np.maximum(distance, touch) + gap**3 / keeping**2
+        farthest[tips] = np.where(gap < keeping, most, np.inf)
+        return pairs, farthest
+
+    def _pinches(self, posed: HandPoses, markers: np.ndarray, known: np.ndarray) -> _Pinches:
+        """The fingertips whose markers are near each other, and that are farther apart than these."""
+        one, other = self._tips
         flip = self._flesh.flip[:, None]
-        tips = (markers[:, _TIP_MARKERS] * flip).reshape(-1, 3)
-        offset = tips[self._tips[1]] - tips[self._tips[0]]
-        apart = np.sqrt(np.einsum("ki,ki->k", offset, offset))
-        chosen = np.flatnonzero(apart < self.settings.apart)  # none where it is not a number
-        first, second, offset = self._tips[0][chosen], self._tips[1][chosen], offset[chosen]
-        if not len(chosen):
-            return _Pinches(first, second, offset)
+        tips = (markers.take(_TIP_MARKERS, axis=1) * flip).reshape(-1, 3)
+        offset = tips[other] - tips[one]
+        squared = (offset * offset) @ _ONES
+        chosen = squared < self.settings.apart**2  # none where it is not a number
+        if not chosen.any():
+            return _NO_PINCH
+        if KNOWN:
+            seen = known.take(_TIP_MARKERS, axis=1).ravel()
+            chosen &= seen[one] & seen[other]
+        chosen = np.flatnonzero(chosen)
+        one, other, offset, apart = one[chosen], other[chosen], offset[chosen], np.sqrt(squared[chosen])
         tips = (posed.position[:, -5:] * flip).reshape(-1, 3)
-        present = tips[second] - tips[first]
+        present = tips[other] - tips[one]
         span = self.settings.apart - self.settings.touching
-        way = np.minimum((self.settings.apart - apart[chosen, None]) / span, 1.0) * (offset - present)
-        missed = np.einsum("ki,ki->k", way, way) > self.settings.missed**2
-        return _Pinches(first[missed], second[missed], (present + way)[missed])
+        share = np.minimum((self.settings.apart - apart) / span, 1.0)[:, None]
+        missed = np.sqrt((present * present) @ _ONES) - apart > self.settings.missed
+        return _Pinches(one[missed], other[missed], (present + share * (offset - present))[missed])
 
     def _given(self, posed: HandPoses, known: np.ndarray, pinches: _Pinches) -> _Given:
         """A frame taken apart into what may change and what may not."""
@@ -211,70 +251,80 @@ class Contact:
         return placed_fingers(self._chains, given.root + change[:, ANGLES:], given.wrist, turn)
 
     def _solved(
-        self, given: _Given, pairs: Pairs, change: np.ndarray, interval: float
+        self, given: _Given, pairs: Pairs, farthest: np.ndarray, rest: np.ndarray
     ) -> tuple[np.ndarray, PlacedFingers]:
-        """The change (H, 48) after which nothing collides, in linear steps from another, and the hands after it.
+        """The change (H, 48) after which nothing collides, in linear steps from what rests of the last one.
 
-        The first step leaves as little of the former change as its decay and contact allow, later ones mend that.
+        And the hands after it.
         """
-        placed = self._placed(given, change)
-        meeting = meet(self._flesh.axes(placed.position), pairs)
-        pairs, meeting = nearest(pairs, meeting, _HORIZON)
-        kept = 0.5 ** (interval / self.settings.half_life)
-        for step in range(self.settings.max_iterations):
-            rows, demand, exact = self._demands(given, change, placed, pairs, meeting)
-            start = change.ravel()
-            center = start * (kept if step == 0 else 1.0)
-            bounds = (given.bounds[0] - center, given.bounds[1] - center)
-            softness = np.where(exact, _SOFT_PINCH, _SOFT)
-            from_center = least_change(rows, demand + rows @ (start - center), exact, given.ease, bounds, softness)
-            way = np.clip(center + from_center - start, -_LONGEST_STEP, _LONGEST_STEP)
+        change, placed = rest, self._placed(given, rest)
+        for _ in range(self.settings.max_iterations):
+            meeting = meet(self._flesh.axes(placed.position), pairs)
+            if not len(given.pinches.first):
+                apart = meeting.squared > (farthest + _SLACK) ** 2
+                if not (apart | self._collides(pairs, meeting)).any():
+                    break
+            rows, demand, softness = self._demands(given, change, placed, pairs, farthest, meeting)
+            bounds = (given.bounds[0] - change.ravel(), given.bounds[1] - change.ravel())
+            exact = np.arange(len(rows)) >= len(rows) - 3 * len(given.pinches.first)
+            way = least_change(rows, demand, exact, given.ease, bounds, softness)
+            way = np.clip(way, -_LONGEST_STEP, _LONGEST_STEP)
             change = change + way.reshape(change.shape)
             placed = self._placed(given, change)
             if np.abs(way).max() < _SHORT_STEP:
                 break
-            meeting = meet(self._flesh.axes(placed.position), pairs)
-            if not (meeting.squared < (pairs.reach - self.settings.tolerance) ** 2).any():
-                break
         return change, placed
 
     def _demands(
-        self, given: _Given, change: np.ndarray, placed: PlacedFingers, pairs: Pairs, meeting: Meeting
+        self,
+        given: _Given,
+        change: np.ndarray,
+        placed: PlacedFingers,
+        pairs: Pairs,
+        farthest: np.ndarray,
+        meeting: Meeting,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows (K, H · 48), how much (K,) they are to grow, and (K,) whether exactly: of collisions, then pinches."""
+        """Rows (K, H · 48), how much (K,) they are to grow, and how softly (K,).
+
+        First of collisions, then of fingertips that are not to part, then of pinches, which are to be met exactly.
+        """
         distance = np.sqrt(meeting.squared)
         gap = distance - pairs.reach
-        close = np.flatnonzero(gap < self.settings.nearby)
+        parting = distance > (pairs.reach + farthest) / 2  # of fingertips: nearer to parting than to colliding
+        close = np.flatnonzero((gap < self.settings.nearby) & ~parting)
         if len(close) > _MOST_ROWS:
             close = close[np.argsort(gap[close])[:_MOST_ROWS]]
-        gap = gap[close]
+        held = np.flatnonzero(parting)
+        which = np.concatenate([close, held])
+        sign = np.concatenate([np.ones(len(close)), -np.ones(len(held))])
         start, end = (
-            Ends(which[close], points_on(meeting.axes, which[close], along[close]))
-            for which, along in zip((pairs.first, pairs.second), meeting.along, strict=True)
+            Ends(side[which], points_on(meeting.axes, side[which], along[which]))
+            for side, along in zip((pairs.first, pairs.second), meeting.along, strict=True)
         )
-        normal = (end.point - start.point) / np.maximum(distance[close], 1e-9)[:, None]
-        tips = (placed.position[:, -5:] * self._flesh.flip[:, None]).reshape(-1, 3)
-        first, second, wanted = given.pinches
-        offset = tips[second] - tips[first]
-        rows = growth_rows(
-            placed,
-            turning_axes(placed, _angles(given, change)),
-            self._flesh.flip,
-            joined(start, tip_ends(first, tips[first])),
-            joined(end, tip_ends(second, tips[second])),
-            np.concatenate([normal, np.tile(np.eye(3), (len(offset), 1))]),
-        )
-        demand = np.concatenate([-gap, (wanted - offset).ravel()])
-        return rows, demand, np.arange(len(rows)) >= len(gap)
+        toward = (end.point - start.point) * (sign / np.maximum(distance[which], 1e-9))[:, None]
+        demand = np.concatenate([-gap[close] - self.settings.tolerance, distance[held] - farthest[held]])
+        softness = np.repeat([_SOFT, _SOFT_TOUCH], [len(close), len(held)])
+        if len(given.pinches.first):
+            tips = (placed.position[:, -5:] * self._flesh.flip[:, None]).reshape(-1, 3)
+            first, second, wanted = given.pinches
+            start, end = joined(start, tip_ends(first, tips[first])), joined(end, tip_ends(second, tips[second]))
+            toward = np.concatenate([toward, np.tile(np.eye(3), (len(first), 1))])
+            missing = (wanted - tips[second] + tips[first]).ravel()
+            demand = np.concatenate([demand, missing])
+            softness = np.concatenate([softness, np.full(len(missing), _SOFT_PINCH)])
+        axes = turning_axes(placed, _angles(given, change))
+        return growth_rows(placed, axes, self._flesh.flip, start, end, toward), demand, softness
+
+    def _way(self, change: np.ndarray) -> float:
+        """m: so far the farthest point goes, at most, by a change (H, 48)."""
+        turned = (np.abs(change[:, None, :ANGLES]) @ self._reach)[:, 0]
+        shift = change[:, ANGLES:]
+        return float((turned.max(axis=1) + np.sqrt((shift * shift).sum(axis=1))).max())
 
     def _limited(self, change: np.ndarray, before: np.ndarray, interval: float) -> np.ndarray:
         """The change (H, 48) no farther from the one before than the speed allows."""
         way = change - before
-        angles = np.abs(way[:, :ANGLES]).reshape(-1, 5, 3, 3)
-        turned = np.einsum("hfka,hfk->hf", angles, self._lever.reshape(-1, 5, 3))  # at most so far goes a fingertip
-        shifted = np.sqrt(np.einsum("hi,hi->h", way[:, ANGLES:], way[:, ANGLES:]))
-        farthest = float((turned.max(axis=1) + shifted).max())
-        allowed = self.settings.speed * interval
+        farthest, allowed = self._way(way), self.settings.speed * interval
         return change if farthest <= allowed else before + (allowed / farthest) * way
 
 

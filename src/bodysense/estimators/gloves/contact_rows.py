@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import combinations, product
 from typing import NamedTuple
 
@@ -13,10 +14,9 @@ from bodysense.estimators.gloves.finger_chains import PlacedFingers
 from bodysense.estimators.gloves.meetings import COUNT
 
 ANGLES, PARTS = 45, 48  # of a hand's change: three angles a finger joint, then the wrist's shift
-# (C, 15): the joints that move a capsule, which are those before it in its finger; of the palm's there is none.
-_MOVED_BY = np.array([[joint[:-1] == name[:-1] and joint <= name for joint in HAND_JOINTS[1:]] for name in NAMES])
-_CROSS = np.zeros((3, 9))  # a @ (b @ _CROSS as 3×3) is a × b
-_CROSS[[2, 1, 2, 0, 1, 0], [1, 2, 3, 5, 6, 7]] = [-1, 1, 1, -1, -1, 1]
+_JOINTS_OF = np.array([[joint[:-1] == name[:-1] and joint <= name for joint in HAND_JOINTS[1:]] for name in NAMES])
+# (C, 48): the parts of its hand's change that move a capsule: the joints before it in its finger, and the wrist.
+_MOVED_BY = np.concatenate([_JOINTS_OF.repeat(3, axis=1), np.ones((COUNT, 3), bool)], axis=1).astype(float)
 
 
 class Ends(NamedTuple):
@@ -44,17 +44,30 @@ def growth_rows(
         end: K points.
         toward: (K, 3) directions, world.
     """
-    count = len(toward)
+    hands, count = len(flip), len(toward)
     both, away = joined(start, end), np.concatenate([-toward, toward])
     hand = both.capsule // COUNT
     away = away * flip[hand]
-    arm = (both.point * flip[hand])[:, None] - placed.position[hand, 1:16]
-    torque = (arm @ (away @ _CROSS).reshape(-1, 3, 3)) * _MOVED_BY[both.capsule % COUNT][..., None]
-    parts = np.concatenate([(axes[hand] @ torque[..., None]).reshape(-1, ANGLES), away], axis=1)
-    rows = np.zeros((count, len(flip), PARTS))
-    for side in (slice(0, count), slice(count, None)):  # one and the same hand may be on both
-        rows[np.arange(count), hand[side]] += parts[side]
-    return rows.reshape(count, len(flip) * PARTS)
+    # A joint at p that turns about a takes a point x along w by a · (x × w) + (p × a) · w: screws, all at once.
+    wrench = np.concatenate([cross(both.point * flip[hand], away), away], axis=1)
+    screws = np.zeros((hands, PARTS, 6))
+    screws[:, :ANGLES, :3] = axes.reshape(hands, ANGLES, 3)
+    screws[:, :ANGLES, 3:] = cross(placed.position[:, 1:16, None], axes).reshape(hands, ANGLES, 3)
+    screws[:, ANGLES:, 3:] = np.eye(3)
+    parts = (wrench @ screws.reshape(-1, 6).T) * _moved_by(hands)[both.capsule]
+    return parts[:count] + parts[count:]
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a × b (..., 3), without the overhead of numpy's."""
+    ax, ay, az, bx, by, bz = a[..., 0], a[..., 1], a[..., 2], b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
+@lru_cache(maxsize=8)
+def _moved_by(hands: int) -> np.ndarray:
+    """(H · C, H · 48): the parts of the change of all hands that move each capsule."""
+    return np.kron(np.eye(hands), _MOVED_BY)
 
 
 def tip_ends(tip: np.ndarray, place: np.ndarray) -> Ends:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bodysense.errors import BodysenseError
-from bodysense.estimators.gloves.fillers import MARKER_COUNT, Filler, missing
+from bodysense.estimators.gloves.fillers import MARKER_COUNT, Filler, any_of, missing
 
 
 class ContinuousState(NamedTuple):
@@ -48,8 +48,7 @@ class Continuous:
         for name in ("speed", "longest"):
             if not getattr(self, name) > 0:
                 raise BodysenseError(f"continuity: {name} is {getattr(self, name):g}; it must be positive")
-        if self.fading is not None and not self.fading > 0:
-            raise BodysenseError(f"continuity: fading is {self.fading:g}; it must be positive, or None")
+        _check_fading(self.fading)
 
     def start(self, hands: int) -> ContinuousState:
         """Nothing shown yet."""
@@ -122,6 +121,84 @@ class Continuous:
     def axes(self, markers: np.ndarray, state: ContinuousState) -> np.ndarray | None:
         """Those of the filler."""
         return self.filler.axes(markers, state.filler)
+
+
+class RememberedState(NamedTuple):
+    """What was measured and filled last, and how far hidden markers are filled from where the filler has them."""
+
+    filler: Any
+    measured: np.ndarray  # (H, 9, 3) m, NaN where it was missing
+    filled: np.ndarray  # (H, 9, 3) m
+    known: np.ndarray  # (H, 9) bool
+    offset: np.ndarray | None  # (H, 9, 3) m, in axes that turn with the hand; None: 0
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """A filler that remembers how wrong it was: nothing jumps where markers are hidden.
+
+    Where one is, hidden markers keep the offset between where they were and where the filler would have had them then,
+    half of it after `fading` s (None: all of it). Markers that are found again are where they are found. What they tell
+    of others is believed, but for what undoes an offset.
+    """
+
+    filler: Filler
+    fading: float | None = 1.0
+
+    def __post_init__(self) -> None:
+        _check_fading(self.fading)
+
+    def start(self, hands: int) -> RememberedState:
+        """Nothing filled yet."""
+        nothing = np.full((hands, MARKER_COUNT, 3), np.nan)
+        return RememberedState(self.filler.start(hands), nothing, nothing, ~missing(nothing), None)
+
+    def fill(self, markers: np.ndarray, interval: float, state: RememberedState) -> tuple[np.ndarray, RememberedState]:
+        """See `Filler`."""
+        known, offset = ~missing(markers), state.offset
+        filled, filler = self.filler.fill(markers, interval, state.filler)
+        if offset is not None and self.fading is not None:
+            offset = offset * 0.5 ** (interval / self.fading)
+        if known.tobytes() != state.known.tobytes():
+            offset = self._changed(markers, known, filled, filler, interval, state._replace(offset=offset))
+        if offset is not None:
+            filled = filled + _turned(self.filler.axes(markers, filler), offset)
+        return filled, RememberedState(filler, markers, filled, known, offset)
+
+    def _changed(
+        self,
+        markers: np.ndarray,
+        known: np.ndarray,
+        filled: np.ndarray,
+        filler: Any,
+        interval: float,
+        state: RememberedState,
+    ) -> np.ndarray | None:
+        """Offsets (H, 9, 3) m where other markers are known than a frame ago."""
+        offset = np.zeros(markers.shape) if state.offset is None else state.offset
+        common = (known & state.known)[..., None]
+        if any_of(lost := state.known & ~known):
+            before, was = self.filler.fill(np.where(common, state.measured, np.nan), 0.0, state.filler)
+            kept = _turned_back(self.filler.axes(before, was), state.filled - before)
+            offset = np.where(lost.any(axis=1)[:, None, None], kept, offset)
+        if offset.any() and any_of(known & ~state.known):
+            fewer = np.where(common, markers, np.nan)
+            there, now = self.filler.fill(fewer, interval, state.filler)
+            there = there + _turned(self.filler.axes(fewer, now), offset)
+            kept = _turned_back(self.filler.axes(markers, filler), there - filled)
+            shorter = (kept * kept).sum(axis=-1) < (offset * offset).sum(axis=-1)
+            offset = np.where(shorter[..., None], kept, offset)
+        offset = np.where(known[..., None] | np.isnan(offset), 0.0, offset)
+        return offset if offset.any() else None
+
+    def axes(self, markers: np.ndarray, state: RememberedState) -> np.ndarray | None:
+        """Those of the filler."""
+        return self.filler.axes(markers, state.filler)
+
+
+def _check_fading(fading: float | None) -> None:
+    if fading is not None and not fading > 0:
+        raise BodysenseError(f"continuity: fading is {fading:g}; it must be positive, or None")
 
 
 def _turned(axes: np.ndarray | None, vectors: np.ndarray) -> np.ndarray:

@@ -134,7 +134,7 @@ def pointed(
     ways = reached(local, shape)
     toward = markers.take(shape.markers, axis=1) - shape.base[..., 0]
     arc = shortest_arcs(ways[..., 4], toward, restraint)
-    local[:, 0::3] = _product(arc, local[:, 0::3])
+    local[:, 0::3] = product(arc, local[:, 0::3])
     return local, to_matrix(arc) @ ways[..., :4] + shape.base
 
 
@@ -158,7 +158,7 @@ _ORDER = _order()
 _HAMILTON = LEFT.reshape(4, 4, 4).swapaxes(1, 2).reshape(16, 4)  # (16, 4): a · b from a ⊗ b, row by row
 
 
-def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Hamilton products (H, N, 4)."""
     return (a[..., :, None] * b[..., None, :]).reshape(*a.shape[:-1], 16) @ _HAMILTON
 

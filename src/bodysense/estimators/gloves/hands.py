@@ -35,17 +35,19 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.data.fingers import relaxed_rotation
 from bodysense.errors import BodysenseError
 from bodysense.estimators.gloves.contact import Contact, ContactSettings, ContactState
-from bodysense.estimators.gloves.continuity import Continuous
+from bodysense.estimators.gloves.continuity import Remembered
 from bodysense.estimators.gloves.expectation import expected_error, influence
-from bodysense.estimators.gloves.fillers import Filler, LastShape, NetworkFiller, Stack, missing
+from bodysense.estimators.gloves.fillers import Filler, LastShape, NetworkFiller, Stack, any_of, missing
 from bodysense.estimators.gloves.fingers import POINT_COUNT, Aim
 from bodysense.estimators.gloves.joints import HandPoses, JointReader
 from bodysense.estimators.gloves.networks import HandNetwork, load_joint_network, load_marker_network
 from bodysense.estimators.gloves.rejection import Rejection, RejectionSettings, RejectionState
+from bodysense.estimators.gloves.settling import Away, away, displaced, nearer
 from bodysense.observation import FARTHEST, Estimate, Observation
 
 FIRST_INTERVAL = 1 / 60  # s: the time step of a frame that has none before it
 NEVER = 1e6  # s for which a marker that was never seen has been hidden
+LONGEST = 0.5  # s within which a hand that is found again is where it was found
 _ONES = np.ones(3)
 
 
@@ -95,6 +97,7 @@ class HandsState(NamedTuple):
     filler: Any
     contact: ContactState
     hidden: np.ndarray  # (H, 9) s for which each marker has been
+    away: Away | None  # how far hands are shown from where they are; None: they are there
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +154,7 @@ class Hands:
         natural = np.stack([natural_markers(self.glove, hand) for hand in hands])
         last = LastShape(natural, self.settings.hold, self.settings.relaxing)
         stack = Stack((NetworkFiller(self.models.markers, hands, self.glove), last))
-        return Continuous(stack, self.settings.speed, fading=self.settings.fading)
+        return Remembered(stack, self.settings.fading)
 
     @cached_property
     def _rejection(self) -> Rejection:
@@ -171,7 +174,7 @@ class Hands:
         """Nothing seen yet."""
         hidden = np.full((len(self.hands), len(self.glove.markers)), NEVER)
         return HandsState(
-            None, self._rejection.start(), self._filler.start(len(self.hands)), self._contact.start(), hidden
+            None, self._rejection.start(), self._filler.start(len(self.hands)), self._contact.start(), hidden, None
         )
 
     def step(self, observation: Observation, state: HandsState) -> tuple[dict[str, Estimate], HandsState]:
@@ -232,9 +235,29 @@ class Hands:
             rejection = self._rejection.remember(np.where(known[..., None], markers, shown), known, interval, rejection)
         hidden = np.where(known, 0.0, state.hidden + interval)
         poses, contact = self._reader.read(shown), state.contact
+        poses, settling = self._settled(poses, markers, shown, interval, state)
         if self.settings.contact is not None:
             poses, contact = self._contact.step(poses, shown, known, interval, contact)
-        return poses, HandsState(state.time, rejection, filler, contact, hidden)
+        return poses, HandsState(state.time, rejection, filler, contact, hidden, settling)
+
+    def _settled(
+        self, poses: HandPoses, markers: np.ndarray, filled: np.ndarray, interval: float, state: HandsState
+    ) -> tuple[HandPoses, Away | None]:
+        """Poses by markers (H, 9, 3) m, `filled`, without jumps where some are found, and how far they are away."""
+        before, settling = state.hidden == 0, state.away
+        found = ~(missing(markers) | before)
+        if any_of(found):
+            # Where everything would be shown had nothing come back.
+            fewer, _ = self._filler.fill(np.where(before[..., None], markers, np.nan), interval, state.filler)
+            shown, moving = self._reader.read(np.where(np.isnan(fewer), filled, fewer)), found.any(axis=1)
+            if settling is not None:
+                shown = displaced(shown, settling, self._reader.shape)
+                moving = moving | (settling.farthest > 0)
+            moving &= (state.hidden < NEVER).any(axis=1)
+            settling = away(shown, poses, moving, self.settings.speed, LONGEST)
+        if settling is not None:
+            settling = nearer(settling, interval)
+        return (poses, None) if settling is None else (displaced(poses, settling, self._reader.shape), settling)
 
     def _continued(self, now: float, state: HandsState) -> tuple[float, HandsState]:
         """The time step, and the state, fresh after a gap."""

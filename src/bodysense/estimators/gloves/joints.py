@@ -50,7 +50,8 @@ class JointReader:
     calibration: np.ndarray | None = None
 
     @cached_property
-    def _shape(self) -> HandShape:
+    def shape(self) -> HandShape:
+        """Of the hands."""
         return hand_shape(self.hands, self.glove, self.aim)
 
     @cached_property
@@ -76,7 +77,7 @@ class JointReader:
         """Poses from markers (H, 9, 3) m, none missing."""
         quaternion, rotation, root = fit(self._levers, markers)
         own = brought_back(markers, rotation, root)
-        local, ways = pointed(self._local(own), own, self._shape, self.restraint)
+        local, ways = pointed(self._local(own), own, self.shape, self.restraint)
         turned = np.empty((len(markers), 16, 4))
         turned[:, 0] = quaternion
         turned[:, 1:] = local

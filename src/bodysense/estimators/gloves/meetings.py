@@ -15,6 +15,8 @@ from bodysense.body.segments import nearest_shares
 from bodysense.body.skeleton import Skeleton
 
 COUNT = len(NAMES)
+_LAST = np.array([name.endswith("3") for name in NAMES])
+_THUMB = np.array([name.startswith("thumb") for name in NAMES])
 _KNUCKLE = HAND_JOINTS.index("middle1")
 
 
@@ -26,12 +28,13 @@ class Pairs:
     second: np.ndarray  # (P,)
     reach: np.ndarray = field(repr=False)  # (P,) m: nearer than this they collide
     squared: tuple[np.ndarray, np.ndarray] = field(repr=False)  # (P,), (P,) m², lengths of their axes
+    tips: np.ndarray = field(repr=False)  # (P,) whether they are thumb's and finger's, or two hands', last segments
     products: np.ndarray = field(repr=False)  # (8, P) where in the matrix of all inner products theirs are
 
     def __getitem__(self, key: np.ndarray) -> Pairs:
         """Some of them."""
         squared = (self.squared[0][key], self.squared[1][key])
-        return Pairs(self.first[key], self.second[key], self.reach[key], squared, self.products[:, key])
+        return Pairs(self.first[key], self.second[key], self.reach[key], squared, self.tips[key], self.products[:, key])
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +129,7 @@ def pairs_of(hands: Sequence[Skeleton], mutual: bool) -> Pairs:
         second,
         (1 - GIVE) * (radius[first] + radius[second]),
         (length[first], length[second]),
+        _LAST[first % COUNT] & _LAST[second % COUNT] & (_THUMB[first % COUNT] | (first // COUNT != second // COUNT)),
         np.stack([*products, product(p, q)]),
     )
 

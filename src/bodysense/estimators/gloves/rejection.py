@@ -1,9 +1,10 @@
 """Wrong markers found and left out: spikes, ghosts, swapped identifiers (two-hands, section 7.2, Figure 16b).
 
-A frame is expected to be the last one, moved on. Where every marker is near, nothing more is asked. Otherwise the rigid
-motion on which most markers agree is found, and those that are too far from it are judged: two whose places are
-exchanged are exchanged back; one that stays where it is for `patience` s is believed, unless another marker is there;
-others are left out. How far is too far grows with the time for which the marker was hidden.
+A frame is expected to be the last one, moved on. Where every marker is near, nothing more is asked. Otherwise the hand
+may be anywhere, for it moves faster than its fingers do in it: the rigid motion on which most markers agree is found,
+once of a hand that keeps its shape, once of one whose fingers move on. Markers that are too far from both are judged:
+two whose places are exchanged are exchanged back; one that stays where it is for `patience` s is believed, unless
+another marker is there; others are left out. How far is too far grows with the time for which the marker was hidden.
 """
 
 from __future__ import annotations
@@ -30,13 +31,14 @@ _TRIPLES = np.array(list(combinations(range(9), 3)))
 class RejectionSettings:
     """What is too far from what is expected."""
 
-    tolerance: float = 0.015  # m
-    speed: float = 0.5  # m/s: by how much the tolerance grows with time
+    tolerance: float = 0.005  # m
+    speed: float = 0.3  # m/s: by how much the tolerance grows with time
+    haste: float = 1.0  # of its last step in the hand: by how much the tolerance of a marker is larger
     patience: float = 0.015  # s for which a marker stays where it was not expected until it is believed
     slack: float = 0.02  # m: by how much more than the hand allows two markers may be apart
 
     def __post_init__(self) -> None:
-        for name in ("tolerance", "speed", "patience", "slack"):
+        for name in ("tolerance", "speed", "haste", "patience", "slack"):
             if not getattr(self, name) >= 0:
                 raise BodysenseError(f"rejection: {name} is {getattr(self, name):g}; it must be 0 or more")
 
@@ -99,11 +101,12 @@ class Rejection:
             return markers, state
         known = ~missing(markers)
         # A marker that was filled in one of the last two frames has no velocity to go by.
-        expected = np.where((state.known & state.known_before)[..., None], expected, state.place)
+        moving = np.where((state.known & state.known_before)[..., None], expected, np.nan)
+        shapes = np.stack([state.place, moving], axis=1)
         markers, doubted, since = markers.copy(), np.full_like(state.doubted, np.nan), np.zeros_like(state.since)
         for hand in range(len(markers)):
             markers[hand], doubted[hand], since[hand] = self._judge(
-                hand, markers[hand], known[hand], expected[hand], hidden[hand] + interval, interval, state
+                hand, markers[hand], known[hand], shapes[hand], hidden[hand] + interval, interval, state
             )
         return markers, state._replace(doubted=doubted, since=since, settled=not since.any())
 
@@ -119,26 +122,27 @@ class Rejection:
         hand: int,
         markers: np.ndarray,
         known: np.ndarray,
-        expected: np.ndarray,
+        shapes: np.ndarray,
         unseen: np.ndarray,
         interval: float,
         state: RejectionState,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """One hand: its markers (9, 3), what is doubted (9, 3) and since when (9,)."""
+        """One hand of two expected shapes (2, 9, 3): its markers (9, 3), what is doubted (9, 3) and since when (9,)."""
         settings = self.settings
-        markers, since = np.where(known[:, None], markers, np.nan), np.zeros(9)
-        wrong = self._impossible(hand, markers, known, expected)
-        held = ~np.isnan(expected[:, 0])
+        markers, since, wrong = np.where(known[:, None], markers, np.nan), np.zeros(9), np.zeros(9, dtype=bool)
+        held = ~np.isnan(shapes[0, :, 0])
         tolerance = settings.tolerance + settings.speed * (unseen - state.since[hand])  # doubt does not widen it
-        sure = known & held & ~wrong
+        sure = known & held
         if sure.sum() >= 4:
-            expected = _agreed(expected, markers, sure, tolerance)
-            apart = np.linalg.norm(markers - expected, axis=-1)
-            outside = sure & ~(apart < tolerance)
-            if 2 * outside.sum() > sure.sum():  # not wrong markers: the hand is another than was expected
-                outside[:] = False
-            wrong = wrong | outside
-            wrong = self._exchanged(markers, wrong, expected, tolerance)
+            shapes = np.stack([_agreed(shape, markers, sure, tolerance) for shape in shapes])
+            step = np.linalg.norm(shapes[1] - shapes[0], axis=-1)
+            tolerance = tolerance + settings.haste * np.nan_to_num(step)
+            outside = sure & ~(np.linalg.norm(markers - shapes, axis=-1) < tolerance).any(axis=0)
+            if 2 * outside.sum() <= sure.sum():  # else the hand is another than was expected
+                wrong = outside
+        expected = np.where(np.isnan(shapes[1]), shapes[0], shapes[1])
+        wrong = self._exchanged(markers, wrong, expected, tolerance)
+        wrong = wrong | self._impossible(hand, np.where(wrong[:, None], np.nan, markers), expected)
         doubted = np.where(wrong[:, None], markers - np.where(held[:, None], expected, 0.0), np.nan)
         moved_since = np.linalg.norm(doubted - state.doubted[hand], axis=-1)
         stays = wrong & (moved_since < tolerance)
@@ -156,7 +160,7 @@ class Rejection:
         apart = np.linalg.norm(markers[:, None] - markers, axis=-1)
         return ((apart > self._farthest[hand]) | (apart < self._nearest[hand])).sum(axis=1)
 
-    def _impossible(self, hand: int, markers: np.ndarray, known: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    def _impossible(self, hand: int, markers: np.ndarray, expected: np.ndarray) -> np.ndarray:
         """(9,) markers that no hand of this size can have: the worst is taken out until the rest is possible."""
         trial, wrong = markers.copy(), np.zeros(9, dtype=bool)
         apart = np.nan_to_num(np.linalg.norm(markers - expected, axis=-1))
@@ -186,7 +190,10 @@ class Rejection:
 
 def _agreed(expected: np.ndarray, markers: np.ndarray, sure: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
     """Expected places (9, 3), moved rigidly as most of the sure markers (9,) agree."""
+    sure = sure & ~np.isnan(expected[:, 0])
     triples = _TRIPLES[sure[_TRIPLES].all(axis=1)]
+    if not len(triples):
+        return np.full_like(expected, np.nan)
     known = np.zeros((len(triples), 9), dtype=bool)
     np.put_along_axis(known, triples, True, axis=1)
     many = np.broadcast_to(np.nan_to_num(markers), (len(triples), 9, 3))

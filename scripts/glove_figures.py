@@ -1,0 +1,158 @@
+"""Write the tables of docs/gloves.md, and the one of gloves in README.md, from the numbers that the commands wrote.
+
+    bodysense evaluate gloves-table3 --data DIR --json FIGURES/gloves-table3.json
+    bodysense evaluate gloves-table4 --data DIR --json FIGURES/gloves-table4.json
+    bodysense evaluate gloves-occlusion --data DIR --json FIGURES/gloves-occlusion.json
+    bodysense evaluate gloves-limits --data DIR --variants NETWORKS --json FIGURES/gloves-limits.json
+    bodysense bench gloves --json FIGURES/gloves-speed.json
+    python scripts/glove_figures.py FIGURES
+
+NETWORKS comes from `bodysense train gloves --network two-hands` and `--network recurrent`. Files that are not there
+leave their table as it is.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from readme_figures import markdown, put
+
+from bodysense.cli.show import processor
+from bodysense.evaluation.glove_limits_report import LINES
+from bodysense.evaluation.glove_tables import PUBLISHED_MARKERS, PUBLISHED_POINTS, PUBLISHED_STILL
+from bodysense.evaluation.glove_trials import DURATIONS, HIDDEN
+
+PAGE, README = Path(__file__).parents[1] / "docs" / "gloves.md", Path(__file__).parents[1] / "README.md"
+METHODS = {"lk": "last known", "ls": "last shape of the hand", "ma": "moving average", "ac": "affine", "nn": "network"}
+PLACES = {"": "recorded", "_synthesised": "synthesised"}
+Numbers = dict[str, float]
+
+
+def main(folder: Path) -> None:
+    """Replace the text between every pair of markers whose figures are in `folder`."""
+    text = PAGE.read_text(encoding="utf-8")
+    read = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("gloves-*.json")}
+    tables: dict[str, Callable[[Numbers], str]] = {
+        "gloves-table3": markers,
+        "gloves-table4": points,
+        "gloves-occlusion": occlusion,
+        "gloves-limits": limits,
+        "gloves-speed": speed,
+    }
+    for name, table in tables.items():
+        if name in read:
+            text = put(text, name, table(read[name]))
+    PAGE.write_text(text, encoding="utf-8")
+    if {"gloves-table3", "gloves-table4", "gloves-speed"} <= set(read):
+        text = put(README.read_text(encoding="utf-8"), "gloves", summary(read))
+        README.write_text(text, encoding="utf-8")
+
+
+def summary(read: dict[str, Numbers]) -> str:
+    """The main figures, beside the paper's."""
+    table3, table4, frame = (read[f"gloves-{name}"] for name in ("table3", "table4", "speed"))
+    rows = []
+    for hidden in (HIDDEN[0], HIDDEN[-1]):
+        rows.append([f"a hidden marker, {hidden} hidden, after 0.1 and 2 s, cm"])
+        rows[-1] += [_ends(table3, hidden, suffix) for suffix in PLACES]
+        rows[-1].append(_outer(PUBLISHED_MARKERS["nn", hidden]))
+    still = [f"{table4[f'nn_0_cm{suffix}']:.2f}" for suffix in PLACES]
+    rows.append(["finger joints, nothing hidden, cm", *still, f"{PUBLISHED_STILL['nn']:.2f}"])
+    for hidden in (HIDDEN[0], HIDDEN[-1]):
+        rows.append([f"finger joints, {hidden} hidden, after 0.1 and 2 s, cm"])
+        rows[-1] += [_ends(table4, hidden, suffix) for suffix in PLACES]
+        rows[-1].append(_outer(PUBLISHED_POINTS[hidden]))
+    times = f"{frame['one_hand_p50_ms']:.2f}, {frame['two_hands_p50_ms']:.2f}"
+    rows.append(["a frame of one hand, of two, p50, ms", "", times, "1.2, 2.2"])
+    return markdown(["", "recorded", "synthesised", "published"], rows)
+
+
+def _ends(numbers: Numbers, hidden: int, suffix: str) -> str:
+    return ", ".join(f"{numbers[f'nn_{hidden}_{duration:.1f}_cm{suffix}']:.2f}" for duration in DURATIONS[::4])
+
+
+def _outer(values: Sequence[float]) -> str:
+    return f"{values[0]:.2f}, {values[-1]:.2f}"
+
+
+def markers(numbers: Numbers) -> str:
+    """Table 3: errors of hidden markers."""
+    rows = []
+    for suffix, motion in PLACES.items():
+        for method, label in METHODS.items():
+            for hidden in (HIDDEN[0], HIDDEN[-1]):
+                cells = [numbers.get(f"{method}_{hidden}_{duration:.1f}_cm{suffix}") for duration in DURATIONS]
+                if all(value is not None for value in cells):
+                    rows.append([motion, label, str(hidden), *(f"{value:.2f}" for value in cells if value is not None)])
+    for method, label in METHODS.items():
+        for hidden in (HIDDEN[0], HIDDEN[-1]):
+            published = PUBLISHED_MARKERS.get((method, hidden))
+            if published:
+                rows.append(["published", label, str(hidden), *(f"{value:.2f}" for value in published)])
+    return markdown(["motion", "method", "hidden", *(f"{duration:g} s" for duration in DURATIONS)], rows)
+
+
+def points(numbers: Numbers) -> str:
+    """Table 4: errors of finger joints."""
+    rows = []
+    for suffix, motion in PLACES.items():
+        for key, label in (("ik", "CCD, no limits"), ("ik_tuned", "CCD, tuned limits"), ("nn_0", "network")):
+            if f"{key}_cm{suffix}" in numbers:
+                rows.append([motion, label, "0", f"{numbers[f'{key}_cm{suffix}']:.2f}", *["–"] * (len(DURATIONS) - 1)])
+        for hidden in HIDDEN:
+            cells = [numbers.get(f"nn_{hidden}_{duration:.1f}_cm{suffix}") for duration in DURATIONS]
+            if all(value is not None for value in cells):
+                rows.append([motion, "network", str(hidden), *(f"{value:.2f}" for value in cells if value is not None)])
+    for key, label in (("ik", "CCD, no limits"), ("ik_tuned", "CCD, tuned limits"), ("nn", "network")):
+        rows.append(["published", label, "0", f"{PUBLISHED_STILL[key]:.2f}", *["–"] * (len(DURATIONS) - 1)])
+    for hidden in HIDDEN:
+        rows.append(["published", "network", str(hidden), *(f"{value:.2f}" for value in PUBLISHED_POINTS[hidden])])
+    return markdown(["motion", "method", "hidden", *(f"{duration:g} s" for duration in DURATIONS)], rows)
+
+
+def occlusion(numbers: Numbers) -> str:
+    """Figs 13 and 14: how much is hidden, of one hand and of two."""
+    lines = {
+        "0_share": ("no marker hidden, % of the time", 100),
+        "several_share": ("three or more, % of the time", 100),
+        "short_share": ("spans below 0.36 s, %", 100),
+        "mean_s": ("mean span, s", 1),
+    }
+    rows = [
+        [label, *(f"{factor * numbers[f'{setting}_{key}']:.2f}" for setting in ("one", "each", "both"))]
+        for key, (label, factor) in lines.items()
+    ]
+    return markdown(["", "one hand", "each of two", "both"], rows)
+
+
+def limits(numbers: Numbers) -> str:
+    """What the paper's gloves cannot do, with and without what is done about it."""
+    rows = []
+    for prefix, motion in (("", "recorded"), ("synthesised_", "synthesised")):
+        for line in LINES:
+            cells = [None if key is None else numbers.get(f"{prefix}{key}") for key in line.keys]
+            if any(value is not None for value in cells):
+                shown = ["–" if value is None else f"{line.factor * value:.2f}" for value in cells]
+                rows.append([motion, line.limit, line.figure, *shown])
+    return markdown(["motion", "limit", "figure", "truth", "without", "with"], rows)
+
+
+def speed(numbers: Numbers) -> str:
+    """A frame of gloves."""
+    labels = {
+        "": "one marker hidden a hand",
+        "_all": "nothing hidden",
+        "_contact": "one hidden, and contact",
+    }
+    rows = [
+        [label, *(f"{numbers[f'{hands}{key}_p50_ms']:.2f}" for hands in ("one_hand", "two_hands"))]
+        for key, label in labels.items()
+    ]
+    return f"{markdown(['p50, ms', 'one hand', 'two hands'], rows)}\n\n{processor()}."
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,55 @@
+"""Both arms with their hands: the joints that turn, the points that a camera sees, and the arms by themselves.
+
+PAHMT (Liu et al. 2022) estimates 48 rotations of a Mixamo character, 24 an arm: collar, upper arm, forearm, hand and
+four joints a finger, of which the last is the fingertip. A fingertip does not turn; without the ten of them there are
+38, and those are `ARM_JOINTS`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bodysense.body.pose import Pose
+from bodysense.body.skeleton import FINGERS, Skeleton
+
+SIDES = ("left", "right")
+ARM_PARTS = ("collar", "shoulder", "elbow", "wrist")  # the joints that turn collar, upper arm, forearm and hand
+FINGER_JOINTS = tuple(f"{finger}{k}" for finger in FINGERS for k in (1, 2, 3))  # of a hand, in the order of SMPL-H
+ARM_JOINTS = tuple(f"{side}_{part}" for side in SIDES for part in (*ARM_PARTS, *FINGER_JOINTS))  # 2 × 19
+ARM_POINTS = ("shoulder", "elbow", "wrist")  # between them upper arm and forearm
+# A hand's points in the order of MediaPipe's hand landmarks; thumb1 is its CMC joint, the others' 1 their knuckle.
+HAND_POINTS = (
+    "wrist",
+    *(f"{finger}{end}" for finger in ("thumb", "index", "middle", "ring", "pinky") for end in ("1", "2", "3", "_tip")),
+)
+CHEST = "spine3"  # what both arms hang on
+
+
+def arm_skeleton(skeleton: Skeleton) -> Skeleton:
+    """Both arms alone: the chest, at the origin, then `ARM_JOINTS` and the ten fingertips.
+
+    Raises BodysenseError where the skeleton lacks one of them.
+    """
+    joints = (CHEST, *ARM_JOINTS)
+    tips = tuple(f"{side}_{finger}_tip" for side in SIDES for finger in FINGERS)
+    places = skeleton.indices([*joints, *tips])
+    order = {int(place): k for k, place in enumerate(places)}
+    parents = (-1, *(order[skeleton.parents[place]] for place in places[1:]))
+    offset = skeleton.rest_offset[places].copy()
+    offset[0] = 0.0
+    return Skeleton(joints, tips, parents, offset)
+
+
+def arm_rotations(pose: Pose) -> np.ndarray:
+    """Local rotations (..., 38, 4) of `ARM_JOINTS`."""
+    return np.asarray(pose.rotation[..., pose.skeleton.indices(ARM_JOINTS), :])
+
+
+def with_arms(pose: Pose, rotation: np.ndarray) -> Pose:
+    """The pose with local rotations (..., 38, 4) of `ARM_JOINTS` in place of its own."""
+    turned = np.array(np.broadcast_to(pose.rotation, (*rotation.shape[:-2], *pose.rotation.shape[-2:])))
+    turned[..., pose.skeleton.indices(ARM_JOINTS), :] = rotation
+    root = np.broadcast_to(pose.root_position, (*rotation.shape[:-2], 3))
+    return replace(pose, root_position=root.copy(), rotation=turned)

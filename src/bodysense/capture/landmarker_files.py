@@ -1,0 +1,78 @@
+"""Where MediaPipe's model files are: in a folder that is given, in the cache, or fetched once and checked."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from bodysense.errors import BodysenseError
+from bodysense.files import written_beside
+
+POSE_LANDMARKER = "pose_landmarker_full.task"
+HAND_LANDMARKER = "hand_landmarker.task"
+_SITE = "https://storage.googleapis.com/mediapipe-models"
+_OFFICIAL = {  # address and SHA-256 of Google's files
+    POSE_LANDMARKER: (
+        f"{_SITE}/pose_landmarker/pose_landmarker_full/float16/1/{POSE_LANDMARKER}",
+        "4eaa5eb7a98365221087693fcc286334cf0858e2eb6e15b506aa4a7ecdcec4ad",
+    ),
+    HAND_LANDMARKER: (
+        f"{_SITE}/hand_landmarker/hand_landmarker/float16/1/{HAND_LANDMARKER}",
+        "fbc2a30080c3c557093b5ddfc334698132eb341044ccee322ccf8bcf3607cde1",
+    ),
+}
+_PATIENCE = 20.0  # s without an answer
+
+
+@dataclass(frozen=True)
+class LandmarkerFiles:
+    """The two models."""
+
+    pose: Path
+    hand: Path
+
+
+def landmarker_folder() -> Path:
+    """The folder in the user's cache where the files are kept."""
+    cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(cache) / "bodysense" / "landmarkers"
+
+
+def find_landmarkers(folder: Path | None = None) -> LandmarkerFiles:
+    """The files in `folder`, or in the cache, where those that are missing are fetched and checked.
+
+    Raises BodysenseError where one is missing and cannot be fetched.
+    """
+    if folder is None:
+        folder = landmarker_folder()
+        for name, (address, checksum) in _OFFICIAL.items():
+            if not (folder / name).is_file():
+                _fetch(address, folder / name, checksum)
+    for name in _OFFICIAL:
+        if not (folder / name).is_file():
+            raise BodysenseError(f"{folder}: there is no {name}; see docs/video.md for where to get it")
+    return LandmarkerFiles(folder / POSE_LANDMARKER, folder / HAND_LANDMARKER)
+
+
+def _fetch(address: str, path: Path, checksum: str) -> None:
+    from urllib.request import urlopen
+
+    try:
+        with urlopen(address, timeout=_PATIENCE) as answer:
+            content = answer.read()
+    except OSError as error:
+        reason = getattr(error, "reason", None) or error
+        raise BodysenseError(
+            f"{address} cannot be fetched ({reason}); put {path.name} into {path.parent} yourself (docs/video.md), "
+            "or give its folder with --landmarkers"
+        ) from None
+    found = hashlib.sha256(content).hexdigest()
+    if found != checksum:
+        raise BodysenseError(
+            f"{address} came with the checksum {found[:12]}…, not {checksum[:12]}…; try again, or get the file yourself"
+        )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with written_beside(path) as beside:
+        beside.write_bytes(content)

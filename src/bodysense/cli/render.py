@@ -1,0 +1,115 @@
+"""`bodysense data render`: videos of motion, with their truth; `bodysense evaluate video-rendered` scores them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from bodysense.errors import BodysenseError
+
+
+def render(
+    motion: Annotated[Path, tyro.conf.Positional],
+    out: Annotated[Path, tyro.conf.arg(aliases=("-o",))],
+    videos: int = 24,
+    seconds: float = 6.0,
+    split: Literal["train", "val", "test", "all"] = "test",
+    height: int = 480,
+    seed: int = 1,
+) -> None:
+    """Draw videos of a skinned, dressed and lit body from motion with fingers; each with its truth beside it.
+
+    Three bodies take turns; skin, clothes, light, room and camera are drawn at random. A video that is already there
+    is kept, so that a stop costs little.
+
+    Args:
+        motion: A folder of motion files, a prepared store, or one file.
+        out: The folder of the set: NAME.mp4 and NAME.npz.
+        videos: How many, spread over the clips.
+        seconds: Of each, at most.
+        split: Which people.
+        height: Of the pictures, pixels; they are 4:3.
+        seed: Of everything that is drawn at random.
+    """
+    import numpy as np
+    from rich.console import Console
+    from rich.progress import Progress, track
+
+    from bodysense.cli.motion import load_clip
+    from bodysense.data.clips import count_clips, open_clips
+    from bodysense.export.render.take import RATE, film, plan_takes
+
+    if videos < 1 or not seconds >= 1 or height < 64 or height % 2:
+        raise BodysenseError(
+            f"render: {videos} videos of {seconds:g} s, {height} pixels high; "
+            "give at least 1 video, 1 s, and an even height from 64 on"
+        )
+    if motion.is_file():
+        clips = [load_clip(motion, None)]
+    else:
+        clips = track(open_clips(motion, split), "reading", count_clips(motion, split))
+    fingered = [clip for clip in clips if clip.has_fingers and clip.seconds >= min(2.0, seconds)]
+    if not fingered:
+        raise BodysenseError(
+            f"{motion}: no clip of {min(2.0, seconds):g} s or more with fingers; a rendered set needs them"
+        )
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BodysenseError(f"{out}: no folder can be made there ({error.strerror}); choose another --out") from None
+    rng = np.random.default_rng(seed)
+    each = -(-videos // len(fingered))
+    planned = []
+    for number in rng.permutation(len(fingered)):
+        planned += plan_takes(fingered[number], min(each, videos - len(planned)), seconds, rng, len(planned))
+        if len(planned) == videos:
+            break
+    if not planned:
+        raise BodysenseError(f"{motion}: nothing in it that moves its hands before a camera; give livelier motion")
+    with Progress() as progress:
+        bar = progress.add_task("drawing", total=sum(len(take.time) for take, _ in planned))
+        for take, scene in planned:
+            progress.update(bar, description=take.name)
+            if (out / f"{take.name}.mp4").is_file() and (out / f"{take.name}.npz").is_file():
+                progress.update(bar, advance=len(take.time))
+                continue
+            film(take, scene, out, height, lambda: progress.update(bar, advance=1))
+    length = sum(len(take.time) / RATE for take, _ in planned)
+    Console().print(f"{out}: videos: {len(planned)}, {length:.0f} s", highlight=False)
+
+
+def video_rendered(
+    videos: Annotated[Path, tyro.conf.Positional],
+    model: Path | None = None,
+    landmarkers: Path | None = None,
+    out: Path = Path("bodysense-tables"),
+    json: Path | None = None,
+) -> None:
+    """PAHMT, Table 3: arms and hands from the pixels of rendered videos, beside inverse kinematics of landmarks.
+
+    Args:
+        videos: The folder that `bodysense data render` wrote.
+        model: A network written by `bodysense train arms`; the packaged one by default.
+        landmarkers: Folder of MediaPipe's model files; fetched once into the cache by default.
+        out: Folder for the table as CSV and as a picture (PNG).
+        json: Write the numbers here, as one flat object.
+    """
+    from rich.progress import Progress
+
+    from bodysense.capture.landmarker_files import find_landmarkers
+    from bodysense.cli.reporting import Common, checked, finish
+    from bodysense.estimators.arms import load_arms
+    from bodysense.evaluation.video_rendered import score_videos, video_report
+    from bodysense.export.render.take import list_takes
+
+    common = Common(out=out, json=json)
+    checked(common)
+    truths, files, network = list_takes(videos), find_landmarkers(landmarkers), load_arms(model)
+    with Progress() as progress:
+        bar = progress.add_task("watching", total=len(truths))
+        table = score_videos(
+            truths, files, network, lambda name: progress.update(bar, advance=1, description=f"watched {name}")
+        )
+    finish(video_report(table, videos.name), common)

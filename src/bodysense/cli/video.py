@@ -1,0 +1,152 @@
+"""`bodysense track VIDEO`: a person in a video file, a folder of images or a webcam, to motion."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import takewhile
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from bodysense.errors import BodysenseError
+from bodysense.files import check_place
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bodysense.body.skeleton import Skeleton
+    from bodysense.estimators.video_body import VideoBody
+    from bodysense.estimators.video_path import Completed
+
+
+@dataclass(frozen=True)
+class VideoOptions:
+    """What only a video asks for."""
+
+    overlay: Path | None = None
+    """Of a video: write it again here, .mp4, with the body over it and beside it."""
+    arms: Literal["network", "landmarks"] = "network"
+    """Of a video: arms and hands by the network, or, like the rest, by inverse kinematics from landmarks."""
+    look_ahead: float | None = None
+    """Of a video: seconds that an answer waits for frames to come; 0.25 by default, 0 for a webcam."""
+    field_of_view: float = 60.0
+    """Of a video: degrees over the longer side of the picture."""
+    tilt: float | None = None
+    """Of a video: degrees by which the camera looks down; by default it is seen from how the person stands."""
+    people: int = 2
+    """Of a video: so many are told apart; 1 is faster where nobody else comes into the picture."""
+    seconds: float | None = None
+    """Of a video: stop after so many; a webcam also stops with Ctrl-C."""
+    image_rate: float = 30.0
+    """Of a folder of images: so many a second."""
+    landmarkers: Path | None = None
+    """Of a video: the folder of MediaPipe's model files (docs/video.md)."""
+
+
+NO_VIDEO = VideoOptions()
+
+
+def track_video(source: str, out: Path, options: VideoOptions, model: Path | None, height: float | None) -> None:
+    """Write the motion of the person in a video as BVH, and the video with the body over it."""
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn
+
+    from bodysense.body.skeleton import default_skeleton
+    from bodysense.capture.landmarker_files import find_landmarkers
+    from bodysense.capture.landmarks import Landmarker, LandmarkerSettings
+    from bodysense.capture.video import VideoBrokenError, open_video
+    from bodysense.data.bvh_stream import BvhStream
+    from bodysense.estimators.video_path import complete_video
+    from bodysense.export.overlay import Overlay
+
+    if options.overlay is not None:
+        check_place(options.overlay)
+    if options.seconds is not None and not options.seconds > 0:
+        raise BodysenseError(f"--seconds {options.seconds:g}: give more than 0")
+    skeleton = default_skeleton() if height is None else default_skeleton().scaled(height)
+    maker = _maker(skeleton, options, model, live=source.isdecimal() and not Path(source).exists())
+    tally, said = _Tally(), None
+    with ExitStack() as stack:
+        video = stack.enter_context(open_video(source, options.image_rate))
+        files = find_landmarkers(options.landmarkers)
+        landmarker = stack.enter_context(Landmarker(files, LandmarkerSettings(people=options.people)))
+        motion = stack.enter_context(BvhStream(out, skeleton, video.rate))
+        overlay = None if options.overlay is None else stack.enter_context(Overlay(options.overlay, video.rate))
+        longest = float("inf") if options.seconds is None else options.seconds
+        pictures = takewhile(lambda picture: picture.time < longest, video.pictures)
+        progress = stack.enter_context(Progress(SpinnerColumn(), *Progress.get_default_columns()))
+        expected = min(video.count or float("inf"), longest * video.rate)
+        total = None if expected == float("inf") else round(expected)
+        bar = progress.add_task(f"tracking {video.name}", total=total)
+        try:
+            for done in complete_video(pictures, landmarker, maker):
+                tally.add(done)
+                progress.advance(bar, len(done.frames))
+                motion.append(done.frames.time, done.frames.pose)
+                if overlay is not None:
+                    overlay.add(done)
+        except VideoBrokenError as error:
+            said = str(error)
+        except KeyboardInterrupt:
+            if video.count is not None:
+                raise
+        tally.check(video.name)
+    console = Console()
+    if said is not None:
+        console.print(f"warning: {said}", style="yellow", highlight=False)
+    console.print(f"wrote {out}: {motion.frames} frames", highlight=False)
+    console.print(tally.line(), highlight=False)
+    if options.overlay is not None:
+        console.print(f"wrote {options.overlay}", highlight=False)
+
+
+def _maker(skeleton: Skeleton, options: VideoOptions, model: Path | None, live: bool) -> Callable[[float], VideoBody]:
+    """What makes the solver, for pictures of a width / height."""
+    from bodysense.estimators.arms import Arms, ArmSettings, load_arms
+    from bodysense.estimators.landmark_body import landmark_body
+    from bodysense.estimators.video_body import VideoBody, VideoSettings
+
+    look_ahead = options.look_ahead
+    if look_ahead is None:
+        look_ahead = 0.0 if live else VideoSettings().look_ahead
+    settings = VideoSettings(look_ahead, field_of_view=options.field_of_view, tilt=options.tilt)
+    if options.arms == "landmarks" and model is not None:
+        raise BodysenseError(f"--model {model}: --arms landmarks uses no network; leave one of them out")
+    arms = None
+    if options.arms == "network":
+        arms = Arms(skeleton, load_arms(model), ArmSettings(look_ahead=look_ahead))
+    body = landmark_body(skeleton)
+    return lambda aspect: VideoBody(body, arms, aspect, settings)
+
+
+@dataclass
+class _Tally:
+    """What was found, and how long it took."""
+
+    frames: int = 0
+    bodies: int = 0
+    left_hands: int = 0
+    right_hands: int = 0
+    landmark_seconds: float = 0.0
+    body_seconds: float = 0.0
+
+    def add(self, done: Completed) -> None:
+        person = done.frames.person
+        self.frames += len(person)
+        self.bodies += int(person.has_body.sum())
+        left, right = person.has_hand.sum(axis=0).tolist()
+        self.left_hands, self.right_hands = self.left_hands + left, self.right_hands + right
+        self.landmark_seconds += done.landmark_seconds
+        self.body_seconds += done.body_seconds
+
+    def check(self, name: str) -> None:
+        if not self.bodies:
+            raise BodysenseError(f"{name}: no person was found in its {self.frames} pictures; is one to be seen whole?")
+
+    def line(self) -> str:
+        body, left, right = (f"{count / self.frames:.0%}" for count in (self.bodies, self.left_hands, self.right_hands))
+        landmarks, rest = (f"{self.frames / s:.0f}" for s in (self.landmark_seconds, self.body_seconds))
+        return (
+            f"the person in {body} of the pictures, their left hand in {left}, right in {right}; "
+            f"landmarks {landmarks} frames/s, the rest {rest} frames/s"
+        )

@@ -1,0 +1,1 @@
+"""Videos of a skinned, dressed and lit body, drawn without a graphics card."""

@@ -1,0 +1,287 @@
+"""Rotations of arms and hands from key-points: AHMT, PAHMT and the CNN beside them (Liu et al., CVPR Workshops 2022).
+
+A window of 32 frames of `ArmKeypoints` goes in, local rotations of the 38 `ARM_JOINTS` come out, for every frame. The
+features are made inside, so that training, the exported file and the run time share them (section 3.4): each hand
+minus its wrist, divided by the longer side of its bounding box; what was not found is as in the frame before, zeros if
+there was none; directions of the arms are in the torso's axes ("3D local location").
+
+Where the paper is silent: kernels of three frames; four layers over time, two over joints; the regression token's 64
+numbers go through one linear layer to the width of the features to which they are added.
+
+`more_inputs` is ours: the arms in the camera's axes too, the torso's turn, where hands are and how large, and what was
+found. A hand's picture alone does not tell how its wrist is bent while the person may stand in any way to the camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import interpolate
+
+from bodysense.body.arms import ARM_JOINTS, HAND_POINTS, arm_rotations
+from bodysense.body.keypoints import ArmKeypoints
+from bodysense.body.pose import standing_pose
+from bodysense.body.rotation import (
+    matrix_to_quaternion,
+    matrix_to_sixd,
+    quaternion_conjugate,
+    quaternion_exp,
+    quaternion_log,
+    quaternion_rotate,
+    quaternion_to_matrix,
+    sixd_to_matrix,
+)
+from bodysense.body.skeleton import default_skeleton
+from bodysense.errors import BodysenseError
+
+Kind = Literal["cnn", "ahmt", "pahmt"]
+Input = Literal["hands", "arms-hands"]
+KINDS: tuple[Kind, ...] = ("cnn", "ahmt", "pahmt")
+FINGERS = tuple(k for k, name in enumerate(ARM_JOINTS) if name[-1] in "123")  # of `ARM_JOINTS`
+_BOX = 0.1  # of the picture's height: a hand of this size is of size 0 to the network
+_LARGEST = 0.02  # deviation of learned places and tokens at the start
+
+
+@dataclass(frozen=True)
+class ArmNetworkConfig:
+    """How the network is built; the defaults are the paper's (section 3.3)."""
+
+    kind: Kind = "pahmt"
+    input: Input = "arms-hands"  # "hands" sees hands alone and answers for the fingers alone (Table 1, h2h)
+    width: int = 512  # D_t
+    layers: int = 4  # L_t
+    heads: int = 8
+    feed_forward: int = 2  # times the width
+    spatial_width: int = 64  # D_s
+    spatial_layers: int = 2  # L_s
+    spatial_heads: int = 4
+    dropout: float = 0.1
+    frames: int = 32  # f
+    rotation: Literal["axis-angle", "6d"] = "axis-angle"
+    more_inputs: bool = False
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise BodysenseError(f"kind {self.kind!r} does not exist; valid are {', '.join(KINDS)}")
+        if self.input not in ("hands", "arms-hands"):
+            raise BodysenseError(f"input {self.input!r} does not exist; valid are hands, arms-hands")
+        if self.rotation not in ("axis-angle", "6d"):
+            raise BodysenseError(f"rotation {self.rotation!r} does not exist; valid are axis-angle, 6d")
+        for name in ("width", "layers", "heads", "feed_forward", "spatial_width", "spatial_layers", "spatial_heads"):
+            if getattr(self, name) < 1:
+                raise BodysenseError(f"{name} is {getattr(self, name)}; give at least 1")
+        if self.width % self.heads or self.spatial_width % self.spatial_heads:
+            raise BodysenseError(f"width {self.width} must be a multiple of {self.heads} heads, and so over joints")
+        if self.frames < 2 or (self.frames % 16 and self.kind == "cnn"):
+            raise BodysenseError(f"frames is {self.frames}; give at least 2, and a multiple of 16 for a cnn")
+        if self.input == "hands" and self.more_inputs:
+            raise BodysenseError("more_inputs are of arms; leave them out with input 'hands'")
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Which of `ARM_JOINTS` it answers for."""
+        return FINGERS if self.input == "hands" else tuple(range(len(ARM_JOINTS)))
+
+    @property
+    def tokens(self) -> int:
+        """Points a frame: the paper's arms and hands, 2 · 2 + 2 · 21, and with `more_inputs` ten of ours."""
+        arms = 4 if self.input == "arms-hands" else 0
+        return arms + 2 * len(HAND_POINTS) + (10 if self.more_inputs else 0)
+
+    @property
+    def size(self) -> int:
+        """Numbers of a rotation."""
+        return 3 if self.rotation == "axis-angle" else 6
+
+
+class Window(NamedTuple):
+    """Key-points of B windows; any finite number where nothing was found."""
+
+    arm: Tensor  # (B, T, 2, 2, 3)
+    has_arm: Tensor  # (B, T, 2) bool
+    torso: Tensor  # (B, T, 4)
+    has_torso: Tensor  # (B, T) bool
+    hand: Tensor  # (B, T, 2, 21, 2)
+    has_hand: Tensor  # (B, T, 2) bool
+
+
+def window_of(keypoints: ArmKeypoints) -> Window:
+    """Key-points with a batch axis (B, T, …) as the network takes them."""
+    values = (getattr(keypoints, name) for name in Window._fields)
+    tensors = (torch.as_tensor(value) for value in values)
+    return Window(*(one if one.dtype == torch.bool else torch.nan_to_num(one.float()) for one in tensors))
+
+
+class Attention(nn.Module):
+    """Self-attention and two layers, each behind a layer norm and around a shortcut (eqs. 5, 6)."""
+
+    def __init__(self, width: int, heads: int, feed_forward: int, dropout: float) -> None:
+        super().__init__()
+        self.heads = heads
+        self.before, self.between = nn.LayerNorm(width), nn.LayerNorm(width)
+        self.ask, self.look, self.tell = nn.Linear(width, width), nn.Linear(width, 2 * width), nn.Linear(width, width)
+        self.forth, self.back = nn.Linear(width, feed_forward * width), nn.Linear(feed_forward * width, width)
+        self.drop = nn.Dropout(dropout)
+
+    def forward(self, x: Tensor, answers: int | None = None) -> Tensor:
+        """(N, tokens, width) → the same, or only what the first `answers` tokens become."""
+        read = self.before(x)
+        queries = self.ask(read[:, :answers]).unflatten(-1, (self.heads, -1)).transpose(1, 2)
+        keys, values = self.look(read).unflatten(-1, (2, self.heads, -1)).permute(2, 0, 3, 1, 4)
+        # Spelled out: on a processor, twice as fast as the fused form where tokens are few.
+        alike = (queries * queries.shape[-1] ** -0.5) @ keys.mT
+        told = torch.softmax(alike, dim=-1) @ values
+        x = x[:, :answers] + self.drop(self.tell(told.transpose(1, 2).flatten(-2)))
+        return x + self.drop(self.back(torch.relu(self.forth(self.between(x)))))
+
+
+class OverTime(nn.Module):
+    """AHMT's body: two convolutions embed a frame, learned places, attention over the frames (eqs. 4 to 6)."""
+
+    def __init__(self, config: ArmNetworkConfig) -> None:
+        super().__init__()
+        width = config.width
+        self.embed = nn.Sequential(
+            nn.Conv1d(3 * config.tokens, width, 3, padding=1), nn.ReLU(), nn.Conv1d(width, width, 3, padding=1)
+        )
+        self.place = nn.Parameter(_LARGEST * torch.randn(config.frames, width))
+        layer = (width, config.heads, config.feed_forward, config.dropout)
+        self.layers = nn.Sequential(*(Attention(*layer) for _ in range(config.layers)))
+
+    def forward(self, points: Tensor) -> Tensor:
+        """Points (B, T, N, 3) → features (B, T, width)."""
+        return self.layers(self.embed(points.flatten(-2).mT).mT + self.place)
+
+
+class OverJoints(nn.Module):
+    """PAHMT's second branch: every point of a frame is a token; one more becomes the answer (eqs. 8 to 11)."""
+
+    def __init__(self, config: ArmNetworkConfig) -> None:
+        super().__init__()
+        width = config.spatial_width
+        self.embed = nn.Linear(3, width)
+        self.regress = nn.Parameter(_LARGEST * torch.randn(1, width))
+        self.place = nn.Parameter(_LARGEST * torch.randn(1 + config.tokens, width))
+        layer = (width, config.spatial_heads, config.feed_forward, config.dropout)
+        self.layers = nn.ModuleList(Attention(*layer) for _ in range(config.spatial_layers))
+        self.widen = nn.Linear(width, config.width)
+
+    def forward(self, points: Tensor) -> Tensor:
+        """Points (B, T, N, 3) → features (B, T, width)."""
+        tokens = self.embed(points.flatten(0, 1))
+        first = self.regress.expand(len(tokens), 1, -1)
+        x = torch.cat([first, tokens], dim=1) + self.place
+        for left, layer in enumerate(self.layers, start=1 - len(self.layers)):
+            x = layer(x, None if left else 1)
+        return self.widen(x[:, 0].unflatten(0, points.shape[:2]))
+
+
+class Convolutions(nn.Module):
+    """The CNN: temporal convolutions with shortcuts, as in Body2Hands (Ng et al. 2021), there of width 256.
+
+    Frames are halved four times and doubled again; what comes up is added to what went down.
+    """
+
+    def __init__(self, config: ArmNetworkConfig) -> None:
+        super().__init__()
+        width = config.width
+
+        def step(before: int, stride: int = 1) -> nn.Sequential:
+            convolution = nn.Conv1d(before, width, 3 if stride == 1 else 4, stride, 1)
+            return nn.Sequential(nn.Dropout(config.dropout), convolution, nn.LeakyReLU(0.2), nn.BatchNorm1d(width))
+
+        self.begin = step(3 * config.tokens)
+        self.down = nn.ModuleList(nn.Sequential(step(width), step(width, 2)) for _ in range(4))
+        self.across = nn.ModuleList(step(width) for _ in range(4))
+
+    def forward(self, points: Tensor) -> Tensor:
+        """Points (B, T, N, 3) → features (B, T, width)."""
+        x = self.begin(points.flatten(-2).mT)
+        passed = []
+        for down in self.down:
+            passed.append(x)
+            x = down(x)
+        for across, above in zip(self.across, reversed(passed), strict=True):
+            x = across(interpolate(x, scale_factor=2.0, mode="nearest") + above)
+        return x.mT
+
+
+class ArmNetwork(nn.Module):
+    """Features, body by `kind`, and the regression head of three convolutions (eqs. 7, 12)."""
+
+    def __init__(self, config: ArmNetworkConfig) -> None:
+        super().__init__()
+        self.config = config
+        width = config.width
+        self.body = Convolutions(config) if config.kind == "cnn" else OverTime(config)
+        self.beside = OverJoints(config) if config.kind == "pahmt" else None
+        last = nn.Conv1d(width, config.size * len(config.joints), 3, padding=1)
+        with torch.no_grad():  # it starts near arms that hang
+            standing = arm_rotations(standing_pose(default_skeleton()))[list(config.joints)]
+            last.weight.mul_(0.1)
+            assert last.bias is not None
+            last.bias.copy_(self.regressed(torch.tensor(standing, dtype=torch.float32)).flatten())
+        self.head = nn.Sequential(
+            *(nn.Conv1d(width, width, 3, padding=1), nn.ReLU()),
+            *(nn.Conv1d(width, width, 3, padding=1), nn.ReLU()),
+            last,
+        )
+
+    def forward(self, window: Window) -> Tensor:
+        """Rotations (B, T, joints, 3 or 6) as they are regressed; `quaternions` says what they mean."""
+        points = self.points(window)
+        features = self.body(points)
+        if self.beside is not None:
+            features = features + self.beside(points)
+        return self.head(features.mT).mT.unflatten(-1, (len(self.config.joints), self.config.size))
+
+    def quaternions(self, said: Tensor) -> Tensor:
+        """Unit quaternions (..., 4) of regressed rotations."""
+        if self.config.rotation == "axis-angle":
+            return quaternion_exp(said)
+        return matrix_to_quaternion(sixd_to_matrix(said))
+
+    def regressed(self, rotation: Tensor) -> Tensor:
+        """Rotations (..., 4) as they are regressed, (..., 3 or 6)."""
+        if self.config.rotation == "axis-angle":
+            return quaternion_log(rotation)
+        return matrix_to_sixd(quaternion_to_matrix(rotation))
+
+    def points(self, window: Window) -> Tensor:
+        """What the network reads: (B, T, tokens, 3), pictures with a zero behind (section 3.3)."""
+        size = window.hand.amax(dim=-2) - window.hand.amin(dim=-2)
+        box = size.amax(dim=-1).clamp(min=1e-6)
+        shape = (window.hand - window.hand[..., :1, :]) / box[..., None, None]
+        shape = held(shape.flatten(-2), window.has_hand).unflatten(-1, (-1, 2))
+        hands = torch.cat([shape, torch.zeros_like(shape[..., :1])], dim=-1).flatten(-3, -2)
+        if self.config.input == "hands":
+            return hands
+        upright = torch.zeros_like(window.torso[:, :1])
+        upright[..., 0] = 1.0
+        torso = held(window.torso[..., None, :], window.has_torso[..., None], upright[..., None, :])[..., 0, :]
+        arms = held(window.arm.flatten(-2), window.has_arm).unflatten(-1, (2, 3)).flatten(-3, -2)
+        inverse = quaternion_conjugate(torso)[..., None, :].expand(*arms.shape[:-1], 4)
+        read = [quaternion_rotate(inverse, arms), hands]
+        if self.config.more_inputs:
+            place = torch.cat([window.hand[..., 0, :], torch.log(box / _BOX)[..., None]], dim=-1)
+            found = torch.cat([window.has_arm, window.has_torso[..., None]], dim=-1)
+            found_hands = torch.cat([window.has_hand, torch.zeros_like(window.has_torso[..., None])], dim=-1)
+            flags = torch.stack([found, found_hands], dim=-2).to(arms.dtype)
+            turned = quaternion_to_matrix(torso).mT[..., :2, :]  # where its +x and +y point
+            read += [arms, turned, held(place, window.has_hand), flags]
+        return torch.cat(read, dim=-2)
+
+
+def held(values: Tensor, known: Tensor, before: Tensor | None = None) -> Tensor:
+    """Values (B, T, N, C); where they are not known (B, T, N) the last that were, at first `before` (B, 1, N, C) or 0.
+
+    As in the frame before, and so on: the past of a window is in it.
+    """
+    first = torch.zeros_like(values[:, :1]) if before is None else before
+    frame = torch.arange(1, known.shape[1] + 1, device=known.device)
+    earlier = (frame[:, None] >= frame)[None, :, :, None] & known[:, None]  # (B, now, then, N)
+    last = torch.where(earlier, frame[:, None], 0).amax(dim=2)
+    return torch.take_along_dim(torch.cat([first, values], dim=1), last[..., None].expand_as(values), dim=1)

@@ -1,0 +1,62 @@
+"""Arms and hands on the command line: trained, scored, timed."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from bodysense.data.bvh import write_bvh
+from bodysense.data.clip import Clip
+from bodysense.data.splits import split_of
+
+SMALL = ("--width", 16, "--layers", 1, "--spatial-width", 8, "--spatial-layers", 1, "--epochs", 1, "--batch", 4)
+
+
+@pytest.fixture
+def people(tmp_path: Path, waving_clip: Clip) -> Path:
+    """Somebody of every split."""
+    for split in ("train", "val", "test"):
+        person = next(f"p{number}" for number in range(100) if split_of(f"p{number}") == split)
+        (tmp_path / "data" / person).mkdir(parents=True)
+        write_bvh(tmp_path / "data" / person / "waving.bvh", waving_clip)
+    return tmp_path / "data"
+
+
+def test_a_network_is_trained_written_and_timed(people: Path, tmp_path: Path, run) -> None:
+    out = tmp_path / "arms.onnx"
+    said = run("train", "arms", "--data", people, "-o", out, *SMALL, "--more-inputs", "--rotation", "6d")
+    assert "step 3/3" in said and f"wrote {out}" in said and out.with_suffix(".ckpt").is_file()
+    run("bench", "arms", "--frames", 3, "--model", out, "--json", tmp_path / "bench.json")
+    numbers = json.loads((tmp_path / "bench.json").read_text())
+    assert numbers["p50_ms"] > 0 and numbers["live_frame_p50_ms"] > 0
+
+
+def test_the_table_is_trained_and_scored(people: Path, tmp_path: Path, run) -> None:
+    table, out = tmp_path / "table", tmp_path / "out"
+    run("train", "arms-table", "--data", people, "-o", table, *SMALL, "--networks", "cnn-hands", "cnn", "pahmt")
+    said = run(
+        *("evaluate", "pahmt-table1", "--data", people, "--networks", table, "--out", out),
+        *("--json", tmp_path / "table.json"),
+    )
+    assert "PAHMT is below" not in said and (out / "pahmt-table1.csv").is_file()
+    numbers = json.loads((tmp_path / "table.json").read_text())
+    assert {f"{name}_{key}" for name in ("cnn", "pahmt") for key in ("hands_m", "overall_m", "arms")} <= set(numbers)
+    assert "cnn_hands_hands_cm" in numbers and "cnn_hands_arms" not in numbers
+
+
+def test_what_cannot_be(people: Path, tmp_path: Path, small_arms: Path, refused) -> None:
+    arguments = ("train", "arms", "--data", people, "-o")
+    assert "a network is written as .onnx or .pt" in refused(*arguments, tmp_path / "arms.zip")
+    assert "a network of hands alone is for the table only" in refused(
+        *arguments, tmp_path / "a.onnx", "--input", "hands"
+    )
+    assert "--without-hands 1: give a share" in refused(*arguments, tmp_path / "a.pt", "--without-hands", 1)
+    assert "--epochs 0: give at least 1" in refused(*arguments, tmp_path / "a.pt", "--epochs", 0)
+    assert "width 20 must be a multiple of 8 heads" in refused(*arguments, tmp_path / "a.pt", "--width", 20)
+    table = ("evaluate", "pahmt-table1", "--data", people, "--out", tmp_path, "--networks")
+    assert "none of the table's networks in it" in refused(*table, tmp_path)
+    shutil.copy(small_arms, tmp_path / "ahmt.pt")
+    assert "ahmt.pt: not the weights of arms" in refused(*table, tmp_path)

@@ -1,0 +1,121 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.cli import main
+from bodysense.data.bvh import read_bvh
+from bodysense.data.clip import Clip
+
+av = pytest.importorskip("av")
+pytest.importorskip("mediapipe")
+
+
+def write(path: Path, pictures: np.ndarray, rate: int = 15) -> Path:
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=rate)
+        stream.height, stream.width, stream.pix_fmt = *pictures.shape[1:3], "yuv420p"
+        stream.options = {"crf": "12", "tune": "zerolatency"}
+        for picture in pictures:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode())
+    return path
+
+
+def track(*arguments: object) -> int:
+    return main(["track", *map(str, arguments)])
+
+
+def test_a_video_comes_out_as_motion(
+    tmp_path: Path,
+    landmarkers: Path,
+    filmed: tuple[np.ndarray, Clip],
+    small_arms: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    video = write(tmp_path / "in.mp4", filmed[0])
+    out, overlay = tmp_path / "out.bvh", tmp_path / "overlay.mp4"
+    options = ("--landmarkers", landmarkers, "--people", 1, "--model", small_arms, "--height", 1.6)
+    assert track(video, "-o", out, "--overlay", overlay, *options) == 0
+    clip = read_bvh(out)
+    assert len(clip) == len(filmed[0]) and clip.frame_rate == 15
+    assert clip.pose.skeleton.height == pytest.approx(1.6, abs=1e-3)
+    with av.open(str(overlay)) as container:
+        shown = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+    assert len(shown) == len(clip) and shown[0].shape == (320, 320 + 256, 3)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "8 frames the person in 100% of the pictures, their left hand in 100%, right in 100%" in said
+
+
+@pytest.mark.slow
+def test_one_picture_and_a_folder_of_them(tmp_path: Path, landmarkers: Path, filmed: tuple[np.ndarray, Clip]) -> None:
+    from PIL import Image
+
+    one = write(tmp_path / "one.mp4", filmed[0][:1])
+    rest = ("--landmarkers", landmarkers, "--people", 1, "--arms", "landmarks")
+    assert track(one, "-o", tmp_path / "one.bvh", *rest) == 0
+    assert len(read_bvh(tmp_path / "one.bvh")) == 1
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    for number, picture in enumerate(filmed[0][:3]):
+        Image.fromarray(picture).save(folder / f"{number}.png")
+    assert track(folder, "-o", tmp_path / "folder.bvh", *rest, "--image-rate", 24, "--look-ahead", 0) == 0
+    clip = read_bvh(tmp_path / "folder.bvh")
+    assert len(clip) == 3 and clip.frame_rate == 24
+
+
+@pytest.mark.slow
+def test_a_video_that_breaks_off_gives_a_part(
+    tmp_path: Path, landmarkers: Path, filmed: tuple[np.ndarray, Clip], capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = write(tmp_path / "whole.mkv", filmed[0].repeat(3, axis=0)).read_bytes()
+    (tmp_path / "cut.mkv").write_bytes(content[: len(content) * 2 // 3])
+    out = tmp_path / "out.bvh"
+    rest = ("--landmarkers", landmarkers, "--people", 1, "--arms", "landmarks")
+    assert track(tmp_path / "cut.mkv", "-o", out, *rest) == 0
+    assert 3 <= len(read_bvh(out)) < 24
+    assert "warning" in (said := capsys.readouterr().out) and "damaged" in said
+
+
+def test_a_video_of_nobody_is_refused(tmp_path: Path, landmarkers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    video = write(tmp_path / "empty.mp4", np.full((3, 96, 128, 3), 120, np.uint8))
+    assert track(video, "-o", tmp_path / "a.bvh", "--landmarkers", landmarkers, "--arms", "landmarks") == 2
+    assert "empty.mp4: no person was found in its 3 pictures" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["empty.mp4"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("text.mp4", "--arms", "landmarks"), "text.mp4: not a video that can be read"),
+        (("none.mp4", "--arms", "landmarks"), "none.mp4: no such file"),
+        (("text.mp4", "--device", "three-point"), "are not for videos"),
+        (("text.mp4", "--samples", "2"), "are not for videos"),
+        (("text.mp4", "--height", "headset"), "give --height in metres for a video"),
+        (("text.mp4", "--arms", "landmarks", "--model", "a.onnx"), "--arms landmarks uses no network"),
+        (("text.mp4", "--arms", "landmarks", "--look-ahead", "3"), "--look-ahead 3: give 0 to 0.5 s"),
+        (("text.mp4", "--arms", "landmarks", "--seconds", "0"), "--seconds 0: give more than 0"),
+        (("text.mp4", "--overlay", "none/a.mp4"), "the folder none does not exist"),
+        (("a.npz", "--overlay", "a.mp4"), "a.npz: not a video; --overlay"),
+        (("text.mp4", "--landmarkers", "."), "there is no pose_landmarker_full.task"),
+    ],
+)
+def test_what_cannot_be(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: tuple[str, ...],
+    message: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("text.mp4").write_text("this is no video\n" * 50)
+    Path("a.npz").write_bytes(b"")
+    if "--landmarkers" in arguments:
+        write(Path("text.mp4"), np.zeros((1, 64, 64, 3), np.uint8))
+        arguments = (*arguments, "--arms", "landmarks")
+    assert track(*arguments, "-o", "out.bvh") == 2
+    said = capsys.readouterr().err
+    assert message in said and said.count("\n") == 1
+    assert not Path("out.bvh").exists()
