@@ -40,9 +40,7 @@ def random_angles(rng: np.random.Generator, *batch: int) -> np.ndarray:
 
 
 def random_pose(rng: np.random.Generator, count: int = 7) -> Pose:
-    turns = Rotation.random(count * len(BODY.joints), rng).as_quat(
-        scalar_first=True
-    )
+    turns = Rotation.random(count * len(BODY.joints), rng).as_quat(scalar_first=True)
     return Pose(BODY, rng.normal(size=(count, 3)), turns.reshape(count, -1, 4))
 
 

@@ -42,7 +42,7 @@ def keypoints(frames: int = 4) -> ArmKeypoints:
 @pytest.mark.parametrize("batch", [(), (3,), (2, 3)])
 def test_a_torso_turns_with_the_body(batch: tuple[int, ...]) -> None:
     """SciPy turns a trunk whose axes are the world's; what is found is that turn."""
-    turn = Rotation.random(int(np.prod(batch, dtype=int)), rng=1)
+    turn = Rotation.random(int(np.prod(batch, dtype=int)), rng=np.random.default_rng(1))
     shoulders, hips = np.array([[0.2, 0.5, 0], [-0.2, 0.5, 0]]), np.array([[0.1, 0, 0], [-0.1, 0, 0]])
     turned = [
         np.stack([turn.apply(point) for point in points], axis=1).reshape(*batch, 2, 3) + np.array([1.0, 2, 3])

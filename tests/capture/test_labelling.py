@@ -99,6 +99,17 @@ def test_labels_come_back_after_occlusion(gloves: Observation, hands: Mapping[st
     assert score.right > 0.98 and score.wrong < 0.01
 
 
+def test_hands_that_were_taken_for_each_other_are_mended(gloves: Observation, hands: Mapping[str, Skeleton]) -> None:
+    labeller, points = Labeller(hands), shuffled(gloves, np.random.default_rng(5))
+    _, state = labeller.step(points[:60], labeller.start())
+    mirror = np.array([-1.0, 1.0, 1.0])
+    wrong = [
+        hand._replace(place=hand.place * mirror, velocity=hand.velocity * mirror) for hand in reversed(state.hands)
+    ]
+    found, _ = labeller.step(points[60:120], state._replace(hands=tuple(wrong)))
+    np.testing.assert_array_equal(found.position[30:], gloves.position[90:120])
+
+
 def test_another_person_s_hands(gloves: Observation, hands: Mapping[str, Skeleton]) -> None:
     larger = replace(gloves, position=gloves.position * 1.15)
     assert label_accuracy(larger, hands, np.random.default_rng(4)).right > 0.98

@@ -223,7 +223,7 @@ def test_a_split_without_clips(tmp_path: Path, short_clip: Clip, refused) -> Non
 
 
 @pytest.mark.parametrize(
-    "arguments", [["dance"], ["track"], ["simulate", "a.bvh", "-o", "b.npz", "--device", "gloves"]]
+    "arguments", [["dance"], ["track"], ["simulate", "a.bvh", "-o", "b.npz", "--device", "kinect"]]
 )
 def test_commands_that_are_none(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """What tyro refuses, it explains itself; the status is the same."""

@@ -14,6 +14,7 @@ SIDES = ((0, 1), (1, 2), (0, 2))  # of the triangle on the back of the hand
 _BACK = list(ALIGNMENT)
 _THUMB = MARKERS.index("thumb_middle")
 _FIRM = [_BACK[0], _BACK[2], _THUMB]  # these move little in the hand, and tell a left one from a right one
+_UNCERTAIN = 0.8  # markers that a hand costs more beside others if its thumb or a finger's base is hidden
 _TRIED = 8  # triangles, those whose hands look best, that are looked at in full
 _SHARED = len(MARKERS) // 2  # points: two hands that share more are two readings of one
 
@@ -31,6 +32,11 @@ class FoundHand(NamedTuple):
     def points(self) -> np.ndarray:
         """Those that it takes."""
         return self.chosen[self.chosen >= 0]
+
+    @property
+    def certain(self) -> bool:
+        """Whether it shows what tells a left hand from a right one, and a hand from another turned round."""
+        return bool((self.chosen[_FIRM] >= 0).all())
 
     def same_as(self, other: FoundHand) -> bool:
         """Whether it is the same hand in the same place."""
@@ -64,6 +70,7 @@ def find_hands(
     sizes: tuple[float, float],
     fewest: int,
     worst: float,
+    without_wrist: bool,
 ) -> list[FoundHand]:
     """The likeliest readings of points (N, 3) m as a left hand.
 
@@ -75,19 +82,18 @@ def find_hands(
         allowed: (9, 1) m², how far, squared, markers may be from there.
         stiffness: m by which the sides of the triangle on the back of the hand may differ from the template's.
         sizes: smallest and largest factor of the template.
-        fewest: markers that must be there, the bases of the fingers and the middle of the thumb among them.
+        fewest: markers that must be there.
         worst: mean of their squared distances, as shares of what is allowed, that makes no hand.
+        without_wrist: look as well for a hand whose wrist is hidden, by its thumb: best where its size is known.
     """
     if len(place) < fewest:
         return []
-    back = _triangles(place, template[None, _BACK], stiffness, sizes)
-    pinky, index = _BACK[0], _BACK[2]
-    thumbs = np.unique(ranges[_THUMB].round(4), axis=0)
-    corners = np.stack(
-        [np.broadcast_to(template[[pinky, index]], (len(thumbs), 2, 3))[:, k] for k in (0, 1)] + [thumbs], axis=1
-    )
-    side = _triangles(place, corners, stiffness, sizes)
-    rotation, translation, size = (np.concatenate(parts) for parts in zip(back, side, strict=True))
+    triangles = [_triangles(place, template[None, _BACK], stiffness, sizes)]
+    if without_wrist:
+        thumbs = np.unique(ranges[_THUMB].round(4), axis=0)
+        bases = np.broadcast_to(template[_FIRM[:2]], (len(thumbs), 2, 3))
+        triangles.append(_triangles(place, np.concatenate([bases, thumbs[:, None]], axis=1), stiffness, sizes))
+    rotation, translation, size = (np.concatenate(parts) for parts in zip(*triangles, strict=True))
     if not len(size):
         return []
     local = (place - translation[:, None]) @ rotation / size[:, None, None]  # (K, N, 3)
@@ -97,7 +103,7 @@ def find_hands(
         chosen = assigned_or_none(np.where(unlike[triple] < 1, unlike[triple], np.inf))
         cost = cost_of(unlike[triple], chosen)
         fit = cost - (chosen < 0).sum()
-        if (chosen[_FIRM] >= 0).all() and fit < worst * (chosen >= 0).sum() >= worst * fewest:
+        if fit < worst * (chosen >= 0).sum() >= worst * fewest:
             flat = size[triple] * template @ rotation[triple].T + translation[triple]
             found.append(FoundHand(hand, cost, chosen, float(size[triple]), flat))
     return found
@@ -132,8 +138,12 @@ def _triangles(
 
 
 def surest(hands: list[FoundHand], margin: float) -> FoundHand | None:
-    """The likeliest of some hands whose points make no other hand nearly as well: all those cost `margin` more."""
+    """The likeliest certain hand whose points make no other one nearly as well: all those cost `margin` more."""
     for hand in sorted(hands, key=lambda one: one.cost):
-        if all(other.cost > hand.cost + margin for other in hands if hand.excludes(other)):
+        if hand.certain and all(
+            other.cost + _UNCERTAIN * (not other.certain) > hand.cost + margin
+            for other in hands
+            if hand.excludes(other)
+        ):
             return hand
     return None

@@ -47,8 +47,8 @@ class LabellingSettings:
     no_hand: float = 0.4  # mean of these distances, squared and as a share of what may be: more is no hand
     better: float = 0.8  # of the cost of the labels that there are: another assignment with less is the better hand
     patience: float = 0.1  # s for which it must be, and for which a hand with few markers is followed on
-    fewest: int = 7  # markers that a hand must show to be found
-    again: int = 6  # the same once the size of the hands is known
+    fewest: int = 6  # markers that a hand must show to be found
+    again: int = 5  # the same once the size of the hands is known
     followed: int = 3  # markers that it must show to be followed on
     stiffness: float = 0.008  # m by which sides of the triangle on the back of the hand may differ from the template's
     sizes: tuple[float, float] = (0.8, 1.25)  # of the hand that is given, that are looked for
@@ -264,20 +264,22 @@ class Labeller:
         readings = [*held.values(), *(found for k in asked for found in self._found(k, points, free, hands))]
         while readings and (sure := surest(readings, self.settings.margin)) is not None:
             k, seen = sure.hand, sure.chosen >= 0
-            if k in doubtful or not sure.same_as(held[k]):
+            before = held.pop(k, None)
+            mended = k not in doubtful and (before is None or not sure.same_as(before))
+            if k in doubtful or mended:
                 known = hands[k]
-                for other in set(held) - {k}:
+                for other in list(held):
                     if len(np.intersect1d(held[other].points, sure.points)) > 2:
                         hands[other] = _nowhere(hands[other].usual)
                         labels[_of_hand(labels, other)] = -1
+                        del held[other]
                 labels[_of_hand(labels, k)] = -1
                 labels[sure.points] = k * _COUNT + np.flatnonzero(seen)
                 place = np.where(seen[:, None], (points * self._flips[k])[sure.chosen], sure.flat)
                 hidden = np.where(seen, 0.0, 1.0)
-                hands[k] = HandTrack(sure.size, place, _UNKNOWN, hidden, 0.0, known.age, known.usual)
-            readings = [
-                one for one in readings if one.hand != k and not len(np.intersect1d(one.points, sure.points)) > 0
-            ]
+                velocity = np.zeros((_COUNT, 3)) if mended else _UNKNOWN  # where it was says nothing of how it moves
+                hands[k] = HandTrack(sure.size, place, velocity, hidden, 0.0, known.age, known.usual)
+            readings = [one for one in readings if one.hand != k and not len(np.intersect1d(one.points, sure.points))]
 
     def _held(self, k: int, points: np.ndarray, labels: np.ndarray, hand: HandTrack) -> FoundHand:
         """A hand that is followed, as its labels say."""
@@ -305,6 +307,7 @@ class Labeller:
             sizes,
             fewest,
             settings.worst,
+            bool(known),
         )
         return [one._replace(chosen=np.where(one.chosen >= 0, free[one.chosen], -1)) for one in found]
 

@@ -169,8 +169,8 @@ def _labelled(file: Path, options: MarkerOptions) -> Observation:
     labeller = Labeller({side: hand_skeleton(default_skeleton(), side) for side in sides})
     observation, _ = labeller.step(points, labeller.start())
     shown = observation.has_position.any(axis=0).reshape(len(sides), -1)
-    for side, any_shown in zip(sides, shown.any(axis=1), strict=True):
-        if not any_shown:
+    for k, side in enumerate(sides):
+        if not shown[k].any():
             raise BodysenseError(
                 f"{file}: no {side} glove is found among its {len(points.points)} points; see docs/gloves.md, "
                 "or name the markers"

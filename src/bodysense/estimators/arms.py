@@ -146,7 +146,7 @@ class Arms:
                 )
             if frame.time - last.time > self.settings.longest_gap:
                 answered += self._flushed(state)
-                state = self.start()
+                state, last = self.start(), frame
             torso = frame.torso if frame.values["has_torso"] else last.torso
             frames = (*state.frames, replace(frame, torso=torso))
             state = replace(state, frames=frames, waiting=state.waiting + 1)

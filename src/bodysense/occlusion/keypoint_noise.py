@@ -18,26 +18,26 @@ _SWAP = 0.3  # s that a swap lasts on average
 class DetectorNoise:
     """How a detector errs. Angles in degrees; lengths of hands in shares of the longer side of their box.
 
-    The numbers are about those of MediaPipe's landmarkers on rendered people (docs/video.md).
+    The numbers are a little more than what MediaPipe's landmarkers do on rendered people (docs/rendered.md).
     """
 
-    arm_drift: float = 11.0  # slow error of a direction, across
-    arm_jitter: float = 1.0  # error of its own in every frame
-    depth: float = 2.3  # times as far directions are off in depth, which one picture tells badly
-    torso_drift: float = 9.0
-    torso_jitter: float = 0.8
-    hand_drift: float = 0.055  # slow error of a point
-    hand_jitter: float = 0.015
-    hand_shape: float = 0.2  # slow error of the whole hand's size, shear and turn
-    blur: float = 0.06  # error of a point for every box that the hand moves between two frames
-    missed: float = 0.07  # share of hands that are missed anyway
+    arm_drift: float = 7.0  # slow error of a direction, across
+    arm_jitter: float = 0.15  # error of its own in every frame
+    depth: float = 2.8  # times as far directions are off in depth, which one picture tells badly
+    torso_drift: float = 7.0
+    torso_jitter: float = 0.15
+    hand_drift: float = 0.045  # slow error of a point
+    hand_jitter: float = 0.005
+    hand_shape: float = 0.13  # slow error of the whole hand's size, shear and turn
+    blur: float = 0.03  # error of a point for every box that the hand moves between two frames
+    missed: float = 0.06  # share of hands that are missed anyway
     missed_fast: float = 0.25  # more for every box that the hand moves between two frames
     small: float = 0.025  # of the picture's height: half of the hands of this size are missed
     missed_for: float = 0.2  # s, on average
     lost: float = 0.1  # share of windows in which a hand is gone for long
     swapped: float = 0.02  # share of windows in which left and right hands change places for a while
-    arm_missed: float = 0.01  # share of arms, and of torsos
-    settle: float = 1.0  # s in which slow errors change
+    arm_missed: float = 0.05  # share of arms, and of torsos
+    settle: float = 1.5  # s in which slow errors change
     quality: float = 0.4  # deviation of the logarithm of all errors, drawn once a window
 
 

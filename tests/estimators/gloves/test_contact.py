@@ -7,7 +7,7 @@ import pytest
 
 from bodysense.body.glove import default_glove, marker_positions
 from bodysense.body.hand import FINGERS, angles_of, hand_skeleton, limits, rotations_of
-from bodysense.body.hand_capsules import mutual_depth, own_depth
+from bodysense.body.hand_capsules import GIVE, NAMES, hand_capsules, mutual_depth, own_depth, own_pairs
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
@@ -177,6 +177,30 @@ def test_fingertips_meet_where_their_markers_do() -> None:
     assert own_depth(pose_of(result, 0)).max() < 0.001
     still = [1 + 3 * FINGERS.index(finger) + k for finger in ("ring", "pinky") for k in range(3)]
     np.testing.assert_array_equal(result.rotation[0, still], hands.rotation[0, still])
+
+
+def test_filled_markers_do_not_bring_fingertips_together() -> None:
+    hands, markers, _ = pinching(0.016)
+    contact = Contact([HAND], ["left"])
+    assert contact.step(hands, markers, np.zeros((1, 9), bool), INTERVAL, contact.start())[0] is hands
+
+
+def test_a_touch_is_kept_where_other_fingers_are_taken_apart() -> None:
+    last = [NAMES.index(name) for name in ("thumb3", "index3")]
+    first, second = own_pairs()
+    touch = int(np.flatnonzero((first == last[0]) & (second == last[1]))[0])
+    radius = hand_capsules(HAND).radius[last].sum()
+    near = np.zeros((1, 26))
+    near[0, [0, 1, 3, 5, 6, 9, 10]] = np.radians([25, -30, 25, 25, 45, 50, 30])
+    angles = near + np.random.default_rng(879).normal(scale=0.25, size=(1, 26))  # a touch and, elsewhere, a collision
+    hands = posed(np.zeros((1, 3)), np.clip(angles, *limits()), (HAND,))
+    markers, known, gaps = np.full((1, 9, 3), np.nan), np.zeros((1, 9), bool), []
+    for keeping in (1e-9, 0.005):
+        contact = Contact([HAND], ["left"], ContactSettings(keeping=keeping))
+        result, _ = contact.step(hands, markers, known, INTERVAL, contact.start())
+        gaps.append(-own_depth(pose_of(result, 0))[touch] - GIVE * radius)
+    assert -own_depth(pose_of(hands, 0))[touch] - GIVE * radius < 0.001
+    assert gaps[0] > 0.003 and gaps[1] < 0.001
 
 
 def test_fingertips_whose_markers_are_apart_are_left() -> None:

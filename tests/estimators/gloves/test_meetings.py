@@ -34,7 +34,7 @@ def two_poses(seed: int, apart: float = 0.0) -> list[Pose]:
     wrist = rng.normal(size=(2, 1, 4))
     wrist /= np.linalg.norm(wrist, axis=-1, keepdims=True)
     rotation = np.concatenate([wrist, rotations_of(rng.uniform(0.4 * low, 0.6 * high, size=(2, 26)))], axis=1)
-    root = rng.normal(scale=0.05, size=(2, 3)) + np.array([apart, 0, 0])
+    root = rng.normal(scale=0.02, size=(2, 3)) + np.array([apart, 0, 0])
     return [Pose(hand, root[k], rotation[k]) for k, hand in enumerate(HANDS)]
 
 

@@ -59,6 +59,25 @@ def test_spikes_are_left_out(hand: Skeleton, markers: np.ndarray, share: float) 
     assert (~kept & ~wrong).sum() < 0.01 * (~wrong).sum()
 
 
+def test_spikes_on_a_hand_that_is_swung_are_left_out(hand: Skeleton, markers: np.ndarray) -> None:
+    """Swung faster than any of its fingers moves in it, as in running and cheering."""
+    markers, rng = markers[:300], np.random.default_rng(2)
+    time = np.arange(len(markers)) / RATE
+    turn = Rotation.from_rotvec(np.sin(2 * np.pi * 2 * time)[:, None] * [0.0, 1.0, 0.5]).as_matrix()
+    swing = 0.3 * np.sin(2 * np.pi * 3 * time)[:, None, None] * np.array([1.0, 0.0, 0.3])
+    swung = (markers - markers.mean(axis=1, keepdims=True)) @ turn.swapaxes(1, 2) + swing
+    second_difference = np.diff(swung, 2, axis=0)
+    assert np.linalg.norm(second_difference, axis=-1).max() > 0.025  # m: its places cannot be told from its velocity
+    np.testing.assert_array_equal(check_all(hand, swung), swung)
+    wrong = rng.random(markers.shape[:2]) < 0.05
+    wrong[:3] = False
+    away = rng.normal(size=markers.shape)
+    away *= rng.uniform(0.02, 0.3, size=(*markers.shape[:2], 1)) / np.linalg.norm(away, axis=-1, keepdims=True)
+    kept = ~np.isnan(check_all(hand, swung + wrong[..., None] * away)[..., 0])
+    assert (kept & wrong).sum() < 0.05 * wrong.sum()
+    assert (~kept & ~wrong).sum() < 0.01 * (~wrong).sum()
+
+
 def test_exchanged_identifiers_are_set_right(hand: Skeleton, markers: np.ndarray) -> None:
     frames = markers[:120].copy()
     apart = np.linalg.norm(frames[:, INDEX] - frames[:, PINKY], axis=-1)
@@ -102,3 +121,5 @@ def test_hands_of_metres_leave_nothing(hand: Skeleton, markers: np.ndarray) -> N
 def test_errors() -> None:
     with pytest.raises(BodysenseError, match="tolerance is -1; it must be 0 or more"):
         RejectionSettings(tolerance=-1.0)
+    with pytest.raises(BodysenseError, match="haste is -1; it must be 0 or more"):
+        RejectionSettings(haste=-1.0)

@@ -2,17 +2,16 @@
 
 What the networks say of a hand is moved as little as possible so that no two capsules (body/hand_capsules.py) stand in
 each other: fingers turn, within their limits, and hands that meet give way to each other alike. Where the markers of a
-thumb and a finger, or of fingertips of two hands, are as near as touching fingertips, the model's fingertips are
-brought as near. Every frame starts from the correction of the one before, and no point is corrected faster than at a
-stated speed: a sudden collision takes a few frames to be resolved, and nothing jumps.
+thumb and a finger, or of fingertips of two hands, are seen as near as touching fingertips, the model's fingertips are
+brought as near; fingertips that touch stay so. Every frame starts from the correction of the one before, and no point
+is corrected faster than at a stated speed: a sudden collision takes a few frames to be resolved, and nothing jumps.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +21,18 @@ from bodysense.body.hand_capsules import GIVE
 from bodysense.body.registration import to_matrix
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
-from bodysense.estimators.gloves.contact_rows import ANGLES, PARTS, Ends, growth_rows, joined, tip_ends, tip_pairs
+from bodysense.estimators.gloves.contact_rows import (
+    ANGLES,
+    PARTS,
+    Ends,
+    Pinches,
+    growth_rows,
+    joined,
+    pinches,
+    tip_ends,
+    tip_pairs,
+)
+from bodysense.estimators.gloves.contact_settings import ContactSettings
 from bodysense.estimators.gloves.finger_chains import (
     FREE,
     HIGH,
@@ -45,41 +55,10 @@ from bodysense.estimators.gloves.meetings import Flesh, Meeting, Pairs, meet, ne
 _TIP_MARKERS = [MARKERS.index(f"{finger}_tip") for finger in FINGERS]
 _LONGEST_STEP, _SHORT_STEP = 0.3, 0.01  # rad of a linear step; a short one needs no other after it
 _MOST_ROWS = 48  # of collisions at a time, the deepest
-_SOFT, _SOFT_PINCH = 1e-3, 1e-2  # how softly collisions and pinches are met, of 1 for a finger's own ease
-_SOFT_TOUCH = 1e-3
-KNOWN = True
+_SOFT, _SOFT_PINCH = 1e-3, 1e-2  # how softly collisions and touches, and pinches are met, of 1 for a finger's own ease
 _UNSEEN = 2e-4  # m: a correction that takes no point so far is none
 _SLACK = 3e-4  # m: what is missed by less is left
-_ONES = np.ones(3)
-_HORIZON = 0.03  # m: pairs with a wider gap are not looked at again in a frame
-
-
-@dataclass(frozen=True)
-class ContactSettings:
-    """How hands are kept out of each other. Lengths in metres."""
-
-    tolerance: float = 5e-4  # penetration that is left alone
-    max_iterations: int = 3  # linear steps a frame, at most
-    touching: float = 0.020  # fingertip markers nearer than this: the fingertips are brought as near
-    apart: float = 0.030  # farther than this: they are left as they are; in between, partly
-    missed: float = 0.0015  # by less than this fingertips are not brought together
-    half_life: float = 0.05  # s in which half of a correction goes that is no longer needed
-    speed: float = 0.2  # m/s at which a point is corrected, at most: 3.3 mm a frame at 60 Hz
-    seen_weight: float = 4.0  # how much harder a finger moves whose marker is seen, and a hand whose back is
-    hand_weight: float = 10.0  # how much harder a whole hand moves than a finger
-    keeping: float = 0.005  # fingertips whose flesh is nearer than this are not taken apart
-    nearby: float = 0.008  # gaps narrower than this are kept while others are widened
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            if not getattr(self, field.name) > 0:
-                raise BodysenseError(
-                    f"contact settings: {field.name} is {getattr(self, field.name):g}; it must be positive"
-                )
-        if not self.touching < self.apart:
-            raise BodysenseError(
-                f"contact settings: touching is {self.touching:g} m and apart {self.apart:g} m; apart must be more"
-            )
+_HORIZON = 0.015  # m: pairs with a wider gap are not looked at again in a frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,17 +67,6 @@ class ContactState:
 
     begun: bool = False  # whether there was a frame
     change: np.ndarray | None = None  # (H, 48): correction of 45 angles, rad, and of the wrist, m; None: there is none
-
-
-class _Pinches(NamedTuple):
-    """Pairs of fingertips that are to be brought together."""
-
-    first: np.ndarray  # (N,) number of a fingertip, hand · 5 + finger
-    second: np.ndarray  # (N,)
-    offset: np.ndarray  # (N, 3) m world, from the first to the second as it is to be
-
-
-_NO_PINCH = _Pinches(np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros((0, 3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +79,7 @@ class _Given:
     rest: np.ndarray  # (H, 15, 3, 3) what of the joints' turns is none of their angles
     ease: np.ndarray  # (H · 48,)
     bounds: tuple[np.ndarray, np.ndarray]  # (H · 48,)
-    pinches: _Pinches
+    pinches: Pinches
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,16 +138,16 @@ class Contact:
         Returns:
             The very same `posed` where nothing is to be moved, and the state for the next frame.
         """
-        pairs, pinches = self._flesh.pairs(posed.position), self._pinches(posed, markers, known)
+        pairs, pinching = self._flesh.pairs(posed.position), self._pinches(posed, markers, known)
         meeting = meet(self._flesh.axes(posed.position), pairs)
-        needed = len(pinches.first) > 0 or bool(self._collides(pairs, meeting).any())
+        needed = len(pinching.first) > 0 or bool(self._collides(pairs, meeting).any())
         if state.change is None and not needed:
             return posed, ContactState(True)
         before = np.zeros((len(posed.root), PARTS)) if state.change is None else state.change
         rest = 0.5 ** (interval / self.settings.half_life) * before
         if not needed and self._way(rest) < _UNSEEN:
             return posed, ContactState(True)
-        given = self._given(posed, known, pinches)
+        given = self._given(posed, known, pinching)
         wanted, placed = self._solved(given, *self._near(pairs, meeting), rest)
         limited = self._limited(wanted, before, interval) if state.begun else wanted
         if self._way(limited) < _UNSEEN:
@@ -190,8 +158,7 @@ class Contact:
 
     def _collides(self, pairs: Pairs, meeting: Meeting) -> np.ndarray:
         """(P,) whether pairs stand in each other so deep that something is done about it."""
-        least = pairs.reach - (self.settings.tolerance + _SLACK)
-        return meeting.squared < least * least
+        return meeting.squared < (pairs.reach - self.settings.tolerance - _SLACK) ** 2
 
     def _near(self, pairs: Pairs, meeting: Meeting) -> tuple[Pairs, np.ndarray]:
         """The pairs that are to be looked at in a frame, and how far (P,) m they may be from each other.
@@ -206,29 +173,15 @@ class Contact:
         farthest[tips] = np.where(gap < keeping, most, np.inf)
         return pairs, farthest
 
-    def _pinches(self, posed: HandPoses, markers: np.ndarray, known: np.ndarray) -> _Pinches:
-        """The fingertips whose markers are near each other, and that are farther apart than these."""
-        one, other = self._tips
-        flip = self._flesh.flip[:, None]
-        tips = (markers.take(_TIP_MARKERS, axis=1) * flip).reshape(-1, 3)
-        offset = tips[other] - tips[one]
-        squared = (offset * offset) @ _ONES
-        chosen = squared < self.settings.apart**2  # none where it is not a number
-        if not chosen.any():
-            return _NO_PINCH
-        if KNOWN:
-            seen = known.take(_TIP_MARKERS, axis=1).ravel()
-            chosen &= seen[one] & seen[other]
-        chosen = np.flatnonzero(chosen)
-        one, other, offset, apart = one[chosen], other[chosen], offset[chosen], np.sqrt(squared[chosen])
+    def _pinches(self, posed: HandPoses, markers: np.ndarray, known: np.ndarray) -> Pinches:
+        """The fingertips whose markers are seen near each other, and that are farther apart than these."""
+        flip, settings = self._flesh.flip[:, None], self.settings
+        told = (markers.take(_TIP_MARKERS, axis=1) * flip).reshape(-1, 3)
         tips = (posed.position[:, -5:] * flip).reshape(-1, 3)
-        present = tips[other] - tips[one]
-        span = self.settings.apart - self.settings.touching
-        share = np.minimum((self.settings.apart - apart) / span, 1.0)[:, None]
-        missed = np.sqrt((present * present) @ _ONES) - apart > self.settings.missed
-        return _Pinches(one[missed], other[missed], (present + share * (offset - present))[missed])
+        seen = known.take(_TIP_MARKERS, axis=1).ravel()
+        return pinches(self._tips, told, tips, seen, settings.touching, settings.apart, settings.missed)
 
-    def _given(self, posed: HandPoses, known: np.ndarray, pinches: _Pinches) -> _Given:
+    def _given(self, posed: HandPoses, known: np.ndarray, pinching: Pinches) -> _Given:
         """A frame taken apart into what may change and what may not."""
         matrix = to_matrix(posed.rotation)
         turn = own_turns(matrix[:, 1:])
@@ -243,7 +196,7 @@ class Contact:
         bounds[0, :, :ANGLES] = np.minimum(LOW - angles, 0).reshape(-1, ANGLES)
         bounds[1, :, :ANGLES] = np.maximum(HIGH - angles, 0).reshape(-1, ANGLES)
         low, high = bounds.reshape(2, -1)
-        return _Given(posed.root, matrix[:, 0], angles, rest, ease.ravel(), (low, high), pinches)
+        return _Given(posed.root, matrix[:, 0], angles, rest, ease.ravel(), (low, high), pinching)
 
     def _placed(self, given: _Given, change: np.ndarray) -> PlacedFingers:
         """Hands after a change (H, 48)."""
@@ -303,15 +256,14 @@ class Contact:
         )
         toward = (end.point - start.point) * (sign / np.maximum(distance[which], 1e-9))[:, None]
         demand = np.concatenate([-gap[close] - self.settings.tolerance, distance[held] - farthest[held]])
-        softness = np.repeat([_SOFT, _SOFT_TOUCH], [len(close), len(held)])
+        softness = np.full(len(which), _SOFT)
         if len(given.pinches.first):
             tips = (placed.position[:, -5:] * self._flesh.flip[:, None]).reshape(-1, 3)
             first, second, wanted = given.pinches
             start, end = joined(start, tip_ends(first, tips[first])), joined(end, tip_ends(second, tips[second]))
             toward = np.concatenate([toward, np.tile(np.eye(3), (len(first), 1))])
-            missing = (wanted - tips[second] + tips[first]).ravel()
-            demand = np.concatenate([demand, missing])
-            softness = np.concatenate([softness, np.full(len(missing), _SOFT_PINCH)])
+            demand = np.concatenate([demand, (wanted - tips[second] + tips[first]).ravel()])
+            softness = np.concatenate([softness, np.full(3 * len(first), _SOFT_PINCH)])
         axes = turning_axes(placed, _angles(given, change))
         return growth_rows(placed, axes, self._flesh.flip, start, end, toward), demand, softness
 

@@ -13,6 +13,7 @@ from bodysense.body.hand_capsules import NAMES
 from bodysense.estimators.gloves.finger_chains import PlacedFingers
 from bodysense.estimators.gloves.meetings import COUNT
 
+_ONES = np.ones(3)
 ANGLES, PARTS = 45, 48  # of a hand's change: three angles a finger joint, then the wrist's shift
 _JOINTS_OF = np.array([[joint[:-1] == name[:-1] and joint <= name for joint in HAND_JOINTS[1:]] for name in NAMES])
 # (C, 48): the parts of its hand's change that move a capsule: the joints before it in its finger, and the wrist.
@@ -24,6 +25,14 @@ class Ends(NamedTuple):
 
     capsule: np.ndarray  # (K,)
     point: np.ndarray  # (K, 3) m, world
+
+
+class Pinches(NamedTuple):
+    """Pairs of fingertips that are to be brought together."""
+
+    first: np.ndarray  # (N,) number of a fingertip, hand · 5 + finger
+    second: np.ndarray  # (N,)
+    offset: np.ndarray  # (N, 3) m world, from the first to the second as it is to be
 
 
 def joined(one: Ends, other: Ends) -> Ends:
@@ -84,3 +93,34 @@ def tip_pairs(hands: int) -> tuple[np.ndarray, np.ndarray]:
         pairs += [(count * one + a, count * other + b) for a, b in product(range(count), repeat=2)]
     first, second = np.array(pairs).T
     return first, second
+
+
+def pinches(
+    pairs: tuple[np.ndarray, np.ndarray],
+    markers: np.ndarray,
+    tips: np.ndarray,
+    seen: np.ndarray,
+    touching: float,
+    apart: float,
+    missed: float,
+) -> Pinches:
+    """The fingertips that stand farther apart than their markers say, which are near each other.
+
+    Args:
+        pairs: (N,), (N,) numbers of fingertips (`tip_pairs`).
+        markers: (H · 5, 3) m, world; NaN where there is none.
+        tips: (H · 5, 3) m, world.
+        seen: (H · 5,) bool; a marker that is filled says nothing of touch.
+        touching: m between markers from which on fingertips are brought as near.
+        apart: m from which on they are left; in between they are brought nearer in part.
+        missed: m that is too little to be brought nearer.
+    """
+    one, other = pairs
+    offset = markers[other] - markers[one]
+    squared = (offset * offset) @ _ONES
+    chosen = np.flatnonzero((squared < apart**2) & seen[one] & seen[other])
+    one, other, offset, distance = one[chosen], other[chosen], offset[chosen], np.sqrt(squared[chosen])
+    present = tips[other] - tips[one]
+    share = np.minimum((apart - distance) / (apart - touching), 1.0)[:, None]
+    wide = np.sqrt((present * present) @ _ONES) - distance > missed
+    return Pinches(one[wide], other[wide], (present + share * (offset - present))[wide])

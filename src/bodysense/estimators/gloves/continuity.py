@@ -180,7 +180,7 @@ class Remembered:
         if any_of(lost := state.known & ~known):
             before, was = self.filler.fill(np.where(common, state.measured, np.nan), 0.0, state.filler)
             kept = _turned_back(self.filler.axes(before, was), state.filled - before)
-            offset = np.where(lost.any(axis=1)[:, None, None], kept, offset)
+            offset = np.where(np.any(lost, axis=1, keepdims=True)[..., None], kept, offset)
         if offset.any() and any_of(known & ~state.known):
             fewer = np.where(common, markers, np.nan)
             there, now = self.filler.fill(fewer, interval, state.filler)

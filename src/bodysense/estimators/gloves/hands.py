@@ -2,18 +2,18 @@
 
 Every hand is handled as a left one, right hands mirrored at the door; all go through as one batch. A frame's way:
 wrong markers are left out (`rejection`), hidden ones filled without jumps (`fillers`, `continuity`), the hand is placed
-and its fingers posed (`joints`), and what stands in each other is moved apart (`contact`).
+and its fingers posed (`joints`), it settles where some are found again (`settling`), and what stands in each other is
+moved apart (`contact`).
 
 What is not as it should be:
 
 - All markers of a hand hidden: it stays for 0.5 s where it was, then relaxes within 1 s, its wrist in place
-  (`LastShape`), and its expected error grows. Found again it moves to its place at 25 cm/s, or within 0.5 s if that is
+  (`LastShape`), and its expected error grows. Found again it moves to its place at 20 cm/s, or within 0.5 s if that is
   far. A hand that was never seen is relaxed, at the origin.
 - Alignment markers hidden: the hand is placed by the filled ones. Fewer than three markers known: it keeps its last
   shape, moved onto what is known.
 - Identifiers exchanged between markers are set right; of two in one place one is left out (`rejection`).
-- A marker that is not finite or `FARTHEST` from the origin counts as hidden, and so does one that an
-  observation does not have.
+- A marker that is not finite or `FARTHEST` from the origin counts as hidden, and so does one an observation lacks.
 - After more than `longest_gap` without a frame everything starts afresh. A point that is named twice and time that does
   not increase (a stream of 0 Hz) are errors.
 """
@@ -42,12 +42,11 @@ from bodysense.estimators.gloves.fingers import POINT_COUNT, Aim
 from bodysense.estimators.gloves.joints import HandPoses, JointReader
 from bodysense.estimators.gloves.networks import HandNetwork, load_joint_network, load_marker_network
 from bodysense.estimators.gloves.rejection import Rejection, RejectionSettings, RejectionState
-from bodysense.estimators.gloves.settling import Away, away, displaced, nearer
+from bodysense.estimators.gloves.settling import Away, between, displaced, nearer
 from bodysense.observation import FARTHEST, Estimate, Observation
 
 FIRST_INTERVAL = 1 / 60  # s: the time step of a frame that has none before it
 NEVER = 1e6  # s for which a marker that was never seen has been hidden
-LONGEST = 0.5  # s within which a hand that is found again is where it was found
 _ONES = np.ones(3)
 
 
@@ -69,14 +68,12 @@ class HandsSettings:
     """How markers become hands."""
 
     rejection: RejectionSettings | None = field(default_factory=RejectionSettings)  # None believes every marker
-    speed: float = 0.25  # m/s at which a marker that is found again moves to its place (papers.md 4.7)
+    speed: float = 0.2  # m/s of what is farthest off where markers are found again (`settling`); the paper: 0.25 (4.7)
     fading: float | None = 1.0  # s, half-life of a hidden marker's offset (`continuity`); None keeps it
     hold: float = 0.5  # s for which a hand of which nothing is seen stays as it was
     relaxing: float = 1.0  # s within which it then relaxes
     aim: Aim = "marker"  # what of a finger points at its marker
-    restraint: float = (
-        4.0  # of fingers' large turns to their markers (`fingers.shortest_arcs`); 0 turns them all the way
-    )
+    restraint: float = 4.0  # of fingers' large turns to their markers (`fingers.shortest_arcs`); 0 turns all the way
     contact: ContactSettings | None = field(default_factory=ContactSettings)  # None lets hands pass through each other
     longest_gap: float = 1.0  # s without frames after which everything starts afresh
 
@@ -235,29 +232,24 @@ class Hands:
             rejection = self._rejection.remember(np.where(known[..., None], markers, shown), known, interval, rejection)
         hidden = np.where(known, 0.0, state.hidden + interval)
         poses, contact = self._reader.read(shown), state.contact
-        poses, settling = self._settled(poses, markers, shown, interval, state)
+        poses, settling = self._settled(poses, shown, known, interval, state)
         if self.settings.contact is not None:
             poses, contact = self._contact.step(poses, shown, known, interval, contact)
         return poses, HandsState(state.time, rejection, filler, contact, hidden, settling)
 
     def _settled(
-        self, poses: HandPoses, markers: np.ndarray, filled: np.ndarray, interval: float, state: HandsState
+        self, told: HandPoses, filled: np.ndarray, known: np.ndarray, interval: float, state: HandsState
     ) -> tuple[HandPoses, Away | None]:
-        """Poses by markers (H, 9, 3) m, `filled`, without jumps where some are found, and how far they are away."""
-        before, settling = state.hidden == 0, state.away
-        found = ~(missing(markers) | before)
-        if any_of(found):
-            # Where everything would be shown had nothing come back.
-            fewer, _ = self._filler.fill(np.where(before[..., None], markers, np.nan), interval, state.filler)
-            shown, moving = self._reader.read(np.where(np.isnan(fewer), filled, fewer)), found.any(axis=1)
-            if settling is not None:
-                shown = displaced(shown, settling, self._reader.shape)
-                moving = moving | (settling.farthest > 0)
-            moving &= (state.hidden < NEVER).any(axis=1)
-            settling = away(shown, poses, moving, self.settings.speed, LONGEST)
-        if settling is not None:
-            settling = nearer(settling, interval)
-        return (poses, None) if settling is None else (displaced(poses, settling, self._reader.shape), settling)
+        """Poses told by markers (H, 9, 3) m, without jumps where some are found again, and how far they are away."""
+        away, found = state.away, known & (state.hidden > 0)
+        if any_of(found):  # where would hands be shown had nothing come back?
+            kept = np.where((known & ~found)[..., None], filled, np.nan)
+            fewer, _ = self._filler.fill(kept, interval, state.filler)
+            shown = displaced(self._reader.read(np.where(np.isnan(fewer), filled, fewer)), away, self._reader.shape)
+            moving = found.any(axis=1) if away is None else found.any(axis=1) | (away.farthest > 0)
+            away = between(shown, told, moving & np.any(state.hidden < NEVER, axis=1), self.settings.speed)
+        away = nearer(away, interval)
+        return displaced(told, away, self._reader.shape), away
 
     def _continued(self, now: float, state: HandsState) -> tuple[float, HandsState]:
         """The time step, and the state, fresh after a gap."""

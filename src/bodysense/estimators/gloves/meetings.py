@@ -17,6 +17,7 @@ from bodysense.body.skeleton import Skeleton
 COUNT = len(NAMES)
 _LAST = np.array([name.endswith("3") for name in NAMES])
 _THUMB = np.array([name.startswith("thumb") for name in NAMES])
+_MARGIN = 0.01  # m: gaps narrower than this are looked at
 _KNUCKLE = HAND_JOINTS.index("middle1")
 
 
@@ -60,9 +61,17 @@ class Flesh:
 
     def pairs(self, position: np.ndarray) -> Pairs:
         """The pairs that may meet of hands whose points are at (H, 21, 3) m: of two hands only where they are near."""
+        if len(self.hands) == 1:
+            return self._own
+        one, other = self._couples
         middle = position[:, _KNUCKLE] * self.flip
-        apart = middle[self._couples[0]] - middle[self._couples[1]]
-        return self._all if (np.einsum("ki,ki->k", apart, apart) < self._near).any() else self._own
+        apart = middle[one] - middle[other]
+        if not ((apart * apart).sum(axis=1) < self._near).any():
+            return self._own
+        world = position * self.flip[:, None]
+        low, high = world.min(axis=1), world.max(axis=1)
+        gap = np.maximum(low[one] - high[other], low[other] - high[one]).max(axis=1)
+        return self._all if (gap < self._thick).any() else self._own
 
     def axes(self, position: np.ndarray) -> np.ndarray:
         """(H · 2C, 3) m: where all capsules lie in the world, for `meet`."""
@@ -84,6 +93,11 @@ class Flesh:
     def _near(self) -> float:
         """m²: hands whose middle knuckles are farther apart cannot meet."""
         return float((2 * max(np.linalg.norm(hand.path @ hand.rest_offset, axis=1).max() for hand in self.hands)) ** 2)
+
+    @cached_property
+    def _thick(self) -> float:
+        """m: hands whose points' boxes are farther apart cannot meet."""
+        return float(2 * max(hand_capsules(hand).radius.max() for hand in self.hands) + _MARGIN)
 
     @cached_property
     def _couples(self) -> np.ndarray:
@@ -123,13 +137,14 @@ def pairs_of(hands: Sequence[Skeleton], mutual: bool) -> Pairs:
 
     p, q = (2 * COUNT * (number // COUNT) + number % COUNT for number in (first, second))
     u, v = p + COUNT, q + COUNT
+    own = first // COUNT == second // COUNT
     products = (product(u, v), product(u, p), product(u, q), product(v, p), product(v, q), product(p, p), product(q, q))
     return Pairs(
         first,
         second,
         (1 - GIVE) * (radius[first] + radius[second]),
         (length[first], length[second]),
-        _LAST[first % COUNT] & _LAST[second % COUNT] & (_THUMB[first % COUNT] | (first // COUNT != second // COUNT)),
+        _LAST[first % COUNT] & _LAST[second % COUNT] & (_THUMB[first % COUNT] | ~own),
         np.stack([*products, product(p, q)]),
     )
 

@@ -27,7 +27,7 @@ class Away(NamedTuple):
     speed: np.ndarray  # (H,) m/s at which the farthest point comes
 
 
-def away(shown: HandPoses, told: HandPoses, moving: np.ndarray, speed: float, longest: float) -> Away:
+def between(shown: HandPoses, told: HandPoses, moving: np.ndarray, speed: float, longest: float = 0.5) -> Away:
     """Of hands that are shown but told elsewhere. Those `moving` (H,); others are shown as told.
 
     They come at `speed` m/s, faster only where that would take more than `longest` s.
@@ -40,8 +40,10 @@ def away(shown: HandPoses, told: HandPoses, moving: np.ndarray, speed: float, lo
     return Away(root, turn, farthest, np.maximum(speed, farthest / longest))
 
 
-def nearer(state: Away, interval: float) -> Away | None:
+def nearer(state: Away | None, interval: float) -> Away | None:
     """How far they are `interval` s later; None: they have come."""
+    if state is None:
+        return None
     left = 1 - state.speed * interval / np.maximum(state.farthest, 1e-12)
     if not (left > 0).any():
         return None
@@ -53,8 +55,10 @@ def nearer(state: Away, interval: float) -> Away | None:
     return Away(state.root * left[:, None], turn, state.farthest * left, state.speed)
 
 
-def displaced(told: HandPoses, state: Away, shape: HandShape) -> HandPoses:
-    """Hands as they are shown."""
+def displaced(told: HandPoses, state: Away | None, shape: HandShape) -> HandPoses:
+    """Hands as they are shown: the very same where none is away."""
+    if state is None:
+        return told
     root, rotation = told.root + state.root, product(state.turn, told.rotation)
     ways = reached(rotation[:, 1:], shape)[..., :4] + shape.base
     return HandPoses(root, rotation, in_order(ways, to_matrix(rotation[:, 0]), root))
