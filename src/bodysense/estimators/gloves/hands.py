@@ -241,13 +241,14 @@ class Hands:
         self, told: HandPoses, filled: np.ndarray, known: np.ndarray, interval: float, state: HandsState
     ) -> tuple[HandPoses, Away | None]:
         """Poses told by markers (H, 9, 3) m, without jumps where some are found again, and how far they are away."""
-        away, found = state.away, known & (state.hidden > 0)
+        seen_before = np.any(state.hidden < NEVER, axis=1)
+        away, found = state.away, known & (state.hidden > 0) & seen_before[:, None]
         if any_of(found):  # where would hands be shown had nothing come back?
             kept = np.where((known & ~found)[..., None], filled, np.nan)
             fewer, _ = self._filler.fill(kept, interval, state.filler)
             shown = displaced(self._reader.read(np.where(np.isnan(fewer), filled, fewer)), away, self._reader.shape)
             moving = found.any(axis=1) if away is None else found.any(axis=1) | (away.farthest > 0)
-            away = between(shown, told, moving & np.any(state.hidden < NEVER, axis=1), self.settings.speed)
+            away = between(shown, told, moving, self.settings.speed)
         away = nearer(away, interval)
         return displaced(told, away, self._reader.shape), away
 
