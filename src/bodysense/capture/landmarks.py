@@ -67,8 +67,8 @@ class Landmarker:
 
     def __init__(self, files: LandmarkerFiles, settings: LandmarkerSettings = LandmarkerSettings()) -> None:
         try:
-            import mediapipe
-            from mediapipe.tasks.python import BaseOptions, vision
+            import mediapipe  # pyright: ignore[reportMissingImports]
+            from mediapipe.tasks.python import BaseOptions, vision  # pyright: ignore[reportMissingImports]
         except ImportError:
             raise BodysenseError("video needs more packages: pip install 'bodysense[video]'") from None
 
