@@ -18,7 +18,7 @@ Where the origin is, and what that gives away, says `body_windows`.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,8 +36,8 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
 from bodysense.models.body_windows import Joints, Origin
+from bodysense.models.weights_file import read_weights_file, write_weights_file
 from bodysense.occlusion.three_point import POINTS
 
 MODELS = (0, 1, 2, 3, 4)
@@ -269,22 +269,11 @@ def pretrained(config: BodyVaeConfig, whole: BodyVae) -> BodyVae:
 
 def write_vae(network: BodyVae, path: Path, card: dict[str, Any]) -> None:
     """Weights, configuration and card (plain numbers and texts) in one file, whole or not at all."""
-    with written_beside(path) as beside:
-        torch.save({"config": asdict(network.config), "weights": network.state_dict(), "card": card}, beside)
+    write_weights_file(network, network.config, path, card)
 
 
 def read_vae(path: Path) -> tuple[BodyVae, dict[str, Any]]:
     """The network and card of `write_vae`. Nothing is unpickled. Raises BodysenseError for other files."""
-    if not path.is_file():
-        raise BodysenseError(f"{path}: no such file; train it with `bodysense train hmd-vae`")
-    try:
-        saved = torch.load(path, map_location="cpu", weights_only=True)
-        network = BodyVae(BodyVaeConfig(**saved["config"]))
-        network.load_state_dict(saved["weights"])
-    except BodysenseError:
-        raise
-    except Exception as error:  # PyTorch raises what it likes
-        raise BodysenseError(
-            f"{path}: not the weights of a body VAE ({type(error).__name__}); give the .pt of `bodysense train hmd-vae`"
-        ) from None
-    return network.eval(), saved["card"]
+    return read_weights_file(
+        path, lambda config: BodyVae(BodyVaeConfig(**config)), "a body VAE", "bodysense train hmd-vae"
+    )
