@@ -8,10 +8,21 @@ import numpy as np
 import pytest
 
 from bodysense.body.keypoints import ArmKeypoints
-from bodysense.body.rotation import geodesic_angle
+from bodysense.body.rotation import geodesic_angle, normalize
 from bodysense.occlusion.keypoint_noise import DetectorNoise, detect
 
-NONE = DetectorNoise(**{name: 0.0 for name in vars(DetectorNoise()) if name not in ("small", "missed_for", "settle")})
+NEITHER = (0.0, 0.0)
+NONE = DetectorNoise(
+    **{
+        name: 0.0
+        for name, value in vars(DetectorNoise()).items()
+        if name not in ("small", "missed_for", "settle") and isinstance(value, float)
+    },
+    depth_kept=(1.0, 1.0),
+    depth_kept_spread=NEITHER,
+    nearer=NEITHER,
+    nearer_spread=NEITHER,
+)
 
 
 def still(batch: int = 150, frames: int = 32, step: float = 0.0) -> ArmKeypoints:
@@ -46,6 +57,22 @@ def test_errors_are_as_large_as_they_are_said_to_be() -> None:
     assert np.sqrt((angle**2).mean()) == pytest.approx(2.0 * np.sqrt(3), rel=0.07)
     assert (after.hand - before.hand).std() == pytest.approx(0.02 * 0.2, rel=0.05)
     np.testing.assert_allclose(np.linalg.norm(after.arm, axis=-1), 1, atol=1e-12)
+
+
+def test_depth_is_less_than_it_is_and_what_is_across_keeps_its_way() -> None:
+    before = still(2000, 3)
+    before.arm[..., :] = np.asarray(normalize(np.array([0.5, -0.7, 0.4])))
+    noise = replace(
+        NONE, depth_kept=(0.7, 0.4), depth_kept_spread=(0.1, 0.0), nearer=(0.0, 0.2), nearer_spread=(0, 0.05)
+    )
+    after = detect(before, noise, np.random.default_rng(0))
+    true = before.arm[0, 0, 0, 0]
+    depth = after.arm[..., 2]
+    np.testing.assert_allclose(depth.mean(axis=(0, 1, 2)), [0.7 * true[2], 0.4 * true[2] + 0.2], atol=0.005)
+    np.testing.assert_allclose(depth[:, 0].std(axis=(0, 1)), [0.1 * true[2], 0.05], rtol=0.07)
+    np.testing.assert_array_equal(depth[:, 0], depth[:, 2])  # one mind a window
+    np.testing.assert_allclose(after.arm[..., 1] / after.arm[..., 0], true[1] / true[0])
+    np.testing.assert_allclose(np.linalg.norm(after.arm, axis=-1), 1)
 
 
 def test_drift_is_slow_and_jitter_is_not() -> None:

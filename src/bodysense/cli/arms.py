@@ -42,7 +42,7 @@ class Schedule:
     weight_decay: float = 5e-4
     """Of Adam."""
     bodies: int = 1
-    """Every clip also on so many less one bodies of other proportions."""
+    """Every clip also so many less one times varied: other proportions, arms that wander, arms of other clips."""
     seed: int = 1
     """Of everything random."""
     threads: int | None = None
@@ -65,6 +65,7 @@ def arms(
     motion_weight: float = 10.0,
     rotation: Literal["axis-angle", "6d"] = "axis-angle",
     more_inputs: bool = False,
+    from_directions: bool = False,
     without_hands: float = 0.0,
     schedule: Scheduled = Schedule(),
     licence: str = "Apache-2.0",
@@ -86,6 +87,7 @@ def arms(
         motion_weight: Of the difference of changes, per metre; only where --losses has motion.
         rotation: What is regressed.
         more_inputs: Read the torso's turn, the hands' place and size, and what was found; for use, not for the table.
+        from_directions: Blend with arms whose elbows are hinges, as the directions of their bones have them; with '6d'.
         without_hands: Share of windows from recordings without fingers, of which the arms are learned.
         schedule: Size and schedule.
         licence: Of the network, for its card.
@@ -102,6 +104,7 @@ def arms(
 
     run = _run(data, out, schedule)
     config = replace(run.config, kind=model, input=input, rotation=rotation, more_inputs=more_inputs)
+    config = replace(config, from_directions=from_directions)
     trained = replace(
         run.schedule,
         losses=losses,

@@ -36,6 +36,7 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.models.arm_directions import beside_directions, hinged
 
 Kind = Literal["cnn", "ahmt", "pahmt"]
 Input = Literal["hands", "arms-hands"]
@@ -62,6 +63,7 @@ class ArmNetworkConfig:
     frames: int = 32  # f
     rotation: Literal["axis-angle", "6d"] = "axis-angle"
     more_inputs: bool = False
+    from_directions: bool = False  # `arm_directions.beside_directions`
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -79,6 +81,8 @@ class ArmNetworkConfig:
             raise BodysenseError(f"frames is {self.frames}; give at least 2, and a multiple of 16 for a cnn")
         if self.input == "hands" and self.more_inputs:
             raise BodysenseError("more_inputs are of arms; leave them out with input 'hands'")
+        if self.from_directions and (self.input == "hands" or self.rotation != "6d"):
+            raise BodysenseError("from_directions needs input 'arms-hands' and rotation '6d'")
 
     @property
     def joints(self) -> tuple[int, ...]:
@@ -87,9 +91,9 @@ class ArmNetworkConfig:
 
     @property
     def tokens(self) -> int:
-        """Points a frame: the paper's arms and hands, 2 · 2 + 2 · 21, and with `more_inputs` ten of ours."""
+        """Points a frame: the paper's arms and hands, 2 · 2 + 2 · 21, and ten of ours."""
         arms = 4 if self.input == "arms-hands" else 0
-        return arms + 2 * len(HAND_POINTS) + (10 if self.more_inputs else 0)
+        return arms + 2 * len(HAND_POINTS) + 10 * self.more_inputs
 
     @property
     def size(self) -> int:
@@ -218,12 +222,14 @@ class ArmNetwork(nn.Module):
         width = config.width
         self.body = Convolutions(config) if config.kind == "cnn" else OverTime(config)
         self.beside = OverJoints(config) if config.kind == "pahmt" else None
-        last = nn.Conv1d(width, config.size * len(config.joints), 3, padding=1)
+        last = nn.Conv1d(width, config.size * len(config.joints) + 4 * config.from_directions, 3, padding=1)
         with torch.no_grad():  # it starts near arms that hang
             standing = arm_rotations(standing_pose(default_skeleton()))[list(config.joints)]
             last.weight.mul_(0.1)
             assert last.bias is not None
-            last.bias.copy_(self.regressed(torch.tensor(standing, dtype=torch.float32)).flatten())
+            last.bias.zero_()
+            standing = self.regressed(torch.tensor(standing, dtype=torch.float32)).flatten()
+            last.bias[: len(standing)] = standing
         self.head = nn.Sequential(
             *(nn.Conv1d(width, width, 3, padding=1), nn.ReLU()),
             *(nn.Conv1d(width, width, 3, padding=1), nn.ReLU()),
@@ -236,7 +242,12 @@ class ArmNetwork(nn.Module):
         features = self.body(points)
         if self.beside is not None:
             features = features + self.beside(points)
-        return self.head(features.mT).mT.unflatten(-1, (len(self.config.joints), self.config.size))
+        said = self.head(features.mT).mT.float()
+        if not self.config.from_directions:
+            return said.unflatten(-1, (len(self.config.joints), self.config.size))
+        gate = torch.sigmoid(said[..., -4:]).unflatten(-1, (2, 2))
+        bones = hinged(self.directions(window)[0])
+        return beside_directions(said[..., :-4].unflatten(-1, (-1, self.config.size)), gate, bones)
 
     def quaternions(self, said: Tensor) -> Tensor:
         """Unit quaternions (..., 4) of regressed rotations."""
@@ -259,13 +270,10 @@ class ArmNetwork(nn.Module):
         hands = torch.cat([shape, torch.zeros_like(shape[..., :1])], dim=-1).flatten(-3, -2)
         if self.config.input == "hands":
             return hands
-        upright = torch.zeros_like(window.torso[:, :1])
-        upright[..., 0] = 1.0
-        torso = held(window.torso[..., None, :], window.has_torso[..., None], upright[..., None, :])[..., 0, :]
-        arms = held(window.arm.flatten(-2), window.has_arm).unflatten(-1, (2, 3)).flatten(-3, -2)
-        inverse = quaternion_conjugate(torso)[..., None, :].expand(*arms.shape[:-1], 4)
-        read = [quaternion_rotate(inverse, arms), hands]
+        directions, torso = self.directions(window)
+        read = [directions.flatten(-3, -2), hands]
         if self.config.more_inputs:
+            arms = held(window.arm.flatten(-2), window.has_arm).unflatten(-1, (2, 3)).flatten(-3, -2)
             place = torch.cat([window.hand[..., 0, :], torch.log(box / _BOX)[..., None]], dim=-1)
             found = torch.cat([window.has_arm, window.has_torso[..., None]], dim=-1)
             found_hands = torch.cat([window.has_hand, torch.zeros_like(window.has_torso[..., None])], dim=-1)
@@ -273,6 +281,16 @@ class ArmNetwork(nn.Module):
             turned = quaternion_to_matrix(torso).mT[..., :2, :]  # where its +x and +y point
             read += [arms, turned, held(place, window.has_hand), flags]
         return torch.cat(read, dim=-2)
+
+    @staticmethod
+    def directions(window: Window) -> tuple[Tensor, Tensor]:
+        """Of upper arms and forearms in the torso's axes, (B, T, 2, 2, 3), and the torso's turn (B, T, 4)."""
+        upright = torch.zeros_like(window.torso[:, :1])
+        upright[..., 0] = 1.0
+        torso = held(window.torso[..., None, :], window.has_torso[..., None], upright[..., None, :])[..., 0, :]
+        arms = held(window.arm.flatten(-2), window.has_arm).unflatten(-1, (2, 3))
+        inverse = quaternion_conjugate(torso)[..., None, None, :].expand(*arms.shape[:-1], 4)
+        return quaternion_rotate(inverse, arms), torso
 
 
 def held(values: Tensor, known: Tensor, before: Tensor | None = None) -> Tensor:

@@ -16,6 +16,7 @@ from bodysense.body.keypoints import ArmKeypoints, arms_from_torso
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_identity
 from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.data.arm_augment import with_arms_of, with_wandering_arms
 from bodysense.data.augment import with_limb_proportions
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
@@ -72,16 +73,13 @@ class ArmBatch(NamedTuple):
 def read_arm_recordings(
     clips: Iterable[Clip], bodies: int = 1, rng: np.random.Generator | None = None
 ) -> ArmRecordings:
-    """Every clip on its own body and, with `rng`, on `bodies` − 1 more: the default one with other proportions."""
+    """Every clip as it was recorded and, with `rng`, `bodies` − 1 times varied (`varied`)."""
+    at_rate = [resample(clip, RATE) for clip in clips]
+    donors = [clip for clip in at_rate if clip.has_fingers]
     points, rotations, kept = [], [], []
-    for clip in clips:
-        at_rate = resample(clip, RATE)
-        others = []
-        if rng is not None:
-            pose = at_rate.pose
-            on_default = replace(at_rate, pose=Pose(default_skeleton(), pose.root_position, pose.rotation))
-            others = [with_limb_proportions(on_default, 0.05, rng) for _ in range(bodies - 1)]
-        for one in (at_rate, *others):
+    for clip in at_rate:
+        others = [] if rng is None else [varied(clip, donors, rng) for _ in range(bodies - 1)]
+        for one in (clip, *others):
             points.append(view_points(one.pose).astype(np.float32))
             rotations.append(arms_from_torso(one.pose).astype(np.float32))
             kept.append(one)
@@ -97,6 +95,14 @@ def read_arm_recordings(
         name=tuple(clip.name for clip in kept),
         category=tuple(clip.category for clip in kept),
     )
+
+
+def varied(clip: Clip, donors: Sequence[Clip], rng: np.random.Generator) -> Clip:
+    """The clip on the default body with other proportions, arms that wander, half the time those of another clip."""
+    other = replace(clip, pose=Pose(default_skeleton(), clip.pose.root_position, clip.pose.rotation))
+    if clip.has_fingers and rng.random() < 0.5:
+        other = with_arms_of(other, donors, rng)
+    return with_limb_proportions(with_wandering_arms(other, rng.random(), rng), 0.05, rng)
 
 
 @dataclass(frozen=True)

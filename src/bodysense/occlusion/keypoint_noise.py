@@ -12,32 +12,41 @@ from bodysense.body.rotation import normalize, quaternion_exp, quaternion_multip
 
 Errors = Callable[[tuple[int, ...], float, float], np.ndarray]
 _SWAP = 0.3  # s that a swap lasts on average
+_STEEPEST = 0.98  # depth of a direction toward the camera or away from it, as a detector says it at most
 
 
 @dataclass(frozen=True)
 class DetectorNoise:
     """How a detector errs. Angles in degrees; lengths of hands in shares of the longer side of their box.
 
-    The numbers are a little more than what MediaPipe's landmarkers do on rendered people (docs/rendered.md).
+    The numbers are about those of MediaPipe's landmarkers on rendered people of the training split (docs/rendered.md).
+    One picture tells depth badly: a detector makes it less than it is, and a forearm comes toward the camera.
     """
 
-    arm_drift: float = 7.0  # slow error of a direction, across
-    arm_jitter: float = 0.15  # error of its own in every frame
-    depth: float = 2.8  # times as far directions are off in depth, which one picture tells badly
-    torso_drift: float = 7.0
-    torso_jitter: float = 0.15
-    hand_drift: float = 0.045  # slow error of a point
-    hand_jitter: float = 0.005
-    hand_shape: float = 0.13  # slow error of the whole hand's size, shear and turn
+    arm_drift: float = 4.6  # slow error of a direction, across
+    arm_jitter: float = 0.1  # error of its own in every frame
+    depth: float = 1.35  # times as far directions are off in depth
+    depth_kept: tuple[float, float] = (
+        0.65,
+        0.38,
+    )  # share of the depth of upper arm's and forearm's directions that is seen
+    depth_kept_spread: tuple[float, float] = (0.15, 0.2)  # from window to window and arm to arm
+    nearer: tuple[float, float] = (0.03, 0.27)  # by so much their ends come toward the camera
+    nearer_spread: tuple[float, float] = (0.08, 0.12)
+    torso_drift: float = 6.6
+    torso_jitter: float = 0.1
+    hand_drift: float = 0.04  # slow error of a point
+    hand_jitter: float = 0.006
+    hand_shape: float = 0.15  # slow error of the whole hand's size, shear and turn
     blur: float = 0.03  # error of a point for every box that the hand moves between two frames
-    missed: float = 0.06  # share of hands that are missed anyway
+    missed: float = 0.03  # share of hands that are missed anyway
     missed_fast: float = 0.25  # more for every box that the hand moves between two frames
     small: float = 0.025  # of the picture's height: half of the hands of this size are missed
-    missed_for: float = 0.2  # s, on average
-    lost: float = 0.1  # share of windows in which a hand is gone for long
-    swapped: float = 0.02  # share of windows in which left and right hands change places for a while
-    arm_missed: float = 0.05  # share of arms, and of torsos
-    settle: float = 1.5  # s in which slow errors change
+    missed_for: float = 0.25  # s, on average
+    lost: float = 0.3  # share of windows in which a hand is gone for long
+    swapped: float = 0.05  # share of windows in which left and right hands change places for a while
+    arm_missed: float = 0.08  # share of arms, and of torsos
+    settle: float = 3.0  # s in which slow errors change
     quality: float = 0.4  # deviation of the logarithm of all errors, drawn once a window
 
 
@@ -67,7 +76,7 @@ def detect(keypoints: ArmKeypoints, noise: DetectorNoise, rng: np.random.Generat
     arm_missed = np.full((*batch, len(time), 2), noise.arm_missed)
     found = replace(
         keypoints,
-        arm=np.asarray(normalize(keypoints.arm + bent)),
+        arm=np.asarray(normalize(_flattened(keypoints.arm, noise, rng) + bent)),
         has_arm=keypoints.has_arm & ~_spans(arm_missed, stay, len(batch), rng),
         torso=np.asarray(quaternion_multiply(quaternion_exp(turn), keypoints.torso)),
         has_torso=keypoints.has_torso & ~_spans(arm_missed[..., 0], stay, len(batch), rng),
@@ -80,6 +89,20 @@ def detect(keypoints: ArmKeypoints, noise: DetectorNoise, rng: np.random.Generat
         hand=np.where(swap[..., None, None, None], found.hand[..., ::-1, :, :], found.hand),
         has_hand=np.where(swap[..., None], found.has_hand[..., ::-1], found.has_hand),
     )
+
+
+def flattened(arm: np.ndarray, kept: np.ndarray, nearer: np.ndarray) -> np.ndarray:
+    """Directions (..., 3) of which `kept` of the depth is seen, and their ends `nearer`; both (...), or fit to it."""
+    depth = np.clip(kept * arm[..., 2] + nearer, -_STEEPEST, _STEEPEST)
+    across = np.asarray(normalize(arm[..., :2])) * np.sqrt(1 - depth * depth)[..., None]
+    return np.concatenate([across, depth[..., None]], axis=-1)
+
+
+def _flattened(arm: np.ndarray, noise: DetectorNoise, rng: np.random.Generator) -> np.ndarray:
+    """Directions (..., T, 2, 2, 3) with the depth that a detector sees in them: one mind a window, arm and bone."""
+    shape = (*arm.shape[:-4], 1, *arm.shape[-3:-1])
+    kept = np.clip(noise.depth_kept + noise.depth_kept_spread * rng.standard_normal(shape), 0.0, 1.1)
+    return flattened(arm, kept, noise.nearer + noise.nearer_spread * rng.standard_normal(shape))
 
 
 def _drawn_hands(

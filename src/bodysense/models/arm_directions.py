@@ -1,0 +1,75 @@
+"""Arms turned as their directions say, in closed form: what a network may take for an answer where it trusts them.
+
+Two directions give all of an arm but what lies between its bones' axes: the plane of a bent elbow tells how the upper
+arm is turned about itself. What they leave open, the twist of a straight arm and of the hand, collars, and what a
+detector errs, is a network's to answer.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from bodysense.body.arms import ARM_JOINTS, SIDES, arm_skeleton
+from bodysense.body.rotation import (
+    cross,
+    dot,
+    matrix_to_quaternion,
+    matrix_to_sixd,
+    normalize,
+    quaternion_conjugate,
+    quaternion_multiply,
+    quaternion_rotate,
+    quaternion_to_matrix,
+    shortest_arc,
+    sixd_to_matrix,
+)
+from bodysense.body.skeleton import default_skeleton
+
+_HINGE = ((0.0, -1.0, 0.0), (0.0, 1.0, 0.0))  # of left and right: about it a straight elbow bends forward
+_STRAIGHT = 0.3  # sine of the bend at which the plane of the arm counts as much as the way from rest
+_CHAIN = tuple([ARM_JOINTS.index(f"{side}_{part}") for side in SIDES] for part in ("collar", "shoulder", "elbow"))
+
+
+def hinged(directions: Tensor) -> Tensor:
+    """Turns (..., 2, 2, 4), torso ← bone, of left and right upper arm and forearm from their directions (..., 2, 2, 3).
+
+    Directions are unit vectors in the torso's axes; of zero length where none is known: such an arm hangs.
+    """
+    down = torch.zeros_like(directions)
+    down[..., 1] = -1.0
+    known = dot(directions, directions) > 0.5
+    directions = torch.where(known, directions, down)
+    skeleton = arm_skeleton(default_skeleton())
+    ends = [[f"{side}_{end}" for end in ("elbow", "wrist")] for side in SIDES]
+    offset = torch.tensor(skeleton.rest_offset[[skeleton.indices(two) for two in ends]], dtype=directions.dtype)
+    bone = normalize(offset).expand_as(directions)
+    hinge = torch.tensor(_HINGE, dtype=directions.dtype)
+    upper, forearm = directions[..., 0, :], directions[..., 1, :]
+    swung = quaternion_rotate(shortest_arc(bone[..., 0, :], upper), hinge.expand_as(upper))
+    axis = (cross(upper, forearm) + _STRAIGHT * swung)[..., None, :].expand_as(directions)
+    now, rest = (_frame(*pair) for pair in ((directions, axis), (bone, hinge[:, None].expand_as(bone))))
+    return quaternion_multiply(now, quaternion_conjugate(rest))
+
+
+def beside_directions(said: Tensor, gate: Tensor, bones: Tensor) -> Tensor:
+    """Regressed rotations (..., 38, 6), upper arms and forearms of which are between what was said and directions.
+
+    `gate` (..., 2, 2) is the share of directions, of left and right upper arm and forearm; `bones` as of `hinged`.
+    """
+    collar = matrix_to_quaternion(sixd_to_matrix(said[..., _CHAIN[0], :]))
+    above = torch.stack([collar, bones[..., 0, :]], dim=-2)
+    local = quaternion_multiply(quaternion_conjugate(above), bones)
+    given = matrix_to_sixd(quaternion_to_matrix(local))
+    turned = list(said.unbind(dim=-2))
+    for bone, joints in enumerate(_CHAIN[1:]):
+        for side, joint in enumerate(joints):
+            share = gate[..., side, bone, None]
+            turned[joint] = share * given[..., side, bone, :] + (1 - share) * turned[joint]
+    return torch.stack(turned, dim=-2)
+
+
+def _frame(along: Tensor, axis: Tensor) -> Tensor:
+    """Turns (..., 4) of frames whose x is `along` and whose y is as near to `axis` as it can."""
+    y = normalize(axis - dot(axis, along) * along)
+    return matrix_to_quaternion(torch.stack([along, y, cross(along, y)], dim=-1))
