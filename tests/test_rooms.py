@@ -121,5 +121,5 @@ def test_the_command_starts_without_the_libraries_of_training() -> None:
 def test_help() -> None:
     done = subprocess.run([sys.executable, "-m", "bodysense", "--help"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    for command in ("demo", "track", "simulate", "data", "train", "evaluate", "bench", "study"):
+    for command in ("demo", "track", "simulate", "data", "train", "evaluate", "bench", "study", "serve"):
         assert command in done.stdout

@@ -13,7 +13,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bodysense.body.glove import glove_points
-from bodysense.capture.marker_stream import ADDRESS, LARGEST, MarkerReceiver, StreamCounts, replay, send_frame
+from bodysense.capture.marker_stream import (
+    ADDRESS,
+    LARGEST,
+    MarkerReceiver,
+    StreamCounts,
+    read_frame,
+    replay,
+    send_frame,
+)
+from bodysense.capture.osc import bundled, message_bytes
 from bodysense.capture.raw_markers import MarkerFormat
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
@@ -133,6 +142,18 @@ def test_positions_that_are_no_number_are_hidden() -> None:
     frame = receiver.wait(0.0)
     assert receiver.counts.dropped == 0 and frame is not None
     assert not frame.has_position.any() and np.isnan(frame.position).all()
+
+
+def test_a_frame_is_read_without_a_receiver() -> None:
+    points = glove_points("left") + glove_points("right")
+    message = message_bytes(ADDRESS, "dsfff", 2.5, "right_glove_wrist", 0.5, 1.0, 1.5)
+    for packet in (message, bundled([message])[0]):
+        frame = read_frame(packet, points)
+        assert frame is not None and frame.points == points and frame.time.tolist() == [2.5]
+        assert np.flatnonzero(frame.has_position).tolist() == [points.index("right_glove_wrist")]
+        np.testing.assert_array_equal(frame.position[frame.has_position], [[0.5, 1.0, 1.5]])
+    assert read_frame(b"hello", points) is None
+    assert read_frame(bundled([message, message])[0], points) is None  # a frame is one message
 
 
 def test_a_port_that_is_taken() -> None:

@@ -57,6 +57,22 @@ def test_times_are_the_containers(tmp_path: Path, times: list[float]) -> None:
     assert all(picture.pixels.shape == (96, 160, 3) for picture in pictures)
 
 
+def test_a_clocks_rate_is_not_taken_for_the_pictures(tmp_path: Path) -> None:
+    """What a browser records says a thousand pictures a second, and not how long it is."""
+    path = tmp_path / "a.webm"
+    with av.open(str(path), "w", options={"live": "1"}) as container:
+        stream = container.add_stream("libvpx", rate=1000)
+        stream.height, stream.width, stream.pix_fmt = 96, 160, "yuv420p"
+        for k in range(9):
+            frame = av.VideoFrame.from_ndarray(corners(), format="rgb24")
+            frame.time_base, frame.pts = Fraction(1, 1000), 40 * k
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    with open_video(str(path)) as video:
+        assert video.rate == pytest.approx(25.0)
+        assert [picture.time for picture in video.pictures] == pytest.approx([k / 25 for k in range(9)])
+
+
 @pytest.mark.parametrize("rotation", [0, 90, 180, 270])
 def test_pictures_are_upright(tmp_path: Path, rotation: int) -> None:
     """A camera that was turned stores turned pictures, and by how much they are to be turned back, anticlockwise."""
@@ -153,6 +169,41 @@ def test_an_image_is_turned_as_its_camera_was(tmp_path: Path) -> None:
     Image.fromarray(np.ascontiguousarray(np.rot90(corners()))).save(tmp_path / "a.jpg", exif=exif)
     (picture,) = read(tmp_path)
     assert picture.pixels.shape == (96, 160, 3) and is_like(picture.pixels[4:40, 4:70], RED)
+
+
+class Camera:
+    """Stands for OpenCV's: two pictures, blue first, then it is unplugged."""
+
+    released = False
+
+    def __init__(self, index: int) -> None:
+        self.left = [corners()[..., ::-1]] * 2
+
+    def isOpened(self) -> bool:
+        return True
+
+    def set(self, *_: object) -> None: ...
+
+    def get(self, _: object) -> float:
+        return 25.0
+
+    def read(self) -> tuple[bool, np.ndarray | None]:
+        return (True, self.left.pop()) if self.left else (False, None)
+
+    def release(self) -> None:
+        Camera.released = True
+
+
+def test_a_webcam_gives_pictures_until_it_is_unplugged(monkeypatch: pytest.MonkeyPatch) -> None:
+    cv2 = pytest.importorskip("cv2", reason="webcams need OpenCV, which bodysense[video] brings")
+    monkeypatch.setattr(cv2, "VideoCapture", Camera)
+    found: list[Picture] = []
+    with pytest.raises(VideoBrokenError, match="webcam 3: it gives no more"), open_video("3") as video:
+        assert video.rate == 25 and video.count is None
+        for picture in video.pictures:
+            found.append(picture)
+    assert len(found) == 2 and 0 <= found[0].time <= found[1].time and Camera.released
+    assert is_like(found[0].pixels[4:40, 4:70], RED)
 
 
 @pytest.mark.parametrize(

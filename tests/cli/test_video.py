@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from bodysense.capture.video import Picture
 from bodysense.cli import main
 from bodysense.data.bvh import read_bvh
 from bodysense.data.clip import Clip
@@ -77,6 +79,28 @@ def test_a_video_that_breaks_off_gives_a_part(
     assert track(tmp_path / "cut.mkv", "-o", out, *rest) == 0
     assert 3 <= len(read_bvh(out)) < 24
     assert "warning" in (said := capsys.readouterr().out) and "damaged" in said
+
+
+def test_a_webcam_is_answered_at_once_and_ended_by_ctrl_c(
+    tmp_path: Path,
+    landmarkers: Path,
+    filmed: tuple[np.ndarray, Clip],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from bodysense.capture import video
+
+    def pictures() -> Iterator[Picture]:
+        for k in range(3):
+            yield Picture(k / 15, filmed[0][k])
+        raise KeyboardInterrupt
+
+    webcam = video.Video("webcam 0", 15.0, None, pictures(), lambda: None)
+    monkeypatch.setattr(video, "_open_webcam", lambda index: webcam)
+    monkeypatch.chdir(tmp_path)
+    assert track(0, "-o", "out.bvh", "--landmarkers", landmarkers, "--people", 1, "--arms", "landmarks") == 0
+    assert len(read_bvh(Path("out.bvh"))) == 3  # none waited for frames to come
+    assert "look-ahead 0 s" in " ".join(capsys.readouterr().out.split())
 
 
 def test_a_video_of_nobody_is_refused(tmp_path: Path, landmarkers: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -34,6 +34,15 @@ def test_one_frame(tmp_path: Path, waving_clip: Clip) -> None:
     assert len(read_bvh(tmp_path / "a.bvh")) == 1
 
 
+def test_times_that_were_rounded_lose_no_frame(tmp_path: Path, waving_clip: Clip) -> None:
+    time = np.floor(waving_clip.time * 1000) / 1000
+    with BvhStream(tmp_path / "a.bvh", waving_clip.pose.skeleton, 30.0) as stream:
+        stream.append(time, waving_clip.pose)
+    found = read_bvh(tmp_path / "a.bvh")
+    assert len(found) == len(time) == stream.frames
+    np.testing.assert_allclose(found.pose.root_position[-1], waving_clip.pose.root_position[-1], atol=1e-6)
+
+
 def test_nothing_is_left_of_a_file_that_failed(tmp_path: Path, waving_clip: Clip) -> None:
     clip = replace(waving_clip, name="a")
     with pytest.raises(BodysenseError, match="stop"), BvhStream(tmp_path / "a.bvh", clip.pose.skeleton, 25.0) as stream:

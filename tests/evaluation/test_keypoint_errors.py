@@ -8,9 +8,9 @@ import pytest
 from bodysense.body.keypoints import ArmKeypoints
 from bodysense.body.rotation import normalize, quaternion_exp, quaternion_multiply
 from bodysense.data.clip import Clip
-from bodysense.evaluation.keypoint_errors import keypoint_errors, noise_figures
+from bodysense.evaluation.keypoint_errors import BONES, keypoint_errors, noise_figures
 from bodysense.occlusion.camera_view import FRONT, Camera, sample_cameras, view, view_points
-from bodysense.occlusion.keypoint_noise import DetectorNoise, detect
+from bodysense.occlusion.keypoint_noise import DetectorNoise, detect, flattened
 
 
 @pytest.fixture(scope="module")
@@ -24,6 +24,8 @@ def true(waving_clip: Clip) -> ArmKeypoints:
 def test_there_is_no_error_in_the_truth(true: ArmKeypoints) -> None:
     figures = noise_figures([keypoint_errors(true, true)])
     figures.pop("depth")  # nothing by nothing
+    assert [figures.pop(f"{bone}_depth_kept") for bone in BONES] == pytest.approx([1.0, 1.0])
+    assert figures.pop("arm_jitter") < 0.5  # no detector is thought to say that an arm points straight at it
     assert all(value == pytest.approx(0, abs=1e-9) for value in figures.values())
 
 
@@ -40,6 +42,11 @@ def test_what_is_put_in_is_measured(true: ArmKeypoints) -> None:
         hand=middle + 0.3 + 1.1 * (true.hand - middle),  # elsewhere and larger
         has_hand=true.has_hand & (np.arange(frames) % 4 > 0)[:, None],
     )
+    flat = flattened(true.arm, np.array([0.7, 0.5]), np.array([0.0, 0.2]))
+    measured = noise_figures([keypoint_errors(replace(true, arm=flat), true)])
+    assert [measured[f"{bone}_depth_kept"] for bone in BONES] == pytest.approx([0.7, 0.5])
+    assert [measured[f"{bone}_nearer"] for bone in BONES] == pytest.approx([0.0, 0.2])
+    assert measured["arm_drift"] == pytest.approx(0.0, abs=1e-6)
     figures = noise_figures([keypoint_errors(found, true)])
     assert figures["arm_jitter"] == pytest.approx(np.degrees(0.02), rel=0.15)
     assert figures["arm_drift"] < 0.5 * figures["arm_jitter"]
@@ -58,6 +65,10 @@ def test_the_imitation_is_measured_as_it_is_set(true: ArmKeypoints) -> None:
         small=1e-6,
         quality=0.0,
         arm_drift=0.0,
+        depth_kept=(1.0, 1.0),
+        depth_kept_spread=(0.0, 0.0),
+        nearer=(0.0, 0.0),
+        nearer_spread=(0.0, 0.0),
         arm_jitter=1.0,
         hand_drift=0.0,
         hand_jitter=0.01,

@@ -20,6 +20,7 @@ from typing import Any, Self
 import numpy as np
 
 from bodysense.body.glove import glove_marker, glove_points
+from bodysense.capture.osc import message_bytes, read_packet
 from bodysense.capture.raw_markers import MarkerFormat, RawMarkers, in_our_world, points_alone
 from bodysense.errors import BodysenseError
 from bodysense.observation import FARTHEST, Observation
@@ -44,8 +45,7 @@ class MarkerReceiver:
     """Receives frames of markers while it is open: `with MarkerReceiver(('left', 'right')) as receiver: …`.
 
     `hands` are those whose gloves are wanted; other markers are left out. Names, unit and axes of the sender are told
-    by `form`, as for files; port 0 takes any that is free. Raises BodysenseError where the port is taken and where
-    python-osc is missing.
+    by `form`, as for files; port 0 takes any that is free. Raises BodysenseError where the port is taken.
     """
 
     def __init__(
@@ -64,7 +64,6 @@ class MarkerReceiver:
         self._closing = threading.Event()
 
     def __enter__(self) -> Self:
-        _osc()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         host, port = self._wanted
         try:
@@ -107,7 +106,7 @@ class MarkerReceiver:
 
     def take(self, message: bytes) -> None:
         """Take in one message, as it came from the network."""
-        found = self._read(message)
+        found = read_frame(message, self.points, self._form)
         with self._changed:
             counts = self._counts
             if found is None:
@@ -130,37 +129,36 @@ class MarkerReceiver:
                     continue
                 self.take(message)
 
-    def _read(self, message: bytes) -> Observation | None:
-        """The frame of a message, None for what is none."""
-        values = _values(message)
-        if values is None:
-            return None
-        now, *rest = values
-        names, numbers = rest[::4], np.array([rest[k::4] for k in (1, 2, 3)], dtype=float).T.reshape(-1, 3)
-        table = self._form.names or {}
-        place = np.full((len(self.points), 3), np.nan)
-        for name, at in zip(names, numbers, strict=True):
-            ours = table.get(name, name)
-            if ours in self.points:
-                place[self.points.index(ours)] = at
-        raw = RawMarkers(self.points, place[None], np.array([now]), 0.0)
-        position = in_our_world(place, raw, self._form)
-        with np.errstate(invalid="ignore"):
-            position[~(np.abs(position).max(axis=1) < FARTHEST)] = np.nan
-        return points_alone(self.points, position[None], np.array([now]))
+
+def read_frame(message: bytes, points: tuple[str, ...], form: MarkerFormat = MarkerFormat()) -> Observation | None:
+    """The frame (1, P) of `points` in a message at the sender's time, names, unit and axes by `form`; None for none.
+
+    `points` are our names of markers, as `glove_points` gives them; those that are not in the message are hidden.
+    """
+    values = _values(message)
+    if values is None:
+        return None
+    now, *rest = values
+    names, numbers = rest[::4], np.array([rest[k::4] for k in (1, 2, 3)], dtype=float).T.reshape(-1, 3)
+    table = form.names or {}
+    place = np.full((len(points), 3), np.nan)
+    for name, at in zip(names, numbers, strict=True):
+        ours = table.get(name, name)
+        if ours in points:
+            place[points.index(ours)] = at
+    raw = RawMarkers(points, place[None], np.array([now]), 0.0)
+    position = in_our_world(place, raw, form)
+    with np.errstate(invalid="ignore"):
+        position[~(np.abs(position).max(axis=1) < FARTHEST)] = np.nan
+    return points_alone(points, position[None], np.array([now], dtype=float))
 
 
 def send_frame(address: tuple[str, int], now: float, markers: Mapping[str, np.ndarray]) -> None:
     """Send one frame at `now` s: markers by name, (3,) each; hidden ones are left out."""
-    _, builder = _osc()
-    message = builder(ADDRESS)
-    message.add_arg(float(now), builder.ARG_TYPE_DOUBLE)
-    for name, place in markers.items():
-        message.add_arg(name)
-        for value in place:
-            message.add_arg(float(value), builder.ARG_TYPE_FLOAT)
+    seen = [value for name, place in markers.items() for value in (name, *map(float, place))]
+    message = message_bytes(ADDRESS, "d" + len(markers) * "sfff", float(now), *seen)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        sender.sendto(message.build().dgram, address)
+        sender.sendto(message, address)
 
 
 def replay(address: tuple[str, int], observation: Observation, speed: float = 1.0) -> None:
@@ -176,35 +174,19 @@ def replay(address: tuple[str, int], observation: Observation, speed: float = 1.
 
 def _values(message: bytes) -> list[Any] | None:
     """Time, then names and numbers by turns, of a well-formed message; None otherwise."""
-    if len(message) > LARGEST:
+    found = read_packet(message) if len(message) <= LARGEST else ""
+    if len(found) != 1 or isinstance(found, str) or found[0].address != ADDRESS:
         return None
-    try:
-        found = _osc()[0](message)
-        address, values = found.address, list(found.params)
-    except Exception:  # python-osc raises what it likes for what is no message
-        return None
+    values = list(found[0].arguments)
     well_formed = (
-        address == ADDRESS
-        and len(values) % 4 == 1
+        len(values) % 4 == 1
         and all(isinstance(name, str) for name in values[1::4])
         and all(_is_number(value) for k, value in enumerate(values) if k % 4 != 1)
         and len(set(values[1::4])) == len(values[1::4])
-        and np.isfinite(values[0])
+        and math.isfinite(values[0])  # type: ignore[arg-type]
     )
     return values if well_formed else None
 
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _osc() -> tuple[Any, Any]:
-    """What reads a message, and what builds one."""
-    try:
-        from pythonosc.osc_message import OscMessage
-        from pythonosc.osc_message_builder import OscMessageBuilder
-    except ImportError:
-        raise BodysenseError(
-            "live markers need the library python-osc; install it with `pip install 'bodysense[markers]'`"
-        ) from None
-    return OscMessage, OscMessageBuilder

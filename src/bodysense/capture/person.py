@@ -14,6 +14,7 @@ import numpy as np
 from bodysense.body.arms import ARM_POINTS, SIDES
 from bodysense.body.keypoints import ArmKeypoints, arm_directions, torso_rotation
 from bodysense.capture.landmarks import BODY_LANDMARKS, Bodies, Hands
+from bodysense.capture.sides import LastSides, exchange, is_turned_round, remembered
 from bodysense.capture.video import Picture
 
 VISIBLE = 0.5  # probability from which a landmark counts as seen
@@ -78,6 +79,7 @@ class PersonState:
 
     person: Passer | None = None
     others: tuple[Passer, ...] = ()
+    sides: LastSides | None = None
 
 
 def follow(
@@ -92,11 +94,19 @@ def follow(
     At first, and again after `patience` seconds without them, the person is whoever is largest. In between everybody
     is followed, by place, motion, size and colour of clothes; the person may be nobody in the picture for a while.
     """
+    sides = state.sides
     chosen, state = _choose(picture, bodies, state, settings)
     empty = _nobody(picture.time)
     if chosen is None:
-        return empty, state
+        return empty, replace(state, sides=sides)
     hand_of = _hands_of(chosen, bodies, hands, settings)
+    labels = sum((1 - 2 * side) * (2 * float(hands.left[k]) - 1) for side, k in enumerate(hand_of) if k is not None)
+    size = float(_size(bodies.picture[chosen : chosen + 1])[0])
+    is_kept = is_turned_round(picture.time, bodies.picture[chosen], size, labels, sides)
+    if is_kept:
+        bodies = _turned(bodies, chosen)
+        hand_of = _hands_of(chosen, bodies, hands, settings)
+    state = replace(state, sides=remembered(picture.time, bodies.picture[chosen], size, is_kept, sides))
     for side, place in enumerate(hand_of):
         if place is not None:
             empty.hand[0, side], empty.hand_world[0, side] = hands.picture[place], hands.world[place]
@@ -112,6 +122,15 @@ def follow(
         ),
         state,
     )
+
+
+def _turned(bodies: Bodies, chosen: int) -> Bodies:
+    """The bodies, left and right of one exchanged."""
+    values = [np.array(value) for value in (bodies.world, bodies.picture, bodies.visible)]
+    world, picture, visible = exchange(*(value[chosen] for value in values))
+    for value, one in zip(values, (world, picture, visible), strict=True):
+        value[chosen] = one
+    return Bodies(*values)
 
 
 def joined_landmarks(parts: Sequence[PersonLandmarks]) -> PersonLandmarks:

@@ -6,6 +6,7 @@ import re
 import time as clock
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 LARGEST = 1280  # pixels of a picture's longer side; larger ones are made smaller
 IMAGES = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
 VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg", ".ts", ".mts", ".wmv", ".3gp", ".ogv")
+_FASTEST = 250.0  # Hz: what a browser records says 1000, its clock's rate
 _SHORT = 0.5  # s: a file that ends so much sooner than it says is cut off
 
 
@@ -87,10 +89,21 @@ def _open_file(path: Path) -> Video:
         container.close()
         raise BodysenseError(f"{path}: there is no video in it; give a file with one")
     stream.thread_type = "AUTO"
-    rate = float(stream.average_rate or stream.guessed_rate or 30)
+    rate = float(stream.average_rate or stream.guessed_rate or 0)
+    if not 0 < rate <= _FASTEST:
+        rate = _measured_rate(path)
     seconds = _seconds(container, stream)
     count = stream.frames or (None if seconds is None else round(seconds * rate))
     return Video(path.name, rate, count or None, _decoded(path, container, stream, rate, seconds), container.close)
+
+
+def _measured_rate(path: Path) -> float:
+    """Hz, the mean of the first pictures."""
+    with _load("av").open(str(path)) as container:
+        packets = islice(container.demux(container.streams.video[0]), 60)
+        times = [float(packet.pts * packet.time_base) for packet in packets if packet.pts is not None]
+    length = max(times, default=0.0) - min(times, default=0.0)
+    return (len(times) - 1) / length if length > 0 else 30.0
 
 
 def _seconds(container: InputContainer, stream: VideoStream) -> float | None:

@@ -77,7 +77,8 @@ def render(
                 continue
             film(take, scene, out, height, lambda: progress.update(bar, advance=1))
     length = sum(len(take.time) / RATE for take, _ in planned)
-    Console().print(f"{out}: videos: {len(planned)}, {length:.0f} s", highlight=False)
+    said = "" if len(planned) == videos else f"; no more of {videos}: the motion has no more in which hands move"
+    Console().print(f"{out}: videos: {len(planned)}, {length:.0f} s{said}", highlight=False)
 
 
 def video_rendered(

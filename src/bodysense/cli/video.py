@@ -64,7 +64,8 @@ def track_video(source: str, out: Path, options: VideoOptions, model: Path | Non
     if options.seconds is not None and not options.seconds > 0:
         raise BodysenseError(f"--seconds {options.seconds:g}: give more than 0")
     skeleton = default_skeleton() if height is None else default_skeleton().scaled(height)
-    maker = _maker(skeleton, options, model, live=source.isdecimal() and not Path(source).exists())
+    look_ahead = _look_ahead(source, options)
+    maker = _maker(skeleton, options, model, look_ahead)
     tally, said = _Tally(), None
     with ExitStack() as stack:
         video = stack.enter_context(open_video(source, options.image_rate))
@@ -77,7 +78,7 @@ def track_video(source: str, out: Path, options: VideoOptions, model: Path | Non
         progress = stack.enter_context(Progress(SpinnerColumn(), *Progress.get_default_columns()))
         expected = min(video.count or float("inf"), longest * video.rate)
         total = None if expected == float("inf") else round(expected)
-        bar = progress.add_task(f"tracking {video.name}", total=total)
+        bar = progress.add_task(f"tracking {video.name}, look-ahead {look_ahead:g} s", total=total)
         try:
             for done in complete_video(pictures, landmarker, maker):
                 tally.add(done)
@@ -100,15 +101,23 @@ def track_video(source: str, out: Path, options: VideoOptions, model: Path | Non
         console.print(f"wrote {options.overlay}", highlight=False)
 
 
-def _maker(skeleton: Skeleton, options: VideoOptions, model: Path | None, live: bool) -> Callable[[float], VideoBody]:
+def _look_ahead(source: str, options: VideoOptions) -> float:
+    """Seconds that answers wait: those asked for; a webcam is answered at once."""
+    from bodysense.estimators.video_body import VideoSettings
+
+    if options.look_ahead is not None:
+        return options.look_ahead
+    return 0.0 if source.isdecimal() and not Path(source).exists() else VideoSettings().look_ahead
+
+
+def _maker(
+    skeleton: Skeleton, options: VideoOptions, model: Path | None, look_ahead: float
+) -> Callable[[float], VideoBody]:
     """What makes the solver, for pictures of a width / height."""
     from bodysense.estimators.arms import Arms, ArmSettings, load_arms
     from bodysense.estimators.landmark_body import landmark_body
     from bodysense.estimators.video_body import VideoBody, VideoSettings
 
-    look_ahead = options.look_ahead
-    if look_ahead is None:
-        look_ahead = 0.0 if live else VideoSettings().look_ahead
     settings = VideoSettings(look_ahead, field_of_view=options.field_of_view, tilt=options.tilt)
     if options.arms == "landmarks" and model is not None:
         raise BodysenseError(f"--model {model}: --arms landmarks uses no network; leave one of them out")

@@ -17,6 +17,7 @@ from bodysense.files import written_beside
 _UNIT, _ORDER = 0.01, "ZXY"  # as `write_bvh` has them
 _DIGITS = 12  # of the number of frames, which is written last
 _SAME = 1e-6  # frames
+_ROUNDED = 0.05  # frames by which the last one may come early: containers round times to a millisecond
 
 
 class BvhStream(AbstractContextManager["BvhStream"]):
@@ -68,6 +69,10 @@ class BvhStream(AbstractContextManager["BvhStream"]):
 
     def __exit__(self, *error: object) -> None:
         if error[0] is None:
+            if self._last is not None and (self._last[0] - self._begun) * self._rate > self.frames - _ROUNDED:
+                root, rotation = self._last[1:]
+                self._file.write(motion_text(root[None], quaternion_canonical(rotation[None]), _UNIT, _ORDER))
+                self.frames += 1
             self._file.seek(self._count)
             self._file.write(f"{self.frames:<{_DIGITS}}")
         self._stack.__exit__(*error)  # type: ignore[arg-type]

@@ -8,16 +8,19 @@ import numpy as np
 
 from bodysense.body.keypoints import ArmKeypoints
 from bodysense.body.rotation import quaternion_conjugate, quaternion_log, quaternion_multiply
+from bodysense.occlusion.keypoint_noise import flattened
 
+BONES = ("upper_arm", "forearm")
 Errors = dict[str, list[np.ndarray]]  # by what errs: arrays (T, …) over time, NaN where nothing was found
 
 
 def keypoint_errors(found: ArmKeypoints, true: ArmKeypoints) -> Errors:
     """Errors of key-points (T,) that were found beside true ones of the same frames.
 
-    `arm` (T, 2, 2, 3) of unit directions; `torso` (T, 3) rad; `shape` (T, 2, 4) of hands: the linear map that takes a
-    true hand about its middle to the found one, less the identity; `hand` (T, 2, 21, 2) what that leaves, in shares of
-    the longer side of the true hand's box; `missed`, `arm_missed` (T, 2) 1 where what could be seen was not found.
+    `arm`, `arm_true` (T, 2, 2, 3) the directions themselves, found and true; `torso` (T, 3) rad; `shape` (T, 2, 4) of
+    hands: the linear map that takes a true hand about its middle to the found one, less the identity; `hand`
+    (T, 2, 21, 2) what that leaves, in shares of the longer side of the true hand's box; `missed`, `arm_missed` (T, 2)
+    1 where what could be seen was not found.
     """
     arms, hands = found.has_arm & true.has_arm, found.has_hand & true.has_hand
     torso = quaternion_log(quaternion_multiply(found.torso, quaternion_conjugate(true.torso)))
@@ -29,7 +32,8 @@ def keypoint_errors(found: ArmKeypoints, true: ArmKeypoints) -> Errors:
     square[~hands] = np.eye(2)
     shape = np.linalg.solve(square, np.einsum("thpi,thpj->thij", actual, ours))
     return {
-        "arm": [np.where(arms[..., None, None], found.arm - true.arm, np.nan)],
+        "arm": [np.where(arms[..., None, None], found.arm, np.nan)],
+        "arm_true": [np.where(arms[..., None, None], true.arm, np.nan)],
         "torso": [np.where((found.has_torso & true.has_torso)[:, None], torso, np.nan)],
         "shape": [(shape - np.eye(2)).reshape(len(shape), 2, 4)],
         "hand": [(ours - actual @ shape) / size[..., None, None]],
@@ -42,12 +46,19 @@ def noise_figures(parts: Sequence[Errors]) -> dict[str, float]:
     """Figures of several videos, named and measured as the fields of `DetectorNoise`; NaN where nothing was found.
 
     Angles in degrees. Jitter is what differs from frame to frame as white noise would, from second differences;
-    drift is the rest. `depth` is by how much directions err more along the camera's axis than across it.
+    drift is the rest. Directions are compared with true ones that are made as flat as the detector makes them:
+    `…_depth_kept` times their depth, and `…_nearer` to the camera; `depth` is by how much they still err more along
+    the camera's axis than across it.
     """
     errors = {name: [array for part in parts for array in part[name]] for name in parts[0]}
-    across = [array[..., :2] for array in errors["arm"]]
-    along = [array[..., 2:] for array in errors["arm"]]
+    lines = [_line(errors["arm"], errors["arm_true"], bone) for bone in range(len(BONES))]
+    kept, nearer = np.array(lines).T
+    flat = [flattened(true, kept, nearer) for true in errors["arm_true"]]
+    wrong = [found - true for found, true in zip(errors["arm"], flat, strict=True)]
+    across, along = [array[..., :2] for array in wrong], [array[..., 2:] for array in wrong]
     figures = {}
+    for bone, (share, shift) in zip(BONES, lines, strict=True):
+        figures |= {f"{bone}_depth_kept": share, f"{bone}_nearer": shift}
     for name, arrays, scale in (
         ("arm", across, np.degrees(1.0)),
         ("torso", errors["torso"], np.degrees(1.0)),
@@ -61,6 +72,16 @@ def noise_figures(parts: Sequence[Errors]) -> dict[str, float]:
         "missed": _mean(errors["missed"]),
         "arm_missed": _mean(errors["arm_missed"]),
     }
+
+
+def _line(found: Sequence[np.ndarray], true: Sequence[np.ndarray], bone: int) -> tuple[float, float]:
+    """The line that found depths of a bone's directions lie along over true ones: its slope, and where it begins."""
+    y, x = (np.concatenate([array[..., bone, 2].ravel() for array in arrays]) for arrays in (found, true))
+    known = np.isfinite(x) & np.isfinite(y)
+    if not known.any():
+        return float("nan"), float("nan")
+    slope, begin = np.linalg.lstsq(np.stack([x, np.ones_like(x)], axis=-1)[known], y[known], rcond=None)[0].tolist()
+    return slope, begin
 
 
 def _slow_and_fast(arrays: Sequence[np.ndarray]) -> tuple[float, float]:
