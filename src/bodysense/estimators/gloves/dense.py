@@ -34,10 +34,10 @@ class DenseLayers:
     def run(self, values: np.ndarray) -> np.ndarray:
         """(H, width) → (H, outputs), single precision."""
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            values = values @ weight
+            values = values.dot(weight)
             values += bias
             np.maximum(values, 0.0, out=values)
-        return values @ self.weights[-1] + self.biases[-1]
+        return values.dot(self.weights[-1]) + self.biases[-1]
 
 
 def read_dense(file: bytes) -> DenseLayers | None:

@@ -56,6 +56,7 @@ class NetworkState(NamedTuple):
     fresh: bool
     known: bytes  # which markers
     levers: Levers | None
+    scale: np.ndarray | None  # (H, 9, 1) to the size that the network knows; 0 of what is hidden
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,27 +95,26 @@ class NetworkFiller:
         """Registered nowhere. Raises BodysenseError where there are other hands than told."""
         if len(self.hands) not in (1, hands):
             raise BodysenseError(f"network filler: made for {len(self.hands)} hands, started for {hands}; give either")
-        return NetworkState(np.broadcast_to(np.eye(3), (hands, 3, 3)), np.zeros((hands, 3)), False, b"", None)
+        return NetworkState(np.broadcast_to(np.eye(3), (hands, 3, 3)), np.zeros((hands, 3)), False, b"", None, None)
 
     def fill(self, markers: np.ndarray, interval: float, state: NetworkState) -> tuple[np.ndarray, NetworkState]:
         """See `Filler`."""
         hidden = missing(markers)
         if not any_of(hidden):
-            return markers, NetworkState(state.rotation, state.translation, False, state.known, state.levers)
+            return markers, state._replace(fresh=False)
         known = ~hidden
-        which, used = known.tobytes(), state.levers
-        if used is None or which != state.known:
-            used = levers(self._template, known)
-        there = known[..., None]
+        which, used, scale, there = known.tobytes(), state.levers, state.scale, known[..., None]
+        if used is None or scale is None or which != state.known:
+            used, scale = levers(self._template, known), there / self._ratio
         seen, hands = np.where(there, markers, 0.0), len(markers)
         _, rotation, translation = fit(used, seen, state[:2])
-        local = brought_back(seen, rotation, translation) * (there / self._ratio)
+        local = brought_back(seen, rotation, translation) * scale
         lengths = self._lengths if len(self._lengths) == hands else self._lengths.repeat(hands, axis=0)
         answer = self.model.run(local.reshape(hands, -1).astype(np.float32), lengths)
         guess = moved(answer.reshape(hands, MARKER_COUNT, 3) * self._ratio, rotation, translation)
         if used.loose:
             guess[known.sum(axis=1) < self.fewest] = np.nan
-        return np.where(there, markers, guess), NetworkState(rotation, translation, True, which, used)
+        return np.where(there, markers, guess), NetworkState(rotation, translation, True, which, used, scale)
 
     def axes(self, markers: np.ndarray, state: NetworkState) -> np.ndarray:
         """Those of the registered hand."""

@@ -8,8 +8,8 @@ moved apart (`contact`).
 What is not as it should be:
 
 - All markers of a hand hidden: it stays for 0.5 s where it was, then relaxes within 1 s, its wrist in place
-  (`LastShape`), and its expected error grows. Found again it moves to its place at 20 cm/s, or within 0.5 s if that is
-  far. A hand that was never seen is relaxed, at the origin.
+  (`LastShape`), and its expected error grows. Found again it moves to its place at 24 cm/s, or within 0.5 s if that is
+  far (`settling`). A hand that was never seen is relaxed, at the origin.
 - Alignment markers hidden: the hand is placed by the filled ones. Fewer than three markers known: it keeps its last
   shape, moved onto what is known.
 - Identifiers exchanged between markers are set right; of two in one place one is left out (`rejection`).
@@ -42,7 +42,7 @@ from bodysense.estimators.gloves.fingers import POINT_COUNT, Aim
 from bodysense.estimators.gloves.joints import HandPoses, JointReader
 from bodysense.estimators.gloves.networks import HandNetwork, load_joint_network, load_marker_network
 from bodysense.estimators.gloves.rejection import Rejection, RejectionSettings, RejectionState
-from bodysense.estimators.gloves.settling import Away, between, displaced, nearer
+from bodysense.estimators.gloves.settling import Settling, SettlingState
 from bodysense.observation import FARTHEST, Estimate, Observation
 
 FIRST_INTERVAL = 1 / 60  # s: the time step of a frame that has none before it
@@ -68,7 +68,8 @@ class HandsSettings:
     """How markers become hands."""
 
     rejection: RejectionSettings | None = field(default_factory=RejectionSettings)  # None believes every marker
-    speed: float = 0.2  # m/s of what is farthest off where markers are found again (`settling`); the paper: 0.25 (4.7)
+    speed: float = 0.24  # m/s at which hands settle where markers are found again (`settling`); the paper: 0.25 (4.7)
+    unseen_speed: float = 0.12  # m/s, of points whose markers are not seen
     fading: float | None = 1.0  # s, half-life of a hidden marker's offset (`continuity`); None keeps it
     hold: float = 0.5  # s for which a hand of which nothing is seen stays as it was
     relaxing: float = 1.0  # s within which it then relaxes
@@ -78,7 +79,7 @@ class HandsSettings:
     longest_gap: float = 1.0  # s without frames after which everything starts afresh
 
     def __post_init__(self) -> None:
-        for name in ("speed", "relaxing", "longest_gap"):
+        for name in ("speed", "unseen_speed", "relaxing", "longest_gap"):
             if not getattr(self, name) > 0:
                 raise BodysenseError(f"gloves: {name} is {getattr(self, name):g}; it must be positive")
         for name in ("hold", "restraint"):
@@ -94,7 +95,7 @@ class HandsState(NamedTuple):
     filler: Any
     contact: ContactState
     hidden: np.ndarray  # (H, 9) s for which each marker has been
-    away: Away | None  # how far hands are shown from where they are; None: they are there
+    settling: SettlingState | None  # None before the first frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +140,7 @@ class Hands:
 
     @cached_property
     def _reader(self) -> JointReader:
-        hands = tuple(self.hands.values())
-        settings = self.settings
+        hands, settings = tuple(self.hands.values()), self.settings
         return JointReader(self.models.joints, hands, self.glove, settings.aim, settings.restraint, self.calibration)
 
     @cached_property
@@ -150,8 +150,8 @@ class Hands:
         hands = tuple(self.hands.values())
         natural = np.stack([natural_markers(self.glove, hand) for hand in hands])
         last = LastShape(natural, self.settings.hold, self.settings.relaxing)
-        stack = Stack((NetworkFiller(self.models.markers, hands, self.glove), last))
-        return Remembered(stack, self.settings.fading)
+        network = NetworkFiller(self.models.markers, hands, self.glove)
+        return Remembered(Stack((network, last)), self.settings.fading)
 
     @cached_property
     def _rejection(self) -> Rejection:
@@ -163,16 +163,18 @@ class Hands:
         return Contact(tuple(self.hands.values()), sides, self.settings.contact or ContactSettings())
 
     @cached_property
+    def _settling(self) -> Settling:
+        return Settling(self._reader.shape, self.glove, self.settings.speed, self.settings.unseen_speed)
+
+    @cached_property
     def _influence(self) -> np.ndarray:
         """(9, 21)."""
         return influence(self.glove)
 
     def start(self) -> HandsState:
         """Nothing seen yet."""
-        hidden = np.full((len(self.hands), len(self.glove.markers)), NEVER)
-        return HandsState(
-            None, self._rejection.start(), self._filler.start(len(self.hands)), self._contact.start(), hidden, None
-        )
+        hidden, filler = np.full((len(self.hands), len(self.glove.markers)), NEVER), self._filler.start(len(self.hands))
+        return HandsState(None, self._rejection.start(), filler, self._contact.start(), hidden, None)
 
     def step(self, observation: Observation, state: HandsState) -> tuple[dict[str, Estimate], HandsState]:
         """Complete T frames, one after the other: an estimate of every hand on its skeleton, with its pose.
@@ -231,26 +233,23 @@ class Hands:
         if checking:
             rejection = self._rejection.remember(np.where(known[..., None], markers, shown), known, interval, rejection)
         hidden = np.where(known, 0.0, state.hidden + interval)
-        poses, contact = self._reader.read(shown), state.contact
-        poses, settling = self._settled(poses, shown, known, interval, state)
+        told, contact = self._reader.read(shown), state.contact
+        without = self._without(told, shown, known, interval, state)
+        poses, settling = self._settling.step(told, without, known, interval, state.settling)
         if self.settings.contact is not None:
             poses, contact = self._contact.step(poses, shown, known, interval, contact)
         return poses, HandsState(state.time, rejection, filler, contact, hidden, settling)
 
-    def _settled(
+    def _without(
         self, told: HandPoses, filled: np.ndarray, known: np.ndarray, interval: float, state: HandsState
-    ) -> tuple[HandPoses, Away | None]:
-        """Poses told by markers (H, 9, 3) m, without jumps where some are found again, and how far they are away."""
-        seen_before = np.any(state.hidden < NEVER, axis=1)
-        away, found = state.away, known & (state.hidden > 0) & seen_before[:, None]
-        if any_of(found):  # where would hands be shown had nothing come back?
-            kept = np.where((known & ~found)[..., None], filled, np.nan)
-            fewer, _ = self._filler.fill(kept, interval, state.filler)
-            shown = displaced(self._reader.read(np.where(np.isnan(fewer), filled, fewer)), away, self._reader.shape)
-            moving = found.any(axis=1) if away is None else found.any(axis=1) | (away.farthest > 0)
-            away = between(shown, told, moving, self.settings.speed)
-        away = nearer(away, interval)
-        return displaced(told, away, self._reader.shape), away
+    ) -> HandPoses:
+        """Where hands would be had no marker (H, 9, 3) m been found in this frame."""
+        if state.settling is None or not any_of(found := known & ~state.settling.known):
+            return told
+        found &= (state.hidden < NEVER).any(axis=1, keepdims=True)
+        kept = np.where((known & ~found)[..., None], filled, np.nan)
+        fewer, _ = self._filler.fill(kept, interval, state.filler)
+        return self._reader.read(np.where(np.isnan(fewer), filled, fewer))
 
     def _continued(self, now: float, state: HandsState) -> tuple[float, HandsState]:
         """The time step, and the state, fresh after a gap."""

@@ -49,7 +49,7 @@ class GloveNetwork:
             return self.session.run(None, {"markers": markers, "hand": hand})[0]
         read = [markers]
         if self.layers.width in (36, 56):  # also which markers are known, as in models/glove.py
-            read.append(np.asarray(markers.reshape(len(markers), 9, 3).any(axis=2), dtype=np.float32))
+            read.append(np.logical_or.reduce(markers.reshape(len(markers), 9, 3), axis=2).astype(np.float32))
         if self.layers.width in (47, 56):
             read.append(hand)
         return self.layers.run(np.concatenate(read, axis=1))
