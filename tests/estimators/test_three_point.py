@@ -19,8 +19,9 @@ from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
 from bodysense.estimators.foot_lock import FootLockSettings
-from bodysense.estimators.three_point import ThreePoint, ThreePointSettings, packaged_three_point
+from bodysense.estimators.three_point import ThreePoint, packaged_three_point
 from bodysense.estimators.three_point_answers import PACKAGED, Answer, Memory, load_three_point, steadied
+from bodysense.estimators.three_point_many import ThreePointSettings
 from bodysense.estimators.whole_body import WholeBody
 from bodysense.evaluation.metrics import jitter
 from bodysense.observation import Estimate, Observation
@@ -116,19 +117,21 @@ def test_any_rate_is_answered_at_every_frame(estimator: ThreePoint, seen: Observ
 
 def test_answers_in_between_are_averaged(estimator: ThreePoint) -> None:
     """Half of the way between two turns, whatever the sign of their quaternions; the head stays where it is."""
-    body, head = WholeBody(SKELETON), np.array([0.3, 1.6, -0.2])
-    turns = [np.tile(quaternion_exp(np.array([0.0, angle, 0.1])), (len(BODY), 1)) for angle in (0.2, 0.6)]
+    body, head = WholeBody(SKELETON), np.array([[0.3, 1.6, -0.2]])
+    turns = [np.tile(quaternion_exp(np.array([0.0, angle, 0.1])), (1, len(BODY), 1)) for angle in (0.2, 0.6)]
     answers = [
-        Answer(turn, np.zeros((22, 3)), np.ones(22), np.full((2, 2), c)) for turn, c in zip(turns, (0, 1), strict=True)
+        Answer(turn, np.zeros((1, 22, 3)), np.ones((1, 22)), np.full((1, 2, 2), c))
+        for turn, c in zip(turns, (0.0, 1.0), strict=True)
     ]
     for sign in (1, -1):
-        before = Memory(0.0, {}, replace(answers[0], rotation=sign * turns[0]))
-        mean = steadied(answers[1], (before,), head, body)
+        before = Memory(0.0, {}, replace(answers[0], rotation=sign * turns[0])[0])
+        mean = steadied(answers[1], [(before,)], head, body)
         assert geodesic_angle(mean.rotation, turns[0]) == pytest.approx(geodesic_angle(*turns) / 2, abs=1e-9)
-        np.testing.assert_allclose(mean.position[BODY.index("head")], head, atol=1e-12)
-        np.testing.assert_allclose(np.linalg.norm(mean.position[4] - mean.position[1]), SKELETON.bone_length[4])
+        np.testing.assert_allclose(mean.position[:, BODY.index("head")], head, atol=1e-12)
+        bone = np.linalg.norm(mean.position[0, 4] - mean.position[0, 1])
+        np.testing.assert_allclose(bone, SKELETON.bone_length[4])
         assert (mean.contact == 0.5).all()
-    assert steadied(answers[1], (), head, body) is answers[1]
+    assert steadied(answers[1], [()], head, body) is answers[1]
 
 
 def test_sequences_that_take_turns_do_not_tremble(waving_clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,7 +143,7 @@ def test_sequences_that_take_turns_do_not_tremble(waving_clip: Clip, monkeypatch
         return jitter(complete(packaged_three_point(SKELETON), observe(clip.pose, clip.time)).position[:, legs], 90)
 
     averaged = trembling()
-    monkeypatch.setattr("bodysense.estimators.three_point.steadied", lambda answer, *others: answer)
+    monkeypatch.setattr("bodysense.estimators.three_point_many.steadied", lambda answer, *others: answer)
     assert averaged < 0.7 * trembling()
 
 

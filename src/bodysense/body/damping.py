@@ -8,7 +8,7 @@ _HALF = 1.6783469900166605  # y·t at which (1 + y t) e^(−y t), the critically
 
 
 def settle(
-    offset: np.ndarray, velocity: np.ndarray, half_life: np.ndarray | float, interval: float
+    offset: np.ndarray, velocity: np.ndarray, half_life: np.ndarray | float, interval: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Offset and velocity `interval` s later. From rest, half of an offset is closed after `half_life` s."""
     y = _HALF / half_life

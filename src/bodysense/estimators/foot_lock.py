@@ -31,11 +31,11 @@ class FootLockSettings:
 
 @dataclass(frozen=True, eq=False)
 class FootLockState:
-    """What holds each foot, left and right."""
+    """What holds each foot, left and right; of one body, or of many (…)."""
 
-    held: np.ndarray  # (2,) -1 free, 0 by its ankle, 1 by its ball
-    anchor: np.ndarray  # (2, 2) m: where that stands, x and z
-    shift: np.ndarray  # (2, 2) m: how far the foot is moved, x and z
+    held: np.ndarray  # (…, 2) -1 free, 0 by its ankle, 1 by its ball
+    anchor: np.ndarray  # (…, 2, 2) m: where that stands, x and z
+    shift: np.ndarray  # (…, 2, 2) m: how far the foot is moved, x and z
 
 
 def released() -> FootLockState:
@@ -44,31 +44,41 @@ def released() -> FootLockState:
 
 
 def lock_feet(
-    foot: np.ndarray, contact: np.ndarray, interval: float, settings: FootLockSettings, state: FootLockState
+    foot: np.ndarray,
+    contact: np.ndarray,
+    interval: np.ndarray | float,
+    settings: FootLockSettings,
+    state: FootLockState,
 ) -> tuple[np.ndarray, FootLockState]:
-    """By how much (2, 3) m to move each foot, and the state after it.
+    """By how much (…, 2, 3) m to move each foot, and the state after it.
 
     Args:
-        foot: (2, 3, 3) m, world: ankle, ball and toe tip of left and right foot.
-        contact: (2, 2) probability that ankle and ball stand on the floor.
-        interval: s since the frame before.
+        foot: (…, 2, 3, 3) m, world: ankle, ball and toe tip of left and right foot.
+        contact: (…, 2, 2) probability that ankle and ball stand on the floor.
+        interval: (…) s since the frame before.
         settings: When a foot is held.
         state: Of the frame before.
     """
-    held, anchor = state.held.copy(), state.anchor.copy()
-    shift = state.shift * 0.5 ** (interval / settings.half_life)
-    for side in range(2):
-        if held[side] >= 0 and contact[side, held[side]] < settings.release:
-            held[side] = -1
-        best = int(contact[side, 1] >= contact[side, 0])
-        if held[side] < 0 and contact[side, best] >= settings.hold:
-            held[side], anchor[side] = best, foot[side, best, ::2] + shift[side]
-        if held[side] >= 0:
-            pull = anchor[side] - foot[side, held[side], ::2]
-            pull *= min(1.0, settings.longest / max(float(np.hypot(*pull)), 1e-9))
-            shift[side], anchor[side] = pull, foot[side, held[side], ::2] + pull
-    move = np.zeros((2, 3))
-    move[:, ::2] = shift
+    held = state.held
+    shift = state.shift * (0.5 ** (np.asarray(interval) / settings.half_life))[..., None, None]
+    # Of each foot the part that holds it, or that would: whether it is the ball.
+    by_ball = np.where(held >= 0, held == 1, contact[..., 1] >= contact[..., 0])
+    likely = np.where(by_ball, contact[..., 1], contact[..., 0])
+    let_go = (held >= 0) & (likely < settings.release)
+    if let_go.any():  # it may be held by its other part at once
+        by_ball = np.where(let_go, contact[..., 1] >= contact[..., 0], by_ball)
+        likely = np.where(by_ball, contact[..., 1], contact[..., 0])
+    stays = (held >= 0) & ~let_go
+    holds = stays | (likely >= settings.hold)
+    standing = np.where(by_ball[..., None], foot[..., 1, ::2], foot[..., 0, ::2])
+    anchor = np.where((holds & ~stays)[..., None], standing + shift, state.anchor)
+    pull = anchor - standing
+    length = np.sqrt(np.einsum("...i,...i->...", pull, pull))
+    pull *= np.minimum(1.0, settings.longest / np.maximum(length, 1e-9))[..., None]
+    shift = np.where(holds[..., None], pull, shift)
+    anchor = np.where(holds[..., None], standing + pull, anchor)
+    move = np.zeros((*held.shape, 3))
+    move[..., ::2] = shift
     # A floor that is deeper than this is somewhere else: legs do not fold to stand on it.
-    move[:, 1] = np.clip(-foot[:, :, 1].min(axis=1), 0, settings.highest)
-    return move, FootLockState(held, anchor, shift)
+    move[..., 1] = np.minimum(np.maximum(-foot[..., 1].min(axis=-1), 0), settings.highest)
+    return move, FootLockState(np.where(holds, by_ball, -1), anchor, shift)

@@ -12,7 +12,7 @@ from bodysense.errors import BodysenseError
 
 
 def open_network(
-    path: str | Path, *, format: str, kind: str, fields: Sequence[str], command: str
+    path: str | Path, *, format: str, kind: str, fields: Sequence[str], command: str, batch: int | None = None
 ) -> tuple[Any, dict[str, Any]]:
     """The file's session (onnxruntime.InferenceSession) and its card.
 
@@ -22,6 +22,7 @@ def open_network(
         kind: what such a network is called.
         fields: what else the card must have.
         command: what writes such files.
+        batch: for how many at a time the session is, where the file leaves that open.
 
     Raises BodysenseError for a file that is not there, is no ONNX, or is not ours.
     """
@@ -33,6 +34,8 @@ def open_network(
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3
+    if batch is not None:
+        options.add_free_dimension_override_by_name("batch", batch)
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
     except Exception as error:  # ONNX Runtime raises classes of its own for every way a file can be wrong

@@ -3,10 +3,13 @@
 It learned time steps down to a shortest one. Where frames come faster, each goes on from the newest memory that is so
 old: at 90 Hz, with a network for 45, from that of the second last frame. Such sequences take turns and differ a little,
 so the answers of the frames in between are averaged.
+
+Many wearers are asked about in one run: the weights are read once for all, and each answer is the one it has alone.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bodysense.body.skeleton import BODY
+from bodysense.errors import BodysenseError
 from bodysense.estimators.network_file import open_network, open_packaged
 from bodysense.estimators.whole_body import WholeBody
 
@@ -29,9 +33,20 @@ _HEAD = BODY.index("head")
 class ThreePointModel:
     """A loaded network file: its session and what it says of itself."""
 
-    session: Any  # onnxruntime.InferenceSession
+    session: Any  # onnxruntime.InferenceSession, for one wearer
     card: dict[str, Any]
     name: str
+    path: Path | None = None  # None: the packaged file
+
+    @cached_property
+    def session_of_many(self) -> Any:
+        """A session for any number of wearers. Raises BodysenseError for a file that is for one alone."""
+        session, _ = _open(self.path, batch=None)
+        if not isinstance(session.get_inputs()[0].shape[0], str):
+            raise BodysenseError(
+                f"{self.name} answers one wearer at a time; free its batch axis with `scripts/free_batch_axis.py`"
+            )
+        return session
 
     @cached_property
     def outputs(self) -> list[str]:
@@ -56,25 +71,34 @@ class ThreePointModel:
 
 def load_three_point(path: str | Path | None = None) -> ThreePointModel:
     """Load a network: a path, or None for the packaged one. Raises BodysenseError for a file that is not ours."""
+    place = None if path is None else Path(path)
+    return ThreePointModel(*_open(place, batch=1), PACKAGED if place is None else place.name, place)
+
+
+def _open(path: Path | None, batch: int | None) -> tuple[Any, dict[str, Any]]:
+    """Session and card; for `batch` wearers at a time, which is quicker for one, or for any number."""
     wanted: dict[str, Any] = {
         "format": FORMAT,
         "kind": "three-point network",
         "fields": ("joints", "contact", "fastest_rate", "state"),
         "command": "bodysense train three-point",
+        "batch": batch,
     }
-    if path is None:
-        return ThreePointModel(*open_packaged(PACKAGED, **wanted), PACKAGED)
-    return ThreePointModel(*open_network(path, **wanted), Path(path).name)
+    return open_packaged(PACKAGED, **wanted) if path is None else open_network(path, **wanted)
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """The network's answer of one frame, in the world."""
+    """The network's answer of one frame, in the world; of one wearer, or of many (…)."""
 
-    rotation: np.ndarray  # (22, 4) wxyz, world ← joint
-    position: np.ndarray  # (22, 3) m
-    error: np.ndarray  # (22,) m
-    contact: np.ndarray  # (2, 2) probability: of ankle and ball of left and right foot
+    rotation: np.ndarray  # (…, 22, 4) wxyz, world ← joint
+    position: np.ndarray  # (…, 22, 3) m
+    error: np.ndarray  # (…, 22) m
+    contact: np.ndarray  # (…, 2, 2) probability: of ankle and ball of left and right foot
+
+    def __getitem__(self, key: int) -> Answer:
+        """That of one wearer among many."""
+        return Answer(self.rotation[key], self.position[key], self.error[key], self.contact[key])
 
 
 class Memory(NamedTuple):
@@ -94,61 +118,75 @@ def recalled(model: ThreePointModel, memories: tuple[Memory, ...], now: float) -
 
 def ask(
     model: ThreePointModel,
-    wearer: dict[str, np.ndarray],
-    head: tuple[np.ndarray, np.ndarray],
+    wearers: dict[str, np.ndarray],
     position: np.ndarray,
     rotation: np.ndarray,
     measured: np.ndarray,
-    now: float,
-    memories: tuple[Memory, ...],
-) -> tuple[Answer, Memory]:
-    """The network on one frame.
+    now: Sequence[float],
+    memories: Sequence[tuple[Memory, ...]],
+) -> tuple[Answer, list[Memory]]:
+    """The network on one frame of each of B wearers.
 
     Args:
         model: The network.
-        wearer: Its inputs that never change: rest offsets and height.
-        head: (3,) m and (4,) wxyz.
-        position, rotation: (2, 3) m and (2, 4) wxyz of the hands, finite.
-        measured: (2, 2) bool: of each hand, position and rotation.
-        now: s.
-        memories: The first of them is gone on from; none before the first frame.
+        wearers: Its inputs that never change: rest offsets (B, 22, 3) m and height (B,) m.
+        position, rotation: (B, 3, 3) m and (B, 3, 4) wxyz of head and hands, finite.
+        measured: (B, 2, 2) bool: of each hand, position and rotation.
+        now: s, B of them.
+        memories: The first of them is gone on from; none before the first frame. Of every wearer.
+
+    Returns the answers (B, …) and every wearer's memory of it.
     """
-    network = memories[0].network if memories else model.unknowing
-    elapsed = now - memories[0].time if memories else FIRST_INTERVAL
-    place, turn = np.zeros((1, 1, 3, 3), dtype=np.float32), np.zeros((1, 1, 3, 4), dtype=np.float32)
-    place[0, 0, 0], turn[0, 0, 0] = head
-    place[0, 0, 1:] = np.where(measured[:, :1], position, 0.0)
-    turn[0, 0, 1:] = np.where(measured[:, 1:], rotation, UPRIGHT)
+    networks = [before[0].network if before else model.unknowing for before in memories]
+    elapsed = [t - before[0].time if before else FIRST_INTERVAL for t, before in zip(now, memories, strict=True)]
+    place, turn = position.astype(np.float32), rotation.astype(np.float32)
+    place[:, 1:][~measured[..., 0]] = 0.0
+    turn[:, 1:][~measured[..., 1]] = UPRIGHT
     feed = {
-        "position": place,
-        "rotation": turn,
-        "has_position": measured[None, None, :, 0],
-        "has_rotation": measured[None, None, :, 1],
-        "interval": np.array([[elapsed]], dtype=np.float32),
-        **wearer,
-        **{f"state_{name}": value for name, value in network.items()},
+        "position": place[:, None],
+        "rotation": turn[:, None],
+        "has_position": measured[:, None, :, 0],
+        "has_rotation": measured[:, None, :, 1],
+        "interval": np.array(elapsed, dtype=np.float32)[:, None],
+        **wearers,
+        **{f"state_{name}": np.concatenate([network[name] for network in networks]) for name in model.unknowing},
     }
-    said = dict(zip(model.outputs, model.session.run(None, feed), strict=True))
+    session = model.session if len(memories) == 1 else model.session_of_many
+    said = dict(zip(model.outputs, session.run(None, feed), strict=True))
     answer = Answer(
-        rotation=said["body_rotation"][0, 0].astype(float),
-        position=said["body_position"][0, 0].astype(float),
-        error=said["body_error"][0, 0].astype(float),
-        contact=said["body_contact"][0, 0].astype(float).reshape(2, 2).T,
+        rotation=said["body_rotation"][:, 0].astype(float),
+        position=said["body_position"][:, 0].astype(float),
+        error=said["body_error"][:, 0].astype(float),
+        contact=said["body_contact"][:, 0].astype(float).reshape(-1, 2, 2).transpose(0, 2, 1),
     )
-    return answer, Memory(now, {name: said[f"next_{name}"] for name in network}, answer)
+    after = [(name, said[f"next_{name}"]) for name in model.unknowing]
+    kept = [Memory(t, {name: rows[k : k + 1] for name, rows in after}, answer[k]) for k, t in enumerate(now)]
+    return answer, kept
 
 
-def steadied(answer: Answer, before: tuple[Memory, ...], head: np.ndarray, body: WholeBody) -> Answer:
-    """The mean of an answer and those of the frames just before, of a body whose head is at `head` (3,) m."""
-    if not before:
+def steadied(answer: Answer, before: Sequence[tuple[Memory, ...]], head: np.ndarray, body: WholeBody) -> Answer:
+    """The mean of answers (B, …) and those of the frames just before, of bodies whose heads are at `head` (B, 3) m."""
+    longest = max(map(len, before))
+    if not longest:
         return answer
-    rotations = np.stack([answer.rotation, *(memory.answer.rotation for memory in before)])
-    rotations *= np.copysign(1.0, np.einsum("kji,ji->kj", rotations, answer.rotation))[..., None]
-    mean = rotations.sum(axis=0)
-    mean /= np.linalg.norm(mean, axis=1, keepdims=True)
-    position = body.placed(np.zeros(3), mean)[0][body.joints]
-    contact = np.mean([answer.contact, *(memory.answer.contact for memory in before)], axis=0)
-    return Answer(mean, position + (head - position[_HEAD]), answer.error, contact)
+    count = np.ones(len(before))
+    rotation, contact = answer.rotation.copy(), answer.contact.copy()
+    for age in range(longest):
+        earlier = [memories[age].answer for memories in before if len(memories) > age]
+        everybody = len(earlier) == len(before)
+        rows = slice(None) if everybody else [k for k, memories in enumerate(before) if len(memories) > age]
+        others = np.array([one.rotation for one in earlier])
+        sign = np.copysign(1.0, np.einsum("kji,kji->kj", others, answer.rotation[rows]))
+        rotation[rows] += others * sign[..., None]
+        contact[rows] += np.array([one.contact for one in earlier])
+        count[rows] += 1
+    rotation /= np.sqrt(np.einsum("kji,kji->kj", rotation, rotation))[..., None]
+    position = body.placed_joints(rotation)
+    position += (head - position[:, _HEAD])[:, None]
+    alone = count == 1
+    if alone.any():  # they stay as they are, to the bit
+        rotation[alone], position[alone] = answer.rotation[alone], answer.position[alone]
+    return Answer(rotation, position, answer.error, contact / count[:, None, None])
 
 
 def without_head(memory: Memory) -> Memory:

@@ -195,10 +195,11 @@ class ThreePointNetwork(nn.Module):
         """What the branches say of features (B, T, F), averaged with what they say in a mirror; the memory after."""
         both = torch.cat([features, features @ self.mirror_features])
         hidden, after = self.recurrent(both, torch.cat(memory.chunk(2, dim=-1)))
-        (turned, in_mirror), (judged, judged_in_mirror) = (part.chunk(2) for part in self.say(both, hidden))
+        said = self.say(both, hidden)
+        (turned, in_mirror), (judged, judged_in_mirror) = (part.unflatten(0, (2, -1)) for part in said)
         turned = (turned + in_mirror @ self.mirror_turned) / 2
         judged = (judged + judged_in_mirror.index_select(-1, self.mirror_judged)) / 2
-        return (turned, judged), torch.cat(after.chunk(2), dim=-1)
+        return (turned, judged), torch.cat([*after.unflatten(0, (2, -1))], dim=-1)
 
     def say(self, features: Tensor, hidden: Tensor) -> tuple[Tensor, Tensor]:
         """What the two branches make (B, T, 126), (B, T, 26) of features and recurrent part (B, T, hidden)."""
@@ -235,7 +236,7 @@ class ThreePointNetwork(nn.Module):
         products = matrix.flatten(-2) @ self.of_matrix  # 4 q qᵀ, but for 1 on the diagonal
         largest = products.index_select(-1, self.diagonal).argmax(dim=-1, keepdim=True)[..., None]
         rows = (products + torch.eye(4).flatten().to(products)).unflatten(-1, (4, 4))
-        chosen = normalize(torch.take_along_dim(rows, largest.expand(*rows.shape[:-2], 1, 4), dim=-2)[..., 0, :])
+        chosen = normalize(torch.gather(rows, -2, largest.expand(*rows.shape[:-2], 1, 4))[..., 0, :])
         return torch.where(chosen[..., :1] < 0, -chosen, chosen)
 
     def facing(self, head_rotation: Tensor) -> Tensor:

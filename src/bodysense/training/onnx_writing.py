@@ -80,7 +80,7 @@ def export(
     format: str,
     card: dict[str, Any],
     path: Path,
-    dynamic_shapes: tuple[dict[int, Any], ...] | None = None,
+    dynamic_shapes: tuple[Any, ...] | None = None,
 ) -> None:
     """Write one step of a network with its card; large weights in half precision. The file appears whole or not.
 
