@@ -115,7 +115,16 @@ def small_arms(tmp_path_factory: pytest.TempPathFactory) -> Path:
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("arms") / "arms.onnx"
     config = ArmNetworkConfig(
-        width=16, layers=1, heads=2, spatial_width=8, spatial_layers=1, spatial_heads=2, rotation="6d", more_inputs=True
+        width=16,
+        layers=1,
+        heads=2,
+        spatial_width=8,
+        spatial_layers=1,
+        spatial_heads=2,
+        rotation="6d",
+        more_inputs=True,
+        from_directions=True,
+        from_palms=True,
     )
     network = ArmNetwork(config).eval()
     with torch.no_grad():  # so that rotations differ from frame to frame

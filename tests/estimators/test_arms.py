@@ -23,6 +23,7 @@ from bodysense.models.arm_file import read_arms
 from bodysense.models.arm_transformer import window_of
 from bodysense.occlusion.camera_view import FRONT, sample_cameras, view, view_points
 from bodysense.occlusion.keypoint_noise import DetectorNoise, detect
+from bodysense.training.arms_onnx import OneWindow
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +87,7 @@ def test_live_answers_are_the_networks(model: ArmModel, small_arms: Path, waving
         frames = keypoints[last - 31 : last + 1]
         batch = ArmKeypoints(frames.time, *(getattr(frames, name)[None] for name in list(vars(frames))[1:]))
         with torch.no_grad():
-            wanted = network.quaternions(network(window_of(batch)))[0, -1].double().numpy()
+            wanted = OneWindow(network)(*window_of(batch))[0, -1].double().numpy()
         assert live.estimate.pose is not None
         found = arm_rotations(live.estimate.pose)[last]
         assert np.degrees(geodesic_angle(found, wanted)).max() < 0.5  # weights of the file are in half precision

@@ -53,7 +53,13 @@ def window(batch: int = 2, frames: int = 32, seed: int = 0) -> Window:
 @pytest.mark.parametrize("kind", ["cnn", "ahmt", "pahmt"])
 @pytest.mark.parametrize(
     "more",
-    [{}, {"input": "hands"}, {"rotation": "6d", "more_inputs": True}, {"rotation": "6d", "from_directions": True}],
+    [
+        {},
+        {"input": "hands"},
+        {"rotation": "6d", "more_inputs": True},
+        {"rotation": "6d", "from_directions": True},
+        {"rotation": "6d", "from_directions": True, "from_palms": True},
+    ],
 )
 def test_every_form_answers_with_rotations(kind: Kind, more: dict[str, Any]) -> None:
     network = ArmNetwork(ArmNetworkConfig(kind=kind, **more, **SMALL)).eval()
@@ -159,6 +165,7 @@ def test_the_body_over_time_sees_every_frame() -> None:
         ({"kind": "cnn", "frames": 24}, "frames is 24; give at least 2, and a multiple of 16 for a cnn"),
         ({"input": "hands", "more_inputs": True}, "more_inputs are of arms"),
         ({"from_directions": True}, "from_directions needs input 'arms-hands' and rotation '6d'"),
+        ({"from_palms": True}, "from_palms needs from_directions"),
     ],
 )
 def test_networks_that_cannot_be(change: dict[str, Any], said: str) -> None:

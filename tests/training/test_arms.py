@@ -11,13 +11,16 @@ import numpy as np
 import pytest
 import torch
 
+from bodysense.body.rotation import normalize, quaternion_canonical
+from bodysense.data.augment import mirrored as mirrored_clip
 from bodysense.data.bvh import write_bvh
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.models.arm_file import read_arms
 from bodysense.models.arm_rows import TABLE_1
-from bodysense.models.arm_transformer import ArmNetwork, ArmNetworkConfig
+from bodysense.models.arm_transformer import ArmNetwork, ArmNetworkConfig, Window, window_of
 from bodysense.models.arm_windows import ArmBatch, ArmRecordings, Studio, make_batch, read_arm_recordings
+from bodysense.occlusion.camera_view import FRONT, sample_cameras, view, view_points
 from bodysense.training.arms import (
     ArmSchedule,
     Pair,
@@ -27,7 +30,7 @@ from bodysense.training.arms import (
     train_arms,
     validate_arms,
 )
-from bodysense.training.arms_onnx import write_arms_onnx
+from bodysense.training.arms_onnx import mirrored, mirrored_rotations, write_arms_onnx
 from bodysense.training.arms_run import ArmRun, row_run, run_table
 from bodysense.training.body_network import Progress
 
@@ -149,11 +152,38 @@ def test_the_exported_file_says_what_the_network_says(small_arms: Path, recordin
 
     network, _ = read_arms(small_arms.with_suffix(".pt"))
     window = batch(recordings, [4]).window
-    with torch.no_grad():
-        wanted = network.quaternions(network(window))[0].double().numpy()
+    with torch.no_grad():  # once as it is, once in a mirror
+        straight, turned = (network.quaternions(network(one)) for one in (window, mirrored(window)))
+        turned = mirrored_rotations(turned)
+        alike = torch.where((straight * turned).sum(dim=-1, keepdim=True) < 0, -turned, turned)
+        wanted = normalize(straight + alike)[0].double().numpy()
     found = load_arms(small_arms).rotations({name: value[0].numpy() for name, value in window._asdict().items()})
     same = np.abs((found * wanted).sum(axis=-1))
     assert same.min() > np.cos(np.radians(0.25)) and (found[..., 0] >= 0).all()
+    other = load_arms(small_arms).rotations(
+        {name: value[0].numpy() for name, value in mirrored(window)._asdict().items()}
+    )
+    back = mirrored_rotations(torch.from_numpy(other)).numpy()
+    assert np.abs((found * back).sum(axis=-1)).min() > 1 - 1e-5
+
+
+def test_a_mirrored_window_is_what_the_camera_sees_of_the_mirror_image(
+    waving_clip: Clip,
+) -> None:
+    windows = []
+    for clip in (waving_clip, mirrored_clip(waving_clip)):
+        points = view_points(clip.pose)[None, :32]
+        windows.append(
+            window_of(view(points, np.arange(32) / 30, sample_cameras(points[:, 16], np.random.default_rng(0), FRONT)))
+        )
+    straight, turned = (
+        one._replace(torso=quaternion_canonical(one.torso)) for one in (mirrored(windows[0]), windows[1])
+    )
+    for name, ours, recorded in zip(Window._fields, straight, turned, strict=True):
+        torch.testing.assert_close(ours, recorded, atol=1e-4, rtol=0, msg=name)
+    recordings = [read_arm_recordings([clip]).rotation for clip in (waving_clip, mirrored_clip(waving_clip))]
+    same = (mirrored_rotations(torch.from_numpy(recordings[0])) * torch.from_numpy(recordings[1])).sum(dim=-1).abs()
+    assert float(same.min()) > 1 - 1e-5
 
 
 def test_a_network_of_hands_alone_is_not_exported(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tyro.extras import SubcommandApp
 
-from bodysense.cli import bench, data, evaluate, motion, samples, study, train
+from bodysense.cli import bench, data, evaluate, motion, samples, serve, study, train
 
 
 def application() -> SubcommandApp:
@@ -13,6 +13,7 @@ def application() -> SubcommandApp:
     for command in (motion.demo, motion.track, motion.simulate):
         root.command(command)
     root.command(samples.generate)
+    root.command(serve.serve)
     root.command(data.commands(), name="data")
     root.command(train.commands(), name="train")
     root.command(evaluate.commands(), name="evaluate")

@@ -63,9 +63,11 @@ def arms(
     fk_weight: float = 1.0,
     gan_weight: float = 0.05,
     motion_weight: float = 10.0,
+    arms_factor: float = 1.0,
     rotation: Literal["axis-angle", "6d"] = "axis-angle",
     more_inputs: bool = False,
     from_directions: bool = False,
+    from_palms: bool = False,
     without_hands: float = 0.0,
     schedule: Scheduled = Schedule(),
     licence: str = "Apache-2.0",
@@ -85,9 +87,11 @@ def arms(
         fk_weight: Of joint positions, per metre.
         gan_weight: Of the discriminator's judgement.
         motion_weight: Of the difference of changes, per metre; only where --losses has motion.
+        arms_factor: How much more a joint of an arm counts in the loss of rotations than one of a finger.
         rotation: What is regressed.
         more_inputs: Read the torso's turn, the hands' place and size, and what was found; for use, not for the table.
         from_directions: Blend with arms whose elbows are hinges, as the directions of their bones have them; with '6d'.
+        from_palms: Blend with wrists as the pictures of palms have them; with --from-directions.
         without_hands: Share of windows from recordings without fingers, of which the arms are learned.
         schedule: Size and schedule.
         licence: Of the network, for its card.
@@ -104,7 +108,7 @@ def arms(
 
     run = _run(data, out, schedule)
     config = replace(run.config, kind=model, input=input, rotation=rotation, more_inputs=more_inputs)
-    config = replace(config, from_directions=from_directions)
+    config = replace(config, from_directions=from_directions, from_palms=from_palms)
     trained = replace(
         run.schedule,
         losses=losses,
@@ -112,6 +116,7 @@ def arms(
         smooth=smooth_weight,
         fk=fk_weight,
         gan=gan_weight,
+        arms=arms_factor,
         motion=motion_weight if "motion" in losses else 0.0,
         without_hands=without_hands,
     )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tyro.extras import SubcommandApp
 
-from bodysense.cli import arms
+from bodysense.cli import arms, bench_live, live_checks
 from bodysense.errors import BodysenseError
 
 if TYPE_CHECKING:
@@ -30,6 +30,9 @@ def commands() -> SubcommandApp:
     group.command(name="import")(import_time)
     group.command(training)
     group.command(name="arms")(arms.bench_arms)
+    group.command(name="live")(bench_live.bench_live)
+    group.command(live_checks.live_fuzz)
+    group.command(live_checks.live_soak)
     return group
 
 

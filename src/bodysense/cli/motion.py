@@ -124,14 +124,15 @@ def track(
     gloves: Annotated[MarkerOptions, tyro.conf.arg(name="")] = NO_OPTIONS,
     video: Annotated[VideoOptions, tyro.conf.arg(name="")] = NO_VIDEO,
 ) -> None:
-    """Complete a recording, a video, or a motion seen by a simulated device, and write it as BVH.
+    """Complete a recording, a video, or a motion seen by a simulated device, and write it as BVH, glTF or VRMA.
 
     A recording of head and wrists alone is completed by the three-point network, the markers of gloves by theirs.
 
     Args:
         file: A recording (.npz, .jsonl), the markers of gloves (.csv, .c3d), a video (a file, a folder of images, or a
             webcam's index), or with --device a motion (.bvh, AMASS .npz).
-        out: The completed motion, .bvh.
+        out: The completed motion: .bvh, .glb (glTF with an animated skeleton) or .vrma (an animation for VRM avatars);
+            of a video .bvh.
         device: What watches the body, where the file is a motion.
         model: A network written by `bodysense train`; the packaged one by default.
         half_life: Seconds in which the smoother closes half of a jump; 0 does not smooth, its own choice by default.
@@ -150,17 +151,17 @@ def track(
     from bodysense.capture.markers import is_marker_file
     from bodysense.capture.recording import is_recording
     from bodysense.capture.video import is_video
-    from bodysense.data.bvh import write_bvh
     from bodysense.data.clip import Clip
     from bodysense.data.resample import at_constant_rate
     from bodysense.estimators.finger_synthesis import synthesize
     from bodysense.estimators.point_model import load_point_model
+    from bodysense.export.motion_files import check_ending, write_motion
     from bodysense.tracker import Tracker
 
-    check_place(out)
-    if out.suffix.lower() != ".bvh":
-        raise BodysenseError(f"{out}: the output ends in {out.suffix or 'nothing'!r}; give a name that ends in .bvh")
+    check_ending(out)
     if is_video(str(file)):
+        if out.suffix.lower() != ".bvh":
+            raise BodysenseError(f"{out}: of a video a .bvh file is written; give a name that ends in .bvh")
         if device is not None or half_life is not None or fingers == "synthesize" or samples is not None:
             raise BodysenseError(f"{file}: --device, --half-life, --fingers and --samples are not for videos")
         if height == "headset" or gloves != NO_OPTIONS:
@@ -176,7 +177,7 @@ def track(
     is_motion = file.is_file() and not is_recording(file) and not is_marker_file(file)
     if device is None and fingers == "synthesize" and is_motion:
         clip = synthesize(load_clip(file, _metres(height)), load_point_model("fingers", model))
-        write_bvh(out, replace(clip, name=out.stem))
+        write_motion(out, replace(clip, name=out.stem))
         print(f"wrote {out}: {len(clip)} frames with synthesized fingers")
         return
     recording = _recording(file, device, height, gloves)
@@ -202,7 +203,7 @@ def track(
     moments = recording.observation.time
     frame_rate = 1 / float(np.median(np.diff(moments))) if len(moments) > 1 else 30.0
     clip = at_constant_rate(Clip(out.stem, pose, frame_rate), moments)
-    write_bvh(out, synthesize(clip) if fingers == "synthesize" else clip)
+    write_motion(out, synthesize(clip) if fingers == "synthesize" else clip)
     print(f"wrote {out}: {len(poses)} frames at {rate:.0f} frames/s")
 
 

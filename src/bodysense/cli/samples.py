@@ -59,10 +59,10 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
     import numpy as np
     from rich.progress import track as progress
 
-    from bodysense.data.bvh import write_bvh
     from bodysense.data.clip import Clip
     from bodysense.data.resample import at_constant_rate
     from bodysense.estimators.body_vae import BodyVae, load_body_vae, sample_noise
+    from bodysense.export.motion_files import write_motion
     from bodysense.occlusion.three_point import POINTS
     from bodysense.tracker import Tracker
 
@@ -81,5 +81,5 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
     for path, noise in progress(list(zip(paths, noises, strict=True)), description="drawing bodies"):
         tracker = Tracker(BodyVae(recording.skeleton, network, noise))
         pose, _, _ = tracker.step(observation, tracker.start())
-        write_bvh(path, at_constant_rate(Clip(path.stem, pose, rate), observation.time))
+        write_motion(path, at_constant_rate(Clip(path.stem, pose, rate), observation.time))
     return paths

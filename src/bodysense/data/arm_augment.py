@@ -26,7 +26,7 @@ def with_arms_of(clip: Clip, donors: Sequence[Clip], rng: np.random.Generator) -
     arms = arm_rotations(clip.pose)
     frames = np.arange(len(arms))
     for side in (0, 1):
-        theirs = arm_rotations(donors[rng.integers(len(donors))].pose)
+        theirs = arm_rotations(donors[int(rng.integers(len(donors)))].pose)
         first = rng.integers(max(1, len(theirs) - len(arms) + 1))
         place = (first + frames) % max(1, 2 * len(theirs) - 2)
         place = np.minimum(place, 2 * len(theirs) - 2 - place) if len(theirs) > 1 else place

@@ -30,6 +30,8 @@ _HINGE = ((0.0, -1.0, 0.0), (0.0, 1.0, 0.0))  # of left and right: about it a st
 _STRAIGHT = 0.3  # sine of the bend at which the plane of the arm counts as much as the way from rest
 _CHAIN = tuple([ARM_JOINTS.index(f"{side}_{part}") for side in SIDES] for part in ("collar", "shoulder", "elbow"))
 
+_WRISTS = [ARM_JOINTS.index(f"{side}_wrist") for side in SIDES]
+
 
 def hinged(directions: Tensor) -> Tensor:
     """Turns (..., 2, 2, 4), torso ← bone, of left and right upper arm and forearm from their directions (..., 2, 2, 3).
@@ -66,6 +68,24 @@ def beside_directions(said: Tensor, gate: Tensor, bones: Tensor) -> Tensor:
         for side, joint in enumerate(joints):
             share = gate[..., side, bone, None]
             turned[joint] = share * given[..., side, bone, :] + (1 - share) * turned[joint]
+    return torch.stack(turned, dim=-2)
+
+
+def beside_palms(said: Tensor, share: Tensor, palms: Tensor) -> Tensor:
+    """Regressed rotations (..., 38, 6), wrists of which are between what was said and what pictures of palms say.
+
+    `share` (..., 2, 3) of left and right hand is that of what was said and of either answer; `palms` (..., 2, 2, 4),
+    torso ← wrist, as of `palm.palm_turns`.
+    """
+    forearm = matrix_to_quaternion(sixd_to_matrix(said[..., _CHAIN[0], :]))
+    for joints in _CHAIN[1:]:
+        forearm = quaternion_multiply(forearm, matrix_to_quaternion(sixd_to_matrix(said[..., joints, :])))
+    above = quaternion_conjugate(forearm)[..., None, :].expand(palms.shape)
+    given = matrix_to_sixd(quaternion_to_matrix(quaternion_multiply(above, palms)))
+    turned = list(said.unbind(dim=-2))
+    for side, joint in enumerate(_WRISTS):
+        all_three = torch.stack([turned[joint], given[..., side, 0, :], given[..., side, 1, :]], dim=-2)
+        turned[joint] = (share[..., side, :, None] * all_three).sum(dim=-2)
     return torch.stack(turned, dim=-2)
 
 

@@ -30,13 +30,15 @@ from bodysense.body.rotation import (
     quaternion_conjugate,
     quaternion_exp,
     quaternion_log,
+    quaternion_multiply,
     quaternion_rotate,
     quaternion_to_matrix,
     sixd_to_matrix,
 )
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.models.arm_directions import beside_directions, hinged
+from bodysense.models.arm_directions import beside_directions, beside_palms, hinged
+from bodysense.models.palm import palm_turns
 
 Kind = Literal["cnn", "ahmt", "pahmt"]
 Input = Literal["hands", "arms-hands"]
@@ -64,6 +66,7 @@ class ArmNetworkConfig:
     rotation: Literal["axis-angle", "6d"] = "axis-angle"
     more_inputs: bool = False
     from_directions: bool = False  # `arm_directions.beside_directions`
+    from_palms: bool = False  # `arm_directions.beside_palms`
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -83,6 +86,8 @@ class ArmNetworkConfig:
             raise BodysenseError("more_inputs are of arms; leave them out with input 'hands'")
         if self.from_directions and (self.input == "hands" or self.rotation != "6d"):
             raise BodysenseError("from_directions needs input 'arms-hands' and rotation '6d'")
+        if self.from_palms and not self.from_directions:
+            raise BodysenseError("from_palms needs from_directions: palms are turned against forearms")
 
     @property
     def joints(self) -> tuple[int, ...]:
@@ -91,9 +96,14 @@ class ArmNetworkConfig:
 
     @property
     def tokens(self) -> int:
-        """Points a frame: the paper's arms and hands, 2 · 2 + 2 · 21, and ten of ours."""
+        """Points a frame: the paper's arms and hands, 2 · 2 + 2 · 21, and ours, ten and eight."""
         arms = 4 if self.input == "arms-hands" else 0
-        return arms + 2 * len(HAND_POINTS) + 10 * self.more_inputs
+        return arms + 2 * len(HAND_POINTS) + 10 * self.more_inputs + 8 * self.from_palms
+
+    @property
+    def shares(self) -> int:
+        """Numbers that say what is believed: four bones' directions, and of each hand what was said and two palms."""
+        return 4 * self.from_directions + 6 * self.from_palms
 
     @property
     def size(self) -> int:
@@ -222,14 +232,14 @@ class ArmNetwork(nn.Module):
         width = config.width
         self.body = Convolutions(config) if config.kind == "cnn" else OverTime(config)
         self.beside = OverJoints(config) if config.kind == "pahmt" else None
-        last = nn.Conv1d(width, config.size * len(config.joints) + 4 * config.from_directions, 3, padding=1)
+        last = nn.Conv1d(width, config.size * len(config.joints) + config.shares, 3, padding=1)
         with torch.no_grad():  # it starts near arms that hang
             standing = arm_rotations(standing_pose(default_skeleton()))[list(config.joints)]
             last.weight.mul_(0.1)
             assert last.bias is not None
             last.bias.zero_()
             standing = self.regressed(torch.tensor(standing, dtype=torch.float32)).flatten()
-            last.bias[: len(standing)] = standing
+            last.bias[config.shares :] = standing
         self.head = nn.Sequential(
             *(nn.Conv1d(width, width, 3, padding=1), nn.ReLU()),
             *(nn.Conv1d(width, width, 3, padding=1), nn.ReLU()),
@@ -243,11 +253,15 @@ class ArmNetwork(nn.Module):
         if self.beside is not None:
             features = features + self.beside(points)
         said = self.head(features.mT).mT.float()
-        if not self.config.from_directions:
-            return said.unflatten(-1, (len(self.config.joints), self.config.size))
-        gate = torch.sigmoid(said[..., -4:]).unflatten(-1, (2, 2))
-        bones = hinged(self.directions(window)[0])
-        return beside_directions(said[..., :-4].unflatten(-1, (-1, self.config.size)), gate, bones)
+        shares, said = said[..., : self.config.shares], said[..., self.config.shares :]
+        said = said.unflatten(-1, (len(self.config.joints), self.config.size))
+        if self.config.from_directions:
+            bones = hinged(self.directions(window)[0])
+            said = beside_directions(said, torch.sigmoid(shares[..., :4]).unflatten(-1, (2, 2)), bones)
+        if self.config.from_palms:
+            share = torch.softmax(shares[..., 4:].unflatten(-1, (2, 3)), dim=-1)
+            said = beside_palms(said, share, self.palms(window))
+        return said
 
     def quaternions(self, said: Tensor) -> Tensor:
         """Unit quaternions (..., 4) of regressed rotations."""
@@ -280,7 +294,17 @@ class ArmNetwork(nn.Module):
             flags = torch.stack([found, found_hands], dim=-2).to(arms.dtype)
             turned = quaternion_to_matrix(torso).mT[..., :2, :]  # where its +x and +y point
             read += [arms, turned, held(place, window.has_hand), flags]
+        if self.config.from_palms:
+            axes = quaternion_to_matrix(self.palms(window))[..., :, :2].mT  # where a wrist's +x and +y point
+            read.append(axes.reshape(*axes.shape[:2], -1, 3))
         return torch.cat(read, dim=-2)
+
+    def palms(self, window: Window) -> Tensor:
+        """Both turns (B, T, 2, 2, 4), torso ← wrist, of either hand by the picture of its palm."""
+        hand = held(window.hand.flatten(-2), window.has_hand).unflatten(-1, (-1, 2))
+        turns = palm_turns(hand)
+        torso = quaternion_conjugate(self.directions(window)[1])[..., None, None, :]
+        return quaternion_multiply(torso.expand(turns.shape), turns)
 
     @staticmethod
     def directions(window: Window) -> tuple[Tensor, Tensor]:

@@ -41,6 +41,7 @@ class ArmSchedule:
     momentum: float = 0.95  # of Adam
     losses: tuple[Loss, ...] = PAPER_LOSSES
     rotation: float = 1.0  # weights of the terms, each a mean over frames and joints: per radian
+    arms: float = 1.0  # how much more a joint of an arm, the wrist included, counts in it than one of a finger
     smooth: float = 1.0  # γ, of the change from frame to frame
     fk: float = 1.0  # β, per metre
     gan: float = 0.05  # λ
@@ -70,7 +71,8 @@ def arm_loss(network: ArmNetwork, said: Tensor, batch: ArmBatch, schedule: ArmSc
     known, truth = batch.known[:, None, joints], batch.rotation[:, :, joints]
     wanted, terms = network.regressed(truth), {}
     if "rotation" in schedule.losses:
-        terms["rotation"] = schedule.rotation * _mean((said - wanted).abs().mean(dim=-1), known)
+        heavier = torch.tensor([schedule.arms if joint in _ARMS else 1.0 for joint in joints])
+        terms["rotation"] = schedule.rotation * _mean((said - wanted).abs().mean(dim=-1), known * heavier)
     if "smooth" in schedule.losses:
         terms["smooth"] = schedule.smooth * _mean((said[:, 1:] - said[:, :-1]).abs().mean(dim=-1), known)
     if "fk" in schedule.losses or "motion" in schedule.losses:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from bodysense.body.arms import ARM_JOINTS
-from bodysense.body.rotation import quaternion_canonical
+from bodysense.body.rotation import normalize, quaternion_canonical
 from bodysense.errors import BodysenseError
 from bodysense.estimators.arms import FORMAT
 from bodysense.models.arm_transformer import ArmNetwork, Window
@@ -19,7 +19,10 @@ from bodysense.training.onnx_writing import export
 
 
 class OneWindow(nn.Module):
-    """Key-points of one window, as they are captured, to local rotations (B, T, 38, 4) of `ARM_JOINTS`."""
+    """Key-points of one window, as they are captured, to local rotations (B, T, 38, 4) of `ARM_JOINTS`.
+
+    The network is asked twice, once in a mirror, and the mean of its answers taken: exactly as good with either hand.
+    """
 
     def __init__(self, network: ArmNetwork) -> None:
         super().__init__()
@@ -27,7 +30,31 @@ class OneWindow(nn.Module):
 
     def forward(self, *values: Tensor) -> Tensor:
         """The fields of `Window`, in order."""
-        return quaternion_canonical(self.network.quaternions(self.network(Window(*values))))
+        window = Window(*values)
+        both = Window(*(torch.cat(pair) for pair in zip(window, mirrored(window), strict=True)))
+        said, reflected = self.network.quaternions(self.network(both)).chunk(2)
+        reflected = mirrored_rotations(reflected)
+        alike = torch.where((said * reflected).sum(dim=-1, keepdim=True) < 0, -reflected, reflected)
+        return quaternion_canonical(normalize(said + alike))
+
+
+def mirrored(window: Window) -> Window:
+    """What the camera sees of the mirror image: left and right change places, and the picture's x its sign."""
+    flip = torch.tensor([-1.0, 1.0, 1.0])
+    return Window(
+        arm=window.arm.flip(2) * flip,
+        has_arm=window.has_arm.flip(2),
+        torso=window.torso * torch.tensor([1.0, 1.0, -1.0, -1.0]),
+        has_torso=window.has_torso,
+        hand=window.hand.flip(2) * flip[:2],
+        has_hand=window.has_hand.flip(2),
+    )
+
+
+def mirrored_rotations(rotation: Tensor) -> Tensor:
+    """Rotations (..., 38, 4) of `ARM_JOINTS` of the mirror image."""
+    left, right = rotation.chunk(2, dim=-2)
+    return torch.cat([right, left], dim=-2) * torch.tensor([1.0, 1.0, -1.0, -1.0])
 
 
 def write_arms_onnx(network: ArmNetwork, path: Path, card: dict[str, Any]) -> None:

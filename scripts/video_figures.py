@@ -1,0 +1,104 @@
+"""Write the tables of docs/arms.md and docs/rendered.md, and the one of video in README.md, from what commands wrote.
+
+    bodysense data render DIR -o RENDERED --videos 24 --seconds 6
+    bodysense evaluate video-rendered RENDERED --json FIGURES/video-rendered.json
+    bodysense train arms-table --data DIR -o NETWORKS …
+    bodysense evaluate pahmt-table1 --data DIR --networks NETWORKS --json FIGURES/pahmt-table1.json
+    bodysense bench arms --json FIGURES/arms-speed.json
+    python scripts/video_figures.py FIGURES
+
+Files that are not there leave their table as it is.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from readme_figures import markdown, put
+
+from bodysense.cli.show import processor
+from bodysense.models.arm_rows import TABLE_1
+
+ROOT = Path(__file__).parents[1]
+WEIGHTS = ROOT / "src" / "bodysense" / "weights" / "arms.onnx"
+Numbers = dict[str, float]
+METHODS = {
+    "network": "bodysense, from the video",
+    "landmarks_ik": "MediaPipe's landmarks, inverse kinematics",
+    "network_true": "bodysense, from perfect key-points",
+    "positions_ik": "inverse kinematics on true positions",
+}
+MEASURES = {
+    "arms_deg": "arms °",
+    "upper_arm_twist_deg": "twist of upper arms °",
+    "forearm_twist_deg": "of forearms °",
+    "overall_cm": "arms and hands cm",
+    "hands_cm": "fingers cm",
+}
+
+
+def main(folder: Path) -> None:
+    """Replace the text between every pair of markers whose figures are in `folder`."""
+    read = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")}
+    if "video-rendered" in read:
+        for page in ("README.md", "docs/rendered.md"):
+            _write(page, "video", rendered(read["video-rendered"]))
+    if "pahmt-table1" in read:
+        _write("docs/arms.md", "table1", table(read["pahmt-table1"]))
+    if "arms-speed" in read:
+        _write("docs/arms.md", "arms-speed", speed(read["arms-speed"]))
+
+
+def rendered(numbers: Numbers) -> str:
+    """Rows of methods on rendered videos."""
+    rows = [[title, *(_one(numbers, f"{name}_{key}") for key in MEASURES)] for name, title in METHODS.items()]
+    less = 1 - numbers["network_arms_deg"] / numbers["landmarks_ik_arms_deg"]
+    said = (
+        f"`bodysense evaluate video-rendered`: {numbers['videos']:.0f} videos, {60 * numbers['minutes']:.0f} s; arms' "
+        f"rotations are {less:.0%} nearer than those of the landmarks. A person was found in "
+        f"{numbers['detection_rate']:.0%} of the pictures, {numbers['hand_detection_rate']:.0%} of the hands."
+    )
+    return markdown(["", *MEASURES.values()], rows) + "\n\n" + said
+
+
+def table(numbers: Numbers) -> str:
+    """PAHMT's Table 1, ours and the paper's."""
+    measures = {"hands_m": "hands m", "overall_m": "overall m", "arms": "arms rad", "arms_deg": "arms °"}
+    rows = []
+    for name, row in TABLE_1.items():
+        key = name.replace("-", "_")
+        if f"{key}_hands_m" in numbers:
+            ours = [_one(numbers, f"{key}_{measure}", 1 if measure == "arms_deg" else 4) for measure in measures]
+            published = [f"{value:.4f}" for value in row.published] + ["–"] * (3 - len(row.published))
+            rows.append(
+                [row.title, *("yes" if loss in row.losses else "" for loss in ("smooth", "fk")), *ours, *published]
+            )
+    for name, title in (("shipped", "packaged"), ("ik", "inverse kinematics, true positions")):
+        if f"{name}_hands_m" in numbers:
+            ours = [_one(numbers, f"{name}_{measure}", 1 if measure == "arms_deg" else 4) for measure in measures]
+            rows.append([title, "", "", *ours, "–", "–", "–"])
+    head = ["network", "smooth", "fk", *measures.values(), "paper: hands", "overall", "arms"]
+    return markdown(head, rows) + "\n\n`bodysense evaluate pahmt-table1`; the paper's figures are of its own motion."
+
+
+def speed(numbers: Numbers) -> str:
+    """How long a window takes."""
+    return (
+        f"A window of 32 frames takes {numbers['p50_ms']:.1f} ms (p50; p99 {numbers['p99_ms']:.1f} ms) on one core of "
+        f"{processor()}; the file is {WEIGHTS.stat().st_size / 1e6:.1f} MB (`bodysense bench arms`)."
+    )
+
+
+def _one(numbers: Numbers, key: str, digits: int = 1) -> str:
+    return f"{numbers[key]:.{digits}f}" if key in numbers else "–"
+
+
+def _write(page: str, name: str, body: str) -> None:
+    path = ROOT / page
+    path.write_text(put(path.read_text(encoding="utf-8"), name, body), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

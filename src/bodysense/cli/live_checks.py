@@ -1,0 +1,73 @@
+"""`bodysense bench live-fuzz` and `live-soak`: hostile clients, and a bad network for a long time."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+
+def live_fuzz(frames: int = 1_000_000, seed: int = 1, json: Path | None = None) -> None:
+    """Send hostile messages to the server's code, without a network; fails where anything but a refusal comes out.
+
+    Args:
+        frames: Messages to send.
+        seed: Of the messages.
+        json: Write the numbers here, as one flat object.
+    """
+    from rich.progress import Progress
+
+    from bodysense.cli.show import write_numbers
+    from bodysense.errors import BodysenseError
+    from bodysense.serve.fuzz import FuzzCounts, run_fuzz
+
+    if frames < 1:
+        raise BodysenseError(f"--frames {frames}: give 1 or more")
+    counts, begun, part = FuzzCounts(), time.perf_counter(), 10_000
+    with Progress() as progress:
+        bar = progress.add_task("fuzzing", total=frames)
+        while counts.frames < frames:  # in parts, each with a server of its own
+            run_fuzz(min(frames, counts.frames + part), seed + counts.frames, counts)
+            progress.update(bar, completed=counts.frames)
+    seconds = time.perf_counter() - begun
+    print(
+        f"{counts.frames} messages of {counts.connections} clients in {seconds:.0f} s: {counts.refused} refused, "
+        f"{counts.answered} poses, another client answered {counts.watched} times, no failure"
+    )
+    numbers = {name: value for name, value in asdict(counts).items() if name != "errors"}
+    write_numbers(json, numbers | {"seed": seed, "seconds": round(seconds, 1)})
+
+
+def live_soak(
+    minutes: float = 10.0, sessions: int = 8, rate: float = 72.0, loss: float = 0.05, json: Path | None = None
+) -> None:
+    """Run wearers against a server over a bad network; fails on growth, on NaN and on a session that is stuck.
+
+    Frames are lost, doubled and late by up to 0.3 s; connections break and are resumed.
+
+    Args:
+        minutes: How long.
+        sessions: Wearers.
+        rate: Frames a second of each.
+        loss: Share of frames that are lost.
+        json: Write the numbers here, as one flat object.
+    """
+    import asyncio
+
+    import numpy as np
+
+    from bodysense.cli.show import write_numbers
+    from bodysense.errors import BodysenseError
+    from bodysense.serve.soak import SoakPlan, check, soak
+
+    if not (minutes > 0 and sessions > 0 and rate > 0 and 0 <= loss < 0.9):
+        raise BodysenseError("live-soak: give positive minutes, sessions and rate, and a loss of 0 to 0.9")
+    plan = SoakPlan(sessions, 60 * minutes, rate, loss)
+    counts = asyncio.run(soak(plan, np.random.default_rng(1)))
+    print(
+        f"{sessions} sessions at {rate:g} Hz for {minutes:g} min with {loss:.0%} lost: {counts.sent} frames sent, "
+        f"{counts.answered} answered, {counts.breaks} breaks, {counts.resumed} resumed, longest silence "
+        f"{counts.longest_silence_s:.2f} s, memory {counts.rss_mb_warm:.1f} to {counts.rss_mb_last:.1f} MB"
+    )
+    write_numbers(json, asdict(plan) | asdict(counts))
+    check(counts)

@@ -1,0 +1,140 @@
+"""`bodysense serve`: the live server."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from bodysense.errors import BodysenseError
+
+if TYPE_CHECKING:
+    from bodysense.serve.datagrams import Receiver
+    from bodysense.serve.replay import Playable
+
+Addresses = Annotated[tuple[str, ...], tyro.conf.UseAppendAction]
+
+
+def serve(
+    host: str = "127.0.0.1",
+    port: int = 8765,
+    token: str | None = None,
+    origin: Addresses = (),
+    replay: Path | None = None,
+    device: Literal["headset-camera", "three-point", "head-only", "gloves"] | None = None,
+    height: float | None = None,
+    vmc_in: int | None = None,
+    vmc_names: Path | None = None,
+    markers_in: int | None = None,
+    vmc_out: Addresses = (),
+    vrchat_out: Addresses = (),
+    allow_record: Path | None = None,
+    sessions: int = 64,
+    workers: int = 1,
+) -> None:
+    """Serve the page and the WebSocket for live tracking; avatars by VMC and VRChat (docs/serve.md).
+
+    Args:
+        host: Address to listen on. Any but this machine's own needs a token, which is made where none is given.
+        port: TCP port; 0 takes any that is free.
+        token: What clients must show, at least 8 characters.
+        origin: Origin of a page elsewhere that may connect, as http://localhost:5173. Repeatable.
+        replay: A recording (.npz, .jsonl), or with --device a motion (.bvh, AMASS .npz), played in real time.
+        device: What watches the body, where the replay is a motion; the page then shows the truth, too.
+        height: Metres; scales the body of a replayed motion that does not say how tall it is.
+        vmc_in: UDP port on which headset, controllers and trackers come in by VMC (its own is 39539).
+        vmc_names: Which point each device of VMC is, a .json table by serial (docs/avatars.md).
+        markers_in: UDP port on which markers of gloves come in by OSC (its own is 9123).
+        vmc_out: HOST:PORT of an avatar program that takes bones by VMC (usually port 39539). Repeatable.
+        vrchat_out: HOST:PORT of a VRChat that takes trackers by OSC (usually port 9000). Repeatable.
+        allow_record: Folder for recordings that clients ask for; without it none are made.
+        sessions: At most so many at a time, in each process.
+        workers: Processes that share the port.
+    """
+    from rich.console import Console
+
+    from bodysense.serve.application import ServerSettings
+    from bodysense.serve.launch import listen, serve, serve_in_workers
+    from bodysense.serve.safety import Access, Limits, is_loopback
+    from bodysense.serve.vmc_trackers import VmcTrackers, read_device_names
+
+    if workers < 1:
+        raise BodysenseError(f"--workers {workers}: give 1 or more")
+    if workers > 1 and (vmc_in, markers_in, vmc_out, vrchat_out) != (None, None, (), ()):
+        raise BodysenseError("--workers: UDP goes with one process only; leave --workers out")
+    if vmc_names is not None and vmc_in is None:
+        raise BodysenseError("--vmc-names is for devices that come in by VMC; give their port with --vmc-in")
+    if token is None and not is_loopback(host):
+        token = secrets.token_urlsafe(16)
+    settings = ServerSettings(
+        access=Access(host, token, origin),
+        limits=replace(Limits(), sessions=sessions),
+        allow_record=None if allow_record is None else _folder(allow_record),
+        playable=_playable(replay, device, height),
+        vmc_in=vmc_in,
+        vmc_trackers=VmcTrackers() if vmc_names is None else VmcTrackers(read_device_names(vmc_names)),
+        markers_in=markers_in,
+        receivers=tuple([*(_receiver("vmc", a) for a in vmc_out), *(_receiver("vrchat", a) for a in vrchat_out)]),
+    )
+    bound = listen(host, port, shared=workers > 1)
+    shown = f"[{host}]" if ":" in host else host
+    address = f"http://{shown}:{bound.getsockname()[1]}/" + (f"?token={token}" if token is not None else "")
+
+    def started() -> None:
+        Console().print(f"bodysense serves at {address}", highlight=False, soft_wrap=True)
+
+    if workers == 1:
+        serve(settings, bound, started)
+    else:
+        serve_in_workers(settings, bound, workers, started)
+
+
+def _folder(path: Path) -> Path:
+    """A folder that can be written to."""
+    import tempfile
+
+    if not path.is_dir():
+        raise BodysenseError(f"--allow-record {path}: no such folder; create it or choose another")
+    try:
+        with tempfile.TemporaryFile(dir=path):
+            return path.resolve()
+    except OSError as error:
+        raise BodysenseError(f"--allow-record {path}: nothing can be written there ({error.strerror})") from None
+
+
+def _receiver(protocol: Literal["vmc", "vrchat"], address: str) -> Receiver:
+    from bodysense.serve.datagrams import Receiver
+
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdigit() or not 0 < int(port) < 65536:
+        raise BodysenseError(f"--{protocol}-out {address}: give HOST:PORT, as 127.0.0.1:39539")
+    return Receiver(protocol, host.strip("[]"), int(port))
+
+
+def _playable(file: Path | None, device: str | None, height: float | None) -> Playable | None:
+    """What is replayed: a recording, or what a device tracks of a motion, with its truth."""
+    from bodysense.capture.recording import is_recording, read_recording
+    from bodysense.cli.motion import load_clip, simulated
+    from bodysense.serve.replay import Playable
+
+    if file is None:
+        if device is not None or height is not None:
+            raise BodysenseError("--device and --height are for a motion that is replayed; give it with --replay")
+        return None
+    if not file.is_file():
+        raise BodysenseError(f"--replay {file}: no such file")
+    if is_recording(file):
+        if device is not None or height is not None:
+            raise BodysenseError(f"--replay {file}: a recording; leave --device and --height out")
+        recording = read_recording(file)
+        return Playable(recording.observation, recording.skeleton)
+    if device is None:
+        raise BodysenseError(
+            f"--replay {file}: not a recording; if it is a motion, say what watches it: --device headset-camera, "
+            "three-point, head-only or gloves"
+        )
+    clip = load_clip(file, height)
+    return Playable(simulated(clip, device).observation, clip.pose.skeleton, clip.pose)  # type: ignore[arg-type]

@@ -1,0 +1,1 @@
+"""The live server: protocol, sessions, avatar protocols (docs/serve.md)."""

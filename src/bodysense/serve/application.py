@@ -1,0 +1,172 @@
+"""The web application: `/ws`, `/healthz`, `/metrics` and the page."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from bodysense.serve.connection import converse
+from bodysense.serve.datagrams import (
+    MARKER_POINTS,
+    VMC_POINTS,
+    MarkerInput,
+    PoseSender,
+    Receiver,
+    TrackerInput,
+    listened,
+)
+from bodysense.serve.live import Live
+from bodysense.serve.messages import Source
+from bodysense.serve.metrics import Metrics, missing
+from bodysense.serve.protocol import SUBPROTOCOL, SignalFrame
+from bodysense.serve.replay import Playable
+from bodysense.serve.safety import Access, Limits, why_refused
+from bodysense.serve.vmc_trackers import VmcTrackers
+
+_NO_PAGE = "bodysense serves no page here: this copy was installed without it. The WebSocket is at /ws.\n"
+_NO_UPLOAD = "bodysense takes no uploads; avatars and recordings that are dropped on the page stay in the browser.\n"
+_HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",  # the address holds the token
+    "Content-Security-Policy": "frame-ancestors 'none'",
+}
+
+
+@dataclass(frozen=True)
+class ServerSettings:
+    """What a server does."""
+
+    access: Access = Access()
+    limits: Limits = Limits()
+    allow_record: Path | None = None  # a folder
+    playable: Playable | None = None
+    vmc_in: int | None = None  # ports, on the server's host
+    vmc_trackers: VmcTrackers = VmcTrackers()
+    markers_in: int | None = None
+    receivers: tuple[Receiver, ...] = ()
+
+
+def application(settings: ServerSettings) -> Any:
+    """The ASGI application of one process. Raises BodysenseError where the libraries of the server are missing."""
+    try:
+        from starlette.applications import Starlette
+        from starlette.responses import PlainTextResponse, Response
+        from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
+        from starlette.staticfiles import StaticFiles
+        from starlette.websockets import WebSocket
+    except ImportError:
+        raise missing("starlette") from None
+    metrics = Metrics()
+    inputs = _listened(settings)
+    sender = PoseSender(settings.receivers, metrics) if settings.receivers else None
+    live = Live(settings.limits, metrics, settings.allow_record, settings.playable, sender)
+    access = settings.access
+
+    async def websocket(client: WebSocket) -> None:
+        offered = client.scope.get("subprotocols", [])
+        tokens = [name.removeprefix("token.") for name in offered if name.startswith("token.")]
+        tokens += client.query_params.getlist("token")
+        reason = why_refused(access, client.headers.get("host"), client.headers.get("origin"), tokens)
+        status = 403
+        if reason is None and offered and SUBPROTOCOL not in offered:
+            reason, status = f"the subprotocol is {SUBPROTOCOL!r}, not {offered[0][:40]!r}; update the client", 400
+        if reason is not None:
+            metrics.closed(status)
+            await client.send_denial_response(PlainTextResponse(f"{reason}\n", status, _HEADERS))
+            return
+        await client.accept(SUBPROTOCOL if offered else None)
+        await converse(client, live)
+
+    async def healthz(_: Any) -> Response:
+        return PlainTextResponse("ok\n", headers=_HEADERS)
+
+    async def metrics_text(request: Any) -> Response:
+        bearer = request.headers.get("authorization", "").removeprefix("Bearer ")
+        tokens = [bearer, *request.query_params.getlist("token")]
+        reason = why_refused(access, request.headers.get("host"), None, tokens)
+        if reason is not None:
+            return PlainTextResponse(f"{reason}\n", 403, _HEADERS)
+        text, kind = metrics.text()
+        return Response(text, media_type=kind, headers=_HEADERS)
+
+    async def no_page(_: Any) -> Response:
+        return PlainTextResponse(_NO_PAGE, headers=_HEADERS)
+
+    @asynccontextmanager
+    async def lifespan(_: Any) -> AsyncIterator[None]:
+        live.start()
+        transports = [await _opened(source, bound, live, metrics, settings.vmc_trackers) for source, bound in inputs]
+        try:
+            yield
+        finally:
+            for transport in transports:
+                transport.close()
+            await live.stop()
+            if sender is not None:
+                sender.close()
+
+    page = Path(str(files("bodysense.serve").joinpath("page")))
+    routes: list[BaseRoute] = [
+        WebSocketRoute("/ws", websocket),
+        Route("/healthz", healthz),
+        Route("/metrics", metrics_text),
+    ]
+    has_page = (page / "index.html").is_file()
+    routes.append(Mount("/", StaticFiles(directory=page, html=True)) if has_page else Route("/", no_page))
+    return guarded(Starlette(routes=routes, lifespan=lifespan))
+
+
+def guarded(application: Any) -> Any:
+    """The application, with safe headers, and without bodies: an upload is refused before it is read."""
+
+    async def guard(scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] != "http":
+            await application(scope, receive, send)
+            return
+        names = {name for name, value in scope["headers"] if (name, value) != (b"content-length", b"0")}
+        if names & {b"content-length", b"transfer-encoding"}:
+            body = _NO_UPLOAD.encode()
+            headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close")]
+            await send({"type": "http.response.start", "status": 413, "headers": headers})
+            await send({"type": "http.response.body", "body": body})
+            return
+
+        async def with_headers(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                have = {name.lower() for name, _ in message["headers"]}
+                more = [(name.lower().encode(), value.encode()) for name, value in _HEADERS.items()]
+                message["headers"] = [*message["headers"], *(row for row in more if row[0] not in have)]
+            await send(message)
+
+        await application(scope, receive, with_headers)
+
+    return guard
+
+
+def _listened(settings: ServerSettings) -> list[tuple[Source, socket.socket]]:
+    """The UDP ports that are listened on."""
+    wanted: list[tuple[Source, int | None]] = [("vmc", settings.vmc_in), ("markers", settings.markers_in)]
+    host = settings.access.host
+    return [(source, listened(f"--{source}-in", host, port)) for source, port in wanted if port is not None]
+
+
+async def _opened(
+    source: Source, bound: socket.socket, live: Live, metrics: Metrics, trackers: VmcTrackers
+) -> asyncio.DatagramTransport:
+    """Play what comes in by UDP as a session of the server's own."""
+    seat = live.own(source, VMC_POINTS if source == "vmc" else MARKER_POINTS)
+
+    def play(frame: SignalFrame) -> None:
+        live.receive(seat, frame)
+
+    def protocol() -> asyncio.DatagramProtocol:
+        return TrackerInput(play, metrics, trackers) if source == "vmc" else MarkerInput(play, metrics)
+
+    transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(protocol, sock=bound)
+    return transport

@@ -1,0 +1,45 @@
+"""Unity's axes: left-handed, +Y up, a body faces +Z with its left hand toward −X; metres, quaternions x, y, z, w.
+
+Our bodies face +Z too, with the left hand toward +X: the two worlds are mirror images in the plane x = 0. With this
+mirror (and not with z ↦ −z, which is for worlds where bodies face −Z, as OpenXR's) the rest pose is the identity on
+both sides, so that rotations of bones mean the same.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bodysense.body.pose import Pose
+from bodysense.body.rotation import quaternion_to_euler
+from bodysense.errors import BodysenseError
+
+_POSITION = np.array([-1.0, 1.0, 1.0])
+_ROTATION = np.array([1.0, 1.0, -1.0, -1.0])  # w x y z: in a mirror, turns about the axis across it keep their sense
+
+
+def unity_position(position: np.ndarray) -> np.ndarray:
+    """Positions (..., 3) there and, the mirror being its own inverse, back."""
+    return position * _POSITION
+
+
+def unity_rotation(rotation: np.ndarray) -> np.ndarray:
+    """Our quaternions w x y z (..., 4) as Unity's x y z w."""
+    return np.roll(rotation * _ROTATION, -1, axis=-1)
+
+
+def from_unity_rotation(rotation: np.ndarray) -> np.ndarray:
+    """Unity's quaternions x y z w (..., 4) as ours w x y z."""
+    return np.roll(rotation, 1, axis=-1) * _ROTATION
+
+
+def unity_euler(rotation: np.ndarray) -> np.ndarray:
+    """Our quaternions (..., 4) as Unity's Euler angles x, y, z (..., 3) in degrees, applied about Z, then X, then Y."""
+    angles = quaternion_to_euler(rotation * _ROTATION, "YXZ")
+    return np.rad2deg(angles[..., [1, 0, 2]])
+
+
+def one_finite_pose(pose: Pose) -> None:
+    """Raise BodysenseError for what is not one frame of finite numbers: nothing else is sent to an avatar."""
+    shape = np.shape(pose.rotation)
+    if len(shape) != 2 or not (np.isfinite(pose.rotation).all() and np.isfinite(pose.root_position).all()):
+        raise BodysenseError(f"an avatar takes one finite pose at a time, rotations (J, 4); got {shape}")

@@ -1,0 +1,181 @@
+"""The door: points as devices name and hold them, WebXR's above all, become points of the waist.
+
+WebXR and OpenXR: the viewer and every joint of a hand look along −Z, +Y up (out of the back of a hand); a grip's −Z
+points to the thumb's end of a rod that is held, its +X out of the back of a right hand (WebXR device API, `gripSpace`;
+WebXR hand input, 4.1). Ours: the identity in the T-pose, facing +Z, left hand toward +X, palms down.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from bodysense.body.glove import glove_marker
+from bodysense.body.products import CONJUGATE, MATRIX, multiply
+from bodysense.body.rotation import matrix_to_quaternion
+from bodysense.body.skeleton import Skeleton, default_body, default_skeleton
+from bodysense.observation import Observation
+from bodysense.serve.protocol import HAS_POSITION, HAS_ROTATION, MOST_POINTS, ProtocolError, SignalFrame
+
+IDENTITY, STILL = np.array([1.0, 0, 0, 0]), np.zeros(3)
+_NOWHERE, _UPRIGHT = STILL.astype(np.float32), IDENTITY.astype(np.float32)
+TRACKERS = {"hip": "pelvis", "waist": "pelvis", "chest": "spine3"}  # worn somewhere about the joint
+_SEGMENTS = {"phalanx-proximal": "1", "phalanx-intermediate": "2", "phalanx-distal": "3", "tip": "_tip"}
+_THUMB = {"metacarpal": "1", "phalanx-proximal": "2", "phalanx-distal": "3", "tip": "_tip"}
+# Axes of a device's frame, as columns, where the wearer stands in the T-pose: x, y, z.
+_LOOKING = np.array([[-1.0, 0, 0], [0, 1, 0], [0, 0, -1]])
+_HAND = {"left": [[0.0, 0, -1], [0, 1, 0], [1, 0, 0]], "right": [[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]}
+_GRIP = {"left": [[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]], "right": [[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]}
+
+
+@dataclass(frozen=True, eq=False)
+class Door:
+    """What becomes of the N points of a signal on their way in."""
+
+    points: tuple[str, ...]  # M, of the waist
+    target: np.ndarray  # (N,) place among them; -1 for points that are not used
+    turn: np.ndarray  # (N, 4) wxyz: device ← our point
+    shift: np.ndarray  # (N, 3) m, of our point in its own frame, from the device
+    turned: np.ndarray  # (N,) bool: its rotation says how our point is turned
+    is_plain: bool  # nothing is turned or shifted
+
+
+def door(names: Sequence[str], skeleton: Skeleton) -> Door:
+    """The door for the points of a hello. `skeleton` says how far from a device the joint is that wears it.
+
+    Several names may be of one point (a controller, and the wrist of a tracked hand): the last in a frame counts.
+    Raises ProtocolError for names that are unknown or stand twice.
+    """
+    if len(names) > MOST_POINTS:
+        raise ProtocolError(f"{len(names)} points; give at most {MOST_POINTS}")
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise ProtocolError(f"the point {twice[0]!r} is named twice; give it once")
+    rows = [_ours(name, skeleton) for name in names]
+    points = tuple(dict.fromkeys(row[0] for row in rows if row is not None))
+    used = [(points.index(row[0]), *row[1:]) if row is not None else (-1, IDENTITY, STILL, False) for row in rows]
+    target, turn, shift, turned = zip(*used, strict=True) if used else ((), (), (), ())
+    turns, shifts = np.array(turn).reshape(-1, 4), np.array(shift).reshape(-1, 3)
+    return Door(
+        points,
+        np.array(target, dtype=int),
+        turns,
+        shifts,
+        np.array(turned, dtype=bool),
+        bool((turns == IDENTITY).all() and not shifts.any()),
+    )
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How the signal's world is moved into the body's: body = Ry(heading) · signal + offset."""
+
+    heading: float = 0.0  # rad, about +Y
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m
+
+    @cached_property
+    def _matrix(self) -> np.ndarray:
+        """(3, 3) that turns rows."""
+        sine, cosine = math.sin(self.heading), math.cos(self.heading)
+        return np.array([[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine]])
+
+    @cached_property
+    def _half(self) -> np.ndarray:
+        """(1, 4) the turn as a quaternion."""
+        return np.array([[math.cos(self.heading / 2), 0.0, math.sin(self.heading / 2), 0.0]])
+
+    def place(self, position: np.ndarray) -> np.ndarray:
+        """Positions (N, 3) m in the body's world."""
+        return position @ self._matrix + self.offset
+
+    def turn(self, rotation: np.ndarray) -> np.ndarray:
+        """Rotations (N, 4) in the body's world."""
+        if not self.heading:
+            return rotation
+        return multiply(np.repeat(self._half, len(rotation), axis=0), rotation)
+
+
+def through(door: Door, frame: SignalFrame, shown: np.ndarray, placement: Placement, time: float) -> Observation:
+    """One frame of the waist, at `time` s, from a signal frame; points that are not `shown` (N,) are left out."""
+    rows = frame.point
+    target = door.target[rows]
+    use = (target >= 0) & shown[rows]
+    rows, target, has = rows[use], target[use], frame.has[use]
+    has_position, has_rotation = has & HAS_POSITION != 0, has & HAS_ROTATION != 0
+    # What stands where nothing was tracked may be anything: it is left out before it is computed with.
+    position = np.where(has_position[:, None], frame.position[use], _NOWHERE).astype(float)
+    rotation = np.where(has_rotation[:, None], frame.rotation[use], _UPRIGHT).astype(float)
+    if len(rows):
+        rotation /= np.sqrt(np.einsum("ij,ij->i", rotation, rotation))[:, None]
+        if not door.is_plain:
+            rotation = multiply(rotation, door.turn[rows])
+            # Where the device's rotation is not known, its own place is the best guess of ours.
+            position += rotated(rotation, door.shift[rows]) * has_rotation[:, None]
+            has_rotation &= door.turned[rows]
+        position, rotation = placement.place(position), placement.turn(rotation)
+    count = len(door.points)
+    places, turns = np.full((1, count, 3), np.nan), np.full((1, count, 4), np.nan)
+    known, turned = np.zeros((1, count), dtype=bool), np.zeros((1, count), dtype=bool)
+    places[0, target[has_position]], turns[0, target[has_rotation]] = position[has_position], rotation[has_rotation]
+    known[0, target[has_position]], turned[0, target[has_rotation]] = True, True
+    return Observation(door.points, places, turns, known, turned, np.array([time]))
+
+
+def rotated(rotation: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Vectors (N, 3) turned by unit quaternions (N, 4)."""
+    products = (rotation[:, :, None] * rotation[:, None, :]).reshape(-1, 16)
+    return ((products @ MATRIX).reshape(-1, 3, 3) @ vector[:, :, None])[:, :, 0]
+
+
+def _ours(name: str, skeleton: Skeleton) -> tuple[str, np.ndarray, np.ndarray, bool] | None:
+    """Our point, device ← our point, our point from the device in its own frame, whether it gives a rotation."""
+    size = skeleton.height / default_skeleton().height
+    if name == "headset":
+        return "head", _inverse(_LOOKING), -size * _landmark("between_eyes"), True
+    side, _, rest = name.partition("_")
+    if rest == "controller" and side in _GRIP:
+        return f"{side}_wrist", _inverse(_GRIP[side]), -size * _landmark(f"{side}_palm"), True
+    if name in TRACKERS:
+        return TRACKERS[name], IDENTITY, STILL, False
+    if glove_marker(name) is not None:
+        return name, IDENTITY, STILL, False
+    side, colon, rest = name.partition(":")
+    if colon:
+        return _joint_of_hand(name, side, rest)
+    if name not in skeleton.points:
+        raise ProtocolError(f"the point {name!r} is unknown; see docs/protocol.md for the names")
+    return name, IDENTITY, STILL, name in skeleton.joints
+
+
+def _joint_of_hand(name: str, side: str, rest: str) -> tuple[str, np.ndarray, np.ndarray, bool] | None:
+    """A joint of WebXR's hand. Of fingers only positions are used: their axes differ from bone to bone."""
+    if side not in _HAND:
+        raise ProtocolError(f"the point {name!r} is of no hand; begin it with 'left:' or 'right:'")
+    if rest == "wrist":
+        return f"{side}_wrist", _inverse(_HAND[side]), STILL, True
+    finger, _, segment = rest.partition("-")
+    segment = segment.removeprefix("finger-") if finger != "thumb" else segment
+    table = _THUMB if finger == "thumb" else _SEGMENTS
+    known = finger == "thumb" or (
+        finger in ("index", "middle", "ring", "pinky") and rest == f"{finger}-finger-{segment}"
+    )
+    if known and segment == "metacarpal" and finger != "thumb":
+        return None
+    if not known or segment not in table:
+        raise ProtocolError(f"the point {name!r} is no joint of WebXR's hands; see docs/protocol.md for the names")
+    return f"{side}_{finger}{table[segment]}", IDENTITY, STILL, False
+
+
+def _inverse(axes: Sequence[Sequence[float]] | np.ndarray) -> np.ndarray:
+    """(4,) device ← our point, from the device's axes (columns) in the T-pose."""
+    return matrix_to_quaternion(np.array(axes, dtype=float)) * CONJUGATE
+
+
+@lru_cache(maxsize=8)
+def _landmark(name: str) -> np.ndarray:
+    """(3,) m from the joint that carries it, on the default body."""
+    return next(np.array(row["offset"]) for row in default_body()["landmarks"] if row["name"] == name)

@@ -1,0 +1,82 @@
+"""`bodysense serve` as its users call it."""
+
+from __future__ import annotations
+
+import re
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from .conftest import Refused
+
+pytest.importorskip("uvicorn", reason="needs bodysense[serve]")
+
+
+def test_a_port_in_use(refused: Refused) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert refused("serve", "--port", port) == (
+            f"--port {port} is in use by another program; stop it or choose another --port (0 takes any)"
+        )
+
+
+def test_a_udp_port_in_use(refused: Refused) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        said = refused("serve", "--port", 0, "--vmc-in", port)
+        assert said.startswith(f"--vmc-in {port}:") and said.endswith("choose another port")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--port", -1), "ports are 0"),
+        (("--workers", 0), "give 1 or more"),
+        (("--workers", 2, "--vmc-in", 39539), "UDP goes with one process only"),
+        (("--token", "short"), "at least 8 characters"),
+        (("--vmc-out", "localhost"), "give HOST:PORT"),
+        (("--vrchat-out", "localhost:99999"), "give HOST:PORT"),
+        (("--vmc-out", "no.such.host.invalid:39539"), "--vmc-out no.such.host.invalid:39539"),
+        (("--allow-record", "no/such/folder"), "no such folder"),
+        (("--replay", "no-such-file.npz"), "no such file"),
+        (("--device", "three-point"), "give it with --replay"),
+        (("--sessions", 0), "give 1 to 10000"),
+        (("--vmc-names", "names.json"), "with --vmc-in"),
+    ],
+)
+def test_what_cannot_be_served(refused: Refused, arguments: tuple[object, ...], said: str) -> None:
+    port = () if "--port" in arguments else ("--port", 0)
+    assert said in refused("serve", *port, *arguments)
+
+
+def test_a_motion_needs_a_device(refused: Refused, motion: Path) -> None:
+    assert "say what watches it: --device" in refused("serve", "--port", 0, "--replay", motion)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("workers", "end"), [(1, signal.SIGINT), (2, signal.SIGINT), (2, signal.SIGTERM), (2, signal.SIGKILL)]
+)
+def test_it_serves_until_it_is_ended(workers: int, end: signal.Signals) -> None:
+    command = [sys.executable, "-m", "bodysense", "serve", "--port", "0", "--workers", str(workers)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None and process.stderr is not None
+        try:
+            line = process.stdout.readline()
+            address = re.search(r"http://127\.0\.0\.1:\d+/", line)
+            assert address is not None, line
+            for _ in range(4):
+                with urllib.request.urlopen(f"{address[0]}healthz", timeout=20) as response:
+                    assert response.read() == b"ok\n"
+            with urllib.request.urlopen(f"{address[0]}metrics", timeout=20) as response:
+                assert b"bodysense_frames" in response.read()
+        finally:
+            process.send_signal(end)
+        assert process.wait(30) in (0, 130, -end)
+        assert "Traceback" not in process.stderr.read()  # to its end: no worker is left that holds it

@@ -1,0 +1,94 @@
+"""UDP in and out of a real server: trackers by VMC, markers by OSC, poses to an avatar."""
+
+from __future__ import annotations
+
+import socket
+import time
+
+import numpy as np
+import pytest
+
+from bodysense.body.glove import default_glove, glove_points, marker_positions
+from bodysense.body.hand import hand_skeleton
+from bodysense.body.pose import Pose
+from bodysense.body.skeleton import default_skeleton
+from bodysense.capture.osc import read_packet
+from bodysense.serve.application import ServerSettings
+from bodysense.serve.datagrams import Flood, Receiver
+
+from .conftest import Connecting, Serving, signal
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
+        found.bind(("127.0.0.1", 0))
+        return found.getsockname()[1]
+
+
+def test_poses_go_to_an_avatar(server_of: Serving, connect: Connecting) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as avatar:
+        avatar.bind(("127.0.0.1", 0))
+        avatar.settimeout(10)
+        receivers = (
+            Receiver("vmc", "127.0.0.1", avatar.getsockname()[1]),
+            Receiver("vrchat", "127.0.0.1", free_port()),
+        )
+        client = connect(server_of(ServerSettings(receivers=receivers)))
+        client.answered(signal(0, 0.0))
+        assert b"/VMC/Ext/" in avatar.recv(2000)
+        client.answered(signal(1, 0.1))
+
+
+def test_trackers_by_vmc_and_what_is_none(server_of: Serving, connect: Connecting) -> None:
+    from pythonosc.udp_client import SimpleUDPClient
+
+    port = free_port()
+    server = server_of(ServerSettings(vmc_in=port))
+    client = connect(server, points=(), watch="vmc")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hostile:
+        hostile.sendto(b"\x00" * 20, ("127.0.0.1", port))
+        hostile.sendto(b"#bundle\x00" + b"\xff" * 20, ("127.0.0.1", port))
+    sender = SimpleUDPClient("127.0.0.1", port)
+    for _ in range(5):
+        sender.send_message("/VMC/Ext/Hmd/Pos", ["HMD", 0.5, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0])
+        time.sleep(0.02)
+    pose = client.pose()
+    head = default_skeleton().index("head")
+    assert pose.hidden[head] < 0.5
+    sender._sock.close()
+
+
+def test_markers_by_osc(server_of: Serving, connect: Connecting) -> None:
+    from bodysense.capture.marker_stream import send_frame
+
+    port = free_port()
+    client = connect(server_of(ServerSettings(markers_in=port)), points=(), watch="markers")
+    hand = hand_skeleton(default_skeleton(), "left")
+    still = np.zeros((len(hand.joints), 4))
+    still[:, 0] = 1
+    places = np.asarray(marker_positions(default_glove(), Pose(hand, np.array([0.4, 1.2, 0.3]), still)))
+    for k in range(5):
+        send_frame(("127.0.0.1", port), k / 60, dict(zip(glove_points("left"), places, strict=True)))
+        time.sleep(0.02)
+    pose = client.pose()
+    assert np.isfinite(pose.rotation).all()
+
+
+def test_a_flood_is_not_looked_at() -> None:
+    flood = Flood()
+    assert sum(flood.allows(1.5) for _ in range(10_000)) == 4000
+    assert flood.allows(2.0)
+
+
+def test_the_reader_of_packets_is_ours() -> None:
+    """python-osc does not come back from some packets."""
+    assert not isinstance(read_packet(b"#bundle\x00" + bytes(8) + b"\xff\xff\xff\xff"), tuple)
+
+
+@pytest.mark.parametrize("packet", [b"", b"/a", b"\xff" * 2000])
+def test_hostile_packets_are_counted(server_of: Serving, connect: Connecting, packet: bytes) -> None:
+    port = free_port()
+    client = connect(server_of(ServerSettings(vmc_in=port)))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hostile:
+        hostile.sendto(packet, ("127.0.0.1", port))
+    assert client.answered(signal(0, 0.0)).sequence == 0

@@ -1,0 +1,22 @@
+"""Hostile clients against the real code: short in plain tests, long in `bodysense bench live-fuzz`."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("prometheus_client", reason="needs bodysense[serve]")
+from bodysense.serve.fuzz import FuzzCounts, run_fuzz
+
+
+def test_hostile_clients_are_refused_and_others_are_served() -> None:
+    counts = FuzzCounts()
+    run_fuzz(3_000, 1, counts)
+    assert counts.errors == [] and counts.frames >= 3_000
+    assert 0 < counts.refused <= counts.connections
+    assert counts.watched > 1 and counts.answered > 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 3])
+def test_hostile_clients_for_longer(seed: int) -> None:
+    run_fuzz(50_000, seed, FuzzCounts())

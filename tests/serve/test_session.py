@@ -1,0 +1,232 @@
+"""One session without a network: clocks, losses, settings, placement."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bodysense.body.pose import Pose, forward_kinematics, standing_pose
+from bodysense.body.skeleton import default_skeleton
+from bodysense.occlusion.three_point import observe
+from bodysense.serve.messages import Calibrate, Change, Placed, Recentre, Said, Settings
+from bodysense.serve.protocol import ProtocolError, SignalFrame
+from bodysense.serve.session import Answer, Session
+
+SKELETON = default_skeleton()
+POINTS = ("head", "left_wrist", "right_wrist")
+
+
+def frame(time: float, sequence: int = 0, height: float = 0.0, x: float = 0.0) -> SignalFrame:
+    """Head and wrists of somebody of the default body's height who stands, faces +Z and waves."""
+    pose = standing_pose(SKELETON)
+    pose.root_position[:] += [x, height, 0]
+    pose.rotation[SKELETON.index("left_elbow")] = [np.cos(0.4), 0, 0, np.sin(0.4 * np.sin(3 * time))]
+    pose.rotation[SKELETON.index("left_elbow")] /= np.linalg.norm(pose.rotation[SKELETON.index("left_elbow")])
+    floor = forward_kinematics(standing_pose(SKELETON))[0][:, 1].min()
+    seen = observe(Pose(SKELETON, pose.root_position[None] - [0, floor, 0], pose.rotation[None]), np.zeros(1))
+    return SignalFrame(sequence, time, np.arange(3), np.full(3, 3), seen.position[0], seen.rotation[0])
+
+
+def session(**chosen: object) -> Session:
+    return Session(POINTS, SKELETON, Settings(**chosen))  # type: ignore[arg-type]
+
+
+def play(one: Session, seconds: float, start: float = 0.0, rate: float = 30.0, **where: float) -> list[Answer]:
+    answers = []
+    for k in range(round(seconds * rate)):
+        one.receive(frame(start + k / rate, k, **where), 0.0)
+        answer = one.step()
+        assert answer is not None
+        answers.append(answer)
+    return answers
+
+
+def points_of(answer: Answer) -> np.ndarray:
+    position, _ = forward_kinematics(answer.pose)
+    return np.asarray(position)
+
+
+def leaps(answers: list[Answer]) -> np.ndarray:
+    """The farthest that any point moves from each answer to the next, m."""
+    place = np.stack([points_of(answer) for answer in answers])
+    return np.linalg.norm(np.diff(place, axis=0), axis=-1).max(axis=1)
+
+
+def test_a_frame_is_answered_once() -> None:
+    one = session()
+    assert one.step() is None and not one.is_ready
+    assert one.receive(frame(5.0, 7), 12.5) is None
+    assert one.is_ready
+    answer = one.step()
+    assert answer is not None and (answer.frame.sequence, answer.frame.time, answer.received) == (7, 5.0, 12.5)
+    assert one.step() is None
+
+
+def test_the_newest_frame_wins() -> None:
+    one = session()
+    one.receive(frame(0.0, 0), 0.0)
+    assert one.receive(frame(0.01, 1), 0.0) == "replaced"
+    answer = one.step()
+    assert answer is not None and answer.frame.sequence == 1
+
+
+def test_head_and_hands_are_where_they_are_measured() -> None:
+    last = play(session(), 1.0)[-1]
+    place = points_of(last)
+    expected = frame(last.frame.time).position
+    np.testing.assert_allclose(place[SKELETON.indices(POINTS[1:])], expected[1:], atol=0.01)
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_frames_that_are_late_repeated_or_reordered_are_dropped(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    sent = np.arange(40) / 72
+    arrives = sent + rng.uniform(0, 0.3, 40) * (rng.random(40) < 0.3)
+    keep = rng.random(40) > 0.2
+    order = [k for k in np.argsort(arrives, kind="stable") if keep[k] for _ in range(1 + (rng.random() < 0.1))]
+    one, newest, moments = session(), -1.0, []
+    for k in order:
+        dropped = one.receive(frame(float(sent[k]), int(k)), 0.0)
+        assert (dropped == "late") == (sent[k] <= newest)
+        newest = max(newest, float(sent[k]))
+        answer = one.step()
+        if answer is not None:
+            assert np.isfinite(answer.frame.rotation).all()
+            moments.append(answer.moment)
+    assert (np.diff(moments) > 0).all()
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.lists(st.floats(-1e9, 1e9), min_size=2, max_size=8))
+def test_no_clock_stops_a_session(times: list[float]) -> None:
+    one, moments = session(), []
+    for k, start in enumerate(times):
+        for step in range(3):
+            one.receive(frame(start + step / 60, 10 * k + step), 0.0)
+            answer = one.step()
+            if answer is not None:
+                assert np.isfinite(answer.frame.rotation).all() and np.isfinite(answer.frame.root_position).all()
+                moments.append(answer.moment)
+    assert (np.diff(moments) > 0).all()
+    assert one.receive(frame(times[-1] + 5.0), 0.0) is None and one.step() is not None
+
+
+def test_a_clock_that_was_set_starts_the_body_afresh() -> None:
+    fresh = play(session(), 0.5, 100.0)
+    one = session()
+    play(one, 0.5, 5000.0)
+    for there, here in zip(fresh, play(one, 0.5, 100.0), strict=True):
+        np.testing.assert_allclose(here.frame.rotation, there.frame.rotation, atol=1e-5)
+
+
+def test_a_mirror_swaps_the_sides() -> None:
+    plain, mirrored = session(), session(mirror=True)
+    for here, there in zip(play(plain, 0.3), play(mirrored, 0.3), strict=True):
+        expected = points_of(here)[SKELETON.mirror] * [-1, 1, 1]
+        np.testing.assert_allclose(points_of(there), expected, atol=2e-3)  # as symmetric as the skeleton
+
+
+def test_recentring_takes_the_wearer_to_the_middle() -> None:
+    one = session()
+    play(one, 0.2, x=3.0)
+    one.change(Recentre())
+    answers = play(one, 0.5, 0.2, x=3.0)
+    head = points_of(answers[-1])[SKELETON.index("head")]
+    np.testing.assert_allclose(head[[0, 2]], 0, atol=0.02)
+    placed = [note for note in one.notes() if isinstance(note, Placed)]
+    assert placed == [one.placed()]
+    np.testing.assert_allclose(placed[0].offset[0], -3.0, atol=1e-6)
+
+
+def test_somebody_seated_is_raised_to_standing() -> None:
+    one = session(posture="seated")
+    answers = play(one, 0.5, height=-0.5)
+    up = one.placed().offset[1]
+    assert up == pytest.approx(0.5, abs=0.02)
+    standing = np.asarray(forward_kinematics(standing_pose(SKELETON))[0])[:, 1]
+    head = SKELETON.index("head")
+    assert points_of(answers[-1])[head, 1] == pytest.approx(standing[head] - standing.min(), abs=0.02)
+    one.change(Change({"posture": "standing"}))
+    play(one, 0.1, 0.5)
+    assert one.placed().offset[1] == 0
+
+
+def test_a_standing_second_gives_the_height() -> None:
+    one = session()
+    one.change(Calibrate())
+    taller = 1.1
+    for k in range(40):
+        here = frame(k / 30, k)
+        one.receive(replace(here, position=here.position * taller), 0.0)
+        one.step()
+    assert one.settings.height == pytest.approx(taller * SKELETON.height, abs=0.02)
+    assert one.skeleton.height == pytest.approx(one.settings.height)
+    said = [note.text for note in one.notes() if isinstance(note, Said)]
+    assert len(said) == 2 and "1.8" in said[1]
+    assert one.revision == 1
+
+
+def test_nobody_has_the_height_of_a_headset_on_a_table() -> None:
+    one = session()
+    one.change(Calibrate())
+    play(one, 1.3, height=-0.8)
+    assert one.settings.height is None
+    assert "give the height in metres" in [note for note in one.notes() if isinstance(note, Said)][-1].text
+
+
+def test_what_is_not_driven_stays_as_in_standing_and_comes_back_without_a_jump() -> None:
+    one = session()
+    answers = play(one, 0.5)
+    one.change(Change({"regions": ["head", "torso"]}))
+    answers += play(one, 1.0, 0.5)
+    elbow = SKELETON.index("left_elbow")
+    np.testing.assert_allclose(np.abs(answers[-1].frame.rotation[elbow] @ standing_pose(SKELETON).rotation[elbow]), 1)
+    one.change(Change({"regions": ["head", "torso", "arms", "fingers", "legs"]}))
+    answers += play(one, 1.0, 1.5)
+    plain = leaps(play(session(), 2.5))[8:].max()
+    # Half of a way of some 0.5 m in 0.08 s, from rest and without overshoot: less than 0.12 m in a frame.
+    assert leaps(answers)[8:].max() < plain + 0.12
+
+
+def test_smoothing_is_late_by_what_it_says() -> None:
+    plain, smooth = play(session(), 1.5), play(session(smoothing=0.1), 1.5)
+    assert leaps(smooth)[20:].max() < leaps(plain)[20:].max()
+    assert np.abs(smooth[-1].frame.rotation - plain[-1].frame.rotation).max() > 0.01
+
+
+def test_a_hidden_hand_is_not_looked_at() -> None:
+    one = session(hidden=("left_wrist",))
+    last = play(one, 0.3)[-1]
+    assert last.frame.hidden[SKELETON.index("left_wrist")] > 0.5 > last.frame.hidden[SKELETON.index("right_wrist")]
+    one.change(Change({"hidden": []}))
+    assert play(one, 0.3, 0.3)[-1].frame.hidden[SKELETON.index("left_wrist")] < 0.5
+
+
+def test_another_height_is_another_skeleton() -> None:
+    one = session()
+    one.receive(frame(0.0), 0.0)
+    job = one.job()
+    assert job is not None
+    one.change(Change({"height": 2.0}))
+    estimate, state = job.adaptive.step(job.observation, job.state)
+    assert one.answer(job, estimate, state) is None  # of a body that is no more
+    assert play(one, 0.1, 1.0)[-1].pose.skeleton.height == pytest.approx(2.0)
+    with pytest.raises(ProtocolError, match="height 9 m"):
+        one.change(Change({"height": 9}))
+
+
+def test_an_estimate_that_is_no_number_does_not_stop_a_session() -> None:
+    one = session()
+    one.receive(frame(0.0), 0.0)
+    job = one.job()
+    assert job is not None
+    estimate, state = job.adaptive.step(job.observation, job.state)
+    assert estimate.pose is not None
+    broken = Pose(SKELETON, np.full((1, 3), np.nan), estimate.pose.rotation)
+    assert one.answer(job, replace(estimate, pose=broken), state) is None
+    assert play(one, 0.1, 1.0)

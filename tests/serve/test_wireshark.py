@@ -1,0 +1,75 @@
+"""Wireshark's OSC dissector, an independent reader, finds in our packets what we wrote."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bodysense.capture.marker_stream import ADDRESS
+from bodysense.capture.osc import Message, bundled, message_bytes, read_packet
+from bodysense.data.clip import Clip
+from bodysense.serve import vmc, vrchat
+from bodysense.serve.vmc import vmc_packets
+from bodysense.serve.vrchat import vrchat_packets
+
+SENT_FROM = 50000
+
+
+def capture(packets: list[bytes], port: int) -> bytes:
+    """A capture file of raw IPv4 (libpcap's format, link type 101) of UDP datagrams on the loopback."""
+    parts = [struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 101)]
+    for packet in packets:
+        udp = struct.pack(">HHHH", SENT_FROM, port, 8 + len(packet), 0) + packet
+        address = bytes([127, 0, 0, 1])
+        ip = struct.pack(">BBHHHBBH4s4s", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0, address, address) + udp
+        parts.append(struct.pack("<IIII", 0, 0, len(ip), len(ip)) + ip)
+    return b"".join(parts)
+
+
+def dissected(tshark: str, folder: Path, packets: list[bytes], port: int) -> list[dict[str, list[str]]]:
+    """The OSC fields of each packet, in order."""
+    path = folder / "sent.pcap"
+    path.write_bytes(capture(packets, port))
+    fields = (
+        "osc.message.header.path",
+        "osc.message.string",
+        "osc.message.float",
+        "osc.message.double",
+        "_ws.malformed",
+    )
+    wanted = [word for field in fields for word in ("-e", field)]
+    command = [tshark, "-n", "-r", str(path), "--enable-heuristic", "osc_udp", "-T", "json", *wanted]
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    layers = [packet["_source"]["layers"] for packet in json.loads(ran.stdout)]
+    return [{field: layer.get(field, []) for field in fields} for layer in layers]
+
+
+@pytest.mark.slow
+def test_wireshark_reads_what_we_send(waving_clip: Clip, tmp_path: Path) -> None:
+    tshark = shutil.which("tshark")
+    if tshark is None:
+        pytest.skip("no tshark on this machine: apt-get install tshark")
+    pose = waving_clip.pose[40]
+    markers = bundled([message_bytes(ADDRESS, "dsfff", 12.25, "left_glove_palm", 0.1, 1.2, -0.3)])
+    for packets, port in ((vmc_packets(pose, 3.5), vmc.PORT), (vrchat_packets(pose), vrchat.PORT), (markers, 9123)):
+        found = dissected(tshark, tmp_path, packets, port)
+        assert len(found) == len(packets)
+        for packet, fields in zip(packets, found, strict=True):
+            ours: Any = read_packet(packet)
+            assert not fields["_ws.malformed"]
+            assert fields["osc.message.header.path"] == [message.address for message in ours]
+            assert fields["osc.message.string"] == [x for x in arguments(ours) if isinstance(x, str)]
+            numbers = np.array(fields["osc.message.double"] + fields["osc.message.float"], dtype=float)
+            wanted = np.array([x for x in arguments(ours) if isinstance(x, float)])
+            np.testing.assert_allclose(numbers, wanted, rtol=1e-5)  # it prints six digits
+
+
+def arguments(messages: tuple[Message, ...]) -> list[Any]:
+    return [argument for message in messages for argument in message.arguments]

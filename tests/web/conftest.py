@@ -1,0 +1,55 @@
+"""The page in a real browser: node, npm's packages and Chromium, or the test is skipped."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+WEB = Path(__file__).parents[2] / "web"
+PAGE = Path(__file__).parents[2] / "src" / "bodysense" / "serve" / "page"
+
+Scenario = Callable[..., dict[str, Any]]
+
+
+@pytest.fixture(scope="session")
+def web() -> Path:
+    """The folder of the page's source, with npm's packages."""
+    if shutil.which("node") is None:
+        pytest.skip("no node: install Debian's nodejs")
+    if not (WEB / "node_modules").is_dir():
+        pytest.skip("no npm packages: run `npm ci` in web/")
+    return WEB
+
+
+@pytest.fixture(scope="session")
+def scenario(web: Path) -> Scenario:
+    """Runs web/tests/browser/NAME.mjs in headless Chromium; what it prints as JSON, without errors of the page."""
+    chromium = os.environ.get("CHROMIUM") or shutil.which("chromium")
+    if chromium is None:
+        pytest.skip("no Chromium: install Debian's chromium")
+    if not (PAGE / "index.html").is_file():
+        pytest.skip("the page is not built: run `npm run build` in web/")
+
+    def run(name: str, *arguments: str | Path) -> dict[str, Any]:
+        done = subprocess.run(
+            ["node", f"tests/browser/{name}.mjs", *map(str, arguments)],
+            cwd=web,
+            env={**os.environ, "CHROMIUM": chromium},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=900,
+        )
+        assert done.returncode == 0, done.stderr[-3000:]
+        result = json.loads(done.stdout.splitlines()[-1])
+        assert result.pop("errors") == []
+        return result
+
+    return run

@@ -1,0 +1,70 @@
+/** A VRM avatar in place of the capsules. */
+
+import { VRMLoaderPlugin, VRMUtils, type VRM, type VRMHumanBoneName } from "@pixiv/three-vrm";
+import type { Group } from "three";
+import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { drivenJoints, localRotation, type Driven } from "./retarget";
+import { rootHeight, type Body, type Skeleton } from "./skeleton";
+
+export class Avatar {
+  private readonly driven: readonly Driven[];
+  private readonly isOld: boolean; // VRM 0 faces −Z, VRM 1 and the body here +Z
+  private readonly hipsHeight: number; // m, in the avatar's rest pose
+  private readonly rotation = new Float32Array(4);
+
+  private constructor(
+    private readonly vrm: VRM,
+    private readonly skeleton: Skeleton,
+  ) {
+    const { humanoid } = vrm;
+    this.isOld = vrm.meta.metaVersion === "0";
+    VRMUtils.rotateVRM0(vrm);
+    this.driven = drivenJoints(skeleton, (bone) => humanoid.getNormalizedBoneNode(bone as VRMHumanBoneName) !== null);
+    this.hipsHeight = humanoid.normalizedRestPose.hips?.position?.[1] ?? rootHeight(skeleton);
+    vrm.scene.traverse((part) => (part.frustumCulled = false));
+    vrm.scene.scale.setScalar(rootHeight(skeleton) / this.hipsHeight);
+  }
+
+  /** Read the bytes of a .vrm file. Throws an Error of one line for what is none. */
+  static async read(bytes: ArrayBuffer, name: string, skeleton: Skeleton): Promise<Avatar> {
+    const loader = new GLTFLoader().register((parser) => new VRMLoaderPlugin(parser));
+    const file = await loader.parseAsync(bytes, "").catch((error: unknown) => {
+      throw new Error(
+        `${name} is damaged (${error instanceof Error ? error.message : "it cannot be read"}); export it again.`,
+      );
+    });
+    const vrm = file.userData["vrm"] as VRM | undefined;
+    if (!vrm)
+      throw new Error(`${name} is a glTF file but no VRM: it names no humanoid bones; export it as VRM 0 or 1.`);
+    VRMUtils.removeUnnecessaryVertices(file.scene);
+    return new Avatar(vrm, skeleton);
+  }
+
+  get group(): Group {
+    return this.vrm.scene;
+  }
+
+  /** For the same avatar on another skeleton. */
+  on(skeleton: Skeleton): Avatar {
+    return new Avatar(this.vrm, skeleton);
+  }
+
+  /** Show a pose, `seconds` after the one before (for hair and cloth). */
+  show(body: Body, seconds: number): void {
+    const { humanoid } = this.vrm;
+    const flip = this.isOld ? -1 : 1;
+    for (const driven of this.driven) {
+      const [w, x, y, z] = localRotation(body, driven, this.rotation);
+      humanoid.getNormalizedBoneNode(driven.bone as VRMHumanBoneName)?.quaternion.set(flip * x, y, flip * z, w);
+    }
+    const [x, y, z] = body.position;
+    const share = this.hipsHeight / rootHeight(this.skeleton);
+    humanoid.getNormalizedBoneNode("hips")?.position.set(flip * x * share, y * share, flip * z * share);
+    this.vrm.update(seconds);
+  }
+
+  dispose(): void {
+    this.group.removeFromParent();
+    VRMUtils.deepDispose(this.group);
+  }
+}

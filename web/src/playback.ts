@@ -1,0 +1,52 @@
+/** Which moment of the history is shown: the newest, or one that the timeline chose. */
+
+import type { History, Moment } from "./history";
+
+export const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4] as const;
+
+export class Playback {
+  live = true;
+  playing = true;
+  speed = 1;
+  time = 0; // s, in the history
+
+  /** Advance by `seconds` of the wall's clock and return what is to be shown. */
+  step(history: History, seconds: number): Moment | null {
+    if (this.live) this.time = history.last;
+    else if (this.playing) this.time += seconds * this.speed;
+    if (!this.live && this.time >= history.last) {
+      this.time = history.last;
+      this.live = this.playing && this.speed >= 1; // caught up with what arrives
+    }
+    this.time = Math.max(this.time, history.first);
+    return history.moments[history.indexAt(this.time)] ?? null;
+  }
+
+  seek(time: number): void {
+    this.live = false;
+    this.time = time;
+  }
+
+  pause(): void {
+    this.live = false;
+    this.playing = false;
+  }
+
+  toggle(): void {
+    if (this.playing) this.pause();
+    else this.playing = true;
+  }
+
+  goLive(): void {
+    this.live = true;
+    this.playing = true;
+  }
+
+  /** Show the frame `count` further (back where negative), standing still. */
+  stepFrames(history: History, count: number): void {
+    const index = history.indexAt(this.time) + count;
+    this.pause();
+    const moment = history.moments[Math.min(Math.max(index, 0), history.moments.length - 1)];
+    if (moment) this.time = moment.time;
+  }
+}

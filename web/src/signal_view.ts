@@ -1,0 +1,54 @@
+/** The signal: a small octahedron where a point was tracked, with its axes where it turned. */
+
+import { AxesHelper, Group, Mesh, MeshBasicMaterial, OctahedronGeometry } from "three";
+import { SIGNAL_COLOUR } from "./colours";
+import type { Placed, SignalFrame } from "./protocol";
+
+export class SignalView {
+  readonly group = new Group();
+  private readonly marks: Mesh[] = [];
+  private readonly shape = new OctahedronGeometry(0.022);
+  private readonly small = new OctahedronGeometry(0.006);
+  private readonly material = new MeshBasicMaterial({ color: SIGNAL_COLOUR, depthTest: false, transparent: true });
+  private readonly faint = new MeshBasicMaterial({
+    color: "#808890",
+    depthTest: false,
+    transparent: true,
+    opacity: 0.5,
+  });
+
+  /** Move the signal's world into the body's. */
+  place({ offset, heading }: Pick<Placed, "offset" | "heading">): void {
+    this.group.position.set(...offset);
+    this.group.rotation.y = heading;
+  }
+
+  /** `hidden`: the points that the server does not look at; they are drawn faintly. */
+  show(signal: SignalFrame | null, hidden: ReadonlySet<number>): void {
+    const points = signal?.points ?? [];
+    while (this.marks.length < points.length) this.marks.push(this.newMark());
+    const isCrowd = points.length > 12; // hands: many points close together
+    this.marks.forEach((mark, place) => {
+      const point = points[place];
+      mark.visible = Boolean(point?.position);
+      if (!point?.position) return;
+      mark.geometry = isCrowd ? this.small : this.shape;
+      mark.material = hidden.has(point.point) ? this.faint : this.material;
+      mark.position.set(...point.position);
+      const axes = mark.children[0];
+      axes.visible = point.rotation !== null && !isCrowd;
+      if (point.rotation) {
+        const [w, x, y, z] = point.rotation;
+        mark.quaternion.set(x, y, z, w);
+      }
+    });
+  }
+
+  private newMark(): Mesh {
+    const mark = new Mesh(this.shape, this.material);
+    mark.renderOrder = 2;
+    mark.add(new AxesHelper(0.12));
+    this.group.add(mark);
+    return mark;
+  }
+}

@@ -1,0 +1,54 @@
+/** The built page in a headless Chromium, for the scenarios beside this file. */
+
+import { createServer } from "node:http";
+import { readFile } from "node:fs/promises";
+import { extname, join } from "node:path";
+import { fileURLToPath } from "node:url";
+import { chromium } from "playwright-core";
+
+const PAGE = fileURLToPath(new URL("../../../src/bodysense/serve/page/", import.meta.url));
+const KINDS = { ".html": "text/html", ".js": "text/javascript", ".css": "text/css" };
+const ARGUMENTS = [
+  ...["--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"],
+  ...["--disable-component-update", "--disable-sync", "--use-gl=angle", "--use-angle=swiftshader"],
+  "--enable-unsafe-swiftshader",
+];
+
+/** Serve the built page alone, without a server of bodysense: its address. */
+export async function servePage() {
+  const server = createServer((request, response) => {
+    const path = new URL(request.url ?? "/", "http://page").pathname;
+    const name = path === "/" ? "index.html" : path.slice(1);
+    readFile(join(PAGE, name)).then(
+      (content) => response.setHeader("content-type", KINDS[extname(name)] ?? "text/plain").end(content),
+      () => response.writeHead(404).end(),
+    );
+  });
+  await new Promise((done) => server.listen(0, "127.0.0.1", done));
+  return { address: `http://127.0.0.1:${server.address().port}/`, close: () => server.close() };
+}
+
+/** Run a scenario in a fresh page and print what it returns as JSON; errors of the page fail it. */
+export async function scenario(options, run) {
+  const browser = await chromium.launch({
+    executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
+    args: ARGUMENTS,
+  });
+  try {
+    const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, ...options });
+    const page = await context.newPage();
+    page.setDefaultTimeout(240_000); // software rendering on a busy machine
+    const errors = [];
+    page.on("pageerror", (error) => errors.push(String(error)));
+    page.on("console", (message) => {
+      if (message.type() === "error") errors.push(message.text());
+    });
+    const result = await run(page).catch(async (error) => {
+      const said = await page.innerText("body").catch(() => "");
+      throw new Error(`${error.message}\nerrors of the page: ${errors.join("; ")}\nit said: ${said.slice(0, 600)}`);
+    });
+    console.log(JSON.stringify({ ...result, errors }));
+  } finally {
+    await browser.close();
+  }
+}

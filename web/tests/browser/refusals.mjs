@@ -1,0 +1,35 @@
+/** What the page says of servers that refuse, break off or talk nonsense: node refusals.mjs */
+
+import { fakeServer, WELCOME } from "./fake_server.mjs";
+import { scenario, servePage } from "./page.mjs";
+
+const CASES = {
+  refused: (socket) => {
+    socket.send(JSON.stringify({ type: "error", reason: "protocol version 1; this server speaks 2: reload the page" }));
+    socket.close({ code: 1008, reason: "protocol version" });
+  },
+  nonsense: (socket) => socket.send("this is not JSON"),
+  cut: (socket) => {
+    socket.send(JSON.stringify(WELCOME));
+    socket.send(Buffer.from([2, 0, 52, 0, 1, 2, 3, 4, 0, 0, 0, 0, 0, 0, 0, 0, 1]));
+  },
+  gone: (socket) => socket.close({ code: 1006 }),
+};
+
+const site = await servePage();
+await scenario({ viewport: { width: 500, height: 400 } }, async (page) => {
+  const said = {};
+  for (const [name, behave] of Object.entries(CASES)) {
+    await page.unrouteAll();
+    await fakeServer(page, (socket) => {
+      behave(socket);
+      return true;
+    });
+    await page.goto(`${site.address}?case=${name}`);
+    await page.waitForSelector("#notice:not([hidden])");
+    const again = page.getByRole("button", { name: "Connect again" });
+    said[name] = { text: await page.textContent("#notice-text"), canRetry: await again.isVisible() };
+  }
+  return { said };
+});
+site.close();

@@ -1,0 +1,74 @@
+import { Matrix4, Quaternion, Vector3 } from "three";
+import { VRMHumanBoneList } from "@pixiv/three-vrm";
+import { describe, expect, it } from "vitest";
+import { Mirror } from "../src/mirror";
+import { boneOf, drivenJoints, localRotation } from "../src/retarget";
+import { place } from "../src/skeleton";
+import { Thrift } from "../src/thrift";
+import { pose, skeleton } from "./body";
+
+const joints = skeleton.points.slice(0, skeleton.joints);
+
+describe("bones of an avatar", () => {
+  it("are VRM 1.0 bones, one for each of the 52 joints", () => {
+    const bones = joints.map(boneOf);
+    const known: readonly (string | null)[] = VRMHumanBoneList;
+    expect(bones.filter((bone) => !known.includes(bone))).toEqual([]);
+    expect(new Set(bones).size).toBe(52);
+    expect(boneOf("head_top")).toBeNull();
+  });
+
+  it("turn as the body does, where the avatar lacks some", () => {
+    const lacking = new Set(["upperChest", "neck", "leftToes"]);
+    const driven = drivenJoints(skeleton, (bone) => !lacking.has(bone));
+    expect(driven.length).toBe(52 - lacking.size);
+    const body = place(skeleton, [0, 0, 0], pose(3, 0, 2).rotation);
+    const world = new Map<number, Quaternion>([[-1, new Quaternion()]]);
+    for (const bone of driven) {
+      const [w, x, y, z] = localRotation(body, bone, new Float32Array(4));
+      const above = world.get(bone.above) ?? new Quaternion(NaN);
+      world.set(bone.joint, above.clone().multiply(new Quaternion(x, y, z, w)));
+      const [ww, wx, wy, wz] = body.rotation.subarray(4 * bone.joint);
+      expect(Math.abs(world.get(bone.joint)?.dot(new Quaternion(wx, wy, wz, ww)) ?? 0)).toBeCloseTo(1, 5);
+    }
+  });
+});
+
+describe("the mirror", () => {
+  it("stands 1.5 m before the wearer and shows them looking back", () => {
+    const mirror = new Mirror();
+    const yaw = new Quaternion().setFromAxisAngle(new Vector3(0, 1, 0), 0.7);
+    mirror.standBefore([0.3, 1.6, -0.2], [yaw.w, yaw.x, yaw.y, yaw.z]);
+    const head = new Vector3(0.3, 1.6, -0.2);
+    const look = new Vector3(0, 0, -1).applyQuaternion(yaw);
+    const image = head.clone().applyMatrix4(mirror.reflection());
+    expect(image.distanceTo(head.clone().addScaledVector(look, 3))).toBeLessThan(1e-6);
+    expect(new Matrix4().copy(mirror.reflection()).determinant()).toBeCloseTo(-1, 6);
+  });
+});
+
+describe("thrift", () => {
+  const renderer = () => {
+    const state = {
+      shadowMap: { enabled: true },
+      ratio: 2,
+      getPixelRatio: () => state.ratio,
+      setPixelRatio: (to: number) => (state.ratio = to),
+    };
+    return state;
+  };
+  const run = (of: ReturnType<typeof renderer>, took: number, frames: number) => {
+    const thrift = new Thrift(of as unknown as ConstructorParameters<typeof Thrift>[0]);
+    for (let k = 1; k <= frames; k++) thrift.frame(k * took);
+  };
+
+  it("gives up nothing at 60 Hz, shadows first where it is slow, then pixels", () => {
+    const [fast, slow, slower] = [renderer(), renderer(), renderer()];
+    run(fast, 16, 200);
+    run(slow, 60, 21);
+    run(slower, 60, 200);
+    expect([fast.shadowMap.enabled, fast.ratio]).toEqual([true, 2]);
+    expect([slow.shadowMap.enabled, slow.ratio]).toEqual([false, 2]);
+    expect([slower.shadowMap.enabled, slower.ratio]).toEqual([false, 0.6]);
+  });
+});
