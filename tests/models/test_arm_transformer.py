@@ -12,6 +12,7 @@ from torch.nn.functional import scaled_dot_product_attention
 
 from bodysense.errors import BodysenseError
 from bodysense.models.arm_discriminator import Discriminator
+from bodysense.models.arm_features import Window, held
 from bodysense.models.arm_file import read_arms
 from bodysense.models.arm_transformer import (
     ArmNetwork,
@@ -20,8 +21,6 @@ from bodysense.models.arm_transformer import (
     Convolutions,
     Input,
     Kind,
-    Window,
-    held,
 )
 
 SMALL: dict[str, Any] = {

@@ -16,9 +16,10 @@ from bodysense.data.augment import mirrored as mirrored_clip
 from bodysense.data.bvh import write_bvh
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
+from bodysense.models.arm_features import Window, window_of
 from bodysense.models.arm_file import read_arms
 from bodysense.models.arm_rows import TABLE_1
-from bodysense.models.arm_transformer import ArmNetwork, ArmNetworkConfig, Window, window_of
+from bodysense.models.arm_transformer import ArmNetwork, ArmNetworkConfig
 from bodysense.models.arm_windows import ArmBatch, ArmRecordings, Studio, make_batch, read_arm_recordings
 from bodysense.occlusion.camera_view import FRONT, sample_cameras, view, view_points
 from bodysense.training.arms import (

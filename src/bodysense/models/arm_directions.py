@@ -10,7 +10,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from bodysense.body.arms import ARM_JOINTS, SIDES, arm_skeleton
+from bodysense.body.arms import SIDES, arm_skeleton
 from bodysense.body.rotation import (
     cross,
     dot,
@@ -28,9 +28,7 @@ from bodysense.body.skeleton import default_skeleton
 
 _HINGE = ((0.0, -1.0, 0.0), (0.0, 1.0, 0.0))  # of left and right: about it a straight elbow bends forward
 _STRAIGHT = 0.3  # sine of the bend at which the plane of the arm counts as much as the way from rest
-_CHAIN = tuple([ARM_JOINTS.index(f"{side}_{part}") for side in SIDES] for part in ("collar", "shoulder", "elbow"))
-
-_WRISTS = [ARM_JOINTS.index(f"{side}_wrist") for side in SIDES]
+_BONES = slice(1, 3)  # upper arm and forearm among the joints of an arm: collar, they, wrist, fingers
 
 
 def hinged(directions: Tensor) -> Tensor:
@@ -59,16 +57,13 @@ def beside_directions(said: Tensor, gate: Tensor, bones: Tensor) -> Tensor:
 
     `gate` (..., 2, 2) is the share of directions, of left and right upper arm and forearm; `bones` as of `hinged`.
     """
-    collar = matrix_to_quaternion(sixd_to_matrix(said[..., _CHAIN[0], :]))
-    above = torch.stack([collar, bones[..., 0, :]], dim=-2)
-    local = quaternion_multiply(quaternion_conjugate(above), bones)
-    given = matrix_to_sixd(quaternion_to_matrix(local))
-    turned = list(said.unbind(dim=-2))
-    for bone, joints in enumerate(_CHAIN[1:]):
-        for side, joint in enumerate(joints):
-            share = gate[..., side, bone, None]
-            turned[joint] = share * given[..., side, bone, :] + (1 - share) * turned[joint]
-    return torch.stack(turned, dim=-2)
+    arms = said.unflatten(-2, (len(SIDES), -1))
+    collar = matrix_to_quaternion(sixd_to_matrix(arms[..., :1, :]))
+    above = torch.cat([collar, bones[..., :1, :]], dim=-2)
+    given = matrix_to_sixd(quaternion_to_matrix(quaternion_multiply(quaternion_conjugate(above), bones)))
+    share = gate[..., None]
+    between = share * given + (1 - share) * arms[..., _BONES, :]
+    return torch.cat([arms[..., :1, :], between, arms[..., _BONES.stop :, :]], dim=-2).flatten(-3, -2)
 
 
 def beside_palms(said: Tensor, share: Tensor, palms: Tensor) -> Tensor:
@@ -77,16 +72,14 @@ def beside_palms(said: Tensor, share: Tensor, palms: Tensor) -> Tensor:
     `share` (..., 2, 3) of left and right hand is that of what was said and of either answer; `palms` (..., 2, 2, 4),
     torso ← wrist, as of `palm.palm_turns`.
     """
-    forearm = matrix_to_quaternion(sixd_to_matrix(said[..., _CHAIN[0], :]))
-    for joints in _CHAIN[1:]:
-        forearm = quaternion_multiply(forearm, matrix_to_quaternion(sixd_to_matrix(said[..., joints, :])))
+    arms = said.unflatten(-2, (len(SIDES), -1))
+    collar, upper, lower = matrix_to_quaternion(sixd_to_matrix(arms[..., : _BONES.stop, :])).unbind(dim=-2)
+    forearm = quaternion_multiply(quaternion_multiply(collar, upper), lower)
     above = quaternion_conjugate(forearm)[..., None, :].expand(palms.shape)
     given = matrix_to_sixd(quaternion_to_matrix(quaternion_multiply(above, palms)))
-    turned = list(said.unbind(dim=-2))
-    for side, joint in enumerate(_WRISTS):
-        all_three = torch.stack([turned[joint], given[..., side, 0, :], given[..., side, 1, :]], dim=-2)
-        turned[joint] = (share[..., side, :, None] * all_three).sum(dim=-2)
-    return torch.stack(turned, dim=-2)
+    wrist, fingers = arms[..., _BONES.stop, None, :], arms[..., _BONES.stop + 1 :, :]
+    between = (share[..., None] * torch.cat([wrist, given], dim=-2)).sum(dim=-2, keepdim=True)
+    return torch.cat([arms[..., : _BONES.stop, :], between, fingers], dim=-2).flatten(-3, -2)
 
 
 def _frame(along: Tensor, axis: Tensor) -> Tensor:

@@ -1,9 +1,7 @@
 """Rotations of arms and hands from key-points: AHMT, PAHMT and the CNN beside them (Liu et al., CVPR Workshops 2022).
 
 A window of 32 frames of `ArmKeypoints` goes in, local rotations of the 38 `ARM_JOINTS` come out, for every frame. The
-features are made inside, so that training, the exported file and the run time share them (section 3.4): each hand
-minus its wrist, divided by the longer side of its bounding box; what was not found is as in the frame before, zeros if
-there was none; directions of the arms are in the torso's axes ("3D local location").
+features are made inside (`arm_features.py`), so that training, the exported file and the run time share them.
 
 Where the paper is silent: kernels of three frames; four layers over time, two over joints; the regression token's 64
 numbers go through one linear layer to the width of the features to which they are added.
@@ -15,36 +13,31 @@ found. A hand's picture alone does not tell how its wrist is bent while the pers
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import interpolate
 
 from bodysense.body.arms import ARM_JOINTS, HAND_POINTS, arm_rotations
-from bodysense.body.keypoints import ArmKeypoints
 from bodysense.body.pose import standing_pose
 from bodysense.body.rotation import (
     matrix_to_quaternion,
     matrix_to_sixd,
-    quaternion_conjugate,
     quaternion_exp,
     quaternion_log,
-    quaternion_multiply,
-    quaternion_rotate,
     quaternion_to_matrix,
     sixd_to_matrix,
 )
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.models.arm_directions import beside_directions, beside_palms, hinged
-from bodysense.models.palm import palm_turns
+from bodysense.models.arm_features import Seen, Window, more_points, seen_in
 
 Kind = Literal["cnn", "ahmt", "pahmt"]
 Input = Literal["hands", "arms-hands"]
 KINDS: tuple[Kind, ...] = ("cnn", "ahmt", "pahmt")
 FINGERS = tuple(k for k, name in enumerate(ARM_JOINTS) if name[-1] in "123")  # of `ARM_JOINTS`
-_BOX = 0.1  # of the picture's height: a hand of this size is of size 0 to the network
 _LARGEST = 0.02  # deviation of learned places and tokens at the start
 
 
@@ -109,24 +102,6 @@ class ArmNetworkConfig:
     def size(self) -> int:
         """Numbers of a rotation."""
         return 3 if self.rotation == "axis-angle" else 6
-
-
-class Window(NamedTuple):
-    """Key-points of B windows; any finite number where nothing was found."""
-
-    arm: Tensor  # (B, T, 2, 2, 3)
-    has_arm: Tensor  # (B, T, 2) bool
-    torso: Tensor  # (B, T, 4)
-    has_torso: Tensor  # (B, T) bool
-    hand: Tensor  # (B, T, 2, 21, 2)
-    has_hand: Tensor  # (B, T, 2) bool
-
-
-def window_of(keypoints: ArmKeypoints) -> Window:
-    """Key-points with a batch axis (B, T, …) as the network takes them."""
-    values = (getattr(keypoints, name) for name in Window._fields)
-    tensors = (torch.as_tensor(value) for value in values)
-    return Window(*(one if one.dtype == torch.bool else torch.nan_to_num(one.float()) for one in tensors))
 
 
 class Attention(nn.Module):
@@ -248,7 +223,8 @@ class ArmNetwork(nn.Module):
 
     def forward(self, window: Window) -> Tensor:
         """Rotations (B, T, joints, 3 or 6) as they are regressed; `quaternions` says what they mean."""
-        points = self.points(window)
+        seen = seen_in(window)
+        points = self._read(window, seen)
         features = self.body(points)
         if self.beside is not None:
             features = features + self.beside(points)
@@ -256,11 +232,11 @@ class ArmNetwork(nn.Module):
         shares, said = said[..., : self.config.shares], said[..., self.config.shares :]
         said = said.unflatten(-1, (len(self.config.joints), self.config.size))
         if self.config.from_directions:
-            bones = hinged(self.directions(window)[0])
-            said = beside_directions(said, torch.sigmoid(shares[..., :4]).unflatten(-1, (2, 2)), bones)
+            gate = torch.sigmoid(shares[..., :4]).unflatten(-1, (2, 2))
+            said = beside_directions(said, gate, hinged(seen.directions))
         if self.config.from_palms:
             share = torch.softmax(shares[..., 4:].unflatten(-1, (2, 3)), dim=-1)
-            said = beside_palms(said, share, self.palms(window))
+            said = beside_palms(said, share, seen.palms)
         return said
 
     def quaternions(self, said: Tensor) -> Tensor:
@@ -276,54 +252,17 @@ class ArmNetwork(nn.Module):
         return matrix_to_sixd(quaternion_to_matrix(rotation))
 
     def points(self, window: Window) -> Tensor:
-        """What the network reads: (B, T, tokens, 3), pictures with a zero behind (section 3.3)."""
-        size = window.hand.amax(dim=-2) - window.hand.amin(dim=-2)
-        box = size.amax(dim=-1).clamp(min=1e-6)
-        shape = (window.hand - window.hand[..., :1, :]) / box[..., None, None]
-        shape = held(shape.flatten(-2), window.has_hand).unflatten(-1, (-1, 2))
-        hands = torch.cat([shape, torch.zeros_like(shape[..., :1])], dim=-1).flatten(-3, -2)
+        """What the network reads, (B, T, tokens, 3)."""
+        return self._read(window, seen_in(window))
+
+    def _read(self, window: Window, seen: Seen) -> Tensor:
+        hands = torch.cat([seen.shape, torch.zeros_like(seen.shape[..., :1])], dim=-1).flatten(-3, -2)
         if self.config.input == "hands":
             return hands
-        directions, torso = self.directions(window)
-        read = [directions.flatten(-3, -2), hands]
+        read = [seen.directions.flatten(-3, -2), hands]
         if self.config.more_inputs:
-            arms = held(window.arm.flatten(-2), window.has_arm).unflatten(-1, (2, 3)).flatten(-3, -2)
-            place = torch.cat([window.hand[..., 0, :], torch.log(box / _BOX)[..., None]], dim=-1)
-            found = torch.cat([window.has_arm, window.has_torso[..., None]], dim=-1)
-            found_hands = torch.cat([window.has_hand, torch.zeros_like(window.has_torso[..., None])], dim=-1)
-            flags = torch.stack([found, found_hands], dim=-2).to(arms.dtype)
-            turned = quaternion_to_matrix(torso).mT[..., :2, :]  # where its +x and +y point
-            read += [arms, turned, held(place, window.has_hand), flags]
+            read.append(more_points(window, seen))
         if self.config.from_palms:
-            axes = quaternion_to_matrix(self.palms(window))[..., :, :2].mT  # where a wrist's +x and +y point
+            axes = quaternion_to_matrix(seen.palms)[..., :, :2].mT  # where a wrist's +x and +y point
             read.append(axes.reshape(*axes.shape[:2], -1, 3))
         return torch.cat(read, dim=-2)
-
-    def palms(self, window: Window) -> Tensor:
-        """Both turns (B, T, 2, 2, 4), torso ← wrist, of either hand by the picture of its palm."""
-        hand = held(window.hand.flatten(-2), window.has_hand).unflatten(-1, (-1, 2))
-        turns = palm_turns(hand)
-        torso = quaternion_conjugate(self.directions(window)[1])[..., None, None, :]
-        return quaternion_multiply(torso.expand(turns.shape), turns)
-
-    @staticmethod
-    def directions(window: Window) -> tuple[Tensor, Tensor]:
-        """Of upper arms and forearms in the torso's axes, (B, T, 2, 2, 3), and the torso's turn (B, T, 4)."""
-        upright = torch.zeros_like(window.torso[:, :1])
-        upright[..., 0] = 1.0
-        torso = held(window.torso[..., None, :], window.has_torso[..., None], upright[..., None, :])[..., 0, :]
-        arms = held(window.arm.flatten(-2), window.has_arm).unflatten(-1, (2, 3))
-        inverse = quaternion_conjugate(torso)[..., None, None, :].expand(*arms.shape[:-1], 4)
-        return quaternion_rotate(inverse, arms), torso
-
-
-def held(values: Tensor, known: Tensor, before: Tensor | None = None) -> Tensor:
-    """Values (B, T, N, C); where they are not known (B, T, N) the last that were, at first `before` (B, 1, N, C) or 0.
-
-    As in the frame before, and so on: the past of a window is in it.
-    """
-    first = torch.zeros_like(values[:, :1]) if before is None else before
-    frame = torch.arange(1, known.shape[1] + 1, device=known.device)
-    earlier = (frame[:, None] >= frame)[None, :, :, None] & known[:, None]  # (B, now, then, N)
-    last = torch.where(earlier, frame[:, None], 0).amax(dim=2)
-    return torch.take_along_dim(torch.cat([first, values], dim=1), last[..., None].expand_as(values), dim=1)

@@ -22,7 +22,7 @@ from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.data.windows import Windows, find_windows
 from bodysense.errors import BodysenseError
-from bodysense.models.arm_transformer import Window, window_of
+from bodysense.models.arm_features import Window, window_of
 from bodysense.occlusion.camera_view import CameraRange, sample_cameras, view, view_points
 from bodysense.occlusion.keypoint_noise import DetectorNoise, detect
 

@@ -13,7 +13,8 @@ from bodysense.body.arms import ARM_JOINTS
 from bodysense.body.rotation import normalize, quaternion_canonical
 from bodysense.errors import BodysenseError
 from bodysense.estimators.arms import FORMAT
-from bodysense.models.arm_transformer import ArmNetwork, Window
+from bodysense.models.arm_features import Window
+from bodysense.models.arm_transformer import ArmNetwork
 from bodysense.models.arm_windows import RATE
 from bodysense.training.onnx_writing import export
 
