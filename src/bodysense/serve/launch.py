@@ -108,7 +108,11 @@ def serve_in_workers(
     Raises BodysenseError where a worker died.
     """
     host, port = bound.getsockname()[:2]
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that workers are ended, too
+    for ending in (
+        signal.SIGTERM,
+        signal.SIGINT,
+    ):  # so that workers are ended, too; a shell may have ignored the second
+        signal.signal(ending, signal.default_int_handler)
     context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory(prefix="bodysense-metrics-") as folder:
         ready = context.Semaphore(0)
