@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -108,6 +108,7 @@ def test_what_has_no_jump_on_occlusion_is_left_alone_until_the_marker_returns(
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10_000))
+@example(221)  # three markers nearly in line turn the hand wrongly: hidden ones are 40 cm off
 def test_nothing_jumps_whatever_comes_and_goes(seed: int) -> None:
     """Of a still hand every step is at most that of the closing speed: nothing moves but what returns."""
     rng = np.random.default_rng(seed)

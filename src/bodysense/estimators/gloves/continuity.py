@@ -34,9 +34,9 @@ class Continuous:
     """A filler without its jumps.
 
     A marker that is hidden keeps the offset between where it was and where the filler would have had it then, half of
-    it after `fading` s (None: all of it, as in the paper); one that is found again keeps the offset to where it was
-    shown, which shrinks at `speed` m/s, faster only where that would take more than `longest` s. A hand that has never
-    been seen is shown where it is found.
+    it after `fading` s, but no faster than `speed` (None: all of it, as in the paper); one that is found again keeps
+    the offset to where it was shown, which shrinks at `speed` m/s, faster only where that would take more than
+    `longest` s. A hand that has never been seen is shown where it is found.
     """
 
     filler: Filler
@@ -82,9 +82,12 @@ class Continuous:
         """Offsets (H, 9, 3) m and closing speeds (H, 9, 1) m/s where the same markers are known as a frame ago."""
         offset, closing = state.offset, state.closing
         if self.fading is not None:
-            offset = offset * np.where(known, 1.0, 0.5 ** (interval / self.fading))[..., None]
+            kept = np.where(known, 1.0, 0.5 ** (interval / self.fading))[..., None]
+            if abs(offset).max() > 0.8 * self.speed * self.fading:  # rare: few markers turned the hand wrongly
+                kept = np.maximum(kept, 1 - self.speed * interval / np.maximum(_length(offset), 1e-12))
+            offset = offset * kept
         if closing is not None:
-            length = np.sqrt((offset * offset).sum(axis=-1, keepdims=True))
+            length = _length(offset)
             offset = offset * np.maximum(1 - closing * interval / np.maximum(length, 1e-12), 0.0)
             closing = closing if (offset.any(axis=-1) & known).any() else None
         return offset, closing
@@ -111,7 +114,7 @@ class Continuous:
         offset = _turned_back(self.filler.axes(markers, filler), expected - filled)
         fresh = np.isnan(offset) if state.never is None else np.isnan(offset) | state.never[:, None, None]
         offset = np.where(fresh, 0.0, offset)
-        length = np.sqrt((offset * offset).sum(axis=-1, keepdims=True))
+        length = _length(offset)
         closing = np.maximum(self.speed, length / self.longest)
         if state.closing is not None:  # what was on its way keeps its speed
             closing = np.where((known & state.known)[..., None], state.closing, closing)
@@ -121,6 +124,11 @@ class Continuous:
     def axes(self, markers: np.ndarray, state: ContinuousState) -> np.ndarray | None:
         """Those of the filler."""
         return self.filler.axes(markers, state.filler)
+
+
+def _length(vector: np.ndarray) -> np.ndarray:
+    """(..., 3) → (..., 1)."""
+    return np.sqrt((vector * vector).sum(axis=-1, keepdims=True))
 
 
 class RememberedState(NamedTuple):
