@@ -54,7 +54,7 @@ export async function fakeServer(page, behave = () => false) {
         settings = { ...settings, ...change };
       }
       if (said.type === "hello" || said.type === "settings") socket.send(JSON.stringify({ ...WELCOME, settings }));
-      if (said.type === "hello" && said.watch === "replay") timer = setInterval(replay(socket), 1000 / RATE);
+      if (said.type === "hello" && said.watch === "replay") timer = setInterval(replay(socket), 1000 / RATE).unref(); // a browser that is gone holds nothing up
     });
     socket.onClose(() => clearInterval(timer));
   });
