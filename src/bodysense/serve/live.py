@@ -67,7 +67,7 @@ class Seat:
 class Live:
     """The sessions of a process. Used within its event loop only, between `start` and `stop`.
 
-    `show(pose, moment, tracked)` is called with the poses of the session that goes to avatars: the server's own, or
+    `show(pose, moment)` is called with the poses of the session that goes to avatars: the server's own, or
     else the one that came first.
     """
 
