@@ -7,6 +7,9 @@ detector errs, is a network's to answer.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -40,10 +43,7 @@ def hinged(directions: Tensor) -> Tensor:
     down[..., 1] = -1.0
     known = dot(directions, directions) > 0.5
     directions = torch.where(known, directions, down)
-    skeleton = arm_skeleton(default_skeleton())
-    ends = [[f"{side}_{end}" for end in ("elbow", "wrist")] for side in SIDES]
-    offset = torch.tensor(skeleton.rest_offset[[skeleton.indices(two) for two in ends]], dtype=directions.dtype)
-    bone = normalize(offset).expand_as(directions)
+    bone = normalize(torch.tensor(_bones(), dtype=directions.dtype)).expand_as(directions)
     hinge = torch.tensor(_HINGE, dtype=directions.dtype)
     upper, forearm = directions[..., 0, :], directions[..., 1, :]
     swung = quaternion_rotate(shortest_arc(bone[..., 0, :], upper), hinge.expand_as(upper))
@@ -80,6 +80,14 @@ def beside_palms(said: Tensor, share: Tensor, palms: Tensor) -> Tensor:
     wrist, fingers = arms[..., _BONES.stop, None, :], arms[..., _BONES.stop + 1 :, :]
     between = (share[..., None] * torch.cat([wrist, given], dim=-2)).sum(dim=-2, keepdim=True)
     return torch.cat([arms[..., : _BONES.stop, :], between, fingers], dim=-2).flatten(-3, -2)
+
+
+@lru_cache(maxsize=1)
+def _bones() -> np.ndarray:
+    """Upper arms and forearms (2, 2, 3) of the default body at rest, m."""
+    skeleton = arm_skeleton(default_skeleton())
+    ends = [[f"{side}_{end}" for end in ("elbow", "wrist")] for side in SIDES]
+    return skeleton.rest_offset[[skeleton.indices(two) for two in ends]]
 
 
 def _frame(along: Tensor, axis: Tensor) -> Tensor:

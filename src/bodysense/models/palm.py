@@ -7,6 +7,8 @@ weak-perspective limit of Collins and Bartoli, "Infinitesimal Plane-based Pose E
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -26,10 +28,10 @@ def palm_turns(hand: Tensor) -> Tensor:
     The first axis of two is the hand, the second its answer: fingers lean toward the camera, or away.
     A hand of which all points are one has its palm in the picture's plane.
     """
-    plane, inverse = _palms()
+    plane, inverse = (torch.tensor(values, dtype=hand.dtype) for values in _palms())
     points = hand[..., PALM, :]
     points = points - points.mean(dim=-2, keepdim=True)
-    image = torch.einsum("hkp,...hpx->...hkx", inverse.to(hand.dtype), points)  # the plane's axes in the picture, rows
+    image = torch.einsum("hkp,...hpx->...hkx", inverse, points)  # the plane's axes in the picture, rows
     seen = (image * image).sum(dim=(-2, -1), keepdim=True) > _TINY
     image = torch.where(seen, image, torch.eye(2, dtype=hand.dtype))
     across, along = image[..., 0, :], image[..., 1, :]
@@ -45,11 +47,12 @@ def palm_turns(hand: Tensor) -> Tensor:
     for sign in (1.0, -1.0):
         x, y = (torch.cat([flat, sign * deep[..., k, None]], dim=-1) / scale for k, flat in enumerate((across, along)))
         turns.append(matrix_to_quaternion(torch.stack([x, y, cross(x, y)], dim=-1)))
-    rest = quaternion_conjugate(plane.to(hand.dtype))[:, None].expand(*hand.shape[:-3], 2, 2, 4)
+    rest = quaternion_conjugate(plane)[:, None].expand(*hand.shape[:-3], 2, 2, 4)
     return quaternion_multiply(torch.stack(turns, dim=-2), rest)
 
 
-def _palms() -> tuple[Tensor, Tensor]:
+@lru_cache(maxsize=1)
+def _palms() -> tuple[np.ndarray, np.ndarray]:
     """Turns (2, 4), wrist ← plane, of the default hands' palms, and maps (2, 2, N) from points to the plane's axes.
 
     The plane's x goes across, from the little finger to the index, its y along, from the wrist to the knuckles.
@@ -64,4 +67,4 @@ def _palms() -> tuple[Tensor, Tensor]:
         across = np.asarray(normalize(across - (across @ along) * along))
         turns.append(np.stack([across, along, np.cross(across, along)], axis=-1))
         maps.append(np.linalg.pinv((place - place.mean(axis=0)) @ turns[-1][:, :2]))
-    return torch.tensor(np.asarray(matrix_to_quaternion(np.array(turns)))).float(), torch.tensor(np.array(maps)).float()
+    return np.asarray(matrix_to_quaternion(np.array(turns))), np.array(maps)
