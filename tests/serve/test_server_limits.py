@@ -112,15 +112,25 @@ def test_too_many_sessions(server_of: Serving, connect: Connecting) -> None:
     assert first.answered(signal(0, 0.0)).sequence == 0
 
 
-def test_an_upload_is_refused_before_it_is_read(server: Address) -> None:
-    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
-    connection.putrequest("POST", "/")
-    connection.putheader("Content-Length", str(2 * 1024**3))
-    connection.endheaders()
-    connection.send(b"x" * 1000)
-    response = connection.getresponse()
-    assert response.status == 413 and b"takes no uploads" in response.read()
-    connection.close()
+@pytest.mark.parametrize("sent", [0, 1_000, 200_000])
+def test_an_upload_is_refused_before_it_is_read(server: Address, sent: int) -> None:
+    for _ in range(5):  # a reset that takes the answer with it is a matter of chance
+        connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
+        connection.putrequest("POST", "/")
+        connection.putheader("Content-Length", str(2 * 1024**3))
+        connection.endheaders()
+        connection.send(b"x" * sent)
+        response = connection.getresponse()
+        assert response.status == 413 and b"takes no uploads" in response.read()
+        connection.close()
+
+
+def test_who_goes_on_writing_is_cut_off(server: Address) -> None:
+    with socket.create_connection(("127.0.0.1", server.port), timeout=10) as connection:
+        connection.sendall(b"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2147483648\r\n\r\n")
+        with pytest.raises(OSError, match=r"reset|pipe"):
+            for _ in range(2 * 1024):
+                connection.sendall(bytes(1024 * 1024))
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import socket
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -31,6 +31,8 @@ from bodysense.serve.vmc_trackers import VmcTrackers
 
 _NO_PAGE = "bodysense serves no page here: this copy was installed without it. The WebSocket is at /ws.\n"
 _NO_UPLOAD = "bodysense takes no uploads; avatars and recordings that are dropped on the page stay in the browser.\n"
+_LINGER_S = 1.0
+_LINGER_BYTES = 1024 * 1024
 _HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",  # the address holds the token
@@ -98,7 +100,7 @@ def application(settings: ServerSettings) -> Any:
     async def no_page(_: Any) -> Response:
         return PlainTextResponse(_NO_PAGE, headers=_HEADERS)
 
-    @asynccontextmanager
+    @contextlib.asynccontextmanager
     async def lifespan(_: Any) -> AsyncIterator[None]:
         live.start()
         transports = [await _opened(source, bound, live, metrics, settings.vmc_trackers) for source, bound in inputs]
@@ -131,10 +133,7 @@ def guarded(application: Any) -> Any:
             return
         names = {name for name, value in scope["headers"] if (name, value) != (b"content-length", b"0")}
         if names & {b"content-length", b"transfer-encoding"}:
-            body = _NO_UPLOAD.encode()
-            headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close")]
-            await send({"type": "http.response.start", "status": 413, "headers": headers})
-            await send({"type": "http.response.body", "body": body})
+            await _refuse_upload(receive, send)
             return
 
         async def with_headers(message: Any) -> None:
@@ -147,6 +146,30 @@ def guarded(application: Any) -> Any:
         await application(scope, receive, with_headers)
 
     return guard
+
+
+async def _refuse_upload(receive: Any, send: Any) -> None:
+    """Answer 413, then let go only when the sender has stopped, or has had its time.
+
+    A connection closed over unread bytes is reset, and a reset takes the answer with it.
+    """
+    body = _NO_UPLOAD.encode()
+    headers = [
+        (b"content-type", b"text/plain; charset=utf-8"),
+        (b"content-length", str(len(body)).encode()),
+        (b"connection", b"close"),
+    ]
+    await send({"type": "http.response.start", "status": 413, "headers": headers})
+    await send({"type": "http.response.body", "body": body, "more_body": True})
+    unread = _LINGER_BYTES
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(_LINGER_S):
+            while unread > 0:
+                message = await receive()
+                if message["type"] == "http.disconnect" or not message.get("more_body", False):
+                    break
+                unread -= len(message.get("body", b""))
+    await send({"type": "http.response.body", "body": b""})
 
 
 def _listened(settings: ServerSettings) -> list[tuple[Source, socket.socket]]:
