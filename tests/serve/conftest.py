@@ -99,7 +99,7 @@ def serving(settings: ServerSettings) -> Iterator[Address]:
     """A server while the block lasts."""
     bound = listen("127.0.0.1", 0)
     ready = threading.Event()
-    server = prepared(settings, ready.set)
+    server = prepared(settings, lambda server: ready.set())
     thread = threading.Thread(target=server.run, args=([bound],), daemon=True)
     thread.start()
     try:

@@ -57,9 +57,10 @@ def serve(
     from rich.console import Console
 
     from bodysense.serve.application import ServerSettings
-    from bodysense.serve.launch import listen, serve, serve_in_workers
+    from bodysense.serve.launch import listen, serve
     from bodysense.serve.safety import Access, Limits, is_loopback
     from bodysense.serve.vmc_trackers import VmcTrackers, read_device_names
+    from bodysense.serve.workers import serve_in_workers
 
     if workers < 1:
         raise BodysenseError(f"--workers {workers}: give 1 or more")
@@ -79,7 +80,7 @@ def serve(
         markers_in=markers_in,
         receivers=tuple([*(_receiver("vmc", a) for a in vmc_out), *(_receiver("vrchat", a) for a in vrchat_out)]),
     )
-    bound = listen(host, port, shared=workers > 1)
+    bound = listen(host, port)
     shown = f"[{host}]" if ":" in host else host
     address = f"http://{shown}:{bound.getsockname()[1]}/" + (f"?token={token}" if token is not None else "")
 
@@ -87,7 +88,7 @@ def serve(
         Console().print(f"bodysense serves at {address}", highlight=False, soft_wrap=True)
 
     if workers == 1:
-        serve(settings, bound, started)
+        serve(settings, [bound], lambda server: started())
     else:
         serve_in_workers(settings, bound, workers, started)
 

@@ -159,7 +159,11 @@ class Adaptive:
         elif profile == "headset-camera":
             method, profile = (_CAMERAS, profile) if self.camera is not None else (method, "trackers")
         inner = state.inner if method == state.method else self.method(method).start()
-        return replace(state, profile=profile, arrivals=arrivals, method=method, inner=inner)
+        # Written out: `dataclasses.replace` takes several times as long, and this is done for every frame.
+        return AdaptiveState(
+            *(profile, arrivals, method, inner, state.more, state.sources),
+            *(state.held, state.turned, state.shown, state.passage),
+        )
 
     def method(self, method: Method) -> Estimator:
         """The estimator of a method."""
@@ -204,8 +208,8 @@ class Adaptive:
             for points, hand in zip(self.three_point.body.hands, held[1:], strict=True):
                 place[points] += np.nan_to_num(hand - place[points[0]])
             estimate = replace(estimate, position=place[None])
-        return estimate, replace(
-            judged, inner=inner, more=more, sources=sources, held=held, turned=turned, shown=pose, passage=passage
+        return estimate, AdaptiveState(
+            judged.profile, judged.arrivals, judged.method, inner, more, sources, held, turned, pose, passage
         )
 
 
@@ -226,6 +230,10 @@ def step_many(jobs: Sequence[tuple[Adaptive, Observation, AdaptiveState]]) -> li
 
 def _held(observation: Observation) -> tuple[np.ndarray, np.ndarray]:
     """Where head and hands (3, 3) are measured, NaN where not, and whether their rotations (3,) are."""
+    if observation.points == POINTS:
+        return np.where(
+            observation.has_position[0, :, None], observation.position[0], np.nan
+        ), observation.has_rotation[0]
     held, turned = np.full((3, 3), np.nan), np.zeros(3, dtype=bool)
     for row, name in enumerate(POINTS):
         if name in observation.points:

@@ -152,10 +152,10 @@ def _continued(one: ThreePoint, head: np.ndarray, now: float, state: ThreePointS
     if not head[0]:
         return state
     if state.headset is None or now - state.headset > longest:
-        return replace(one.start(), headset=now)
+        return one.start()
     if state.headset != state.time:  # not one step, but a leap from where it was lost
         state = replace(state, memories=tuple(without_head(memory) for memory in state.memories), feet=released())
-    return replace(state, headset=now)
+    return state
 
 
 def _complete(
@@ -220,7 +220,7 @@ def _complete(
                 (*before[k], after[k]),
                 now[k],
                 (head[k], rotation[k, 0]),
-                state.headset,
+                now[k] if known[k, 0, 0] else state.headset,
                 measured[k],
                 hand[k],
                 turned[k],
@@ -270,18 +270,13 @@ def _usable(observations: Sequence[Observation]) -> tuple[np.ndarray, np.ndarray
 
     N are the frames of all observations, one after the other.
     """
-    frames = sum(len(observation.time) for observation in observations)
-    position, rotation = np.full((frames, 3, 3), np.nan), np.full((frames, 3, 4), np.nan)
-    known = np.zeros((frames, 3, 2), dtype=bool)
-    start = 0
-    for observation in observations:
-        given, here = _places(observation.points)
-        end = start + len(observation.time)
-        position[start:end, given] = observation.position[:, here]
-        rotation[start:end, given] = observation.rotation[:, here]
-        known[start:end, given, 0] = observation.has_position[:, here]
-        known[start:end, given, 1] = observation.has_rotation[:, here]
-        start = end
+    if any(observation.points != POINTS for observation in observations):
+        observations = [_named(observation) for observation in observations]
+    position = np.concatenate([observation.position for observation in observations]).astype(float)
+    rotation = np.concatenate([observation.rotation for observation in observations]).astype(float)
+    known = np.empty((len(position), 3, 2), dtype=bool)
+    np.concatenate([observation.has_position for observation in observations], out=known[..., 0])
+    np.concatenate([observation.has_rotation for observation in observations], out=known[..., 1])
     # Comparisons with what is no number are false.
     with np.errstate(all="ignore"):
         known[..., 0] &= np.abs(position).max(axis=-1) <= FARTHEST
@@ -291,15 +286,26 @@ def _usable(observations: Sequence[Observation]) -> tuple[np.ndarray, np.ndarray
     return position, rotation, known
 
 
+def _named(observation: Observation) -> Observation:
+    """The same, of `POINTS`: those that it lacks are not known."""
+    if observation.points == POINTS:
+        return observation
+    given, here = _places(observation.points)
+    frames = len(observation.time)
+    position, rotation = np.full((frames, 3, 3), np.nan), np.full((frames, 3, 4), np.nan)
+    has = np.zeros((2, frames, 3), dtype=bool)
+    position[:, given], rotation[:, given] = observation.position[:, here], observation.rotation[:, here]
+    has[0][:, given], has[1][:, given] = observation.has_position[:, here], observation.has_rotation[:, here]
+    return Observation(POINTS, position, rotation, has[0], has[1], observation.time)
+
+
 @lru_cache(maxsize=64)
-def _places(points: tuple[str, ...]) -> tuple[list[int] | slice, list[int] | slice]:
-    """Which of head and hands are among the points of an observation, and where; quicker to take where they are all."""
+def _places(points: tuple[str, ...]) -> tuple[list[int], list[int]]:
+    """Which of head and hands are among the points of an observation, and where."""
     twice = [name for name in POINTS if points.count(name) > 1]
     if twice:
         raise BodysenseError(
             f"three points: {twice[0]!r} is named twice; give one device for each of {', '.join(POINTS)}"
         )
-    if points == POINTS:
-        return slice(None), slice(None)
     given = [k for k, name in enumerate(POINTS) if name in points]
     return given, [points.index(POINTS[k]) for k in given]

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from bodysense.body.skeleton import Skeleton
+import numpy as np
+
+from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.estimators.adaptive import PROFILES, Adaptive, AdaptiveState, step_many
 from bodysense.estimators.learned import Learned, Model, load_model
+from bodysense.observation import Observation
 from bodysense.tracker import Tracked, Tracker
 
-__all__ = ["PROFILES", "Adaptive", "AdaptiveState", "adaptive", "step_many"]
+__all__ = ["PROFILES", "Adaptive", "AdaptiveState", "adaptive", "load", "step_many"]
 
 
 @lru_cache(maxsize=1)
@@ -21,3 +24,12 @@ def _shared_model() -> Model:
 def adaptive(skeleton: Skeleton) -> Adaptive:
     """What completes the body of one session, a headset's cameras' view included."""
     return Adaptive(skeleton, camera=Tracked(Tracker(Learned(_shared_model(), skeleton))))
+
+
+def load() -> None:
+    """Load what completes bodies from head and hands, so that nobody's first frame waits for it."""
+    estimator = adaptive(default_skeleton())
+    head = np.zeros((1, 1, 3)), np.array([[[1.0, 0, 0, 0]]]), np.ones((1, 1), dtype=bool), np.ones((1, 1), dtype=bool)
+    frame = Observation(("head",), *head, np.zeros(1))
+    for wearers in (1, 2):  # one alone and many have sessions of their own in the runtime
+        step_many([(estimator, frame, estimator.start())] * wearers)

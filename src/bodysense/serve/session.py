@@ -33,7 +33,7 @@ from bodysense.serve.messages import (
     changed,
 )
 from bodysense.serve.protocol import PoseFrame, SignalFrame
-from bodysense.serve.webxr import Placement, door, rotated, through
+from bodysense.serve.webxr import STILL, Placement, door, rotated, through
 from bodysense.tracker import TrackerState, smooth
 
 CLOCK_SET = 1.0  # s: a clock that jumps as far back, or forward, was set
@@ -105,6 +105,7 @@ class Session:
         self._adaptive = adaptive(self.skeleton)
         self._state = self._adaptive.start()
         self._standing = standing_pose(self.skeleton)
+        self._no_spin = np.zeros((len(self.skeleton.joints), 3))
         self.open_door(self.points)
         self._shown = None
 
@@ -120,6 +121,7 @@ class Session:
         self._seen = np.array([name not in hidden for name in self.points], dtype=bool)
         regions = set(self.settings.regions)
         self._still = np.array([_region(name) not in {None, *regions} for name in self.skeleton.joints])
+        self._keeps_still = bool(self._still.any())
 
     @property
     def is_ready(self) -> bool:
@@ -160,11 +162,11 @@ class Session:
         assert estimate.pose is not None
         root, rotation = np.asarray(estimate.pose.root_position[0]), np.asarray(estimate.pose.rotation[0])
         error, hidden = estimate.confidence[0], estimate.occluded[0]
-        if not (np.isfinite(root).all() and np.isfinite(rotation).all()):
+        if not math.isfinite(np.vdot(root, root) + np.vdot(rotation, rotation)):
             self._state = self._adaptive.start()  # so that no session is stuck
             return None
         self._state = state
-        if self._still.any():
+        if self._keeps_still:
             rotation = np.where(self._still[:, None], self._standing.rotation, rotation)
         if self.settings.mirror:
             root, rotation = self.mirrored(root, rotation)
@@ -247,10 +249,9 @@ class Session:
         if self._fade == math.inf:
             self._fade = moment + _FADE
         half_life = max(self.settings.smoothing, _FADE_HALF_LIFE if moment < self._fade else 0.0)
-        before, count = self._shown, len(rotation)
+        before = self._shown
         if before is None or before.time is None or half_life == 0 or moment - before.time > CLOCK_SET:
-            still = np.zeros((count, 3))
-            self._shown = TrackerState(None, None, None, moment, root, rotation, np.zeros(3), still)
+            self._shown = TrackerState(None, None, None, moment, root, rotation, STILL, self._no_spin)
             return root, rotation
         target = Pose(self.skeleton, root, rotation)
         root, velocity, rotation, spin = smooth(target, before, moment - before.time, half_life)

@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -84,13 +85,18 @@ class Placement:
         return np.array([[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine]])
 
     @cached_property
+    def _away(self) -> np.ndarray:
+        """(3,) m."""
+        return np.array(self.offset)
+
+    @cached_property
     def _half(self) -> np.ndarray:
         """(1, 4) the turn as a quaternion."""
         return np.array([[math.cos(self.heading / 2), 0.0, math.sin(self.heading / 2), 0.0]])
 
     def place(self, position: np.ndarray) -> np.ndarray:
         """Positions (N, 3) m in the body's world."""
-        return position @ self._matrix + self.offset
+        return position @ self._matrix + self._away
 
     def turn(self, rotation: np.ndarray) -> np.ndarray:
         """Rotations (N, 4) in the body's world."""
@@ -101,28 +107,67 @@ class Placement:
 
 def through(door: Door, frame: SignalFrame, shown: np.ndarray, placement: Placement, time: float) -> Observation:
     """One frame of the waist, at `time` s, from a signal frame; points that are not `shown` (N,) are left out."""
-    rows = frame.point
-    target = door.target[rows]
-    use = (target >= 0) & shown[rows]
-    rows, target, has = rows[use], target[use], frame.has[use]
-    has_position, has_rotation = has & HAS_POSITION != 0, has & HAS_ROTATION != 0
-    # What stands where nothing was tracked may be anything: it is left out before it is computed with.
-    position = np.where(has_position[:, None], frame.position[use], _NOWHERE).astype(float)
-    rotation = np.where(has_rotation[:, None], frame.rotation[use], _UPRIGHT).astype(float)
-    if len(rows):
+    told = _told(door, frame.point.astype(np.uint8).tobytes(), shown.tobytes())
+    has, position, rotation = frame.has, frame.position, frame.rotation
+    if told.use is not None:
+        has, position, rotation = has[told.use], position[told.use], rotation[told.use]
+    everything = has.tobytes() == told.everything
+    if everything:
+        has_position, has_rotation = told.all, told.all
+    else:
+        has_position, has_rotation = has & HAS_POSITION != 0, has & HAS_ROTATION != 0
+        # What stands where nothing was tracked may be anything: it is left out before it is computed with.
+        position = np.where(has_position[:, None], position, _NOWHERE)
+        rotation = np.where(has_rotation[:, None], rotation, _UPRIGHT)
+    position, rotation = position.astype(float), rotation.astype(float)
+    if len(has):
         rotation /= np.sqrt(np.einsum("ij,ij->i", rotation, rotation))[:, None]
         if not door.is_plain:
-            rotation = multiply(rotation, door.turn[rows])
+            rotation = multiply(rotation, told.turn)
             # Where the device's rotation is not known, its own place is the best guess of ours.
-            position += rotated(rotation, door.shift[rows]) * has_rotation[:, None]
-            has_rotation &= door.turned[rows]
+            position += rotated(rotation, told.shift) * has_rotation[:, None]
+            has_rotation = has_rotation & told.turned
         position, rotation = placement.place(position), placement.turn(rotation)
-    count = len(door.points)
+    moment = np.array([time])
+    if everything and told.is_whole:
+        return Observation(door.points, position[None], rotation[None], has_position[None], has_rotation[None], moment)
+    count, target = len(door.points), told.target
     places, turns = np.full((1, count, 3), np.nan), np.full((1, count, 4), np.nan)
     known, turned = np.zeros((1, count), dtype=bool), np.zeros((1, count), dtype=bool)
     places[0, target[has_position]], turns[0, target[has_rotation]] = position[has_position], rotation[has_rotation]
     known[0, target[has_position]], turned[0, target[has_rotation]] = True, True
-    return Observation(door.points, places, turns, known, turned, np.array([time]))
+    return Observation(door.points, places, turns, known, turned, moment)
+
+
+class _Told(NamedTuple):
+    """Of frames that name the same points, what does not change from one to the next; K of them are used."""
+
+    use: np.ndarray | None  # (N,) bool; None where all are
+    target: np.ndarray  # (K,) place among the points of the waist
+    turn: np.ndarray  # (K, 4)
+    shift: np.ndarray  # (K, 3)
+    turned: np.ndarray  # (K,) bool
+    is_whole: bool  # they are all points of the waist, in order, and say how all are turned
+    everything: bytes  # of `has`, where all have position and rotation
+    all: np.ndarray  # (K,) True
+
+
+@lru_cache(maxsize=1024)
+def _told(door: Door, point: bytes, shown: bytes) -> _Told:
+    rows = np.frombuffer(point, dtype=np.uint8)
+    use = (door.target[rows] >= 0) & np.frombuffer(shown, dtype=bool)[rows]
+    rows = rows[use]
+    target, turned = door.target[rows], door.turned[rows]
+    return _Told(
+        None if use.all() else use,
+        target,
+        door.turn[rows],
+        door.shift[rows],
+        turned,
+        bool(turned.all()) and target.tolist() == list(range(len(door.points))),
+        bytes([HAS_POSITION | HAS_ROTATION] * len(rows)),
+        np.ones(len(rows), dtype=bool),
+    )
 
 
 def rotated(rotation: np.ndarray, vector: np.ndarray) -> np.ndarray:
