@@ -63,6 +63,7 @@ def test_the_worker_that_has_the_fewest_gets_the_next(handing: tuple[int, list[s
 
 def test_a_worker_serves_what_it_is_handed_and_ends_with_who_hands(handing: tuple[int, list[socket.socket]]) -> None:
     from websockets.sync.client import connect
+    from websockets.typing import Subprotocol
 
     port, workers = handing
     ready, tasks = threading.Event(), []
@@ -77,7 +78,7 @@ def test_a_worker_serves_what_it_is_handed_and_ends_with_who_hands(handing: tupl
     thread = threading.Thread(target=server.run, args=([],))
     thread.start()
     assert ready.wait(20)
-    with connect(f"ws://127.0.0.1:{port}/ws", subprotocols=[SUBPROTOCOL], compression=None) as client:
+    with connect(f"ws://127.0.0.1:{port}/ws", subprotocols=[Subprotocol(SUBPROTOCOL)], compression=None) as client:
         client.send(write_message(Hello(1, DEVICES)))
         assert json.loads(client.recv(timeout=10))["type"] == "welcome"
     workers[0].shutdown(socket.SHUT_RD)  # as if the other end were gone
