@@ -40,5 +40,5 @@ def test_samples_and_fingers_go_there_too(tmp_path: Path, motion: Path, small_va
 def test_what_cannot_be_written(tmp_path: Path, motion: Path, refused) -> None:
     said = refused("track", motion, "--device", "three-point", "-o", tmp_path / "a.gltf")
     assert said.endswith("a.gltf: the output ends in '.gltf'; give a name that ends in .bvh, .glb or .vrma")
-    said = refused("track", tmp_path / "film.mp4", "-o", tmp_path / "a.glb")
-    assert said.endswith("a.glb: of a video a .bvh file is written; give a name that ends in .bvh")
+    said = refused("track", tmp_path / "film.mp4", "-o", tmp_path / "a.gltf")
+    assert said.endswith("a.gltf: the output ends in '.gltf'; give a name that ends in .bvh, .glb or .vrma")

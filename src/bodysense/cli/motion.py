@@ -131,8 +131,7 @@ def track(
     Args:
         file: A recording (.npz, .jsonl), the markers of gloves (.csv, .c3d), a video (a file, a folder of images, or a
             webcam's index), or with --device a motion (.bvh, AMASS .npz).
-        out: The completed motion: .bvh, .glb (glTF with an animated skeleton) or .vrma (an animation for VRM avatars);
-            of a video .bvh.
+        out: The completed motion: .bvh, .glb (glTF with an animated skeleton) or .vrma (an animation for VRM avatars).
         device: What watches the body, where the file is a motion.
         model: A network written by `bodysense train`; the packaged one by default.
         half_life: Seconds in which the smoother closes half of a jump; 0 does not smooth, its own choice by default.
@@ -160,8 +159,6 @@ def track(
 
     check_ending(out)
     if is_video(str(file)):
-        if out.suffix.lower() != ".bvh":
-            raise BodysenseError(f"{out}: of a video a .bvh file is written; give a name that ends in .bvh")
         if device is not None or half_life is not None or fingers == "synthesize" or samples is not None:
             raise BodysenseError(f"{file}: --device, --half-life, --fingers and --samples are not for videos")
         if height == "headset" or gloves != NO_OPTIONS:

@@ -47,7 +47,7 @@ NO_VIDEO = VideoOptions()
 
 
 def track_video(source: str, out: Path, options: VideoOptions, model: Path | None, height: float | None) -> None:
-    """Write the motion of the person in a video as BVH, and the video with the body over it."""
+    """Write the motion of the person in a video (.bvh, .glb, .vrma), and the video with the body over it."""
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn
 
@@ -55,8 +55,8 @@ def track_video(source: str, out: Path, options: VideoOptions, model: Path | Non
     from bodysense.capture.landmarker_files import find_landmarkers
     from bodysense.capture.landmarks import Landmarker, LandmarkerSettings
     from bodysense.capture.video import VideoBrokenError, open_video
-    from bodysense.data.bvh_stream import BvhStream
     from bodysense.estimators.video_path import complete_video
+    from bodysense.export.motion_files import motion_stream
     from bodysense.export.overlay import Overlay
 
     if options.overlay is not None:
@@ -71,7 +71,7 @@ def track_video(source: str, out: Path, options: VideoOptions, model: Path | Non
         video = stack.enter_context(open_video(source, options.image_rate))
         files = find_landmarkers(options.landmarkers)
         landmarker = stack.enter_context(Landmarker(files, LandmarkerSettings(people=options.people)))
-        motion = stack.enter_context(BvhStream(out, skeleton, video.rate))
+        motion = stack.enter_context(motion_stream(out, skeleton, video.rate))
         overlay = None if options.overlay is None else stack.enter_context(Overlay(options.overlay, video.rate))
         longest = float("inf") if options.seconds is None else options.seconds
         pictures = takewhile(lambda picture: picture.time < longest, video.pictures)

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from bodysense.data.bvh import write_bvh
+from bodysense.body.pose import Pose
+from bodysense.body.skeleton import Skeleton
+from bodysense.data.bvh import read_bvh, write_bvh
+from bodysense.data.bvh_stream import BvhStream
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.export.gltf import write_glb
@@ -28,3 +34,25 @@ def check_ending(path: Path) -> Path:
 def write_motion(path: Path, clip: Clip) -> None:
     """Write a clip as BVH, glTF (.glb) or VRM animation (.vrma); raises BodysenseError as their writers do."""
     _WRITERS[check_ending(path).suffix.lower()](path, clip)
+
+
+@contextmanager
+def motion_stream(path: Path, skeleton: Skeleton, frame_rate: float) -> Iterator[BvhStream]:
+    """A motion that is written as it comes; its file appears when the block ends well, if there was any frame.
+
+    Formats that say first how long they are, .glb and .vrma, are made of the whole of it in the end.
+    """
+    if check_ending(path).suffix.lower() == ".bvh":
+        with BvhStream(path, skeleton, frame_rate) as motion:
+            yield motion
+        return
+    with tempfile.TemporaryDirectory(prefix=f".{path.stem}-", dir=path.parent) as folder:
+        whole = Path(folder) / f"{path.stem}.bvh"
+        with BvhStream(whole, skeleton, frame_rate) as motion:
+            yield motion
+        if motion.frames:
+            read = read_bvh(whole)
+            order = read.pose.skeleton.indices(skeleton.joints)
+            # A BVH file does not name the ends of fingers and toes.
+            pose = Pose(skeleton, read.pose.root_position, read.pose.rotation[:, order])
+            write_motion(path, Clip(path.stem, pose, frame_rate))
