@@ -21,7 +21,7 @@ from bodysense.errors import BodysenseError
 from bodysense.estimators.foot_lock import FootLockSettings
 from bodysense.estimators.three_point import ThreePoint, packaged_three_point
 from bodysense.estimators.three_point_answers import PACKAGED, Answer, Memory, load_three_point, steadied
-from bodysense.estimators.three_point_many import ThreePointSettings
+from bodysense.estimators.three_point_state import ThreePointSettings
 from bodysense.estimators.whole_body import WholeBody
 from bodysense.evaluation.metrics import jitter
 from bodysense.observation import Estimate, Observation

@@ -13,7 +13,8 @@ from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.estimators.three_point import ThreePoint
 from bodysense.estimators.three_point_answers import load_three_point
-from bodysense.estimators.three_point_many import ThreePointSettings, step_together
+from bodysense.estimators.three_point_many import step_together
+from bodysense.estimators.three_point_state import ThreePointSettings
 from bodysense.observation import Estimate, Observation
 from bodysense.occlusion.dropout import hide
 from bodysense.occlusion.three_point import HEAD_ONLY, observe

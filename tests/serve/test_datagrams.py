@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import socket
 import time
 
@@ -14,7 +15,10 @@ from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.capture.osc import read_packet
 from bodysense.serve.application import ServerSettings
-from bodysense.serve.datagrams import Flood, Receiver
+from bodysense.serve.datagrams import MarkerInput, Receiver, TrackerInput
+from bodysense.serve.metrics import Metrics
+from bodysense.serve.protocol import SignalFrame
+from bodysense.serve.vmc_trackers import VmcTrackers
 
 from .conftest import Connecting, Serving, signal
 
@@ -74,10 +78,25 @@ def test_markers_by_osc(server_of: Serving, connect: Connecting) -> None:
     assert np.isfinite(pose.rotation).all()
 
 
-def test_a_flood_is_not_looked_at() -> None:
-    flood = Flood()
-    assert sum(flood.allows(1.5) for _ in range(10_000)) == 4000
-    assert flood.allows(2.0)
+@pytest.mark.parametrize("kind", ["vmc", "markers"])
+def test_a_flood_is_not_looked_at(kind: str) -> None:
+    metrics = Metrics()
+
+    async def flooded() -> None:
+        played: list[SignalFrame] = []
+        vmc = TrackerInput(played.append, metrics, VmcTrackers())
+        receiver = vmc if kind == "vmc" else MarkerInput(played.append, metrics)
+        for _ in range(10_000):
+            receiver.datagram_received(b"/nothing", None)
+
+    asyncio.run(flooded())
+    counted = metrics.text()[0].decode()
+    dropped = {
+        reason: float(counted.split(f'bodysense_drops_total{{reason="{reason}"}} ')[1].split()[0])
+        for reason in ("flood", "malformed packet")
+    }
+    assert sum(dropped.values()) == 10_000
+    assert dropped["malformed packet"] < 8_000  # a burst, and what comes while it is looked at
 
 
 def test_the_reader_of_packets_is_ours() -> None:

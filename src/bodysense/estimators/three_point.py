@@ -30,7 +30,8 @@ from bodysense.body.skeleton import BODY, Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.estimators.foot_lock import released
 from bodysense.estimators.three_point_answers import ThreePointModel, load_three_point
-from bodysense.estimators.three_point_many import ThreePointSettings, ThreePointState, step_together
+from bodysense.estimators.three_point_many import step_together
+from bodysense.estimators.three_point_state import ThreePointSettings, ThreePointState
 from bodysense.estimators.whole_body import WholeBody
 from bodysense.observation import Estimate, Observation
 from bodysense.occlusion.three_point import POINTS

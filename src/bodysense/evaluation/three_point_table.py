@@ -11,7 +11,7 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.data.clip import Clip
 from bodysense.estimators.three_point import ThreePoint
 from bodysense.estimators.three_point_answers import load_three_point
-from bodysense.estimators.three_point_many import ThreePointSettings
+from bodysense.estimators.three_point_state import ThreePointSettings
 from bodysense.estimators.upper_body_ik import UpperBodyIk
 from bodysense.evaluation.datasets import Census, DataSet, census_of, describe
 from bodysense.evaluation.full_body import FullBodyScores, Stage, evaluate_full_body

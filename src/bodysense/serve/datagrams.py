@@ -17,6 +17,7 @@ from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.protocol import HAS_POSITION, HAS_ROTATION, SignalFrame
+from bodysense.serve.safety import RateLimit
 from bodysense.serve.vmc import vmc_packets
 from bodysense.serve.vmc_trackers import POINTS as VMC_POINTS
 from bodysense.serve.vmc_trackers import VmcTrackers
@@ -24,7 +25,7 @@ from bodysense.serve.vrchat import vrchat_packets
 
 MARKER_POINTS = (*glove_points("left"), *glove_points("right"))
 _TOGETHER = 0.002  # s: packets that come so soon after one another are one frame
-_MOST = 4000  # packets a second that are looked at
+_MOST = 2000.0  # packets a second that are looked at; twice as many in a burst
 
 
 @dataclass(frozen=True)
@@ -77,13 +78,13 @@ class TrackerInput(asyncio.DatagramProtocol):
         self._state: Any = self._reader.start()
         self._waits = False
         self._sequence = 0
-        self._flood = Flood()
+        self._rate = RateLimit(_MOST, 0.0)
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         """Take one packet."""
         loop = asyncio.get_running_loop()
-        if not self._flood.allows(loop.time()):
-            self._metrics.dropped("malformed packet")
+        if not self._rate.allows(loop.time()):
+            self._metrics.dropped("flood")
             return
         self._state, reason = self._reader.take(data, loop.time(), self._state)
         if reason is not None:
@@ -107,12 +108,14 @@ class MarkerInput(asyncio.DatagramProtocol):
     def __init__(self, play: Callable[[SignalFrame], None], metrics: Metrics) -> None:
         self._play, self._metrics = play, metrics
         self._sequence = 0
-        self._flood = Flood()
+        self._rate = RateLimit(_MOST, 0.0)
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         """Take one packet."""
-        allowed = self._flood.allows(asyncio.get_running_loop().time())
-        observation = read_frame(data, MARKER_POINTS) if allowed else None
+        if not self._rate.allows(asyncio.get_running_loop().time()):
+            self._metrics.dropped("flood")
+            return
+        observation = read_frame(data, MARKER_POINTS)
         if observation is None:
             self._metrics.dropped("malformed packet")
             return
@@ -135,20 +138,6 @@ def listened(option: str, host: str, port: int) -> socket.socket:
         reason = getattr(error, "strerror", None) or error
         raise BodysenseError(f"{option} {port}: UDP port {port} of {host}: {reason}; choose another port") from None
     return found
-
-
-class Flood:
-    """At most so many packets a second are looked at."""
-
-    def __init__(self) -> None:
-        self._second, self._count = 0, 0
-
-    def allows(self, now: float) -> bool:
-        """Whether a packet at `now` s is looked at."""
-        if int(now) != self._second:
-            self._second, self._count = int(now), 0
-        self._count += 1
-        return self._count <= _MOST
 
 
 def signal_of(observation: Observation, points: tuple[str, ...], sequence: int, time: float) -> SignalFrame:
