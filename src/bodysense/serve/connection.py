@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any
 
-from bodysense.serve.live import Live, Seat
+from bodysense.serve.live import Live
 from bodysense.serve.messages import Hello, Ping, Pong, Refused, read_message, write_message
 from bodysense.serve.outbox import Outbox
 from bodysense.serve.protocol import ProtocolError, read_signal
 from bodysense.serve.safety import RateLimit
+from bodysense.serve.seat import Seat
 
 if TYPE_CHECKING:
     from starlette.websockets import WebSocket

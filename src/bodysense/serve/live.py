@@ -6,13 +6,11 @@ import asyncio
 import hmac
 import secrets
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from bodysense.body.pose import Pose
-from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.serve.estimation import PROFILES
 from bodysense.serve.messages import (
     Calibrate,
     Change,
@@ -25,7 +23,6 @@ from bodysense.serve.messages import (
     ServerMessage,
     Settings,
     Source,
-    Welcome,
     changed,
 )
 from bodysense.serve.metrics import Metrics
@@ -42,26 +39,10 @@ from bodysense.serve.recorder import Recorder
 from bodysense.serve.replay import Playable, Player
 from bodysense.serve.safety import Limits
 from bodysense.serve.scheduler import Scheduler
+from bodysense.serve.seat import Seat
 from bodysense.serve.session import Answer, Session
 
 _SWEEP = 0.5  # s between looks for sessions that are over
-
-
-@dataclass(eq=False)
-class Seat:
-    """A session and everybody who is shown it."""
-
-    identity: str
-    token: str
-    name: str
-    session: Session
-    source: Source | None = None  # where the server plays its signal itself
-    outboxes: list[Outbox] = field(default_factory=list)
-    left: float | None = None  # s, of the loop's clock: when the last connection broke
-    player: Player | None = None
-    playing: asyncio.Task[None] | None = None
-    recorder: Recorder | None = None
-    told: int = 0  # the revision of the session that its clients know
 
 
 class Live:
@@ -121,7 +102,7 @@ class Live:
             seat = self._new(hello)
         seat.outboxes.append(outbox)
         seat.left = None
-        outbox.tell(self._welcome(seat, resumed))
+        outbox.tell(seat.welcome(self.sources, self._allow_record is not None, resumed))
         outbox.tell(seat.session.placed())
         return seat
 
@@ -210,33 +191,12 @@ class Live:
         seat.playing = self._loop.create_task(seat.player.run())
         return seat
 
-    def _welcome(self, seat: Seat, resumed: bool = False) -> Welcome:
-        session, skeleton = seat.session, seat.session.skeleton
-        return Welcome(
-            session=seat.identity,
-            token=seat.token if seat.source is None else "",
-            name=seat.name,
-            joints=skeleton.joints,
-            points=skeleton.points,
-            parents=skeleton.parents,
-            rest_offset=_rounded(skeleton),
-            height=round(skeleton.height, 4),
-            signal=session.points,
-            profiles=PROFILES,
-            profile=session.profile,
-            settings=session.settings,
-            sources=self.sources,
-            recording=self._allow_record is not None,
-            length=None if seat.player is None else seat.player.playable.length,
-            resumed=resumed,
-        )
-
     def _tell(self, seat: Seat) -> None:
         """Tell the clients of a session what they do not know yet."""
         notes: list[ServerMessage] = seat.session.notes()
         if seat.told != seat.session.revision:
             seat.told = seat.session.revision
-            notes.insert(0, self._welcome(seat))
+            notes.insert(0, seat.welcome(self.sources, self._allow_record is not None))
         for note in notes:
             for outbox in seat.outboxes:
                 outbox.tell(note)
@@ -256,7 +216,7 @@ class Live:
         self.metrics.latency.observe(spent)
         if seat.recorder is not None and not seat.recorder.add(answer):
             self._stop_recording(seat)
-            self._tell_all(seat, Said("the recording ended: it was as long as it may be, or the body changed"))
+            seat.tell(Said("the recording ended: it was as long as it may be, or the body changed"))
         if self._show is not None and seat is self._leader():
             self._show(answer.pose, answer.moment)
 
@@ -280,7 +240,7 @@ class Live:
 
     def _record(self, seat: Seat, on: bool) -> None:
         if self._allow_record is None:
-            self._tell_all(seat, Said("the server does not record; start it with --allow-record and a folder"))
+            seat.tell(Said("the server does not record; start it with --allow-record and a folder"))
             return
         if not on:
             self._stop_recording(seat)
@@ -290,9 +250,9 @@ class Live:
                     self._allow_record, seat.identity, seat.session.skeleton, self.limits.recording_seconds
                 )
             except BodysenseError:
-                self._tell_all(seat, Said("the server's folder for recordings cannot be written to"))
+                seat.tell(Said("the server's folder for recordings cannot be written to"))
                 return
-            self._tell_all(seat, Said(f"recording to {seat.recorder.path.name}"))
+            seat.tell(Said(f"recording to {seat.recorder.path.name}"))
 
     def _stop_recording(self, seat: Seat) -> None:
         if seat.recorder is None:
@@ -301,15 +261,9 @@ class Live:
         try:
             frames = recorder.close()
         except BodysenseError as error:
-            self._tell_all(seat, Said(str(error).replace(f"{recorder.path.parent}/", "")))
+            seat.tell(Said(str(error).replace(f"{recorder.path.parent}/", "")))
             return
-        self._tell_all(
-            seat, Said(f"recorded {frames} frames to {recorder.path.name}" if frames else "nothing to record")
-        )
-
-    def _tell_all(self, seat: Seat, message: ServerMessage) -> None:
-        for outbox in seat.outboxes:
-            outbox.tell(message)
+        seat.tell(Said(f"recorded {frames} frames to {recorder.path.name}" if frames else "nothing to record"))
 
     def _end(self, seat: Seat) -> None:
         self._stop_recording(seat)
@@ -327,7 +281,3 @@ class Live:
                 keep = 0.0 if seat.source is not None else self.limits.seconds_to_resume
                 if seat.left is not None and now - seat.left > keep and seat not in self._inputs.values():
                     self._end(seat)
-
-
-def _rounded(skeleton: Skeleton) -> tuple[tuple[float, float, float], ...]:
-    return tuple((round(x, 6), round(y, 6), round(z, 6)) for x, y, z in skeleton.rest_offset.tolist())

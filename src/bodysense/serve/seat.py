@@ -1,0 +1,57 @@
+"""A session's place in the server: who is connected to it, what plays it, what records it."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+
+from bodysense.serve.estimation import PROFILES
+from bodysense.serve.messages import ServerMessage, Source, Welcome
+from bodysense.serve.outbox import Outbox
+from bodysense.serve.recorder import Recorder
+from bodysense.serve.replay import Player
+from bodysense.serve.session import Session
+
+
+@dataclass(eq=False)
+class Seat:
+    """A session and everybody who is shown it."""
+
+    identity: str
+    token: str
+    name: str
+    session: Session
+    source: Source | None = None  # where the server plays its signal itself
+    outboxes: list[Outbox] = field(default_factory=list)
+    left: float | None = None  # s, of the loop's clock: when the last connection broke
+    player: Player | None = None
+    playing: asyncio.Task[None] | None = None
+    recorder: Recorder | None = None
+    told: int = 0  # the revision of the session that its clients know
+
+    def tell(self, message: ServerMessage) -> None:
+        """Tell all its clients."""
+        for outbox in self.outboxes:
+            outbox.tell(message)
+
+    def welcome(self, sources: tuple[Source, ...], recording: bool, resumed: bool = False) -> Welcome:
+        """What a client is told of it. `sources` can be watched; `recording`: whether the server records at all."""
+        session, skeleton = self.session, self.session.skeleton
+        return Welcome(
+            session=self.identity,
+            token=self.token if self.source is None else "",
+            name=self.name,
+            joints=skeleton.joints,
+            points=skeleton.points,
+            parents=skeleton.parents,
+            rest_offset=tuple((round(x, 6), round(y, 6), round(z, 6)) for x, y, z in skeleton.rest_offset.tolist()),
+            height=round(skeleton.height, 4),
+            signal=session.points,
+            profiles=PROFILES,
+            profile=session.profile,
+            settings=session.settings,
+            sources=sources,
+            recording=recording,
+            length=None if self.player is None else self.player.playable.length,
+            resumed=resumed,
+        )
