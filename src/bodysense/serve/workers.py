@@ -161,9 +161,10 @@ async def _take(server: Any, channel: socket.socket) -> None:
             task.add_done_callback(opening.discard)
 
     loop.add_reader(channel, take)
-    while True:
+    while not server.should_exit:
         await asyncio.sleep(_TOLD_EVERY)
         ended = taken - len(opening) - len(server.server_state.connections) - told
         if ended > 0:
-            channel.send(b"-" * ended)
+            with contextlib.suppress(OSError):  # `take` is told as well that nobody is there
+                channel.send(b"-" * ended)
             told += ended
