@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.evaluation.arm_table import arm_report, measures, rows_in, score_arms
 from bodysense.evaluation.datasets import DataSet
+from bodysense.export.chart import LinePanel
 from bodysense.models.arm_transformer import FINGERS
 
 EVERY = tuple(range(len(ARM_JOINTS)))
@@ -78,6 +80,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory, waving_clip: Clip) -> Path:
 def test_rows_are_scored_and_reported(folder: Path, small_arms: Path, tmp_path: Path) -> None:
     for name in ("ahmt", "pahmt"):
         shutil.copy(small_arms.with_suffix(".pt"), tmp_path / f"{name}.pt")
+    log = [{"step": step, "validation": {"overall_m": 1 / step, "hands_m": 0.01}} for step in (10, 20)]
+    (tmp_path / "ahmt.jsonl").write_text("".join(json.dumps(line) + "\n" for line in log))
     rows, data = rows_in(tmp_path, small_arms.with_suffix(".pt")), DataSet("mine", folder, "all")
     assert [row.name for row in rows] == ["ahmt", "pahmt", "ik", "shipped"]
     scored, census = score_arms(rows, data, 5, 1, lambda clip: None)
@@ -89,6 +93,10 @@ def test_rows_are_scored_and_reported(folder: Path, small_arms: Path, tmp_path: 
         assert numbers[f"ahmt_{measure}"] == numbers[f"pahmt_{measure}"] > 0
     assert numbers["ahmt_overall_cm"] == pytest.approx(100 * numbers["ahmt_overall_m"])
     assert numbers["ik_overall_m"] < 0.02 < numbers["ahmt_overall_m"]
+    *_, overall, hands = report.panels
+    assert isinstance(overall, LinePanel) and isinstance(hands, LinePanel)
+    assert [line.label for line in overall.lines] == ["ahmt"]  # the other has no log
+    np.testing.assert_allclose((overall.lines[0].x, overall.lines[0].y), ([10, 20], [10, 5]))
     assert len(report.rows) == 4 and {len(row) for row in report.rows} == {len(report.columns)}
 
 

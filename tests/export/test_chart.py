@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense.export.chart import BarPanel, Bars, draw_bars, draw_panels, plain_bars
+from bodysense.export.chart import BarPanel, Bars, Line, LinePanel, draw_bars, draw_panels, plain_bars
 
 
 def is_whole(path: Path) -> bool:
@@ -28,6 +28,14 @@ def test_panels(tmp_path: Path) -> None:
     assert sizes[1] > sizes[0]
     with pytest.raises(BodysenseError, match="does not exist"):
         draw_panels(tmp_path / "none" / "a.png", [panel], "Table")
+
+
+def test_lines_beside_bars_and_alone(tmp_path: Path) -> None:
+    lines = tuple(Line(name, np.arange(5), np.arange(5) ** 0.5 + k) for k, name in enumerate("abcde"))
+    panel = LinePanel("learning", lines, "steps", "cm")
+    for panels in ([panel], [BarPanel("body", ("a",), (plain_bars("ours", [1.0]),), "cm"), panel]):
+        draw_panels(tmp_path / "l.png", panels, "Table")
+        assert is_whole(tmp_path / "l.png")
 
 
 def test_bars_with_errors(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ Every network is asked about the same windows, filmed by the same cameras with t
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -23,7 +24,7 @@ from bodysense.evaluation.arm_twist import ARMS, solved_from_positions, twist_er
 from bodysense.evaluation.datasets import Census, DataSet, census_of, describe
 from bodysense.evaluation.headset import GROUPS, Tally, group_named
 from bodysense.evaluation.report import Cell, Named, Report, cell, finite, ordering
-from bodysense.export.chart import BarPanel, plain_bars
+from bodysense.export.chart import BarPanel, Line, LinePanel, plain_bars
 from bodysense.models.arm_file import read_arms
 from bodysense.models.arm_rows import TABLE_1, Row
 from bodysense.models.arm_transformer import FINGERS, ArmNetwork
@@ -59,6 +60,7 @@ class ScoredRow:
     row: Row
     network: ArmNetwork | None = field(repr=False)  # None: inverse kinematics on the true positions of all joints
     tallies: Tallies = field(default_factory=dict, repr=False)
+    learned: tuple[Mapping[str, float], ...] = field(default=(), repr=False)  # on the validation split, by "step"
 
     def get(self, measure: str, group: str = "main") -> float:
         """A mean over frames and joints; NaN where nothing was counted."""
@@ -68,7 +70,7 @@ class ScoredRow:
 def rows_in(folder: Path, model: Path | None = None) -> list[ScoredRow]:
     """The table's networks that are in a folder, and one more. Raises BodysenseError where there is none."""
     found = [
-        ScoredRow(name, row, read_arms(folder / f"{name}.pt")[0])
+        ScoredRow(name, row, read_arms(folder / f"{name}.pt")[0], learned=_learned(folder / f"{name}.jsonl"))
         for name, row in TABLE_1.items()
         if (folder / f"{name}.pt").is_file()
     ]
@@ -83,6 +85,14 @@ def rows_in(folder: Path, model: Path | None = None) -> list[ScoredRow]:
         row = Row(f"{config.kind.upper()}, {model.stem}", config.kind, config.input)
         found.append(ScoredRow("shipped", row, network))
     return found
+
+
+def _learned(log: Path) -> tuple[Mapping[str, float], ...]:
+    """What a training noted of its validation; nothing where its log is not there."""
+    if not log.is_file():
+        return ()
+    lines = (json.loads(line) for line in log.read_text(encoding="utf-8").splitlines())
+    return tuple({"step": line["step"], **line["validation"]} for line in lines)
 
 
 def score_arms(
@@ -169,8 +179,23 @@ def arm_report(scored: tuple[list[ScoredRow], Census], data: DataSet) -> Report:
         "Arms: mean difference of axis-angle components (the paper's) and geodesic angle of collars, upper arms, "
         "forearms and hands. The paper's figures are of its own motion, whose sizes and cameras are not published.",
         digits=4,
-        panels=(_panel(rows, "overall_m", 1), _panel(rows, "hands_m", 0)),
+        panels=(_panel(rows, "overall_m", 1), _panel(rows, "hands_m", 0), *_curves(rows)),
     )
+
+
+def _curves(rows: list[ScoredRow]) -> Iterator[LinePanel]:
+    """How the networks learned, where their logs are beside them."""
+    for measure, factor, unit in (("overall_m", 100, "cm"), ("arms_deg", 1, "°"), ("hands_m", 100, "cm")):
+        lines = []
+        for row in rows:
+            noted = [figures for figures in row.learned if measure in figures]
+            values = [[figures["step"] for figures in noted], [factor * figures[measure] for figures in noted]]
+            if noted:
+                lines.append(Line(row.name, *np.array(values)))
+        if lines:
+            yield LinePanel(
+                f"{MEASURES[measure].rpartition(',')[0]}, on the validation split", tuple(lines), "steps", unit
+            )
 
 
 def _panel(rows: list[ScoredRow], measure: str, place: int) -> BarPanel:

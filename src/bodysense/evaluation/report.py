@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bodysense.export.chart import BarPanel
+from bodysense.export.chart import Panel
 from bodysense.files import written_beside
 
 Cell = float | str | None
@@ -28,7 +28,7 @@ class Report:
     remarks_title: str = "What holds of the paper"
     caption: str = ""  # units and definitions
     digits: int = 1  # behind the point, where the table is printed
-    panels: tuple[BarPanel, ...] = ()  # of its picture
+    panels: tuple[Panel, ...] = ()  # of its picture
 
 
 @dataclass(frozen=True)

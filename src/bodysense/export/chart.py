@@ -1,4 +1,4 @@
-"""Charts: groups of bars, with errors as in UNOC's Fig. 6 or beside published figures."""
+"""Charts: groups of bars, with errors as in UNOC's Fig. 6 or beside published figures, and lines."""
 
 from __future__ import annotations
 
@@ -35,6 +35,28 @@ class BarPanel:
     measure: str
 
 
+@dataclass(frozen=True)
+class Line:
+    """One line."""
+
+    label: str
+    x: np.ndarray  # (N,)
+    y: np.ndarray  # (N,)
+
+
+@dataclass(frozen=True)
+class LinePanel:
+    """One row of a chart: lines over one quantity, with a legend of their own."""
+
+    title: str
+    lines: tuple[Line, ...]
+    over: str
+    measure: str
+
+
+Panel = BarPanel | LinePanel
+
+
 def plain_bars(label: str, heights: Sequence[float | None]) -> Bars:
     """Bars without errors and marks; None draws none."""
     height = np.array([np.nan if one is None else one for one in heights], dtype=float)
@@ -53,21 +75,27 @@ def draw_bars(path: str | Path, groups: Sequence[str], series: Sequence[Bars], t
     pyplot.close(figure)
 
 
-def draw_panels(path: str | Path, panels: Sequence[BarPanel], title: str) -> None:
-    """A PNG of panels, one below the other, that share a legend."""
+def draw_panels(path: str | Path, panels: Sequence[Panel], title: str) -> None:
+    """A PNG of panels, one below the other; those of bars share a legend."""
     pyplot = load_pyplot()
-    widest = max(len(panel.groups) for panel in panels)
+    widest = max((len(panel.groups) for panel in panels if isinstance(panel, BarPanel)), default=0)
     size = (max(6.5, 0.9 * widest + 1.5), 0.7 + 2.6 * len(panels))
     figure, axes = pyplot.subplots(len(panels), squeeze=False, figsize=size, layout="constrained")
     for axis, panel in zip(axes[:, 0], panels, strict=True):
+        if isinstance(panel, LinePanel):
+            _draw_lines(axis, panel)
+            continue
         _draw(axis, panel)
         axis.margins(y=0.12)
         axis.set_xlim(-0.6, max(len(panel.groups), 4) - 0.4)  # a lone group is not a wall
     shown: dict[str, Any] = {}
-    for axis in axes[:, 0]:
+    for axis, panel in zip(axes[:, 0], panels, strict=True):
+        if isinstance(panel, LinePanel):
+            continue
         handles, labels = axis.get_legend_handles_labels()
         shown |= dict(zip(labels, handles, strict=True))
-    figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=len(shown), frameon=False)
+    if shown:
+        figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=len(shown), frameon=False)
     figure.suptitle(title, fontsize=12, color=INK)
     with written_beside(path) as beside:
         figure.savefig(beside, dpi=130)
@@ -95,6 +123,19 @@ def _draw(axis: Any, panel: BarPanel) -> None:
             )
     axis.axhline(0, color=INK, linewidth=0.8)
     axis.set_xticks(place, panel.groups, rotation=25 if max(map(len, panel.groups)) > 9 else 0)
+    _dress(axis, panel)
+
+
+def _draw_lines(axis: Any, panel: LinePanel) -> None:
+    for k, line in enumerate(panel.lines):
+        style = ("-", "--", ":")[k // len(COLORS) % 3]
+        axis.plot(line.x, line.y, style, color=COLORS[k % len(COLORS)], linewidth=1.5, label=line.label)
+    axis.set_xlabel(panel.over)
+    axis.legend(loc="upper right", frameon=False, fontsize=9)
+    _dress(axis, panel)
+
+
+def _dress(axis: Any, panel: Panel) -> None:
     axis.set_ylabel(panel.measure)
     axis.set_title(panel.title, loc="left", fontsize=11)
     axis.grid(axis="y", color=MUTED, linewidth=0.4)
