@@ -148,3 +148,12 @@ def test_what_a_server_does_wrong_is_said_in_one_line(scenario: Scenario) -> Non
         assert said[case]["text"].startswith("The server sent what this page does not understand")
     assert "is `bodysense serve` running" in said["gone"]["text"]
     assert not said["gone"]["canRetry"]  # the page tries by itself
+
+
+def test_a_line_that_breaks_is_taken_up_again(scenario: Scenario) -> None:
+    facts = scenario("resume")
+    asked = [hello["resume"] for hello in facts["hellos"] if hello["watch"] == "replay"]
+    assert len(asked) == 3 and asked[0] is None
+    assert asked[1] == asked[2] == {"session": "s1", "token": "t1"}
+    assert (facts["lost"], facts["status"]) == ("Connecting again…", "Connected · three-point")
+    assert not facts["notice"]
