@@ -3,7 +3,7 @@
 import numpy as np
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.cli.motion import packaged_performance
+from bodysense.demo import packaged_performance
 from bodysense.estimators.learned import Learned, load_model
 from bodysense.occlusion.headset_camera import observe
 from bodysense.tracker import Tracker

@@ -3,7 +3,7 @@
 import numpy as np
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.cli.motion import packaged_performance
+from bodysense.demo import packaged_performance
 from bodysense.estimators.three_point import packaged_three_point
 from bodysense.occlusion.three_point import observe
 from bodysense.tracker import Tracker

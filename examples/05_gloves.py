@@ -4,7 +4,7 @@ import numpy as np
 
 from bodysense.body.hand import hand_skeleton
 from bodysense.body.pose import forward_kinematics
-from bodysense.cli.motion import packaged_performance
+from bodysense.demo import packaged_performance
 from bodysense.estimators.carried import Carried
 from bodysense.estimators.gloved import Gloved
 from bodysense.estimators.gloves.hands import Hands, load_glove_models

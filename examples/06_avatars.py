@@ -5,7 +5,7 @@ import tempfile
 from pathlib import Path
 
 from bodysense.capture.osc import read_packet
-from bodysense.cli.motion import packaged_performance
+from bodysense.demo import packaged_performance
 from bodysense.export.motion_files import write_motion
 from bodysense.serve.vmc import vmc_packets
 from bodysense.serve.vrchat import vrchat_packets

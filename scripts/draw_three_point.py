@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.cli.motion import packaged_performance
+from bodysense.demo import packaged_performance
 from bodysense.estimators.three_point import packaged_three_point
 from bodysense.export.picture import RESULT, Panel, draw_strip
 from bodysense.occlusion.three_point import HEAD_ONLY, ThreePoint, observe

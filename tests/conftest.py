@@ -180,7 +180,7 @@ def filmed() -> tuple[np.ndarray, Clip]:
     """Eight pictures (8, 320, 320, 3) at 15 Hz of the packaged performance, drawn, and its motion; both hands show."""
     from dataclasses import replace
 
-    from bodysense.cli.motion import packaged_performance
+    from bodysense.demo import packaged_performance
     from bodysense.export.animation import draw_pose
     from bodysense.export.shot import Lens, frame_shot
 

@@ -16,7 +16,6 @@ FLOORS = {
     "errors": -2,
     "files": -1,
     "weights": -1,  # data, read by name
-    "demo": -1,
     "body": 0,
     "observation": 1,
     "capture": 2,
@@ -24,6 +23,7 @@ FLOORS = {
     "occlusion": 2,
     "estimators": 3,
     "models": 3,
+    "demo": 3,
     "tracker": 4,
     "export": 4,
     "training": 5,

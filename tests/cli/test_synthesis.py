@@ -9,7 +9,7 @@ import pytest
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
-from bodysense.cli.motion import load_clip
+from bodysense.cli.recordings import load_clip
 from bodysense.data.bvh import write_bvh
 from bodysense.data.clip import Clip
 

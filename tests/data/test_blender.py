@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.cli.motion import packaged_performance
 from bodysense.data.bvh import write_bvh
 from bodysense.data.clip import Clip
+from bodysense.demo import packaged_performance
 
 SCRIPT = """
 import bpy, json, sys

@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.cli.motion import packaged_performance
 from bodysense.data.clip import Clip
+from bodysense.demo import packaged_performance
 from bodysense.export.gltf import write_glb
 from bodysense.export.humanoid import VRM_BONES, t_posed
 from bodysense.export.vrma import write_vrma

@@ -178,7 +178,7 @@ def bench_arms(frames: int = 2000, model: Path | None = None, json: Path | None 
 
     from bodysense.body.keypoints import ArmKeypoints
     from bodysense.cli.bench import percentiles, report
-    from bodysense.cli.motion import packaged_performance
+    from bodysense.demo import packaged_performance
     from bodysense.estimators.arms import Arms, ArmSettings, load_arms
     from bodysense.occlusion.camera_view import FRONT, sample_cameras, view, view_points
 

@@ -44,7 +44,7 @@ def step(frames: int = 3000, model: Path | None = None, json: Path | None = None
         model: A network written by `bodysense train`; the packaged one by default.
         json: Write the numbers here, as one flat object.
     """
-    from bodysense.cli.motion import packaged_performance
+    from bodysense.demo import packaged_performance
     from bodysense.estimators.learned import Learned, load_model
     from bodysense.occlusion.headset_camera import observe
     from bodysense.tracker import Tracker
@@ -74,7 +74,7 @@ def three_point(frames: int = 3000, tracker: bool = True, model: Path | None = N
         model: A network written by `bodysense train three-point`; the packaged one by default.
         json: Write the numbers here, as one flat object.
     """
-    from bodysense.cli.motion import packaged_performance
+    from bodysense.demo import packaged_performance
     from bodysense.estimators.three_point import ThreePoint
     from bodysense.estimators.three_point_answers import load_three_point
     from bodysense.occlusion.three_point import observe
@@ -140,7 +140,7 @@ def ik(frames: int = 3000, noise: float = 0.0, json: Path | None = None) -> None
     """
     from bodysense.body.ik import InverseKinematics
     from bodysense.body.pose import forward_kinematics
-    from bodysense.cli.motion import packaged_performance
+    from bodysense.demo import packaged_performance
 
     clip = packaged_performance()
     target = np.asarray(forward_kinematics(clip.pose)[0])
@@ -162,7 +162,7 @@ def occlusion(frames: int = 30_000, json: Path | None = None) -> None:
         frames: Frames to see.
         json: Write the numbers here, as one flat object.
     """
-    from bodysense.cli.motion import packaged_performance
+    from bodysense.demo import packaged_performance
     from bodysense.occlusion.headset_camera import see
 
     clip = packaged_performance()
@@ -185,8 +185,8 @@ def bvh(megabytes: int = 60, json: Path | None = None) -> None:
     from dataclasses import replace
     from tempfile import TemporaryDirectory
 
-    from bodysense.cli.motion import packaged_performance
     from bodysense.data.bvh import read_bvh, write_bvh
+    from bodysense.demo import packaged_performance
 
     clip = packaged_performance()
     with TemporaryDirectory() as folder:
@@ -240,7 +240,7 @@ def training(steps: int = 6, threads: int = 1, json: Path | None = None) -> None
         threads: Of PyTorch.
         json: Write the numbers here, as one flat object.
     """
-    from bodysense.cli.motion import packaged_performance
+    from bodysense.demo import packaged_performance
     from bodysense.training.throughput import throughput
 
     if steps < 1:

@@ -91,7 +91,7 @@ class Load:
 
     def __init__(self, address: str, rate: float) -> None:
         from bodysense.body.pose import forward_kinematics
-        from bodysense.cli.motion import packaged_performance
+        from bodysense.demo import packaged_performance
         from bodysense.serve.protocol import SignalFrame, write_signal
 
         self._address, self._rate = urlsplit(address), rate

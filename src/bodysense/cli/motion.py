@@ -15,22 +15,18 @@ from bodysense.cli.markers import (
     check_gloves_of,
     gloved,
     has_gloves,
-    recording_of_markers,
-    simulated_gloves,
 )
 from bodysense.cli.options import tracker_settings
+from bodysense.cli.recordings import Device, is_three_point, load_clip, metres, recording_of, simulated
 from bodysense.cli.video import NO_VIDEO, VideoOptions, track_video
+from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from bodysense.capture.recording import Recording
-    from bodysense.data.clip import Clip
     from bodysense.observation import Estimator
 
-Device = Literal["headset-camera", "three-point", "head-only", "gloves"]
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 MotionFile = Annotated[Path, tyro.conf.Positional]
 
@@ -173,11 +169,11 @@ def track(
         _check_samples(samples, fingers == "synthesize", half_life is not None)
     is_motion = file.is_file() and not is_recording(file) and not is_marker_file(file)
     if device is None and fingers == "synthesize" and is_motion:
-        clip = synthesize(load_clip(file, _metres(height)), load_point_model("fingers", model))
+        clip = synthesize(load_clip(file, metres(height)), load_point_model("fingers", model))
         write_motion(out, replace(clip, name=out.stem))
         print(f"wrote {out}: {len(clip)} frames with synthesized fingers")
         return
-    recording = _recording(file, device, height, gloves)
+    recording = recording_of(file, device, height, gloves)
     if has_gloves(recording.observation):
         check_gloves_of(recording, file, fingers == "synthesize", samples, model)
     if samples is not None:
@@ -204,74 +200,6 @@ def track(
     print(f"wrote {out}: {len(poses)} frames at {rate:.0f} frames/s")
 
 
-def load_clip(file: Path, height: float | None) -> Clip:
-    """A user's motion in canonical form, scaled where they say how tall it is."""
-    from bodysense.data.augment import at_height
-    from bodysense.data.sources import Source, read_source
-
-    clip = read_source(Source(file, person="", split="test"))
-    return clip if height is None else at_height(clip, height)
-
-
-def packaged_performance() -> Clip:
-    """The project's own motion: arms crossed, chin on hand, sitting down, a few steps."""
-    from importlib.resources import as_file, files
-
-    from bodysense.data.amass import read_amass
-
-    with as_file(files("bodysense.demo").joinpath("performance.npz")) as path:
-        return replace(read_amass(path), name="performance")
-
-
-def simulated(clip: Clip, device: Device) -> Recording:
-    """What a device tracks of a clip."""
-    from bodysense.capture.recording import Recording
-    from bodysense.occlusion import headset_camera, three_point
-
-    if device == "gloves":
-        return simulated_gloves(clip)
-    if device == "headset-camera":
-        observation = headset_camera.observe(clip.pose, clip.time)
-    else:
-        observation = three_point.observe(clip.pose, clip.time, three_point.ThreePoint(hands=device == "three-point"))
-    return Recording(observation, clip.pose.skeleton)
-
-
-def _metres(height: float | Literal["headset"] | None) -> float | None:
-    return None if height == "headset" else height
-
-
-def _recording(
-    file: Path, device: Device | None, height: float | Literal["headset"] | None, gloves: MarkerOptions
-) -> Recording:
-    """A recording, or what a device records of a motion; checked for what would come out of it."""
-    from bodysense.capture.markers import is_marker_file
-    from bodysense.capture.recording import is_recording, read_recording
-
-    if device is not None:
-        recording = simulated(load_clip(file, _metres(height)), device)
-    elif not file.is_file():
-        raise BodysenseError(f"{file}: no such file")
-    elif is_marker_file(file):
-        recording = recording_of_markers(file, gloves, _metres(height))
-    elif gloves != NO_OPTIONS:
-        raise BodysenseError(f"{file}: --names, --unit, --up and their like are for marker files, .csv and .c3d")
-    elif is_recording(file):
-        recording = read_recording(file)
-        if height is not None:
-            recording = _of_height(file, recording, height)
-    elif height is not None:
-        raise BodysenseError(f"{file}: --height scales a motion seen by a device; say which with --device")
-    else:
-        raise BodysenseError(
-            f"{file}: not a recording; if it is a motion, say what watches it: --device headset-camera, or "
-            "--fingers synthesize to give it fingers"
-        )
-    if _is_three_point(recording):
-        _check_headset(recording)
-    return recording
-
-
 def _check_samples(samples: int, fingers: bool, smoothed: bool) -> None:
     """Refuse what samples do not go with."""
     other = "--fingers synthesize" if fingers else "--half-life" if smoothed else None
@@ -290,7 +218,7 @@ def _estimator(recording: Recording, model: Path | None, half_life: float | None
 
     if has_gloves(recording.observation):
         return gloved(recording, lambda rest: _estimator(rest, model, half_life), half_life)
-    if not _is_three_point(recording):
+    if not is_three_point(recording):
         return Learned(load_model(model), recording.skeleton)
     if half_life is not None:
         raise BodysenseError(
@@ -298,51 +226,3 @@ def _estimator(recording: Recording, model: Path | None, half_life: float | None
             "where they are measured; leave it out"
         )
     return ThreePoint(recording.skeleton, load_three_point(model))
-
-
-def _is_three_point(recording: Recording) -> bool:
-    from bodysense.observation import without_gloves
-    from bodysense.occlusion.three_point import POINTS
-
-    body = without_gloves(recording.observation).points
-    return bool(body) and set(body) <= set(POINTS)
-
-
-def _head_height(recording: Recording) -> np.ndarray:
-    """(T,) m over the floor; NaN where the headset was not tracked."""
-    import numpy as np
-
-    seen = recording.observation
-    head = [name == "head" for name in seen.points]
-    return np.where(seen.has_position[:, head], seen.position[:, head, 1], np.nan).ravel()
-
-
-def _check_headset(recording: Recording) -> None:
-    """Refuse a recording of head and wrists without a headset, or with one below the floor."""
-    import numpy as np
-
-    height = _head_height(recording)
-    known = height[np.isfinite(height)]
-    if not known.size:
-        raise BodysenseError(
-            "the recording has no headset: 'head' is tracked in none of its frames; record it with one"
-        )
-    highest = float(np.percentile(known, 95))
-    if highest < 0:
-        raise BodysenseError(
-            f"the headset is {-highest:.2f} m below the floor, which is y = 0; give positions over the floor"
-        )
-
-
-def _of_height(file: Path, recording: Recording, height: float | Literal["headset"]) -> Recording:
-    """A recording of head and wrists whose wearer is as tall as they say, or as their headset shows."""
-    from bodysense.body.stature import height_from_headset
-
-    if not _is_three_point(recording):
-        raise BodysenseError(
-            f"{file}: --height scales a motion; a recording holds its wearer's skeleton, so leave it out"
-        )
-    if height == "headset":
-        height = height_from_headset(_head_height(recording), recording.skeleton)
-        print(f"the headset is carried by a body of {height:.2f} m")
-    return replace(recording, skeleton=recording.skeleton.scaled(height))

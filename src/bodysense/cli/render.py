@@ -37,7 +37,7 @@ def render(
     from rich.console import Console
     from rich.progress import Progress, track
 
-    from bodysense.cli.motion import load_clip
+    from bodysense.cli.recordings import load_clip
     from bodysense.data.clips import count_clips, open_clips
     from bodysense.export.render.take import RATE, film, plan_takes
 

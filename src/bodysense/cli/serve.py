@@ -118,7 +118,7 @@ def _receiver(protocol: Literal["vmc", "vrchat"], address: str) -> Receiver:
 def _playable(file: Path | None, device: str | None, height: float | None) -> Playable | None:
     """What is replayed: a recording, or what a device tracks of a motion, with its truth."""
     from bodysense.capture.recording import is_recording, read_recording
-    from bodysense.cli.motion import load_clip, simulated
+    from bodysense.cli.recordings import load_clip, simulated
     from bodysense.serve.replay import Playable
 
     if file is None:

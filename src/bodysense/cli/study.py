@@ -63,7 +63,8 @@ def build(
     from rich.console import Console
     from rich.progress import Progress
 
-    from bodysense.cli.motion import load_clip, packaged_performance
+    from bodysense.cli.recordings import load_clip
+    from bodysense.demo import packaged_performance
     from bodysense.evaluation.study_scenes import StudySettings, build_study
 
     if jobs is not None and jobs < 1:
