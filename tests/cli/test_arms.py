@@ -45,6 +45,11 @@ def test_the_table_is_trained_and_scored(people: Path, tmp_path: Path, run) -> N
     numbers = json.loads((tmp_path / "table.json").read_text())
     assert {f"{name}_{key}" for name in ("cnn", "pahmt") for key in ("hands_m", "overall_m", "arms")} <= set(numbers)
     assert "cnn_hands_hands_cm" in numbers and "cnn_hands_arms" not in numbers
+    perfect = ("--keypoints", "perfect", "--json", tmp_path / "perfect.json", "--out", out)
+    said = run("evaluate", "pahmt-table1", "--data", people, "--networks", table, *perfect)
+    assert "without a detector's errors" in " ".join(said.split())
+    others = json.loads((tmp_path / "perfect.json").read_text())
+    assert others["ik_arms_deg"] == numbers["ik_arms_deg"] and others["pahmt_arms_deg"] != numbers["pahmt_arms_deg"]
 
 
 def test_what_cannot_be(people: Path, tmp_path: Path, small_arms: Path, refused) -> None:

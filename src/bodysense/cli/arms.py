@@ -144,7 +144,13 @@ def arms_table(
 
 
 def pahmt_table1(
-    data: str, networks: Path, model: Path | None = None, stride: int = 5, seed: int = 1, common: Flat = Common()
+    data: str,
+    networks: Path,
+    model: Path | None = None,
+    keypoints: Literal["detected", "perfect"] = "detected",
+    stride: int = 5,
+    seed: int = 1,
+    common: Flat = Common(),
 ) -> None:
     """PAHMT, Table 1: CNN, AHMT and PAHMT; hands alone; with and without each loss.
 
@@ -152,18 +158,21 @@ def pahmt_table1(
         data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table. Clips with fingers count.
         networks: The folder into which `bodysense train arms-table` wrote the networks.
         model: The .pt of a network of other settings (`bodysense train arms`), for a row beside.
+        keypoints: With the errors of a detector, or without any.
         stride: Frames from one window to the next.
         seed: Of cameras and the detector's errors.
         common: Common options; one process does it.
     """
     from bodysense.evaluation.arm_table import arm_report, rows_in, score_arms
     from bodysense.evaluation.datasets import named_data
+    from bodysense.occlusion.keypoint_noise import DetectorNoise
 
     checked(common, stride)
     chosen, rows = named_data(data, common.split, common.quick), rows_in(networks, model)
     with progress_over([chosen]) as advance:
-        scored = score_arms(rows, chosen, stride, seed, advance)
-    finish(arm_report(scored, chosen), common)
+        noise = None if keypoints == "perfect" else DetectorNoise()
+        scored = score_arms(rows, chosen, stride, seed, advance, noise)
+    finish(arm_report(scored, chosen, keypoints == "perfect"), common)
 
 
 def bench_arms(frames: int = 2000, model: Path | None = None, json: Path | None = None) -> None:
