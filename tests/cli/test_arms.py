@@ -49,6 +49,9 @@ def test_the_table_is_trained_and_scored(people: Path, tmp_path: Path, run) -> N
     said = run("evaluate", "pahmt-table1", "--data", people, "--networks", table, *perfect)
     assert "without a detector's errors" in " ".join(said.split())
     others = json.loads((tmp_path / "perfect.json").read_text())
+    # Learned without a detector's errors, of the same seed: another network.
+    run("train", "arms-table", "--data", people, "-o", out, *SMALL, "--networks", "cnn", "--keypoints", "perfect")
+    assert (out / "cnn.pt").read_bytes() != (table / "cnn.pt").read_bytes()
     assert others["ik_arms_deg"] == numbers["ik_arms_deg"] and others["pahmt_arms_deg"] != numbers["pahmt_arms_deg"]
 
 

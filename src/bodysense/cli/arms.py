@@ -43,6 +43,8 @@ class Schedule:
     """Of Adam."""
     bodies: int = 1
     """Every clip also so many less one times varied: other proportions, arms that wander, arms of other clips."""
+    keypoints: Literal["detected", "perfect"] = "detected"
+    """With the errors of a detector, or without any."""
     seed: int = 1
     """Of everything random."""
     threads: int | None = None
@@ -219,6 +221,7 @@ def bench_arms(frames: int = 2000, model: Path | None = None, json: Path | None 
 
 def _run(data: Path, out: Path, chosen: Schedule) -> ArmRun:
     from bodysense.models.arm_transformer import ArmNetworkConfig
+    from bodysense.models.arm_windows import Studio
     from bodysense.training.arms import ArmSchedule
     from bodysense.training.arms_run import ArmRun
 
@@ -238,6 +241,7 @@ def _run(data: Path, out: Path, chosen: Schedule) -> ArmRun:
         learning_rate=chosen.learning_rate,
         halve_every=chosen.halve_every,
         weight_decay=chosen.weight_decay,
+        studio=Studio(noise=None) if chosen.keypoints == "perfect" else Studio(),
         seed=chosen.seed,
     )
     return ArmRun(data, out, config, schedule, chosen.bodies, chosen.threads)

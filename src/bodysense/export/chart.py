@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -81,9 +81,11 @@ def draw_panels(path: str | Path, panels: Sequence[Panel], title: str) -> None:
     widest = max((len(panel.groups) for panel in panels if isinstance(panel, BarPanel)), default=0)
     size = (max(6.5, 0.9 * widest + 1.5), 0.7 + 2.6 * len(panels))
     figure, axes = pyplot.subplots(len(panels), squeeze=False, figsize=size, layout="constrained")
+    lines = [line.label for panel in panels if isinstance(panel, LinePanel) for line in panel.lines]
+    style = {label: k for k, label in enumerate(dict.fromkeys(lines))}  # the same in every panel
     for axis, panel in zip(axes[:, 0], panels, strict=True):
         if isinstance(panel, LinePanel):
-            _draw_lines(axis, panel)
+            _draw_lines(axis, panel, style)
             continue
         _draw(axis, panel)
         axis.margins(y=0.12)
@@ -126,12 +128,12 @@ def _draw(axis: Any, panel: BarPanel) -> None:
     _dress(axis, panel)
 
 
-def _draw_lines(axis: Any, panel: LinePanel) -> None:
-    for k, line in enumerate(panel.lines):
-        style = ("-", "--", ":")[k // len(COLORS) % 3]
-        axis.plot(line.x, line.y, style, color=COLORS[k % len(COLORS)], linewidth=1.5, label=line.label)
+def _draw_lines(axis: Any, panel: LinePanel, style: Mapping[str, int]) -> None:
+    for line in panel.lines:
+        dashes, color = divmod(style[line.label], len(COLORS))
+        axis.plot(line.x, line.y, ("-", "--", ":")[dashes % 3], color=COLORS[color], linewidth=1.5, label=line.label)
     axis.set_xlabel(panel.over)
-    axis.legend(loc="upper right", frameon=False, fontsize=9)
+    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
     _dress(axis, panel)
 
 

@@ -135,7 +135,7 @@ def train_arms(
         average.update_parameters(pair)
         recent.append({name: float(value.detach()) for name, value in terms.items()})
         if step % schedule.check_every == 0 or step == steps:
-            figures = validate_arms(kept.network, validation)
+            figures = validate_arms(kept.network, validation, schedule.studio)
             if (score := figures[next(iter(figures))]) < best["score"]:
                 weights = {name: value.clone() for name, value in kept.network.state_dict().items()}
                 best = {"score": score, "step": step, "weights": weights}
@@ -195,16 +195,17 @@ def batch_of(frames: ArmRecordings, windows: Windows, schedule: ArmSchedule, ste
     return make_batch(frames, both, np.arange(len(both)), schedule.studio, rng)
 
 
-def validation_batches(frames: ArmRecordings, seed: int = 0) -> Iterator[ArmBatch]:
-    """The windows on which runs are watched, always filmed alike."""
+def validation_batches(frames: ArmRecordings, studio: Studio, seed: int = 0) -> Iterator[ArmBatch]:
+    """The windows on which runs are watched, always filmed alike, not mirrored."""
+    studio = replace(studio, mirrored=False)
     windows, rng = frames.windows(), np.random.default_rng(seed)
     which = np.linspace(0, len(windows) - 1, min(_VALIDATED, len(windows))).astype(np.int64)
     for some in np.array_split(which, max(1, len(which) // 64)):
-        yield make_batch(frames, windows, some, Studio(mirrored=False), rng)
+        yield make_batch(frames, windows, some, studio, rng)
 
 
 @torch.no_grad()
-def validate_arms(network: ArmNetwork, frames: ArmRecordings) -> dict[str, float]:
+def validate_arms(network: ArmNetwork, frames: ArmRecordings, studio: Studio = Studio()) -> dict[str, float]:
     """Mean errors on validation windows: `overall_m` (not of hands alone), `hands_m`, `arms_deg`, `fingers_deg`."""
     training, joints = network.training, list(network.config.joints)
     network.eval()
@@ -212,7 +213,7 @@ def validate_arms(network: ArmNetwork, frames: ArmRecordings) -> dict[str, float
     points = arms_alone().points
     wrist = torch.tensor(np.maximum(arms_alone().wrist_of, 0))
     fingers = torch.tensor([k for k, name in enumerate(points) if arms_alone().wrist_of[k] >= 0])
-    for batch in validation_batches(frames):
+    for batch in validation_batches(frames, studio):
         said = network.quaternions(network(batch.window))
         truth = batch.rotation[:, :, joints]
         apart = torch.rad2deg(geodesic_angle(said, truth)).mean(dim=(0, 1))

@@ -146,7 +146,7 @@ def train_network(run: ArmRun, weights: Path, data: ArmData, report: Callable[[P
     network, source = ArmNetwork(run.config), source_of(run)
     checkpoint = weights.with_suffix(".ckpt")
     network = train_arms(network, run.schedule, data.train, data.validation, checkpoint, noted, source)
-    figures = validate_arms(network, data.validation)
+    figures = validate_arms(network, data.validation, run.schedule.studio)
     card = {
         "identity": identity(run.config, run.schedule, source),
         "licence": run.licence,
