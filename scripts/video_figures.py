@@ -3,8 +3,8 @@
     bodysense data render DIR -o RENDERED --videos 24 --seconds 6
     bodysense evaluate video-rendered RENDERED --json FIGURES/video-rendered.json
     bodysense train arms-table --data DIR -o NETWORKS …
-    bodysense evaluate pahmt-table1 --data DIR --networks NETWORKS --json FIGURES/pahmt-table1.json
-    … the same with --keypoints perfect, into FIGURES/pahmt-table1-perfect.json
+    bodysense evaluate pahmt-table1 --data DIR --networks NETWORKS --out FIGURES --json FIGURES/pahmt-table1.json
+    … train and evaluate with --keypoints perfect, into FIGURES/pahmt-table1-perfect.json
     bodysense bench arms --json FIGURES/arms-speed.json
     python scripts/video_figures.py FIGURES
 
@@ -17,6 +17,7 @@ import json
 import sys
 from pathlib import Path
 
+from PIL import Image
 from readme_figures import markdown, put
 
 from bodysense.cli.show import processor
@@ -48,6 +49,8 @@ def main(folder: Path) -> None:
             _write(page, "video", rendered(read["video-rendered"]))
     if "pahmt-table1" in read:
         _write("docs/arms.md", "table1", table(read["pahmt-table1"], read.get("pahmt-table1-perfect", {})))
+    if (drawn := folder / "pahmt-table1.png").is_file():
+        Image.open(drawn).convert("RGB").quantize(64).save(ROOT / "docs" / "figures" / "arms.png", optimize=True)
     if "arms-speed" in read:
         _write("docs/arms.md", "arms-speed", speed(read["arms-speed"]))
 
@@ -65,7 +68,7 @@ def rendered(numbers: Numbers) -> str:
 
 
 def table(numbers: Numbers, perfect: Numbers) -> str:
-    """PAHMT's Table 1, ours and the paper's; beside them ours on key-points without a detector's errors."""
+    """PAHMT's Table 1, ours and the paper's; beside them networks that learn, and are asked, without errors."""
     measures = {"hands_m": "hands m", "overall_m": "overall m", "arms": "arms rad", "arms_deg": "arms °"}
 
     def ours(name: str) -> list[str]:
@@ -83,7 +86,10 @@ def table(numbers: Numbers, perfect: Numbers) -> str:
         if f"{name}_hands_m" in numbers:
             rows.append([title, "", "", *ours(name), "–", "–", "–"])
     head = ["network", "smooth", "fk", *measures.values(), "without errors: overall m", "arms °"]
-    said = "`bodysense evaluate pahmt-table1`, and `--keypoints perfect`; the paper's figures are of its own motion."
+    said = (
+        "`bodysense evaluate pahmt-table1`; *without errors*: trained and asked with `--keypoints perfect`. The "
+        "paper's figures are of its own motion."
+    )
     return markdown([*head, "paper: hands", "overall", "arms"], rows) + "\n\n" + said
 
 
