@@ -260,4 +260,4 @@ def _remarks(rows: Mapping[str, ScoredRow]) -> Iterator[str]:
             said = ordering(claim, figures[0], figures[1:], MEASURES[measure].rpartition(", ")[2], 4)
             share = 1 - figures[0].value / figures[1].value
             if said is not None and math.isfinite(share):
-                yield f"{said} {share:.0%} less."
+                yield f"{said} {abs(share):.0%} {'less' if share > 0 else 'more'}."
