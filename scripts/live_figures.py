@@ -25,7 +25,8 @@ HEADER = ("sessions", "Hz", "processes", "in the server p50, p99, ms", "round tr
 def main(folder: Path) -> None:
     """Replace the text between the markers of `live`."""
     read = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("live-*.json")}
-    runs = sorted((numbers for numbers in read.values() if "p99_ms" in numbers), key=lambda row: row["sessions"])
+    runs = [numbers for numbers in read.values() if "p99_ms" in numbers]
+    runs.sort(key=lambda row: (row["rate_hz"], row["workers"], row["sessions"]))
     rows = [
         [
             f"{row['sessions']:.0f}",

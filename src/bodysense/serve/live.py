@@ -7,6 +7,7 @@ import hmac
 import secrets
 from collections.abc import Callable
 from pathlib import Path
+from time import monotonic
 
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
@@ -116,7 +117,7 @@ class Live:
     def receive(self, seat: Seat, frame: SignalFrame) -> None:
         """A frame of a session came in."""
         self.metrics.frames.inc()
-        dropped = seat.session.receive(frame, self._loop.time())
+        dropped = seat.session.receive(frame, monotonic())
         if dropped is not None:
             self.metrics.dropped(dropped)
         self._scheduler.ready(seat)
@@ -206,7 +207,7 @@ class Live:
         if answer is None:
             self.metrics.dropped("failed")
             return
-        spent = self._loop.time() - answer.received
+        spent = monotonic() - answer.received  # a loop may count in milliseconds
         frames = [write_pose(answer.frame, min(int(spent * 1e6), 2**32 - 1))]
         if seat.source is not None and seat.outboxes:
             frames = [write_signal(answer.signal), *self._truth(seat, answer), *frames]
