@@ -12,9 +12,11 @@ from bodysense.cli.reporting import Common, Flat, checked, finish, progress_over
 from bodysense.errors import BodysenseError
 
 if TYPE_CHECKING:
+    from bodysense.models.arm_windows import Studio
     from bodysense.training.arms_run import ArmRun
 
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
+Keypoints = Literal["detected", "perfect"]
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class Schedule:
     """Of Adam."""
     bodies: int = 1
     """Every clip also so many less one times varied: other proportions, arms that wander, arms of other clips."""
-    keypoints: Literal["detected", "perfect"] = "detected"
+    keypoints: Keypoints = "detected"
     """With the errors of a detector, or without any."""
     seed: int = 1
     """Of everything random."""
@@ -149,7 +151,7 @@ def pahmt_table1(
     data: str,
     networks: Path,
     model: Path | None = None,
-    keypoints: Literal["detected", "perfect"] = "detected",
+    keypoints: Keypoints = "detected",
     stride: int = 5,
     seed: int = 1,
     common: Flat = Common(),
@@ -167,13 +169,11 @@ def pahmt_table1(
     """
     from bodysense.evaluation.arm_table import arm_report, rows_in, score_arms
     from bodysense.evaluation.datasets import named_data
-    from bodysense.occlusion.keypoint_noise import DetectorNoise
 
     checked(common, stride)
     chosen, rows = named_data(data, common.split, common.quick), rows_in(networks, model)
     with progress_over([chosen]) as advance:
-        noise = None if keypoints == "perfect" else DetectorNoise()
-        scored = score_arms(rows, chosen, stride, seed, advance, noise)
+        scored = score_arms(rows, chosen, stride, seed, advance, _studio(keypoints))
     finish(arm_report(scored, chosen, keypoints == "perfect"), common)
 
 
@@ -219,9 +219,14 @@ def bench_arms(frames: int = 2000, model: Path | None = None, json: Path | None 
     report("arms", numbers, json)
 
 
+def _studio(keypoints: Keypoints) -> Studio:
+    from bodysense.models.arm_windows import Studio
+
+    return Studio(noise=None) if keypoints == "perfect" else Studio()
+
+
 def _run(data: Path, out: Path, chosen: Schedule) -> ArmRun:
     from bodysense.models.arm_transformer import ArmNetworkConfig
-    from bodysense.models.arm_windows import Studio
     from bodysense.training.arms import ArmSchedule
     from bodysense.training.arms_run import ArmRun
 
@@ -241,7 +246,7 @@ def _run(data: Path, out: Path, chosen: Schedule) -> ArmRun:
         learning_rate=chosen.learning_rate,
         halve_every=chosen.halve_every,
         weight_decay=chosen.weight_decay,
-        studio=Studio(noise=None) if chosen.keypoints == "perfect" else Studio(),
+        studio=_studio(chosen.keypoints),
         seed=chosen.seed,
     )
     return ArmRun(data, out, config, schedule, chosen.bodies, chosen.threads)

@@ -38,7 +38,6 @@ from bodysense.models.arm_windows import (
     read_arm_recordings,
     window_of,
 )
-from bodysense.occlusion.keypoint_noise import DetectorNoise
 
 MEASURES = {
     "hands_m": "hands, m",
@@ -102,13 +101,13 @@ def score_arms(
     stride: int,
     seed: int,
     advance: Callable[[Clip], None],
-    noise: DetectorNoise | None = DetectorNoise(),
+    studio: Studio = Studio(),
 ) -> tuple[list[ScoredRow], Census]:
     """The rows with their figures on clips with fingers, and how much motion that was.
 
-    `noise` is of the detector; None: it does not err.
+    `studio` says by which cameras and with which errors; no window is mirrored, and none is of a video's beginning.
     """
-    studio = Studio(noise=noise, mirrored=False, begun=0.0)
+    studio = replace(studio, mirrored=False, begun=0.0)
     census, tallies = Census(), {row.name: dict[tuple[str, str], Tally]() for row in rows}
 
     def count(row: ScoredRow, clip: Clip, errors: dict[str, np.ndarray]) -> None:
