@@ -161,8 +161,16 @@ class Adaptive:
         inner = state.inner if method == state.method else self.method(method).start()
         # Written out: `dataclasses.replace` takes several times as long, and this is done for every frame.
         return AdaptiveState(
-            *(profile, arrivals, method, inner, state.more, state.sources),
-            *(state.held, state.turned, state.shown, state.passage),
+            profile=profile,
+            arrivals=arrivals,
+            method=method,
+            inner=inner,
+            more=state.more,
+            sources=state.sources,
+            held=state.held,
+            turned=state.turned,
+            shown=state.shown,
+            passage=state.passage,
         )
 
     def method(self, method: Method) -> Estimator:
@@ -209,7 +217,16 @@ class Adaptive:
                 place[points] += np.nan_to_num(hand - place[points[0]])
             estimate = replace(estimate, position=place[None])
         return estimate, AdaptiveState(
-            judged.profile, judged.arrivals, judged.method, inner, more, sources, held, turned, pose, passage
+            profile=judged.profile,
+            arrivals=judged.arrivals,
+            method=judged.method,
+            inner=inner,
+            more=more,
+            sources=sources,
+            held=held,
+            turned=turned,
+            shown=pose,
+            passage=passage,
         )
 
 
@@ -231,9 +248,8 @@ def step_many(jobs: Sequence[tuple[Adaptive, Observation, AdaptiveState]]) -> li
 def _held(observation: Observation) -> tuple[np.ndarray, np.ndarray]:
     """Where head and hands (3, 3) are measured, NaN where not, and whether their rotations (3,) are."""
     if observation.points == POINTS:
-        return np.where(
-            observation.has_position[0, :, None], observation.position[0], np.nan
-        ), observation.has_rotation[0]
+        known = observation.has_position[0, :, None]
+        return np.where(known, observation.position[0], np.nan), observation.has_rotation[0]
     held, turned = np.full((3, 3), np.nan), np.zeros(3, dtype=bool)
     for row, name in enumerate(POINTS):
         if name in observation.points:

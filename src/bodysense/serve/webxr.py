@@ -149,7 +149,7 @@ class _Told(NamedTuple):
     turned: np.ndarray  # (K,) bool
     is_whole: bool  # they are all points of the waist, in order, and say how all are turned
     everything: bytes  # of `has`, where all have position and rotation
-    all: np.ndarray  # (K,) True
+    all: np.ndarray  # (K,) True, shared by frames: not to be written to
 
 
 @lru_cache(maxsize=1024)
@@ -157,7 +157,8 @@ def _told(door: Door, point: bytes, shown: bytes) -> _Told:
     rows = np.frombuffer(point, dtype=np.uint8)
     use = (door.target[rows] >= 0) & np.frombuffer(shown, dtype=bool)[rows]
     rows = rows[use]
-    target, turned = door.target[rows], door.turned[rows]
+    target, turned, every = door.target[rows], door.turned[rows], np.ones(len(rows), dtype=bool)
+    every.setflags(write=False)
     return _Told(
         None if use.all() else use,
         target,
@@ -166,7 +167,7 @@ def _told(door: Door, point: bytes, shown: bytes) -> _Told:
         turned,
         bool(turned.all()) and target.tolist() == list(range(len(door.points))),
         bytes([HAS_POSITION | HAS_ROTATION] * len(rows)),
-        np.ones(len(rows), dtype=bool),
+        every,
     )
 
 
