@@ -14,8 +14,9 @@ The population is drawn, not surveyed. Half are women. Statures are normal, wome
 1.76 ± 0.075 m (NCD-RisC 2016 for the means in industrial countries), within 1.45 to 2.05 m. anny's phenotypes
 give the build, from young to old; what they change in the proportions of limbs and trunk is narrower than in
 adults, so that anny's local changes of length are added (``CHANGES``). Their sizes are chosen by the table that
-this script prints: standard deviations near those of surveys of adults, for which ANSUR II (Gordon et al. 2014,
-NATICK/TR-15/007), rounded, is the pattern. Limbs share factors, because long arms go with long legs.
+this script prints: standard deviations about those of surveys of adults (such as ANSUR II, Gordon et al. 2014,
+NATICK/TR-15/007), a little wider, so that the proportions at the edges are common enough to learn from. Limbs
+share factors, because long arms go with long legs.
 """
 
 import argparse
@@ -57,7 +58,7 @@ CHANGES: dict[str, dict[str, float]] = {
     "{side}-hand-fingers-length-incr": {"own": 0.15},
     "{side}-foot-scale-incr": {"own": 0.14, "limbs": 0.07},
 }
-# What adults have, relative to the measure itself in percent, as the space should hold it (see the docstring).
+# Standard deviations of adults' lengths over stature, in percent of the mean: round figures, after surveys.
 WANTED = {
     "hip height": 2.8,  # of sitting height/stature, 1.5 % of the stature
     "thigh": 3.5,
@@ -195,7 +196,7 @@ def draw(mean: np.ndarray, components: np.ndarray, path: Path) -> None:
     coefficients = np.random.default_rng(1).standard_normal((12, len(components)))
     coefficients[0] = 0
     sheet = Sheet(figsize=(34, 12), layout="tight")
-    axes = sheet.subplots(2, 12, sharey=True, gridspec_kw={"height_ratios": [1, 1]})
+    axes = sheet.subplots(2, 12, sharex="row", sharey=True)
     for (row, view), column in product(enumerate(([0, 1], [2, 1])), range(12)):
         offsets = mean + np.tensordot(coefficients[column], components, 1)
         position = (skeleton.path @ offsets + offsets[0])[:, view]
@@ -226,9 +227,14 @@ def main() -> None:
         with patch.object(anny, "Anny", lambda values=values: Shaped(model, values)):
             drawn.append(rest_offsets(t_pose(anny_figure(**phenotype), stature)))
     offsets = np.array(drawn)
-    mean, components, share = principal_components(offsets, COMPONENTS)
-    mean, components, share = (np.float32(values) for values in (mean, components, share))
-    np.savez_compressed(options.output, mean=mean, components=components, share=share)
+    # to 0.1 µm, so that what is straight is straight to the last bit
+    mean, components, share = (np.round(v, 7) + 0.0 for v in principal_components(offsets, COMPONENTS))
+    np.savez_compressed(
+        options.output,
+        mean=mean.astype(np.float32),
+        components=components.astype(np.float32),
+        share=share.astype(np.float32),
+    )
     Console(width=120).print(report(offsets, mean, components, share))
     if options.picture:
         draw(mean, components, options.picture)

@@ -1,0 +1,235 @@
+"""A person: the wearer's proportions, how well each is known, and how each tracker is worn."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from reprlib import repr as brief
+from typing import Any
+
+import numpy as np
+
+from bodysense.body.rigid import RigidTransform
+from bodysense.body.shape import SHORTEST as SHORTEST_ADULT
+from bodysense.body.shape import TALLEST as TALLEST_ADULT
+from bodysense.body.shape import Measured, ShapeEstimate, shape_space
+from bodysense.body.skeleton import Skeleton, skeleton_from_table
+from bodysense.errors import BodysenseError
+from bodysense.files import written_beside
+
+FORMAT = "bodysense-person-1"
+SHORTEST, TALLEST = 1.0, 2.3  # m: heights of a person
+SOLE = 0.05  # m: a skeleton is at most so much lower than its person, for its lowest points lie above the sole
+TOLD = 0.001  # m: standard deviation of a length that somebody told
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Person:
+    """What is known of the wearer.
+
+    `Person()` is the likeliest adult, `Person(height=1.8)` the likeliest of that height, `Person(skeleton)` somebody
+    whose proportions are told. `Person.likeliest` takes measured lengths as well.
+    """
+
+    skeleton: Skeleton  # the best guess of the wearer's proportions
+    bone_deviation: np.ndarray = field(repr=False)  # (P,) m, standard deviation of every bone's length; 0: told
+    mounts: Mapping[str, RigidTransform]  # by the joint that carries the tracker: T_joint_tracker
+
+    def __init__(
+        self,
+        skeleton: Skeleton | None = None,
+        *,
+        height: float | None = None,
+        bone_deviation: np.ndarray | None = None,
+        mounts: Mapping[str, RigidTransform] | None = None,
+    ) -> None:
+        """Make a person from a skeleton that is told, or from a height, or from nothing.
+
+        Args:
+            skeleton: the wearer's proportions, if they are known.
+            height: stature in metres, from the floor to the crown, without shoes, in place of a skeleton.
+            bone_deviation: standard deviation (P,), metres, of the length of every point's bone; 0 for all points
+                of a skeleton that is told.
+            mounts: how trackers are worn, by the joint that carries each: T_joint_tracker.
+        """
+        if skeleton is None:
+            estimate, scale = _estimate({}, None if height is None else _measured(height, "height"))
+            skeleton = _scaled(estimate, scale)
+            if bone_deviation is None:
+                bone_deviation = scale * estimate.bone_deviation
+        elif height is not None:
+            raise BodysenseError(
+                "person: both a skeleton and a height were given; give one of them, or skeleton.scaled(height)"
+            )
+        if not SHORTEST - SOLE <= skeleton.height <= TALLEST:
+            raise BodysenseError(
+                f"person: a skeleton {skeleton.height:g} m high; people are {SHORTEST} to {TALLEST} m, "
+                "give offsets in metres"
+            )
+        count = len(skeleton.points)
+        deviation = np.zeros(count) if bone_deviation is None else np.array(bone_deviation, dtype=np.float64)
+        if deviation.shape != (count,):
+            raise BodysenseError(f"person: deviations {deviation.shape}; give one for each of the {count} points")
+        if not (np.isfinite(deviation) & (deviation >= 0)).all():
+            bad = int(np.argmin(np.isfinite(deviation) & (deviation >= 0)))
+            raise BodysenseError(
+                f"person: the deviation of {skeleton.points[bad]!r} is {deviation[bad]:g} m; give 0 or more metres"
+            )
+        deviation.setflags(write=False)
+        for joint in mounts or {}:
+            if joint not in skeleton.joints:
+                skeleton.index(joint)  # names the nearest
+                raise BodysenseError(f"person: a tracker worn on {joint!r}, which is no joint; name its parent")
+        object.__setattr__(self, "skeleton", skeleton)
+        object.__setattr__(self, "bone_deviation", deviation)
+        object.__setattr__(self, "mounts", dict(mounts or {}))
+
+    @classmethod
+    def told(cls, skeleton: Skeleton) -> Person:
+        """Somebody whose proportions are known exactly."""
+        return cls(skeleton)
+
+    @classmethod
+    def likeliest(
+        cls,
+        lengths: Mapping[tuple[str, str], Measured | float] | None = None,
+        height: Measured | float | None = None,
+        mounts: Mapping[str, RigidTransform] | None = None,
+    ) -> Person:
+        """The likeliest person given a few lengths, all in metres.
+
+        Args:
+            lengths: distances between two points of the T-pose, by the points' names: `{("left_hip", "left_knee"):
+                0.43}`. A plain number is told, known to 1 mm; `Measured(0.43, 0.02)` is known to 2 cm.
+            height: stature, from the floor to the crown, without shoes.
+            mounts: how trackers are worn, by the joint that carries each: T_joint_tracker.
+        """
+        measured = {pair: _measured(value, f"distance {'–'.join(pair)}") for pair, value in (lengths or {}).items()}
+        estimate, scale = _estimate(measured, None if height is None else _measured(height, "height"))
+        return cls(_scaled(estimate, scale), bone_deviation=scale * estimate.bone_deviation, mounts=mounts)
+
+    def save(self, path: str | Path) -> None:
+        """Write a JSON file that `load` reads."""
+        skeleton, joints = self.skeleton, len(self.skeleton.joints)
+        rows = [
+            {
+                "name": name,
+                "parent": None if parent < 0 else skeleton.points[parent],
+                "offset": offset.tolist(),
+                "deviation": float(deviation),
+            }
+            for name, parent, offset, deviation in zip(
+                skeleton.points, skeleton.parents, skeleton.rest_offset, self.bone_deviation, strict=True
+            )
+        ]
+        mounts = [
+            {"joint": joint, "translation": mount.translation.tolist(), "rotation": mount.rotation.tolist()}
+            for joint, mount in self.mounts.items()
+        ]
+        tables = {"joints": rows[:joints], "end_sites": rows[joints:], "mounts": mounts}
+        parts = [f'"format": "{FORMAT}"', '"units": "metres; quaternions w, x, y, z"']
+        parts += [f'"{name}": {_one_row_a_line(table)}' for name, table in tables.items()]
+        with written_beside(path) as beside:
+            beside.write_text("{\n" + ",\n".join(parts) + "\n}\n", encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | Path) -> Person:
+        """Read a file that `save` wrote. Raises BodysenseError where it is none."""
+        try:
+            text = Path(path).read_text(encoding="utf-8")
+        except OSError as error:
+            raise BodysenseError(f"{path} cannot be read ({error.strerror}); give a person's file") from None
+        except UnicodeDecodeError:
+            raise BodysenseError(f"{path} is not text; give a person's file, as Person.save writes it") from None
+        try:
+            stored = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise BodysenseError(
+                f"{path} is not JSON ({error}); give a person's file, as Person.save writes it"
+            ) from None
+        version = stored.get("format") if isinstance(stored, dict) else None
+        if version != FORMAT:
+            raise BodysenseError(f"{path}: format {brief(version)}; it must be {FORMAT!r}, as Person.save writes it")
+        try:
+            return cls._from_tables(stored)
+        except BodysenseError as error:
+            raise BodysenseError(f"{path}: {error}") from None
+
+    @classmethod
+    def _from_tables(cls, stored: dict) -> Person:
+        joints = _rows(stored, "joints", {"name": 0, "parent": 0, "offset": 3, "deviation": 1})
+        end_sites = _rows(stored, "end_sites", {"name": 0, "parent": 0, "offset": 3, "deviation": 1})
+        mounts = _rows(stored, "mounts", {"joint": 0, "translation": 3, "rotation": 4})
+        worn: dict[str, RigidTransform] = {}
+        for row in mounts:
+            if row["joint"] in worn:
+                raise BodysenseError(f"two rows of 'mounts' are of {row['joint']!r}; remove one")
+            worn[row["joint"]] = RigidTransform(np.array(row["translation"]), np.array(row["rotation"]))
+        deviation = np.array([row["deviation"] for row in joints + end_sites], dtype=np.float64)
+        return cls(skeleton_from_table(joints, end_sites), bone_deviation=deviation, mounts=worn)
+
+
+def _measured(value: Measured | float, what: str) -> Measured:
+    """A length that is measured or told; a height must be a person's."""
+    length = value if isinstance(value, Measured) else Measured(value, TOLD)
+    if what == "height" and not SHORTEST <= length.value <= TALLEST:
+        raise BodysenseError(
+            f"person: height {length.value:g} m; people are {SHORTEST} to {TALLEST} m high, give metres"
+        )
+    return length
+
+
+def _estimate(lengths: Mapping[tuple[str, str], Measured], height: Measured | None) -> tuple[ShapeEstimate, float]:
+    """The likeliest shape, and by how much its skeleton has to be scaled.
+
+    Whoever is taller or shorter than the adults of the shape space has the proportions of its tallest or shortest.
+    """
+    space = shape_space()
+    if height is None:
+        return space.likeliest(lengths), 1.0
+    scale = height.value / float(np.clip(height.value, SHORTEST_ADULT, TALLEST_ADULT))
+
+    def smaller(length: Measured) -> Measured:
+        return Measured(length.value / scale, length.deviation / scale)
+
+    return space.likeliest({pair: smaller(length) for pair, length in lengths.items()}, smaller(height)), scale
+
+
+def _scaled(estimate: ShapeEstimate, scale: float) -> Skeleton:
+    skeleton = estimate.skeleton
+    return skeleton if scale == 1.0 else skeleton.with_offsets(scale * skeleton.rest_offset)
+
+
+def _one_row_a_line(table: Iterable[dict]) -> str:
+    rows = ",\n  ".join(json.dumps(row) for row in table)
+    return f"[\n  {rows}\n]" if rows else "[]"
+
+
+def _rows(stored: dict, table: str, columns: Mapping[str, int]) -> list[dict]:
+    """The rows of a table of a person's file, their columns checked: 0 for a text, else how many numbers."""
+    rows = stored.get(table)
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise BodysenseError(f"{table!r} must be a list of rows with {', '.join(columns)}")
+    for number, row in enumerate(rows, start=1):
+        for column, size in columns.items():
+            value = row.get(column)
+            if not (_is_name(value, column, table) if size == 0 else _are_numbers(value, size)):
+                wanted = "a text" if size == 0 else f"{size} finite numbers" if size > 1 else "a finite number"
+                raise BodysenseError(f"row {number} of {table!r}: {column!r} is {brief(value)}; it must be {wanted}")
+    return rows
+
+
+def _is_name(value: Any, column: str, table: str) -> bool:
+    return isinstance(value, str) or (value is None and column == "parent" and table == "joints")
+
+
+def _are_numbers(value: Any, size: int) -> bool:
+    """Whether a value of JSON is a finite number (size 1) or a list of so many, none so large that floats have none."""
+    values = [value] if size == 1 else value
+    return (
+        isinstance(values, list)
+        and len(values) == size
+        and all(isinstance(v, (int, float)) and not isinstance(v, bool) and abs(v) < 1e6 for v in values)
+    )
