@@ -1,0 +1,206 @@
+"""Tracker noise: how headsets, controllers, cameras and IMUs err, as a disturbance of an observation.
+
+The model of a headset was fitted, band by band, to Quest 2 and Quest Pro against a robot arm's encoders, up to 0.5 m/s
+and 100 °/s. Its error is a drift that follows the way travelled, not time: first-order autoregressive over metres, with
+a deviation that grows with speed; beside it a slow drift at rest, a wobble at some 5 Hz in motion, and almost no white
+noise. Everything else here is an assumption: controllers and worn trackers err alike, more; joints that cameras see
+err by millimetres for a fraction of a second; IMUs lose their heading.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bodysense.body.rotation import geodesic_angle, quaternion_canonical, quaternion_exp, quaternion_multiply
+from bodysense.errors import BodysenseError
+from bodysense.observation import Observation
+
+MEAN_NORM = (8 / np.pi) ** 0.5  # mean length of a normal vector in space, in deviations along one axis
+_LATEST_STAMP = 0.3  # of the shortest interval: stamps jitter by no more, so that times increase
+
+
+@dataclass(frozen=True)
+class DriftModel:
+    """Deviations along each axis, of a position (unit m, speed in m/s) or of a rotation (unit °, speed in °/s)."""
+
+    drift: float  # that follows the way travelled, where nothing moves
+    drift_per_speed: float
+    rest: float  # that follows time
+    wobble_per_speed: float
+    wobble_rate: float  # Hz
+    white: float  # at rest
+    white_moving: float
+    moving: float  # speed from which on something moves
+
+
+POSITION = DriftModel(
+    drift=0.8 * 0.37e-3,
+    drift_per_speed=0.8 * 1.2e-3,
+    rest=0.145e-3,
+    wobble_per_speed=0.65e-3,
+    wobble_rate=5.0,
+    white=0.0002e-3,
+    white_moving=0.010e-3,
+    moving=0.02,
+)
+ROTATION = DriftModel(
+    drift=0.8 * 0.014,
+    drift_per_speed=0.8 * 0.0014,
+    rest=0.003,
+    wobble_per_speed=0.0012,
+    wobble_rate=4.0,
+    white=0.0003,
+    white_moving=0.0025,
+    moving=2.0,
+)
+_PATH = 0.30  # m of way over which a drift is forgotten
+_SMOOTH = 0.06  # s by which a drift that follows the way lags: it is smoothed over twice as long
+_REST_TIME = 4.0  # s in which a drift at rest is forgotten
+_DAMPING = 0.9  # of a wobble
+_USUAL_SPEED = 0.5  # m/s at which the accuracy of a point is stated
+
+
+@dataclass(frozen=True)
+class NoiseSettings:
+    """What is disturbed, and how much. The head is a headset; what has a rotation only is an IMU."""
+
+    headset: float = 1.0  # factor on the fitted model
+    trackers: float = 2.5  # factor on it for controllers and worn trackers
+    cameras: bool = False  # all positions but the head's, and their rotations, are seen by cameras
+    camera_position: tuple[float, float] = (0.003, 0.008)  # m in space; drawn for a session
+    camera_rotation: tuple[float, float] = (2.0, 5.0)  # ° in space; drawn for a session
+    camera_time: float = 0.3  # s in which an error of a camera is forgotten
+    imu_heading: float = 3.0  # ° about the vertical
+    imu_tilt: float = 0.7  # ° about the other axes
+    imu_time: float = 60.0  # s in which an error of an IMU is forgotten
+    scale: float = 0.003  # deviation of the whole map's scale, drawn for a session
+    stamp_jitter: float = 0.0004  # s
+
+    def __post_init__(self) -> None:
+        for name in ("headset", "trackers", "imu_heading", "imu_tilt", "scale", "stamp_jitter"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise BodysenseError(f"noise settings: {name} is {getattr(self, name):g}; give 0 or more")
+        for name in ("camera_time", "imu_time"):
+            if not getattr(self, name) > 0:
+                raise BodysenseError(f"noise settings: {name} is {getattr(self, name):g} s; it must be positive")
+
+
+def disturb(
+    observation: Observation, rng: np.random.Generator, settings: NoiseSettings = NoiseSettings()
+) -> Observation:
+    """An observation (..., T, P) as a real device gives it; every batch entry is a session with errors of its own.
+
+    Accuracies are those of the disturbed points. Points keep their errors while they are hidden. The times, which all
+    sessions share, jitter too, and still increase.
+    """
+    interval = _intervals(observation.time)
+    is_head = np.array([name == "head" for name in observation.points])
+    metres, turned = _moved(observation)
+    imu = np.asarray(observation.has_rotation.any(axis=-2) & ~observation.has_position.any(axis=-2))
+    seen = ~(is_head | imu) & settings.cameras
+    factor = np.where(is_head, settings.headset, settings.trackers) * ~(imu | seen)
+
+    shift = _fitted_errors(POSITION, metres / interval[:, None], metres, interval, factor, rng)
+    turn = _fitted_errors(ROTATION, turned / interval[:, None], metres, interval, factor, rng)
+    session = imu.shape[:-1]
+    blur = rng.uniform(*settings.camera_position, session)[..., None] * seen / np.sqrt(3)
+    spin = rng.uniform(*settings.camera_rotation, session)[..., None] * seen / np.sqrt(3)
+    lean = imu[..., None] * np.array([settings.imu_tilt, settings.imu_heading, settings.imu_tilt])
+    if settings.cameras:
+        shift += _drift(blur[..., None] * np.ones(3), settings.camera_time, interval, rng)
+        turn += _drift(spin[..., None] * np.ones(3), settings.camera_time, interval, rng)
+    if imu.any():
+        turn += _drift(lean, settings.imu_time, interval, rng)
+
+    origin = _session_start(observation.position[..., int(is_head.argmax()), :])
+    scale = 1 + settings.scale * rng.standard_normal((*session, 1, 1, 1))
+    position = origin + scale * (observation.position - origin) + shift
+    rotation = quaternion_multiply(quaternion_exp(np.radians(turn)), observation.rotation)
+    usual = factor * (POSITION.drift + POSITION.drift_per_speed * _USUAL_SPEED) + blur
+    accuracy = np.hypot(observation.accuracy, (MEAN_NORM * usual)[..., None, :])
+    jitter = settings.stamp_jitter * rng.standard_normal(len(observation))
+    latest = _LATEST_STAMP * interval.min()
+    return replace(
+        observation,
+        position=np.where(observation.has_position[..., None], position, np.nan),
+        rotation=np.where(observation.has_rotation[..., None], quaternion_canonical(rotation), np.nan),
+        accuracy=accuracy,
+        time=observation.time + np.clip(jitter, -latest, latest),
+    )
+
+
+def _intervals(time: np.ndarray) -> np.ndarray:
+    """(T,) s before every frame; the first frame's is the second's."""
+    if len(time) < 2:
+        return np.full(len(time), 1 / 72)
+    return np.concatenate([np.diff(time[:2]), np.diff(time)])
+
+
+def _moved(observation: Observation) -> tuple[np.ndarray, np.ndarray]:
+    """Metres and degrees (..., T, P) since the frame before; 0 where unknown, and in the first frame the second's."""
+    step = np.linalg.norm(np.diff(observation.position, axis=-3), axis=-1)
+    turn = np.degrees(geodesic_angle(observation.rotation[..., 1:, :, :], observation.rotation[..., :-1, :, :]))
+    return _from_the_first(step), _from_the_first(turn)
+
+
+def _from_the_first(step: np.ndarray) -> np.ndarray:
+    """(..., T, P) from differences (..., T − 1, P): the first one twice, NaN as 0."""
+    first = step[..., :1, :] if step.shape[-2] else np.zeros((*step.shape[:-2], 1, step.shape[-1]))
+    return np.nan_to_num(np.concatenate([first, step], axis=-2))
+
+
+def _session_start(position: np.ndarray) -> np.ndarray:
+    """(..., 1, 1, 3) m: the floor below the first known of positions (..., T, 3); the origin where none is known."""
+    first = np.isfinite(position).all(axis=-1).argmax(axis=-1)
+    begun = np.take_along_axis(position, first[..., None, None], axis=-2)
+    return (np.nan_to_num(begun) * np.array([1.0, 0.0, 1.0]))[..., None, :]
+
+
+def _drift(deviation: np.ndarray, time: float, interval: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(..., T, P, 3): first-order drift of constant deviation (..., P, 3), forgotten in `time` s."""
+    drift, frames = deviation * rng.standard_normal(deviation.shape), []
+    for gap in interval:
+        keep = np.exp(-gap / time)
+        drift = keep * drift + np.sqrt(1 - keep**2) * deviation * rng.standard_normal(deviation.shape)
+        frames.append(drift)
+    return np.stack(frames, axis=-3)
+
+
+def _fitted_errors(
+    model: DriftModel,
+    speed: np.ndarray,
+    metres: np.ndarray,
+    interval: np.ndarray,
+    factor: np.ndarray,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """(..., T, P, 3): errors of the fitted model at speeds and ways (..., T, P), times `factor` (..., P)."""
+    speed, metres = np.moveaxis(speed, -2, 0)[..., None], np.moveaxis(metres, -2, 0)[..., None]
+    drift_sigma = model.drift + model.drift_per_speed * speed
+    white_sigma = np.where(speed > model.moving, model.white_moving, model.white)
+    shape = (*speed.shape[1:-1], 3)
+    drift = drift_sigma[0] * rng.standard_normal(shape)
+    smooth, wobble, before = drift, np.zeros(shape), np.zeros(shape)
+    rest = model.rest * rng.standard_normal(shape)
+    frames = []
+    for now, gap in enumerate(interval):
+        fresh = rng.standard_normal((4, *shape))
+        keep = np.exp(-metres[now] / _PATH)
+        drift = keep * drift + np.sqrt(1 - keep**2) * drift_sigma[now] * fresh[0]
+        smooth = smooth + (1 - np.exp(-gap / _SMOOTH)) * (drift - smooth)
+        keep = np.exp(-gap / _REST_TIME)
+        rest = keep * rest + np.sqrt(1 - keep**2) * model.rest * fresh[1]
+        last, lag, share = _oscillator(model.wobble_rate, gap)
+        wobble, before = last * wobble + lag * before + share * model.wobble_per_speed * speed[now] * fresh[2], wobble
+        frames.append(smooth + rest + wobble + white_sigma[now] * fresh[3])
+    return np.stack(frames, axis=-3) * np.asarray(factor)[..., None, :, None]
+
+
+def _oscillator(rate: float, gap: float) -> tuple[float, float, float]:
+    """Weights of the last two values and of the noise, so that a wobble at `rate` Hz has a deviation of 1."""
+    decay = np.exp(-_DAMPING * 2 * np.pi * rate * gap)
+    last, lag = 2 * decay * np.cos(np.sqrt(1 - _DAMPING**2) * 2 * np.pi * rate * gap), -(decay**2)
+    variance = (1 - lag) / ((1 + lag) * ((1 - lag) ** 2 - last**2))
+    return float(last), float(lag), float(variance**-0.5)
