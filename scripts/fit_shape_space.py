@@ -101,8 +101,8 @@ def draw_person(rng: np.random.Generator, man: bool) -> tuple[float, dict[str, f
         stature = mean + deviation * rng.standard_normal()
     tallness = (stature - mean) / deviation
     phenotype = {
-        # anny's extremes of sex differ more in their forearms than adults do
-        "gender": rng.normal(0.7 if man else 0.3, 0.1),
+        # 0 is the man; anny's extremes differ more in their forearms than adults do
+        "gender": rng.normal(0.3 if man else 0.7, 0.1),
         "age": rng.uniform(0.62, 0.9),
         "muscle": rng.uniform(0.2, 0.95),
         "weight": rng.uniform(0.1, 0.95),

@@ -214,7 +214,11 @@ def _rows(stored: dict, table: str, columns: Mapping[str, int]) -> list[dict]:
         raise BodysenseError(f"{table!r} must be a list of rows with {', '.join(columns)}")
     for number, row in enumerate(rows, start=1):
         for column, size in columns.items():
-            value = row.get(column)
+            if column not in row:
+                raise BodysenseError(
+                    f"row {number} of {table!r}: {column!r} is missing; rows have {', '.join(columns)}"
+                )
+            value = row[column]
             if not (_is_name(value, column, table) if size == 0 else _are_numbers(value, size)):
                 wanted = "a text" if size == 0 else f"{size} finite numbers" if size > 1 else "a finite number"
                 raise BodysenseError(f"row {number} of {table!r}: {column!r} is {brief(value)}; it must be {wanted}")

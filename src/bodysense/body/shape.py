@@ -29,11 +29,13 @@ class Measured:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.value) and self.value > 0):
-            raise BodysenseError(f"a length of {self.value:g} m: a measured length must be positive; give metres")
+            raise BodysenseError(
+                f"a length of {self.value:g} m: a measured length must be positive and finite; give metres"
+            )
         if not (np.isfinite(self.deviation) and self.deviation > 0):
             raise BodysenseError(
-                f"a standard deviation of {self.deviation:g} m: it must be positive; give 0.001 for a length that is "
-                "known exactly"
+                f"a standard deviation of {self.deviation:g} m: it must be positive and finite; give 0.001 for a "
+                "length that is known exactly"
             )
 
 
