@@ -25,6 +25,7 @@ for frame in range(90):  # 90 Hz, one second
         rotation=rotation,
         has_position=seen,
         has_rotation=np.array([[True, False, False]]),
+        accuracy=np.full((1, 3), 0.001),  # m: headset and controllers
         time=np.array([frame / 90]),
     )
     pose, estimate, state = tracker.step(observation, state)

@@ -36,6 +36,7 @@ observation = Observation(
     rotation=np.array([[[1.0, 0.0, 0.0, 0.0]]]),
     has_position=np.array([[True]]),
     has_rotation=np.array([[True]]),
+    accuracy=np.array([[0.001]]),
     time=np.array([0.0]),
 )
 pose, _, _ = tracker.step(observation, tracker.start())

@@ -25,6 +25,8 @@ export interface SignalPoint {
   point: number;
   position: readonly [number, number, number] | null;
   rotation: readonly [number, number, number, number] | null;
+  /** m, the expected error of the position; left out or 0, the server assumes what is usual for such a point. */
+  accuracy?: number;
 }
 
 export interface SignalFrame {
@@ -66,6 +68,7 @@ export function writeSignal(frame: SignalFrame): ArrayBuffer {
     const at = SIGNAL_HEAD_BYTES + index * POINT_BYTES;
     view.setUint8(at, point.point);
     view.setUint8(at + 1, (point.position ? HAS_POSITION : 0) | (point.rotation ? HAS_ROTATION : 0));
+    view.setUint16(at + 2, Math.min(Math.round((point.accuracy ?? 0) / ACCURACY_UNIT), 0xffff), true);
     point.position?.forEach((value, k) => view.setFloat32(at + 4 + 4 * k, value, true));
     point.rotation?.forEach((value, k) => view.setFloat32(at + 16 + 4 * k, value, true));
   });
@@ -87,6 +90,7 @@ export function readSignal(buffer: ArrayBuffer): SignalFrame {
     const number = (k: number) => view.getFloat32(at + 4 + 4 * k, true);
     points.push({
       point: view.getUint8(at),
+      accuracy: view.getUint16(at + 2, true) * ACCURACY_UNIT,
       position: has & HAS_POSITION ? [number(0), number(1), number(2)] : null,
       rotation: has & HAS_ROTATION ? [number(3), number(4), number(5), number(6)] : null,
     });
@@ -124,6 +128,7 @@ def text() -> str:
         **{name: getattr(protocol, name) for name in ("HAS_POSITION", "HAS_ROTATION", "MOST_POINTS")},
         "SIGNAL_HEAD_BYTES": protocol.SIGNAL_HEAD.size,
         "POINT_BYTES": protocol.POINT.itemsize,
+        "ACCURACY_UNIT": protocol.ACCURACY_UNIT,
         "POSE_HEAD_BYTES": protocol.POSE_HEAD.size,
     }
     parts = ["// Written by scripts/make_protocol_types.py from bodysense.serve; see docs/protocol.md. Do not edit.\n"]

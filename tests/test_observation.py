@@ -9,7 +9,16 @@ import pytest
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation, check_observation, observed_points
+from bodysense.observation import (
+    HEADSET_ACCURACY,
+    OPTICAL_ACCURACY,
+    TRACKER_ACCURACY,
+    Observation,
+    accuracy_like,
+    check_observation,
+    observed_points,
+    usual_accuracy,
+)
 
 SKELETON = default_skeleton()
 
@@ -27,6 +36,7 @@ def example(batch: tuple[int, ...] = (), frames: int = 4) -> Observation:
         rotation=rotation,
         has_position=np.isfinite(position[..., 0]),
         has_rotation=np.isfinite(rotation[..., 0]),
+        accuracy=np.full((*batch, frames, 2), 0.01),
         time=np.arange(frames) / 30,
     )
 
@@ -38,13 +48,13 @@ def test_what_agrees_passes(batch: tuple[int, ...]) -> None:
 
 
 @pytest.mark.parametrize("batch", [(), (2,)])
-@pytest.mark.parametrize("field", ["position", "rotation", "has_position", "has_rotation"])
+@pytest.mark.parametrize("field", ["position", "rotation", "has_position", "has_rotation", "accuracy"])
 def test_shapes_that_do_not_agree_are_refused(batch: tuple[int, ...], field: str) -> None:
     good = example(batch)
     value = getattr(good, field)
     for bad in (value[..., :1], np.concatenate([value, value]), value[None], np.zeros(())):
         with pytest.raises(
-            BodysenseError, match=r"mine: (position|has_position|rotation|has_rotation) has shape \(.*need"
+            BodysenseError, match=r"mine: (position|has_position|rotation|has_rotation|accuracy) has shape \(.*need"
         ):
             check_observation(replace(good, **{field: bad}), "mine")
 
@@ -65,6 +75,42 @@ def test_rotations_are_unit_quaternions(batch: tuple[int, ...], length: float) -
         check_observation(observation)
     observation.has_rotation[..., 2, 0] = False
     check_observation(observation)
+
+
+@pytest.mark.parametrize("batch", [(), (3, 1, 2)])
+@pytest.mark.parametrize("metres", [-0.01, 0.0, np.nan, np.inf])
+def test_accuracies_are_positive_where_a_position_is_tracked(batch: tuple[int, ...], metres: float) -> None:
+    observation = example(batch)
+    observation.accuracy[..., 0, 1] = metres  # hidden there
+    check_observation(observation)
+    observation.accuracy[..., 2, 0] = metres
+    with pytest.raises(BodysenseError, match=rf"mine: the accuracy of 'head' at frame 2 is {metres:g}; give the exp"):
+        check_observation(observation, "mine")
+
+
+def test_far_positions_are_refused() -> None:
+    observation = example()
+    observation.position[2, 0] = [0.0, 1.5, -1600.0]
+    with pytest.raises(BodysenseError, match=r"mine: 'head' is 1600 m from the origin at frame 2, but at most 1000 m"):
+        check_observation(observation, "mine")
+    check_observation(observation, "mine", farthest=np.inf)
+    observation.has_position[2, 0] = False
+    check_observation(observation)
+
+
+def test_unix_time_is_a_time() -> None:
+    check_observation(replace(example(), time=1.7e9 + np.arange(4) / 90))
+    with pytest.raises(BodysenseError, match=r"time goes from 1700000000 s to 1699999999\.98"):
+        check_observation(replace(example(), time=1.7e9 - np.arange(4) / 90))
+
+
+def test_usual_accuracies() -> None:
+    names = ("head", "left_controller", "left_glove_thumb_tip", "pelvis")
+    expected = [HEADSET_ACCURACY, HEADSET_ACCURACY, OPTICAL_ACCURACY, TRACKER_ACCURACY]
+    np.testing.assert_array_equal(usual_accuracy(names), expected)
+    mask = np.zeros((2, 5, 4), dtype=bool)
+    np.testing.assert_array_equal(accuracy_like(mask, usual_accuracy(names)), np.tile(expected, (2, 5, 1)))
+    accuracy_like(mask, 0.01)[0, 0, 0] = 1.0  # its own memory
 
 
 def test_a_slice_is_of_frames() -> None:

@@ -20,7 +20,7 @@ from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.estimators.hold import Hold
 from bodysense.estimators.learned import Learned, load_model
-from bodysense.observation import Estimate, Observation, observed_points
+from bodysense.observation import Estimate, Observation, accuracy_like, observed_points
 from bodysense.occlusion.headset_camera import observe
 from bodysense.tracker import Tracker, TrackerSettings, TrackerState, smooth
 
@@ -48,7 +48,10 @@ def shown(pose: Pose, time: np.ndarray) -> Observation:
     turned = np.full((*position.shape[:-1], 4), np.nan)
     turned[:, HEAD] = rotation[:, HEAD]
     everything = np.ones(position.shape[:-1], dtype=bool)
-    return Observation(SKELETON.points, position, turned, everything, np.isfinite(turned[..., 0]), time)
+    has_rotation = np.isfinite(turned[..., 0])
+    return Observation(
+        SKELETON.points, position, turned, everything, has_rotation, accuracy_like(everything, 0.001), time
+    )
 
 
 def still(pose: Pose, frames: int) -> Pose:
@@ -282,7 +285,10 @@ def test_what_is_surer_pulls_more() -> None:
         error[SKELETON.indices(sure)] = 0.001
         tracked = np.isin(SKELETON.points, seen)[None]
         position, rotation = np.where(tracked[..., None], said, np.nan), np.full((1, len(standing), 4), np.nan)
-        observation = Observation(SKELETON.points, position, rotation, tracked, np.zeros_like(tracked), np.zeros(1))
+        accuracy = accuracy_like(tracked, 0.001)
+        observation = Observation(
+            SKELETON.points, position, rotation, tracked, np.zeros_like(tracked), accuracy, np.zeros(1)
+        )
         poses, _, _ = Tracker(Say(said, error)).step(observation, TrackerState(None))
         return forward_kinematics(poses)[0][0, elbow, 0] - standing[elbow, 0]
 

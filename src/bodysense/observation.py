@@ -16,6 +16,15 @@ from bodysense.errors import BodysenseError
 UNIT_TOLERANCE = 0.01  # how far from 1 the length of a quaternion may be
 FARTHEST = 1000.0  # m from the origin: beyond it single precision is too coarse for a body
 
+# Expected error (m) of a measured position by kind of device, where the device does not give its own.
+EXACT_ACCURACY = 0.001  # the true motion, simulated devices without noise
+HEADSET_ACCURACY = 0.001  # headsets and controllers
+OPTICAL_ACCURACY = 0.001  # markers of optical motion capture
+TRACKER_ACCURACY = 0.01  # trackers on the body: clothes and skin move under the strap
+CAMERA_ACCURACY = 0.01  # hands and joints seen by the cameras of a headset
+LANDMARK_ACCURACY = 0.05  # landmarks of a video
+_HEADSET_POINTS = {"head", "left_wrist", "right_wrist", "headset", "left_controller", "right_controller"}
+
 
 @dataclass(frozen=True, eq=False)
 class Observation:
@@ -26,7 +35,8 @@ class Observation:
     rotation: np.ndarray  # (..., T, P, 4) wxyz, world ← point
     has_position: np.ndarray  # (..., T, P) bool
     has_rotation: np.ndarray  # (..., T, P) bool
-    time: np.ndarray  # (T,) s
+    accuracy: np.ndarray  # (..., T, P) m, expected error of a measured position
+    time: np.ndarray  # (T,) s, increasing; from any origin
 
     def __getitem__(self, key: slice) -> Observation:
         """Frames `key` (a slice) of an observation without batch axes."""
@@ -36,6 +46,7 @@ class Observation:
             rotation=self.rotation[key],
             has_position=self.has_position[key],
             has_rotation=self.has_rotation[key],
+            accuracy=self.accuracy[key],
             time=self.time[key],
         )
 
@@ -71,10 +82,14 @@ class Estimator(Protocol):
         ...
 
 
-def check_observation(observation: Observation, name: str = "observation") -> Observation:
-    """Return the observation if its shapes, masks and times agree; raise BodysenseError, naming the fix, if not."""
+def check_observation(observation: Observation, name: str = "observation", farthest: float = FARTHEST) -> Observation:
+    """Return the observation if it is well formed; raise BodysenseError, naming the fix, if not.
+
+    Well formed: shapes agree, times increase, and what the masks call tracked is finite, at most `farthest` m from the
+    origin, turned by unit quaternions and of positive accuracy.
+    """
     frames, count = len(observation.time), len(observation.points)
-    expected = {"position": (3,), "rotation": (4,), "has_position": (), "has_rotation": ()}
+    expected = {"position": (3,), "rotation": (4,), "has_position": (), "has_rotation": (), "accuracy": ()}
     if len(set(observation.points)) != count:
         raise BodysenseError(f"{name}: a point is named twice; names must differ")
     if observation.time.ndim != 1:
@@ -92,7 +107,7 @@ def check_observation(observation: Observation, name: str = "observation") -> Ob
     if backwards.size:
         k = int(backwards[0]) + 1
         raise BodysenseError(
-            f"{name}: time goes from {observation.time[k - 1]:g} s to {observation.time[k]:g} s at frame {k}; "
+            f"{name}: time goes from {observation.time[k - 1]:.14g} s to {observation.time[k]:.14g} s at frame {k}; "
             "times must increase: sort the frames and drop repeats"
         )
     for mask, field in (("has_position", "position"), ("has_rotation", "rotation")):
@@ -104,6 +119,21 @@ def check_observation(observation: Observation, name: str = "observation") -> Ob
                 f"{name}: {mask} says that {observation.points[point]!r} is tracked at frame {frame}, "
                 f"but its {field} is not finite; clear the mask there"
             )
+    with np.errstate(invalid="ignore"):
+        far = observation.has_position & ~(np.abs(observation.position).max(axis=-1, initial=0.0) <= farthest)
+        vague = observation.has_position & ~((observation.accuracy > 0) & (observation.accuracy < np.inf))
+    if far.any():
+        *_, frame, point = place = tuple(np.argwhere(far)[0])
+        raise BodysenseError(
+            f"{name}: {observation.points[point]!r} is {np.abs(observation.position[place]).max():.4g} m from the "
+            f"origin at frame {frame}, but at most {farthest:g} m is possible; give metres, or move the origin nearer"
+        )
+    if vague.any():
+        *_, frame, point = place = tuple(np.argwhere(vague)[0])
+        raise BodysenseError(
+            f"{name}: the accuracy of {observation.points[point]!r} at frame {frame} is "
+            f"{observation.accuracy[place]:g}; give the expected error of its position in metres, above 0, such as 0.01"
+        )
     with np.errstate(over="ignore"):
         length = np.linalg.norm(observation.rotation, axis=-1)
     broken = observation.has_rotation & ~(np.abs(length - 1) < UNIT_TOLERANCE)
@@ -114,6 +144,25 @@ def check_observation(observation: Observation, name: str = "observation") -> Ob
             "give unit quaternions w, x, y, z, or clear the mask there"
         )
     return observation
+
+
+def accuracy_like(has_position: np.ndarray, metres: float | np.ndarray) -> np.ndarray:
+    """`metres`, one for all points or (P,), as the accuracy of points whose mask is `has_position` (..., T, P)."""
+    return np.broadcast_to(np.asarray(metres, dtype=float), np.shape(has_position)).copy()
+
+
+def usual_accuracy(points: Sequence[str]) -> np.ndarray:
+    """(P,) m: the accuracy of points of which nothing but the name is known.
+
+    A headset's and controllers' for head and wrists, optical for markers of gloves, a body tracker's for the rest.
+    """
+    return np.array([_usual_accuracy(name) for name in points], dtype=float)
+
+
+def _usual_accuracy(name: str) -> float:
+    if name in _HEADSET_POINTS:
+        return HEADSET_ACCURACY
+    return OPTICAL_ACCURACY if glove_marker(name) else TRACKER_ACCURACY
 
 
 def without_gloves(observation: Observation) -> Observation:
@@ -129,6 +178,7 @@ def chosen_points(observation: Observation, places: Sequence[int]) -> Observatio
         rotation=observation.rotation[..., places, :],
         has_position=observation.has_position[..., places],
         has_rotation=observation.has_rotation[..., places],
+        accuracy=observation.accuracy[..., places],
         time=observation.time,
     )
 

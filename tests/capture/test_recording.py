@@ -17,7 +17,7 @@ from hypothesis.extra import numpy as arrays
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.capture.recording import FORMAT, Recording, is_recording, read_recording, write_recording
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation
+from bodysense.observation import HEADSET_ACCURACY, TRACKER_ACCURACY, Observation
 
 SKELETON = Skeleton(
     ("pelvis", "neck", "head"),
@@ -25,7 +25,7 @@ SKELETON = Skeleton(
     (-1, 0, 1, 2),
     np.array([[0, 1, 0], [0, 0.4, 0], [0, 0.1, 0], [0, 0.2, 0]]),
 )
-FIELDS = ("position", "rotation", "has_position", "has_rotation")
+FIELDS = ("position", "rotation", "has_position", "has_rotation", "accuracy")
 
 
 def example(frames: int = 6, seed: int = 0) -> Recording:
@@ -41,6 +41,7 @@ def example(frames: int = 6, seed: int = 0) -> Recording:
         rotation=np.where(turned[..., None], rotation, np.nan),
         has_position=seen,
         has_rotation=turned,
+        accuracy=np.where(rng.uniform(size=(frames, 2)) < 0.5, 0.001, 0.02),
         time=np.cumsum(rng.uniform(0.001, 0.1, size=frames)),
     )
     return Recording(observation, SKELETON)
@@ -82,6 +83,7 @@ def test_a_round_trip(folder: Path, ending: str, frames: int, seed: int) -> None
     np.testing.assert_allclose(theirs.position, ours.position, atol=1e-5)
     np.testing.assert_allclose(theirs.rotation, ours.rotation, atol=1e-6)
     np.testing.assert_allclose(theirs.time, ours.time, atol=1e-6)
+    np.testing.assert_allclose(theirs.accuracy[ours.has_position], ours.accuracy[ours.has_position], rtol=1e-3)
     assert back.skeleton.points == SKELETON.points and back.skeleton.parents == SKELETON.parents
     np.testing.assert_allclose(back.skeleton.rest_offset, SKELETON.rest_offset, atol=1e-6)
 
@@ -101,6 +103,42 @@ def test_without_a_skeleton_it_is_the_default_one(tmp_path: Path) -> None:
     assert recording.observation.has_position.tolist() == [[True, True, False], [True, False, False]]
     assert recording.observation.has_rotation.tolist() == [[True, False, False]] * 2
     np.testing.assert_array_equal(recording.observation.time, [0.0, 0.033])
+    np.testing.assert_array_equal(recording.observation.accuracy, HEADSET_ACCURACY)
+
+
+def test_accuracy_of_a_point_and_of_a_frame(tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    lines = [
+        '{"format": "bodysense recording 1", "points": ["head", "left_knee"], "accuracy": {"head": 0.005}}',
+        '{"time": 0, "position": {"head": [0, 1.6, 0]}}',
+        '{"time": 1, "position": {"head": [0, 1.6, 0]}, "accuracy": {"head": 0.3}}',
+    ]
+    path.write_text("\n".join(lines))
+    np.testing.assert_array_equal(
+        read_recording(path).observation.accuracy, [[0.005, TRACKER_ACCURACY], [0.3, TRACKER_ACCURACY]]
+    )
+    for bad, text in (('"2 mm"', "give metres"), ("0", "is 0; give the expected error"), ("-1", "is -1; give")):
+        path.write_text("\n".join(lines).replace("0.3", bad))
+        assert_refused(path, text)
+    path.write_text("\n".join(lines).replace('"head": 0.3', '"nose": 0.3'))
+    assert_refused(path, "frame 1 has accuracy of 'nose', which the header's points do not list")
+
+
+def test_an_old_npz_has_the_usual_accuracy(tmp_path: Path) -> None:
+    write_recording(tmp_path / "new.npz", example())
+    with np.load(tmp_path / "new.npz") as archive:
+        arrays = {name: archive[name] for name in archive.files if name != "accuracy"}
+    np.savez(tmp_path / "old.npz", **arrays)
+    accuracy = read_recording(tmp_path / "old.npz").observation.accuracy
+    np.testing.assert_array_equal(accuracy, np.tile([HEADSET_ACCURACY, TRACKER_ACCURACY], (6, 1)))
+
+
+@pytest.mark.parametrize("ending", [".npz", ".jsonl"])
+def test_unix_time_is_a_time(tmp_path: Path, ending: str) -> None:
+    recording, path = example(), tmp_path / f"a{ending}"
+    time = recording.observation.time + 1.7e9
+    write_recording(path, replace(recording, observation=replace(recording.observation, time=time)))
+    np.testing.assert_allclose(read_recording(path).observation.time, time, rtol=0, atol=1e-6)
 
 
 # --- damage of any kind

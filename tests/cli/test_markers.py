@@ -98,7 +98,7 @@ def test_a_headset_and_gloves(
 ) -> None:
     head = three_point.observe(short_clip.pose, short_clip.time, three_point.HEAD_ONLY)
     head = chosen_points(head, [0])
-    fields = ("position", "rotation", "has_position", "has_rotation")
+    fields = ("position", "rotation", "has_position", "has_rotation", "accuracy")
     joined = {name: np.concatenate([getattr(head, name), getattr(gloves, name)], axis=1) for name in fields}
     both = Observation(points=(*head.points, *gloves.points), time=head.time, **joined)
     write_recording(tmp_path / "both.npz", Recording(both, short_clip.pose.skeleton))
@@ -160,7 +160,7 @@ def test_a_third_hand_is_left_out(files: Path, gloves: Observation, short_clip: 
         time=gloves.time,
         **{
             name: np.concatenate([getattr(gloves, name), getattr(more, name)], axis=1)
-            for name in ("position", "rotation", "has_position", "has_rotation")
+            for name in ("position", "rotation", "has_position", "has_rotation", "accuracy")
         },
     )
     write_recording(files / "three.npz", Recording(three, short_clip.pose.skeleton))

@@ -53,10 +53,11 @@ def test_a_rate_that_cannot_be(make_clip, rate: float) -> None:
         resample(make_clip(), rate)
 
 
-def test_frames_at_uneven_times(make_clip) -> None:
+@pytest.mark.parametrize("begin", [7.0, 1.7e9])
+def test_frames_at_uneven_times(make_clip, begin: float) -> None:
     clip = make_clip(frames=31)
     thinned = np.array([0, 1, 2, 5, 6, 10, 11, 12, 20, 21, 22, 30])
-    late = at_constant_rate(type(clip)("a", clip.pose[thinned], 30.0), 7.0 + clip.time[thinned])
+    late = at_constant_rate(type(clip)("a", clip.pose[thinned], 30.0), begin + clip.time[thinned])
     assert len(late) == 31
     np.testing.assert_array_equal(late.pose.rotation[thinned], clip.pose.rotation[thinned])
     with pytest.raises(BodysenseError, match=r"12 frames need as many times in seconds, increasing"):

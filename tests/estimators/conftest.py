@@ -31,6 +31,9 @@ def make_observation() -> MakeObservation:
             if turn is not None:
                 rotation[t, 0] = turn[t]
         seen, turned = np.isfinite(position[..., 0]), np.isfinite(rotation[..., 0])
-        return check_observation(Observation(points, position, rotation, seen, turned, np.array(time, dtype=float)))
+        accuracy = np.full(seen.shape, 0.001)
+        return check_observation(
+            Observation(points, position, rotation, seen, turned, accuracy, np.array(time, dtype=float))
+        )
 
     return make

@@ -43,12 +43,13 @@ def signal(clip: Clip, points: tuple[str, ...]) -> Observation:
         if name in POINTS:
             turned[:, k], has_rotation[:, k] = rotation[:, SKELETON.index(name)], True
     seen = np.ones_like(has_rotation)
-    return Observation(points, position[:, places].copy(), turned, seen, has_rotation, np.asarray(clip.time))
+    accuracy = np.full(seen.shape, 0.001)
+    return Observation(points, position[:, places].copy(), turned, seen, has_rotation, accuracy, np.asarray(clip.time))
 
 
 def still(observation: Observation, frames: int, rate: float) -> Observation:
     """The first frame for a while, so that all that moves is the method."""
-    fields = ("position", "rotation", "has_position", "has_rotation")
+    fields = ("position", "rotation", "has_position", "has_rotation", "accuracy")
     repeated = {name: np.repeat(getattr(observation, name)[:1], frames, axis=0) for name in fields}
     return replace(observation, **repeated, time=np.arange(frames) / rate)
 
@@ -178,6 +179,7 @@ def test_gloves_come_and_go(adaptive: Adaptive, waving_clip: Clip) -> None:
         np.concatenate([seen.rotation, np.full((count, more, 4), np.nan)], axis=1),
         np.concatenate([seen.has_position, np.ones((count, more), dtype=bool)], axis=1),
         np.concatenate([seen.has_rotation, np.zeros((count, more), dtype=bool)], axis=1),
+        np.full((count, 3 + more), 0.001),
         seen.time,
     )
     told, estimate = profiles(adaptive, without(both, glove_points("left"), slice(45, None)))

@@ -22,7 +22,8 @@ WRISTS = ("left_wrist", "right_wrist")
 def hands_at(position: np.ndarray, rotation: np.ndarray, rate: float = 60.0) -> Observation:
     """Both wrists (T, 2, 3), (T, 2, 4), NaN where hidden."""
     seen = np.asarray(np.isfinite(position).all(axis=-1))
-    return Observation(WRISTS, position, rotation, seen, seen, np.arange(len(position)) / rate)
+    accuracy, time = np.full(seen.shape, 0.001), np.arange(len(position)) / rate
+    return Observation(WRISTS, position, rotation, seen, seen, accuracy, time)
 
 
 def held_before(place: np.ndarray, yaw: float = 0.0, apart: float = 0.3) -> tuple[np.ndarray, np.ndarray]:

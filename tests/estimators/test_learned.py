@@ -115,7 +115,13 @@ def test_before_anything_is_seen_a_body_stands_there(learned: Learned) -> None:
     np.testing.assert_allclose(state.head_position, standing[SKELETON.index("head")])
     nothing = np.zeros((1, 1), dtype=bool)
     empty = Observation(
-        ("head",), np.full((1, 1, 3), np.nan), np.full((1, 1, 4), np.nan), nothing, nothing, np.zeros(1)
+        points=("head",),
+        position=np.full((1, 1, 3), np.nan),
+        rotation=np.full((1, 1, 4), np.nan),
+        has_position=nothing,
+        has_rotation=nothing,
+        accuracy=np.ones((1, 1)),
+        time=np.zeros(1),
     )
     estimate, _ = learned.step(empty, state)
     assert np.isfinite(estimate.position).all()

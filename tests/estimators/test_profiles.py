@@ -29,7 +29,13 @@ def frame(points: tuple[str, ...], time: float, hidden: tuple[str, ...] = ()) ->
     known = np.array([[name not in hidden for name in points]])
     count = len(points)
     return Observation(
-        points, np.zeros((1, count, 3)), np.zeros((1, count, 4)), known, np.zeros_like(known), np.array([time])
+        points=points,
+        position=np.zeros((1, count, 3)),
+        rotation=np.zeros((1, count, 4)),
+        has_position=known,
+        has_rotation=np.zeros_like(known),
+        accuracy=np.full(known.shape, 0.001),
+        time=np.array([time]),
     )
 
 

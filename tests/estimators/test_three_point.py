@@ -252,6 +252,7 @@ def test_whatever_comes_the_body_is_whole(
         np.where(garbage[..., None], rotation, good.rotation),
         known[..., 0],
         known[..., 1],
+        good.accuracy,
         np.cumsum(intervals),
     )
     check_whole(complete(estimator, observation))

@@ -55,7 +55,8 @@ def people(count: int, seed: int = 0, reach: float = 0.9) -> Observation:
     known = np.ones((count, 3), dtype=bool)
     points = ("head", "left_wrist", "right_wrist")
     rotation = quaternion_canonical(rotation)
-    return check_observation(Observation(points, position, rotation, known, known.copy(), np.arange(count) / 30))
+    accuracy, time = np.full(known.shape, 0.001), np.arange(count) / 30
+    return check_observation(Observation(points, position, rotation, known, known.copy(), accuracy, time))
 
 
 def from_shoulder(estimate: Estimate, points: np.ndarray) -> np.ndarray:
@@ -280,7 +281,7 @@ def test_a_hand_that_is_lost_stays_with_the_chest(lost: tuple[str, ...]) -> None
     rotation = np.tile(seen.rotation[0], (20, 1, 1))
     rotation[:, 0] = quaternion_canonical(quaternion_multiply(turns, rotation[:, 0]))
     known = np.ones((20, 3), dtype=bool)
-    walk = Observation(seen.points, moved, rotation, known, known, np.arange(20) / 30)
+    walk = Observation(seen.points, moved, rotation, known, known, np.full(known.shape, 0.001), np.arange(20) / 30)
     estimate = complete(without(walk, *lost, since=1))
     for point in lost:
         side = 0 if point.startswith("left") else 1

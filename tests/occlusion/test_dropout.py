@@ -29,13 +29,22 @@ def everything_seen(seconds: float, rate: float = 10.0, points: tuple[str, ...] 
     rotation = np.zeros((*shape, 4))
     rotation[..., 0] = 1
     seen = np.ones(shape, dtype=bool)
-    return Observation(points, np.ones((*shape, 3)), rotation, seen, seen.copy(), 5.0 + np.arange(shape[0]) / rate)
+    return Observation(
+        points=points,
+        position=np.ones((*shape, 3)),
+        rotation=rotation,
+        has_position=seen,
+        has_rotation=seen.copy(),
+        accuracy=np.full(shape, 0.001),
+        time=5.0 + np.arange(shape[0]) / rate,
+    )
 
 
 @pytest.mark.parametrize("batch", [(), (1,), (3, 1, 2)])
 def test_what_is_hidden_is_not_a_number_and_not_tracked(batch: tuple[int, ...]) -> None:
     observation = everything_seen(1.0)
-    fields = {name: getattr(observation, name) for name in ("position", "rotation", "has_position", "has_rotation")}
+    names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
+    fields = {name: getattr(observation, name) for name in names}
     many = replace(
         observation, **{name: np.broadcast_to(value, (*batch, *value.shape)) for name, value in fields.items()}
     )

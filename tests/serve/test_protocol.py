@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from bodysense.serve.protocol import (
     pose_layout,
     read_pose,
     read_signal,
+    wire_accuracy,
     write_pose,
     write_signal,
     write_truth,
@@ -40,6 +42,7 @@ def random_signal(seed: int, count: int) -> SignalFrame:
         rng.integers(0, 4, count).astype(np.uint8),
         rng.uniform(-10, 10, (count, 3)).astype(np.float32),
         (rotation / np.linalg.norm(rotation, axis=1, keepdims=True)).astype(np.float32),
+        rng.integers(0, 2**16, count).astype(np.uint16),
     )
 
 
@@ -48,15 +51,36 @@ def test_a_signal_is_read_as_it_was_written(seed: int, count: int) -> None:
     frame = random_signal(seed, count)
     found = read_signal(write_signal(frame), 128)
     assert (found.sequence, found.time) == (frame.sequence, frame.time)
-    for name in ("point", "has", "position", "rotation"):
+    for name in ("point", "has", "position", "rotation", "accuracy"):
         np.testing.assert_array_equal(getattr(found, name), getattr(frame, name))
+
+
+def test_a_signal_without_accuracies_has_none() -> None:
+    found = read_signal(write_signal(replace(random_signal(0, 5), accuracy=None)), 128)
+    assert found.accuracy is not None and not found.accuracy.any()
+
+
+@pytest.mark.parametrize("time", [1.7e9, -1e10])
+def test_any_seconds_are_a_time(time: float) -> None:
+    assert read_signal(write_signal(replace(random_signal(0, 1), time=time)), 128).time == time
+
+
+def test_accuracies_on_the_wire() -> None:
+    metres = np.array([0.001, 0.00004, 0.0123456, 9.0, np.nan, np.inf])
+    np.testing.assert_array_equal(wire_accuracy(metres), [10, 0, 123, 65535, 0, 65535])
 
 
 def test_the_layout_is_the_documented_one() -> None:
     frame = SignalFrame(
-        7, 1.5, np.array([2], "u1"), np.array([3], "u1"), np.array([[1, 2, 3]], "f4"), np.array([[0, 1, 0, 0]], "f4")
+        sequence=7,
+        time=1.5,
+        point=np.array([2], "u1"),
+        has=np.array([3], "u1"),
+        position=np.array([[1, 2, 3]], "f4"),
+        rotation=np.array([[0, 1, 0, 0]], "f4"),
+        accuracy=np.array([25], "u2"),
     )
-    assert write_signal(frame) == struct.pack("<BBHId" + "BBH3f4f", 1, 0, 1, 7, 1.5, 2, 3, 0, 1, 2, 3, 0, 1, 0, 0)
+    assert write_signal(frame) == struct.pack("<BBHId" + "BBH3f4f", 1, 0, 1, 7, 1.5, 2, 3, 25, 1, 2, 3, 0, 1, 0, 0)
     fields = pose_layout(52, 65).fields
     assert fields is not None
     offsets = {name: place[1] for name, place in fields.items()}
@@ -122,6 +146,7 @@ def test_what_is_read_is_usable(seed: int, changes: list[tuple[int, int]]) -> No
         ({"rotation": [[np.nan, 0, 0, 0]] * 3}, "unit length"),
         ({"time": np.nan}, "nan s"),
         ({"time": 1e300}, "seconds"),
+        ({"time": 1.7e12}, "not milliseconds"),
     ],
 )
 def test_what_no_tracker_gives_is_refused(change: dict[str, Any], said: str) -> None:

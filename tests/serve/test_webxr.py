@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -30,6 +32,17 @@ def frame_of(axes: dict[str, tuple[int, int, int]]) -> Rotation:
     found = Rotation.align_vectors(np.array(list(axes.values()), dtype=float), ours)
     assert found[1] < 1e-6
     return found[0]
+
+
+def test_accuracies_are_the_signals_own_or_the_usual_ones() -> None:
+    names = ["headset", "left:wrist", "left:index-finger-tip", "waist"]
+    frame = SignalFrame(0, 0.0, np.arange(4), np.full(4, 3), np.zeros((4, 3)), np.tile([1.0, 0, 0, 0], (4, 1)))
+    there = door(names, SKELETON)
+    seen = through(there, frame, np.ones(4, dtype=bool), Placement(), 0.0)
+    np.testing.assert_array_equal(seen.accuracy, [[0.001, 0.01, 0.01, 0.01]])
+    own = replace(frame, accuracy=np.array([0, 200, 0, 30], dtype=np.uint16))
+    seen = through(there, own, np.array([True, True, False, True]), Placement(), 0.0)
+    np.testing.assert_allclose(seen.accuracy[seen.has_position], [0.001, 0.02, 0.003])
 
 
 @pytest.mark.parametrize("name", AXES)

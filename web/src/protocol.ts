@@ -9,6 +9,7 @@ export const HAS_ROTATION = 2;
 export const MOST_POINTS = 128;
 export const SIGNAL_HEAD_BYTES = 16;
 export const POINT_BYTES = 32;
+export const ACCURACY_UNIT = 0.0001;
 export const POSE_HEAD_BYTES = 16;
 
 export const SUBPROTOCOL = "bodysense.1";
@@ -165,6 +166,8 @@ export interface SignalPoint {
   point: number;
   position: readonly [number, number, number] | null;
   rotation: readonly [number, number, number, number] | null;
+  /** m, the expected error of the position; left out or 0, the server assumes what is usual for such a point. */
+  accuracy?: number;
 }
 
 export interface SignalFrame {
@@ -206,6 +209,7 @@ export function writeSignal(frame: SignalFrame): ArrayBuffer {
     const at = SIGNAL_HEAD_BYTES + index * POINT_BYTES;
     view.setUint8(at, point.point);
     view.setUint8(at + 1, (point.position ? HAS_POSITION : 0) | (point.rotation ? HAS_ROTATION : 0));
+    view.setUint16(at + 2, Math.min(Math.round((point.accuracy ?? 0) / ACCURACY_UNIT), 0xffff), true);
     point.position?.forEach((value, k) => view.setFloat32(at + 4 + 4 * k, value, true));
     point.rotation?.forEach((value, k) => view.setFloat32(at + 16 + 4 * k, value, true));
   });
@@ -227,6 +231,7 @@ export function readSignal(buffer: ArrayBuffer): SignalFrame {
     const number = (k: number) => view.getFloat32(at + 4 + 4 * k, true);
     points.push({
       point: view.getUint8(at),
+      accuracy: view.getUint16(at + 2, true) * ACCURACY_UNIT,
       position: has & HAS_POSITION ? [number(0), number(1), number(2)] : null,
       rotation: has & HAS_ROTATION ? [number(3), number(4), number(5), number(6)] : null,
     });

@@ -15,7 +15,7 @@ from bodysense.capture.markers_c3d import read_c3d, write_c3d
 from bodysense.capture.markers_csv import read_csv, write_csv
 from bodysense.capture.raw_markers import MarkerFormat, RawMarkers, Unit, in_our_world, observed_markers, points_alone
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation, chosen_points
+from bodysense.observation import Observation, check_observation, chosen_points
 
 ENDINGS = (".csv", ".c3d")
 
@@ -38,8 +38,10 @@ def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> Marke
     path = Path(path)
     raw = read_raw(path, form.rate)
     observation, remarks = observed_markers(raw, form, str(path))
+    check_observation(observation, str(path), farthest=np.inf)  # a wrong unit has a better message below
     unit: Unit = form.unit or raw.unit
     check = check_gloves(observation, str(path), unit)
+    check_observation(observation, str(path))
     return MarkerRecording(observation, raw.frame_rate, check.sizes, (*remarks, *check.remarks))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from bodysense.body.glove import MARKERS, glove_marker, glove_points, side_of
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation, check_observation
+from bodysense.observation import OPTICAL_ACCURACY, Observation, accuracy_like
 
 Unit = Literal["m", "cm", "mm"]
 Up = Literal["y", "z"]
@@ -92,8 +92,7 @@ def read_names(path: str | Path) -> dict[str, str]:
 def observed_markers(raw: RawMarkers, form: MarkerFormat, place: str) -> tuple[Observation, list[str]]:
     """The markers that are known by name as an Observation, and what is to be said of the rest.
 
-    `place` names the file in messages. Raises BodysenseError for names that stand twice, for a file without a glove
-    and for times that do not increase.
+    `place` names the file in messages. Raises BodysenseError for names that stand twice and for a file without a glove.
     """
     ours = _our_names(raw, form, place)
     here = [k for k, name in enumerate(ours) if name is not None]
@@ -106,8 +105,7 @@ def observed_markers(raw: RawMarkers, form: MarkerFormat, place: str) -> tuple[O
         missing = [name for name in glove_points(hand) if name not in points]
         if missing:
             remarks.append(f"the {hand} glove lacks {_listed([name.partition('_glove_')[2] for name in missing])}")
-    observation = points_alone(points, in_our_world(raw.position[:, here], raw, form), raw.time)
-    return check_observation(observation, place), remarks
+    return points_alone(points, in_our_world(raw.position[:, here], raw, form), raw.time), remarks
 
 
 def points_alone(names: tuple[str, ...], position: np.ndarray, time: np.ndarray) -> Observation:
@@ -119,6 +117,7 @@ def points_alone(names: tuple[str, ...], position: np.ndarray, time: np.ndarray)
         rotation=np.full((*seen.shape, 4), np.nan),
         has_position=seen,
         has_rotation=np.zeros_like(seen),
+        accuracy=accuracy_like(seen, OPTICAL_ACCURACY),
         time=time,
     )
 

@@ -15,7 +15,7 @@ import numpy as np
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
-from bodysense.observation import Observation, check_observation, without_gloves
+from bodysense.observation import Observation, check_observation, usual_accuracy, without_gloves
 
 FORMAT = "bodysense recording 1"
 _SKELETON = ("joints", "end_sites", "parents", "rest_offset")
@@ -97,6 +97,7 @@ def _write_npz(path: Path, recording: Recording) -> None:
             rotation=seen.rotation.astype(np.float32),
             has_position=seen.has_position,
             has_rotation=seen.has_rotation,
+            accuracy=seen.accuracy.astype(np.float32),
             time=seen.time,
             joints=np.array(skeleton.joints),
             end_sites=np.array(skeleton.end_sites),
@@ -109,7 +110,7 @@ def _read_npz(path: Path) -> Recording:
     wanted = ("format", "points", "position", "rotation", "has_position", "has_rotation", "time")
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in (*wanted, *_SKELETON) if name in archive.files}
+            arrays = {name: archive[name] for name in (*wanted, "accuracy", *_SKELETON) if name in archive.files}
     except Exception as error:  # a damaged zip file raises what it likes: zlib, struct, zipfile, Value, Memory errors
         reason = " ".join(str(error).split()) or type(error).__name__
         raise BodysenseError(f"{path}: not a readable .npz ({reason}); record it again") from None
@@ -118,25 +119,24 @@ def _read_npz(path: Path) -> Recording:
         raise BodysenseError(f"{path}: not a recording, it has no {missing[0]!r}; see docs/recording.md for the layout")
     if str(arrays["format"]) != FORMAT:
         raise BodysenseError(f"{path}: format {str(arrays['format'])!r}, but this version reads {FORMAT!r}")
-    for name, kinds in (
-        ("position", "f"),
-        ("rotation", "f"),
-        ("time", "f"),
-        ("has_position", "b"),
-        ("has_rotation", "b"),
-    ):
-        if arrays[name].dtype.kind not in kinds:
+    for name in set(arrays) & {*wanted[2:], "accuracy"}:
+        if arrays[name].dtype.kind != ("b" if name.startswith("has_") else "f"):
             raise BodysenseError(
-                f"{path}: {name} is of type {arrays[name].dtype}; positions, rotations and times are floats, masks bool"
+                f"{path}: {name} is of type {arrays[name].dtype}; positions, rotations, accuracies and times are "
+                "floats, masks bool"
             )
     if arrays["time"].ndim != 1 or arrays["points"].ndim != 1:
         raise BodysenseError(f"{path}: time and points must be lists of at least one value")
+    points = tuple(str(name) for name in arrays["points"])
+    if "accuracy" not in arrays:
+        arrays["accuracy"] = np.broadcast_to(usual_accuracy(points), (len(arrays["time"]), len(points)))
     observation = Observation(
-        points=tuple(str(name) for name in arrays["points"]),
+        points=points,
         position=arrays["position"].astype(np.float64),
         rotation=arrays["rotation"].astype(np.float64),
         has_position=arrays["has_position"],
         has_rotation=arrays["has_rotation"],
+        accuracy=arrays["accuracy"].astype(np.float64),
         time=arrays["time"].astype(np.float64),
     )
     return Recording(observation, _skeleton(path, arrays))
@@ -169,9 +169,11 @@ def _skeleton(path: Path, fields: dict[str, Any]) -> Skeleton:
 
 def _lines(recording: Recording) -> list[str]:
     seen, skeleton = recording.observation, recording.skeleton
+    usual = [_first(values, mask) for values, mask in zip(seen.accuracy.T, seen.has_position.T, strict=True)]
     header = {
         "format": FORMAT,
         "points": seen.points,
+        "accuracy": {name: value for name, value in zip(seen.points, usual, strict=True) if value is not None},
         "skeleton": {
             "joints": skeleton.joints,
             "end_sites": skeleton.end_sites,
@@ -185,8 +187,21 @@ def _lines(recording: Recording) -> list[str]:
         for kind, digits in (("position", 5), ("rotation", 6)):
             values, mask = getattr(seen, kind)[t], getattr(seen, f"has_{kind}")[t]
             frame[kind] = {seen.points[p]: np.round(values[p], digits).tolist() for p in np.flatnonzero(mask)}
+        accuracy = {p: _rounded(seen.accuracy[t, p]) for p in np.flatnonzero(seen.has_position[t])}
+        accuracy = {seen.points[p]: value for p, value in accuracy.items() if value != usual[p]}
+        if accuracy:
+            frame["accuracy"] = accuracy
         lines.append(json.dumps(frame))
     return lines
+
+
+def _first(accuracy: np.ndarray, mask: np.ndarray) -> float | None:
+    """The accuracy (T,) of a point when it is first tracked; None if it never is."""
+    return _rounded(accuracy[int(np.argmax(mask))]) if mask.any() else None
+
+
+def _rounded(metres: float) -> float:
+    return float(f"{metres:.4g}")
 
 
 def _read_jsonl(path: Path) -> Recording:
@@ -211,6 +226,9 @@ def _read_jsonl(path: Path) -> Recording:
     }
     place = {name: p for p, name in enumerate(points)}
     time = np.zeros(len(frames))
+    accuracy = np.tile(usual_accuracy(points), (len(frames), 1))
+    for p, value in _accuracies(path, "the header", rows[0], place).items():
+        accuracy[:, p] = value
     for t, frame in enumerate(frames):
         if not _numbers([frame.get("time")], 1):
             raise BodysenseError(f"{path}: frame {t} has no 'time'; give seconds")
@@ -226,12 +244,15 @@ def _read_jsonl(path: Path) -> Recording:
                         f"{path}: frame {t}: {kind} of {name!r} is {str(value)[:60]}; give {target.shape[-1]} numbers"
                     )
                 target[t, place[name]] = value
+        for p, value in _accuracies(path, f"frame {t}", frame, place).items():
+            accuracy[t, p] = value
     observation = Observation(
         points=tuple(points),
         position=values["position"],
         rotation=values["rotation"],
         has_position=np.isfinite(values["position"][..., 0]),  # a point has all its numbers or none
         has_rotation=np.isfinite(values["rotation"][..., 0]),
+        accuracy=accuracy,
         time=time,
     )
     skeleton = rows[0].get("skeleton", {})
@@ -248,6 +269,19 @@ def _object(path: Path, number: int, line: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise BodysenseError(f"{path}: line {number} is not a JSON object")
     return value
+
+
+def _accuracies(path: Path, where: str, row: dict[str, Any], place: dict[str, int]) -> dict[int, float]:
+    """Accuracies (m) in a header or a frame, by the place of their points."""
+    entries = row.get("accuracy", {})
+    if not isinstance(entries, dict):
+        raise BodysenseError(f"{path}: {where}: accuracy must be an object from point names to metres")
+    for name, value in entries.items():
+        if name not in place:
+            raise BodysenseError(f"{path}: {where} has accuracy of {name!r}, which the header's points do not list")
+        if not _numbers([value], 1):
+            raise BodysenseError(f"{path}: {where}: accuracy of {name!r} is {str(value)[:60]}; give metres")
+    return {place[name]: float(value) for name, value in entries.items()}
 
 
 def _entries(path: Path, t: int, kind: str, frame: dict[str, Any]) -> list[tuple[str, Any]]:

@@ -11,7 +11,7 @@ from bodysense.body.hand import hand_skeleton, mirrored_vectors
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.data.hand_motion import RATE
 from bodysense.data.hand_synthesis import synthesize_hand
-from bodysense.observation import Observation
+from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
 
 _EVERY = 30  # frames, after which other markers are hidden
 
@@ -30,5 +30,13 @@ def glove_stream(hands: Sequence[str], frames: int, hidden: int) -> tuple[dict[s
     seen = ~np.isnan(position[..., 0])
     points = tuple(point for name in hands for point in glove_points(name))
     turned = np.full((*position.shape[:2], 4), np.nan)
-    observation = Observation(points, position, turned, seen, np.zeros_like(seen), np.arange(frames) / RATE)
+    observation = Observation(
+        points=points,
+        position=position,
+        rotation=turned,
+        has_position=seen,
+        has_rotation=np.zeros_like(seen),
+        accuracy=accuracy_like(seen, EXACT_ACCURACY),
+        time=np.arange(frames) / RATE,
+    )
     return dict.fromkeys(hands, hand), observation

@@ -16,7 +16,7 @@ from bodysense.files import written_beside
 
 _UNIT, _ORDER = 0.01, "ZXY"  # as `write_bvh` has them
 _DIGITS = 12  # of the number of frames, which is written last
-_SAME = 1e-6  # frames
+_SAME = 1e-4  # frames; Unix times are exact to 3e-7 s
 _ROUNDED = 0.05  # frames by which the last one may come early: containers round times to a millisecond
 
 

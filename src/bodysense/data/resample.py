@@ -11,7 +11,7 @@ from bodysense.body.rotation import quaternion_canonical, slerp
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 
-_SAME = 1e-6  # frames: places nearer than this to a frame are that frame
+_SAME = 1e-4  # frames: places nearer than this to a frame are that frame; Unix times are exact to 3e-7 s
 
 
 def resample(clip: Clip, rate: float) -> Clip:

@@ -24,7 +24,7 @@ from bodysense.errors import BodysenseError
 from bodysense.estimators.carried import Carried
 from bodysense.estimators.gloves.hands import Hands
 from bodysense.estimators.limbs import reach
-from bodysense.observation import Estimate, Estimator, Observation, without_gloves
+from bodysense.observation import OPTICAL_ACCURACY, Estimate, Estimator, Observation, without_gloves
 
 SIDES = ("left", "right")
 _HINGE = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])  # straight elbows bend forward
@@ -155,6 +155,7 @@ class Gloved:
             rotation=widened(np.asarray(rest.rotation, dtype=float), np.nan),
             has_position=widened(rest.has_position, False),
             has_rotation=widened(rest.has_rotation, False),
+            accuracy=widened(np.asarray(rest.accuracy, dtype=float), OPTICAL_ACCURACY),
             time=rest.time,
         )
         for k, answer in enumerate(shown):
@@ -162,6 +163,7 @@ class Gloved:
             frame = np.flatnonzero(known[:, k])
             seen.position[np.ix_(frame, here)] = answer.position[frame]
             seen.has_position[np.ix_(frame, here)] = True
+            seen.accuracy[np.ix_(frame, here)] = np.maximum(answer.confidence[frame], OPTICAL_ACCURACY)
             seen.rotation[frame, here[0]] = _world_turn(answer)[frame]
             seen.has_rotation[frame, here[0]] = True
         return seen

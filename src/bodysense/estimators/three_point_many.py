@@ -29,7 +29,7 @@ from bodysense.estimators.three_point_answers import (
 )
 from bodysense.estimators.three_point_state import ThreePointState
 from bodysense.estimators.whole_body import together
-from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Estimate, Observation
+from bodysense.observation import FARTHEST, HEADSET_ACCURACY, UNIT_TOLERANCE, Estimate, Observation, accuracy_like
 from bodysense.occlusion.three_point import POINTS
 
 if TYPE_CHECKING:
@@ -265,7 +265,9 @@ def _named(observation: Observation) -> Observation:
     has = np.zeros((2, frames, 3), dtype=bool)
     position[:, given], rotation[:, given] = observation.position[:, here], observation.rotation[:, here]
     has[0][:, given], has[1][:, given] = observation.has_position[:, here], observation.has_rotation[:, here]
-    return Observation(POINTS, position, rotation, has[0], has[1], observation.time)
+    accuracy = accuracy_like(has[0], HEADSET_ACCURACY)
+    accuracy[:, given] = observation.accuracy[:, here]
+    return Observation(POINTS, position, rotation, has[0], has[1], accuracy, observation.time)
 
 
 @lru_cache(maxsize=64)

@@ -19,7 +19,7 @@ from bodysense.data.hand_motion import RATE, HandMotion
 from bodysense.estimators.gloves.fillers import Filler
 from bodysense.estimators.gloves.hands import GloveModels, Hands, HandsSettings
 from bodysense.evaluation.metrics import joint_error
-from bodysense.observation import Observation
+from bodysense.observation import EXACT_ACCURACY, Observation
 
 HIDDEN = (1, 2, 3, 4)  # markers at once
 DURATIONS = (0.1, 0.2, 0.5, 1.0, 2.0)  # s
@@ -157,5 +157,6 @@ def _observation(names: Sequence[str], markers: np.ndarray, hidden: np.ndarray) 
         rotation=np.full((frames, hands * len(MARKERS), 4), np.nan),
         has_position=known.reshape(frames, -1),
         has_rotation=np.zeros((frames, hands * len(MARKERS)), dtype=bool),
+        accuracy=np.full((frames, hands * len(MARKERS)), EXACT_ACCURACY),
         time=np.arange(1, frames + 1) / RATE,
     )

@@ -20,7 +20,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation
+from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
 from bodysense.occlusion.camera_ring import CameraRing, seen
 from bodysense.occlusion.dropout import hide
 
@@ -28,6 +28,7 @@ _HANDS: tuple[Side, Side] = ("left", "right")
 _TIP = np.array([0.6, 0.8, 0.0])  # a light on a fingertip faces away from the palm and ahead, in the joint's own axes
 _CLEAR = 0.002  # m that a light stands out of the flesh
 _HIGHEST = 0.06  # m: no flesh is thicker
+_MEAN_DISTANCE = (8 / np.pi) ** 0.5  # of normal noise in space, in deviations along one axis
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,16 @@ def observe_hands(
     rotation = np.full((*position.shape[:-1], 4), np.nan)
     points = tuple(point for name in hands for point in glove_points(name))
     whole = np.ones(known.shape, dtype=bool)
-    return hide(Observation(points, position, rotation, whole, ~whole, time), ~known)
+    observation = Observation(
+        points=points,
+        position=position,
+        rotation=rotation,
+        has_position=whole,
+        has_rotation=~whole,
+        accuracy=accuracy_like(whole, max(EXACT_ACCURACY, _MEAN_DISTANCE * capture.noise)),
+        time=time,
+    )
+    return hide(observation, ~known)
 
 
 def visible(

@@ -26,7 +26,7 @@ from bodysense.body.pose import Pose, forward_kinematics, rest_pose
 from bodysense.body.rotation import quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation
+from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
 from bodysense.occlusion.rays import blocked, segment_meets_box, segment_meets_capsule
 
 SIDES = ("left", "right")
@@ -164,6 +164,7 @@ def observe(pose: Pose, time: np.ndarray, camera: HeadsetCamera = HeadsetCamera(
         rotation=turned,
         has_position=visible,
         has_rotation=has_rotation,
+        accuracy=accuracy_like(visible, EXACT_ACCURACY),
         time=time,
     )
 

@@ -12,7 +12,7 @@ import numpy as np
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_canonical, quaternion_multiply, quaternion_rotate
 from bodysense.errors import BodysenseError
-from bodysense.observation import UNIT_TOLERANCE, Observation
+from bodysense.observation import EXACT_ACCURACY, UNIT_TOLERANCE, Observation, accuracy_like
 
 POINTS = ("head", "left_wrist", "right_wrist")
 
@@ -58,6 +58,7 @@ def observe(pose: Pose, time: np.ndarray, device: ThreePoint = ThreePoint()) -> 
         rotation=np.where(seen[..., None], quaternion_canonical(quaternion_multiply(rotation, turn)), np.nan),
         has_position=seen.copy(),
         has_rotation=seen.copy(),
+        accuracy=accuracy_like(seen, EXACT_ACCURACY),
         time=np.asarray(time, dtype=float),
     )
 

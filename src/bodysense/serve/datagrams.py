@@ -16,7 +16,7 @@ from bodysense.capture.marker_stream import read_frame
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 from bodysense.serve.metrics import Metrics
-from bodysense.serve.protocol import HAS_POSITION, HAS_ROTATION, SignalFrame
+from bodysense.serve.protocol import HAS_POSITION, HAS_ROTATION, SignalFrame, wire_accuracy
 from bodysense.serve.safety import RateLimit
 from bodysense.serve.vmc import vmc_packets
 from bodysense.serve.vmc_trackers import POINTS as VMC_POINTS
@@ -42,6 +42,7 @@ class PoseSender:
 
     def __init__(self, receivers: Sequence[Receiver], metrics: Metrics) -> None:
         self._metrics = metrics
+        self._begun: float | None = None  # the moment of the first pose
         self._out: list[tuple[Literal["vmc", "vrchat"], socket.socket]] = []
         for receiver in receivers:
             option = f"--{receiver.protocol}-out {receiver.host}:{receiver.port}"
@@ -56,9 +57,11 @@ class PoseSender:
                 raise BodysenseError(f"{option}: {error.strerror or error}; give HOST:PORT of the avatar") from None
 
     def __call__(self, pose: Pose, moment: float) -> None:
-        """Send one pose."""
+        """Send one pose; VMC's time is that since the first, because single precision does not hold Unix time."""
+        if self._begun is None:
+            self._begun = moment
         for protocol, out in self._out:
-            for packet in vmc_packets(pose, moment) if protocol == "vmc" else vrchat_packets(pose):
+            for packet in vmc_packets(pose, moment - self._begun) if protocol == "vmc" else vrchat_packets(pose):
                 try:
                     out.send(packet)
                 except OSError:  # nobody listens there now, or the network is full: the next pose is on its way
@@ -151,4 +154,5 @@ def signal_of(observation: Observation, points: tuple[str, ...], sequence: int, 
         has.astype(np.uint8),
         np.nan_to_num(observation.position[0, here]).astype(np.float32),
         np.nan_to_num(observation.rotation[0, here]).astype(np.float32),
+        wire_accuracy(observation.accuracy[0, here]),
     )

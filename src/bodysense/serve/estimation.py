@@ -9,7 +9,7 @@ import numpy as np
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.estimators.adaptive import PROFILES, Adaptive, AdaptiveState, step_many
 from bodysense.estimators.learned import Learned, Model, load_model
-from bodysense.observation import Observation
+from bodysense.observation import HEADSET_ACCURACY, Observation
 from bodysense.tracker import Tracked, Tracker
 
 __all__ = ["PROFILES", "Adaptive", "AdaptiveState", "adaptive", "load", "step_many"]
@@ -29,7 +29,14 @@ def adaptive(skeleton: Skeleton) -> Adaptive:
 def load() -> None:
     """Load what completes bodies from head and hands, so that nobody's first frame waits for it."""
     estimator = adaptive(default_skeleton())
-    head = np.zeros((1, 1, 3)), np.array([[[1.0, 0, 0, 0]]]), np.ones((1, 1), dtype=bool), np.ones((1, 1), dtype=bool)
-    frame = Observation(("head",), *head, np.zeros(1))
+    frame = Observation(
+        points=("head",),
+        position=np.zeros((1, 1, 3)),
+        rotation=np.array([[[1.0, 0, 0, 0]]]),
+        has_position=np.ones((1, 1), dtype=bool),
+        has_rotation=np.ones((1, 1), dtype=bool),
+        accuracy=np.full((1, 1), HEADSET_ACCURACY),
+        time=np.zeros(1),
+    )
     for wearers in (1, 2):  # one alone and many have sessions of their own in the runtime
         step_many([(estimator, frame, estimator.start())] * wearers)

@@ -22,10 +22,11 @@ MOST_POINTS = 128  # of a hello
 SIGNAL_HEAD = struct.Struct("<BBHId")  # kind, flags, points, sequence, time in s
 POSE_HEAD = struct.Struct("<BBHId")  # kind, profile, joints, sequence, time in s
 POINT = np.dtype(
-    [("point", "u1"), ("has", "u1"), ("unused", "<u2"), ("position", "<f4", (3,)), ("rotation", "<f4", (4,))]
+    [("point", "u1"), ("has", "u1"), ("accuracy", "<u2"), ("position", "<f4", (3,)), ("rotation", "<f4", (4,))]
 )
+ACCURACY_UNIT = 1e-4  # m
 LARGEST_SIGNAL = SIGNAL_HEAD.size + MOST_POINTS * POINT.itemsize
-_LATEST = 1e9  # s
+_LATEST = 1e11  # s: Unix time is 1.7e9 s; in milliseconds it is refused
 
 
 class ProtocolError(BodysenseError):
@@ -46,6 +47,8 @@ class SignalFrame:
     has: np.ndarray  # (N,) u8, HAS_POSITION | HAS_ROTATION
     position: np.ndarray  # (N, 3) f32 m
     rotation: np.ndarray  # (N, 4) f32 wxyz
+    # (N,) u16, `ACCURACY_UNIT`s: the expected error of a position; 0 where the device does not say. None: all 0.
+    accuracy: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +65,18 @@ class PoseFrame:
     microseconds: int = 0  # spent in the server
 
 
+def wire_accuracy(metres: np.ndarray) -> np.ndarray:
+    """Accuracies (N,) m as a signal frame has them; NaN becomes 0."""
+    return np.clip(np.rint(np.nan_to_num(metres, posinf=FARTHEST) / ACCURACY_UNIT), 0, 0xFFFF).astype("<u2")
+
+
 def write_signal(frame: SignalFrame, kind: int = SIGNAL) -> bytes:
     """The bytes of a signal frame."""
     rows = np.zeros(len(frame.point), dtype=POINT)
     for name in ("point", "has", "position", "rotation"):
         rows[name] = getattr(frame, name)
+    if frame.accuracy is not None:
+        rows["accuracy"] = frame.accuracy
     return SIGNAL_HEAD.pack(kind, 0, len(rows), frame.sequence, frame.time) + rows.tobytes()
 
 
@@ -86,9 +96,13 @@ def read_signal(data: bytes, points: int) -> SignalFrame:
             f"a frame of {len(data)} bytes; {count} points take {SIGNAL_HEAD.size + count * POINT.itemsize}"
         )
     if not abs(time) < _LATEST:  # what is no number, too
-        raise ProtocolError(f"a frame at {time:g} s; give seconds of the client's own clock, below {_LATEST:g}")
+        raise ProtocolError(
+            f"a frame at {time:g} s; give seconds of the client's own clock, below {_LATEST:g}, not milliseconds"
+        )
     rows = np.frombuffer(data, POINT, count, SIGNAL_HEAD.size)
-    frame = SignalFrame(sequence, time, rows["point"], rows["has"], rows["position"], rows["rotation"])
+    frame = SignalFrame(
+        sequence, time, rows["point"], rows["has"], rows["position"], rows["rotation"], rows["accuracy"]
+    )
     if count:
         _check_points(frame, points)
     return frame

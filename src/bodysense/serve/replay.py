@@ -15,7 +15,7 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 from bodysense.serve.messages import Replay
-from bodysense.serve.protocol import HAS_POSITION, HAS_ROTATION, SignalFrame
+from bodysense.serve.protocol import HAS_POSITION, HAS_ROTATION, SignalFrame, wire_accuracy
 
 SLOWEST, FASTEST = 0.1, 4.0
 _PAUSE = 1.0  # s between the end and the beginning
@@ -58,6 +58,7 @@ class Playable:
             has[here].astype(np.uint8),
             np.nan_to_num(seen.position[index, here]).astype(np.float32),
             np.nan_to_num(seen.rotation[index, here]).astype(np.float32),
+            wire_accuracy(seen.accuracy[index, here]),
         )
 
 

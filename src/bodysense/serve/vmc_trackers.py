@@ -26,7 +26,7 @@ import numpy as np
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.capture.osc import Argument, Message, read_packet
 from bodysense.errors import BodysenseError
-from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation
+from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, usual_accuracy
 from bodysense.serve.unity import from_unity_rotation, unity_position
 
 HANDS = ("left_controller", "right_controller")
@@ -44,6 +44,7 @@ POINTS = (
     *_MIDDLE,
     *(f"{side}_{part}" for part in _PARTS if part not in _MIDDLE for side in ("left", "right")),
 )
+_ACCURACY = usual_accuracy(POINTS)[None]  # (1, P) m
 _KINDS = {f"/VMC/Ext/{kind}/Pos{tail}": (kind, bool(tail)) for kind in ("Hmd", "Con", "Tra") for tail in ("", "/Local")}
 _ABOUT_Y = np.array([0.0, 0.0, 1.0, 0.0])  # half a turn: from axes whose +Z is forward to those whose −Z is
 _MOST_DEVICES = 32
@@ -148,6 +149,7 @@ class VmcTrackers:
             rotation=rotation[None],
             has_position=known[None],
             has_rotation=np.asarray(np.isfinite(rotation[None]).all(axis=-1)),
+            accuracy=_ACCURACY.copy(),
             time=np.array([state.at]),
         )
 

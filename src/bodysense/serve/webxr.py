@@ -19,8 +19,15 @@ from bodysense.body.glove import glove_marker
 from bodysense.body.products import CONJUGATE, MATRIX, multiply
 from bodysense.body.rotation import matrix_to_quaternion
 from bodysense.body.skeleton import Skeleton, default_body, default_skeleton
-from bodysense.observation import Observation
-from bodysense.serve.protocol import HAS_POSITION, HAS_ROTATION, MOST_POINTS, ProtocolError, SignalFrame
+from bodysense.observation import CAMERA_ACCURACY, TRACKER_ACCURACY, Observation, usual_accuracy
+from bodysense.serve.protocol import (
+    ACCURACY_UNIT,
+    HAS_POSITION,
+    HAS_ROTATION,
+    MOST_POINTS,
+    ProtocolError,
+    SignalFrame,
+)
 
 IDENTITY, STILL = np.array([1.0, 0, 0, 0]), np.zeros(3)
 _NOWHERE, _UPRIGHT = STILL.astype(np.float32), IDENTITY.astype(np.float32)
@@ -42,6 +49,7 @@ class Door:
     turn: np.ndarray  # (N, 4) wxyz: device ← our point
     shift: np.ndarray  # (N, 3) m, of our point in its own frame, from the device
     turned: np.ndarray  # (N,) bool: its rotation says how our point is turned
+    accuracy: np.ndarray  # (N,) m, of devices that do not say theirs
     is_plain: bool  # nothing is turned or shifted
 
 
@@ -67,6 +75,7 @@ def door(names: Sequence[str], skeleton: Skeleton) -> Door:
         turns,
         shifts,
         np.array(turned, dtype=bool),
+        np.array([_accuracy(name) for name in names], dtype=float),
         bool((turns == IDENTITY).all() and not shifts.any()),
     )
 
@@ -108,9 +117,12 @@ class Placement:
 def through(door: Door, frame: SignalFrame, shown: np.ndarray, placement: Placement, time: float) -> Observation:
     """One frame of the waist, at `time` s, from a signal frame; points that are not `shown` (N,) are left out."""
     told = _told(door, frame.point.astype(np.uint8).tobytes(), shown.tobytes())
-    has, position, rotation = frame.has, frame.position, frame.rotation
+    has, position, rotation, accuracy = frame.has, frame.position, frame.rotation, told.accuracy
     if told.use is not None:
         has, position, rotation = has[told.use], position[told.use], rotation[told.use]
+    if frame.accuracy is not None and frame.accuracy.any():
+        said = frame.accuracy if told.use is None else frame.accuracy[told.use]
+        accuracy = np.where(said > 0, ACCURACY_UNIT * said, accuracy)
     everything = has.tobytes() == told.everything
     if everything:
         has_position, has_rotation = told.all, told.all
@@ -130,13 +142,23 @@ def through(door: Door, frame: SignalFrame, shown: np.ndarray, placement: Placem
         position, rotation = placement.place(position), placement.turn(rotation)
     moment = np.array([time])
     if everything and told.is_whole:
-        return Observation(door.points, position[None], rotation[None], has_position[None], has_rotation[None], moment)
+        return Observation(
+            points=door.points,
+            position=position[None],
+            rotation=rotation[None],
+            has_position=has_position[None],
+            has_rotation=has_rotation[None],
+            accuracy=accuracy[None],
+            time=moment,
+        )
     count, target = len(door.points), told.target
     places, turns = np.full((1, count, 3), np.nan), np.full((1, count, 4), np.nan)
     known, turned = np.zeros((1, count), dtype=bool), np.zeros((1, count), dtype=bool)
     places[0, target[has_position]], turns[0, target[has_rotation]] = position[has_position], rotation[has_rotation]
     known[0, target[has_position]], turned[0, target[has_rotation]] = True, True
-    return Observation(door.points, places, turns, known, turned, moment)
+    errors = np.full((1, count), TRACKER_ACCURACY)
+    errors[0, target[has_position]] = accuracy[has_position]
+    return Observation(door.points, places, turns, known, turned, errors, moment)
 
 
 class _Told(NamedTuple):
@@ -147,6 +169,7 @@ class _Told(NamedTuple):
     turn: np.ndarray  # (K, 4)
     shift: np.ndarray  # (K, 3)
     turned: np.ndarray  # (K,) bool
+    accuracy: np.ndarray  # (K,) m, shared by frames: not to be written to
     is_whole: bool  # they are all points of the waist, in order, and say how all are turned
     everything: bytes  # of `has`, where all have position and rotation
     all: np.ndarray  # (K,) True, shared by frames: not to be written to
@@ -158,13 +181,16 @@ def _told(door: Door, point: bytes, shown: bytes) -> _Told:
     use = (door.target[rows] >= 0) & np.frombuffer(shown, dtype=bool)[rows]
     rows = rows[use]
     target, turned, every = door.target[rows], door.turned[rows], np.ones(len(rows), dtype=bool)
+    accuracy = door.accuracy[rows]
     every.setflags(write=False)
+    accuracy.setflags(write=False)
     return _Told(
         None if use.all() else use,
         target,
         door.turn[rows],
         door.shift[rows],
         turned,
+        accuracy,
         bool(turned.all()) and target.tolist() == list(range(len(door.points))),
         bytes([HAS_POSITION | HAS_ROTATION] * len(rows)),
         every,
@@ -214,6 +240,11 @@ def _joint_of_hand(name: str, side: str, rest: str) -> tuple[str, np.ndarray, np
     if not known or segment not in table:
         raise ProtocolError(f"the point {name!r} is no joint of WebXR's hands; see docs/protocol.md for the names")
     return f"{side}_{finger}{table[segment]}", IDENTITY, STILL, False
+
+
+def _accuracy(name: str) -> float:
+    """m: the usual accuracy of a device; WebXR's joints of hands are seen by cameras."""
+    return CAMERA_ACCURACY if ":" in name else float(usual_accuracy([name])[0])
 
 
 def _inverse(axes: Sequence[Sequence[float]] | np.ndarray) -> np.ndarray:

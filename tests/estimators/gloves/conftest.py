@@ -13,7 +13,7 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.data.hand_motion import HandMotion
 from bodysense.data.hand_synthesis import synthesize_hand
 from bodysense.estimators.gloves.hands import GloveModels
-from bodysense.observation import Observation, check_observation
+from bodysense.observation import Observation, accuracy_like, check_observation
 
 MakeGloves = Callable[..., Observation]
 
@@ -45,7 +45,8 @@ def observe_gloves() -> MakeGloves:
         points = tuple(point for name in hands for point in glove_points(name))
         nothing = np.full((*position.shape[:2], 4), np.nan)
         time = np.arange(len(position)) / rate
-        return check_observation(Observation(points, position, nothing, seen, np.zeros_like(seen), time))
+        accuracy = accuracy_like(seen, 0.001)
+        return check_observation(Observation(points, position, nothing, seen, np.zeros_like(seen), accuracy, time))
 
     return make
 

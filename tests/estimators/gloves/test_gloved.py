@@ -50,7 +50,7 @@ def together(one: Observation, other: Observation) -> Observation:
     """Two observations of the same moments as one."""
     joined = {
         name: np.concatenate([getattr(one, name), getattr(other, name)], axis=1)
-        for name in ("position", "rotation", "has_position", "has_rotation")
+        for name in ("position", "rotation", "has_position", "has_rotation", "accuracy")
     }
     return Observation(points=(*one.points, *other.points), time=one.time, **joined)
 
