@@ -1,0 +1,92 @@
+"""`bodysense evaluate completion`: the table of the tracker, sensor sets by bodies."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from bodysense.errors import BodysenseError
+from bodysense.files import check_place
+
+
+def completion(
+    data: str,
+    split: Literal["train", "val", "test", "all"] = "test",
+    sets: tuple[str, ...] = (),
+    bodies: tuple[Literal["own", "stranger", "height", "nothing"], ...] = ("own", "stranger", "height", "nothing"),
+    limit: int | None = None,
+    lattice: bool = True,
+    json: Path | None = None,
+    csv: Path | None = None,
+    picture: Path | None = None,
+) -> None:
+    """Score the tracker on any sensors and any proportions: errors, motion, feet, confidence, the lattice of sensors.
+
+    Args:
+        data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table.
+        split: Which people, and which strangers' bodies.
+        sets: Sensor sets; those of the table if omitted.
+        bodies: Whose proportions move and what the tracker is told: the recording's, told; a stranger's, told; a
+            stranger's, only the height told; a stranger's, nothing told.
+        limit: So many clips, spread evenly; all if omitted.
+        lattice: Also score 200 random edges of the lattice of sensor sets.
+        json: Write the numbers here, as one flat object.
+        csv: Write the table of all measures here.
+        picture: Write the reliability diagram here (PNG).
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from bodysense.cli.show import print_report, write_numbers
+    from bodysense.data.clips import open_clips
+    from bodysense.evaluation.datasets import Census, census_of, named_data
+    from bodysense.evaluation.report import write_csv
+    from bodysense.lab.completion.baselines import cached_mean_body
+    from bodysense.lab.completion.reliability_diagram import draw_reliability
+    from bodysense.lab.completion.reports import completion_reports
+    from bodysense.lab.completion.tables import CompletionSettings, evaluate_completion, work_of
+    from bodysense.occlusion.sensors import SENSOR_SETS, TABLE_SETS
+
+    for path in (json, csv, picture):
+        if path is not None:
+            check_place(path)
+    for name in sets:
+        if name not in SENSOR_SETS:
+            raise BodysenseError(f"--sets {name}: unknown; valid are {', '.join(SENSOR_SETS)}")
+    if limit is not None and limit < 1:
+        raise BodysenseError(f"--limit {limit}: give at least 1")
+    if not bodies:
+        raise BodysenseError("--bodies: give at least one of own, stranger, height, nothing")
+    chosen, census = named_data(data, split), Census()
+    settings = CompletionSettings(split, sets or TABLE_SETS, bodies, 200 if lattice else 0)
+    count = min(chosen.count(), limit or chosen.count())
+    with Progress() as progress:
+        bar = progress.add_task("reading", total=count)
+        clips = []
+        for clip in open_clips(chosen.path, split, at_most=limit):
+            census += census_of(clip)
+            clips.append(clip)
+            progress.advance(bar)
+        mean_body = None
+        if "headset_camera" in settings.sets:
+            bar = progress.add_task("averaging bodies", total=None)
+            mean_body = cached_mean_body(chosen.path, lambda clip: progress.advance(bar))
+            progress.update(bar, total=1, completed=1)
+        bar = progress.add_task("scoring", total=work_of(len(clips), settings))
+
+        def advance(done: int, what: str) -> None:
+            progress.update(bar, advance=done, description=f"scored {what}")
+
+        table = evaluate_completion(clips, settings, mean_body=mean_body, advance=advance)
+    console = Console()
+    reports = completion_reports(table, census, chosen)
+    for report in reports:
+        print_report(report, console)
+    if csv is not None:
+        write_csv(csv, reports[1])
+    if picture is not None:
+        draw_reliability(picture, table)
+    write_numbers(json, reports[0].numbers)
+    for path in (json, csv, picture):
+        if path is not None:
+            console.print(f"wrote {path}", highlight=False)

@@ -1,0 +1,1 @@
+"""The laboratory: everything that trains, scores or reproduces; the library never imports it."""

@@ -1,0 +1,1 @@
+"""The completion network: how it is built, taught and scored."""

@@ -1,0 +1,124 @@
+"""The measures of one tracked clip (docs: metrics): errors, motion, feet and jumps, as running averages over frames.
+
+Positions are of the 22 joints of `BODY`, from the head; rotations are local ones, parent ← joint, of the same.
+Velocities, jitter, skate, depth under the floor and jumps are of the world. Everything is at `RATE`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bodysense.body.skeleton import BODY, LOWER_BODY, Skeleton
+from bodysense.evaluation.headset import RATE, scored_points
+from bodysense.evaluation.metrics import (
+    floor_penetration,
+    foot_skate,
+    jitter,
+    joint_error,
+    mpjpe,
+    on_floor,
+    rotation_error,
+    velocity_error,
+)
+from bodysense.lab.completion.calibration import Calibration, interval_factor
+from bodysense.lab.completion.scenes import Scene
+from bodysense.lab.completion.tracking import TrackedBatch
+from bodysense.observation import Observation, observed_points
+
+JUMP = 5.0  # cm in a frame, beyond the way of the truth
+REGIONS = {"lower": LOWER_BODY, "upper": tuple(name for name in BODY if name not in LOWER_BODY)}
+_BALLS = ("left_foot", "right_foot")
+_FEET = (*_BALLS, "left_ankle", "right_ankle", "left_toe", "right_toe")
+
+
+@dataclass
+class Averages:
+    """Running weighted means by name."""
+
+    total: dict[str, float] = field(default_factory=dict)
+    weight: dict[str, float] = field(default_factory=dict)
+
+    def add(self, name: str, value: float, weight: float) -> None:
+        """Count a mean over so many frames, joints or minutes; nothing where there are none."""
+        if weight:
+            self.total[name] = self.total.get(name, 0.0) + value * weight
+            self.weight[name] = self.weight.get(name, 0.0) + weight
+
+    def merge(self, other: Averages) -> None:
+        """Count what another has counted."""
+        for name, weight in other.weight.items():
+            self.add(name, other.total[name] / weight, weight)
+
+    def get(self, name: str) -> float:
+        """One mean; NaN where nothing was counted."""
+        return self.total[name] / self.weight[name] if name in self.weight else math.nan
+
+    def root(self, name: str) -> float:
+        """The root of a mean of squares."""
+        return math.sqrt(self.get(name))
+
+
+def measure(scene: Scene, tracked: TrackedBatch) -> Averages:
+    """Every measure of a scene's frames but those of hidden joints."""
+    averages, skeleton, frames = Averages(), scene.skeleton, len(scene)
+    head, body = skeleton.index("head"), skeleton.indices(BODY)
+    truth, position = scene.placed[0], tracked.position
+    error = joint_error(position - position[:, [head]], truth - truth[:, [head]])
+    averages.add("mpjpe_cm", mpjpe(error[:, body]), frames)
+    for region, names in REGIONS.items():
+        averages.add(f"{region}_mpjpe_cm", mpjpe(error[:, skeleton.indices(names)]), frames)
+    turned = rotation_error(tracked.rotation[:, body], scene.pose.rotation[:, body])
+    averages.add("rotation_deg", turned, frames)
+    if frames > 1:
+        moved = velocity_error(position[:, body], truth[:, body], RATE)
+        averages.add("velocity_cm_s", moved, frames - 1)
+        minutes = (frames - 1) / RATE / 60
+        averages.add("jumps_per_minute", count_jumps(position[:, body], truth[:, body]) / minutes, minutes)
+    averages.merge(motion_measures(position, truth, skeleton))
+    return averages
+
+
+def motion_measures(position: np.ndarray, truth: np.ndarray, skeleton: Skeleton) -> Averages:
+    """Jitter, skate and depth under the floor of positions (T, P, 3) m, or of the truth itself."""
+    averages, frames = Averages(), len(position)
+    if frames > 1:
+        balls = skeleton.indices(_BALLS)
+        standing = float(on_floor(truth[:, balls], RATE).sum())
+        averages.add("skate_cm_s", foot_skate(position[:, balls], truth[:, balls], RATE), standing)
+    if frames > 3:
+        averages.add("jitter", jitter(position[:, skeleton.indices(BODY)], RATE), frames - 3)
+    averages.add("depth_cm", floor_penetration(position[:, skeleton.indices(_FEET)]), frames)
+    return averages
+
+
+def count_jumps(position: np.ndarray, truth: np.ndarray) -> int:
+    """Frames in which some point of (T, P, 3) m goes more than `JUMP` farther than its truth goes."""
+    way, own = (100 * np.linalg.norm(np.diff(values, axis=0), axis=-1) for values in (position, truth))
+    return int((way - own > JUMP).any(axis=-1).sum())
+
+
+def measure_hidden(position: np.ndarray, scene: Scene) -> Averages:
+    """Errors, in the world, of positions (T, P, 3) m of the joints that UNOC tests, where cameras do not see them."""
+    averages, tested = Averages(), scored_points(scene.skeleton)
+    hidden = ~scene.visible[:, tested]
+    error = joint_error(position[:, tested], scene.placed[0][:, tested])[hidden]
+    if error.size:
+        averages.add("occluded_mpjpe_cm", float(error.mean()), error.size)
+        averages.add("occluded_square", float((error**2).mean()), error.size)
+    return averages
+
+
+def measure_confidence(scene: Scene, seen: Observation, tracked: TrackedBatch) -> dict[str, Calibration]:
+    """By region: expected and true errors, in the world, of joints that are not tracked; `seen` is (T, P)."""
+    known = observed_points(seen, scene.skeleton)[2]
+    error = joint_error(tracked.position, scene.placed[0]) / 100
+    regions = {}
+    for region, names in REGIONS.items():
+        places = scene.skeleton.indices(names)
+        counted = ~known[:, places]
+        regions[region] = Calibration()
+        regions[region].add(tracked.confidence[:, places][counted], error[:, places][counted], interval_factor(region))
+    return regions

@@ -1,0 +1,145 @@
+"""The tables of `evaluate completion` as they are handed out: a short one, one of all measures, one of confidence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from bodysense.evaluation.datasets import Census, DataSet, describe
+from bodysense.evaluation.report import Cell, Report, cell, finite
+from bodysense.lab.completion.calibration import REGIONS
+from bodysense.lab.completion.lattice import CLIPS, FRAMES
+from bodysense.lab.completion.scenes import Truth
+from bodysense.lab.completion.tables import CompletionTable, groups_of
+
+BODY_WORDS = {
+    "own": "the recording's body, told",
+    "stranger": "another body, told",
+    "height": "another body, only its height told",
+    "nothing": "another body, nothing told",
+}
+# Measures of a cell, in the order of the columns, by what a column is called.
+MEASURES = {
+    "MPJPE": "mpjpe_cm",
+    "lower": "lower_mpjpe_cm",
+    "upper": "upper_mpjpe_cm",
+    "hidden": "occluded_mpjpe_cm",
+    "rotation": "rotation_deg",
+    "velocity": "velocity_cm_s",
+    "jitter": "jitter",
+    "skate": "skate_cm_s",
+    "under floor": "depth_cm",
+    "jumps/min": "jumps_per_minute",
+}
+
+
+def completion_reports(table: CompletionTable, census: Census, data: DataSet) -> tuple[Report, Report, Report]:
+    """The short table, the table of all measures and groups, and the one of confidence; the numbers are the first's."""
+    bodies = table.settings.bodies
+    short = Report(
+        name="completion",
+        title="Completion: sensor sets × bodies (main categories, MPJPE in cm)",
+        columns=("sensors", *bodies),
+        rows=tuple(
+            (name.replace("_", " "), *(cell(table.get(name, body, _headline(name))) for body in bodies))
+            for name in table.settings.sets
+        ),
+        numbers=finite(table.numbers()) | census.numbers(),
+        data=(describe(data, census),),
+        remarks=tuple(_remarks(table)),
+        remarks_title="Beside it",
+        caption="22 joints from the head; headset camera: hidden joints, in the world. "
+        + "; ".join(f"{body}: {BODY_WORDS[body]}" for body in bodies)
+        + ".",
+        digits=2,
+    )
+    whole = Report(
+        name="completion-measures",
+        title="Completion: all measures",
+        columns=("motion", "sensors", "body", *MEASURES, "ratio", "p50", "p99"),
+        rows=tuple(_rows(table)),
+        numbers={},
+        caption="cm; local rotations, °; cm/s; jitter 10² m/s³; skate of feet that truly stand; depth of foot points; "
+        "frames a minute in which a joint goes 5 cm farther than the truth; RMSJPE of hidden joints by the best last "
+        "known; ms of one wearer's step. Averages over frames at 30 Hz.",
+        digits=2,
+    )
+    return short, whole, _confidence_report(table)
+
+
+def _headline(sensors: str) -> str:
+    return "occluded_mpjpe_cm" if sensors == "headset_camera" else "mpjpe_cm"
+
+
+def _rows(table: CompletionTable) -> Iterator[tuple[Cell, ...]]:
+    blank = (None,) * 3
+    for group in groups_of(table):
+        for name in table.settings.sets:
+            for body in table.settings.bodies:
+                values = [cell(table.get(name, body, one, group)) for one in MEASURES.values()]
+                ratio = cell(table.ratio(body, group)) if name == "headset_camera" else None
+                times = table.times.get((name, body)) if group == "main" else None
+                taken = (None, None) if times is None else tuple(1000 * np.percentile(times, (50, 99)))
+                yield (group, name, body, *values, ratio, *taken)
+        for (truth, of_group), averages in table.truths.items():
+            if of_group == group:
+                values = [cell(averages.get(one)) for one in MEASURES.values()]
+                yield (group, "the motion itself", truth, *values, *blank)
+        for (method, truth, of_group), averages in table.baselines.items():
+            if of_group == group:
+                hidden = cell(averages.get("occluded_mpjpe_cm"))
+                values = [hidden if one == "occluded_mpjpe_cm" else None for one in MEASURES.values()]
+                name = method.replace("_", " ") if method == "mean_body" else f"last known ({method})"
+                yield (group, name, truth, *values, *blank)
+
+
+def _confidence_report(table: CompletionTable) -> Report:
+    """Calibration by set and region, over all bodies."""
+    rows: list[tuple[Cell, ...]] = []
+    for name in table.settings.sets:
+        for region in (None, *REGIONS):
+            one = table.calibration(name, region=region)
+            figures = (one.ece, 100 * one.coverage, one.rank_correlation, one.factor)
+            if one.count:
+                rows.append((name.replace("_", " "), region or "all", int(one.count), *map(cell, figures)))
+    return Report(
+        name="completion-confidence",
+        title="Completion: expected and true errors of joints that are not tracked (main categories, all bodies)",
+        columns=("sensors", "region", "joints × frames", "ECE", "within 90 %, %", "Spearman", "90 % factor"),
+        rows=tuple(rows),
+        numbers={},
+        caption="ECE: mean difference of expected and true error, in bins of the expected one, by the mean error. "
+        "90 % factor: times the expected error that 90 % of the true ones are below.",
+        digits=3,
+    )
+
+
+def _remarks(table: CompletionTable) -> Iterator[str]:
+    truths: tuple[Truth, ...] = ("own", "stranger")
+    for truth in truths:
+        averages = table.truths.get((truth, "main"))
+        if averages is not None:
+            yield (
+                f"The motion itself ({truth} bodies): jitter {averages.get('jitter'):.2f}, "
+                f"skate {averages.get('skate_cm_s'):.2f} cm/s, {averages.get('depth_cm'):.2f} cm under the floor."
+            )
+        baselines = [(name, table.baselines.get((name, truth, "main"))) for name in ("last known", "mean_body")]
+        shown = [
+            f"{name.replace('_', ' ')} {one.get('occluded_mpjpe_cm'):.1f} cm ({one.root('occluded_square'):.1f} RMSJPE)"
+            for name, one in ((baselines[0][0], table.last_known(truth)), baselines[1])
+            if one is not None and one.weight
+        ]
+        if shown:
+            yield f"Hidden joints ({truth} bodies): {', '.join(shown)}."
+    if table.lattice:
+        worse = [score for score in table.lattice if score.violates]
+        yield (
+            f"One sensor more makes the mean worse by over 1 % on {len(worse)} of {len(table.lattice)} random edges of "
+            f"the lattice of sensor sets (strangers, told; at most {CLIPS} clips, their first {FRAMES / 30:.0f} s)."
+        )
+        for score in sorted(worse, key=lambda one: one.fewer / one.more)[:5]:
+            yield (
+                f"  {', '.join(score.edge.fewer.points)} + {score.edge.sensor} ({score.edge.kind}): "
+                f"{score.fewer:.2f} → {score.more:.2f} cm."
+            )

@@ -1,0 +1,70 @@
+"""The tracker as the tables run it: many people in one call, and one person frame by frame against the clock."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.body.pose import forward_kinematics
+from bodysense.observation import Observation
+
+_WARM_UP = 30  # frames that are not timed
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedBatch:
+    """What a tracker makes of the observations of B people, T frames each."""
+
+    position: np.ndarray  # (B, T, P, 3) m, world
+    rotation: np.ndarray  # (B, T, J, 4) wxyz, parent ← joint
+    confidence: np.ndarray  # (B, T, P) m, expected error of every position
+    contact: np.ndarray  # (B, T, 4) probability: left ankle and ball, right ankle and ball
+
+    def of_person(self, index: int, frames: int) -> TrackedBatch:
+        """The first `frames` of one person, without the batch axis."""
+        return TrackedBatch(
+            position=self.position[index, :frames],
+            rotation=self.rotation[index, :frames],
+            confidence=self.confidence[index, :frames],
+            contact=self.contact[index, :frames],
+        )
+
+
+TrackBatch = Callable[[Sequence[Person], Observation], TrackedBatch]
+StepTimes = Callable[[Person, Observation], np.ndarray]
+
+
+def track_batch(people: Sequence[Person], observation: Observation) -> TrackedBatch:
+    """Track B people with observations (B, T, P) from their first frame on, in one call."""
+    from bodysense.tracker import Tracker
+
+    make: Any = Tracker
+    tracker = make(people)
+    estimate, _ = tracker.step(observation, tracker.start())
+    position, _ = forward_kinematics(estimate.pose, estimate.rest_offset)
+    return TrackedBatch(
+        position=np.asarray(position),
+        rotation=np.asarray(estimate.pose.rotation),
+        confidence=np.asarray(estimate.confidence),
+        contact=np.asarray(estimate.contact),
+    )
+
+
+def step_times(person: Person, observation: Observation) -> np.ndarray:
+    """Seconds (N,) of every step of one wearer's tracker on an observation (T, P), after some that are not counted."""
+    from bodysense.tracker import Tracker
+
+    make: Any = Tracker
+    tracker = make(person)
+    state, taken = tracker.start(), []
+    for frame in range(len(observation)):
+        seen = observation[frame : frame + 1]
+        begun = time.perf_counter()
+        _, state = tracker.step(seen, state)
+        taken.append(time.perf_counter() - begun)
+    return np.array(taken[min(_WARM_UP, len(taken) // 2) :])

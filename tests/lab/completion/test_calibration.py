@@ -1,0 +1,60 @@
+"""Calibration: errors that are what was expected are calibrated, others by as much as they are off."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import spearmanr
+
+from bodysense.lab.completion.calibration import REGIONS, Calibration, interval_factor
+
+
+def normal_errors(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Expected errors of 1 to 30 cm, and lengths of normal errors with these means."""
+    rng = np.random.default_rng(seed)
+    expected = np.exp(rng.uniform(np.log(0.01), np.log(0.3), count))
+    return expected, expected / (8 / np.pi) ** 0.5 * np.linalg.norm(rng.standard_normal((count, 3)), axis=-1)
+
+
+def of(expected: np.ndarray, error: np.ndarray) -> Calibration:
+    one = Calibration()
+    one.add(expected, error, interval_factor("upper"))
+    return one
+
+
+def test_normal_errors_are_calibrated() -> None:
+    expected, error = normal_errors(200_000)
+    one = of(expected, error)
+    assert one.ece < 0.01 and one.coverage == pytest.approx(0.9, abs=0.005)
+    assert one.factor == pytest.approx(1.567, rel=0.02)
+    assert one.rank_correlation == pytest.approx(float(np.asarray(spearmanr(expected, error))[0]), abs=0.003)
+    means = one.curve()
+    np.testing.assert_allclose(means[0], means[1], rtol=0.05)
+    assert set(REGIONS) == {"lower", "upper"}
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.3])
+def test_the_calibration_error_is_the_relative_bias(factor: float) -> None:
+    expected, error = normal_errors(100_000)
+    assert of(factor * expected, error).ece == pytest.approx(abs(factor - 1), abs=0.01)
+
+
+def test_biases_of_bins_do_not_cancel() -> None:
+    """Small errors expected as twice, large ones as half of what they are."""
+    error = np.repeat([0.01, 0.1], 1000)
+    assert of(np.repeat([0.02, 0.05], 1000), error).ece == pytest.approx((0.01 + 0.05) / 0.11)
+
+
+def test_parts_add_up() -> None:
+    expected, error = normal_errors(5000)
+    whole, parts = of(expected, error), of(expected[:2000], error[:2000])
+    parts.merge(of(expected[2000:], error[2000:]))
+    for name in ("ece", "coverage", "rank_correlation", "factor", "count"):
+        assert getattr(parts, name) == pytest.approx(getattr(whole, name))
+
+
+def test_nothing_counted_is_nan() -> None:
+    one = Calibration()
+    assert all(np.isnan(value) for value in (one.ece, one.coverage, one.rank_correlation, one.factor))
+    one.add(np.zeros(0), np.zeros(0), 1.6)
+    assert one.count == 0 and np.isnan(one.ece)

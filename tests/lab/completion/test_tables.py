@@ -1,0 +1,206 @@
+"""The table of completion: known errors come out as known figures, padding does not count, all keys are there."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.body.person import Person
+from bodysense.body.skeleton import BODY, LOWER_BODY
+from bodysense.cli import main
+from bodysense.data.bvh import write_bvh
+from bodysense.data.clip import Clip
+from bodysense.evaluation.datasets import Census, DataSet
+from bodysense.evaluation.headset import scored_points
+from bodysense.evaluation.metrics import jitter
+from bodysense.lab.completion import tables
+from bodysense.lab.completion.lattice import choose_scenes
+from bodysense.lab.completion.measures import count_jumps
+from bodysense.lab.completion.reliability_diagram import draw_reliability
+from bodysense.lab.completion.reports import completion_reports
+from bodysense.lab.completion.scenes import BODIES, Scene
+from bodysense.lab.completion.tables import CompletionSettings, CompletionTable, evaluate_completion
+from bodysense.lab.completion.tracking import TrackBatch, TrackedBatch
+from bodysense.observation import Observation
+from bodysense.occlusion.sensors import TABLE_SETS
+
+from .conftest import Oracle
+
+SMALL = CompletionSettings(sets=("three_point", "headset_camera"), edges=0)
+
+
+def score(clips: list[Clip], track: TrackBatch, settings: CompletionSettings = SMALL) -> CompletionTable:
+    return evaluate_completion(clips, settings, track=track, times=None)
+
+
+def legs_moved(position: np.ndarray, scene: Scene) -> np.ndarray:
+    position[:, scene.skeleton.indices(LOWER_BODY)] += [0.0, 0.0, 0.05]
+    return position
+
+
+def test_the_truth_scores_nothing(clips: list[Clip], scenes: list[Scene]) -> None:
+    table = score(clips, Oracle(scenes, confidence=0.01))
+    for sensors in SMALL.sets:
+        for body in BODIES:
+            for group in ("main", "sport"):
+                get = partial(table.get, sensors, body, group=group)
+                for name in ("mpjpe_cm", "lower_mpjpe_cm", "upper_mpjpe_cm", "rotation_deg", "velocity_cm_s"):
+                    assert get(name) == pytest.approx(0, abs=1e-4), (sensors, body, name)
+                assert get("jumps_per_minute") == 0
+                for name in ("jitter", "skate_cm_s", "depth_cm"):
+                    truth = table.truths[tables.TRUTH_OF[body], group].get(name)
+                    assert get(name) == pytest.approx(truth, nan_ok=True)
+            assert np.isnan(table.get(sensors, body, "mpjpe_cm", "dance"))
+    assert table.get("headset_camera", "own", "occluded_mpjpe_cm") == pytest.approx(0, abs=1e-9)
+    assert table.ratio("stranger") == pytest.approx(0, abs=1e-9)
+    assert np.isnan(table.get("three_point", "own", "occluded_mpjpe_cm"))
+    own = next(scene for scene in scenes if scene.name == "cleo/cleo-waves")
+    assert table.truths["own", "sport"].get("jitter") == pytest.approx(jitter(own.placed[0][:, : len(BODY)], 30.0))
+
+
+def test_a_known_displacement_gives_known_figures(clips: list[Clip], scenes: list[Scene]) -> None:
+    """Nine of 22 joints are off by 5 cm, from the head and in the world; what is expected is the true error."""
+    table = score(clips, Oracle(scenes, legs_moved))
+    for body in BODIES:
+        assert table.get("three_point", body, "lower_mpjpe_cm") == pytest.approx(5)
+        assert table.get("three_point", body, "upper_mpjpe_cm") == pytest.approx(0, abs=1e-9)
+        assert table.get("three_point", body, "mpjpe_cm") == pytest.approx(5 * 9 / 22)
+        assert table.get("three_point", body, "velocity_cm_s") == pytest.approx(0, abs=1e-9)
+    main = [scene for scene in scenes[::2] if scene.group == "main"]
+    hidden, legs = 0, 0
+    for scene in main:
+        tested = scored_points(scene.skeleton)
+        hidden += int((~scene.visible[:, tested]).sum())
+        below = [point for point in tested if scene.skeleton.points[point] in LOWER_BODY]
+        legs += int((~scene.visible[:, below]).sum())
+    assert table.get("headset_camera", "own", "occluded_mpjpe_cm") == pytest.approx(5 * legs / hidden)
+    assert table.cells["headset_camera", "own", "main"].root("occluded_square") == pytest.approx(
+        5 * np.sqrt(legs / hidden)
+    )
+    one = table.calibration("three_point", region="lower")
+    assert (one.ece, one.coverage) == (pytest.approx(0, abs=1e-9), 1.0)
+    assert one.count == 9 * 4 * sum(len(scene) for scene in main)
+    doubted = score(clips, Oracle(scenes, legs_moved, confidence=0.1)).calibration("three_point", "own", "lower")
+    assert doubted.ece == pytest.approx(1.0) and doubted.factor == pytest.approx(0.5, rel=0.05)
+
+
+def test_what_is_tracked_is_no_test_of_confidence(clips: list[Clip], scenes: list[Scene]) -> None:
+    counted = score(clips, Oracle(scenes, legs_moved)).calibration("three_point", "own", "upper").count
+    assert counted == (13 - 3) * (90 + 60)  # without head and wrists
+
+
+def test_padding_and_company_do_not_count(clips: list[Clip], scenes: list[Scene]) -> None:
+    """Each clip scores alone what it scores beside longer ones; averages are over frames."""
+
+    def drifting(position: np.ndarray, scene: Scene) -> np.ndarray:
+        body = [point for point in range(65) if scene.skeleton.points[point] != "head"]
+        position[:, body] += 0.001 * np.arange(len(position))[:, None, None]
+        return position
+
+    together = score(clips, Oracle(scenes, drifting))
+    alone = [score([clip], Oracle(scenes, drifting)) for clip in clips[:2]]
+    for name in ("mpjpe_cm", "rotation_deg", "depth_cm"):
+        one, two = (table.get("three_point", "stranger", name) for table in alone)
+        assert together.get("three_point", "stranger", name) == pytest.approx((90 * one + 60 * two) / 150)
+    assert together.get("three_point", "own", "velocity_cm_s") == pytest.approx(100 * 0.001 * 3**0.5 * 30 * 21 / 22)
+
+
+def test_jumps_are_counted_beyond_the_truth() -> None:
+    truth = np.zeros((10, 3, 3))
+    truth[:, 0, 0] = 0.3 * np.arange(10)  # 30 cm a frame
+    position = truth + np.array([0.0, 0.2, 0.0])
+    assert count_jumps(position, truth) == 0
+    position[5, 1, 1] += 0.06
+    assert count_jumps(position, truth) == 2  # there and back
+    position[5, 2, 1] += 0.06
+    assert count_jumps(position, truth) == 2  # frames, not joints
+    position[8, 0, 0] += 0.04
+    assert count_jumps(position, truth) == 2
+
+
+def test_the_lattice_finds_sensors_that_harm(clips: list[Clip], scenes: list[Scene]) -> None:
+    chosen = [scene for scene in scenes if scene.name.startswith("anna")]
+    assert [scene.name for scene in choose_scenes([*chosen, *scenes])][:1] == ["anna/anna-waves"]
+
+    def harmed(people: Sequence[Person], observation: Observation) -> TrackedBatch:
+        harm = 0.01 * len(observation.points)
+        return Oracle(scenes, lambda position, scene: position * [1, 1, 1 + harm])(people, observation)
+
+    settings = replace(SMALL, sets=("head",), bodies=("stranger",), edges=12)
+    numbers = score(clips, harmed, settings).numbers()
+    assert (numbers["lattice_violations"], numbers["lattice_edges"]) == (12, 12)
+    assert score(clips, Oracle(scenes, legs_moved), settings).numbers()["lattice_violations"] == 0
+
+
+@pytest.fixture(scope="module")
+def table(clips: list[Clip], scenes: list[Scene]) -> CompletionTable:
+    settings = CompletionSettings(edges=4)
+    return evaluate_completion(
+        clips, settings, track=Oracle(scenes, legs_moved), times=lambda person, seen: np.full(len(seen), 0.001)
+    )
+
+
+def test_all_keys_are_there(table: CompletionTable) -> None:
+    numbers = table.numbers()
+    for name in TABLE_SETS:
+        for body in BODIES:
+            for measure in ("mpjpe_cm", "rotation_deg", "jumps_per_minute", "velocity_cm_s", "jitter", "depth_cm"):
+                assert np.isfinite(numbers[f"{name}_{body}_{measure}"])
+            assert f"{name}_{body}_skate_cm_s" in numbers or not table.truths["own", "main"].weight.get("skate_cm_s")
+            assert numbers[f"{name}_{body}_p50_ms"] == numbers[f"{name}_{body}_p99_ms"] == 1.0
+        assert np.isfinite(numbers[f"{name}_ece"]) and 0 <= numbers[f"{name}_cover90"] <= 1
+    for body in BODIES:
+        assert numbers[f"headset_camera_{body}_occluded_mpjpe_cm"] > 0 and numbers[f"headset_camera_{body}_ratio"] > 0
+    assert numbers["lattice_edges"] == 4 and numbers["lattice_violations"] == 0
+
+
+def test_reports_and_picture(table: CompletionTable, tmp_path: Path) -> None:
+    data = DataSet("motion", tmp_path, "test")
+    short, whole, confidence = completion_reports(table, Census(3, frozenset("a"), 6.0), data)
+    assert [row[0] for row in short.rows] == [name.replace("_", " ") for name in TABLE_SETS]
+    assert short.columns == ("sensors", *BODIES) and short.numbers["clips"] == 3
+    assert {len(row) for row in whole.rows} == {len(whole.columns)}
+    assert {row[0] for row in whole.rows} == {"main", "sport"}
+    assert {len(row) for row in confidence.rows} == {len(confidence.columns)}
+    assert any("random edges" in remark for remark in short.remarks)
+    draw_reliability(tmp_path / "reliability.png", table)
+    assert (tmp_path / "reliability.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_command(
+    tmp_path: Path, clips: list[Clip], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    for clip in clips:
+        (tmp_path / "motion" / clip.person).mkdir(parents=True)
+        write_bvh(tmp_path / "motion" / clip.person / "a.bvh", clip)
+
+    def still(people: Sequence[Person], observation: Observation) -> TrackedBatch:
+        shape = (len(people), len(observation))
+        return TrackedBatch(
+            position=np.zeros((*shape, 65, 3)),
+            rotation=np.zeros((*shape, 52, 4)),
+            confidence=np.zeros((*shape, 65)),
+            contact=np.zeros((*shape, 4)),
+        )
+
+    known = partial(evaluate_completion, track=still, times=None)
+    monkeypatch.setattr(tables, "evaluate_completion", known)
+    numbers, measures, picture = tmp_path / "c.json", tmp_path / "c.csv", tmp_path / "c.png"
+    arguments = ["evaluate", "completion", "--data", str(tmp_path / "motion"), "--split", "all", "--no-lattice"]
+    arguments += ["--sets", "head", "headset_camera", "--bodies", "own", "nothing", "--limit", "2"]
+    files = ["--json", str(numbers), "--csv", str(measures), "--picture", str(picture)]
+    assert main([*arguments, *files]) == 0
+    said = json.loads(numbers.read_text())
+    assert {"head_own_mpjpe_cm", "headset_camera_nothing_ratio", "head_ece", "clips"} <= set(said)
+    assert said["clips"] == 2 and not any(name.startswith("head_stranger") for name in said)
+    assert measures.is_file() and picture.is_file() and "hidden joints" in capsys.readouterr().out
+    assert main([*arguments, "--sets", "nose"]) == 2
+    assert "--sets nose: unknown; valid are head, three_point" in capsys.readouterr().err
+    assert main([*arguments, "--limit", "0"]) == 2
