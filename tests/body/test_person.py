@@ -45,7 +45,7 @@ def bone(person: Person, name: str) -> float:
 
 @pytest.mark.parametrize("height", [1.0, 1.3, 1.45, 1.6, 1.8, 2.05, 2.3])
 def test_a_told_height_is_hit(height: float) -> None:
-    for person in (Person(height=height), Person.likeliest(height=height)):
+    for person in (Person(height=height), Person(height=height)):
         assert stature(person.skeleton.rest_offset) == pytest.approx(height, abs=2e-3)
         assert (person.skeleton.bone_length[1:] > 0).all()
         assert (person.bone_deviation[1:] > 0).all()
@@ -66,11 +66,11 @@ def test_told_proportions_are_certain() -> None:
 
 def test_lengths_are_told_or_measured() -> None:
     thigh = ("left_hip", "left_knee")
-    told = Person.likeliest({thigh: 0.46}, height=1.75)
+    told = Person(lengths={thigh: 0.46}, height=1.75)
     assert bone(told, "left_knee") == pytest.approx(0.46, abs=1e-3)
     assert bone(told, "right_knee") == pytest.approx(bone(told, "left_knee"), abs=1e-12)
     assert stature(told.skeleton.rest_offset) == pytest.approx(1.75, abs=2e-3)
-    guessed, measured = Person(height=1.75), Person.likeliest({thigh: Measured(0.46, 0.02)}, height=1.75)
+    guessed, measured = Person(height=1.75), Person(lengths={thigh: Measured(0.46, 0.02)}, height=1.75)
     assert bone(guessed, "left_knee") < bone(measured, "left_knee") < bone(told, "left_knee")
     knee = told.skeleton.index("left_knee")
     assert told.bone_deviation[knee] < measured.bone_deviation[knee] < guessed.bone_deviation[knee]
@@ -78,7 +78,7 @@ def test_lengths_are_told_or_measured() -> None:
 
 def test_a_child_has_its_own_lengths() -> None:
     """Outside of the adults' statures the space is scaled, and told lengths still hold."""
-    child = Person.likeliest({("left_elbow", "left_wrist"): 0.17}, height=1.2)
+    child = Person(lengths={("left_elbow", "left_wrist"): 0.17}, height=1.2)
     assert bone(child, "left_wrist") == pytest.approx(0.17, abs=1e-3)
     assert stature(child.skeleton.rest_offset) == pytest.approx(1.2, abs=2e-3)
 
@@ -90,7 +90,7 @@ def test_persons_can_be_changed_and_sent() -> None:
     same(replace(changed, mounts=MOUNTS), person)
     same(pickle.loads(pickle.dumps(person)), person)
     same(copy.deepcopy(person), person)
-    assert Person.likeliest(mounts=MOUNTS).mounts == MOUNTS
+    assert Person(mounts=MOUNTS).mounts == MOUNTS
     with pytest.raises(AttributeError):
         person.skeleton = default_skeleton()  # pyright: ignore[reportAttributeAccessIssue]
     with pytest.raises(ValueError, match="read-only"):
@@ -231,11 +231,11 @@ def test_what_is_refused(tmp_path: Path) -> None:
         Person(height=180)
     for height in (0.99, 2.31, Measured(0.5, 0.1)):
         with pytest.raises(BodysenseError, match="people are"):
-            Person.likeliest(height=height)
+            Person(height=height)
     for height in (float("nan"), -1.0):
         with pytest.raises(BodysenseError, match="must be positive"):
             Person(height=height)
-    with pytest.raises(BodysenseError, match="both a skeleton and a height were given"):
+    with pytest.raises(BodysenseError, match="both a skeleton and a height or lengths were given"):
         Person(default_skeleton(), height=1.8)
     with pytest.raises(BodysenseError, match=r"a skeleton 170 m high; people are .* give offsets in metres"):
         Person(default_skeleton().with_offsets(default_skeleton().rest_offset * 170 / default_skeleton().height))

@@ -22,6 +22,7 @@ from bodysense.files import written_beside
 FORMAT = "bodysense-person-1"
 SHORTEST, TALLEST = 1.0, 2.3  # m: heights of a person
 SOLE = 0.05  # m: a skeleton is at most so much lower than its person, for its lowest points lie above the sole
+CROWN, FLOOR = "crown", "floor"  # between which a height is, in a file
 TOLD = 0.001  # m: standard deviation of a length that somebody told
 
 
@@ -30,38 +31,47 @@ class Person:
     """What is known of the wearer.
 
     `Person()` is the likeliest adult, `Person(height=1.8)` the likeliest of that height, `Person(skeleton)` somebody
-    whose proportions are told. `Person.likeliest` takes measured lengths as well.
+    whose proportions are told, `Person(lengths={…})` the likeliest with those lengths.
     """
 
     skeleton: Skeleton  # the best guess of the wearer's proportions
     bone_deviation: np.ndarray = field(repr=False)  # (P,) m, standard deviation of every bone's length; 0: told
     mounts: Mapping[str, RigidTransform]  # by the joint that carries the tracker: T_joint_tracker
+    # What the guess rests on, and what a tracker adds its own measurements to while it runs.
+    height: Measured | None
+    lengths: Mapping[tuple[str, str], Measured]
 
     def __init__(
         self,
         skeleton: Skeleton | None = None,
         *,
-        height: float | None = None,
+        height: Measured | float | None = None,
         bone_deviation: np.ndarray | None = None,
         mounts: Mapping[str, RigidTransform] | None = None,
+        lengths: Mapping[tuple[str, str], Measured | float] | None = None,
     ) -> None:
         """Make a person from a skeleton that is told, or from a height, or from nothing.
 
         Args:
             skeleton: the wearer's proportions, if they are known.
-            height: stature in metres, from the floor to the crown, without shoes, in place of a skeleton.
+            height: stature in metres, from the floor to the crown, without shoes. A plain number is told, known to
+                1 mm; `Measured(1.75, 0.02)` is known to 2 cm.
+            lengths: distances between two points of the T-pose, by the points' names: `{("left_hip", "left_knee"):
+                0.43}`, metres, as for `height`.
             bone_deviation: standard deviation (P,), metres, of the length of every point's bone; 0 for all points
                 of a skeleton that is told.
             mounts: how trackers are worn, by the joint that carries each: T_joint_tracker.
         """
+        stature = None if height is None else _measured(height, "height")
+        known = {pair: _measured(value, f"distance {'–'.join(pair)}") for pair, value in (lengths or {}).items()}
         if skeleton is None:
-            estimate, scale = _estimate({}, None if height is None else _measured(height, "height"))
+            estimate, scale = _estimate(known, stature)
             skeleton = _scaled(estimate, scale)
             if bone_deviation is None:
                 bone_deviation = scale * estimate.bone_deviation
-        elif height is not None:
+        elif bone_deviation is None and (stature is not None or known):
             raise BodysenseError(
-                "person: both a skeleton and a height were given; give one of them, or skeleton.scaled(height)"
+                "person: both a skeleton and a height or lengths were given; give one of them, or skeleton.scaled(height)"
             )
         if not SHORTEST - SOLE <= skeleton.height <= TALLEST:
             raise BodysenseError(
@@ -85,6 +95,8 @@ class Person:
         object.__setattr__(self, "skeleton", skeleton)
         object.__setattr__(self, "bone_deviation", deviation)
         object.__setattr__(self, "mounts", dict(mounts or {}))
+        object.__setattr__(self, "height", stature)
+        object.__setattr__(self, "lengths", known)
 
     @classmethod
     def told(cls, skeleton: Skeleton) -> Person:
@@ -96,19 +108,9 @@ class Person:
         cls,
         lengths: Mapping[tuple[str, str], Measured | float] | None = None,
         height: Measured | float | None = None,
-        mounts: Mapping[str, RigidTransform] | None = None,
     ) -> Person:
-        """The likeliest person given a few lengths, all in metres.
-
-        Args:
-            lengths: distances between two points of the T-pose, by the points' names: `{("left_hip", "left_knee"):
-                0.43}`. A plain number is told, known to 1 mm; `Measured(0.43, 0.02)` is known to 2 cm.
-            height: stature, from the floor to the crown, without shoes.
-            mounts: how trackers are worn, by the joint that carries each: T_joint_tracker.
-        """
-        measured = {pair: _measured(value, f"distance {'–'.join(pair)}") for pair, value in (lengths or {}).items()}
-        estimate, scale = _estimate(measured, None if height is None else _measured(height, "height"))
-        return cls(_scaled(estimate, scale), bone_deviation=scale * estimate.bone_deviation, mounts=mounts)
+        """The likeliest person given a few lengths and a stature, as the constructor takes them."""
+        return cls(height=height, lengths=lengths)
 
     def save(self, path: str | Path) -> None:
         """Write a JSON file that `load` reads."""
@@ -128,7 +130,15 @@ class Person:
             {"joint": joint, "translation": mount.translation.tolist(), "rotation": mount.rotation.tolist()}
             for joint, mount in self.mounts.items()
         ]
-        tables = {"joints": rows[:joints], "end_sites": rows[joints:], "mounts": mounts}
+        known = [
+            {"start": start, "end": end, "length": value.value, "deviation": value.deviation}
+            for (start, end), value in self.lengths.items()
+        ]
+        if self.height is not None:
+            known.append(
+                {"start": CROWN, "end": FLOOR, "length": self.height.value, "deviation": self.height.deviation}
+            )
+        tables = {"joints": rows[:joints], "end_sites": rows[joints:], "known": known, "mounts": mounts}
         parts = [f'"format": "{FORMAT}"', '"units": "metres; quaternions w, x, y, z"']
         parts += [f'"{name}": {_one_row_a_line(table)}' for name, table in tables.items()]
         with written_beside(path) as beside:
@@ -161,6 +171,9 @@ class Person:
     def _from_tables(cls, stored: dict) -> Person:
         joints = _rows(stored, "joints", {"name": 0, "parent": 0, "offset": 3, "deviation": 1})
         end_sites = _rows(stored, "end_sites", {"name": 0, "parent": 0, "offset": 3, "deviation": 1})
+        known = _rows(stored, "known", {"start": 0, "end": 0, "length": 1, "deviation": 1})
+        lengths = {(row["start"], row["end"]): Measured(row["length"], row["deviation"]) for row in known}
+        height = lengths.pop((CROWN, FLOOR), None)
         mounts = _rows(stored, "mounts", {"joint": 0, "translation": 3, "rotation": 4})
         worn: dict[str, RigidTransform] = {}
         for row in mounts:
@@ -168,7 +181,8 @@ class Person:
                 raise BodysenseError(f"two rows of 'mounts' are of {row['joint']!r}; remove one")
             worn[row["joint"]] = RigidTransform(np.array(row["translation"]), np.array(row["rotation"]))
         deviation = np.array([row["deviation"] for row in joints + end_sites], dtype=np.float64)
-        return cls(skeleton_from_table(joints, end_sites), bone_deviation=deviation, mounts=worn)
+        skeleton = skeleton_from_table(joints, end_sites)
+        return cls(skeleton, height=height, bone_deviation=deviation, mounts=worn, lengths=lengths)
 
 
 def _measured(value: Measured | float, what: str) -> Measured:

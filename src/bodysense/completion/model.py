@@ -1,0 +1,107 @@
+"""The packaged completion network: one step of B people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bodysense.completion.format import FORMAT
+from bodysense.completion.inputs import Frames
+from bodysense.completion.proportions import Proportions
+from bodysense.estimators.network_file import open_network, open_packaged
+
+PACKAGED = "completion.onnx"
+
+
+@dataclass(frozen=True, eq=False)
+class Completed:
+    """One frame of B whole bodies."""
+
+    root_position: np.ndarray  # (B, 3) m
+    rotation: np.ndarray  # (B, 52, 4) wxyz, parent ← joint
+    points: np.ndarray  # (B, 65, 3) m, world
+    confidence: np.ndarray  # (B, 65) m, expected position error
+    contact: np.ndarray  # (B, 4) probability
+
+
+@dataclass(frozen=True, eq=False)
+class CompletionModel:
+    """A completion network at run time."""
+
+    session: Any  # onnxruntime.InferenceSession
+    card: Mapping[str, Any]
+
+    @cached_property
+    def _outputs(self) -> list[str]:
+        return [output.name for output in self.session.get_outputs()]
+
+    def start(self, people: int) -> dict[str, np.ndarray]:
+        """The graph's state before the first frame, (people, …) by input."""
+        state = {}
+        for name, row in self.card["state"].items():
+            values = np.zeros(row["shape"], dtype=np.float32)
+            if row["start"] is not None:
+                values += np.reshape(row["start"], row["shape"])
+            state[f"state_{name}"] = np.broadcast_to(values, (people, *values.shape)).astype(np.float32)
+        return state
+
+    def step(
+        self,
+        frame: Frames,
+        interval: np.ndarray,
+        proportions: Proportions,
+        floor: float,
+        hold_feet: bool,
+        state: Mapping[str, np.ndarray],
+    ) -> tuple[Completed, dict[str, np.ndarray]]:
+        """Complete one frame of B people, `interval` (B,) s after the one before."""
+        count = len(interval)
+        inputs = {
+            "position": frame.position,
+            "rotation": frame.rotation,
+            "has_position": frame.has_position,
+            "has_rotation": frame.has_rotation,
+            "accuracy": frame.accuracy,
+            "interval": interval.astype(np.float32),
+            "rest_offset": proportions.rest_offset.astype(np.float32),
+            "certainty": proportions.deviation.astype(np.float32),
+            "floor": np.full(count, floor, dtype=np.float32),
+            "hold": np.full(count, hold_feet, dtype=np.float32),
+        }
+        outputs = dict(zip(self._outputs, self.session.run(None, {**inputs, **state}), strict=True))
+        after = {f"state_{name}": outputs[f"next_{name}"] for name in self.card["state"]}
+        return (
+            Completed(
+                outputs["root_position"],
+                outputs["local_rotation"],
+                outputs["points"],
+                outputs["confidence"],
+                outputs["contact"],
+            ),
+            after,
+        )
+
+
+_FIELDS = ("points", "joints", "state")
+_WANTED: dict[str, Any] = {
+    "format": FORMAT,
+    "kind": "completion network",
+    "fields": _FIELDS,
+    "command": "bodysense train completion",
+}
+
+
+def load_completion(path: str | Path) -> CompletionModel:
+    """Open a completion network's file. Raises BodysenseError where it is none."""
+    return CompletionModel(*open_network(path, **_WANTED))
+
+
+@lru_cache(maxsize=1)
+def packaged_model() -> CompletionModel:
+    """The network that comes with the package, loaded once."""
+    return CompletionModel(*open_packaged(PACKAGED, **_WANTED))

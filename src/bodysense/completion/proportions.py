@@ -1,0 +1,185 @@
+"""A wearer's proportions, inferred while the tracker runs: a robust fit of the shape space to what sensors measure.
+
+Evidence is how often each length was seen, in bins of 5 mm: distances between tracked points, and heights over the
+floor. A bone's length is the median of its distances; what bends in between, and how high a head or a pelvis stands, is
+a high quantile, since nobody stands higher than upright. The likeliest shape given these lengths is what is believed,
+and the body that is shown grows toward it so slowly that nothing jumps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.body.shape import Measured, shape_space, stature
+from bodysense.body.skeleton import default_skeleton
+from bodysense.completion.inputs import Frames
+
+BIN, BINS = 0.005, 480  # m, and how many: lengths up to 2.4 m
+FLOOR = "floor"
+SEATED = 1.28  # m: heads that never rise higher sit, for the shortest adult's stands higher
+_ENOUGH = 0.5  # s that a length must have been seen
+_EVERY = 0.5  # s between two fits
+_QUICK = 0.4  # s in which half of what the shown body lacks is made up
+_VAGUE = 0.06  # m: points that err more together measure nothing
+
+
+@dataclass(frozen=True)
+class Length:
+    """A distance that tells of proportions."""
+
+    start: str
+    end: str  # a point, or the floor: then the height over it
+    quantile: float  # of what is seen which is taken
+    deviation: float  # m, standard deviation of that, after a long time
+    slack: float = 0.0  # m by which the quantile falls short of the rest pose, on average
+
+
+def _of_both(start: str, end: str, quantile: float, deviation: float, slack: float = 0.0) -> list[Length]:
+    return [Length(f"{side}_{start}", f"{side}_{end}", quantile, deviation, slack) for side in ("left", "right")]
+
+
+LENGTHS = (
+    *_of_both("shoulder", "elbow", 0.5, 0.006),
+    *_of_both("elbow", "wrist", 0.5, 0.006),
+    *_of_both("hip", "knee", 0.5, 0.006),
+    *_of_both("knee", "ankle", 0.5, 0.006),
+    *_of_both("ankle", "foot", 0.5, 0.006),
+    *_of_both("wrist", "middle1", 0.5, 0.004),
+    *_of_both("hip", "ankle", 0.95, 0.02, 0.01),
+    *_of_both("shoulder", "wrist", 0.98, 0.03, 0.02),
+    Length("left_shoulder", "right_shoulder", 0.5, 0.01),
+    Length("left_hip", "right_hip", 0.5, 0.006),
+    Length("pelvis", "head", 0.95, 0.02, 0.01),
+    Length("head", FLOOR, 0.95, 0.03, 0.01),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Proportions:
+    """What is believed of the proportions of B people, what of it is shown, and on what it rests."""
+
+    people: tuple[Person, ...]
+    rest_offset: np.ndarray  # (B, 65, 3) m, shown
+    deviation: np.ndarray  # (B, 65) m, standard deviation of every bone's length
+    believed: np.ndarray  # (B, 65, 3) m
+    seconds: np.ndarray  # (B, L, BINS) float32 s for which each length was in each bin
+    due: np.ndarray  # (B,) s since the beliefs were last brought up to date
+
+    def updated(self, frame: Frames, interval: np.ndarray, floor: float) -> Proportions:
+        """The proportions after one more frame, `interval` (B,) s after the one before."""
+        open_to = np.array([bool(person.bone_deviation.any()) for person in self.people])
+        if not open_to.any():
+            return self
+        seconds = _counted(self.seconds, frame, interval, floor, open_to)
+        due, believed, deviation = self.due + interval, self.believed, self.deviation
+        ready = open_to & (due >= _EVERY)
+        if ready.any():
+            believed, deviation, due = believed.copy(), deviation.copy(), np.where(ready, 0.0, due)
+            for k in np.flatnonzero(ready):
+                believed[k], deviation[k] = likeliest_offsets(seconds[k], self.people[k])
+        share = (1 - np.exp2(-interval / _QUICK))[:, None, None]
+        shown = self.rest_offset + share * (believed - self.rest_offset)
+        return Proportions(self.people, shown, deviation, believed, seconds, due)
+
+    @classmethod
+    def stacked(cls, parts: Sequence[Proportions]) -> Proportions:
+        """Those of several people as one of all of them."""
+        people = tuple(person for part in parts for person in part.people)
+        names = ("rest_offset", "deviation", "believed", "seconds", "due")
+        return cls(people, *(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+    def alone(self, k: int) -> Proportions:
+        """Those of one of several people."""
+        own = slice(k, k + 1)
+        return Proportions(
+            self.people[own],
+            self.rest_offset[own],
+            self.deviation[own],
+            self.believed[own],
+            self.seconds[own],
+            self.due[own],
+        )
+
+    def person(self, k: int) -> Person:
+        """The person as believed now: a guess that `Person.save` keeps for the next time."""
+        one = self.people[k]
+        skeleton = one.skeleton.with_offsets(self.believed[k])
+        known = {} if not one.bone_deviation.any() else {"height": one.height, "lengths": one.lengths}
+        return Person(skeleton, bone_deviation=self.deviation[k], mounts=one.mounts, **known)
+
+
+def proportions_of(people: tuple[Person, ...]) -> Proportions:
+    """What is known of people before the first frame."""
+    offset = np.array([person.skeleton.rest_offset for person in people])
+    deviation = np.array([person.bone_deviation for person in people])
+    seconds = np.zeros((len(people), len(LENGTHS), BINS), dtype=np.float32)
+    return Proportions(people, offset, deviation, offset, seconds, np.zeros(len(people)))
+
+
+def _places() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    skeleton = default_skeleton()
+    start = skeleton.indices([length.start for length in LENGTHS])
+    over_floor = np.array([length.end == FLOOR for length in LENGTHS])
+    end = skeleton.indices([length.start if length.end == FLOOR else length.end for length in LENGTHS])
+    return start, end, over_floor
+
+
+_START, _END, _OVER_FLOOR = _places()
+
+
+def _counted(seconds: np.ndarray, frame: Frames, interval: np.ndarray, floor: float, open_to: np.ndarray) -> np.ndarray:
+    """Evidence (B, L, BINS) with one more frame."""
+    known = frame.has_position[:, _START] & frame.has_position[:, _END] & open_to[:, None]
+    known &= frame.accuracy[:, _START] + frame.accuracy[:, _END] < _VAGUE
+    if not known.any():
+        return seconds
+    start = frame.position[:, _START]
+    apart = np.linalg.norm(start - frame.position[:, _END], axis=-1)
+    length = np.where(_OVER_FLOOR, start[..., 1] - floor, apart)
+    person, which = np.nonzero(known & (length > 0) & (length < BIN * BINS))
+    seconds = seconds.copy()
+    seconds[person, which, (length[person, which] / BIN).astype(int)] += np.minimum(interval, 0.1)[person]
+    return seconds
+
+
+def likeliest_offsets(seconds: np.ndarray, person: Person) -> tuple[np.ndarray, np.ndarray]:
+    """Rest offsets (65, 3) m of the likeliest body, and deviations (65,) m of its bones.
+
+    Args:
+        seconds: (L, BINS) s for which each length was seen in each bin.
+        person: what was told: its height and lengths count beside what was seen.
+    """
+    total = seconds.sum(axis=-1)
+    height = person.height
+    seen: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for k in np.flatnonzero(total > _ENOUGH):
+        length = LENGTHS[k]
+        share = np.cumsum(seconds[k]) / total[k]
+        value = (np.searchsorted(share, length.quantile) + 0.5) * BIN + length.slack
+        deviation = length.deviation * (1 + 2 / (1 + total[k]))
+        if length.end == FLOOR:
+            if length.start == "head" and person.height is None and value > SEATED:
+                height = _stature_of_head(value, deviation)
+            continue
+        # Bodies are symmetric: both sides measure one length.
+        left = (length.start.replace("right_", "left_"), length.end.replace("right_", "left_"))
+        across = length.start.startswith("left_") and length.end.startswith("right_")
+        seen.setdefault((length.start, length.end) if across else left, []).append((value, deviation))
+    measured = {
+        pair: Measured(float(np.mean([value for value, _ in rows])), float(np.mean([error for _, error in rows])))
+        for pair, rows in seen.items()
+    }
+    guess = Person(height=height, lengths=measured | dict(person.lengths))
+    return guess.skeleton.rest_offset, guess.bone_deviation
+
+
+def _stature_of_head(head: float, deviation: float) -> Measured:
+    """Stature of somebody whose head joint stands so high, by the mean adult's proportions."""
+    mean = shape_space().mean
+    joint = (default_skeleton().path @ mean)[default_skeleton().index("head"), 1] + mean[0, 1]
+    ratio = float(stature(mean)) / joint
+    return Measured(head * ratio, deviation * ratio)

@@ -1,0 +1,242 @@
+"""What the completion network learns: batches of sequences, losses, and figures on validation people and bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import binary_cross_entropy_with_logits
+
+from bodysense.body.rotation import quaternion_to_matrix
+from bodysense.body.skeleton import BODY
+from bodysense.lab.completion.corpus import Corpus
+from bodysense.lab.completion.network import (
+    CONTACT,
+    HEAD,
+    JOINTS,
+    SPIN_PLACES,
+    Before,
+    CompletionConfig,
+    CompletionNetwork,
+    Prediction,
+    Signal,
+    orthonormal,
+    turn_about_up,
+)
+from bodysense.lab.completion.sequences import Sequence, draw_sequence
+
+WORN = ("sit", "talk_gesture", "everyday", "locomotion")  # what wearers of a headset do
+_FEET = [BODY.index(name) for name in CONTACT]
+# Recorded feet turn unreliably.
+_TURN_WEIGHT = {"ankle": 0.6, "foot": 0.3}
+
+
+@dataclass(frozen=True)
+class Losses:
+    """Weights of the terms, each a mean over frames and joints at the reference stature."""
+
+    rotation: float = 1.0  # mean absolute difference of matrices, of rotations from the frame under the head
+    local: float = 0.3  # the same of rotations from the parent joint
+    position: float = 8.0  # per metre, mean absolute difference from the head
+    velocity: float = 0.4  # per m/s
+    skate: float = 0.1  # per m/s, of feet that truly stand
+    contact: float = 0.03  # cross-entropy
+    error: float = 0.01  # likelihood of the expected error
+
+
+@dataclass(frozen=True)
+class CompletionTaskConfig:
+    """Batches and losses."""
+
+    network: CompletionConfig = CompletionConfig()
+    streams: int = 96  # sequences side by side
+    chunk: int = 48  # frames of truncated backpropagation
+    losses: Losses = field(default_factory=Losses)
+
+
+class Batch(NamedTuple):
+    """Frames of B sequences; `begins` marks those that start with this batch."""
+
+    signal: Signal
+    true_position: Tensor  # (B, T, 25, 3) m, world
+    true_rotation: Tensor  # (B, T, 22, 3, 3) world ← joint
+    contact: Tensor  # (B, T, 4)
+    valid: Tensor  # (B, T) bool
+    begins: Tensor  # (B,) bool
+
+
+@dataclass(frozen=True, eq=False)
+class CompletionTask:
+    """The task of `bodysense.lab.fit` for the completion network."""
+
+    network: CompletionNetwork
+    configuration: CompletionTaskConfig
+    corpus: Corpus
+    validation: dict[str, list[Batch]]
+
+    def batches(self, rng: np.random.Generator) -> Iterator[Batch]:
+        """Streams that play whole sequences, side by side; drawn by the length of their clips."""
+        count, chunk = self.configuration.streams, self.configuration.chunk
+        weight = self.corpus.length / self.corpus.rate * np.where(np.isin(self.corpus.category, WORN), 1.0, 0.6)
+        weight = weight / weight.sum()
+        playing: list[Sequence | None] = [None] * count
+        place = [0] * count
+        while True:
+            begins = np.zeros(count, dtype=bool)
+            pieces = []
+            for k in range(count):
+                current = playing[k]
+                if current is None or place[k] >= len(current):
+                    current = draw_sequence(self.corpus, int(rng.choice(len(weight), p=weight)), rng)
+                    playing[k], place[k], begins[k] = current, 0, True
+                pieces.append((current, place[k]))
+                place[k] += chunk
+            yield collate(pieces, chunk, begins)
+
+    def loss(self, batch: Batch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:
+        """Losses of a chunk, with the memory carried over where no sequence begins."""
+        before = self.network.begin(len(batch.begins)) if memory is None else memory
+        before = torch.where(batch.begins[None, :, None], 0.0, before.detach().float())
+        features = self.network.read(batch.signal)
+        # Half precision is for the layers alone: geometry needs the digits.
+        with torch.autocast(features.device.type, torch.bfloat16):
+            (turned, judged), after = self.network.predict(features, before)
+        prediction = self.network.prediction(turned.float(), judged.float())
+        return losses(self.network, prediction, batch, self.configuration.losses), after
+
+    @torch.no_grad()
+    def validate(self, network: nn.Module) -> dict[str, float]:
+        """Mean error from the head, cm in the world's measure, for each set of sensors and bodies; first their mean."""
+        assert isinstance(network, CompletionNetwork)
+        figures: dict[str, float] = {}
+        for name, batches in self.validation.items():
+            far, turned, count = 0.0, 0.0, 0.0
+            for batch in batches:
+                raw, _ = network.predict(network.read(batch.signal), network.begin(len(batch.begins)))
+                missed, angle = _missed(network, network.prediction(*raw), batch)
+                distance = missed[..., :JOINTS, :].norm(dim=-1).mean(dim=-1) * batch.signal.size[:, None]
+                far += float((distance * batch.valid).sum())
+                turned += float((angle.mean(dim=-1) * batch.valid).sum())
+                count += float(batch.valid.sum())
+            figures[f"{name}_mpjpe_cm"] = 100 * far / count
+            figures[f"{name}_rotation"] = turned / count
+        score = float(np.mean([value for name, value in figures.items() if name.endswith("cm")]))
+        return {"score": score, **figures}
+
+
+def _answer(network: CompletionNetwork, prediction: Prediction, batch: Batch) -> tuple[Tensor, Tensor]:
+    """Rotations in the frame under the head, measured ones in their place, and positions from the head."""
+    signal = batch.signal
+    measured = signal.turn.mT[..., None, :, :] @ signal.rotation
+    rotation = torch.where(signal.has_rotation[..., None, None], measured, orthonormal(prediction.axes))
+    return rotation, network.places(rotation, signal.rest_offset / signal.size[:, None, None])
+
+
+def _missed(network: CompletionNetwork, prediction: Prediction, batch: Batch) -> tuple[Tensor, Tensor]:
+    """Errors of positions from the head (B, T, 25, 3), and of rotations (B, T, 22)."""
+    rotation, position = _answer(network, prediction, batch)
+    truth = batch.true_position - batch.true_position[..., HEAD : HEAD + 1, :]
+    truth = truth @ batch.signal.turn / batch.signal.size[:, None, None, None]
+    wanted = batch.signal.turn.mT[..., None, :, :] @ batch.true_rotation
+    return position - truth, (rotation - wanted).abs().mean(dim=(-2, -1))
+
+
+def losses(network: CompletionNetwork, prediction: Prediction, batch: Batch, weights: Losses) -> dict[str, Tensor]:
+    """The sum, 'loss', and its weighted terms."""
+    signal = batch.signal
+    size = signal.size[:, None, None, None]
+    rotation, position = _answer(network, prediction, batch)
+    valid = batch.valid[..., None]
+    count = batch.valid.sum().clamp(min=1)
+    truth = (batch.true_position - batch.true_position[..., HEAD : HEAD + 1, :]) @ signal.turn / size
+    wanted = signal.turn.mT[..., None, :, :] @ batch.true_rotation
+    missed = position - truth
+    turn_weight = torch.tensor([_TURN_WEIGHT.get(name.rpartition("_")[2], 1.0) for name in BODY])
+    angle = (rotation - wanted).abs().mean(dim=(-2, -1)) * turn_weight
+    parents = network.bone_parents[: JOINTS - 1]
+    local, true_local = (turned[..., parents, :, :].mT @ turned[..., 1:, :, :] for turned in (rotation, wanted))
+    bent = (local - true_local).abs().mean(dim=(-2, -1)) * turn_weight[1:]
+    terms = {
+        "rotation": (angle * valid).sum() / count / JOINTS * weights.rotation,
+        "local": (bent * valid).sum() / count / JOINTS * weights.local,
+        "position": (missed.abs().mean(dim=-1) * valid).sum() / count / missed.shape[-2] * weights.position,
+    }
+    # Where the head is not tracked, the network says where it is.
+    place = ((batch.true_position[..., HEAD : HEAD + 1, :] - signal.origin[..., None, :]) @ signal.turn / size)[
+        ..., 0, :
+    ]
+    lost = (batch.valid & ~(signal.has_position[..., HEAD]))[..., None]
+    off = (prediction.head - place).abs()
+    terms["head"] = (off * lost).sum() / count / 3 * weights.position * 0.3
+
+    world = missed @ signal.turn.mT
+    both = (batch.valid[:, 1:] & batch.valid[:, :-1])[..., None]
+    pairs = both.sum().clamp(min=1)
+    too_fast = (world[:, 1:] - world[:, :-1]) / signal.interval[:, 1:, None, None]
+    terms["velocity"] = (too_fast.abs().mean(dim=-1) * both).sum() / pairs / missed.shape[-2] * weights.velocity
+    standing = (batch.contact[:, 1:] * batch.contact[:, :-1]) * both
+    skating = (_length(too_fast[..., _FEET, :]) * standing).sum() / standing.sum().clamp(min=1)
+    terms["skate"] = skating * weights.skate
+    contact = binary_cross_entropy_with_logits(prediction.contact_logit, batch.contact, reduction="none")
+    terms["contact"] = (contact * valid).sum() / count / len(CONTACT) * weights.contact
+    # Laplace likelihood: its optimum is the mean distance. The positions are not pulled by it.
+    distance = _length(missed.detach())
+    likelihood = distance / prediction.error + torch.log(prediction.error)
+    terms["error"] = (likelihood * valid).sum() / count / missed.shape[-2] * weights.error
+    return {"loss": torch.stack(list(terms.values())).sum(), **terms}
+
+
+def _length(vector: Tensor) -> Tensor:
+    return torch.sqrt((vector * vector).sum(dim=-1) + 1e-10)
+
+
+def collate(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) -> Batch:
+    """Cut `chunk` frames from each sequence at its start; past the end the last frame repeats, not valid."""
+    rows = [np.minimum(np.arange(start, start + chunk), len(one) - 1) for one, start in pieces]
+    earlier = [np.maximum(row - 1, 0) for row in rows]
+    valid = np.stack([np.arange(start, start + chunk) < len(one) for one, start in pieces])
+
+    def stack(name: str, of: list[np.ndarray] = rows) -> Tensor:
+        return torch.from_numpy(np.stack([getattr(one, name)[row] for (one, _), row in zip(pieces, of, strict=True)]))
+
+    def each(name: str) -> Tensor:
+        return torch.from_numpy(np.stack([np.asarray(getattr(one, name), dtype=np.float32) for one, _ in pieces]))
+
+    anchor = stack("anchor")
+    origin = torch.zeros(*anchor.shape[:2], 3)
+    origin[..., 0], origin[..., 2] = anchor[..., 2], anchor[..., 3]
+    first = torch.tensor([start == 0 for _, start in pieces])
+    has_before = torch.ones(len(pieces), chunk, 1, dtype=torch.bool)
+    has_before[first, 0] = False
+    spinning = quaternion_to_matrix(stack("rotation", earlier)[..., SPIN_PLACES, :])
+    signal = Signal(
+        position=stack("position"),
+        rotation=quaternion_to_matrix(stack("rotation")),
+        has_position=stack("has_position"),
+        has_rotation=stack("has_rotation"),
+        accuracy=each("accuracy")[:, None].expand(-1, chunk, -1),
+        interval=each("interval")[:, None].expand(-1, chunk),
+        turn=turn_about_up(anchor[..., 0], anchor[..., 1]),
+        origin=origin,
+        before=Before(
+            position=stack("position", earlier),
+            has_position=stack("has_position", earlier) & has_before,
+            rotation=spinning,
+            has_rotation=stack("has_rotation", earlier)[..., SPIN_PLACES] & has_before,
+        ),
+        rest_offset=each("rest_offset"),
+        certainty=each("certainty"),
+        size=each("size"),
+    )
+    return Batch(
+        signal=signal,
+        true_position=stack("true_position"),
+        true_rotation=quaternion_to_matrix(stack("true_rotation")),
+        contact=stack("contact").float(),
+        valid=torch.from_numpy(valid),
+        begins=torch.from_numpy(begins),
+    )

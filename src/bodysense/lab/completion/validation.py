@@ -1,0 +1,57 @@
+"""Validation: people that no one trains on, on bodies that no one trains on, seen by named sets of sensors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bodysense.body.shape import sample_bodies
+from bodysense.body.skeleton import BODY
+from bodysense.lab.completion.corpus import Corpus
+from bodysense.lab.completion.network import INPUT_POINTS
+from bodysense.lab.completion.sensors import Tracked
+from bodysense.lab.completion.sequences import Body, Draw, Track, make_sequence
+from bodysense.lab.completion.task import WORN, Batch, collate
+
+SETS = ("three_point", "head", "six_point", "headset_camera")
+_HANDS = ("head", "left_wrist", "right_wrist")
+_SENSORS = {
+    "three_point": _HANDS,
+    "head": ("head",),
+    "six_point": (*_HANDS, "pelvis", "left_ankle", "right_ankle"),
+    "headset_camera": ("head",),
+}
+_GROUP = 16  # sequences side by side
+
+
+def validation_batches(corpus: Corpus, stride: int) -> dict[str, list[Batch]]:
+    """Whole clips of what wearers do, every `stride`-th, on their own body and on a stranger's; by set and body."""
+    clips = [k for k in range(len(corpus)) if corpus.category[k] in WORN][::stride]
+    clips.sort(key=lambda k: corpus.length[k] / corpus.rate[k])
+    strangers = sample_bodies("validation", len(clips))
+    batches: dict[str, list[Batch]] = {}
+    for name in SETS:
+        for whose in ("own", "stranger"):
+            pieces = []
+            for place, clip in enumerate(clips):
+                true = corpus.rest_offset[clip].astype(float) if whose == "own" else strangers[place]
+                body = Body(true, true, np.zeros(len(true)))
+                rng = np.random.default_rng([7, clip])
+                pieces.append((make_sequence(corpus, clip, Draw(body, track=_worn(name)), rng), 0))
+            groups = [pieces[first : first + _GROUP] for first in range(0, len(pieces), _GROUP)]
+            batches[f"{name}_{whose}"] = [
+                collate(group, max(len(one) for one, _ in group), np.ones(len(group), dtype=bool)) for group in groups
+            ]
+    return batches
+
+
+def _worn(name: str) -> Track:
+    """A named set of sensors."""
+
+    def track(visible: np.ndarray, interval: float, rng: np.random.Generator) -> Tracked:
+        del interval, rng
+        position, rotation = (np.isin(points, _SENSORS[name]) for points in (INPUT_POINTS, BODY))
+        frames = len(visible)
+        has_position = (visible | position) if name == "headset_camera" else np.tile(position, (frames, 1))
+        return Tracked(has_position, np.tile(rotation, (frames, 1)), np.ones(frames, dtype=bool))
+
+    return track
