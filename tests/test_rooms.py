@@ -19,6 +19,7 @@ FLOORS = {
     "body": 0,
     "observation": 1,
     "capture": 2,
+    "completion": 2,
     "data": 2,
     "occlusion": 2,
     "estimators": 3,
@@ -29,12 +30,13 @@ FLOORS = {
     "training": 5,
     "evaluation": 5,
     "serve": 5,
-    "cli": 6,
-    "__main__": 7,
+    "lab": 6,
+    "cli": 7,
+    "__main__": 8,
 }
 LIGHT = {"numpy", "array_api_compat", "tyro", "rich"}  # what run-time modules may import at once
 TRAINING_ONLY = (
-    *("bodysense.models", "bodysense.training", "bodysense.data.store"),
+    *("bodysense.lab", "bodysense.models", "bodysense.training", "bodysense.data.store"),
     *("bodysense.evaluation.variants", "bodysense.evaluation.body_vae", "bodysense.evaluation.arm_table"),
 )
 

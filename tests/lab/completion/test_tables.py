@@ -122,6 +122,10 @@ def test_jumps_are_counted_beyond_the_truth() -> None:
     assert count_jumps(position, truth) == 2  # frames, not joints
     position[8, 0, 0] += 0.04
     assert count_jumps(position, truth) == 2
+    smooth = truth + 0.07 * np.arange(10)[:, None, None] * [0.0, 1.0, 0.0]  # 7 cm a frame, throughout
+    assert (count_jumps(smooth[:, 1:], truth[:, 1:]), count_jumps(smooth, truth, 2)) == (9, 0)
+    smooth[5:, 1, 1] += 0.06
+    assert count_jumps(smooth, truth, 2) == 2  # off its course, and back on it
 
 
 def test_the_lattice_finds_sensors_that_harm(clips: list[Clip], scenes: list[Scene]) -> None:

@@ -77,6 +77,7 @@ def measure(scene: Scene, tracked: TrackedBatch) -> Averages:
         averages.add("velocity_cm_s", moved, frames - 1)
         minutes = (frames - 1) / RATE / 60
         averages.add("jumps_per_minute", count_jumps(position[:, body], truth[:, body]) / minutes, minutes)
+        averages.add("breaks_per_minute", count_jumps(position[:, body], truth[:, body], 2) / minutes, minutes)
     averages.merge(motion_measures(position, truth, skeleton))
     return averages
 
@@ -94,9 +95,13 @@ def motion_measures(position: np.ndarray, truth: np.ndarray, skeleton: Skeleton)
     return averages
 
 
-def count_jumps(position: np.ndarray, truth: np.ndarray) -> int:
-    """Frames in which some point of (T, P, 3) m goes more than `JUMP` farther than its truth goes."""
-    way, own = (100 * np.linalg.norm(np.diff(values, axis=0), axis=-1) for values in (position, truth))
+def count_jumps(position: np.ndarray, truth: np.ndarray, order: int = 1) -> int:
+    """Frames in which some point of (T, P, 3) m goes more than `JUMP` farther than its truth goes.
+
+    A foot that swings while the true one stands does so as well; with `order` 2 the way is the one from where the
+    velocity leads, so that only breaks in the motion count.
+    """
+    way, own = (100 * np.linalg.norm(np.diff(values, order, axis=0), axis=-1) for values in (position, truth))
     return int((way - own > JUMP).any(axis=-1).sum())
 
 
