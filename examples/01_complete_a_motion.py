@@ -4,14 +4,14 @@ import numpy as np
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.demo import packaged_performance
+from bodysense.estimators.ik_tracker import IkTracker
 from bodysense.estimators.learned import Learned, load_model
 from bodysense.occlusion.headset_camera import observe
-from bodysense.tracker import Tracker
 
 clip = packaged_performance()  # or: canonical(read_bvh("mine.bvh"))
 observation = observe(clip.pose, clip.time)  # hidden joints are NaN
 
-tracker = Tracker(Learned(load_model(), clip.pose.skeleton))
+tracker = IkTracker(Learned(load_model(), clip.pose.skeleton))
 pose, estimate, _ = tracker.step(observation, tracker.start())
 
 truth, _ = forward_kinematics(clip.pose)

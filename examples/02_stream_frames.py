@@ -3,12 +3,12 @@
 import numpy as np
 
 from bodysense.body.skeleton import default_skeleton
+from bodysense.estimators.ik_tracker import IkTracker
 from bodysense.estimators.learned import Learned, load_model
 from bodysense.observation import Observation
-from bodysense.tracker import Tracker
 
 skeleton = default_skeleton().scaled(1.80)  # the wearer
-tracker = Tracker(Learned(load_model(), skeleton))
+tracker = IkTracker(Learned(load_model(), skeleton))
 state = tracker.start()
 points = ("head", "left_wrist", "right_wrist")
 lost = skeleton.index("left_wrist")

@@ -6,8 +6,9 @@ import numpy as np
 
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.observation import Estimate, Observation, observed_points
-from bodysense.tracker import Tracker
+from bodysense.estimators.estimate import PointEstimate
+from bodysense.estimators.ik_tracker import IkTracker
+from bodysense.observation import Observation, observed_points
 
 
 @dataclass(frozen=True)
@@ -19,17 +20,17 @@ class StandingUnderTheHead:
     def start(self) -> None:
         return None
 
-    def step(self, observation: Observation, state: None) -> tuple[Estimate, None]:
+    def step(self, observation: Observation, state: None) -> tuple[PointEstimate, None]:
         position, _, seen, _ = observed_points(observation, self.skeleton)
         standing, _ = forward_kinematics(standing_pose(self.skeleton))
         head = self.skeleton.index("head")
         guess = standing - standing[head] + position[:, head, None]
         answer = np.where(seen[..., None], position, guess)
-        return Estimate(self.skeleton, answer, (~seen).astype(float), np.where(seen, 0.0, 0.2)), None
+        return PointEstimate(self.skeleton, answer, (~seen).astype(float), np.where(seen, 0.0, 0.2)), None
 
 
 skeleton = default_skeleton()
-tracker = Tracker(StandingUnderTheHead(skeleton))
+tracker = IkTracker(StandingUnderTheHead(skeleton))
 observation = Observation(
     points=("head",),
     position=np.array([[[0.0, 1.6, 0.0]]]),

@@ -4,15 +4,15 @@ import numpy as np
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.demo import packaged_performance
+from bodysense.estimators.ik_tracker import IkTracker
 from bodysense.estimators.three_point import packaged_three_point
 from bodysense.occlusion.three_point import observe
-from bodysense.tracker import Tracker
 
 clip = packaged_performance()
 device = observe(clip.pose, clip.time)  # head and wrists, positions and rotations in the world, floor at y = 0
 
 skeleton = clip.pose.skeleton  # or default_skeleton().scaled(1.75), the wearer's height
-tracker = Tracker(packaged_three_point(skeleton))
+tracker = IkTracker(packaged_three_point(skeleton))
 state, poses = tracker.start(), []
 for k in range(len(device)):
     frame = device[k : k + 1]

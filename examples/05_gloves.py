@@ -8,8 +8,8 @@ from bodysense.demo import packaged_performance
 from bodysense.estimators.carried import Carried
 from bodysense.estimators.gloved import Gloved
 from bodysense.estimators.gloves.hands import Hands, load_glove_models
+from bodysense.estimators.ik_tracker import IkTracker
 from bodysense.occlusion.glove import observe
-from bodysense.tracker import Tracker
 
 clip = packaged_performance()
 seen = observe(clip.pose, clip.time)  # points 'left_glove_index_tip' …: positions alone, NaN where hidden
@@ -17,7 +17,7 @@ seen = observe(clip.pose, clip.time)  # points 'left_glove_index_tip' …: posit
 skeleton = clip.pose.skeleton  # or default_skeleton().scaled(1.75), the wearer's height
 hands = Hands({side: hand_skeleton(skeleton, side) for side in ("left", "right")}, load_glove_models())
 # With a headset as well, its network completes the body: Gloved(hands, packaged_three_point(skeleton)).
-tracker = Tracker(Gloved(hands, Carried(skeleton)))
+tracker = IkTracker(Gloved(hands, Carried(skeleton)))
 
 index_tip = seen.points.index("left_glove_index_tip")
 right = [k for k, name in enumerate(seen.points) if name.startswith("right")]

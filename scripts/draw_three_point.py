@@ -8,10 +8,10 @@ import numpy as np
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.demo import packaged_performance
+from bodysense.estimators.ik_tracker import IkTracker
 from bodysense.estimators.three_point import packaged_three_point
 from bodysense.export.picture import RESULT, Panel, draw_strip
 from bodysense.occlusion.three_point import HEAD_ONLY, ThreePoint, observe
-from bodysense.tracker import Tracker
 
 OUT = Path(__file__).parents[1] / "docs" / "figures" / "three_point.png"
 
@@ -23,7 +23,7 @@ def main() -> None:
     truth = np.asarray(forward_kinematics(clip.pose)[0])
 
     def completed(device: ThreePoint) -> np.ndarray:
-        tracker = Tracker(packaged_three_point(skeleton))
+        tracker = IkTracker(packaged_three_point(skeleton))
         pose, _, _ = tracker.step(observe(clip.pose, clip.time, device), tracker.start())
         return np.asarray(forward_kinematics(pose)[0])
 

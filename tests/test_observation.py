@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bodysense.body.pose import forward_kinematics, rest_pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.observation import (
     HEADSET_ACCURACY,
     OPTICAL_ACCURACY,
     TRACKER_ACCURACY,
+    Estimate,
     Observation,
     accuracy_like,
     check_observation,
@@ -135,6 +137,27 @@ def test_points_find_their_place(batch: tuple[int, ...]) -> None:
     assert not has_position[..., others].any() and not has_rotation[..., others].any()
     assert np.isnan(position[..., others, :]).all() and np.isnan(rotation[..., others, :]).all()
     assert has_rotation.sum() == observation.has_rotation.sum()
+
+
+def test_the_estimate_of_one_of_several_people() -> None:
+    people, frames, count = 3, 4, len(SKELETON.points)
+    rng = np.random.default_rng(0)
+    size = rng.uniform(0.8, 1.2, (people, 1, 1, 1))
+    pose = rest_pose(SKELETON, (people, frames))
+    offset = np.broadcast_to(size * SKELETON.rest_offset, (people, frames, count, 3))
+    estimate = Estimate(
+        pose=pose,
+        points=np.asarray(forward_kinematics(pose, offset)[0]),
+        measured=rng.random((people, frames, count)) < 0.5,
+        confidence=rng.random((people, frames, count)),
+        contact=rng.random((people, frames, 4)),
+        rest_offset=offset,
+    )
+    one = estimate.of(2)
+    np.testing.assert_allclose(one.pose.skeleton.rest_offset, size[2, 0] * SKELETON.rest_offset)
+    np.testing.assert_allclose(forward_kinematics(one.pose)[0], one.points)
+    for name in ("points", "measured", "confidence", "contact", "rest_offset"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(estimate, name)[2])
 
 
 def test_a_point_that_the_skeleton_lacks_is_refused() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from bodysense.errors import BodysenseError
 
 UNIT_TOLERANCE = 0.01  # how far from 1 the length of a quaternion may be
 FARTHEST = 1000.0  # m from the origin: beyond it single precision is too coarse for a body
+CONTACT_POINTS = ("left_ankle", "right_ankle", "left_foot", "right_foot")  # the feet are the balls
 
 # Expected error (m) of a measured position by kind of device, where the device does not give its own.
 EXACT_ACCURACY = 0.001  # the true motion, simulated devices without noise
@@ -56,30 +56,29 @@ class Observation:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """A complete body for every frame of an observation."""
+    """A whole body for every frame of an observation. P counts all points of the pose's skeleton.
 
-    skeleton: Skeleton
-    position: np.ndarray  # (..., T, P, 3) m, world: every point of the skeleton, before IK
-    occluded: np.ndarray  # (..., T, P) probability that the point was hidden
-    confidence: np.ndarray  # (..., T, P) expected position error, m
-    pose: Pose | None = None  # rotations, from methods that give them; otherwise the tracker finds them by IK
+    Proportions that are inferred change while the tracker runs: `points` and `rest_offset` are those of each frame, the
+    pose's skeleton has those of the last one. Of several people the pose's skeleton is the first one's; `of` gives
+    each person's own.
+    """
 
+    pose: Pose  # (..., T), on the person's skeleton
+    points: np.ndarray  # (..., T, P, 3) m, world
+    measured: np.ndarray  # (..., T, P) bool: pinned to a measurement
+    confidence: np.ndarray  # (..., T, P) m, expected position error, calibrated
+    contact: np.ndarray  # (..., T, 4) probability that each of `CONTACT_POINTS` rests on something
+    rest_offset: np.ndarray  # (..., T, P, 3) m
 
-class Estimator(Protocol):
-    """A method that completes a body. State is an argument, so streaming, batches and replay are the same code."""
-
-    @property
-    def skeleton(self) -> Skeleton:
-        """The body that is completed."""
-        ...
-
-    def start(self) -> Any:
-        """The state before the first frame."""
-        ...
-
-    def step(self, observation: Observation, state: Any) -> tuple[Estimate, Any]:
-        """Complete the next T ≥ 1 frames: one call with T frames equals T calls with one."""
-        ...
+    def of(self, person: int) -> Estimate:
+        """One person's part of an estimate that leads with an axis of people."""
+        offset = self.rest_offset[person]
+        pose = Pose(
+            self.pose.skeleton.with_offsets(offset[-1]), self.pose.root_position[person], self.pose.rotation[person]
+        )
+        return Estimate(
+            pose, self.points[person], self.measured[person], self.confidence[person], self.contact[person], offset
+        )
 
 
 def check_observation(observation: Observation, name: str = "observation", farthest: float = FARTHEST) -> Observation:

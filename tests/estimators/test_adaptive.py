@@ -16,11 +16,12 @@ from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
 from bodysense.estimators.adaptive import PROFILES, Adaptive, AdaptiveSettings, Profile, step_many
+from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.hold import Hold
+from bodysense.estimators.ik_tracker import IkTracked, IkTracker
 from bodysense.estimators.three_point_answers import load_three_point
-from bodysense.observation import Estimate, Observation
+from bodysense.observation import Observation
 from bodysense.occlusion.three_point import POINTS, observe
-from bodysense.tracker import Tracked, Tracker
 
 SKELETON = default_skeleton()
 WHERE, JOINTS = SKELETON.indices(POINTS), SKELETON.indices(BODY)
@@ -62,7 +63,7 @@ def without(observation: Observation, names: tuple[str, ...], frames: slice) -> 
     return replace(observation, has_position=has_position, has_rotation=has_rotation)
 
 
-def profiles(adaptive: Adaptive, observation: Observation) -> tuple[list[Profile], Estimate]:
+def profiles(adaptive: Adaptive, observation: Observation) -> tuple[list[Profile], PointEstimate]:
     """Frame by frame; also that this is the same as all at once."""
     state, told, rows = adaptive.start(), [], []
     for t in range(len(observation)):
@@ -74,7 +75,7 @@ def profiles(adaptive: Adaptive, observation: Observation) -> tuple[list[Profile
     return told, whole
 
 
-def check_whole(estimate: Estimate) -> None:
+def check_whole(estimate: PointEstimate) -> None:
     assert estimate.pose is not None
     values = (estimate.position, estimate.confidence, estimate.occluded, estimate.pose.rotation)
     assert all(np.isfinite(value).all() for value in values)
@@ -194,7 +195,7 @@ def test_gloves_come_and_go(adaptive: Adaptive, waving_clip: Clip) -> None:
 def test_what_cameras_see_has_an_estimator_of_its_own(small_three_point: Path, waving_clip: Clip) -> None:
     model = load_three_point(small_three_point)
     seen = signal(waving_clip, SKELETON.points)[:20]
-    with_one = Adaptive(SKELETON, Tracked(Tracker(Hold(SKELETON))), model)
+    with_one = Adaptive(SKELETON, IkTracked(IkTracker(Hold(SKELETON))), model)
     told, estimate = profiles(with_one, seen)
     assert set(told) == {"headset-camera"}
     check_whole(estimate)

@@ -26,9 +26,10 @@ from bodysense.estimators.body_vae import (
     sample_noise,
     sample_prior,
 )
-from bodysense.observation import Estimate, Observation
+from bodysense.estimators.estimate import PointEstimate
+from bodysense.estimators.ik_tracker import IkTracker
+from bodysense.observation import Observation
 from bodysense.occlusion.three_point import observe
-from bodysense.tracker import Tracker
 
 SKELETON = default_skeleton()
 
@@ -43,7 +44,7 @@ def signal(waving_clip: Clip) -> Observation:
     return observe(waving_clip.pose, waving_clip.time)
 
 
-def run(estimator: BodyVae, observation: Observation, sizes: list[int] | None = None) -> Estimate:
+def run(estimator: BodyVae, observation: Observation, sizes: list[int] | None = None) -> PointEstimate:
     """The whole observation, handed over so many frames at a time."""
     state, parts, first = estimator.start(), [], 0
     for size in sizes or [len(observation)]:
@@ -91,7 +92,7 @@ def test_head_and_hands_are_as_measured(model: BodyVaeModel, signal: Observation
 
 
 def test_after_the_tracker_head_and_hands_are_near(model: BodyVaeModel, signal: Observation) -> None:
-    tracker = Tracker(BodyVae(SKELETON, model))
+    tracker = IkTracker(BodyVae(SKELETON, model))
     pose, _, _ = tracker.step(signal[:20], tracker.start())
     position, _ = forward_kinematics(pose)
     missed = np.linalg.norm(position[:, SKELETON.indices(POINTS)] - signal.position[:20], axis=-1)

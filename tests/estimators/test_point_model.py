@@ -21,11 +21,11 @@ from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
 from bodysense.estimators.finger_synthesis import FingerSynthesis, finger_rotations, synthesize
+from bodysense.estimators.ik_tracker import IkTracker
 from bodysense.estimators.learned_upper_body import LEG_ERROR, LearnedUpperBody, fitted_arms, packaged_upper_body
 from bodysense.estimators.point_model import PACKAGED, PointModel, Task, load_point_model
 from bodysense.observation import Observation
 from bodysense.occlusion.three_point import observe
-from bodysense.tracker import Tracker
 
 SKELETON = default_skeleton()
 FINGER = np.flatnonzero(SKELETON.wrist_of >= 0)
@@ -233,7 +233,7 @@ def test_before_anything_is_seen_a_body_stands_there(upper_body: LearnedUpperBod
 
 
 def test_the_tracker_makes_a_body_of_it(upper_body: LearnedUpperBody, waving_clip: Clip) -> None:
-    tracker = Tracker(upper_body)
+    tracker = IkTracker(upper_body)
     observation = observe(waving_clip.pose[:3], waving_clip.time[:3])
     pose, _, _ = tracker.step(observation, tracker.start())
     head = SKELETON.index("head")

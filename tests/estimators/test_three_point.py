@@ -18,16 +18,17 @@ from bodysense.data.augment import at_height
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
+from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.foot_lock import FootLockSettings
+from bodysense.estimators.ik_tracker import IkTracker
 from bodysense.estimators.three_point import ThreePoint, packaged_three_point
 from bodysense.estimators.three_point_answers import PACKAGED, Answer, Memory, load_three_point, steadied
 from bodysense.estimators.three_point_state import ThreePointSettings
 from bodysense.estimators.whole_body import WholeBody
 from bodysense.evaluation.metrics import jitter
-from bodysense.observation import Estimate, Observation
+from bodysense.observation import Observation
 from bodysense.occlusion.dropout import hide
 from bodysense.occlusion.three_point import HEAD_ONLY, POINTS, observe
-from bodysense.tracker import Tracker
 
 SKELETON = default_skeleton()
 WHERE = SKELETON.indices(POINTS)
@@ -43,7 +44,7 @@ def seen(waving_clip: Clip) -> Observation:
     return observe(waving_clip.pose, waving_clip.time)
 
 
-def complete(estimator: ThreePoint, observation: Observation) -> Estimate:
+def complete(estimator: ThreePoint, observation: Observation) -> PointEstimate:
     return estimator.step(observation, estimator.start())[0]
 
 
@@ -58,7 +59,7 @@ def at_rate(observation: Observation, rate: float) -> Observation:
     return replace(observation, time=np.arange(len(observation)) / rate)
 
 
-def check_whole(estimate: Estimate) -> None:
+def check_whole(estimate: PointEstimate) -> None:
     """Nothing is missing, bones are rigid, rotations are unit and make the positions."""
     pose = estimate.pose
     assert pose is not None
@@ -256,7 +257,7 @@ def test_whatever_comes_the_body_is_whole(
         np.cumsum(intervals),
     )
     check_whole(complete(estimator, observation))
-    tracker = Tracker(estimator)
+    tracker = IkTracker(estimator)
     pose, _, _ = tracker.step(observation, tracker.start())
     assert np.isfinite(pose.root_position).all() and np.isfinite(pose.rotation).all()
 
@@ -288,7 +289,7 @@ def test_a_hand_that_is_refused_is_hidden_to_the_tracker(estimator: ThreePoint, 
     far[:, 1] += [0.0, 0.0, 10.0]
     estimate = complete(estimator, replace(seen, position=far))
     assert (estimate.occluded[:, WHERE] == [0, 1, 0]).all()
-    tracker, poses = Tracker(estimator), []
+    tracker, poses = IkTracker(estimator), []
     for observation in (replace(seen, position=far), lost(seen, (1,), slice(None))):
         pose, _, _ = tracker.step(observation, tracker.start())
         poses.append(forward_kinematics(pose)[0][:, WHERE[1]])
@@ -303,7 +304,7 @@ def test_time_without_end_is_refused(estimator: ThreePoint, seen: Observation) -
 
 def test_the_tracker_keeps_the_pose_and_meets_what_is_measured(estimator: ThreePoint, seen: Observation) -> None:
     """Head within 1 cm and 3°, hands within 2 cm; twist and spine are the estimator's."""
-    tracker = Tracker(estimator)
+    tracker = IkTracker(estimator)
     pose, estimate, _ = tracker.step(seen, tracker.start())
     position, rotation = forward_kinematics(pose)
     away = np.linalg.norm(position[:, WHERE] - seen.position, axis=-1)

@@ -11,18 +11,19 @@ import pytest
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
+from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.three_point import ThreePoint
 from bodysense.estimators.three_point_answers import load_three_point
 from bodysense.estimators.three_point_many import step_together
 from bodysense.estimators.three_point_state import ThreePointSettings
-from bodysense.observation import Estimate, Observation
+from bodysense.observation import Observation
 from bodysense.occlusion.dropout import hide
 from bodysense.occlusion.three_point import HEAD_ONLY, observe
 
 SKELETON = default_skeleton()
 
 
-def check_same(one: Estimate, other: Estimate) -> None:
+def check_same(one: PointEstimate, other: PointEstimate) -> None:
     assert one.pose is not None and other.pose is not None
     for a, b in (
         (one.position, other.position),
@@ -71,7 +72,7 @@ def test_together_is_alone(wearers: list[ThreePoint], waving_clip: Clip) -> None
             whole = alone[k]
             assert whole.pose is not None
             now = slice(place[k], place[k] + 1)
-            one = Estimate(
+            one = PointEstimate(
                 whole.skeleton, whole.position[now], whole.occluded[now], whole.confidence[now], whole.pose[now]
             )
             check_same(estimate, one)

@@ -15,12 +15,13 @@ from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.data.sources import list_sources, read_source
 from bodysense.errors import BodysenseError
+from bodysense.estimators.estimate import Estimator, PointEstimate
 from bodysense.estimators.hold import Hold
+from bodysense.estimators.ik_tracker import IkTracker
 from bodysense.estimators.upper_body_ik import UpperBodyIk, UpperBodyIkSettings
-from bodysense.observation import Estimate, Estimator, Observation, check_observation
+from bodysense.observation import Observation, check_observation
 from bodysense.occlusion.dropout import hide
 from bodysense.occlusion.three_point import observe
-from bodysense.tracker import Tracker
 
 SKELETON = default_skeleton()
 IK = UpperBodyIk(SKELETON)
@@ -33,7 +34,7 @@ ARM = float(SKELETON.bone_length[[ELBOWS[0], WRISTS[0]]].sum())
 LEFT_TO_RIGHT = np.array([-1.0, 1.0, 1.0])
 
 
-def complete(observation: Observation, ik: UpperBodyIk = IK) -> Estimate:
+def complete(observation: Observation, ik: UpperBodyIk = IK) -> PointEstimate:
     return ik.step(observation, ik.start())[0]
 
 
@@ -59,7 +60,7 @@ def people(count: int, seed: int = 0, reach: float = 0.9) -> Observation:
     return check_observation(Observation(points, position, rotation, known, known.copy(), accuracy, time))
 
 
-def from_shoulder(estimate: Estimate, points: np.ndarray) -> np.ndarray:
+def from_shoulder(estimate: PointEstimate, points: np.ndarray) -> np.ndarray:
     """(T, 2, 3) m: places from the shoulders, in the upper chest's frame."""
     assert estimate.pose is not None
     chest = forward_kinematics(estimate.pose)[1][:, CHEST]
@@ -351,7 +352,7 @@ def test_settings_that_cannot_be(setting: str, value: float, text: str) -> None:
 
 def test_the_tracker_takes_it(waving_clip: Clip) -> None:
     seen = observe(waving_clip.pose, waving_clip.time)[:10]
-    tracker = Tracker(IK)
+    tracker = IkTracker(IK)
     pose, estimate, _ = tracker.step(seen, tracker.start())
     assert isinstance(pose, Pose)
     reached = np.asarray(forward_kinematics(pose)[0])[:, [HEAD, *WRISTS]]

@@ -14,9 +14,9 @@ from bodysense.capture.landmarks import BODY_LANDMARKS
 from bodysense.capture.person import PersonLandmarks
 from bodysense.errors import BodysenseError
 from bodysense.estimators.arms import Arms, ArmSettings, load_arms
+from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.landmark_body import landmark_body
 from bodysense.estimators.video_body import VideoBody, VideoFrames, VideoSettings, smoothed
-from bodysense.observation import Estimate
 
 SKELETON = default_skeleton()
 PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe")
@@ -177,7 +177,7 @@ def test_an_estimate_knows_what_was_seen() -> None:
     person.has_hand[:, 0] = True
     person.hand_world[:, 0] = np.random.default_rng(0).normal(size=(21, 3))
     frames, _ = body.step(person, body.start())
-    estimate: Estimate = frames.estimate
+    estimate: PointEstimate = frames.estimate
     seen = {name: float(estimate.occluded[0, SKELETON.index(name)]) for name in SKELETON.points}
     assert seen["left_knee"] == pytest.approx(0.9) and seen["right_knee"] == 0
     assert seen["left_index2"] == 0 and seen["right_index2"] == 1

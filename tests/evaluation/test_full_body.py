@@ -13,12 +13,13 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import BODY, LOWER_BODY, Skeleton
 from bodysense.data.augment import at_height
 from bodysense.data.clip import Clip
+from bodysense.estimators.estimate import PointEstimate
 from bodysense.evaluation.datasets import DataSet
 from bodysense.evaluation.full_body import Mean, evaluate_full_body
 from bodysense.evaluation.metrics import jitter
 from bodysense.evaluation.report import Report
 from bodysense.evaluation.three_point_table import PUBLISHED, evaluate_three_point, shipped_on, three_point_report
-from bodysense.observation import Estimate, Observation
+from bodysense.observation import Observation
 from bodysense.occlusion.three_point import HEAD_ONLY
 
 
@@ -34,7 +35,7 @@ class Knows:
     def start(self) -> int:
         return 0
 
-    def step(self, observation: Observation, state: int) -> tuple[Estimate, int]:
+    def step(self, observation: Observation, state: int) -> tuple[PointEstimate, int]:
         frames = np.arange(state, state + len(observation))
         size = self.skeleton.height / self.pose.skeleton.height
         root = self.pose.root_position[frames] * size + self.drift * frames[:, None] * np.array([1.0, 0, 0])
@@ -42,7 +43,7 @@ class Knows:
         position = np.asarray(forward_kinematics(pose)[0]).copy()
         position[:, self.skeleton.indices(LOWER_BODY)] += [0.0, 0.0, self.miss]
         known = np.zeros(position.shape[:-1])
-        return Estimate(self.skeleton, position, known, known + 0.01, pose), int(frames[-1]) + 1
+        return PointEstimate(self.skeleton, position, known, known + 0.01, pose), int(frames[-1]) + 1
 
 
 def knows(clip: Clip, **errors: float) -> partial[Knows]:

@@ -9,9 +9,9 @@ import pytest
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.data.clip import Clip
+from bodysense.estimators.ik_tracker import IkTrackerSettings
 from bodysense.evaluation.headset import HeadsetTable, Tallies, Tally, Tracked, evaluate_headset, score, track_clip
 from bodysense.occlusion.headset_camera import observe
-from bodysense.tracker import TrackerSettings
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def test_averages_are_over_frames() -> None:
 def test_clips_are_scored_by_the_tracker_at_30_hz(waving_clip: Clip, small_network) -> None:
     clip = replace(waving_clip, pose=waving_clip.pose[:12], category="sit")
     told: list[str] = []
-    settings = TrackerSettings()
+    settings = IkTrackerSettings()
     both = evaluate_headset([clip, clip], small_network, settings, 1, lambda done: told.append(done.name))
     one = score(track_clip(clip, small_network, settings))
     assert told == ["waving", "waving"] and (both.clips, both.seconds) == (2, pytest.approx(0.8))
@@ -109,7 +109,7 @@ def test_clips_are_scored_by_the_tracker_at_30_hz(waving_clip: Clip, small_netwo
 
 
 def test_a_tracked_clip(waving_clip: Clip, small_network) -> None:
-    done = track_clip(replace(waving_clip, pose=waving_clip.pose[:12]), small_network, TrackerSettings())
+    done = track_clip(replace(waving_clip, pose=waving_clip.pose[:12]), small_network, IkTrackerSettings())
     seen = done.observation.has_position
     for method in ("network", "world", "head", "heading"):
         np.testing.assert_array_equal(done.position[method][seen], done.observation.position[seen])

@@ -10,6 +10,8 @@ import pytest
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.data.clip import Clip
+from bodysense.estimators.estimate import PointEstimate
+from bodysense.estimators.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense.evaluation.datasets import DataSet
 from bodysense.evaluation.headset import scored_points
 from bodysense.evaluation.metrics import strong_acceleration_share
@@ -22,9 +24,7 @@ from bodysense.evaluation.smoothness import (
     smoothness_of,
     smoothness_report,
 )
-from bodysense.observation import Estimate
 from bodysense.occlusion.headset_camera import observe
-from bodysense.tracker import Tracker, TrackerSettings
 
 
 def test_counts_are_those_of_the_metric(waving_clip: Clip) -> None:
@@ -50,7 +50,9 @@ def test_a_replay_says_what_was_said(waving_clip: Clip) -> None:
     """One call with all frames equals one call a frame."""
     truth = np.asarray(forward_kinematics(waving_clip.pose)[0])[:12]
     observation = observe(waving_clip.pose[:12], waving_clip.time[:12])
-    replay = Replay(Estimate(waving_clip.pose.skeleton, truth, np.zeros(truth.shape[:2]), np.zeros(truth.shape[:2])))
+    replay = Replay(
+        PointEstimate(waving_clip.pose.skeleton, truth, np.zeros(truth.shape[:2]), np.zeros(truth.shape[:2]))
+    )
     whole, end = replay.step(observation, replay.start())
     np.testing.assert_array_equal(whole.position, truth)
     state, rows = replay.start(), []
@@ -59,7 +61,7 @@ def test_a_replay_says_what_was_said(waving_clip: Clip) -> None:
         rows.append(estimate.position[0])
     assert state == end == 12
     np.testing.assert_array_equal(np.stack(rows), truth)
-    tracker = Tracker(replay)
+    tracker = IkTracker(replay)
     pose, _, _ = tracker.step(observation, tracker.start())
     np.testing.assert_allclose(forward_kinematics(pose)[0][:, 0], truth[:, 0], atol=0.03)
 
@@ -69,7 +71,7 @@ def test_the_tracker_keeps_bones_and_calms(waving_clip: Clip) -> None:
     truth = np.asarray(forward_kinematics(waving_clip.pose)[0])[:40]
     noisy = truth + np.random.default_rng(1).normal(scale=0.01, size=truth.shape)
     observation = observe(waving_clip.pose[:40], waving_clip.time[:40])
-    out = after_tracker(noisy, observation, skeleton, TrackerSettings())
+    out = after_tracker(noisy, observation, skeleton, IkTrackerSettings())
     length = np.linalg.norm(out[:, 1:] - out[:, list(skeleton.parents[1:])], axis=-1)
     np.testing.assert_allclose(length, np.broadcast_to(skeleton.bone_length[1:], length.shape), atol=1e-9)
     tested = scored_points(skeleton)
@@ -78,7 +80,7 @@ def test_the_tracker_keeps_bones_and_calms(waving_clip: Clip) -> None:
 
 def test_the_table_of_a_data_set(untrained: Path, data: DataSet, small_network: Path) -> None:
     networks = {name: untrained / f"{name}.pt" for name in NETWORKS}
-    sums, census = measure_smoothness(data, networks, small_network, TrackerSettings(), 1, lambda clip: None)
+    sums, census = measure_smoothness(data, networks, small_network, IkTrackerSettings(), 1, lambda clip: None)
     report = smoothness_report(sums, census, data)
     assert [row[1] for row in report.rows] == list(METHODS.values()) * 2, "body, then with fingers"
     rows = {row[1]: row for row in report.rows if row[0] == "body"}

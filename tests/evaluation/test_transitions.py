@@ -10,6 +10,7 @@ import pytest
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.data.clip import Clip
+from bodysense.estimators.ik_tracker import IkTrackerSettings
 from bodysense.evaluation.datasets import DataSet
 from bodysense.evaluation.headset import scored_points
 from bodysense.evaluation.transitions import (
@@ -23,7 +24,6 @@ from bodysense.evaluation.transitions import (
     transitions_report,
 )
 from bodysense.occlusion.headset_camera import observe
-from bodysense.tracker import TrackerSettings
 
 
 def test_moments_are_those_of_naive_loops() -> None:
@@ -73,7 +73,7 @@ def test_methods_on_a_clip(waving_clip: Clip) -> None:
 
 
 def test_the_table_of_a_data_set(data: DataSet, small_network: Path) -> None:
-    found, census = measure_transitions(data, small_network, TrackerSettings(), 1, lambda clip: None)
+    found, census = measure_transitions(data, small_network, IkTrackerSettings(), 1, lambda clip: None)
     report = transitions_report(found, census, data)
     assert {row[1] for row in report.rows} == set(METHODS.values())
     for method in KEYS.values():

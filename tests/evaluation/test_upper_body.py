@@ -13,9 +13,10 @@ from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
+from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.upper_body_ik import UpperBodyIk
 from bodysense.evaluation.upper_body import UpperBodyTable, evaluate_upper_body, is_standing, score_clip
-from bodysense.observation import Estimate, Observation
+from bodysense.observation import Observation
 from bodysense.occlusion.three_point import observe
 
 SKELETON = default_skeleton()
@@ -33,13 +34,13 @@ class Shifted:
     def start(self) -> None:
         return None
 
-    def step(self, observation: Observation, state: None) -> tuple[Estimate, None]:
+    def step(self, observation: Observation, state: None) -> tuple[PointEstimate, None]:
         assert observation.points == ("head", "left_wrist", "right_wrist")
         position = self.truth.copy()
         for name, error in self.error.items():
             position[:, self.skeleton.index(name), 0] += error
         unknown = np.zeros(position.shape[:-1])
-        return Estimate(self.skeleton, position, unknown, unknown), None
+        return PointEstimate(self.skeleton, position, unknown, unknown), None
 
 
 def shifted(clip: Clip, **error: float) -> UpperBodyTable:

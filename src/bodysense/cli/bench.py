@@ -45,13 +45,13 @@ def step(frames: int = 3000, model: Path | None = None, json: Path | None = None
         json: Write the numbers here, as one flat object.
     """
     from bodysense.demo import packaged_performance
+    from bodysense.estimators.ik_tracker import IkTracker
     from bodysense.estimators.learned import Learned, load_model
     from bodysense.occlusion.headset_camera import observe
-    from bodysense.tracker import Tracker
 
     clip = packaged_performance()
     observation = observe(clip.pose, clip.time)
-    tracker = Tracker(Learned(load_model(model), clip.pose.skeleton))
+    tracker = IkTracker(Learned(load_model(model), clip.pose.skeleton))
     state = tracker.start()
 
     def one(frame: int) -> None:
@@ -75,17 +75,17 @@ def three_point(frames: int = 3000, tracker: bool = True, model: Path | None = N
         json: Write the numbers here, as one flat object.
     """
     from bodysense.demo import packaged_performance
+    from bodysense.estimators.ik_tracker import IkTracker
     from bodysense.estimators.three_point import ThreePoint
     from bodysense.estimators.three_point_answers import load_three_point
     from bodysense.occlusion.three_point import observe
-    from bodysense.tracker import Tracker
 
     clip = packaged_performance()
     observation = observe(clip.pose, clip.time)
     estimator = ThreePoint(clip.pose.skeleton, load_three_point(model))
     numbers = percentiles(_streamed(estimator, observation), frames)
     if tracker:
-        whole = percentiles(_streamed(Tracker(estimator), observation), frames)
+        whole = percentiles(_streamed(IkTracker(estimator), observation), frames)
         numbers |= {f"tracker_{name}": value for name, value in whole.items()}
     report("three points", numbers | {"rss_mb": resident_memory()}, json)
 
@@ -216,7 +216,8 @@ def import_time(runs: int = 9, json: Path | None = None) -> None:
     import subprocess
 
     code = (
-        "import time; begun = time.perf_counter(); import bodysense, bodysense.tracker, bodysense.estimators.learned; "
+        "import time; begun = time.perf_counter(); "
+        "import bodysense, bodysense.estimators.ik_tracker, bodysense.estimators.learned; "
         "import sys; print(time.perf_counter() - begun, int('torch' in sys.modules))"
     )
     rows = [

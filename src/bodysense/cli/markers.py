@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     from bodysense.capture.raw_markers import MarkerFormat
     from bodysense.capture.recording import Recording
     from bodysense.data.clip import Clip
+    from bodysense.estimators.estimate import Estimator
     from bodysense.estimators.gloved import Gloved
-    from bodysense.observation import Estimator, Observation
+    from bodysense.observation import Observation
 
 SIDES = ("left", "right")
 
@@ -103,8 +104,8 @@ def gloved(recording: Recording, body: Callable[[Recording], Estimator], half_li
     from bodysense.estimators.carried import Carried
     from bodysense.estimators.gloved import Gloved
     from bodysense.estimators.gloves.hands import Hands, load_glove_models
+    from bodysense.estimators.ik_tracker import IkTracked, IkTracker
     from bodysense.observation import without_gloves
-    from bodysense.tracker import Tracked, Tracker
 
     found = glove_hands(recording.observation.points)
     sides: list[Side] = [side for side in SIDES if side in found]
@@ -125,7 +126,7 @@ def gloved(recording: Recording, body: Callable[[Recording], Estimator], half_li
             )
         return Gloved(hands, Carried(recording.skeleton))
     whole = body(replace(recording, observation=rest))
-    return Gloved(hands, Tracked(Tracker(whole, tracker_settings(half_life))))
+    return Gloved(hands, IkTracked(IkTracker(whole, tracker_settings(half_life))))
 
 
 def simulated_gloves(clip: Clip) -> Recording:

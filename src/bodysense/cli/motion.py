@@ -25,7 +25,7 @@ from bodysense.files import check_place
 
 if TYPE_CHECKING:
     from bodysense.capture.recording import Recording
-    from bodysense.observation import Estimator
+    from bodysense.estimators.estimate import Estimator
 
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 MotionFile = Annotated[Path, tyro.conf.Positional]
@@ -49,9 +49,9 @@ def demo(
     from bodysense.body.pose import forward_kinematics
     from bodysense.cli.show import headset_table, latency_line
     from bodysense.data.bvh import write_bvh
+    from bodysense.estimators.ik_tracker import IkTrackerSettings
     from bodysense.evaluation.headset import HeadsetTable, score, track_clip
     from bodysense.export.picture import RESULT, Panel, draw_animation, draw_strip
-    from bodysense.tracker import TrackerSettings
 
     console = Console()
     clip = load_clip(file, height) if file is not None else packaged_performance()
@@ -60,7 +60,7 @@ def demo(
     except OSError as error:
         raise BodysenseError(f"{out}: no folder can be made there ({error.strerror}); choose another --out") from None
     with console.status("completing the body …"):
-        tracked = track_clip(clip, None, TrackerSettings())
+        tracked = track_clip(clip, None, IkTrackerSettings())
     clip, moments = tracked.clip, tracked.clip.time
     table = HeadsetTable(score(tracked), 1, clip.seconds)
     title = f"{clip.name}: {clip.seconds:.0f} s"
@@ -149,9 +149,9 @@ def track(
     from bodysense.data.clip import Clip
     from bodysense.data.resample import at_constant_rate
     from bodysense.estimators.finger_synthesis import synthesize
+    from bodysense.estimators.ik_tracker import IkTracker
     from bodysense.estimators.point_model import load_point_model
     from bodysense.export.motion_files import check_ending, write_motion
-    from bodysense.tracker import Tracker
 
     check_ending(out)
     if is_video(str(file)):
@@ -182,7 +182,7 @@ def track(
         for path in write_samples(recording, out, samples, seed, model):
             print(f"wrote {path}")
         return
-    tracker = Tracker(_estimator(recording, model, half_life), tracker_settings(half_life))
+    tracker = IkTracker(_estimator(recording, model, half_life), tracker_settings(half_life))
     state, poses, begun = tracker.start(), [], time.perf_counter()
     for frame in progress(range(len(recording.observation)), description=f"tracking {file.name}"):
         pose, _, state = tracker.step(recording.observation[frame : frame + 1], state)

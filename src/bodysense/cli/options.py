@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bodysense.tracker import TrackerSettings
+    from bodysense.estimators.ik_tracker import IkTrackerSettings
 
 
-def tracker_settings(half_life: float | None) -> TrackerSettings:
+def tracker_settings(half_life: float | None) -> IkTrackerSettings:
     """The tracker's settings with another half-life, seconds; None keeps the tracker's own."""
-    from bodysense.tracker import TrackerSettings
+    from bodysense.estimators.ik_tracker import IkTrackerSettings
 
-    return TrackerSettings() if half_life is None else TrackerSettings(half_life=half_life)
+    return IkTrackerSettings() if half_life is None else IkTrackerSettings(half_life=half_life)

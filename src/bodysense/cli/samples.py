@@ -62,9 +62,9 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
     from bodysense.data.clip import Clip
     from bodysense.data.resample import at_constant_rate
     from bodysense.estimators.body_vae import BodyVae, load_body_vae, sample_noise
+    from bodysense.estimators.ik_tracker import IkTracker
     from bodysense.export.motion_files import write_motion
     from bodysense.occlusion.three_point import POINTS
-    from bodysense.tracker import Tracker
 
     observation = recording.observation
     other = [name for name in observation.points if name not in POINTS]
@@ -79,7 +79,7 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
     interval = np.diff(observation.time)
     rate = 1 / float(np.median(interval)) if len(interval) else 30.0
     for path, noise in progress(list(zip(paths, noises, strict=True)), description="drawing bodies"):
-        tracker = Tracker(BodyVae(recording.skeleton, network, noise))
+        tracker = IkTracker(BodyVae(recording.skeleton, network, noise))
         pose, _, _ = tracker.step(observation, tracker.start())
         write_motion(path, at_constant_rate(Clip(path.stem, pose, rate), observation.time))
     return paths

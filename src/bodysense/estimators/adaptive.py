@@ -19,6 +19,7 @@ from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.estimators.carried import Carried
+from bodysense.estimators.estimate import Estimator, PointEstimate
 from bodysense.estimators.gloved import SIDES, Gloved
 from bodysense.estimators.gloves.hands import GloveModels, Hands, load_glove_models
 from bodysense.estimators.more_points import MorePoints, MoreState
@@ -34,7 +35,7 @@ from bodysense.estimators.profiles import (
 from bodysense.estimators.three_point import ThreePoint
 from bodysense.estimators.three_point_answers import ThreePointModel, load_three_point
 from bodysense.estimators.three_point_many import step_together
-from bodysense.observation import Estimate, Estimator, Observation
+from bodysense.observation import Observation
 from bodysense.occlusion.three_point import POINTS
 
 __all__ = ["PROFILES", "Adaptive", "AdaptiveSettings", "AdaptiveState", "Profile", "step_many"]
@@ -89,9 +90,9 @@ class AdaptiveState:
 class Adaptive:
     """An estimator of a whole body whose profile follows what arrives; its estimates have a pose.
 
-    `camera` completes what a headset's cameras see, with a pose of its own (`bodysense.tracker.Tracked` around an
-    estimator of positions); without it such points are taken for trackers. Raises BodysenseError for a skeleton that
-    the three-point network does not know.
+    `camera` completes what a headset's cameras see, with a pose of its own (`ik_tracker.IkTracked` around an estimator
+    of positions); without it such points are taken for trackers. Raises BodysenseError for a skeleton that the
+    three-point network does not know.
     """
 
     skeleton: Skeleton
@@ -116,16 +117,16 @@ class Adaptive:
         """Nothing seen yet."""
         return AdaptiveState("head", Arrivals())
 
-    def step(self, observation: Observation, state: AdaptiveState) -> tuple[Estimate, AdaptiveState]:
+    def step(self, observation: Observation, state: AdaptiveState) -> tuple[PointEstimate, AdaptiveState]:
         """Complete T frames, one after the other. Raises BodysenseError when time does not increase."""
-        frames: list[Estimate] = []
+        frames: list[PointEstimate] = []
         for t in range(len(observation)):
             ((estimate, state),) = step_many([(self, observation[t : t + 1], state)])
             frames.append(estimate)
         if len(frames) == 1:
             return frames[0], state
         poses = [estimate.pose for estimate in frames if estimate.pose is not None]
-        joined = Estimate(
+        joined = PointEstimate(
             self.skeleton,
             np.concatenate([estimate.position for estimate in frames]),
             np.concatenate([estimate.occluded for estimate in frames]),
@@ -187,8 +188,13 @@ class Adaptive:
         return self._gloved[method]
 
     def finished(
-        self, observation: Observation, estimate: Estimate, before: AdaptiveState, judged: AdaptiveState, inner: Any
-    ) -> tuple[Estimate, AdaptiveState]:
+        self,
+        observation: Observation,
+        estimate: PointEstimate,
+        before: AdaptiveState,
+        judged: AdaptiveState,
+        inner: Any,
+    ) -> tuple[PointEstimate, AdaptiveState]:
         """What is shown of a method's estimate, one frame, and the state after it."""
         assert estimate.pose is not None
         more, sources, now = None, b"", judged.arrivals.time
@@ -230,12 +236,12 @@ class Adaptive:
         )
 
 
-def step_many(jobs: Sequence[tuple[Adaptive, Observation, AdaptiveState]]) -> list[tuple[Estimate, AdaptiveState]]:
+def step_many(jobs: Sequence[tuple[Adaptive, Observation, AdaptiveState]]) -> list[tuple[PointEstimate, AdaptiveState]]:
     """Complete one frame of each of many: what each one's own `step` gives; those of head and hands share a batch."""
     judged = [one.judged(observation, state) for one, observation, state in jobs]
     points = [k for k, state in enumerate(judged) if state.method == _POINTS]
     together = step_together([(jobs[k][0].three_point, jobs[k][1], judged[k].inner) for k in points])
-    answers: dict[int, tuple[Estimate, Any]] = dict(zip(points, together, strict=True))
+    answers: dict[int, tuple[PointEstimate, Any]] = dict(zip(points, together, strict=True))
     for k, (one, observation, _) in enumerate(jobs):
         if k not in answers:
             answers[k] = one.method(judged[k].method or _POINTS).step(observation, judged[k].inner)

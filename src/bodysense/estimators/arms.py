@@ -25,8 +25,8 @@ from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import normalize, quaternion_canonical, quaternion_conjugate, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
+from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.network_file import open_network, open_packaged
-from bodysense.observation import Estimate
 
 FORMAT = "bodysense arms 1"
 PACKAGED = "arms.onnx"
@@ -82,7 +82,7 @@ class ArmFrames:
     """Frames that are answered; +y up, axes of the camera."""
 
     time: np.ndarray  # (T,) s
-    estimate: Estimate  # a body that stands, turned as the torso; arms and hands are the network's
+    estimate: PointEstimate  # a body that stands, turned as the torso; arms and hands are the network's
 
     def __len__(self) -> int:
         return len(self.time)
@@ -229,7 +229,7 @@ class Arms:
             found[t, :4] = 1.0 - np.concatenate([one.values["has_arm"], one.values["has_hand"]])
         figures = self.model.card["validation"]
         error = np.array([figures["overall_m"]] * 2 + [figures["overall_m"] + figures["hands_m"]] * 2 + [UNSEEN_ERROR])
-        estimate = Estimate(
+        estimate = PointEstimate(
             skeleton=self.skeleton,
             position=np.asarray(forward_kinematics(turned)[0]),
             occluded=found[:, self._kind],

@@ -26,9 +26,10 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import BODY, Skeleton
 from bodysense.errors import BodysenseError
+from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.learned import MEASURED_ERROR
 from bodysense.estimators.network_file import open_network, open_packaged
-from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Estimate, Observation, observed_points
+from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, observed_points
 from bodysense.occlusion.three_point import POINTS
 
 FORMAT = "bodysense body vae 1"
@@ -147,7 +148,7 @@ class BodyVae:
         offset = position[1:] - position[0]
         return BodyVaeState(np.zeros(0), position[None][:0], rotation[None][:0], offset, rotation[1:])
 
-    def step(self, observation: Observation, state: BodyVaeState) -> tuple[Estimate, BodyVaeState]:
+    def step(self, observation: Observation, state: BodyVaeState) -> tuple[PointEstimate, BodyVaeState]:
         """Complete T frames, one after the other. Raises BodysenseError when time does not increase."""
         position, rotation, has_position, has_rotation = observed_points(observation, self.skeleton)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -166,7 +167,7 @@ class BodyVae:
         pose = self._turned(whole_pose(self.skeleton, np.stack(roots), np.stack(rotations)), rotation, has_rotation)
         placed = np.where(has_position[..., None], position, forward_kinematics(pose)[0])
         error = np.where(has_position, MEASURED_ERROR, self._expected_error)
-        return Estimate(self.skeleton, placed, (~has_position).astype(float), error, pose), state
+        return PointEstimate(self.skeleton, placed, (~has_position).astype(float), error, pose), state
 
     def _turned(self, pose: Pose, rotation: np.ndarray, has_rotation: np.ndarray) -> Pose:
         """The pose with head and wrists turned as they are measured; nothing of the 22 joints hangs on them."""
@@ -237,7 +238,7 @@ def sample_noise(model: BodyVaeModel, count: int, rng: np.random.Generator) -> n
 
 def sample_bodies(
     observation: Observation, skeleton: Skeleton, model: BodyVaeModel, count: int, rng: np.random.Generator
-) -> list[Estimate]:
+) -> list[PointEstimate]:
     """So many plausible bodies for one signal: samples of the posterior, each with one noise all the time.
 
     The same signal gives each the same body in every frame, so that none of them trembles.

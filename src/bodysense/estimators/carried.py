@@ -16,8 +16,9 @@ from bodysense.body.products import CONJUGATE, multiply
 from bodysense.body.rotation import matrix_to_quaternion, quaternion_exp, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
+from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.whole_body import WholeBody
-from bodysense.observation import Estimate, Observation, observed_points
+from bodysense.observation import Observation, observed_points
 
 _FINGERS = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])  # which way they point at rest
 _BESIDE = 0.9  # of the distance before the body, by which hands that hang are nearer
@@ -89,7 +90,7 @@ class Carried:
         """Nothing seen yet."""
         return CarriedState()
 
-    def step(self, observation: Observation, state: CarriedState) -> tuple[Estimate, CarriedState]:
+    def step(self, observation: Observation, state: CarriedState) -> tuple[PointEstimate, CarriedState]:
         """Complete T frames, one after the other: before the first hand the body stands at the origin, facing +Z."""
         position, rotation, has_position, has_rotation = (
             values[:, self._wrists] for values in observed_points(observation, self.skeleton)
@@ -104,7 +105,7 @@ class Carried:
         hidden = np.ones((len(roots), len(self.skeleton.points)))
         hidden[:, self._wrists] = ~has_position
         error = np.full(hidden.shape, GUESSED_ERROR)
-        return Estimate(self.skeleton, forward_kinematics(pose)[0], hidden, error, pose), state
+        return PointEstimate(self.skeleton, forward_kinematics(pose)[0], hidden, error, pose), state
 
     def _follow(
         self,

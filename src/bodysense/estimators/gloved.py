@@ -22,9 +22,10 @@ from bodysense.body.rotation import quaternion_canonical, quaternion_conjugate, 
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.estimators.carried import Carried
+from bodysense.estimators.estimate import Estimator, PointEstimate
 from bodysense.estimators.gloves.hands import Hands
 from bodysense.estimators.limbs import reach
-from bodysense.observation import OPTICAL_ACCURACY, Estimate, Estimator, Observation, without_gloves
+from bodysense.observation import OPTICAL_ACCURACY, Observation, without_gloves
 
 SIDES = ("left", "right")
 _HINGE = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])  # straight elbows bend forward
@@ -64,8 +65,8 @@ class Gloved:
 
     `hands` completes the hands 'left' and 'right', either or both; `body` the rest from all other points and, as
     tracked points of its own skeleton, the hands. The body's estimates have a pose: wrap a tracker
-    (`bodysense.tracker.Tracked`) around an estimator of positions. Raises BodysenseError for a skeleton without arms
-    and fingers, and for hands that a body does not have.
+    (`ik_tracker.IkTracked`) around an estimator of positions. Raises BodysenseError for a skeleton without arms and
+    fingers, and for hands that a body does not have.
     """
 
     hands: Hands
@@ -115,7 +116,7 @@ class Gloved:
         """The state before the first frame."""
         return GlovedState(self.hands.start(), self.body.start())
 
-    def step(self, observation: Observation, state: GlovedState) -> tuple[Estimate, GlovedState]:
+    def step(self, observation: Observation, state: GlovedState) -> tuple[PointEstimate, GlovedState]:
         """Complete T frames. Raises BodysenseError when time does not increase, or when the body has no pose."""
         answers, hands = self.hands.step(observation, state.hands)
         shown = [answers[side] for side in self.sides]
@@ -123,7 +124,8 @@ class Gloved:
         estimate, body = self.body.step(self._with_hands(observation, shown, known), state.body)
         if estimate.pose is None:
             raise BodysenseError(
-                "gloved body: its body is completed without rotations; wrap it in a tracker (bodysense.tracker.Tracked)"
+                "gloved body: its body is completed without rotations; wrap it in an IkTracked "
+                "(bodysense.estimators.ik_tracker)"
             )
         place, world = forward_kinematics(estimate.pose)
         wrists, rows = self._arms[3], []
@@ -138,7 +140,7 @@ class Gloved:
         merged = self._merged(estimate, place, world, wrist, turn, shown)
         return merged, replace(state, hands=hands, body=body)
 
-    def _with_hands(self, observation: Observation, shown: list[Estimate], known: np.ndarray) -> Observation:
+    def _with_hands(self, observation: Observation, shown: list[PointEstimate], known: np.ndarray) -> Observation:
         """What the body sees: all but the gloves' markers, and every point of the hands that the gloves know."""
         rest = without_gloves(observation)
         names = [self.skeleton.points[point] for point in self._points.ravel()]
@@ -188,13 +190,13 @@ class Gloved:
 
     def _merged(
         self,
-        estimate: Estimate,
+        estimate: PointEstimate,
         place: np.ndarray,
         world: np.ndarray,
         wrist: np.ndarray,
         turn: np.ndarray,
-        shown: list[Estimate],
-    ) -> Estimate:
+        shown: list[PointEstimate],
+    ) -> PointEstimate:
         """The body with its wrists (T, S, 3), (T, S, 4) and the gloves' fingers."""
         assert estimate.pose is not None
         carrier, shoulder, elbow, hand = self._arms
@@ -225,10 +227,10 @@ class Gloved:
             # Hands are where they should be, also where an arm is too short: the tracker then moves the body.
             position[:, points] += (wrist[:, k] - position[:, points[0]])[:, None]
             occluded[:, points], confidence[:, points] = answer.occluded, answer.confidence
-        return Estimate(self.skeleton, position, occluded, confidence, pose)
+        return PointEstimate(self.skeleton, position, occluded, confidence, pose)
 
 
-def _world_turn(answer: Estimate) -> np.ndarray:
+def _world_turn(answer: PointEstimate) -> np.ndarray:
     """(T, 4) world ← wrist."""
     assert answer.pose is not None
     return np.asarray(answer.pose.rotation[:, 0])

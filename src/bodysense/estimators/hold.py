@@ -11,7 +11,8 @@ import numpy as np
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
-from bodysense.observation import Estimate, Observation, observed_points
+from bodysense.estimators.estimate import PointEstimate
+from bodysense.observation import Observation, observed_points
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ class Hold:
             head_heading=np.array([1.0, 0.0, 0.0, 0.0]),
         )
 
-    def step(self, observation: Observation, state: HoldState) -> tuple[Estimate, HoldState]:
+    def step(self, observation: Observation, state: HoldState) -> tuple[PointEstimate, HoldState]:
         """Complete T frames, one after the other."""
         position, rotation, has_position, has_rotation = observed_points(observation, self.skeleton)
         frames = []
@@ -88,7 +89,7 @@ class Hold:
             now = np.where(has_position[t][:, None], position[t], guess)
             # Fingers hang on the wrist that is shown, measured or kept.
             frames.append(np.where(self._is_finger & ~has_position[t][:, None], guess + now[self._origin], now))
-        estimate = Estimate(
+        estimate = PointEstimate(
             skeleton=self.skeleton,
             position=np.stack(frames),
             occluded=(~has_position).astype(float),

@@ -12,8 +12,9 @@ import numpy as np
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
+from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.network_file import open_network, open_packaged
-from bodysense.observation import Estimate, Observation, observed_points
+from bodysense.observation import Observation, observed_points
 
 FORMAT = "bodysense body 1"
 PACKAGED = "body_gru.onnx"
@@ -101,7 +102,7 @@ class Learned:
         identity = np.array([1.0, 0.0, 0.0, 0.0])
         return LearnedState(state, None, standing[self.skeleton.index("head")], identity)
 
-    def step(self, observation: Observation, state: LearnedState) -> tuple[Estimate, LearnedState]:
+    def step(self, observation: Observation, state: LearnedState) -> tuple[PointEstimate, LearnedState]:
         """Complete T frames, one after the other."""
         position, rotation, has_position, has_rotation = observed_points(observation, self.skeleton)
         head = self.skeleton.index("head")
@@ -117,7 +118,7 @@ class Learned:
             for row, name in ((guesses, "completed"), (hidden, "occluded"), (errors, "error")):
                 row.append(answer[name][0, 0])
         seen = has_position[..., None]
-        estimate = Estimate(
+        estimate = PointEstimate(
             skeleton=self.skeleton,
             position=np.where(seen, position, np.stack(guesses)),
             occluded=np.stack(hidden),

@@ -17,9 +17,10 @@ from bodysense.body.rotation import (
     quaternion_rotate,
 )
 from bodysense.body.skeleton import Skeleton
+from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.learned import MEASURED_ERROR
 from bodysense.estimators.point_model import PointModel, PointRunner, PointState, load_point_model
-from bodysense.observation import Estimate, Observation, observed_points
+from bodysense.observation import Observation, observed_points
 from bodysense.occlusion.three_point import POINTS
 
 LOST_ERROR = 0.15  # m: of a hand that is not tracked now
@@ -83,7 +84,9 @@ class LearnedUpperBody:
             self._runner.start(), position[head], rotation[head], position[wrists] - position[head], rotation[wrists]
         )
 
-    def step(self, observation: Observation, state: LearnedUpperBodyState) -> tuple[Estimate, LearnedUpperBodyState]:
+    def step(
+        self, observation: Observation, state: LearnedUpperBodyState
+    ) -> tuple[PointEstimate, LearnedUpperBodyState]:
         """Complete T frames, one after the other."""
         position, rotation, has_position, has_rotation = observed_points(observation, self.skeleton)
         known = self._oriented
@@ -95,7 +98,7 @@ class LearnedUpperBody:
             whole, error, state = self._complete(float(time), state)
             positions.append(np.where(has_position[t, :, None], position[t], whole))
             errors.append(np.where(has_position[t], MEASURED_ERROR, error))
-        estimate = Estimate(self.skeleton, np.stack(positions), (~has_position).astype(float), np.stack(errors))
+        estimate = PointEstimate(self.skeleton, np.stack(positions), (~has_position).astype(float), np.stack(errors))
         return estimate, state
 
     def _remember(

@@ -12,9 +12,10 @@ import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import BODY, Skeleton
+from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.measured_fingers import MeasuredFingers
 from bodysense.estimators.pulled import TRACKER_ERROR, Pulled
-from bodysense.observation import Estimate, Observation
+from bodysense.observation import Observation
 from bodysense.occlusion.three_point import POINTS
 
 FINGER_ERROR = 0.008  # m: of a finger that is laid along its measured bones, with the wearer's lengths
@@ -62,8 +63,8 @@ class MorePoints:
         return MoreState(np.zeros((count, 3)), np.full(count, _NEVER), None, np.full(2, _NEVER))
 
     def add(
-        self, observation: Observation, estimate: Estimate, trackers: bool, holds: float, state: MoreState
-    ) -> tuple[Estimate, MoreState, bytes]:
+        self, observation: Observation, estimate: PointEstimate, trackers: bool, holds: float, state: MoreState
+    ) -> tuple[PointEstimate, MoreState, bytes]:
         """An estimate, of one frame, with what else was observed; which trackers and fingers that were, as a key.
 
         Args:
@@ -105,7 +106,7 @@ class MorePoints:
             pose, position, fingers = self._bent(pose, position, place, known, shown, bends, fingers)
             points = self._fingers.points[np.repeat(bends, 5)]
             error[points], hidden[points] = FINGER_ERROR, ~known[points]
-        added = Estimate(
+        added = PointEstimate(
             self.skeleton,
             position[None],
             hidden[None],

@@ -28,12 +28,13 @@ import numpy as np
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import BODY, Skeleton
 from bodysense.errors import BodysenseError
+from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.foot_lock import released
 from bodysense.estimators.three_point_answers import ThreePointModel, load_three_point
 from bodysense.estimators.three_point_many import step_together
 from bodysense.estimators.three_point_state import ThreePointSettings, ThreePointState
 from bodysense.estimators.whole_body import WholeBody
-from bodysense.observation import Estimate, Observation
+from bodysense.observation import Observation
 from bodysense.occlusion.three_point import POINTS
 
 
@@ -95,7 +96,7 @@ class ThreePoint:
         """Nothing seen yet: a standing body that faces +Z."""
         return self._fresh
 
-    def step(self, observation: Observation, state: ThreePointState) -> tuple[Estimate, ThreePointState]:
+    def step(self, observation: Observation, state: ThreePointState) -> tuple[PointEstimate, ThreePointState]:
         """Complete T frames, one after the other.
 
         Raises BodysenseError for a point that is named twice and for time that does not increase.

@@ -18,6 +18,7 @@ from bodysense.body.damping import settle
 from bodysense.body.pose import Pose
 from bodysense.body.products import CONJUGATE, exp, log, multiply
 from bodysense.errors import BodysenseError
+from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.foot_lock import FootLockState, lock_feet, released
 from bodysense.estimators.three_point_answers import (
     FIRST_INTERVAL,
@@ -29,7 +30,7 @@ from bodysense.estimators.three_point_answers import (
 )
 from bodysense.estimators.three_point_state import ThreePointState
 from bodysense.estimators.whole_body import together
-from bodysense.observation import FARTHEST, HEADSET_ACCURACY, UNIT_TOLERANCE, Estimate, Observation, accuracy_like
+from bodysense.observation import FARTHEST, HEADSET_ACCURACY, UNIT_TOLERANCE, Observation, accuracy_like
 from bodysense.occlusion.three_point import POINTS
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ REACH = 0.75  # of the wearer's height, from the head: no hand is farther
 Job = tuple["ThreePoint", Observation, ThreePointState]
 
 
-def step_together(jobs: Sequence[Job]) -> list[tuple[Estimate, ThreePointState]]:
+def step_together(jobs: Sequence[Job]) -> list[tuple[PointEstimate, ThreePointState]]:
     """Complete the frames of many wearers: of each what its own `step` gives, a batch at a time.
 
     Wearers share a batch who share network, settings and the tree of their skeleton. Raises BodysenseError for a
@@ -51,7 +52,7 @@ def step_together(jobs: Sequence[Job]) -> list[tuple[Estimate, ThreePointState]]
     for k, (one, _, _) in enumerate(jobs):
         key = (id(one.model), one.settings, one.skeleton.joints, one.skeleton.end_sites, one.skeleton.parents)
         groups.setdefault(key, []).append(k)
-    done: dict[int, tuple[Estimate, ThreePointState]] = {}
+    done: dict[int, tuple[PointEstimate, ThreePointState]] = {}
     for rows in groups.values():
         done.update(zip(rows, _step([jobs[k] for k in rows]), strict=True))
     return [done[k] for k in range(len(jobs))]
@@ -68,7 +69,7 @@ class _Frame(NamedTuple):
     states: list[ThreePointState]
 
 
-def _step(jobs: Sequence[Job]) -> list[tuple[Estimate, ThreePointState]]:
+def _step(jobs: Sequence[Job]) -> list[tuple[PointEstimate, ThreePointState]]:
     wearers, states = [one for one, _, _ in jobs], [state for _, _, state in jobs]
     times = [np.asarray(observation.time, dtype=float).tolist() for _, observation, _ in jobs]
     position, rotation, known = _usable([observation for _, observation, _ in jobs])
@@ -91,7 +92,7 @@ def _step(jobs: Sequence[Job]) -> list[tuple[Estimate, ThreePointState]]:
     ]
 
 
-def _estimate(one: ThreePoint, frames: Sequence[tuple[_Frame, int]]) -> Estimate:
+def _estimate(one: ThreePoint, frames: Sequence[tuple[_Frame, int]]) -> PointEstimate:
     """The estimate of one wearer, of whom each frame of a batch has the row that is given beside it."""
     if len(frames) == 1:
         frame, row = frames[0]
@@ -100,7 +101,7 @@ def _estimate(one: ThreePoint, frames: Sequence[tuple[_Frame, int]]) -> Estimate
         root, rotation, position, error, hidden = (
             np.array([frame[part][row] for frame, row in frames]) for part in range(5)
         )
-    return Estimate(one.skeleton, position, hidden, error, Pose(one.skeleton, root, rotation))
+    return PointEstimate(one.skeleton, position, hidden, error, Pose(one.skeleton, root, rotation))
 
 
 def _continued(one: ThreePoint, head: np.ndarray, now: float, state: ThreePointState) -> ThreePointState:

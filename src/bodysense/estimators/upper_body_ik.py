@@ -44,7 +44,8 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
-from bodysense.observation import Estimate, Observation, observed_points
+from bodysense.estimators.estimate import PointEstimate
+from bodysense.observation import Observation, observed_points
 
 # m: mean error of points of either side on the train split; of wrists and head while they are lost, for up to a second.
 EXPECTED_ERROR = {
@@ -160,7 +161,7 @@ class UpperBodyIk:
             wrist_rotation=rotation[wrists],
         )
 
-    def step(self, observation: Observation, state: UpperBodyIkState) -> tuple[Estimate, UpperBodyIkState]:
+    def step(self, observation: Observation, state: UpperBodyIkState) -> tuple[PointEstimate, UpperBodyIkState]:
         """Complete T frames at once."""
         position, rotation, has_position, has_rotation = observed_points(observation, self.skeleton)
         head, chest, *wrists = self.skeleton.indices(["head", "spine3", "left_wrist", "right_wrist"])
@@ -180,7 +181,7 @@ class UpperBodyIk:
         pose = Pose(self.skeleton, pose.root_position, quaternion_canonical(pose.rotation))
         reached, _ = forward_kinematics(pose)
         missed = np.linalg.norm(reached - np.where(has_position[..., None], position, reached), axis=-1)
-        estimate = Estimate(
+        estimate = PointEstimate(
             skeleton=self.skeleton,
             position=reached,
             occluded=(~has_position).astype(float),

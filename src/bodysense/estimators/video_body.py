@@ -20,8 +20,8 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.capture.landmarks import BODY_LANDMARKS
 from bodysense.capture.person import VISIBLE, PersonLandmarks, arm_keypoints, joined_landmarks
 from bodysense.errors import BodysenseError
+from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.landmark_body import LandmarkBody
-from bodysense.observation import Estimate
 from bodysense.occlusion.camera_view import Camera
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class VideoFrames:
     """T completed frames, with what they were completed from."""
 
     time: np.ndarray  # (T,) s
-    estimate: Estimate  # with its pose, in the room
+    estimate: PointEstimate  # with its pose, in the room
     person: PersonLandmarks  # as they were found
     camera: Camera  # (T,) in the room
 
@@ -223,7 +223,7 @@ class VideoBody:
         begun = z if state.begun is None else state.begun[1]
         return replace(pose, root_position=np.array([x, float(rest[:, 1].min()) - lowest, z - begun]))
 
-    def _estimate(self, pose: Pose, person: PersonLandmarks) -> Estimate:
+    def _estimate(self, pose: Pose, person: PersonLandmarks) -> PointEstimate:
         occluded = np.ones((len(person), len(self.skeleton.points)))
         for point, name in enumerate(self.skeleton.points):
             if name in BODY_LANDMARKS:
@@ -232,7 +232,7 @@ class VideoBody:
                 occluded[:, point] = ~person.has_hand[:, int(name.startswith("right"))]
         position = np.asarray(forward_kinematics(pose)[0])
         confidence = np.where(occluded < 1 - VISIBLE, SEEN_ERROR, GUESSED_ERROR)
-        return Estimate(self.skeleton, position, occluded, confidence, pose)
+        return PointEstimate(self.skeleton, position, occluded, confidence, pose)
 
 
 def _tilted(tilt: float) -> np.ndarray:

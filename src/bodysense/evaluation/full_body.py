@@ -21,6 +21,8 @@ from bodysense.data.augment import at_height
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
+from bodysense.estimators.estimate import Estimator
+from bodysense.estimators.ik_tracker import IkTracker
 from bodysense.evaluation.headset import RATE, group_of
 from bodysense.evaluation.metrics import (
     floor_penetration,
@@ -33,9 +35,8 @@ from bodysense.evaluation.metrics import (
     velocity_error,
 )
 from bodysense.evaluation.spread import spread
-from bodysense.observation import Estimator, Observation
+from bodysense.observation import Observation
 from bodysense.occlusion.three_point import ThreePoint, observe
-from bodysense.tracker import Tracker
 
 Stage = Literal["estimate", "tracked", "truth"]  # the estimator's own answer, what the tracker makes of it, the motion
 MakeEstimator = Callable[[Skeleton], Estimator]
@@ -153,7 +154,7 @@ def score_clip(
     truth = _Motion(*_placed(clip.pose))
     motions: dict[Stage, _Motion] = {"truth": truth}
     if tracked:
-        tracker = Tracker(estimator)
+        tracker = IkTracker(estimator)
         pose, estimate, _ = tracker.step(observation, tracker.start())
         motions["tracked"] = _Motion(*_placed(pose))
     else:

@@ -17,12 +17,12 @@ from bodysense.body.skeleton import TESTED, Skeleton
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.estimators.hold import Hold
+from bodysense.estimators.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense.estimators.learned import Learned, load_model
 from bodysense.evaluation.metrics import joint_error
 from bodysense.evaluation.spread import spread
 from bodysense.observation import Observation
 from bodysense.occlusion.headset_camera import HeadsetCamera, observe
-from bodysense.tracker import Tracker, TrackerSettings
 
 RATE = 30.0
 KNOWN: tuple[Literal["world", "head", "heading"], ...] = (
@@ -105,7 +105,7 @@ class HeadsetTable:
 def evaluate_headset(
     clips: Iterable[Clip],
     model: Path | None,
-    settings: TrackerSettings,
+    settings: IkTrackerSettings,
     jobs: int,
     advance: Callable[[Clip], None],
 ) -> HeadsetTable:
@@ -131,12 +131,12 @@ class Tracked:
     latency: np.ndarray  # (T,) s, the tracker's whole step
 
 
-def track_clip(clip: Clip, model: Path | None, settings: TrackerSettings) -> Tracked:
+def track_clip(clip: Clip, model: Path | None, settings: IkTrackerSettings) -> Tracked:
     """Run the tracker, frame by frame, and the baselines on what a headset sees of a canonical clip."""
     clip = resample(clip, RATE)
     skeleton = clip.pose.skeleton
     observation = observe(clip.pose, clip.time, HeadsetCamera())
-    tracker = Tracker(Learned(load_model(model), skeleton), settings)
+    tracker = IkTracker(Learned(load_model(model), skeleton), settings)
     state, poses, positions, latency = tracker.start(), [], [], np.zeros(len(clip))
     for frame in range(len(clip)):
         seen = observation[frame : frame + 1]
@@ -156,7 +156,7 @@ def last_known(observation: Observation, skeleton: Skeleton) -> dict[str, np.nda
     return {frame: hold.step(observation, hold.start())[0].position for frame, hold in holds.items()}
 
 
-def score_clip(clip: Clip, model: Path | None, settings: TrackerSettings) -> Tallies:
+def score_clip(clip: Clip, model: Path | None, settings: IkTrackerSettings) -> Tallies:
     """Errors of every method on one clip."""
     return score(track_clip(clip, model, settings))
 

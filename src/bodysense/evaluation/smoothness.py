@@ -17,14 +17,15 @@ import numpy as np
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.data.clip import Clip
+from bodysense.estimators.estimate import PointEstimate
+from bodysense.estimators.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense.evaluation.datasets import Census, DataSet, census_of, describe, missing
 from bodysense.evaluation.headset import GROUPS, RATE, Tally, group_of, part_errors, scored_points, track_clip
 from bodysense.evaluation.metrics import acceleration
 from bodysense.evaluation.report import Named, Report, cell, finite, ordering
 from bodysense.evaluation.spread import spread
 from bodysense.export.chart import BarPanel, plain_bars
-from bodysense.observation import Estimate, Observation
-from bodysense.tracker import Tracker, TrackerSettings
+from bodysense.observation import Observation
 
 NETWORKS = ("gru", "mask_given")
 METHODS = {
@@ -77,7 +78,7 @@ Sums = dict[tuple[str, str, str], Smoothness]  # by group of categories, part of
 class Replay:
     """An estimator that ran before; the state is the frame that comes next."""
 
-    estimate: Estimate
+    estimate: PointEstimate
 
     @property
     def skeleton(self) -> Skeleton:
@@ -88,25 +89,27 @@ class Replay:
         """The first frame."""
         return 0
 
-    def step(self, observation: Observation, state: int) -> tuple[Estimate, int]:
+    def step(self, observation: Observation, state: int) -> tuple[PointEstimate, int]:
         """What was said of the next T frames."""
         end = state + len(observation)
         frames = slice(state, end)
         said = self.estimate
-        return Estimate(said.skeleton, said.position[frames], said.occluded[frames], said.confidence[frames]), end
+        return PointEstimate(said.skeleton, said.position[frames], said.occluded[frames], said.confidence[frames]), end
 
 
 def after_tracker(
-    position: np.ndarray, observation: Observation, skeleton: Skeleton, settings: TrackerSettings
+    position: np.ndarray, observation: Observation, skeleton: Skeleton, settings: IkTrackerSettings
 ) -> np.ndarray:
     """Positions (T, P, 3) m of a network after inverse kinematics and smoothing."""
     shape = position.shape[:-1]
-    tracker = Tracker(Replay(Estimate(skeleton, position, np.zeros(shape), np.full(shape, _GUESS))), settings)
+    tracker = IkTracker(Replay(PointEstimate(skeleton, position, np.zeros(shape), np.full(shape, _GUESS))), settings)
     pose, _, _ = tracker.step(observation, tracker.start())
     return np.asarray(forward_kinematics(pose)[0])
 
 
-def smoothness_of_clip(clip: Clip, networks: Mapping[str, Path], model: Path | None, settings: TrackerSettings) -> Sums:
+def smoothness_of_clip(
+    clip: Clip, networks: Mapping[str, Path], model: Path | None, settings: IkTrackerSettings
+) -> Sums:
     """All methods of `METHODS` on one clip, every frame."""
     from bodysense.evaluation.variants import positions_of
 
@@ -145,7 +148,7 @@ def measure_smoothness(
     data: DataSet,
     networks: Mapping[str, Path],
     model: Path | None,
-    settings: TrackerSettings,
+    settings: IkTrackerSettings,
     jobs: int,
     advance: Callable[[Clip], None],
 ) -> tuple[Sums, Census]:

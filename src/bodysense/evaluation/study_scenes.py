@@ -19,7 +19,9 @@ from bodysense.body.skeleton import TESTED, Skeleton
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
+from bodysense.estimators.estimate import Estimator
 from bodysense.estimators.hold import Hold
+from bodysense.estimators.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense.estimators.learned import Learned, load_model
 from bodysense.evaluation.headset import RATE
 from bodysense.evaluation.metrics import joint_error
@@ -27,9 +29,7 @@ from bodysense.evaluation.study import CONDITIONS, Condition, StudyKey, draw_key
 from bodysense.export.animation import write_animation
 from bodysense.export.shot import Lens, Shot, frame_shot
 from bodysense.export.study_page import write_study_page
-from bodysense.observation import Estimator
 from bodysense.occlusion.headset_camera import observe
-from bodysense.tracker import Tracker, TrackerSettings
 
 _SHORTEST = 0.5  # s that can be judged at all
 
@@ -42,7 +42,7 @@ class StudySettings:
     scenes: int = 8  # at most so many, drawn at random (the paper: eight)
     model: Path | None = None  # a network; the packaged one by default
     last_known: Literal["world", "head", "heading"] = "heading"  # the frame in which the baseline keeps points
-    tracker: TrackerSettings = TrackerSettings()
+    tracker: IkTrackerSettings = IkTrackerSettings()
     lens: Lens = Lens()
 
     def __post_init__(self) -> None:
@@ -78,7 +78,7 @@ def complete_clip(clip: Clip, settings: StudySettings) -> SceneMotion:
     observation = observe(clip.pose, clip.time)
 
     def completed(estimator: Estimator) -> Pose:
-        tracker = Tracker(estimator, settings.tracker)
+        tracker = IkTracker(estimator, settings.tracker)
         return tracker.step(observation, tracker.start())[0]
 
     pose: dict[Condition, Pose] = {

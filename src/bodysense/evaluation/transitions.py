@@ -17,12 +17,12 @@ import numpy as np
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.data.clip import Clip
+from bodysense.estimators.ik_tracker import IkTrackerSettings
 from bodysense.evaluation.datasets import Census, DataSet, census_of, describe
 from bodysense.evaluation.headset import GROUPS, RATE, Tally, group_of, part_errors, scored_points, track_clip
 from bodysense.evaluation.report import Report, cell, finite
 from bodysense.evaluation.spread import spread
 from bodysense.export.chart import BarPanel, plain_bars
-from bodysense.tracker import TrackerSettings
 
 SECOND = round(RATE)  # frames
 EVENTS = {"regained": "seen again", "lost": "lost"}
@@ -98,7 +98,7 @@ def jerks_at(position: np.ndarray, where: np.ndarray) -> Jerks:
     return Jerks(len(where), float(seconds.max(axis=1).sum()), float(seconds.sum()) / RATE)
 
 
-def transitions_of_clip(clip: Clip, model: Path | None, settings: TrackerSettings) -> Transitions:
+def transitions_of_clip(clip: Clip, model: Path | None, settings: IkTrackerSettings) -> Transitions:
     """All methods on one clip."""
     tracked = track_clip(clip, model, settings)
     truth = np.asarray(forward_kinematics(tracked.clip.pose)[0])
@@ -124,7 +124,7 @@ def transitions_of(
 
 
 def measure_transitions(
-    data: DataSet, model: Path | None, settings: TrackerSettings, jobs: int, advance: Callable[[Clip], None]
+    data: DataSet, model: Path | None, settings: IkTrackerSettings, jobs: int, advance: Callable[[Clip], None]
 ) -> tuple[Transitions, Census]:
     """All methods on a data set. `advance` is told of every clip that is done."""
     total, census = Transitions({}, {}), Census()

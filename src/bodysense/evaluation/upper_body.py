@@ -23,10 +23,10 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
+from bodysense.estimators.estimate import Estimator
 from bodysense.estimators.upper_body_ik import UpperBodyIk
 from bodysense.evaluation.headset import GROUPS, RATE, Tally, group_of
 from bodysense.evaluation.metrics import joint_error
-from bodysense.observation import Estimator
 from bodysense.occlusion.three_point import observe
 
 JOINTS = {

@@ -20,6 +20,7 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
+from bodysense.estimators.ik_tracker import IkTrackerSettings
 from bodysense.evaluation.datasets import Census, DataSet, census_of
 from bodysense.evaluation.headset import (
     KNOWN,
@@ -36,7 +37,6 @@ from bodysense.evaluation.spread import spread
 from bodysense.models.body_network import BodyNetwork, Tracked, read_weights, tracked_of
 from bodysense.observation import Observation
 from bodysense.occlusion.headset_camera import HeadsetCamera, observe
-from bodysense.tracker import TrackerSettings
 
 _WINDOWS = 256  # that are computed together
 
@@ -46,7 +46,7 @@ class Shipped:
     """The predictor that users run: its network (None: the packaged one), and how the tracker makes motion of it."""
 
     model: Path | None = None
-    settings: TrackerSettings = TrackerSettings()
+    settings: IkTrackerSettings = IkTrackerSettings()
 
 
 @dataclass(frozen=True)

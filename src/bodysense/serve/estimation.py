@@ -8,23 +8,20 @@ import numpy as np
 
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.estimators.adaptive import PROFILES, Adaptive, AdaptiveState, step_many
+from bodysense.estimators.ik_tracker import IkTracked, IkTracker
 from bodysense.estimators.learned import Learned, Model, load_model
 from bodysense.observation import HEADSET_ACCURACY, Observation
-from bodysense.tracker import Tracked, Tracker
 
 __all__ = ["PROFILES", "Adaptive", "AdaptiveState", "adaptive", "load", "step_many"]
-
 
 @lru_cache(maxsize=1)
 def _shared_model() -> Model:
     """The packaged network of a headset's cameras, loaded once."""
     return load_model()
 
-
 def adaptive(skeleton: Skeleton) -> Adaptive:
     """What completes the body of one session, a headset's cameras' view included."""
-    return Adaptive(skeleton, camera=Tracked(Tracker(Learned(_shared_model(), skeleton))))
-
+    return Adaptive(skeleton, camera=IkTracked(IkTracker(Learned(_shared_model(), skeleton))))
 
 def load() -> None:
     """Load what completes bodies from head and hands, so that nobody's first frame waits for it."""

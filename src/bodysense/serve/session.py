@@ -18,7 +18,9 @@ from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.body.stature import height_from_headset
 from bodysense.errors import BodysenseError
-from bodysense.observation import Estimate, Observation
+from bodysense.estimators.estimate import PointEstimate
+from bodysense.estimators.ik_tracker import IkTrackerState, smooth
+from bodysense.observation import Observation
 from bodysense.serve.estimation import PROFILES, Adaptive, AdaptiveState, adaptive, step_many
 from bodysense.serve.messages import (
     Calibrate,
@@ -34,7 +36,6 @@ from bodysense.serve.messages import (
 )
 from bodysense.serve.protocol import PoseFrame, SignalFrame
 from bodysense.serve.webxr import STILL, Placement, door, rotated, through
-from bodysense.tracker import TrackerState, smooth
 
 CLOCK_SET = 1.0  # s: a clock that jumps as far back, or forward, was set
 AFRESH = 2.0  # s
@@ -92,7 +93,7 @@ class Session:
         self._placement = Placement()
         self._recentres = self._reseats = False  # with the next headset
         self._heights: list[tuple[float, float]] | None = None  # moment, m: of a headset while its wearer stands
-        self._shown: TrackerState | None = None
+        self._shown: IkTrackerState | None = None
         self._fade = -math.inf  # the moment until which changed settings fade in
         self._build()
         if settings.posture == "seated":
@@ -154,7 +155,7 @@ class Session:
             observation = self._set_up(frame, moment, observation)
         return Job(self._adaptive, observation, self._state, frame, received)
 
-    def answer(self, job: Job, estimate: Estimate, state: AdaptiveState) -> Answer | None:
+    def answer(self, job: Job, estimate: PointEstimate, state: AdaptiveState) -> Answer | None:
         """The pose of a job; None where the person was given another skeleton meanwhile."""
         self._busy = False
         if job.adaptive is not self._adaptive:
@@ -251,11 +252,11 @@ class Session:
         half_life = max(self.settings.smoothing, _FADE_HALF_LIFE if moment < self._fade else 0.0)
         before = self._shown
         if before is None or before.time is None or half_life == 0 or moment - before.time > CLOCK_SET:
-            self._shown = TrackerState(None, None, None, moment, root, rotation, STILL, self._no_spin)
+            self._shown = IkTrackerState(None, None, None, moment, root, rotation, STILL, self._no_spin)
             return root, rotation
         target = Pose(self.skeleton, root, rotation)
         root, velocity, rotation, spin = smooth(target, before, moment - before.time, half_life)
-        self._shown = TrackerState(None, None, None, moment, root, rotation, velocity, spin)
+        self._shown = IkTrackerState(None, None, None, moment, root, rotation, velocity, spin)
         return root, rotation
 
     def _set_up(self, frame: SignalFrame, moment: float, observation: Observation) -> Observation:

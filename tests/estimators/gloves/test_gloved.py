@@ -16,15 +16,16 @@ from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
 from bodysense.estimators.carried import Carried
+from bodysense.estimators.estimate import Estimator, PointEstimate
 from bodysense.estimators.gloved import Gloved, GlovedSettings
 from bodysense.estimators.gloves.hands import GloveModels, Hands
 from bodysense.estimators.hold import Hold
+from bodysense.estimators.ik_tracker import IkTracked, IkTracker
 from bodysense.estimators.three_point import ThreePoint
 from bodysense.estimators.three_point_answers import load_three_point
-from bodysense.observation import Estimate, Estimator, Observation, chosen_points
+from bodysense.observation import Observation, chosen_points
 from bodysense.occlusion import glove, headset_camera, three_point
 from bodysense.occlusion.dropout import hide
-from bodysense.tracker import Tracked, Tracker
 
 SIDES = ("left", "right")
 
@@ -63,7 +64,7 @@ def place_of(skeleton: Skeleton, position: np.ndarray, side: str) -> np.ndarray:
 def check_hands(estimator: Gloved, seen: Observation, metres: float, degrees: float = 0.5) -> None:
     """After the tracker wrists are where the gloves say, and fingers as they say."""
     answers, _ = estimator.hands.step(seen, estimator.hands.start())
-    pose, estimate, _ = Tracker(estimator).step(seen, Tracker(estimator).start())
+    pose, estimate, _ = IkTracker(estimator).step(seen, IkTracker(estimator).start())
     skeleton, position = estimator.skeleton, np.asarray(forward_kinematics(pose)[0])
     for side, answer in answers.items():
         assert answer.pose is not None
@@ -112,7 +113,7 @@ def test_the_body_is_told_of_the_wrists(
 
 def test_gloves_and_a_headset_s_cameras(small_models: GloveModels, clip: Clip, gloves: Observation) -> None:
     seen = together(headset_camera.observe(clip.pose, clip.time), gloves)
-    body = Tracked(Tracker(Hold(default_skeleton())))
+    body = IkTracked(IkTracker(Hold(default_skeleton())))
     check_hands(Gloved(make_hands(small_models), body), seen[:20], 0.01)
 
 
@@ -139,12 +140,12 @@ class Still:
     def start(self) -> int:
         return 0
 
-    def step(self, observation: Observation, state: int) -> tuple[Estimate, int]:
+    def step(self, observation: Observation, state: int) -> tuple[PointEstimate, int]:
         frames = slice(state, state + len(observation))
         pose = self.pose[frames]
         position = np.asarray(forward_kinematics(pose)[0])
         guess = np.ones(position.shape[:-1])
-        return Estimate(self.skeleton, position, guess, 0.1 * guess, pose), frames.stop
+        return PointEstimate(self.skeleton, position, guess, 0.1 * guess, pose), frames.stop
 
 
 def test_a_lost_hand_passes_to_the_body_without_a_jump(small_models: GloveModels, clip: Clip) -> None:

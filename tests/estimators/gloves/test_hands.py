@@ -15,10 +15,11 @@ from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import Skeleton
 from bodysense.data.hand_motion import HandMotion
 from bodysense.errors import BodysenseError
+from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.gloves.baselines import LastKnown
 from bodysense.estimators.gloves.hands import GloveModels, Hands, HandsSettings, natural_pose
 from bodysense.estimators.gloves.joints import fuse
-from bodysense.observation import Estimate, Observation
+from bodysense.observation import Observation
 
 FREE = HandsSettings(contact=None)
 
@@ -33,7 +34,7 @@ class Straight:
         return np.tile(self.answer, (len(markers), 1))
 
 
-def track(hands: Hands, observation: Observation) -> dict[str, Estimate]:
+def track(hands: Hands, observation: Observation) -> dict[str, PointEstimate]:
     return hands.step(observation, hands.start())[0]
 
 
@@ -44,7 +45,7 @@ def hide(markers: np.ndarray, seed: int, share: float = 0.2, length: int = 10) -
     return np.where(np.repeat(hidden, length, axis=0)[: len(markers), :, None], np.nan, markers)
 
 
-def check_estimate(estimate: Estimate, frames: int) -> None:
+def check_estimate(estimate: PointEstimate, frames: int) -> None:
     pose = estimate.pose
     assert pose is not None
     for values in (estimate.position, estimate.occluded, estimate.confidence, pose.root_position, pose.rotation):

@@ -34,6 +34,7 @@ from bodysense.body.rotation import quaternion_canonical, quaternion_conjugate
 from bodysense.body.skeleton import Skeleton
 from bodysense.data.fingers import relaxed_rotation
 from bodysense.errors import BodysenseError
+from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.gloves.contact import Contact, ContactSettings, ContactState
 from bodysense.estimators.gloves.continuity import Remembered
 from bodysense.estimators.gloves.expectation import expected_error, influence
@@ -43,7 +44,7 @@ from bodysense.estimators.gloves.joints import HandPoses, JointReader
 from bodysense.estimators.gloves.networks import HandNetwork, load_joint_network, load_marker_network
 from bodysense.estimators.gloves.rejection import Rejection, RejectionSettings, RejectionState
 from bodysense.estimators.gloves.settling import Settling, SettlingState
-from bodysense.observation import FARTHEST, Estimate, Observation
+from bodysense.observation import FARTHEST, Observation
 
 FIRST_INTERVAL = 1 / 60  # s: the time step of a frame that has none before it
 NEVER = 1e6  # s for which a marker that was never seen has been hidden
@@ -176,7 +177,7 @@ class Hands:
         hidden, filler = np.full((len(self.hands), len(self.glove.markers)), NEVER), self._filler.start(len(self.hands))
         return HandsState(None, self._rejection.start(), filler, self._contact.start(), hidden, None)
 
-    def step(self, observation: Observation, state: HandsState) -> tuple[dict[str, Estimate], HandsState]:
+    def step(self, observation: Observation, state: HandsState) -> tuple[dict[str, PointEstimate], HandsState]:
         """Complete T frames, one after the other: an estimate of every hand on its skeleton, with its pose.
 
         Raises BodysenseError for a point that is named twice and for time that does not increase.
@@ -196,7 +197,7 @@ class Hands:
         position *= self._flip
         rotation *= self._turned_over * np.copysign(1.0, rotation[..., :1])
         return {
-            name: Estimate(
+            name: PointEstimate(
                 skeleton,
                 position[:, k],
                 occluded[:, k],
