@@ -20,6 +20,7 @@ from bodysense.tracker import Tracker, TrackerSettings, step_together
 
 SETS = ("head", "three_point", "three_point_imu_feet", "four_point", "six_point", "ten_point", "headset_camera")
 FRAMES = 45
+UP, AWAY = np.array([0.0, 2.0, 0.0]), np.array([3.0, 0.0, -7.0])  # m
 
 
 def performance(body: int | None = None, frames: int = FRAMES):
@@ -62,14 +63,8 @@ def test_many_equal_each_alone() -> None:
     clips = [performance(k) for k in range(3)]
     people = [person_of(clip, told) for clip, told in zip(clips, ("all", "height", "nothing"), strict=True)]
     parts = [seen(clip, "three_point") for clip in clips]
-    together = Observation(
-        parts[0].points,
-        *(
-            np.stack([getattr(part, name) for part in parts])
-            for name in ("position", "rotation", "has_position", "has_rotation", "accuracy")
-        ),
-        parts[0].time,
-    )
+    arrays = ("position", "rotation", "has_position", "has_rotation", "accuracy")
+    together = replace(parts[0], **{name: np.stack([getattr(part, name) for part in parts]) for name in arrays})
     many = Tracker(people)
     batch, _ = many.step(together, many.start())
     trackers = [Tracker(person) for person in people]
@@ -115,7 +110,7 @@ def test_the_pose_gives_the_points_and_bones_stay_rigid(name: str) -> None:
 def test_no_foot_is_under_the_floor_wherever_that_is() -> None:
     clip = performance(4)
     observation = seen(clip, "three_point")
-    raised = replace(observation, position=observation.position + [0.0, 2.0, 0.0])
+    raised = replace(observation, position=observation.position + UP)
     level, high = (
         tracker.step(part, tracker.start())[0]
         for part, tracker in (
@@ -125,7 +120,7 @@ def test_no_foot_is_under_the_floor_wherever_that_is() -> None:
     )
     feet = clip.pose.skeleton.indices(["left_ankle", "left_foot", "left_toe", "right_ankle", "right_foot", "right_toe"])
     assert level.points[:, feet, 1].min() > -1e-3
-    assert np.abs(high.points - level.points - [0.0, 2.0, 0.0]).max() < 1e-3
+    assert np.abs(high.points - level.points - UP).max() < 1e-3
 
 
 def test_the_body_goes_where_its_signal_goes() -> None:
@@ -133,13 +128,13 @@ def test_the_body_goes_where_its_signal_goes() -> None:
     observation, turn = seen(clip, "six_point"), quaternion_exp(np.array([0.0, 2.0, 0.0]))
     moved = replace(
         observation,
-        position=quaternion_rotate(turn, observation.position) + [3.0, 0.0, -7.0],
+        position=quaternion_rotate(turn, observation.position) + AWAY,
         rotation=quaternion_multiply(np.broadcast_to(turn, observation.rotation.shape), observation.rotation),
         time=observation.time + 1.7e9,  # a Unix time is a time like any other
     )
     tracker = Tracker(Person(clip.pose.skeleton))
     here, there = (tracker.step(part, tracker.start())[0] for part in (observation, moved))
-    assert np.abs(quaternion_rotate(turn, here.points) + [3.0, 0.0, -7.0] - there.points).max() < 2e-3
+    assert np.abs(quaternion_rotate(turn, here.points) + AWAY - there.points).max() < 2e-3
 
 
 def test_sensors_may_change_at_every_frame() -> None:

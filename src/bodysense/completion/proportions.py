@@ -92,6 +92,19 @@ class Proportions:
         names = ("rest_offset", "deviation", "believed", "seconds", "due")
         return cls(people, *(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
+    def told(self, people: tuple[Person, ...]) -> Proportions:
+        """The same evidence, after more was told of the people.
+
+        The body that is shown grows toward what is believed now, but is shown at once where all of it was told.
+        """
+        fresh = proportions_of(people)
+        believed, deviation, shown = fresh.believed.copy(), fresh.deviation.copy(), fresh.rest_offset.copy()
+        for k, person in enumerate(people):
+            if person.bone_deviation.any():
+                believed[k], deviation[k] = likeliest_offsets(self.seconds[k], person)
+                shown[k] = self.rest_offset[k]
+        return Proportions(people, shown, deviation, believed, self.seconds, self.due)
+
     def alone(self, k: int) -> Proportions:
         """Those of one of several people."""
         own = slice(k, k + 1)
@@ -163,7 +176,7 @@ def likeliest_offsets(seconds: np.ndarray, person: Person) -> tuple[np.ndarray, 
         deviation = length.deviation * (1 + 2 / (1 + total[k]))
         if length.end == FLOOR:
             if length.start == "head" and person.height is None and value > SEATED:
-                height = _stature_of_head(value, deviation)
+                height = stature_of_head(value, deviation)
             continue
         # Bodies are symmetric: both sides measure one length.
         left = (length.start.replace("right_", "left_"), length.end.replace("right_", "left_"))
@@ -177,7 +190,7 @@ def likeliest_offsets(seconds: np.ndarray, person: Person) -> tuple[np.ndarray, 
     return guess.skeleton.rest_offset, guess.bone_deviation
 
 
-def _stature_of_head(head: float, deviation: float) -> Measured:
+def stature_of_head(head: float, deviation: float) -> Measured:
     """Stature of somebody whose head joint stands so high, by the mean adult's proportions."""
     mean = shape_space().mean
     joint = (default_skeleton().path @ mean)[default_skeleton().index("head"), 1] + mean[0, 1]

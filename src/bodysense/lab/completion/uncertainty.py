@@ -1,9 +1,9 @@
 """Expected errors made true: a small map from what the network expects and what is tracked to the errors that remain.
 
-The network judges its own prediction; measured ends, bent limbs and held feet come after it. Here the exported step runs
-on validation people, on bodies that no one trains on, with named and random sensor sets and with all, some or nothing
-told, and for every point a line is fitted: log error = a · log expected + b · (what is tracked) + c, with the likelihood
-of an exponential, whose optimum is the mean error. A second one is fitted to the 90 % quantile.
+The network judges its own prediction; measured ends, bent limbs and held feet come after it. Here the exported step
+runs on validation people, on bodies that no one trains on, with named and random sensor sets and with all, some or
+nothing told, and for every point a line is fitted: log error = a · log expected + b · (what is tracked) + c, with the
+likelihood of an exponential, whose optimum is the mean error. A second one is fitted to the 90 % quantile.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from bodysense.body.skeleton import BODY
 from bodysense.lab.completion.network import BODY_POINTS, body_places
 from bodysense.lab.completion.scenes import BODIES, TRUTH_OF, Body, Scene, person_of, stacked
 from bodysense.lab.completion.tracking import TrackBatch
-from bodysense.occlusion.sensors import SENSOR_SETS, SensorSet, random_edges
+from bodysense.occlusion.sensors import SENSOR_SETS, TABLE_SETS, SensorSet, random_edges
 
 QUANTILE = 0.9
 MASKS = len(BODY_POINTS) + len(BODY)  # what is tracked: positions of 25 points, rotations of 22 joints
@@ -51,21 +51,10 @@ class ErrorSamples:
 def sample_errors(scenes: dict[str, Sequence[Sequence[Scene]]], run: TrackBatch, seed: int = 5) -> ErrorSamples:
     """Run a step whose expected errors are the network's own over batches of scenes, 'own' and 'stranger'."""
     rng = np.random.default_rng(seed)
-    jobs: list[tuple[SensorSet, Body, Sequence[Scene]]] = []
-    for name in (
-        "head",
-        "three_point",
-        "four_point",
-        "six_point",
-        "headset_camera",
-        "three_point_imu_feet",
-        "ten_point",
-    ):
-        for body in BODIES:
-            jobs += [(SENSOR_SETS[name], body, batch) for batch in scenes[TRUTH_OF[body]]]
+    draws: list[tuple[SensorSet, Body]] = [(SENSOR_SETS[name], body) for name in TABLE_SETS for body in BODIES]
     for edge in random_edges(12, rng):
-        body = BODIES[int(rng.integers(len(BODIES)))]
-        jobs += [(edge.more, body, batch) for batch in scenes[TRUTH_OF[body]]]
+        draws.append((edge.more, BODIES[int(rng.integers(len(BODIES)))]))
+    jobs = [(sensors, body, batch) for sensors, body in draws for batch in scenes[TRUTH_OF[body]]]
     parts = [_sampled(*job, run) for job in progress(jobs, "expected and true errors")]
     return ErrorSamples(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 

@@ -1,0 +1,103 @@
+"""Calibration: a second in a known pose tells a wearer's height, the reach of their arms, and how trackers are worn."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.body.pose import Pose, forward_kinematics, rest_pose, standing_pose
+from bodysense.body.rigid import RigidTransform
+from bodysense.body.rotation import quaternion_multiply
+from bodysense.body.shape import Measured
+from bodysense.completion.proportions import stature_of_head
+from bodysense.errors import BodysenseError
+from bodysense.observation import Observation
+
+Stance = Literal["standing", "arms out"]
+WORN_AS_THEY_ARE = ("head", "left_wrist", "right_wrist")  # headset, controllers and hands give their joints already
+_STILL = 0.05  # m: whose head moves farther does not stand still
+_SHORT = 0.3  # s
+_HEAD_DEVIATION, _SPAN_DEVIATION = 0.02, 0.02  # m
+
+
+def calibrated(observation: Observation, person: Person, stance: Stance = "standing", floor: float = 0.0) -> Person:
+    """The person after standing upright and still for about a second, looking ahead.
+
+    Args:
+        observation: what is tracked meanwhile, (T, P); the head always.
+        person: what is known before; a told height or skeleton stays.
+        stance: 'standing', arms hanging, or 'arms out' to the sides, which also measures their reach.
+        floor: m, its height.
+
+    A tracker that is not on head or wrists is taken to be strapped beside its joint, which is where the pose has it.
+    Raises BodysenseError for too short or too restless an observation, and where the head is not tracked.
+    """
+    if "head" not in observation.points:
+        raise BodysenseError("calibration: the head is not tracked; wear the headset, and stand upright and still")
+    duration = float(observation.time[-1] - observation.time[0]) if len(observation) else 0.0
+    head = observation.points.index("head")
+    known = observation.has_position[:, head] & observation.has_rotation[:, head]
+    if duration < _SHORT or not known.any():
+        raise BodysenseError(
+            f"calibration: the head is tracked for {duration if known.any() else 0:.2g} s; stand for a second"
+        )
+    path = observation.position[known, head]
+    moved = float(np.linalg.norm(path - np.median(path, axis=0), axis=1).max())
+    if moved > _STILL:
+        raise BodysenseError(f"calibration: the head moved by {100 * moved:.0f} cm; stand still for a second")
+    place = np.median(path, axis=0)
+    height, lengths = person.height, dict(person.lengths)
+    if person.bone_deviation.any():
+        if height is None:
+            height = stature_of_head(place[1] - floor, _HEAD_DEVIATION)
+        wrists = [observation.points.index(name) for name in WORN_AS_THEY_ARE[1:] if name in observation.points]
+        if stance == "arms out" and len(wrists) == 2:
+            both = observation.has_position[:, wrists].all(axis=1)
+            apart = observation.position[both][:, wrists[0]] - observation.position[both][:, wrists[1]]
+            if both.any():
+                span = float(np.median(np.linalg.norm(apart, axis=-1)))
+                lengths["left_wrist", "right_wrist"] = Measured(span, _SPAN_DEVIATION)
+        person = Person(height=height, lengths=lengths, mounts=person.mounts)
+    stood = _stood(person, place, _mean(observation.rotation[known, head]), stance)
+    return Person(
+        person.skeleton,
+        height=person.height,
+        bone_deviation=person.bone_deviation,
+        mounts={**person.mounts, **_mounts(observation, stood)},
+        lengths=person.lengths,
+    )
+
+
+def _stood(person: Person, head: np.ndarray, rotation: np.ndarray, stance: Stance) -> Pose:
+    """The pose of somebody who stands with the head at a place (3,), facing where it faces."""
+    pose = standing_pose(person.skeleton) if stance == "standing" else rest_pose(person.skeleton)
+    turn = rotation * np.array([1.0, 0.0, 1.0, 0.0])  # the twist about the vertical
+    turn = turn / np.linalg.norm(turn)
+    world = pose.rotation.copy()
+    world[0] = quaternion_multiply(turn, world[0])
+    own = forward_kinematics(Pose(person.skeleton, np.zeros(3), world))[0][person.skeleton.index("head")]
+    return Pose(person.skeleton, head - own, world)
+
+
+def _mounts(observation: Observation, stood: Pose) -> dict[str, RigidTransform]:
+    """T_joint_tracker of every tracker with a pose, from where its joint is while the wearer stands."""
+    position, rotation = forward_kinematics(stood)
+    skeleton, mounts = stood.skeleton, {}
+    for k, name in enumerate(observation.points):
+        both = observation.has_position[:, k] & observation.has_rotation[:, k]
+        if name in WORN_AS_THEY_ARE or name not in skeleton.joints or not both.any():
+            continue
+        joint = skeleton.index(name)
+        world_joint = RigidTransform(position[joint], rotation[joint])
+        tracker = RigidTransform(np.median(observation.position[both, k], axis=0), _mean(observation.rotation[both, k]))
+        mounts[name] = world_joint.inverse() @ tracker
+    return mounts
+
+
+def _mean(rotation: np.ndarray) -> np.ndarray:
+    """The mean (4,) of rotations (N, 4) that differ little."""
+    same = rotation * np.sign((rotation * rotation[:1]).sum(axis=1, keepdims=True))
+    mean = same.mean(axis=0)
+    return mean / np.linalg.norm(mean)

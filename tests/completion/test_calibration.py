@@ -1,0 +1,98 @@
+"""A second of standing tells height, reach and mounts."""
+
+import numpy as np
+import pytest
+
+from bodysense.body.person import Person
+from bodysense.body.pose import Pose, forward_kinematics, rest_pose, standing_pose
+from bodysense.body.rigid import RigidTransform
+from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
+from bodysense.body.shape import sample_bodies, stature
+from bodysense.body.skeleton import default_skeleton
+from bodysense.completion.calibration import calibrated
+from bodysense.errors import BodysenseError
+from bodysense.observation import Observation
+from bodysense.occlusion.sensors import SENSOR_SETS, observe
+
+FRAMES = 30
+
+
+def standing(body: int, arms_out: bool = False, name: str = "six_point") -> tuple[Observation, Pose]:
+    """A stranger who stands still, turned by 1 rad, away from the origin, and what is tracked of it."""
+    skeleton = default_skeleton().with_offsets(sample_bodies("test", body + 1)[body])
+    pose = rest_pose(skeleton) if arms_out else standing_pose(skeleton)
+    turn = quaternion_exp(np.array([0.0, 1.0, 0.0]))
+    rotation = pose.rotation.copy()
+    rotation[0] = quaternion_multiply(turn, rotation[0])
+    root = pose.root_position + np.array([2.0, 0.0, -1.0])
+    pose = Pose(skeleton, np.tile(root, (FRAMES, 1)), np.tile(rotation, (FRAMES, 1, 1)))
+    return observe(pose, np.arange(FRAMES) / FRAMES, SENSOR_SETS[name]), pose
+
+
+@pytest.mark.parametrize("body", range(6))
+def test_height_is_measured_to_the_spread_of_necks(body: int) -> None:
+    observation, pose = standing(body)
+    person = calibrated(observation, Person())
+    assert abs(stature(person.skeleton.rest_offset) - stature(pose.skeleton.rest_offset)) < 0.04
+
+
+def test_arms_out_measure_their_reach() -> None:
+    observation, pose = standing(2, arms_out=True, name="three_point")
+    wrists = pose.skeleton.indices(["left_wrist", "right_wrist"])
+
+    def span(skeleton) -> float:
+        place = skeleton.path @ skeleton.rest_offset
+        return float(np.linalg.norm(place[wrists[0]] - place[wrists[1]]))
+
+    person = calibrated(observation, Person(), "arms out")
+    assert abs(span(person.skeleton) - span(pose.skeleton)) < 0.02
+
+
+@pytest.mark.parametrize("body", range(3))
+def test_trackers_strapped_beside_their_joints_are_found(body: int) -> None:
+    observation, pose = standing(body)
+    position, rotation = observation.position.copy(), observation.rotation.copy()
+    rng = np.random.default_rng(body)
+    for name in ("pelvis", "left_ankle", "right_ankle"):
+        k = observation.points.index(name)
+        away = rng.standard_normal(3)
+        mount = RigidTransform(0.12 * away / np.linalg.norm(away), rng.standard_normal(4))
+        position[:, k] += quaternion_rotate(rotation[:, k], np.tile(mount.translation, (FRAMES, 1)))
+        rotation[:, k] = quaternion_multiply(rotation[:, k], np.tile(mount.rotation, (FRAMES, 1)))
+    worn = Observation(
+        points=observation.points,
+        position=position,
+        rotation=rotation,
+        has_position=observation.has_position,
+        has_rotation=observation.has_rotation,
+        accuracy=observation.accuracy,
+        time=observation.time,
+    )
+    person = calibrated(worn, Person(height=float(stature(pose.skeleton.rest_offset))))
+    truth = forward_kinematics(pose)[0][0]
+    for name in ("pelvis", "left_ankle", "right_ankle"):
+        k = observation.points.index(name)
+        tracker = RigidTransform(position[0, k], rotation[0, k])
+        joint = tracker @ person.mounts[name].inverse()
+        assert np.linalg.norm(joint.translation - truth[pose.skeleton.index(name)]) < 0.05
+
+
+def test_who_moves_or_wears_no_headset_is_told() -> None:
+    observation, _ = standing(0)
+    restless = observation.position.copy()
+    restless[:, observation.points.index("head"), 0] += np.linspace(0, 0.3, FRAMES)
+    with pytest.raises(BodysenseError, match="stand still"):
+        calibrated(
+            Observation(
+                points=observation.points,
+                position=restless,
+                rotation=observation.rotation,
+                has_position=observation.has_position,
+                has_rotation=observation.has_rotation,
+                accuracy=observation.accuracy,
+                time=observation.time,
+            ),
+            Person(),
+        )
+    with pytest.raises(BodysenseError, match="stand for a second"):
+        calibrated(observation[:2], Person())
