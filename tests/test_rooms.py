@@ -25,6 +25,7 @@ FLOORS = {
     "estimators": 3,
     "models": 3,
     "demo": 3,
+    "devices": 4,
     "tracker": 4,
     "export": 4,
     "training": 5,

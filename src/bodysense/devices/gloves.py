@@ -1,0 +1,136 @@
+"""Gloves as a device: the markers of hands in, their wrists, finger joints and fingertips out, as observed points.
+
+The solver (`estimators.gloves`) fills hidden markers, rejects wrong ones and keeps hands from jumping. What it gives is
+observed like any other point, with the error that it expects: 1-2 mm where markers are seen, more the longer they are
+hidden. A hand whose markers have all been hidden for more than a moment, 0.1 s, is not observed, so that the tracker
+completes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bodysense.body.glove import glove_hands, side_of
+from bodysense.body.hand import FINGERTIPS, HAND_JOINTS, Side, hand_skeleton
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.skeleton import Skeleton
+from bodysense.errors import BodysenseError
+from bodysense.estimators.gloves.hands import GloveModels, Hands, HandsSettings, HandsState, load_glove_models
+from bodysense.observation import OPTICAL_ACCURACY, Observation, without_gloves
+
+SIDES: tuple[Side, ...] = ("left", "right")
+
+
+@dataclass(frozen=True)
+class GloveSettings:
+    """When a hand is observed."""
+
+    lost: float = 0.05  # m of expected error of its wrist from which on a hand is not observed any more
+
+    def __post_init__(self) -> None:
+        if not self.lost > 0:
+            raise BodysenseError(f"gloves: lost is {self.lost:g}; it must be positive, in metres")
+
+
+@dataclass(frozen=True, eq=False)
+class GloveDevice:
+    """A glove on one hand or both. Immutable; state is an argument.
+
+    `hands` solves the hands 'left' and 'right', either or both: `glove_device` makes one for a wearer. Raises
+    BodysenseError for hands that a body does not have.
+    """
+
+    hands: Hands
+    settings: GloveSettings = GloveSettings()
+
+    def __post_init__(self) -> None:
+        strange = [name for name in self.hands.hands if name not in SIDES]
+        if strange:
+            raise BodysenseError(f"gloves: the hand {strange[0]!r} is not of this body; it has 'left' and 'right'")
+
+    @cached_property
+    def points(self) -> tuple[str, ...]:
+        """The points that are observed: of every hand the wrist, 15 finger joints and five fingertips."""
+        return tuple(f"{side}_{name}" for side in self.hands.hands for name in (*HAND_JOINTS, *FINGERTIPS))
+
+    def start(self) -> HandsState:
+        """The state before the first frame."""
+        return self.hands.start()
+
+    def step(self, observation: Observation, state: HandsState) -> tuple[Observation, HandsState]:
+        """Replace the gloves' markers of T frames by points of the hands; one call equals T calls with one frame.
+
+        Other points stay as they are. A hand's own points, observed by something else as well, are the glove's where
+        it knows the hand. Raises BodysenseError for a point that is named twice and where time does not increase.
+        """
+        answers, state = self.hands.step(observation, state)
+        others = without_gloves(observation)
+        points = tuple(dict.fromkeys((*others.points, *self.points)))
+        merged = _widened(others, points)
+        for side, answer in answers.items():
+            seen = np.flatnonzero(answer.confidence[:, 0] <= self.settings.lost)  # the wrist's
+            place = [points.index(f"{side}_{name}") for name in (*HAND_JOINTS, *FINGERTIPS)]
+            joints = place[: len(HAND_JOINTS)]
+            assert answer.pose is not None
+            rotation = np.asarray(forward_kinematics(answer.pose)[1])
+            merged.position[np.ix_(seen, place)] = answer.position[seen]
+            merged.has_position[np.ix_(seen, place)] = True
+            merged.accuracy[np.ix_(seen, place)] = np.maximum(answer.confidence[seen], OPTICAL_ACCURACY)
+            merged.rotation[np.ix_(seen, joints)] = rotation[seen]
+            merged.has_rotation[np.ix_(seen, joints)] = True
+        return merged, state
+
+
+def has_gloves(observation: Observation) -> bool:
+    """Whether any of the points is a marker of a glove."""
+    return bool(glove_hands(observation.points))
+
+
+def gloved_sides(points: Iterable[str]) -> tuple[Side, ...]:
+    """The hands of a body whose markers are among the points. Raises BodysenseError where there is none."""
+    found = glove_hands(points)
+    sides = tuple(side for side in SIDES if side in found)
+    if not sides:
+        names = ", ".join(map(repr, found)) or "missing"
+        raise BodysenseError(f"the gloves are {names}; name the hands of a body 'left' and 'right'")
+    return sides
+
+
+def glove_device(
+    skeleton: Skeleton,
+    sides: Iterable[Side] = SIDES,
+    models: GloveModels | None = None,
+    settings: HandsSettings = HandsSettings(),
+) -> GloveDevice:
+    """Gloves of a wearer.
+
+    Args:
+        skeleton: the wearer's; its hands are the gloves'.
+        sides: which hands wear one.
+        models: the solver's networks; the packaged ones if omitted.
+        settings: of the solver.
+    """
+    hands = {side: hand_skeleton(skeleton, side_of(side)) for side in sides}
+    return GloveDevice(Hands(hands, load_glove_models() if models is None else models, settings))
+
+
+def _widened(observation: Observation, points: tuple[str, ...]) -> Observation:
+    """A copy of an observation with more points behind its own, hidden."""
+    frames, more = len(observation), len(points) - len(observation.points)
+
+    def wider(values: np.ndarray, filler: float | bool) -> np.ndarray:
+        return np.concatenate([values, np.full((frames, more, *values.shape[2:]), filler, values.dtype)], axis=1)
+
+    return Observation(
+        points=points,
+        position=wider(np.asarray(observation.position, dtype=float), np.nan),
+        rotation=wider(np.asarray(observation.rotation, dtype=float), np.nan),
+        has_position=wider(observation.has_position, False),
+        has_rotation=wider(observation.has_rotation, False),
+        accuracy=wider(np.asarray(observation.accuracy, dtype=float), OPTICAL_ACCURACY),
+        time=observation.time,
+    )
