@@ -27,6 +27,7 @@ class Recording:
 
     observation: Observation
     skeleton: Skeleton
+    told: bool = True  # False: nobody said what the wearer's proportions are, and the skeleton is the default one
 
 
 def write_recording(path: str | Path, recording: Recording) -> None:
@@ -88,22 +89,25 @@ def _check(path: Path, recording: Recording) -> None:
 
 def _write_npz(path: Path, recording: Recording) -> None:
     seen, skeleton = recording.observation, recording.skeleton
+    arrays: dict[str, Any] = {
+        "format": np.array(FORMAT),
+        "points": np.array(seen.points),
+        "position": seen.position.astype(np.float32),
+        "rotation": seen.rotation.astype(np.float32),
+        "has_position": seen.has_position,
+        "has_rotation": seen.has_rotation,
+        "accuracy": seen.accuracy.astype(np.float32),
+        "time": seen.time,
+    }
+    if recording.told:
+        arrays |= {
+            "joints": np.array(skeleton.joints),
+            "end_sites": np.array(skeleton.end_sites),
+            "parents": np.array(skeleton.parents),
+            "rest_offset": skeleton.rest_offset,
+        }
     with path.open("wb") as file:
-        np.savez_compressed(
-            file,
-            format=np.array(FORMAT),
-            points=np.array(seen.points),
-            position=seen.position.astype(np.float32),
-            rotation=seen.rotation.astype(np.float32),
-            has_position=seen.has_position,
-            has_rotation=seen.has_rotation,
-            accuracy=seen.accuracy.astype(np.float32),
-            time=seen.time,
-            joints=np.array(skeleton.joints),
-            end_sites=np.array(skeleton.end_sites),
-            parents=np.array(skeleton.parents),
-            rest_offset=skeleton.rest_offset,
-        )
+        np.savez_compressed(file, **arrays)
 
 
 def _read_npz(path: Path) -> Recording:
@@ -139,12 +143,16 @@ def _read_npz(path: Path) -> Recording:
         accuracy=arrays["accuracy"].astype(np.float64),
         time=arrays["time"].astype(np.float64),
     )
-    return Recording(observation, _skeleton(path, arrays))
+    return Recording(observation, _skeleton(path, arrays), told=_has_skeleton(arrays))
+
+
+def _has_skeleton(fields: dict[str, Any]) -> bool:
+    return any(name in fields for name in _SKELETON)
 
 
 def _skeleton(path: Path, fields: dict[str, Any]) -> Skeleton:
     """The wearer's skeleton: given in full, or the default one."""
-    if not any(name in fields for name in _SKELETON):
+    if not _has_skeleton(fields):
         return default_skeleton()
     missing = [name for name in _SKELETON if name not in fields]
     if missing:
@@ -170,17 +178,18 @@ def _skeleton(path: Path, fields: dict[str, Any]) -> Skeleton:
 def _lines(recording: Recording) -> list[str]:
     seen, skeleton = recording.observation, recording.skeleton
     usual = [_first(values, mask) for values, mask in zip(seen.accuracy.T, seen.has_position.T, strict=True)]
-    header = {
+    header: dict[str, Any] = {
         "format": FORMAT,
         "points": seen.points,
         "accuracy": {name: value for name, value in zip(seen.points, usual, strict=True) if value is not None},
-        "skeleton": {
+    }
+    if recording.told:
+        header["skeleton"] = {
             "joints": skeleton.joints,
             "end_sites": skeleton.end_sites,
             "parents": skeleton.parents,
             "rest_offset": np.round(skeleton.rest_offset, 6).tolist(),
-        },
-    }
+        }
     lines = [json.dumps(header)]
     for t, time in enumerate(seen.time):
         frame: dict[str, Any] = {"time": round(float(time), 6), "position": {}, "rotation": {}}
@@ -258,7 +267,7 @@ def _read_jsonl(path: Path) -> Recording:
     skeleton = rows[0].get("skeleton", {})
     if not isinstance(skeleton, dict):
         raise BodysenseError(f"{path}: the header's 'skeleton' must be an object with {', '.join(_SKELETON)}")
-    return Recording(observation, _skeleton(path, skeleton))
+    return Recording(observation, _skeleton(path, skeleton), told=_has_skeleton(skeleton))
 
 
 def _object(path: Path, number: int, line: str) -> dict[str, Any]:

@@ -1,9 +1,8 @@
-"""Gloves on the command line: marker files to recordings, and what completes a recording with gloves."""
+"""Gloves on the command line: marker files to recordings, and recordings to marker files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -12,9 +11,6 @@ from bodysense.errors import BodysenseError
 if TYPE_CHECKING:
     from bodysense.capture.raw_markers import MarkerFormat
     from bodysense.capture.recording import Recording
-    from bodysense.data.clip import Clip
-    from bodysense.estimators.estimate import Estimator
-    from bodysense.estimators.gloved import Gloved
     from bodysense.observation import Observation
 
 SIDES = ("left", "right")
@@ -72,70 +68,16 @@ def recording_of_markers(file: Path, options: MarkerOptions, height: float | Non
     return Recording(found.observation, with_hands_of(body, found.sizes))
 
 
-def check_gloves_of(recording: Recording, place: Path, fingers: bool, samples: int | None, model: Path | None) -> None:
-    """Refuse what does not go with gloves, and look at those of a recording; prints what is doubtful.
-
-    `fingers` are to be synthesized, `samples` to be drawn, `model` completes the rest of the body.
-    """
-    from bodysense.capture.marker_checks import check_gloves
-    from bodysense.capture.markers import is_marker_file
-    from bodysense.observation import without_gloves
-
-    if fingers:
-        raise BodysenseError(f"{place}: its gloves have fingers; leave --fingers synthesize out")
-    if samples is not None:
-        raise BodysenseError(f"--samples {samples} is for head and wrists alone, {place} has gloves; leave it out")
-    if model is not None and not without_gloves(recording.observation).points:
-        raise BodysenseError(f"--model {model} completes a body, {place} has gloves alone; leave it out")
-    if is_marker_file(place):  # looked at already, as it was read
-        return
-    for remark in check_gloves(recording.observation, str(place)).remarks:
-        print(f"note: {remark}")
-
-
-def gloved(recording: Recording, body: Callable[[Recording], Estimator], half_life: float | None) -> Gloved:
-    """What completes a recording with gloves; `body` gives what completes the recording of everything else.
-
-    Where nothing else is tracked a standing body carries the hands.
-    """
+def check_gloves_of(observation: Observation, place: Path) -> None:
+    """Look at the gloves of a recording; prints what is doubtful."""
     from bodysense.body.glove import glove_hands
-    from bodysense.body.hand import Side, hand_skeleton
-    from bodysense.cli.options import tracker_settings
-    from bodysense.estimators.carried import Carried
-    from bodysense.estimators.gloved import Gloved
-    from bodysense.estimators.gloves.hands import Hands, load_glove_models
-    from bodysense.estimators.ik_tracker import IkTracked, IkTracker
-    from bodysense.observation import without_gloves
+    from bodysense.capture.marker_checks import check_gloves
 
-    found = glove_hands(recording.observation.points)
-    sides: list[Side] = [side for side in SIDES if side in found]
-    others = [hand for hand in found if hand not in SIDES]
+    others = [hand for hand in glove_hands(observation.points) if hand not in SIDES]
     if others:
         print(f"note: left out {', '.join(map(repr, others))}: a body has the hands 'left' and 'right'")
-    if not sides:
-        raise BodysenseError(
-            f"the gloves are {', '.join(map(repr, found))}; name the hands of a body 'left' and 'right'"
-        )
-    hands = Hands({side: hand_skeleton(recording.skeleton, side) for side in sides}, load_glove_models())
-    rest = without_gloves(recording.observation)
-    if not rest.points:
-        if half_life is not None:
-            raise BodysenseError(
-                f"--half-life {half_life:g}: gloves are completed without smoothing, so that hands are where they are "
-                "measured; leave it out"
-            )
-        return Gloved(hands, Carried(recording.skeleton))
-    whole = body(replace(recording, observation=rest))
-    return Gloved(hands, IkTracked(IkTracker(whole, tracker_settings(half_life))))
-
-
-def simulated_gloves(clip: Clip) -> Recording:
-    """What a ring of cameras sees of the markers of both gloves of a clip."""
-    from bodysense.capture.recording import Recording
-    from bodysense.occlusion.camera_ring import CameraRing
-    from bodysense.occlusion.glove import GloveCapture, observe
-
-    return Recording(observe(clip.pose, clip.time, GloveCapture(CameraRing())), clip.pose.skeleton)
+    for remark in check_gloves(observation, str(place)).remarks:
+        print(f"note: {remark}")
 
 
 def write_seen(out: Path, recording: Recording, frame_rate: float) -> None:
@@ -147,13 +89,6 @@ def write_seen(out: Path, recording: Recording, frame_rate: float) -> None:
         write_markers(out, recording.observation, frame_rate)
     else:
         write_recording(out, recording)
-
-
-def has_gloves(observation: Observation) -> bool:
-    """Whether any of the points is a marker of a glove."""
-    from bodysense.body.glove import glove_hands
-
-    return bool(glove_hands(observation.points))
 
 
 def _labelled(file: Path, options: MarkerOptions) -> Observation:

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from bodysense.devices.simulated import DeviceName
 from bodysense.errors import BodysenseError
 
 if TYPE_CHECKING:
+    from bodysense.body.person import Person
     from bodysense.serve.datagrams import Receiver
     from bodysense.serve.replay import Playable
 
@@ -24,8 +26,9 @@ def serve(
     token: str | None = None,
     origin: Addresses = (),
     replay: Path | None = None,
-    device: Literal["headset-camera", "three-point", "head-only", "gloves"] | None = None,
+    device: DeviceName | None = None,
     height: float | None = None,
+    person: Path | None = None,
     vmc_in: int | None = None,
     vmc_names: Path | None = None,
     markers_in: int | None = None,
@@ -44,7 +47,8 @@ def serve(
         origin: Origin of a page elsewhere that may connect, as http://localhost:5173. Repeatable.
         replay: A recording (.npz, .jsonl), or with --device a motion (.bvh, AMASS .npz), played in real time.
         device: What watches the body, where the replay is a motion; the page then shows the truth, too.
-        height: Metres; scales the body of a replayed motion that does not say how tall it is.
+        height: wearers' height in metres; inferred from what is tracked if omitted. A replayed motion is scaled to it.
+        person: wearers' proportions and how trackers are worn, a person's file (.json).
         vmc_in: UDP port on which headset, controllers and trackers come in by VMC (its own is 39539).
         vmc_names: Which point each device of VMC is, a .json table by serial (docs/avatars.md).
         markers_in: UDP port on which markers of gloves come in by OSC (its own is 9123).
@@ -56,6 +60,8 @@ def serve(
     """
     from rich.console import Console
 
+    from bodysense.body.person import Person
+    from bodysense.cli.recordings import person_of
     from bodysense.serve.application import ServerSettings
     from bodysense.serve.launch import listen, serve
     from bodysense.serve.safety import Access, Limits, is_loopback
@@ -70,11 +76,13 @@ def serve(
         raise BodysenseError("--vmc-names is for devices that come in by VMC; give their port with --vmc-in")
     if token is None and not is_loopback(host):
         token = secrets.token_urlsafe(16)
+    wearer = person_of(person, height) or Person(height=height)
     settings = ServerSettings(
         access=Access(host, token, origin),
         limits=replace(Limits(), sessions=sessions),
         allow_record=None if allow_record is None else _folder(allow_record),
-        playable=_playable(replay, device, height),
+        playable=_playable(replay, device, height, wearer),
+        person=wearer,
         vmc_in=vmc_in,
         vmc_trackers=VmcTrackers() if vmc_names is None else VmcTrackers(read_device_names(vmc_names)),
         markers_in=markers_in,
@@ -115,27 +123,30 @@ def _receiver(protocol: Literal["vmc", "vrchat"], address: str) -> Receiver:
     return Receiver(protocol, host.strip("[]"), int(port))
 
 
-def _playable(file: Path | None, device: str | None, height: float | None) -> Playable | None:
+def _playable(file: Path | None, device: str | None, height: float | None, wearer: Person) -> Playable | None:
     """What is replayed: a recording, or what a device tracks of a motion, with its truth."""
+    from bodysense.body.person import Person
     from bodysense.capture.recording import is_recording, read_recording
-    from bodysense.cli.recordings import load_clip, simulated
+    from bodysense.cli.recordings import load_clip
+    from bodysense.devices.simulated import DEVICES, simulate
     from bodysense.serve.replay import Playable
 
     if file is None:
-        if device is not None or height is not None:
-            raise BodysenseError("--device and --height are for a motion that is replayed; give it with --replay")
+        if device is not None:
+            raise BodysenseError("--device is for a motion that is replayed; give it with --replay")
         return None
     if not file.is_file():
         raise BodysenseError(f"--replay {file}: no such file")
     if is_recording(file):
-        if device is not None or height is not None:
-            raise BodysenseError(f"--replay {file}: a recording; leave --device and --height out")
+        if device is not None:
+            raise BodysenseError(f"--replay {file}: a recording; leave --device out")
         recording = read_recording(file)
-        return Playable(recording.observation, recording.skeleton)
+        told = recording.told and height is None
+        return Playable(recording.observation, Person(recording.skeleton) if told else wearer)
     if device is None:
         raise BodysenseError(
-            f"--replay {file}: not a recording; if it is a motion, say what watches it: --device headset-camera, "
-            "three-point, head-only or gloves"
+            f"--replay {file}: not a recording; if it is a motion, say what watches it with --device: "
+            f"{', '.join(DEVICES)}"
         )
     clip = load_clip(file, height)
-    return Playable(simulated(clip, device).observation, clip.pose.skeleton, clip.pose)  # type: ignore[arg-type]
+    return Playable(simulate(clip, device), Person(clip.pose.skeleton), clip.pose)

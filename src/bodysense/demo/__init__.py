@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from bodysense.data.clip import Clip
 
+STRANGER = 0  # which of the shape space's test bodies performs
+
 
 def packaged_performance() -> Clip:
     """The project's own motion: arms crossed, chin on hand, sitting down, a few steps."""
@@ -16,3 +18,13 @@ def packaged_performance() -> Clip:
 
     with as_file(files("bodysense.demo").joinpath("performance.npz")) as path:
         return replace(read_amass(path), name="performance")
+
+
+def performance_of_stranger() -> Clip:
+    """The same on proportions that no network was trained on."""
+    from bodysense.body.retarget import retargeted
+    from bodysense.body.shape import sample_bodies
+
+    clip = packaged_performance()
+    skeleton = clip.pose.skeleton.with_offsets(sample_bodies("test", STRANGER + 1)[STRANGER])
+    return replace(clip, name="performance of a stranger", pose=retargeted(clip.pose, skeleton))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -131,11 +131,16 @@ def draw_pose(pose: Pose, shot: Shot) -> Iterator[np.ndarray]:
 
 def write_animation(path: str | Path, pose: Pose, shot: Shot, rate: float) -> None:
     """Write a posed body (T, …) at `rate` Hz as an animated WebP that repeats for ever."""
+    write_pictures(path, draw_pose(pose, shot), rate)
+
+
+def write_pictures(path: str | Path, drawn: Iterable[np.ndarray], rate: float) -> None:
+    """Write pictures (H, W, 3) uint8 at `rate` Hz as an animated WebP that repeats for ever."""
     from PIL import Image, features
 
     if not features.check("webp"):
         raise BodysenseError(f"{path}: this Pillow writes no WebP; pip install --force-reinstall pillow")
-    pictures = [Image.fromarray(picture) for picture in draw_pose(pose, shot)]
+    pictures = [Image.fromarray(picture) for picture in drawn]
     # Whole milliseconds whose sum stays right.
     ends = np.round(1000 * np.arange(len(pictures) + 1) / rate).astype(int)
     with written_beside(path) as beside:

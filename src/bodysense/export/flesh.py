@@ -13,9 +13,17 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import Skeleton
 
-SKIN, HAIR, SHIRT, TROUSERS, SHOES = range(5)
+SKIN, HAIR, SHIRT, TROUSERS, SHOES, UNSEEN = range(6)
 COLORS = np.array(  # red, green, blue, 0 to 1, of each
-    [[0.86, 0.68, 0.57], [0.30, 0.23, 0.19], [0.28, 0.56, 0.62], [0.34, 0.39, 0.50], [0.22, 0.22, 0.25]], np.float32
+    [
+        [0.86, 0.68, 0.57],
+        [0.30, 0.23, 0.19],
+        [0.28, 0.56, 0.62],
+        [0.34, 0.39, 0.50],
+        [0.22, 0.22, 0.25],
+        [0.85, 0.38, 0.36],
+    ],
+    np.float32,
 )
 _CLOTHES = {
     "cranium": HAIR,

@@ -1,0 +1,52 @@
+"""Simulated devices, by name: what headsets, trackers and gloves would track of a motion."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from bodysense.data.clip import Clip
+from bodysense.errors import BodysenseError
+from bodysense.observation import Observation
+from bodysense.occlusion import glove
+from bodysense.occlusion.camera_ring import CameraRing
+from bodysense.occlusion.noise import NoiseSettings, disturb
+from bodysense.occlusion.sensors import SENSOR_SETS, observe
+
+GLOVES = "gloves"  # markers of both gloves in a ring of cameras
+DeviceName = Literal[
+    "head",
+    "three_point",
+    "three_point_imu_feet",
+    "four_point",
+    "six_point",
+    "ten_point",
+    "headset_camera",
+    "three_point_imu_shoes",
+    "three_point_imu_legs",
+    "gloves",
+]
+DEVICES: tuple[str, ...] = (*SENSOR_SETS, GLOVES)
+_GLOVE_NOISE = 0.0005  # m along each axis: markers of optical capture
+
+
+def simulate(clip: Clip, device: str, noise: int | None = None) -> Observation:
+    """What a device tracks of a clip.
+
+    Args:
+        clip: the motion, on the skeleton of 65 points.
+        device: one of `DEVICES`.
+        noise: random seed of errors as real devices have them; None tracks exactly.
+
+    Raises BodysenseError for an unknown device.
+    """
+    if device not in DEVICES:
+        raise BodysenseError(f"unknown device {device!r}; valid are {', '.join(DEVICES)}")
+    rng = None if noise is None else np.random.default_rng(noise)
+    if device == GLOVES:
+        capture = glove.GloveCapture(CameraRing(), noise=0.0 if rng is None else _GLOVE_NOISE)
+        return glove.observe(clip.pose, clip.time, capture, rng)
+    sensors = SENSOR_SETS[device]
+    observation = observe(clip.pose, clip.time, sensors)
+    return observation if rng is None else disturb(observation, rng, NoiseSettings(cameras=sensors.camera))

@@ -1,0 +1,220 @@
+"""Whole recordings: `track` completes one, frame after frame as a live session would; a `Take` is the result.
+
+There is one way through: a source becomes an Observation, `Tracker.step` makes an Estimate of it, and that a Clip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.capture.recording import Recording
+from bodysense.completion.model import CompletionModel
+from bodysense.data.clip import Clip
+from bodysense.data.resample import at_constant_rate
+from bodysense.devices.gloves import glove_device, gloved_sides, has_gloves
+from bodysense.devices.simulated import DEVICES, simulate
+from bodysense.errors import BodysenseError
+from bodysense.export.motion_files import write_motion
+from bodysense.observation import Estimate, Observation, check_observation
+from bodysense.reading import read
+from bodysense.tracker import Tracker, TrackerSettings
+
+ANCHORS = ("head", "pelvis")  # what stays where it was measured, on whatever proportions; else what is measured most
+_FRAMES = 60  # that are completed in one call, between two reports of progress
+_USUAL_RATE = 30.0  # Hz, of a motion of one frame
+
+Source = str | Path | Clip | Observation | Recording
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """A completed recording."""
+
+    clip: Clip  # at a constant rate, on the proportions believed at the end
+    estimate: Estimate  # of every frame that was tracked, as shown when it came
+    person: Person  # the wearer, as believed at the end
+    time: np.ndarray  # (T,) s of the estimate's frames
+
+    def save(self, path: str | Path) -> None:
+        """Write the motion: .bvh, .glb (glTF with an animated skeleton) or .vrma (an animation for VRM avatars)."""
+        path = Path(path)
+        write_motion(path, replace(self.clip, name=path.stem))
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """What is tracked of somebody, and what is known of them before the first frame."""
+
+    name: str  # what messages call it
+    observation: Observation
+    person: Person
+
+
+def track(
+    source: Source,
+    *,
+    device: str | None = None,
+    person: Person | None = None,
+    height: float | None = None,
+    noise: int | None = None,
+    settings: TrackerSettings = TrackerSettings(),
+    network: CompletionModel | None = None,
+    advance: Callable[[int, int], None] = lambda done, frames: None,
+) -> Take:
+    """Complete a whole recording, frame after frame, without looking ahead: the same as live.
+
+    Args:
+        source: a file (a recording, a motion, markers of gloves), or a Clip, Observation or Recording in memory.
+        device: where the source is a motion: the simulated device that watches it, one of `DEVICES`.
+        person: what is known of the wearer. If omitted, the body of the recording or motion; where that is not told,
+            the likeliest adult, whose proportions are inferred.
+        height: the wearer's height in metres, in place of a person; the other proportions are inferred.
+        noise: random seed of the errors of a simulated device; it tracks exactly if omitted.
+        settings: the floor, whether feet are held, whether proportions are inferred.
+        network: a completion network; the packaged one if omitted.
+        advance: is told how many frames are done, of how many.
+
+    Raises BodysenseError, naming the source and the fix, for what cannot be tracked.
+    """
+    signal = signal_of(source, device=device, person=person, height=height, noise=noise)
+    try:
+        return _tracked(signal, settings, network, advance)
+    except BodysenseError as error:
+        text = str(error)
+        raise error if signal.name in text else BodysenseError(f"{signal.name}: {text}") from None
+
+
+def signal_of(
+    source: Source,
+    *,
+    device: str | None = None,
+    person: Person | None = None,
+    height: float | None = None,
+    noise: int | None = None,
+) -> Signal:
+    """What a source tracks, and of whom; arguments as those of `track`."""
+    if person is not None and height is not None:
+        raise BodysenseError(f"both a person and a height of {height:g} m were given; give one of them")
+    name = str(source) if isinstance(source, (str, Path)) else _name_of(source)
+    content = read(source) if isinstance(source, (str, Path)) else source
+    if isinstance(content, Clip):
+        if device is None:
+            raise BodysenseError(
+                f"{name}: not a recording; if it is a motion, say what device watches it, such as --device "
+                f"headset_camera; valid are {', '.join(DEVICES)}"
+            )
+        observation, skeleton = simulate(content, device, noise), content.pose.skeleton
+    else:
+        for option, value in (("device", device), ("noise", noise)):
+            if value is not None:
+                raise BodysenseError(f"{name}: a recording, not a motion; leave --{option} out")
+        observation = content.observation if isinstance(content, Recording) else content
+        skeleton = content.skeleton if isinstance(content, Recording) and content.told else None
+    try:
+        if person is None:
+            person = Person(height=height) if height is not None or skeleton is None else Person(skeleton)
+        _check(observation)
+    except BodysenseError as error:
+        raise BodysenseError(f"{name}: {str(error).removeprefix('observation: ')}") from None
+    return Signal(name, observation, person)
+
+
+def _name_of(source: Clip | Observation | Recording) -> str:
+    return source.name or "clip" if isinstance(source, Clip) else type(source).__name__.lower()
+
+
+def _check(observation: Observation) -> None:
+    """Refuse what nothing can be made of."""
+    check_observation(observation)
+    if observation.position.ndim != 3:
+        raise BodysenseError(f"position has shape {observation.position.shape}; a take is of one person: (T, P, 3)")
+    if not (observation.has_position.any() or observation.has_rotation.any()):
+        raise BodysenseError(
+            f"nothing is tracked in its {len(observation)} frames; record it with the trackers switched on and seen"
+        )
+
+
+def _tracked(
+    signal: Signal,
+    settings: TrackerSettings,
+    network: CompletionModel | None,
+    advance: Callable[[int, int], None],
+) -> Take:
+    observation, person = signal.observation, signal.person
+    interval = _interval(observation, settings)
+    tracker = Tracker(person, network=network, settings=settings)
+    state, parts, done = tracker.start(), [], 0
+    for frames in _body_points(observation, person):
+        estimate, state = tracker.step(frames, state)
+        parts.append(estimate)
+        done += len(frames)
+        advance(done, len(observation))
+    estimate = _joined(parts)
+    believed = state.proportions.person(0)
+    pose = pose_on(estimate, believed)
+    clip = Clip(signal.name, pose, 1 / interval)
+    return Take(at_constant_rate(clip, observation.time), estimate, believed, observation.time)
+
+
+def _body_points(observation: Observation, person: Person) -> Iterator[Observation]:
+    """The points of the body, some frames at a time: markers of gloves become joints of hands."""
+    parts = [observation[k : k + _FRAMES] for k in range(0, len(observation), _FRAMES)]
+    if not has_gloves(observation):
+        yield from parts
+        return
+    gloves = glove_device(person.skeleton, gloved_sides(observation.points))
+    state = gloves.start()
+    for part in parts:
+        joints, state = gloves.step(part, state)
+        yield joints
+
+
+def _interval(observation: Observation, settings: TrackerSettings) -> float:
+    """Median seconds between frames. Raises BodysenseError where they are too far apart to be one motion."""
+    if len(observation) < 2:
+        return 1 / _USUAL_RATE
+    interval = float(np.median(np.diff(observation.time)))
+    if interval > settings.clock.longest_gap:
+        raise BodysenseError(
+            f"its frames are {interval:g} s apart ({1 / interval:.3g} Hz), too far for one motion; give at least "
+            f"{1 / settings.clock.longest_gap:g} Hz, or times in seconds"
+        )
+    return interval
+
+
+def _joined(parts: list[Estimate]) -> Estimate:
+    """Consecutive estimates as one."""
+
+    def whole(name: str) -> np.ndarray:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    pose = Pose(
+        parts[-1].pose.skeleton,
+        np.concatenate([part.pose.root_position for part in parts]),
+        np.concatenate([part.pose.rotation for part in parts]),
+    )
+    names = ("points", "measured", "confidence", "contact", "rest_offset")
+    return Estimate(pose, *(whole(name) for name in names))
+
+
+def pose_on(estimate: Estimate, person: Person) -> Pose:
+    """The pose of an estimate on the skeleton of a person, which may have other proportions than were shown.
+
+    Rotations stay as shown. The root is placed so that the head stays where it was shown, which is where it was
+    measured; where no head was tracked, the pelvis, or else the point that was tracked most.
+    """
+    skeleton, shown = person.skeleton, estimate.pose
+    if (estimate.rest_offset == skeleton.rest_offset).all():
+        return Pose(skeleton, shown.root_position, shown.rotation)
+    share = estimate.measured.mean(axis=0)
+    tracked = [name for name in ANCHORS if share[skeleton.index(name)] > 0]
+    anchor = skeleton.index(tracked[0]) if tracked else int(share.argmax())  # nothing tracked: the root, which is first
+    moved = Pose(skeleton, np.zeros_like(shown.root_position), shown.rotation)
+    root = estimate.points[:, anchor] - np.asarray(forward_kinematics(moved)[0])[:, anchor]
+    return Pose(skeleton, root, shown.rotation)

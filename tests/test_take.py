@@ -1,0 +1,206 @@
+"""Whole recordings: one way through, the same as live; files, persons, and input that cannot be."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+
+import bodysense
+from bodysense.body.person import Person
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.shape import stature
+from bodysense.body.skeleton import default_skeleton
+from bodysense.capture.recording import Recording, write_recording
+from bodysense.data.bvh import read_bvh, write_bvh
+from bodysense.data.clip import Clip
+from bodysense.devices.simulated import DEVICES, DeviceName, simulate
+from bodysense.errors import BodysenseError
+from bodysense.observation import Observation
+from bodysense.reading import read, write
+from bodysense.take import track
+from bodysense.tracker import Tracker
+
+
+@pytest.fixture(scope="module")
+def short(waving_clip: Clip) -> Clip:
+    return replace(waving_clip, name="short", pose=waving_clip.pose[:40])
+
+
+@pytest.fixture(scope="module")
+def three_points(short: Clip) -> Observation:
+    return simulate(short, "three_point")
+
+
+def positions(pose: Pose) -> np.ndarray:
+    return np.asarray(forward_kinematics(pose)[0])
+
+
+def test_offline_is_live(three_points: Observation) -> None:
+    """A take is what a tracker gives frame by frame."""
+    take = track(Recording(three_points, default_skeleton()))
+    tracker = Tracker(Person(default_skeleton()))
+    state = tracker.start()
+    for k in range(len(three_points)):
+        estimate, state = tracker.step(three_points[k : k + 1], state)
+        np.testing.assert_allclose(take.estimate.points[k], estimate.points[0], atol=1e-4)
+        np.testing.assert_allclose(positions(take.clip.pose[k]), estimate.points[0], atol=1e-3)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_every_device_is_tracked(short: Clip, device: str) -> None:
+    take = track(short, device=device)
+    assert len(take.clip) == len(short) and take.clip.frame_rate == pytest.approx(30)
+    assert np.isfinite(positions(take.clip.pose)).all()
+    assert (take.person.skeleton.rest_offset == short.pose.skeleton.rest_offset).all()
+
+
+def test_the_command_line_knows_the_devices() -> None:
+    assert get_args(DeviceName) == DEVICES
+
+
+def test_the_measured_head_stays_on_inferred_proportions(three_points: Observation) -> None:
+    """The clip is on the body believed at the end; its head is where it was measured, its bones keep their lengths."""
+    take = track(three_points, height=1.85)
+    skeleton = take.clip.pose.skeleton
+    assert float(stature(skeleton.rest_offset)) == pytest.approx(1.85, abs=0.02)
+    assert (skeleton.rest_offset == take.person.skeleton.rest_offset).all()
+    head = positions(take.clip.pose)[:, skeleton.index("head")]
+    np.testing.assert_allclose(head, three_points.position[:, 0], atol=1e-3)
+
+
+def test_without_a_head_what_is_measured_stays(short: Clip, three_points: Observation) -> None:
+    wrist = replace(three_points, has_position=three_points.has_position & [False, True, False])
+    wrist = replace(wrist, has_rotation=wrist.has_position)
+    take = track(wrist, height=1.6)
+    place = take.clip.pose.skeleton.index("left_wrist")
+    np.testing.assert_allclose(positions(take.clip.pose)[:, place], three_points.position[:, 1], atol=5e-3)
+
+
+def test_what_is_known_of_the_wearer(three_points: Observation, tmp_path: Path) -> None:
+    """A person, a height, the recording's own body, or nothing, in this order."""
+    tall = default_skeleton().scaled(1.9)
+    path = tmp_path / "seen.npz"
+    write_recording(path, Recording(three_points, tall))
+    assert track(path).person.skeleton.height == pytest.approx(1.9)
+    assert track(path, height=1.6).person.skeleton.height < 1.7
+    assert track(path, person=Person(default_skeleton())).person.skeleton.height == pytest.approx(
+        default_skeleton().height
+    )
+    write_recording(path, Recording(three_points, default_skeleton(), told=False))
+    nobody = track(path).person
+    assert nobody.bone_deviation.any()
+    nobody.save(tmp_path / "me.json")
+    assert track(path, person=Person.load(tmp_path / "me.json")).person.bone_deviation.any()
+    with pytest.raises(BodysenseError, match="both a person and a height"):
+        track(path, person=nobody, height=1.8)
+
+
+def test_unix_times_and_odd_ones(three_points: Observation) -> None:
+    """Frames come out at a constant rate; a Unix time is a time like any other."""
+    kept = np.delete(np.arange(40), [3, 4, 9, 15])
+    odd = replace(three_points[:36], time=1.7e9 + kept / 60)
+    take = track(odd)
+    assert take.clip.frame_rate == pytest.approx(60, rel=1e-3) and len(take.clip) == 40
+
+
+def test_one_frame_is_enough(three_points: Observation) -> None:
+    assert len(track(three_points[:1]).clip) == 1
+
+
+@pytest.mark.parametrize("ending", ["bvh", "glb", "vrma"])
+def test_saving(three_points: Observation, tmp_path: Path, ending: str) -> None:
+    take = track(three_points[:3])
+    take.save(tmp_path / f"out.{ending}")
+    assert (tmp_path / f"out.{ending}").stat().st_size > 1000
+    if ending == "bvh":
+        np.testing.assert_allclose(
+            positions(read_bvh(tmp_path / "out.bvh").pose)[:, 0], positions(take.clip.pose)[:, 0], atol=1e-4
+        )
+
+
+def test_noise_is_seeded(short: Clip) -> None:
+    exact, one, again, other = (simulate(short, "six_point", noise) for noise in (None, 1, 1, 2))
+    np.testing.assert_array_equal(one.position, again.position)
+    assert 0 < np.nanmax(np.abs(one.position - exact.position)) < 0.1
+    assert np.nanmax(np.abs(one.position - other.position)) > 0
+
+
+def broken(observation: Observation, what: str) -> Recording | Observation:
+    if what == "nothing":
+        nowhere = np.zeros_like(observation.has_position)
+        return replace(observation, has_position=nowhere, has_rotation=nowhere)
+    if what == "no offsets":
+        return Recording(observation, default_skeleton().with_offsets(np.zeros((65, 3))))
+    if what == "far":
+        position = observation.position.copy()
+        position[3, 0, 0] = 1e30
+        return replace(observation, position=position)
+    if what == "slow":
+        return replace(observation, time=observation.time * 3000)
+    if what == "accuracy":
+        return replace(observation, accuracy=-observation.accuracy)
+    if what == "nose":
+        return replace(observation, points=("nose", *observation.points[1:]))
+    return replace(observation, time=observation.time[::-1].copy())
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        ("nothing", "nothing is tracked in its 40 frames"),
+        ("no offsets", "a skeleton 0 m high; people are"),
+        ("far", r"'head' is 1e\+30 m from the origin at frame 3"),
+        ("slow", r"its frames are 100 s apart \(0.01 Hz\)"),
+        ("accuracy", "the accuracy of 'head' at frame 0 is -0.001"),
+        ("nose", "unknown joint 'nose'"),
+        ("backwards", "times must increase"),
+    ],
+)
+def test_input_that_cannot_be(three_points: Observation, what: str, message: str) -> None:
+    with pytest.raises(BodysenseError, match=message) as error:
+        track(broken(three_points, what))
+    assert "\n" not in str(error.value)
+    assert str(error.value).startswith(("recording: ", "observation: "))
+
+
+def test_motions_and_recordings_are_told_apart(short: Clip, three_points: Observation, tmp_path: Path) -> None:
+    write_bvh(tmp_path / "a.bvh", short)
+    with pytest.raises(BodysenseError, match=r"a\.bvh: not a recording; .* --device headset_camera"):
+        track(tmp_path / "a.bvh")
+    with pytest.raises(BodysenseError, match="unknown device 'kinect'; valid are head, three_point"):
+        track(tmp_path / "a.bvh", device="kinect")
+    with pytest.raises(BodysenseError, match="leave --device out"):
+        track(three_points, device="head")
+    with pytest.raises(BodysenseError, match="no such file"):
+        track(tmp_path / "b.npz")
+
+
+def test_reading_and_writing(short: Clip, three_points: Observation, tmp_path: Path) -> None:
+    write(tmp_path / "a.bvh", short)
+    write(tmp_path / "a.jsonl", Recording(three_points, default_skeleton(), told=False))
+    clip, recording = read(tmp_path / "a.bvh"), read(tmp_path / "a.jsonl")
+    assert isinstance(clip, Clip) and len(clip) == 40
+    assert isinstance(recording, Recording) and not recording.told
+    with pytest.raises(BodysenseError, match="complete it first"):
+        write(tmp_path / "b.bvh", recording)
+
+
+def test_the_front_door() -> None:
+    assert bodysense.track is track and bodysense.Person is Person
+    assert all(getattr(bodysense, name) is not None for name in bodysense.__all__)
+    assert set(bodysense.__all__) <= set(dir(bodysense))
+    with pytest.raises(AttributeError, match="nothing"):
+        bodysense.nothing  # noqa: B018
+
+
+def test_the_front_door_opens_at_once() -> None:
+    """Nothing is imported before it is used."""
+    code = "import sys, bodysense; print(*sorted(n for n in sys.modules if n.startswith(('numpy', 'bodysense'))))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["bodysense"]
