@@ -23,13 +23,13 @@ from bodysense.body.rotation import (
     shortest_arc,
 )
 from bodysense.body.skeleton import Skeleton
+from bodysense.body.spring import spring_step
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.estimators.point_model import PointModel, PointRunner, PointState, load_point_model
 from bodysense.occlusion.three_point import POINTS
 
 HALF_LIFE = 0.05  # s until the smoother has closed half of a jump
-_HALF = 1.6783469900166605  # y·t at which (1 + y t) e^(−y t), the critically damped response, is one half
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,14 +92,11 @@ class FingerSynthesis:
         return np.stack(offsets), state
 
     def _smoothed(self, target: np.ndarray, time: float, state: FingerState) -> FingerState:
-        """Critically damped motion toward where the fingers should be, solved exactly for any time step."""
+        """Critically damped motion toward where the fingers should be."""
         if state.offset is None or state.velocity is None or state.time is None or self.half_life == 0:
             return replace(state, time=time, offset=target, velocity=np.zeros_like(target))
-        interval, y = time - state.time, _HALF / self.half_life
-        away, fade = state.offset - target, np.exp(-y * interval)
-        pull = state.velocity + away * y
-        offset = target + fade * (away + pull * interval)
-        return replace(state, time=time, offset=offset, velocity=fade * (state.velocity - pull * (y * interval)))
+        away, velocity = spring_step(state.offset - target, state.velocity, self.half_life, time - state.time)
+        return replace(state, time=time, offset=target + away, velocity=velocity)
 
 
 def finger_rotations(skeleton: Skeleton, offset: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from bodysense.body.damping import settle
 from bodysense.body.glove import side_of
 from bodysense.body.hand import FINGERTIPS, HAND_JOINTS, hand_skeleton
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.products import CONJUGATE, exp, log, multiply
 from bodysense.body.rotation import quaternion_canonical, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
+from bodysense.body.spring import spring_step
 from bodysense.errors import BodysenseError
 from bodysense.estimators.carried import Carried
 from bodysense.estimators.estimate import Estimator, PointEstimate
@@ -184,7 +184,7 @@ class Gloved:
                 apart = np.stack([state.wrist - target, log(multiply(state.turn, turn * CONJUGATE))])
                 jump, closing = np.where(changed, apart, jump), np.where(changed, 0.0, closing)
             if jump.any():
-                jump, closing = settle(jump, closing, self.settings.half_life, now - state.time)
+                jump, closing = spring_step(jump, closing, self.settings.half_life, now - state.time)
                 target, turn = target + jump[0], multiply(exp(jump[1]), turn)
         return GlovedState(state.hands, state.body, now, known, target, turn, jump, closing)
 

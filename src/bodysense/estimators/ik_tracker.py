@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from bodysense.body.damping import settle
 from bodysense.body.ik import IkSettings, IkState, InverseKinematics
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.products import CONJUGATE, exp, log, multiply, world_rotation
 from bodysense.body.skeleton import Skeleton
+from bodysense.body.spring import spring_step
 from bodysense.errors import BodysenseError
 from bodysense.estimators.estimate import Estimator, PointEstimate
 from bodysense.observation import Observation, observed_points
@@ -235,7 +235,7 @@ def smooth(
     velocity = np.concatenate([state.spin, [state.root_velocity]])
     lives = np.full((len(offset), 1), half_life)
     lives[:-1, 0] *= slower
-    offset, velocity = settle(offset, velocity, lives, interval)
+    offset, velocity = spring_step(offset, velocity, lives, interval)
     rotation = multiply(exp(offset[:-1]), target.rotation)
     rotation *= np.copysign(1.0, rotation[:, :1])
     return target.root_position + offset[-1], velocity[-1], rotation, velocity[:-1]

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bodysense.body.damping import settle
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.products import CONJUGATE, exp, log, multiply, world_rotation
 from bodysense.body.skeleton import BODY
+from bodysense.body.spring import spring_step
 from bodysense.errors import BodysenseError
 from bodysense.estimators.whole_body import WholeBody
 
@@ -77,7 +77,7 @@ def passed(
     _, before = _shown(body, pose, parts, passage.offset)
 
     def after(share: float) -> tuple[np.ndarray, np.ndarray, Pose, np.ndarray, float]:
-        offset, velocity = settle(passage.offset, passage.velocity, passage.half_life, share * interval)
+        offset, velocity = spring_step(passage.offset, passage.velocity, passage.half_life, share * interval)
         shown, position = _shown(body, pose, parts, offset)
         step = float(np.linalg.norm(position - before, axis=1).max())
         return offset, velocity, shown, position, step / (settings.fastest * interval)

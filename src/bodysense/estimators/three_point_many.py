@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from bodysense.body.damping import settle
 from bodysense.body.pose import Pose
 from bodysense.body.products import CONJUGATE, exp, log, multiply
+from bodysense.body.spring import spring_step
 from bodysense.errors import BodysenseError
 from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.foot_lock import FootLockState, lock_feet, released
@@ -225,7 +225,7 @@ def _jumped(
     leap = changed[rows].transpose(0, 2, 1)[..., None]  # (N, 2, 2, 1): in position and rotation, of each hand
     turn = multiply(left[3].reshape(-1, 4), (turned[rows] * CONJUGATE).reshape(-1, 4))
     apart = np.stack([left[2] - hand[rows], log(turn).reshape(-1, 2, 3)], axis=1)
-    now = settle(
+    now = spring_step(
         np.where(leap, apart, left[0]), np.where(leap, 0.0, left[1]), half_life, interval[rows, None, None, None]
     )
     jump[rows], closing[rows] = now

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bodysense.body.arms import arm_rotations, with_arms
-from bodysense.body.damping import settle
 from bodysense.body.ik import IkState
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import matrix_to_quaternion, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
+from bodysense.body.spring import spring_step
 from bodysense.capture.landmarks import BODY_LANDMARKS
 from bodysense.capture.person import VISIBLE, PersonLandmarks, arm_keypoints, joined_landmarks
 from bodysense.errors import BodysenseError
@@ -177,7 +177,7 @@ class VideoBody:
             begun = (time, float((_tilted(tilt) @ place)[2]))
             return replace(state, ik=ik, pose=pose, place=place, tilt=tilt, begun=begun, time=time)
         lives = np.array([self.settings.place_half_life] * 2 + [self.settings.depth_half_life])
-        offset, velocity = settle(state.place - place, state.velocity, lives, time - state.time)
+        offset, velocity = spring_step(state.place - place, state.velocity, lives, time - state.time)
         return replace(state, ik=ik, pose=pose, place=place + offset, velocity=velocity, tilt=tilt, time=time)
 
     def _tilt(self, person: PersonLandmarks, state: VideoState) -> float:

@@ -182,7 +182,7 @@ def test_what_is_refused(small_models: GloveModels, gloves: Observation) -> None
         Gloved(more, Carried(skeleton))
     body: Estimator = Hold(skeleton)
     estimator = Gloved(make_hands(small_models), body)
-    with pytest.raises(BodysenseError, match="completed without rotations; wrap it in a tracker"):
+    with pytest.raises(BodysenseError, match="completed without rotations; wrap it in an IkTracked"):
         estimator.step(gloves[:1], estimator.start())
     with pytest.raises(BodysenseError, match="lost is 0; it must be positive"):
         GlovedSettings(lost=0.0)

@@ -1,4 +1,4 @@
-"""Critically damped motion toward rest, solved exactly, so that it is the same at any frame rate."""
+"""A critically damped spring, solved exactly, so that motion toward rest is the same at any frame rate."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 _HALF = 1.6783469900166605  # y·t at which (1 + y t) e^(−y t), the critically damped response, is one half
 
 
-def settle(
+def spring_step(
     offset: np.ndarray, velocity: np.ndarray, half_life: np.ndarray | float, interval: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Offset and velocity `interval` s later. From rest, half of an offset is closed after `half_life` s."""

@@ -1,0 +1,153 @@
+"""Inertialisation: what is shown goes on from where it was, and the difference decays.
+
+Where motion breaks (sensors came or went, a point was found again, the skeleton changed), the difference between what
+was shown and what is to be shown is kept as an offset and taken to zero by a critically damped spring (Bollo,
+*Inertialization*, GDC 2018, with a spring in place of his polynomial). Pose and velocity are continuous, nothing is
+blended from the old motion, and without an offset the target is shown to the bit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bodysense.body.pose import Pose
+from bodysense.body.rotation import (
+    cross,
+    quaternion_conjugate,
+    quaternion_exp,
+    quaternion_log,
+    quaternion_multiply,
+    quaternion_rotate,
+)
+from bodysense.body.spring import spring_step
+from bodysense.errors import BodysenseError
+
+_NOTHING = 1e-7  # m, rad and per s: an offset below this is over
+
+
+@dataclass(frozen=True, eq=False)
+class Velocity:
+    """How fast a pose changes."""
+
+    root: np.ndarray  # (..., 3) m/s, world
+    spin: np.ndarray  # (..., J, 3) rad/s, in the axes of the parent; the root's in the world's
+
+
+@dataclass(frozen=True, eq=False)
+class Offset:
+    """How far what is shown is from its target, and how fast that changes."""
+
+    root: np.ndarray  # (..., 3) m, world
+    rotation: np.ndarray  # (..., J, 3) rad, rotation vector in the axes of the parent
+    velocity: Velocity  # of the offset
+
+
+@dataclass(frozen=True)
+class Inertialiser:
+    """Shows poses without a jump. Immutable; state is an argument. Leading axes (...) are people, one frame each."""
+
+    half_life: float = 0.08  # s in which half of an offset at rest decays
+
+    def __post_init__(self) -> None:
+        if not 0 < self.half_life < np.inf:
+            raise BodysenseError(f"inertialiser: half-life {self.half_life:g} s; give a positive number of seconds")
+
+    def rest(self, pose: Pose) -> Offset:
+        """No offset, for poses shaped as `pose` (...)."""
+        root, rotation = np.asarray(pose.root_position), np.asarray(pose.rotation)
+        turn = np.zeros((*rotation.shape[:-1], 3))
+        return Offset(np.zeros(root.shape), turn, Velocity(np.zeros(root.shape), turn))
+
+    def start(
+        self,
+        shown: Pose,
+        target: Pose,
+        offset: Offset,
+        *,
+        people: np.ndarray | None = None,
+        follow: np.ndarray | None = None,
+        velocity: Velocity | None = None,
+        target_velocity: Velocity | None = None,
+    ) -> Offset:
+        """The offset after a break: `apply` goes on from the pose that was shown before it.
+
+        Args:
+            shown: the pose (...) of the frame before, as it was shown.
+            target: the pose (...) that would be shown in that frame from now on, or in the first one after the break.
+            offset: that of the frame before; goes on for people without a break.
+            people: (...) bool, whose motion breaks; everybody's if omitted.
+            follow: (..., J) bool, joints that take the target at once; with the root its position too.
+            velocity: of the shown pose; at rest if omitted.
+            target_velocity: of the target; at rest if omitted.
+        """
+        root = np.asarray(shown.root_position) - np.asarray(target.root_position)
+        turn = quaternion_multiply(np.asarray(shown.rotation), quaternion_conjugate(np.asarray(target.rotation)))
+        rotation = np.asarray(quaternion_log(turn))
+        velocity, still = velocity or self.rest(shown).velocity, target_velocity or self.rest(target).velocity
+        root_velocity = velocity.root - still.root
+        spin = _rate_of_rotation_vector(rotation, velocity.spin - np.asarray(quaternion_rotate(turn, still.spin)))
+        if follow is not None:
+            rotation, spin = (np.where(follow[..., None], 0.0, values) for values in (rotation, spin))
+            root, root_velocity = (np.where(follow[..., :1], 0.0, values) for values in (root, root_velocity))
+        if people is not None:
+            root, root_velocity, rotation, spin = (
+                np.where(people.reshape(people.shape + (1,) * (new.ndim - people.ndim)), new, old)
+                for new, old in (
+                    (root, offset.root),
+                    (root_velocity, offset.velocity.root),
+                    (rotation, offset.rotation),
+                    (spin, offset.velocity.spin),
+                )
+            )
+        return Offset(root, rotation, Velocity(root_velocity, spin))
+
+    def apply(self, target: Pose, interval: np.ndarray | float, offset: Offset) -> tuple[Pose, Offset]:
+        """The pose (...) that is shown in place of the target `interval` (...) s after the frame before.
+
+        Returns it and its offset. The target itself, to the bit, where nothing is left of an offset.
+        """
+        if not (offset.root.any() or offset.rotation.any() or offset.velocity.root.any() or offset.velocity.spin.any()):
+            return target, offset
+        passed = np.asarray(interval, dtype=float)
+        root, root_velocity = _decayed(offset.root, offset.velocity.root, self.half_life, passed[..., None])
+        rotation, spin = _decayed(offset.rotation, offset.velocity.spin, self.half_life, passed[..., None, None])
+        shown = Pose(
+            target.skeleton,
+            target.root_position + root,
+            quaternion_multiply(np.asarray(quaternion_exp(rotation)), np.asarray(target.rotation)),
+        )
+        return shown, Offset(root, rotation, Velocity(root_velocity, spin))
+
+
+def velocity_between(before: Pose, after: Pose, interval: np.ndarray | float) -> Velocity:
+    """Velocity of poses (...) that were `interval` (...) s apart."""
+    passed = np.asarray(interval, dtype=float)
+    turn = quaternion_multiply(np.asarray(after.rotation), quaternion_conjugate(np.asarray(before.rotation)))
+    root = np.asarray(after.root_position) - np.asarray(before.root_position)
+    return Velocity(root / passed[..., None], np.asarray(quaternion_log(turn)) / passed[..., None, None])
+
+
+def _decayed(
+    offset: np.ndarray, velocity: np.ndarray, half_life: float, interval: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Offset and velocity (..., 3) `interval` s later; exactly zero where they are over."""
+    offset, velocity = spring_step(offset, velocity, half_life, interval)
+    over = (np.abs(offset).max(axis=-1, keepdims=True) < _NOTHING) & (
+        np.abs(velocity).max(axis=-1, keepdims=True) < _NOTHING
+    )
+    return np.where(over, 0.0, offset), np.where(over, 0.0, velocity)
+
+
+def _rate_of_rotation_vector(vector: np.ndarray, spin: np.ndarray) -> np.ndarray:
+    """How fast a rotation vector (..., 3) changes where its rotation has angular velocity `spin` (..., 3) rad/s.
+
+    The inverse of the left Jacobian of SO(3) (Solà et al., *A micro Lie theory*, eq. 146).
+    """
+    squared = (vector * vector).sum(axis=-1, keepdims=True)
+    half = np.sqrt(squared) / 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(squared > 1e-8, (1 - half / np.tan(half)) / squared, 1 / 12)
+    once = np.asarray(cross(vector, spin))
+    return spin - once / 2 + share * np.asarray(cross(vector, once))
