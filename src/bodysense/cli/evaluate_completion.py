@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Literal
 
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
+
+_WIDTH = 160  # characters of the tables, where they are not shown on a terminal
 
 
 def completion(
@@ -79,6 +82,8 @@ def completion(
 
         table = evaluate_completion(clips, settings, mean_body=mean_body, advance=advance)
     console = Console()
+    if not console.is_terminal and "COLUMNS" not in os.environ:
+        console = Console(width=_WIDTH)
     reports = completion_reports(table, census, chosen)
     for report in reports:
         print_report(report, console)

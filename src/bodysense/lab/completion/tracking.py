@@ -5,13 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from bodysense.body.person import Person
-from bodysense.body.pose import forward_kinematics
 from bodysense.observation import Observation
+from bodysense.tracker import Tracker
 
 _WARM_UP = 30  # frames that are not timed
 
@@ -41,26 +40,14 @@ StepTimes = Callable[[Person, Observation], np.ndarray]
 
 def track_batch(people: Sequence[Person], observation: Observation) -> TrackedBatch:
     """Track B people with observations (B, T, P) from their first frame on, in one call."""
-    from bodysense.tracker import Tracker
-
-    make: Any = Tracker
-    tracker = make(people)
+    tracker = Tracker(people)
     estimate, _ = tracker.step(observation, tracker.start())
-    position, _ = forward_kinematics(estimate.pose, estimate.rest_offset)
-    return TrackedBatch(
-        position=np.asarray(position),
-        rotation=np.asarray(estimate.pose.rotation),
-        confidence=np.asarray(estimate.confidence),
-        contact=np.asarray(estimate.contact),
-    )
+    return TrackedBatch(estimate.points, estimate.pose.rotation, estimate.confidence, estimate.contact)
 
 
 def step_times(person: Person, observation: Observation) -> np.ndarray:
     """Seconds (N,) of every step of one wearer's tracker on an observation (T, P), after some that are not counted."""
-    from bodysense.tracker import Tracker
-
-    make: Any = Tracker
-    tracker = make(person)
+    tracker = Tracker(person)
     state, taken = tracker.start(), []
     for frame in range(len(observation)):
         seen = observation[frame : frame + 1]
