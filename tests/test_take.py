@@ -61,7 +61,7 @@ def test_every_device_is_tracked(short: Clip, device: str) -> None:
 
 
 def test_the_command_line_knows_the_devices() -> None:
-    assert get_args(DeviceName) == DEVICES
+    assert tuple(name for part in get_args(DeviceName) for name in get_args(part)) == DEVICES
 
 
 def test_the_measured_head_stays_on_inferred_proportions(three_points: Observation) -> None:

@@ -148,6 +148,7 @@ def _tracked(
 ) -> Take:
     observation, person = signal.observation, signal.person
     interval = _interval(observation, settings)
+    _check_height(observation, settings.floor)
     tracker = Tracker(person, network=network, settings=settings)
     state, parts, done = tracker.start(), [], 0
     for frames in _body_points(observation, person):
@@ -186,6 +187,20 @@ def _interval(observation: Observation, settings: TrackerSettings) -> float:
             f"{1 / settings.clock.longest_gap:g} Hz, or times in seconds"
         )
     return interval
+
+
+def _check_height(observation: Observation, floor: float) -> None:
+    """Refuse a head that is below the floor: heights over it are needed."""
+    if "head" not in observation.points:
+        return
+    head = observation.points.index("head")
+    height = observation.position[observation.has_position[:, head], head, 1]
+    highest = float(np.percentile(height, 95)) - floor if height.size else 1.0
+    if highest < 0:
+        raise BodysenseError(
+            f"the head is {-highest:.2f} m below the floor, which is y = {floor:g}; give positions over it, or the "
+            "floor's height with --floor"
+        )
 
 
 def _joined(parts: list[Estimate]) -> Estimate:

@@ -16,11 +16,9 @@ def header(path: Path) -> dict:
 
 
 @pytest.mark.parametrize("ending", ["glb", "vrma", "GLB"])
-def test_a_completed_motion_is_an_animation(
-    tmp_path: Path, motion: Path, small_three_point: Path, run, ending: str
-) -> None:
+def test_a_completed_motion_is_an_animation(tmp_path: Path, motion: Path, run, ending: str) -> None:
     out = tmp_path / f"waves.{ending}"
-    assert "20 frames" in run("track", motion, "--device", "three-point", "-o", out, "--model", small_three_point)
+    assert "20 frames" in run("track", motion, "--device", "three_point", "-o", out)
     document = header(out)
     (animation,) = document["animations"]
     assert animation["name"] == "waves"
@@ -30,7 +28,7 @@ def test_a_completed_motion_is_an_animation(
 
 
 def test_samples_and_fingers_go_there_too(tmp_path: Path, motion: Path, small_vae: Path, run) -> None:
-    options = ("--device", "three-point", "--samples", 2, "--model", small_vae)
+    options = ("--device", "three_point", "--samples", 2, "--model", small_vae)
     run("track", motion, *options, "-o", tmp_path / "body.glb")
     assert [header(tmp_path / f"body_{k}.glb")["animations"][0]["name"] for k in (1, 2)] == ["body_1", "body_2"]
     run("track", motion, "--fingers", "synthesize", "-o", tmp_path / "hands.vrma")
@@ -38,7 +36,7 @@ def test_samples_and_fingers_go_there_too(tmp_path: Path, motion: Path, small_va
 
 
 def test_what_cannot_be_written(tmp_path: Path, motion: Path, refused) -> None:
-    said = refused("track", motion, "--device", "three-point", "-o", tmp_path / "a.gltf")
+    said = refused("track", motion, "--device", "three_point", "-o", tmp_path / "a.gltf")
     assert said.endswith("a.gltf: the output ends in '.gltf'; give a name that ends in .bvh, .glb or .vrma")
     said = refused("track", tmp_path / "film.mp4", "-o", tmp_path / "a.gltf")
     assert said.endswith("a.gltf: the output ends in '.gltf'; give a name that ends in .bvh, .glb or .vrma")

@@ -98,11 +98,10 @@ def test_a_published_list_is_tested(run, refused, small_vae: Path, tmp_path: Pat
     asked = ("evaluate", "hmd-vae", "--data", data, "--networks", small_vae.parent, "--out", tmp_path / "tables")
     asked = (*asked, "--split-file", listing)
     said = run(*asked, "--json", tmp_path / "n.json", "--threads", 1)
-    assert "with --split-file the shipped predictor is not scored" in said
     assert f"Of it, the test motions of {listing}." in said
     assert json.loads((tmp_path / "n.json").read_text())["clips"] == 2
-    for more in (("--split", "val"), ("--quick",), ("--model", "net.onnx")):
-        assert refused(*asked, *more).startswith("--split-file scores its own test motions; leave --split, --quick")
+    for more in (("--split", "val"), ("--quick",)):
+        assert refused(*asked, *more).startswith("--split-file scores its own test motions; leave --split and --quick")
     listing.write_text("one.bvh test\ngone.bvh test\n")
     assert "1 of 2 motions are not in" in refused(*asked)
 
@@ -111,7 +110,7 @@ def test_the_tables(run, refused, small_vae: Path, tmp_path: Path, waving_clip: 
     data = tmp_path / "data"
     data.mkdir()
     write_bvh(data / "anna_waves.bvh", waving_clip)
-    asked = ("evaluate", "hmd-vae", "--data", data, "--networks", small_vae.parent, "--split", "all", "--no-shipped")
+    asked = ("evaluate", "hmd-vae", "--data", data, "--networks", small_vae.parent, "--split", "all")
     said = run(*asked, "--out", tmp_path / "tables", "--json", tmp_path / "n.json", "--threads", 1)
     assert "HMD-VAE, Figs 5 to 7" in said and "2 sequence" in said
     numbers = json.loads((tmp_path / "n.json").read_text())

@@ -45,7 +45,7 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
         (("--vmc-out", "no.such.host.invalid:39539"), "--vmc-out no.such.host.invalid:39539"),
         (("--allow-record", "no/such/folder"), "no such folder"),
         (("--replay", "no-such-file.npz"), "no such file"),
-        (("--device", "three-point"), "give it with --replay"),
+        (("--device", "three_point"), "give it with --replay"),
         (("--sessions", 0), "give 1 to 10000"),
         (("--vmc-names", "names.json"), "with --vmc-in"),
     ],

@@ -53,9 +53,9 @@ def test_a_body_gets_fingers_and_stays_as_it_was(tmp_path: Path, bare: Path, run
     np.testing.assert_allclose(length, np.tile(before.pose.skeleton.bone_length[1:], (20, 1)), atol=1e-4)
 
 
-def test_fingers_for_what_a_device_tracked(tmp_path: Path, motion: Path, small_three_point: Path, run) -> None:
+def test_fingers_for_what_a_device_tracked(tmp_path: Path, motion: Path, run) -> None:
     """Only fingers differ from what is tracked without."""
-    arguments = ("track", motion, "--device", "three-point", "--model", small_three_point, "-o")
+    arguments = ("track", motion, "--device", "three_point", "-o")
     run(*arguments, tmp_path / "plain.bvh")
     run(*arguments, tmp_path / "made.bvh", "--fingers", "synthesize")
     (plain, one), (_, two) = places(tmp_path / "plain.bvh"), places(tmp_path / "made.bvh")

@@ -115,7 +115,7 @@ def test_a_video_of_nobody_is_refused(tmp_path: Path, landmarkers: Path, capsys:
     [
         (("text.mp4", "--arms", "landmarks"), "text.mp4: not a video that can be read"),
         (("none.mp4", "--arms", "landmarks"), "none.mp4: no such file"),
-        (("text.mp4", "--device", "three-point"), "are not for videos"),
+        (("text.mp4", "--device", "three_point"), "are not for videos"),
         (("text.mp4", "--samples", "2"), "are not for videos"),
         (("text.mp4", "--height", "headset"), "give --height in metres for a video"),
         (("text.mp4", "--arms", "landmarks", "--model", "a.onnx"), "--arms landmarks uses no network"),

@@ -30,7 +30,7 @@ def address(waving_clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Iter
     motion = tmp_path_factory.mktemp("replay") / "waving.bvh"
     write_bvh(motion, waving_clip)
     command = [sys.executable, "-m", "bodysense", "serve", "--port", "0"]
-    command += ["--replay", str(motion), "--device", "three-point"]
+    command += ["--replay", str(motion), "--device", "three_point"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
         found = re.search(r"http://\S+", server.stdout.readline())

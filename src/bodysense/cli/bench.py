@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from tyro.extras import SubcommandApp
 
 from bodysense.cli import arms, bench_live, live_checks
+from bodysense.devices.simulated import SensorSetName
 from bodysense.errors import BodysenseError
 
 if TYPE_CHECKING:
@@ -22,7 +24,6 @@ def commands() -> SubcommandApp:
     """The group's commands."""
     group = SubcommandApp()
     group.command(step)
-    group.command(three_point)
     group.command(gloves)
     group.command(ik)
     group.command(occlusion)
@@ -36,58 +37,51 @@ def commands() -> SubcommandApp:
     return group
 
 
-def step(frames: int = 3000, model: Path | None = None, json: Path | None = None) -> None:
-    """Time the tracker's whole step (network, IK, smoothing; body and both hands), a frame at a time.
+def step(
+    sensors: SensorSetName = "three_point",
+    frames: int = 3000,
+    people: int = 16,
+    model: Path | None = None,
+    json: Path | None = None,
+) -> None:
+    """Time the tracker's whole step, a frame at a time: one wearer, and several in a batch.
 
     Args:
-        frames: Frames to time, after 100 to warm up.
-        model: A network written by `bodysense train`; the packaged one by default.
-        json: Write the numbers here, as one flat object.
+        sensors: sensor set that is tracked.
+        frames: frames to time of one wearer, after 100 to warm up; of the batch a quarter as many.
+        people: wearers in the batch; its figure, ms a wearer, is called batch16_ms with 16.
+        model: completion network of your own; the packaged one if omitted.
+        json: write the numbers here, as one flat object.
     """
-    from bodysense.demo import packaged_performance
-    from bodysense.estimators.ik_tracker import IkTracker
-    from bodysense.estimators.learned import Learned, load_model
-    from bodysense.occlusion.headset_camera import observe
+    from bodysense.body.person import Person
+    from bodysense.completion.model import PACKAGED, load_completion
+    from bodysense.demo import performance_of_stranger
+    from bodysense.occlusion.sensors import SENSOR_SETS, observe
+    from bodysense.tracker import Tracker, step_together
 
-    clip = packaged_performance()
-    observation = observe(clip.pose, clip.time)
-    tracker = IkTracker(Learned(load_model(model), clip.pose.skeleton))
-    state = tracker.start()
+    if people < 1:
+        raise BodysenseError(f"--people {people}: give at least 1")
+    clip = performance_of_stranger()
+    observation = observe(clip.pose, clip.time, SENSOR_SETS[sensors])
+    network = None if model is None else load_completion(model)
+    tracker = Tracker(Person(clip.pose.skeleton), network=network)
+    one = percentiles(_streamed(tracker, observation), frames)
+    single = [observation[place : place + 1] for place in range(len(observation))]
+    states = [tracker.start() for _ in range(people)]
 
-    def one(frame: int) -> None:
-        nonlocal state
-        place = frame % len(clip)
-        if place == 0:
-            state = tracker.start()
-        _, _, state = tracker.step(observation[place : place + 1], state)
+    def together(frame: int) -> None:
+        nonlocal states
+        place = frame % len(single)
+        begun = [tracker.start() for _ in range(people)] if place == 0 else states
+        done = step_together([(tracker, single[place], state) for state in begun])
+        states = [state for _, state in done]
 
-    numbers = percentiles(one, frames)
-    report("step", numbers | {"rss_mb": resident_memory()}, json)
-
-
-def three_point(frames: int = 3000, tracker: bool = True, model: Path | None = None, json: Path | None = None) -> None:
-    """Time a whole body from a headset and two hands, a frame at a time: the estimator, and with IK after it.
-
-    Args:
-        frames: Frames to time, after 100 to warm up.
-        tracker: Also time the tracker's whole step, as tracker_p50_ms and so on.
-        model: A network written by `bodysense train three-point`; the packaged one by default.
-        json: Write the numbers here, as one flat object.
-    """
-    from bodysense.demo import packaged_performance
-    from bodysense.estimators.ik_tracker import IkTracker
-    from bodysense.estimators.three_point import ThreePoint
-    from bodysense.estimators.three_point_answers import load_three_point
-    from bodysense.occlusion.three_point import observe
-
-    clip = packaged_performance()
-    observation = observe(clip.pose, clip.time)
-    estimator = ThreePoint(clip.pose.skeleton, load_three_point(model))
-    numbers = percentiles(_streamed(estimator, observation), frames)
-    if tracker:
-        whole = percentiles(_streamed(IkTracker(estimator), observation), frames)
-        numbers |= {f"tracker_{name}": value for name, value in whole.items()}
-    report("three points", numbers | {"rss_mb": resident_memory()}, json)
+    batch = percentiles(together, max(1, frames // 4))
+    numbers = {name: one[name] for name in ("p50_ms", "p99_ms")}
+    numbers |= {f"batch{people}_ms": batch["p50_ms"] / people, f"batch{people}_p99_ms": batch["p99_ms"] / people}
+    with as_file(files("bodysense.weights") / PACKAGED) as packaged:
+        size = (packaged if model is None else model).stat().st_size
+    report(f"step, {sensors}", numbers | {"rss_mb": resident_memory(), "file_mb": size / 1e6}, json)
 
 
 def gloves(frames: int = 3000, json: Path | None = None) -> None:
@@ -207,7 +201,7 @@ def bvh(megabytes: int = 60, json: Path | None = None) -> None:
 
 
 def import_time(runs: int = 9, json: Path | None = None) -> None:
-    """Time `import bodysense` with what tracking needs, in fresh processes, and see that PyTorch is not among it.
+    """Time `import bodysense`, alone and with the tracker, in fresh processes; PyTorch must not be among it.
 
     Args:
         runs: Processes; the median is told.
@@ -216,9 +210,8 @@ def import_time(runs: int = 9, json: Path | None = None) -> None:
     import subprocess
 
     code = (
-        "import time; begun = time.perf_counter(); "
-        "import bodysense, bodysense.estimators.ik_tracker, bodysense.estimators.learned; "
-        "import sys; print(time.perf_counter() - begun, int('torch' in sys.modules))"
+        "import time; begun = time.perf_counter(); import bodysense; alone = time.perf_counter() - begun; "
+        "bodysense.Tracker; import sys; print(alone, time.perf_counter() - begun, int('torch' in sys.modules))"
     )
     rows = [
         [
@@ -227,8 +220,9 @@ def import_time(runs: int = 9, json: Path | None = None) -> None:
         ]
         for _ in range(runs)
     ]
-    seconds = float(np.median([row[0] for row in rows]))
-    report("import", {"seconds": seconds, "torch_imported": max(row[1] for row in rows)}, json)
+    alone, seconds = (float(np.median([row[k] for row in rows])) for k in (0, 1))
+    numbers = {"package_seconds": alone, "seconds": seconds, "torch_imported": max(row[2] for row in rows)}
+    report("import", numbers, json)
 
 
 def training(steps: int = 6, threads: int = 1, json: Path | None = None) -> None:

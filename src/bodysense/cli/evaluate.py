@@ -19,7 +19,6 @@ def commands() -> SubcommandApp:
     group.command(evaluate_completion.completion)
     group.command(headset)
     group.command(evaluate_more.finger_synthesis)
-    group.command(evaluate_more.three_point)
     group.command(evaluate_more.hmd_vae)
     group.command(arms.pahmt_table1)
     group.command(render.video_rendered)

@@ -1,4 +1,4 @@
-"""`bodysense evaluate finger-synthesis`, `three-point`, `hmd-vae`: fingers from a body, a body from three points."""
+"""`bodysense evaluate finger-synthesis`, `hmd-vae`: fingers from a body, a body from three points."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from bodysense.cli.reporting import Common, Flat, checked, finish, progress_over
+from bodysense.cli.reporting import Common, Flat, checked, finish
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 
@@ -58,80 +58,43 @@ def finger_synthesis(
     write_numbers(json, table.numbers())
 
 
-def three_point(data: str, model: Path | None = None, common: Flat = Common()) -> None:
-    """Score the whole body of a headset and two hands: errors, motion, feet, other heights, the head alone.
-
-    Args:
-        data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table.
-        model: A network written by `bodysense train three-point`; the packaged one by default.
-        common: Common options.
-    """
-    from rich.progress import Progress
-
-    from bodysense.estimators.three_point_answers import load_three_point
-    from bodysense.evaluation.datasets import named_data
-    from bodysense.evaluation.three_point_table import PASSES, evaluate_three_point, three_point_report
-
-    jobs, chosen = checked(common), named_data(data, common.split, common.quick)
-    load_three_point(model)  # what cannot be read is refused before anything is computed
-    with Progress() as progress:
-        bar = progress.add_task("scoring", total=PASSES * chosen.count())
-        table, census = evaluate_three_point(
-            chosen, model, jobs, lambda clip: progress.update(bar, advance=1, description=f"scored {clip.name}")
-        )
-    finish(three_point_report(table, census, chosen), common)
-
-
 def hmd_vae(
     data: str,
     networks: Path,
     split_file: Path | None = None,
-    shipped: bool = True,
-    model: Path | None = None,
     threads: int | None = None,
     common: Flat = Common(),
 ) -> None:
     """HMD-VAE, Figs 5 to 7: models 1 to 4 with and without history, from scratch and pretrained, 3 and 6 blocks.
 
-    A second table has the measures of later papers, with the shipped predictor and published figures.
+    A second table has the measures of later papers, with published figures.
 
     Args:
         data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table.
         networks: The folder into which `bodysense train hmd-vae` wrote the networks.
-        split_file: The list they were trained with: its motions 'PATH test' are scored instead of a split by person,
-            and the shipped predictor, which may have learned some of them, is not.
-        shipped: Score the shipped three-point predictor, too, which takes longer than all of the rest.
-        model: That predictor, a network written by `bodysense train three-point`; the packaged one by default.
-        threads: Of PyTorch; its own choice by default.
+        split_file: list they were trained with: its motions 'PATH test' are scored instead of a split by person.
+        threads: PyTorch threads; its own choice if omitted.
         common: Common options.
     """
-    from rich.console import Console
     from rich.progress import Progress, track
 
     from bodysense.data.body_frames import read_split_file
     from bodysense.evaluation.body_vae import read_test, score_vae, vaes_in
     from bodysense.evaluation.body_vae_report import metrics_report, vae_report
     from bodysense.evaluation.datasets import named_data
-    from bodysense.evaluation.three_point_table import PASSES, evaluate_three_point
 
-    if split_file is not None and (common.split != "test" or common.quick or model is not None):
-        raise BodysenseError("--split-file scores its own test motions; leave --split, --quick and --model out")
-    jobs = checked(common)
+    if split_file is not None and (common.split != "test" or common.quick):
+        raise BodysenseError("--split-file scores its own test motions; leave --split and --quick out")
+    checked(common)
     chosen, files = named_data(data, common.split, common.quick), vaes_in(networks)
     total = None if split_file is None else list(read_split_file(split_file).values()).count("test")
-    table = None
-    if shipped and split_file is not None:
-        Console().print("with --split-file the shipped predictor is not scored: it may know the list's test motions")
-    elif shipped:
-        with progress_over([chosen] * PASSES) as advance:
-            table, _ = evaluate_three_point(chosen, model, jobs, advance)
     with Progress() as progress:
         bar = progress.add_task("reading", total=chosen.count() if total is None else total)
         frames, census = read_test(
             chosen, lambda clip: progress.update(bar, advance=1, description=f"read {clip.name}"), split_file
         )
     scored = [score_vae(name, path, frames, threads) for name, path in track(files.items(), "scoring the networks")]
-    figures, later = vae_report(scored, census, chosen), metrics_report(scored, table, census, chosen)
+    figures, later = vae_report(scored, census, chosen), metrics_report(scored, census, chosen)
     if split_file is not None:
         listed = f"Of it, the test motions of {split_file}."
         figures, later = (replace(one, data=(*one.data, listed)) for one in (figures, later))

@@ -122,7 +122,12 @@ def track(
     if device is None and fingers == "synthesize" and is_motion:
         _write_with_fingers(file, out, height, model)
         return
-    source = source_of(file, gloves, height)
+    if device is None and is_motion:
+        raise BodysenseError(
+            f"{file}: not a recording; if it is a motion, say what watches it: --device headset_camera, or --fingers "
+            "synthesize to give it fingers"
+        )
+    source = source_of(file, gloves, height, fingers=fingers == "synthesize")
     told = height if isinstance(source, Path) else None  # markers were put on a body of this height already
     if samples is not None:
         from bodysense.cli.samples import write_samples

@@ -32,8 +32,11 @@ def person_of(file: Path | None, height: float | None) -> Person | None:
     return None if file is None else Person.load(file)
 
 
-def source_of(file: Path, markers: MarkerOptions, height: float | None) -> Path | Recording:
-    """What `bodysense.track` takes: a file, or a recording of markers that a user says more about."""
+def source_of(file: Path, markers: MarkerOptions, height: float | None, fingers: bool = False) -> Path | Recording:
+    """What `bodysense.track` takes: a file, or a recording of markers that a user says more about.
+
+    `fingers` are to be made up, which those of gloves are not.
+    """
     from bodysense.capture.markers import is_marker_file
     from bodysense.capture.recording import is_recording, read_recording
     from bodysense.devices.gloves import has_gloves
@@ -41,11 +44,18 @@ def source_of(file: Path, markers: MarkerOptions, height: float | None) -> Path 
     if not file.is_file():
         raise BodysenseError(f"{file}: no such file")
     if is_marker_file(file):
+        _check_fingers(file, fingers)
         return recording_of_markers(file, markers, height)
     if markers != NO_OPTIONS:
         raise BodysenseError(f"{file}: --names, --unit, --up and their like are for marker files, .csv and .c3d")
     if is_recording(file):
         recording = read_recording(file)
         if has_gloves(recording.observation):
+            _check_fingers(file, fingers)
             check_gloves_of(recording.observation, file)
     return file
+
+
+def _check_fingers(file: Path, fingers: bool) -> None:
+    if fingers:
+        raise BodysenseError(f"{file}: its gloves have fingers; leave --fingers synthesize out")

@@ -71,8 +71,10 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
     if other:
         raise BodysenseError(
             f"--samples draws from head and hands ({', '.join(POINTS)}), but {other[0]!r} is tracked too; "
-            "give a three-point recording, or --device three-point"
+            "give a recording of these, or --device three_point"
         )
+    if "head" not in observation.points or not observation.has_position[:, observation.points.index("head")].any():
+        raise BodysenseError("--samples: 'head' is tracked in none of its frames; record it with a headset")
     network = load_body_vae(model)
     noises = sample_noise(network, count, np.random.default_rng(seed))
     paths = [out.with_name(f"{out.stem}_{k}{out.suffix}") for k in range(1, count + 1)]

@@ -22,7 +22,6 @@ def commands() -> SubcommandApp:
     group.command(unoc_tables)
     group.command(train_more.fingers)
     group.command(train_more.upper_body)
-    group.command(train_more.three_point)
     group.command(hmd_vae.hmd_vae)
     group.command(train_gloves.gloves)
     group.command(arms.arms)
@@ -148,8 +147,8 @@ def card(network: Annotated[Path, tyro.conf.Positional], figures: Path) -> None:
 
     Args:
         network: The .onnx file that `bodysense train` wrote.
-        figures: What the command that measures such a network wrote with --json: `bodysense evaluate headset`,
-            `three-point`, `finger-synthesis` or `unoc-table6`, with --model NETWORK.
+        figures: what the command that measures such a network wrote with --json: `bodysense evaluate completion`,
+            `headset`, `finger-synthesis` or `unoc-table6`, with --model NETWORK where it takes one.
     """
     import json
 

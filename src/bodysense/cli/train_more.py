@@ -72,57 +72,6 @@ def upper_body(
     run_points(PointRun("upper-body", data, _onnx(out), form, _positive(steps), seed, threads, licence, data_note))
 
 
-def three_point(
-    data: Path,
-    out: Output,
-    steps: int = 6000,
-    passes: int = 6,
-    lanes: int = 64,
-    chunk: int = 40,
-    hidden: int = 384,
-    dropout: float = 0.1,
-    weight_decay: float = 0.05,
-    learning_rate: float = 1.5e-3,
-    begin_with: Path | None = None,
-    clips: int | None = None,
-    seed: int = 1,
-    threads: int | None = None,
-    licence: str = "Apache-2.0",
-    data_note: str = "",
-) -> None:
-    """Train the whole body of a headset and two hands and write it as one .onnx file.
-
-    Run it again to go on after a stop. The weights that do best on the val split are kept.
-
-    Args:
-        data: A folder of motion files or a prepared store; its train split is learned.
-        out: The .onnx file; the checkpoint and the log lie beside it.
-        steps: Optimiser steps.
-        passes: How often the data is varied (mirrored, other limb lengths, lost hands, frame rates) and seen anew.
-        lanes: Clips that are played side by side; many make the gradient steady.
-        chunk: Frames of each through which it is differentiated; the state carries on beyond them.
-        hidden: Size of each of the two recurrent layers.
-        dropout: Of what they pass on.
-        weight_decay: Of AdamW.
-        learning_rate: The highest; it warms up to it and then falls.
-        begin_with: The .ckpt of another run, whose best weights are where this one begins: for a second stage, say with
-            longer chunks.
-        clips: So many clips of each split only, spread evenly.
-        seed: Of everything random.
-        threads: Of PyTorch and processes that prepare the data; their own choice by default.
-        licence: Of the network, for its card.
-        data_note: What it was trained on, for its card.
-    """
-    from bodysense.training.three_point_run import ThreePointRun, run_three_point
-
-    run_three_point(
-        ThreePointRun(
-            *(data, _onnx(out), steps, passes, lanes, chunk, hidden, dropout, weight_decay, learning_rate, begin_with),
-            *(clips, seed, threads, licence, data_note),
-        )
-    )
-
-
 def _onnx(out: Path) -> Path:
     if out.suffix != ".onnx":
         raise BodysenseError(f"{out}: the network is written as .onnx; give a name that ends so")

@@ -15,7 +15,7 @@ from bodysense.occlusion.noise import NoiseSettings, disturb
 from bodysense.occlusion.sensors import SENSOR_SETS, observe
 
 GLOVES = "gloves"  # markers of both gloves in a ring of cameras
-DeviceName = Literal[
+SensorSetName = Literal[
     "head",
     "three_point",
     "three_point_imu_feet",
@@ -25,8 +25,8 @@ DeviceName = Literal[
     "headset_camera",
     "three_point_imu_shoes",
     "three_point_imu_legs",
-    "gloves",
 ]
+DeviceName = SensorSetName | Literal["gloves"]
 DEVICES: tuple[str, ...] = (*SENSOR_SETS, GLOVES)
 _GLOVE_NOISE = 0.0005  # m along each axis: markers of optical capture
 

@@ -10,10 +10,12 @@ from typing import Any
 
 import onnx
 
+from bodysense.completion import format as completion
 from bodysense.errors import BodysenseError
-from bodysense.estimators import arms, body_vae, learned, point_model, three_point_answers
+from bodysense.estimators import arms, body_vae, learned, point_model
 from bodysense.estimators.gloves import networks as glove
 from bodysense.files import written_beside
+from bodysense.occlusion.sensors import SENSOR_SETS, TABLE_SETS
 
 Numbers = Mapping[str, float]
 
@@ -154,19 +156,13 @@ def _upper_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]
     ]
 
 
-def _three_point_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    figures = {
-        "position, 22 joints from the head, cm": "best_mpjpe_cm",
-        "lower body, cm": "best_lower_mpjpe_cm",
-        "upper body, cm": "best_upper_mpjpe_cm",
-        "analytic upper body on standing legs, cm": "baseline_mpjpe_cm",
-        "head only, cm": "head_only_mpjpe_cm",
-        "rotation, geodesic, degrees": "best_rotation_deg",
-        "velocity, cm/s": "best_velocity_cm_s",
-        "jitter, 10² m/s³": "best_jitter",
-        "jitter of the truth, 10² m/s³": "truth_jitter",
-    }
-    return [(label, f"{test[key]:.2f}") for label, key in figures.items()]
+def _completion_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    bodies = ("own", "stranger", "height", "nothing")
+    return [
+        (name.replace("_", " "), *(f"{test[f'{name}_{body}_{measure}']:.2f}" for body in bodies))
+        for name in TABLE_SETS
+        for measure in ("occluded_mpjpe_cm" if SENSOR_SETS[name].camera else "mpjpe_cm",)
+    ]
 
 
 def _vae_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
@@ -236,13 +232,14 @@ KINDS = {
         _upper_rows,
         f"legs, of which it knows nothing; floors that are not at y = 0; {_NOBODY}",
     ),
-    (three_point_answers.FORMAT, ""): Kind(
-        "A whole body, in rotations, from a headset and two hands, each hand where it is tracked.",
-        "bodysense evaluate three-point",
-        "Test people, main motions",
-        ("what", "figure"),
-        _three_point_rows,
-        f"floors that are not at y = 0; {_NOBODY}",
+    (completion.FORMAT, ""): Kind(
+        "Completes a whole body, in rotations, from any points that are tracked, on any adult's proportions.",
+        "bodysense evaluate completion",
+        "Test people and test bodies, main motions: MPJPE from the head, cm, with a camera that of hidden joints; of "
+        "the recording's body, told; of a stranger's, told; only the height told; nothing told",
+        ("sensors", "own", "stranger", "height", "nothing"),
+        _completion_rows,
+        f"children; people who carry or use things; {_NOBODY}",
     ),
     (glove.MARKER_FORMAT, ""): Kind(
         "Fills hidden markers of a glove from those that are seen (Pavllo et al. 2019, section 3.2.2).",
@@ -274,6 +271,6 @@ KINDS = {
         "Test people, main motions, at the posterior's mean",
         ("joints", "position error, cm", "velocity error, cm/s", "acceleration, m/s²"),
         _vae_rows,
-        f"the most accurate body, which is the three-point network's; floors that are not at y = 0; {_NOBODY}",
+        f"the most accurate body, which is the tracker's; floors that are not at y = 0; {_NOBODY}",
     ),
 }
