@@ -1,21 +1,23 @@
 """Complete a motion from what a headset's cameras see of it."""
 
+import tempfile
+from pathlib import Path
+
 import numpy as np
 
+import bodysense as bs
 from bodysense.body.pose import forward_kinematics
 from bodysense.demo import packaged_performance
-from bodysense.estimators.ik_tracker import IkTracker
-from bodysense.estimators.learned import Learned, load_model
-from bodysense.occlusion.headset_camera import observe
 
-clip = packaged_performance()  # or: canonical(read_bvh("mine.bvh"))
-observation = observe(clip.pose, clip.time)  # hidden joints are NaN
+clip = packaged_performance()  # or: bs.read("mine.bvh")
+take = bs.track(clip, device="headset_camera")  # a recording of a real device: bs.track("take.npz")
 
-tracker = IkTracker(Learned(load_model(), clip.pose.skeleton))
-pose, estimate, _ = tracker.step(observation, tracker.start())
+with tempfile.TemporaryDirectory() as folder:
+    take.save(Path(folder) / "result.bvh")  # or .glb, .vrma
 
 truth, _ = forward_kinematics(clip.pose)
-result, _ = forward_kinematics(pose)
-hidden = ~observation.has_position
+result, _ = forward_kinematics(take.clip.pose)
+hidden = ~take.estimate.measured
 error = np.linalg.norm(result - truth, axis=-1)
-print(f"{hidden.mean():.0%} of points were hidden; they came out {100 * error[hidden].mean():.1f} cm from the truth")
+print(f"{hidden.mean():.0%} of points were hidden; they came out {100 * error[hidden].mean():.1f} cm from the truth,")
+print(f"and {100 * take.estimate.confidence[hidden].mean():.1f} cm were expected")

@@ -2,16 +2,11 @@
 
 import numpy as np
 
-from bodysense.body.skeleton import default_skeleton
-from bodysense.estimators.ik_tracker import IkTracker
-from bodysense.estimators.learned import Learned, load_model
-from bodysense.observation import Observation
+import bodysense as bs
 
-skeleton = default_skeleton().scaled(1.80)  # the wearer
-tracker = IkTracker(Learned(load_model(), skeleton))
+tracker = bs.Tracker(bs.Person(height=1.80))  # or bs.Person(): the height is inferred, too
 state = tracker.start()
 points = ("head", "left_wrist", "right_wrist")
-lost = skeleton.index("left_wrist")
 
 for frame in range(90):  # 90 Hz, one second
     position = np.array([[[0.0, 1.65, 0.0], [0.25, 1.0, 0.2], [-0.25, 1.0, 0.2 + 0.001 * frame]]])
@@ -19,7 +14,7 @@ for frame in range(90):  # 90 Hz, one second
     rotation[0, 0] = 1.0, 0.0, 0.0, 0.0
     seen = np.array([[True, frame < 60, True]])  # the left hand gets lost
     position[~seen] = np.nan
-    observation = Observation(
+    observation = bs.Observation(
         points=points,
         position=position,
         rotation=rotation,
@@ -28,7 +23,8 @@ for frame in range(90):  # 90 Hz, one second
         accuracy=np.full((1, 3), 0.001),  # m: headset and controllers
         time=np.array([frame / 90]),
     )
-    pose, estimate, state = tracker.step(observation, state)
+    estimate, state = tracker.step(observation, state)
     if frame % 30 == 29:
-        place, doubt = estimate.position[0, lost], estimate.confidence[0, lost]
+        lost = estimate.pose.skeleton.index("left_wrist")
+        place, doubt = estimate.points[0, lost], estimate.confidence[0, lost]
         print(f"{frame / 90:.2f} s: left wrist at {np.round(place, 2)} ± {100 * doubt:.1f} cm")

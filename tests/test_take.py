@@ -181,6 +181,22 @@ def test_motions_and_recordings_are_told_apart(short: Clip, three_points: Observ
         track(tmp_path / "b.npz")
 
 
+def test_a_video_is_tracked(filmed: tuple[np.ndarray, Clip], landmarkers: Path, tmp_path: Path, monkeypatch) -> None:
+    """A folder of pictures of a drawn body."""
+    from PIL import Image
+
+    from bodysense.capture import landmarker_files
+
+    pictures, _ = filmed
+    for k, picture in enumerate(pictures):
+        Image.fromarray(picture).save(tmp_path / f"{k:02d}.png")
+    monkeypatch.setattr(landmarker_files, "landmarker_folder", lambda: landmarkers)
+    take = track(tmp_path, height=1.7)
+    assert len(take.clip) == len(pictures) and np.isfinite(positions(take.clip.pose)).all()
+    with pytest.raises(BodysenseError, match="a video, not a motion; leave --device out"):
+        track(tmp_path, device="head")
+
+
 def test_reading_and_writing(short: Clip, three_points: Observation, tmp_path: Path) -> None:
     write(tmp_path / "a.bvh", short)
     write(tmp_path / "a.jsonl", Recording(three_points, default_skeleton(), told=False))

@@ -14,6 +14,7 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.capture.recording import Recording
+from bodysense.capture.video import is_video, open_video
 from bodysense.completion.model import CompletionModel
 from bodysense.data.clip import Clip
 from bodysense.data.resample import at_constant_rate
@@ -54,6 +55,7 @@ class Signal:
     name: str  # what messages call it
     observation: Observation
     person: Person
+    infer: bool = True  # False: its lengths are guesses, of which proportions cannot be inferred
 
 
 def track(
@@ -70,7 +72,8 @@ def track(
     """Complete a whole recording, frame after frame, without looking ahead: the same as live.
 
     Args:
-        source: a file (a recording, a motion, markers of gloves), or a Clip, Observation or Recording in memory.
+        source: a file (a recording, a motion, markers of gloves, a video), a folder of images, or a Clip, Observation
+            or Recording in memory.
         device: where the source is a motion: the simulated device that watches it, one of `DEVICES`.
         person: what is known of the wearer. If omitted, the body of the recording or motion; where that is not told,
             the likeliest adult, whose proportions are inferred.
@@ -102,6 +105,10 @@ def signal_of(
     if person is not None and height is not None:
         raise BodysenseError(f"both a person and a height of {height:g} m were given; give one of them")
     name = str(source) if isinstance(source, (str, Path)) else _name_of(source)
+    if is_video(name) and isinstance(source, (str, Path)):
+        _refuse(name, "a video", device=device, noise=noise)
+        wearer = Person(height=height) if person is None else person
+        return Signal(name, _filmed(name, wearer), wearer, infer=False)
     content = read(source) if isinstance(source, (str, Path)) else source
     if isinstance(content, Clip):
         if device is None:
@@ -111,9 +118,7 @@ def signal_of(
             )
         observation, skeleton = simulate(content, device, noise), content.pose.skeleton
     else:
-        for option, value in (("device", device), ("noise", noise)):
-            if value is not None:
-                raise BodysenseError(f"{name}: a recording, not a motion; leave --{option} out")
+        _refuse(name, "a recording", device=device, noise=noise)
         observation = content.observation if isinstance(content, Recording) else content
         skeleton = content.skeleton if isinstance(content, Recording) and content.told else None
     try:
@@ -123,6 +128,33 @@ def signal_of(
     except BodysenseError as error:
         raise BodysenseError(f"{name}: {str(error).removeprefix('observation: ')}") from None
     return Signal(name, observation, person)
+
+
+def _refuse(name: str, kind: str, **options: object) -> None:
+    """Refuse options that are for motions."""
+    for option, value in options.items():
+        if value is not None:
+            raise BodysenseError(f"{name}: {kind}, not a motion; leave --{option} out")
+
+
+def _filmed(source: str, person: Person) -> Observation:
+    """What the pictures of a video show of a person."""
+    from bodysense.capture.landmarker_files import find_landmarkers
+    from bodysense.capture.landmarks import Landmarker, LandmarkerSettings
+    from bodysense.devices.video import VideoDevice, watch
+    from bodysense.estimators.arms import Arms, load_arms
+
+    arms = Arms(person.skeleton, load_arms())
+    with open_video(source) as video, Landmarker(find_landmarkers(None), LandmarkerSettings()) as landmarker:
+        if video.count is None and source.isdecimal():
+            raise BodysenseError(f"{source}: a webcam never ends; use the command, bodysense track {source}")
+        watched = watch(video.pictures, landmarker, lambda aspect: VideoDevice(person.skeleton, arms, aspect))
+        parts = [done.frames.observation for done in watched if len(done.frames)]
+    if not parts:
+        raise BodysenseError(f"{source}: no picture in it can be read")
+    names = ("position", "rotation", "has_position", "has_rotation", "accuracy", "time")
+    whole = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return Observation(parts[0].points, **whole)
 
 
 def _name_of(source: Clip | Observation | Recording) -> str:
@@ -149,6 +181,8 @@ def _tracked(
     observation, person = signal.observation, signal.person
     interval = _interval(observation, settings)
     _check_height(observation, settings.floor)
+    if not signal.infer:
+        settings = replace(settings, infer=False)
     tracker = Tracker(person, network=network, settings=settings)
     state, parts, done = tracker.start(), [], 0
     for frames in _body_points(observation, person):
