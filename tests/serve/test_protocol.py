@@ -87,20 +87,24 @@ def test_the_layout_is_the_documented_one() -> None:
     assert offsets["root_position"] == 16 and offsets["rotation"] == 28
     assert offsets["expected_error"] == 28 + 16 * 52
     assert offsets["hidden"] == 28 + 16 * 52 + 4 * 65
-    assert offsets["microseconds"] == 28 + 16 * 52 + 5 * 65
+    assert offsets["contact"] == 28 + 16 * 52 + 5 * 65
+    assert offsets["microseconds"] == 28 + 16 * 52 + 5 * 65 + 4
 
 
 def test_a_pose_is_read_as_it_was_written() -> None:
     rng, skeleton = np.random.default_rng(0), default_skeleton()
     joints, points = len(skeleton.joints), len(skeleton.points)
     hidden = rng.integers(0, 256, points) / 255
-    frame = PoseFrame(3, 9, 2.25, rng.normal(size=3), rng.normal(size=(joints, 4)), rng.uniform(size=points), hidden)
+    contact = np.array([0, 51, 204, 255]) / 255
+    root, rotation, error = rng.normal(size=3), rng.normal(size=(joints, 4)), rng.uniform(size=points)
+    frame = PoseFrame(9, 2.25, root, rotation, error, hidden, contact)
     found = read_pose(write_pose(frame, 1234), points)
-    assert (found.profile, found.sequence, found.time, found.microseconds) == (3, 9, 2.25, 1234)
+    assert (found.sequence, found.time, found.microseconds) == (9, 2.25, 1234)
     np.testing.assert_allclose(found.root_position, frame.root_position, rtol=1e-6)
     np.testing.assert_allclose(found.rotation, frame.rotation, rtol=1e-6)
     np.testing.assert_allclose(found.expected_error, frame.expected_error, rtol=1e-6)
     np.testing.assert_allclose(found.hidden, hidden)
+    np.testing.assert_allclose(found.contact, contact)
     truth = read_pose(write_truth(frame), points)
     np.testing.assert_array_equal(truth.rotation, found.rotation)
     with pytest.raises(ProtocolError, match="take"):

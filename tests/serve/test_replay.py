@@ -7,6 +7,7 @@ import asyncio
 import numpy as np
 import pytest
 
+from bodysense.body.person import Person
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
@@ -19,7 +20,7 @@ from bodysense.serve.replay import Playable, Player
 def playable(frames: int, rate: float, hands: bool = True) -> Playable:
     skeleton, standing = default_skeleton(), standing_pose(default_skeleton())
     pose = Pose(skeleton, np.tile(standing.root_position, (frames, 1)), np.tile(standing.rotation, (frames, 1, 1)))
-    return Playable(observe(pose, 5 + np.arange(frames) / rate, ThreePoint(hands=hands)), skeleton, pose)
+    return Playable(observe(pose, 5 + np.arange(frames) / rate, ThreePoint(hands=hands)), Person(skeleton), pose)
 
 
 def played(one: Playable, seconds: float, *changes: tuple[float, Replay]) -> list[tuple[float, SignalFrame, bool]]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import pytest
 
-from bodysense.body.skeleton import default_skeleton
 from bodysense.serve import scheduler as module
 from bodysense.serve.estimation import step_many
 from bodysense.serve.messages import Pong
@@ -24,7 +23,7 @@ class Wearer:
 
 
 def wearers(count: int) -> list[Wearer]:
-    return [Wearer(Session(DEVICES, default_skeleton())) for _ in range(count)]
+    return [Wearer(Session(DEVICES)) for _ in range(count)]
 
 
 def run(those: list[Wearer], frames: int) -> list[tuple[Wearer, Answer | None]]:
@@ -57,7 +56,7 @@ def test_one_that_fails_touches_no_other(monkeypatch: pytest.MonkeyPatch) -> Non
     broken = those[1].session
 
     def failing(jobs: list) -> list:
-        if any(job[0] is broken._adaptive for job in jobs):
+        if any(job[0] is broken._pipeline for job in jobs):
             raise ZeroDivisionError
         return step_many(jobs)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
+from bodysense.body.shape import stature
 from bodysense.body.skeleton import default_skeleton
 from bodysense.occlusion.three_point import observe
-from bodysense.serve.messages import Calibrate, Change, Placed, Recentre, Said, Settings
+from bodysense.serve.messages import Calibrate, Change, Placed, ProportionsChanged, Recentre, Said, Settings
 from bodysense.serve.protocol import ProtocolError, SignalFrame
 from bodysense.serve.session import Answer, Session
 
@@ -31,8 +34,8 @@ def frame(time: float, sequence: int = 0, height: float = 0.0, x: float = 0.0) -
     return SignalFrame(sequence, time, np.arange(3), np.full(3, 3), seen.position[0], seen.rotation[0])
 
 
-def session(**chosen: object) -> Session:
-    return Session(POINTS, SKELETON, Settings(**chosen))  # type: ignore[arg-type]
+def session(person: Person = Person(SKELETON), points: Sequence[str] = POINTS, **chosen: object) -> Session:
+    return Session(points, person, Settings(**chosen))  # type: ignore[arg-type]
 
 
 def play(one: Session, seconds: float, start: float = 0.0, rate: float = 30.0, **where: float) -> list[Answer]:
@@ -170,26 +173,26 @@ def test_somebody_seated_is_raised_to_standing() -> None:
 
 
 def test_a_standing_second_gives_the_height() -> None:
-    one = session()
+    one = session(Person())
     one.change(Calibrate())
     taller = 1.1
-    for k in range(40):
+    for k in range(120):
         here = frame(k / 30, k)
         one.receive(replace(here, position=here.position * taller), 0.0)
         one.step()
-    assert one.settings.height == pytest.approx(taller * SKELETON.height, abs=0.02)
-    assert one.skeleton.height == pytest.approx(one.settings.height)
+    assert one.settings.height == pytest.approx(taller * stature(SKELETON.rest_offset), abs=0.03)
+    assert one.height == pytest.approx(one.settings.height, abs=0.01)  # it grew to it
     said = [note.text for note in one.notes() if isinstance(note, Said)]
     assert len(said) == 2 and "1.8" in said[1]
     assert one.revision == 1
 
 
 def test_nobody_has_the_height_of_a_headset_on_a_table() -> None:
-    one = session()
+    one = session(Person())
     one.change(Calibrate())
     play(one, 1.3, height=-0.8)
     assert one.settings.height is None
-    assert "give the height in metres" in [note for note in one.notes() if isinstance(note, Said)][-1].text
+    assert "people are 1.0 to 2.3 m high" in [note for note in one.notes() if isinstance(note, Said)][-1].text
 
 
 def test_what_is_not_driven_stays_as_in_standing_and_comes_back_without_a_jump() -> None:
@@ -220,17 +223,53 @@ def test_a_hidden_hand_is_not_looked_at() -> None:
     assert play(one, 0.3, 0.3)[-1].frame.hidden[SKELETON.index("left_wrist")] < 0.5
 
 
-def test_another_height_is_another_skeleton() -> None:
-    one = session()
-    one.receive(frame(0.0), 0.0)
-    job = one.job()
-    assert job is not None
-    one.change(Change({"height": 2.0}))
-    estimate, state = job.adaptive.step(job.observation, job.state)
-    assert one.answer(job, estimate, state) is None  # of a body that is no more
-    assert play(one, 0.1, 1.0)[-1].pose.skeleton.height == pytest.approx(2.0)
+def test_whoever_tells_their_height_before_the_first_frame_has_it_at_once() -> None:
+    one = session(Person())
+    one.change(Change({"height": 1.9}))
+    assert one.height == pytest.approx(1.9, abs=1e-3)
     with pytest.raises(ProtocolError, match="height 9 m"):
         one.change(Change({"height": 9}))
+
+
+def test_whoever_tells_their_height_later_grows_to_it_without_a_jump() -> None:
+    one = session(Person())
+    answers = play(one, 2.0)
+    plain = leaps(answers[8:]).max()
+    before = one.height
+    one.receive(frame(2.0), 0.0)
+    job = one.job()
+    assert job is not None
+    one.change(Change({"height": 1.9}))
+    estimate, state = job.pipeline.step(job.observation, job.state)
+    assert one.answer(job, estimate, state) is not None  # a job that was under way is answered
+    one.notes()
+    answers = play(one, 5.0, 2.0 + 1 / 30)
+    assert before < 1.8 and one.height == pytest.approx(1.9, abs=0.005)
+    assert leaps(answers).max() < plain + 0.02
+    told = [note for note in one.notes() if isinstance(note, ProportionsChanged)]
+    assert 5 < len(told) <= 51  # at most ten a second
+    heights = [note.height for note in told]
+    assert heights == sorted(heights) and heights[-1] == pytest.approx(1.9, abs=0.005)
+    np.testing.assert_allclose(told[-1].rest_offset, one.skeleton.rest_offset, atol=1e-6)
+
+
+def test_proportions_are_inferred_and_told_while_the_poses_fit_them() -> None:
+    """A wearer of 1.87 m of whom nothing is told: measured wrists are where they are measured on the body as told."""
+    one = session(Person())
+    for k in range(300):
+        here = frame(k / 60, k)
+        here = replace(here, position=1.1 * here.position)
+        one.receive(here, 0.0)
+        last = one.step()
+        assert last is not None
+        assert np.abs(points_of(last) - last.points).max() < 0.02
+    assert one.height == pytest.approx(1.1 * stature(SKELETON.rest_offset), abs=0.05)
+    here = replace(frame(5.0), position=1.1 * frame(5.0).position)
+    one.receive(here, 0.0)
+    last = one.step()
+    assert last is not None
+    np.testing.assert_allclose(points_of(last), last.points, atol=0.003)
+    np.testing.assert_allclose(last.points[SKELETON.indices(POINTS[1:])], here.position[1:], atol=0.005)
 
 
 def test_an_estimate_that_is_no_number_does_not_stop_a_session() -> None:
@@ -238,8 +277,7 @@ def test_an_estimate_that_is_no_number_does_not_stop_a_session() -> None:
     one.receive(frame(0.0), 0.0)
     job = one.job()
     assert job is not None
-    estimate, state = job.adaptive.step(job.observation, job.state)
-    assert estimate.pose is not None
+    estimate, state = job.pipeline.step(job.observation, job.state)
     broken = Pose(SKELETON, np.full((1, 3), np.nan), estimate.pose.rotation)
     assert one.answer(job, replace(estimate, pose=broken), state) is None
     assert play(one, 0.1, 1.0)

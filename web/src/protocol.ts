@@ -23,7 +23,7 @@ export type Source = "replay" | "vmc" | "markers";
 
 /** How one person is set up; a client may change each at any time, and keeps them. */
 export interface Settings {
-  /** Of the person, m; the default body's 1.70 m where null. */
+  /** Of the person, m; where null, proportions are inferred from what is tracked. */
   height: number | null;
   /** Somebody who is seated is shown standing: their signal is raised by as much as their head is too low. */
   posture: Posture;
@@ -35,6 +35,10 @@ export interface Settings {
   smoothing: number;
   /** Points of the signal that are not looked at. */
   hidden: string[];
+  /** m, of the floor over y = 0. */
+  floor: number;
+  /** Feet that stand are held where they are, and none is under the floor. */
+  hold_feet: boolean;
 }
 
 /** The session that a client had before its connection broke. */
@@ -72,9 +76,11 @@ export interface RecordSwitch {
   on: boolean;
 }
 
-/** The wearer stands upright for one second from now: their height is taken from the headset. */
+/** The wearer stands upright for one second from now: height and how trackers are worn are taken from it. */
 export interface Calibrate {
   type: "calibrate";
+  /** To the sides: then the reach of the arms is taken as well. */
+  arms_out?: boolean;
 }
 
 /** Answered by a pong with the same time. */
@@ -93,7 +99,7 @@ export interface Replay {
   speed?: number | null;
 }
 
-/** The answer to a hello, and after a change of the skeleton. */
+/** The answer to a hello, and to a change of the settings. */
 export interface Welcome {
   type: "welcome";
   session: string;
@@ -107,12 +113,10 @@ export interface Welcome {
   parents: number[];
   /** m, of every point from its parent in the T-pose. */
   rest_offset: ([number, number, number])[];
-  /** m, of the skeleton. */
+  /** m, from the floor to the crown, of this body. */
   height: number;
   /** Names of the points of the signal. */
   signal: string[];
-  profiles: string[];
-  profile: string;
   settings: Settings;
   /** The server's own inputs, for `watch`. */
   sources: Source[];
@@ -124,10 +128,13 @@ export interface Welcome {
   version: number;
 }
 
-/** What completes the body changed. */
-export interface ProfileChanged {
-  type: "profile";
-  profile: string;
+/** The body has other proportions from the next pose on: they were inferred, or told. */
+export interface ProportionsChanged {
+  type: "proportions";
+  /** m, of every point from its parent in the T-pose. */
+  rest_offset: ([number, number, number])[];
+  /** m, from the floor to the crown. */
+  height: number;
 }
 
 /** How the signal's world is moved into the body's: body = Ry(heading) · signal + offset. */
@@ -159,7 +166,7 @@ export interface Pong {
 
 export type ClientMessage = Hello | Change | Recentre | RecordSwitch | Calibrate | Ping | Replay;
 
-export type ServerMessage = Welcome | ProfileChanged | Placed | Said | Refused | Pong;
+export type ServerMessage = Welcome | ProportionsChanged | Placed | Said | Refused | Pong;
 
 /** A point of a signal frame: by its place in the hello, in the signal's own world. Quaternions are w x y z. */
 export interface SignalPoint {

@@ -11,6 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from bodysense.body.person import Person
 from bodysense.serve.connection import converse
 from bodysense.serve.datagrams import (
     MARKER_POINTS,
@@ -48,6 +49,7 @@ class ServerSettings:
     limits: Limits = Limits()
     allow_record: Path | None = None  # a folder
     playable: Playable | None = None
+    person: Person = Person()  # what is known of wearers who do not tell their height
     vmc_in: int | None = None  # ports, on the server's host
     vmc_trackers: VmcTrackers = VmcTrackers()
     markers_in: int | None = None
@@ -67,7 +69,7 @@ def application(settings: ServerSettings) -> Any:
     metrics = Metrics()
     inputs = _listened(settings)
     sender = PoseSender(settings.receivers, metrics) if settings.receivers else None
-    live = Live(settings.limits, metrics, settings.allow_record, settings.playable, sender)
+    live = Live(settings.limits, metrics, settings.allow_record, settings.playable, sender, settings.person)
     access = settings.access
 
     async def websocket(client: WebSocket) -> None:

@@ -11,13 +11,13 @@ from typing import Any, Literal
 import numpy as np
 
 from bodysense.body.glove import glove_points
-from bodysense.body.pose import Pose
 from bodysense.capture.marker_stream import read_frame
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.protocol import HAS_POSITION, HAS_ROTATION, SignalFrame, wire_accuracy
 from bodysense.serve.safety import RateLimit
+from bodysense.serve.session import Answer
 from bodysense.serve.vmc import vmc_packets
 from bodysense.serve.vmc_trackers import POINTS as VMC_POINTS
 from bodysense.serve.vmc_trackers import VmcTrackers
@@ -56,12 +56,17 @@ class PoseSender:
                 self.close()
                 raise BodysenseError(f"{option}: {error.strerror or error}; give HOST:PORT of the avatar") from None
 
-    def __call__(self, pose: Pose, moment: float) -> None:
+    def __call__(self, answer: Answer) -> None:
         """Send one pose; VMC's time is that since the first, because single precision does not hold Unix time."""
         if self._begun is None:
-            self._begun = moment
+            self._begun = answer.moment
         for protocol, out in self._out:
-            for packet in vmc_packets(pose, moment - self._begun) if protocol == "vmc" else vrchat_packets(pose):
+            packets = (
+                vmc_packets(answer.pose, answer.moment - self._begun)
+                if protocol == "vmc"
+                else vrchat_packets(answer.pose, answer.points)
+            )
+            for packet in packets:
                 try:
                     out.send(packet)
                 except OSError:  # nobody listens there now, or the network is full: the next pose is on its way

@@ -6,11 +6,11 @@ import asyncio
 import hmac
 import secrets
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 
-from bodysense.body.pose import Pose
-from bodysense.body.skeleton import default_skeleton
+from bodysense.body.person import Person
 from bodysense.errors import BodysenseError
 from bodysense.serve.messages import (
     Calibrate,
@@ -29,7 +29,6 @@ from bodysense.serve.messages import (
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.outbox import Outbox
 from bodysense.serve.protocol import (
-    PoseFrame,
     ProtocolError,
     SignalFrame,
     write_pose,
@@ -49,8 +48,8 @@ _SWEEP = 0.5  # s between looks for sessions that are over
 class Live:
     """The sessions of a process. Used within its event loop only, between `start` and `stop`.
 
-    `show(pose, moment)` is called with the poses of the session that goes to avatars: the server's own, or
-    else the one that came first.
+    `person` is what is known of wearers who do not tell their height. `show(answer)` is called with what goes to
+    avatars: the server's own session, or else the one that came first.
     """
 
     def __init__(
@@ -59,10 +58,12 @@ class Live:
         metrics: Metrics,
         allow_record: Path | None = None,
         playable: Playable | None = None,
-        show: Callable[[Pose, float], None] | None = None,
+        show: Callable[[Answer], None] | None = None,
+        person: Person = Person(),
     ) -> None:
         self.limits, self.metrics = limits, metrics
         self._allow_record, self._playable, self._show = allow_record, playable, show
+        self._person = person
         self._seats: dict[str, Seat] = {}
         self._inputs: dict[Source, Seat] = {}
         self._tasks: list[asyncio.Task[None]] = []
@@ -85,7 +86,7 @@ class Live:
 
     def own(self, source: Source, points: tuple[str, ...]) -> Seat:
         """A session for an input of the server's own."""
-        seat = self._seated(source, Session(points, default_skeleton()), source)
+        seat = self._seated(source, Session(points, self._person), source)
         self._inputs[source] = seat
         return seat
 
@@ -149,7 +150,7 @@ class Live:
             self._make_room()
             return self._play(self._playable, hello.name, settings)
         self._make_room()
-        return self._seated(hello.name, Session(hello.points, default_skeleton(), settings), None)
+        return self._seated(hello.name, Session(hello.points, self._person, settings), None)
 
     def _make_room(self) -> None:
         """Sessions that nobody is connected to go first."""
@@ -181,7 +182,7 @@ class Live:
         return seat
 
     def _play(self, playable: Playable, name: str, settings: Settings) -> Seat:
-        seat = self._seated(name, Session(playable.observation.points, playable.skeleton, settings), "replay")
+        seat = self._seated(name, Session(playable.observation.points, playable.person, settings), "replay")
 
         def play(frame: SignalFrame, afresh: bool) -> None:
             if afresh:
@@ -217,9 +218,9 @@ class Live:
         self.metrics.latency.observe(spent)
         if seat.recorder is not None and not seat.recorder.add(answer):
             self._stop_recording(seat)
-            seat.tell(Said("the recording ended: it was as long as it may be, or the body changed"))
+            seat.tell(Said("the recording ended: it was as long as it may be"))
         if self._show is not None and seat is self._leader():
-            self._show(answer.pose, answer.moment)
+            self._show(answer)
 
     def _truth(self, seat: Seat, answer: Answer) -> list[bytes]:
         truth = None if seat.player is None else seat.player.playable.truth
@@ -227,10 +228,7 @@ class Live:
             return []
         index = answer.signal.sequence
         root, rotation = seat.session.truth(truth.root_position[index], truth.rotation[index])
-        shown = answer.frame
-        return [
-            write_truth(PoseFrame(shown.profile, index, shown.time, root, rotation, shown.expected_error, shown.hidden))
-        ]
+        return [write_truth(replace(answer.frame, sequence=index, root_position=root, rotation=rotation))]
 
     def _leader(self) -> Seat | None:
         """Whose pose goes to avatars."""

@@ -9,6 +9,7 @@ from functools import lru_cache
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
+from bodysense.body.person import SHORTEST, TALLEST
 from bodysense.errors import BodysenseError
 from bodysense.serve.protocol import MOST_POINTS, VERSION, ProtocolError
 
@@ -20,6 +21,7 @@ LONGEST_NAME = 64  # characters
 _DEEPEST = 6  # brackets within one another
 _LONGEST_LIST = 256
 _SLOWEST = 0.5  # s, of smoothing
+_DEEPEST_FLOOR = 10.0  # m
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class Settings:
     """How one person is set up; a client may change each at any time, and keeps them."""
 
     height: float | None = None
-    """Of the person, m; the default body's 1.70 m where null."""
+    """Of the person, m; where null, proportions are inferred from what is tracked."""
     posture: Posture = "standing"
     """Somebody who is seated is shown standing: their signal is raised by as much as their head is too low."""
     mirror: bool = False
@@ -38,10 +40,18 @@ class Settings:
     """Half-life in s of a smoother after everything else, 0 to 0.5; as much later is the answer."""
     hidden: tuple[str, ...] = ()
     """Points of the signal that are not looked at."""
+    floor: float = 0.0
+    """m, of the floor over y = 0."""
+    hold_feet: bool = True
+    """Feet that stand are held where they are, and none is under the floor."""
 
     def __post_init__(self) -> None:
-        if self.height is not None and not 0.5 <= self.height <= 2.6:
-            raise BodysenseError(f"height {self.height:g} m is not a person's; give metres between 0.5 and 2.6")
+        if self.height is not None and not SHORTEST <= self.height <= TALLEST:
+            raise BodysenseError(
+                f"height {self.height:g} m is not a person's; give metres between {SHORTEST:g} and {TALLEST:g}"
+            )
+        if not abs(self.floor) <= _DEEPEST_FLOOR:
+            raise BodysenseError(f"floor {self.floor:g} m; give a height between ±{_DEEPEST_FLOOR:g} m")
         if not 0 <= self.smoothing <= _SLOWEST:
             raise BodysenseError(f"smoothing {self.smoothing:g} s; give a half-life between 0 and {_SLOWEST:g} s")
         if len(self.hidden) > MOST_POINTS:
@@ -93,7 +103,10 @@ class RecordSwitch:
 
 @dataclass(frozen=True)
 class Calibrate:
-    """The wearer stands upright for one second from now: their height is taken from the headset."""
+    """The wearer stands upright for one second from now: height and how trackers are worn are taken from it."""
+
+    arms_out: bool = False
+    """To the sides: then the reach of the arms is taken as well."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +129,7 @@ class Replay:
 
 @dataclass(frozen=True)
 class Welcome:
-    """The answer to a hello, and after a change of the skeleton."""
+    """The answer to a hello, and to a change of the settings."""
 
     session: str
     token: str
@@ -130,11 +143,9 @@ class Welcome:
     rest_offset: tuple[tuple[float, float, float], ...]
     """m, of every point from its parent in the T-pose."""
     height: float
-    """m, of the skeleton."""
+    """m, from the floor to the crown, of this body."""
     signal: tuple[str, ...]
     """Names of the points of the signal."""
-    profiles: tuple[str, ...]
-    profile: str
     settings: Settings
     sources: tuple[Source, ...] = ()
     """The server's own inputs, for `watch`."""
@@ -147,10 +158,13 @@ class Welcome:
 
 
 @dataclass(frozen=True)
-class ProfileChanged:
-    """What completes the body changed."""
+class ProportionsChanged:
+    """The body has other proportions from the next pose on: they were inferred, or told."""
 
-    profile: str
+    rest_offset: tuple[tuple[float, float, float], ...]
+    """m, of every point from its parent in the T-pose."""
+    height: float
+    """m, from the floor to the crown."""
 
 
 @dataclass(frozen=True)
@@ -185,7 +199,7 @@ class Pong:
 
 
 ClientMessage = Hello | Change | Recentre | RecordSwitch | Calibrate | Ping | Replay
-ServerMessage = Welcome | ProfileChanged | Placed | Said | Refused | Pong
+ServerMessage = Welcome | ProportionsChanged | Placed | Said | Refused | Pong
 CLIENT: dict[str, type] = {
     "hello": Hello,
     "settings": Change,
@@ -197,7 +211,7 @@ CLIENT: dict[str, type] = {
 }
 SERVER: dict[str, type] = {
     "welcome": Welcome,
-    "profile": ProfileChanged,
+    "proportions": ProportionsChanged,
     "placed": Placed,
     "said": Said,
     "error": Refused,

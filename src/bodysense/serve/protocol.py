@@ -17,10 +17,11 @@ from bodysense.observation import FARTHEST, UNIT_TOLERANCE
 VERSION = 1
 SUBPROTOCOL = "bodysense.1"
 SIGNAL, POSE, TRUTH = 1, 2, 3  # kinds of frames
+CONTACTS = 4  # of a pose: ankles and balls of the feet
 HAS_POSITION, HAS_ROTATION = 1, 2  # bits of a point
 MOST_POINTS = 128  # of a hello
 SIGNAL_HEAD = struct.Struct("<BBHId")  # kind, flags, points, sequence, time in s
-POSE_HEAD = struct.Struct("<BBHId")  # kind, profile, joints, sequence, time in s
+POSE_HEAD = struct.Struct("<BBHId")  # kind, flags, joints, sequence, time in s
 POINT = np.dtype(
     [("point", "u1"), ("has", "u1"), ("accuracy", "<u2"), ("position", "<f4", (3,)), ("rotation", "<f4", (4,))]
 )
@@ -53,15 +54,15 @@ class SignalFrame:
 
 @dataclass(frozen=True, eq=False)
 class PoseFrame:
-    """The body that answers a signal; as truth (what really was, in a replay) without errors and hidden points."""
+    """The body that answers a signal; as truth (what really was, in a replay) it ends after its rotations."""
 
-    profile: int  # place in the profiles of the welcome
     sequence: int  # of the signal that is answered
     time: float  # s, of that signal
     root_position: np.ndarray  # (3,) m, world
     rotation: np.ndarray  # (J, 4) wxyz, parent ← joint
     expected_error: np.ndarray  # (P,) m
-    hidden: np.ndarray  # (P,) probability
+    hidden: np.ndarray  # (P,) probability; 1 where it was not measured
+    contact: np.ndarray  # (4,) probability that left and right ankle, left and right ball of the foot rest on something
     microseconds: int = 0  # spent in the server
 
 
@@ -133,7 +134,7 @@ def pose_layout(joints: int, points: int) -> np.dtype:
     return np.dtype(
         [
             ("kind", "u1"),
-            ("profile", "u1"),
+            ("flags", "u1"),
             ("joints", "<u2"),
             ("sequence", "<u4"),
             ("time", "<f8"),
@@ -141,6 +142,7 @@ def pose_layout(joints: int, points: int) -> np.dtype:
             ("rotation", "<f4", (joints, 4)),
             ("expected_error", "<f4", (points,)),
             ("hidden", "u1", (points,)),
+            ("contact", "u1", (CONTACTS,)),
             ("microseconds", "<u4"),
         ]
     )
@@ -148,15 +150,15 @@ def pose_layout(joints: int, points: int) -> np.dtype:
 
 def write_pose(frame: PoseFrame, microseconds: int = 0) -> bytes:
     """The bytes of a pose frame that took the server so long."""
-    head = POSE_HEAD.pack(POSE, frame.profile, len(frame.rotation), frame.sequence, frame.time)
-    hidden = (frame.hidden * 255 + 0.5).astype(np.uint8)
+    head = POSE_HEAD.pack(POSE, 0, len(frame.rotation), frame.sequence, frame.time)
+    probability = (np.concatenate([frame.hidden, frame.contact]) * 255 + 0.5).astype(np.uint8)
     return b"".join(
         (
             head,
             frame.root_position.astype("<f4").tobytes(),
             frame.rotation.astype("<f4").tobytes(),
             frame.expected_error.astype("<f4").tobytes(),
-            hidden.tobytes(),
+            probability.tobytes(),
             microseconds.to_bytes(4, "little"),
         )
     )
@@ -164,7 +166,7 @@ def write_pose(frame: PoseFrame, microseconds: int = 0) -> bytes:
 
 def write_truth(frame: PoseFrame) -> bytes:
     """The bytes of a truth frame: a pose frame that ends after its rotations."""
-    head = POSE_HEAD.pack(TRUTH, frame.profile, len(frame.rotation), frame.sequence, frame.time)
+    head = POSE_HEAD.pack(TRUTH, 0, len(frame.rotation), frame.sequence, frame.time)
     return head + frame.root_position.astype("<f4").tobytes() + frame.rotation.astype("<f4").tobytes()
 
 
@@ -183,12 +185,12 @@ def read_pose(data: bytes, points: int) -> PoseFrame:
         raise ProtocolError(f"a pose of {len(data)} bytes; {joints} joints and {points} points take {wanted}")
     row = np.frombuffer(data + bytes(layout.itemsize - wanted), layout)[0]
     return PoseFrame(
-        int(row["profile"]),
         int(row["sequence"]),
         float(row["time"]),
         row["root_position"],
         row["rotation"],
         row["expected_error"],
         row["hidden"] / 255,
+        row["contact"] / 255,
         int(row["microseconds"]),
     )

@@ -20,6 +20,8 @@ _TOGETHER = 64  # poses that are written at once
 class Recorder:
     """Writes poses as they come; the file appears, under `path`, when it is closed.
 
+    Its body has the proportions of the beginning: one that grows meanwhile keeps its feet where they are.
+
     Raises BodysenseError where it cannot be written.
     """
 
@@ -32,9 +34,7 @@ class Recorder:
         self._begun: float | None = None
 
     def add(self, answer: Answer) -> bool:
-        """Take a pose; False where the recording is as long as it may be, or its body is another one."""
-        if answer.pose.skeleton is not self._skeleton:
-            return False
+        """Take a pose; False where the recording is as long as it may be."""
         if self._begun is None:
             self._begun = answer.moment
         self._waiting.append(answer)
@@ -52,13 +52,24 @@ class Recorder:
                 self._stream.__exit__(ValueError, ValueError("nothing was recorded"), None)
         return self._stream.frames
 
+    def _lowered(self, pose: Pose) -> np.ndarray:
+        """(3,) m: where the root of the recording's body is, its legs being as long as they are."""
+        if pose.skeleton is self._skeleton:
+            return pose.root_position
+        return pose.root_position + np.array([0.0, _root_height(self._skeleton) - _root_height(pose.skeleton), 0.0])
+
     def _write(self) -> None:
         if not self._waiting:
             return
         pose = Pose(
             self._skeleton,
-            np.stack([answer.pose.root_position for answer in self._waiting]),
+            np.stack([self._lowered(answer.pose) for answer in self._waiting]),
             np.stack([answer.pose.rotation for answer in self._waiting]),
         )
         self._stream.append(np.array([answer.moment for answer in self._waiting]), pose)
         self._waiting.clear()
+
+
+def _root_height(skeleton: Skeleton) -> float:
+    """m, over the lowest point in the T-pose."""
+    return -float((skeleton.path @ skeleton.rest_offset)[:, 1].min())

@@ -10,8 +10,9 @@ from functools import cached_property
 
 import numpy as np
 
+from bodysense.body.person import Person
 from bodysense.body.pose import Pose
-from bodysense.body.skeleton import Skeleton
+from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 from bodysense.serve.messages import Replay
@@ -26,13 +27,15 @@ class Playable:
     """What is played: what was tracked on whom, and, of a motion, how they really moved."""
 
     observation: Observation
-    skeleton: Skeleton
+    person: Person
     truth: Pose | None = None  # (T, …)
 
     def __post_init__(self) -> None:
         seen = self.observation
         if len(seen.points) > 128:
             raise BodysenseError(f"the recording has {len(seen.points)} points; at most 128 can be replayed")
+        if self.person.skeleton.points != default_skeleton().points:
+            raise BodysenseError("the recording's skeleton has other points than bodysense's; leave its skeleton out")
         if self.truth is not None and len(self.truth.root_position) != len(seen.time):
             raise BodysenseError("the replay's truth has other frames than its observation")
 

@@ -1,6 +1,6 @@
-"""Steps all sessions that have a new frame: quick ones together, slow ones one at a time between them.
+"""Steps all sessions that have a new frame, together.
 
-Estimators run in one thread, so that the event loop stays free; sessions are touched by the event loop alone.
+Bodies are completed in one thread, so that the event loop stays free; sessions are touched by the event loop alone.
 """
 
 from __future__ import annotations
@@ -8,12 +8,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
-from bodysense.serve.estimation import step_many
+from bodysense.observation import Estimate
+from bodysense.serve.estimation import PipelineState, step_many
 from bodysense.serve.session import Answer, Job, Session
-
-QUICK = ("head", "three-point", "hands", "trackers")  # profiles whose sessions are stepped together
 
 
 class Stepped(Protocol):
@@ -30,15 +29,14 @@ class Scheduler(Generic[Who]):
 
     def __init__(self, deliver: Callable[[Who, Answer | None], None]) -> None:
         self._deliver = deliver
-        self._quick: dict[Who, None] = {}  # in order of arrival
-        self._slow: dict[Who, None] = {}
+        self._ready: dict[Who, None] = {}  # in order of arrival
         self._wake = asyncio.Event()
-        self._thread = ThreadPoolExecutor(1, thread_name_prefix="estimators")
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="tracker")
 
     def ready(self, who: Who) -> None:
         """There is a new frame."""
         if who.session.is_ready:
-            (self._quick if who.session.profile in QUICK else self._slow)[who] = None
+            self._ready[who] = None
             self._wake.set()
 
     async def run(self) -> None:
@@ -47,13 +45,9 @@ class Scheduler(Generic[Who]):
             while True:
                 await self._wake.wait()
                 self._wake.clear()
-                while self._quick or self._slow:
-                    quick, self._quick = list(self._quick), {}
-                    await self._step(quick)
-                    if self._slow:
-                        one = next(iter(self._slow))
-                        del self._slow[one]
-                        await self._step([one])
+                while self._ready:
+                    those, self._ready = list(self._ready), {}
+                    await self._step(those)
         finally:
             self._thread.shutdown(wait=False, cancel_futures=True)
 
@@ -62,7 +56,7 @@ class Scheduler(Generic[Who]):
         if not jobs:
             return
         loop = asyncio.get_running_loop()
-        found = await loop.run_in_executor(self._thread, estimated, [job for _, job in jobs])
+        found = await loop.run_in_executor(self._thread, completed, [job for _, job in jobs])
         for (who, job), result in zip(jobs, found, strict=True):
             if result is None:
                 who.session.abandon()
@@ -72,9 +66,9 @@ class Scheduler(Generic[Who]):
             self.ready(who)  # a newer frame may have come meanwhile
 
 
-def estimated(jobs: Sequence[Job]) -> list[Any]:
-    """(Estimate, state) of every job; None for one that failed, which touches no other."""
+def completed(jobs: Sequence[Job]) -> list[tuple[Estimate, PipelineState] | None]:
+    """Estimate and state of every job; None for one that failed, which touches no other."""
     try:
-        return list(step_many([(job.adaptive, job.observation, job.state) for job in jobs]))
+        return list(step_many([(job.pipeline, job.observation, job.state) for job in jobs]))
     except Exception:  # of one of them: whatever it was, the others go on
-        return [None] if len(jobs) == 1 else [found for job in jobs for found in estimated([job])]
+        return [None] if len(jobs) == 1 else [found for job in jobs for found in completed([job])]

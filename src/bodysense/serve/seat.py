@@ -5,12 +5,11 @@ from __future__ import annotations
 import asyncio
 from dataclasses import dataclass, field
 
-from bodysense.serve.estimation import PROFILES
 from bodysense.serve.messages import ServerMessage, Source, Welcome
 from bodysense.serve.outbox import Outbox
 from bodysense.serve.recorder import Recorder
 from bodysense.serve.replay import Player
-from bodysense.serve.session import Session
+from bodysense.serve.session import Session, rounded
 
 
 @dataclass(eq=False)
@@ -44,11 +43,9 @@ class Seat:
             joints=skeleton.joints,
             points=skeleton.points,
             parents=skeleton.parents,
-            rest_offset=tuple((round(x, 6), round(y, 6), round(z, 6)) for x, y, z in skeleton.rest_offset.tolist()),
-            height=round(skeleton.height, 4),
+            rest_offset=rounded(skeleton),
+            height=round(session.height, 4),
             signal=session.points,
-            profiles=PROFILES,
-            profile=session.profile,
             settings=session.settings,
             sources=sources,
             recording=recording,

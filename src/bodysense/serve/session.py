@@ -1,32 +1,34 @@
 """One session: a signal in, poses out; settings, clock and placement of one person. No sockets, no threads.
 
-`receive` takes the newest frame, `job` gives what is to be estimated, `answer` makes the pose of it; `step` is all of
+`receive` takes the newest frame, `job` gives what is to be completed, `answer` makes the pose of it; `step` is all of
 that for one session alone. Times of frames are the client's own. Inside they become moments that always increase, and
 by little: where the client's clock was set, and where the world was moved, a moment comes `AFRESH` s later than the one
-before, after which every estimator starts afresh.
+before, after which the tracker begins a new motion of the same person.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 
-from bodysense.body.pose import Pose, standing_pose
+from bodysense.body.person import Person
+from bodysense.body.pose import Pose, forward_kinematics, standing_pose
+from bodysense.body.shape import stature
 from bodysense.body.skeleton import Skeleton
-from bodysense.body.stature import height_from_headset
+from bodysense.completion.calibration import calibrated
+from bodysense.completion.inertialiser import Inertialiser, Offset
 from bodysense.errors import BodysenseError
-from bodysense.estimators.estimate import PointEstimate
-from bodysense.estimators.ik_tracker import IkTrackerState, smooth
-from bodysense.observation import Observation
-from bodysense.serve.estimation import PROFILES, Adaptive, AdaptiveState, adaptive, step_many
+from bodysense.observation import CONTACT_POINTS, Estimate, Observation
+from bodysense.serve.estimation import Pipeline, PipelineState, device_of, step_many
 from bodysense.serve.messages import (
     Calibrate,
     Change,
     Placed,
-    ProfileChanged,
+    ProportionsChanged,
     Recentre,
     Region,
     Said,
@@ -35,13 +37,18 @@ from bodysense.serve.messages import (
     changed,
 )
 from bodysense.serve.protocol import PoseFrame, SignalFrame
-from bodysense.serve.webxr import STILL, Placement, door, rotated, through
+from bodysense.serve.smoothing import Smoothed, at_rest, followed
+from bodysense.serve.webxr import Placement, door, rotated, through
+from bodysense.tracker import Tracker, TrackerSettings
 
 CLOCK_SET = 1.0  # s: a clock that jumps as far back, or forward, was set
 AFRESH = 2.0  # s
 SHORTEST_STEP = 1e-4  # s between frames
+NOTICED = 0.001  # m that a point of the T-pose must have moved for the skeleton to be told again
+TOLD_EVERY = 0.1  # s between two skeletons that are told
 _STANDING = 1.0  # s, to take somebody's height in
-_FADE, _FADE_HALF_LIFE = 0.6, 0.08  # s: how settings are changed without a jump
+INERTIALISER = Inertialiser()  # settings change without a jump
+_OTHER_FOOT = [CONTACT_POINTS.index(name) for name in ("right_ankle", "left_ankle", "right_foot", "left_foot")]
 _PARTS: dict[str, Region] = {
     **dict.fromkeys(("spine1", "spine2", "spine3"), "torso"),
     **dict.fromkeys(("neck", "head"), "head"),
@@ -52,11 +59,11 @@ _PARTS: dict[str, Region] = {
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What is to be estimated."""
+    """What is to be completed."""
 
-    adaptive: Adaptive
+    pipeline: Pipeline
     observation: Observation  # T = 1
-    state: AdaptiveState
+    state: PipelineState
     frame: SignalFrame
     received: float  # s, of the server's clock
 
@@ -70,50 +77,80 @@ class Answer:
     pose: Pose
     moment: float  # s, always increasing
     received: float  # s, of the server's clock
+    estimated: np.ndarray | None  # (P, 3) m: the tracker's points, where the pose is as it completed it
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """(P, 3) m, world."""
+        return np.asarray(forward_kinematics(self.pose)[0]) if self.estimated is None else self.estimated
 
 
 class Session:
     """One person who is tracked.
 
-    `points` are the names of the signal. Raises ProtocolError for points that nobody knows.
+    `points` are the names of the signal, `person` is what is known of the wearer when no height is set. Raises
+    ProtocolError for points that nobody knows.
     """
 
-    def __init__(self, points: Sequence[str], base: Skeleton, settings: Settings = Settings()) -> None:
+    def __init__(self, points: Sequence[str], person: Person = Person(), settings: Settings = Settings()) -> None:
         self.points = tuple(points)
         self.settings = settings
-        self.profile = PROFILES[0]
         self.revision = 0  # rises with every change that a welcome tells of
         self._notes: list[ServerMessage] = []
-        self._base = base
+        self._told = self._base = person  # by whoever made the session; as calibrated
         self._time: float | None = None  # s, the client's, of the last frame
         self._shift = 0.0  # s, from the client's time to moments
         self._starts_afresh = False  # with the next frame
         self._waiting: tuple[SignalFrame, float, float] | None = None  # frame, moment, received
         self._busy = False
         self._placement = Placement()
-        self._recentres = self._reseats = False  # with the next headset
-        self._heights: list[tuple[float, float]] | None = None  # moment, m: of a headset while its wearer stands
-        self._shown: IkTrackerState | None = None
-        self._fade = -math.inf  # the moment until which changed settings fade in
-        self._build()
-        if settings.posture == "seated":
-            self._reseats = True
-
-    def _build(self) -> None:
-        """Everything that depends on the skeleton."""
-        height = self.settings.height
-        self.skeleton = self._base if height is None else self._base.scaled(height)
-        self._adaptive = adaptive(self.skeleton)
-        self._state = self._adaptive.start()
-        self._standing = standing_pose(self.skeleton)
-        self._no_spin = np.zeros((len(self.skeleton.joints), 3))
+        self._recentres = False  # with the next headset
+        self._reseats = settings.posture == "seated"  # with the next headset
+        self._stood: list[Observation] | None = None  # of a wearer who stands to be calibrated
+        self._arms_out = False  # in which pose
+        self._smoothed: Smoothed | None = None
+        self._shown: Pose | None = None  # of the frame before
+        self._offset: Offset | None = None  # of what is shown from what is completed, after settings changed
+        self._breaks = False  # with the next frame, by settings that changed
+        self._told_at = -math.inf  # the moment at which the skeleton was told last
+        wearer = self._wearer()
+        self.skeleton = wearer.skeleton  # as the clients know it
+        self._pipeline = Pipeline(Tracker(wearer, settings=self._tracking), device_of(points, wearer.skeleton))
+        self._state = self._pipeline.start()
+        self._standing = standing_pose(self.skeleton).rotation
+        self._path, self._mirror = self.skeleton.path, self.skeleton.mirror  # those of all bodies
         self.open_door(self.points)
-        self._shown = None
+
+    def _wearer(self) -> Person:
+        """Who is tracked, by the settings."""
+        height, base = self.settings.height, self._base
+        if height is None:
+            return base
+        if base.bone_deviation.any():
+            return Person(height=height, lengths=base.lengths, mounts=base.mounts)
+        offset = base.skeleton.rest_offset
+        return Person(base.skeleton.with_offsets(offset * (height / float(stature(offset)))), mounts=base.mounts)
+
+    @property
+    def _tracking(self) -> TrackerSettings:
+        return TrackerSettings(floor=self.settings.floor, hold_feet=self.settings.hold_feet)
+
+    def _pass_on(self, pipeline: Pipeline) -> None:
+        """Go on with another pipeline from where the one until now was."""
+        if self._time is None:  # nobody has seen the body yet: nothing may grow or go on
+            self._state = pipeline.start()
+            self.skeleton = pipeline.tracker.people[0].skeleton
+            self._door = door(self.points, self.skeleton)
+        else:
+            self._state = pipeline.continued(self._pipeline, self._state)
+        self._pipeline = pipeline
 
     def open_door(self, points: Sequence[str]) -> None:
         """Take a signal of these points from now on."""
         self._door = door(points, self.skeleton)
-        self.points, self._waiting = tuple(points), None
+        self.points, self._waiting, before = tuple(points), None, self.points
+        if self.points != before:
+            self._pass_on(Pipeline(self._pipeline.tracker, device_of(points, self.skeleton)))
         self._choose()
 
     def _choose(self) -> None:
@@ -125,8 +162,13 @@ class Session:
         self._keeps_still = bool(self._still.any())
 
     @property
+    def height(self) -> float:
+        """m, of the body that the clients know."""
+        return float(stature(self.skeleton.rest_offset))
+
+    @property
     def is_ready(self) -> bool:
-        """Whether there is a frame to be estimated."""
+        """Whether there is a frame to be completed."""
         return self._waiting is not None and not self._busy
 
     def receive(self, frame: SignalFrame, now: float) -> str | None:
@@ -148,50 +190,49 @@ class Session:
             return None
         frame, moment, received = self._waiting
         self._waiting, self._busy = None, True
-        if self._heights:
-            self._measure()
+        if self._stood:
+            self._calibrate(self._stood)
         observation = through(self._door, frame, self._seen, self._placement, moment)
-        if self._recentres or self._reseats or self._heights is not None:
+        if self._recentres or self._reseats:
             observation = self._set_up(frame, moment, observation)
-        return Job(self._adaptive, observation, self._state, frame, received)
+        if self._stood is not None:
+            self._stood.append(observation)
+        return Job(self._pipeline, observation, self._state, frame, received)
 
-    def answer(self, job: Job, estimate: PointEstimate, state: AdaptiveState) -> Answer | None:
-        """The pose of a job; None where the person was given another skeleton meanwhile."""
+    def answer(self, job: Job, estimate: Estimate, state: PipelineState) -> Answer | None:
+        """The pose of a job; None where it is made of numbers that are none."""
         self._busy = False
-        if job.adaptive is not self._adaptive:
-            return None
-        assert estimate.pose is not None
         root, rotation = np.asarray(estimate.pose.root_position[0]), np.asarray(estimate.pose.rotation[0])
-        error, hidden = estimate.confidence[0], estimate.occluded[0]
         if not math.isfinite(np.vdot(root, root) + np.vdot(rotation, rotation)):
-            self._state = self._adaptive.start()  # so that no session is stuck
+            self._state = self._pipeline.start()  # so that no session is stuck
             return None
-        self._state = state
+        ours = job.pipeline is self._pipeline  # or the person was changed meanwhile
+        self._state = state if ours else self._pipeline.continued(job.pipeline, state)
+        moment = float(job.observation.time[0])
+        self._follow(estimate.rest_offset[0], moment)
+        error, hidden, contact = estimate.confidence[0], 1.0 - estimate.measured[0], estimate.contact[0]
+        before = root, rotation
         if self._keeps_still:
-            rotation = np.where(self._still[:, None], self._standing.rotation, rotation)
+            rotation = np.where(self._still[:, None], self._standing, rotation)
         if self.settings.mirror:
             root, rotation = self.mirrored(root, rotation)
-            error, hidden = error[self.skeleton.mirror], hidden[self.skeleton.mirror]
-        moment = float(job.observation.time[0])
-        root, rotation = self._smoothed(root, rotation, moment)
-        if state.profile != self.profile:
-            self.profile = state.profile
-            self._notes.append(ProfileChanged(state.profile))
-        profile = PROFILES.index(state.profile)
-        pose_frame = PoseFrame(profile, job.frame.sequence, job.frame.time, root, rotation, error, hidden)
-        return Answer(job.frame, pose_frame, Pose(self.skeleton, root, rotation), moment, job.received)
+            error, hidden, contact = error[self._mirror], hidden[self._mirror], contact[_OTHER_FOOT]
+        root, rotation = self._displayed(root, rotation, moment)
+        pose_frame = PoseFrame(job.frame.sequence, job.frame.time, root, rotation, error, hidden, contact)
+        estimated = estimate.points[0] if root is before[0] and rotation is before[1] else None
+        return Answer(job.frame, pose_frame, Pose(self.skeleton, root, rotation), moment, job.received, estimated)
 
     def step(self) -> Answer | None:
         """The pose that answers the newest frame, None where there is none."""
         job = self.job()
         if job is None:
             return None
-        (estimate, state), *_ = step_many([(job.adaptive, job.observation, job.state)])
+        ((estimate, state),) = step_many([(job.pipeline, job.observation, job.state)])
         return self.answer(job, estimate, state)
 
     def abandon(self) -> None:
         """Give the job up that is under way, because it failed; start afresh."""
-        self._busy, self._state = False, self._adaptive.start()
+        self._busy, self._state = False, self._pipeline.start()
 
     def start_afresh(self) -> None:
         """Whatever time the next frame has, it begins a new motion."""
@@ -211,23 +252,32 @@ class Session:
             if self.settings.posture == "seated":
                 self._notes.append(Said("to take your height, stand up and choose the posture 'standing' first"))
                 return
-            self._heights = []
-            self._notes.append(Said("stand upright and look ahead for one second"))
+            self._stood, self._arms_out = [], message.arms_out
+            arms = ", arms out to the sides," if self._arms_out else ""
+            self._notes.append(Said(f"stand upright{arms} and look ahead for one second"))
             return
         before, self.settings = self.settings, changed(self.settings, message.settings)
-        if self.settings.height != before.height:
-            self._build()
+        if self.settings.height != before.height or self._tracking != self._pipeline.tracker.settings:
+            self._retrack(before)
         self._choose()
         if self.settings.mirror != before.mirror:
-            self._shown = None
-        if self.settings.regions != before.regions or self.settings.smoothing != before.smoothing:
-            self._fade = math.inf  # until the next frame says what time it is
+            self._smoothed = None
+        if any(getattr(self.settings, name) != getattr(before, name) for name in ("regions", "smoothing", "hold_feet")):
+            self._breaks = True
         # A person of another height is raised by another height.
         if self.settings.posture != before.posture or (
-            self.settings.posture == "seated" and self.settings.height != before.height
+            self.settings.posture == "seated"
+            and (self.settings.height, self.settings.floor) != (before.height, before.floor)
         ):
             self._reseats = True
         self.revision += 1
+
+    def _retrack(self, before: Settings) -> None:
+        """Track by other settings; whoever was told another height grows to it."""
+        self._track(self._wearer() if self.settings.height != before.height else self._pipeline.tracker.people[0])
+
+    def _track(self, wearer: Person) -> None:
+        self._pass_on(Pipeline(Tracker(wearer, settings=self._tracking), self._pipeline.device))
 
     def placed(self) -> Placed:
         """How the signal's world is moved now."""
@@ -242,21 +292,40 @@ class Session:
 
     def mirrored(self, root: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A pose with left and right swapped, across the plane x = 0."""
-        partner = self.skeleton.mirror[: len(rotation)]
+        partner = self._mirror[: len(rotation)]
         return root * [-1, 1, 1], rotation[partner] * [1, 1, -1, -1]
 
-    def _smoothed(self, root: np.ndarray, rotation: np.ndarray, moment: float) -> tuple[np.ndarray, np.ndarray]:
-        """The pose that is shown: as it is, or behind it by the smoother."""
-        if self._fade == math.inf:
-            self._fade = moment + _FADE
-        half_life = max(self.settings.smoothing, _FADE_HALF_LIFE if moment < self._fade else 0.0)
-        before = self._shown
-        if before is None or before.time is None or half_life == 0 or moment - before.time > CLOCK_SET:
-            self._shown = IkTrackerState(None, None, None, moment, root, rotation, STILL, self._no_spin)
-            return root, rotation
-        target = Pose(self.skeleton, root, rotation)
-        root, velocity, rotation, spin = smooth(target, before, moment - before.time, half_life)
-        self._shown = IkTrackerState(None, None, None, moment, root, rotation, velocity, spin)
+    def _follow(self, offset: np.ndarray, moment: float) -> None:
+        """Take over and tell the proportions of the body, where they changed noticeably."""
+        if moment - self._told_at < TOLD_EVERY:
+            return
+        self._told_at = moment
+        if np.abs(self._path @ (offset - self.skeleton.rest_offset)).max() < NOTICED:
+            return
+        self.skeleton = self.skeleton.with_offsets(offset)
+        if not self._door.is_plain:
+            self._door = door(self.points, self.skeleton)
+        self._notes.append(ProportionsChanged(rounded(self.skeleton), round(self.height, 4)))
+
+    def _displayed(self, root: np.ndarray, rotation: np.ndarray, moment: float) -> tuple[np.ndarray, np.ndarray]:
+        """The pose that is shown: as it is, behind it by the smoother, and without a jump where settings changed."""
+        before, half_life = self._smoothed, self.settings.smoothing
+        if before is None or moment - before.time > CLOCK_SET:
+            before = self._offset = self._shown = None
+        if before is None or half_life == 0:
+            self._smoothed = at_rest(moment, root, rotation)
+        else:
+            self._smoothed = followed(before, moment, root, rotation, half_life)
+            root, rotation = self._smoothed.root, self._smoothed.rotation
+        if self._breaks and self._shown is not None:
+            target = Pose(self.skeleton, root, rotation)
+            self._offset = INERTIALISER.start(self._shown, target, self._offset or INERTIALISER.rest(target))
+        self._breaks = False
+        if self._offset is not None and before is not None:
+            shown, offset = INERTIALISER.apply(Pose(self.skeleton, root, rotation), moment - before.time, self._offset)
+            root, rotation = np.asarray(shown.root_position), np.asarray(shown.rotation)
+            self._offset = offset if offset.root.any() or offset.rotation.any() else None
+        self._shown = Pose(self.skeleton, root, rotation)
         return root, rotation
 
     def _set_up(self, frame: SignalFrame, moment: float, observation: Observation) -> Observation:
@@ -268,8 +337,6 @@ class Session:
         if not raw.has_position[0, head]:
             return observation
         place = raw.position[0, head]
-        if self._heights is not None:
-            self._heights.append((moment, float(place[1])))
         placement = self._placement
         if self._recentres:
             ahead = rotated(raw.rotation[0, [head]], np.array([[0.0, 0, 1]]))[0]
@@ -290,25 +357,38 @@ class Session:
         return through(self._door, frame, self._seen, placement, moment + AFRESH)
 
     def _head_height(self) -> float:
-        """m, of the head of this person who stands."""
-        rest = (self.skeleton.path @ self.skeleton.rest_offset)[:, 1]
-        return float(rest[self.skeleton.index("head")] - rest.min())
+        """m, of the head of this person who stands, in the body's world."""
+        rest = (self._path @ self.skeleton.rest_offset)[:, 1]
+        return self.settings.floor + float(rest[self.skeleton.index("head")] - rest.min())
 
-    def _measure(self) -> None:
-        """Take the height of somebody who has stood for a second."""
-        assert self._heights
-        if self._heights[-1][0] - self._heights[0][0] < _STANDING:
+    def _calibrate(self, stood: Sequence[Observation]) -> None:
+        """Make a person of what was tracked while the wearer stood for a second."""
+        if float(stood[-1].time[0] - stood[0].time[0]) < _STANDING:
             return
-        heights, self._heights = self._heights, None
+        self._stood, floor = None, self.settings.floor
+        stance = "arms out" if self._arms_out else "standing"
         try:
-            height = round(height_from_headset(np.array([value for _, value in heights]), self._base), 3)
+            wearer = calibrated(joined(stood), self._told, stance, floor)
+            height = round(float(stature(wearer.skeleton.rest_offset)), 3)
+            self.settings = replace(self.settings, height=height)
         except BodysenseError as error:
             self._notes.append(Said(str(error)))
             return
-        self.settings = replace(self.settings, height=height)
-        self._build()
+        self._base = wearer
+        self._track(wearer)
         self.revision += 1
         self._notes.append(Said(f"you are {height:.2f} m tall"))
+
+
+def joined(frames: Sequence[Observation]) -> Observation:
+    """Observations of the same points, one after the other."""
+    names = [each.name for each in fields(Observation) if each.name != "points"]
+    return replace(frames[0], **{name: np.concatenate([getattr(one, name) for one in frames]) for name in names})
+
+
+def rounded(skeleton: Skeleton) -> tuple[tuple[float, float, float], ...]:
+    """Rest offsets as a message has them."""
+    return tuple((round(x, 6), round(y, 6), round(z, 6)) for x, y, z in skeleton.rest_offset.tolist())
 
 
 def _region(joint: str) -> Region | None:

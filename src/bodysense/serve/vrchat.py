@@ -5,6 +5,8 @@ Source: VRChat's documentation, *OSC Trackers*: world positions in metres and Eu
 
 from __future__ import annotations
 
+import numpy as np
+
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.capture.osc import bundled, message_bytes
 from bodysense.serve.unity import one_finite_pose, unity_euler, unity_position
@@ -24,8 +26,8 @@ TRACKERS: dict[str, tuple[str, str]] = {
 }
 
 
-def vrchat_packets(pose: Pose) -> list[bytes]:
-    """One pose as packets of OSC: eight trackers and the head.
+def vrchat_packets(pose: Pose, points: np.ndarray | None = None) -> list[bytes]:
+    """One pose as packets of OSC: eight trackers and the head; `points` (P, 3) m says where they are, if it is known.
 
     Raises BodysenseError for a skeleton that lacks a joint, and for a pose that is not one frame of finite numbers.
     """
@@ -33,7 +35,7 @@ def vrchat_packets(pose: Pose) -> list[bytes]:
     places = pose.skeleton.indices([place for place, _ in TRACKERS.values()])
     turns = pose.skeleton.indices([turn for _, turn in TRACKERS.values()])
     position, rotation = forward_kinematics(pose)
-    position, angle = unity_position(position[places]), unity_euler(rotation[turns])
+    position, angle = unity_position((position if points is None else points)[places]), unity_euler(rotation[turns])
     messages = []
     for name, place, turn in zip(TRACKERS, position.tolist(), angle.tolist(), strict=True):
         messages.append(message_bytes(f"/tracking/trackers/{name}/position", "fff", *place))
