@@ -12,6 +12,7 @@ import pytest
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
+from bodysense.completion.model import CompletionModel, load_completion
 from bodysense.data.clip import Clip
 
 
@@ -188,3 +189,21 @@ def filmed() -> tuple[np.ndarray, Clip]:
     clip = replace(clip, pose=clip.pose[600:624:3], frame_rate=15.0)  # here it is not taken for somebody's back
     lens = Lens(width=320, height=320, distance=3.0, eye=1.35, aim=1.15, shown=1.5, azimuth=0.15)
     return np.stack(list(draw_pose(clip.pose, frame_shot(clip.pose, 15.0, lens)))), clip
+
+
+@pytest.fixture(scope="session")
+def small_completion(tmp_path_factory: pytest.TempPathFactory) -> CompletionModel:
+    """The completion network, small and never trained."""
+    import torch
+
+    from bodysense.lab.completion.export import write_completion
+    from bodysense.lab.completion.fingers import FingerConfig, FingerNetwork
+    from bodysense.lab.completion.graph import CompletionStep
+    from bodysense.lab.completion.network import CompletionConfig, CompletionNetwork
+
+    torch.manual_seed(0)
+    body = CompletionNetwork(CompletionConfig(hidden=16, layers=1, branch=16, judge_branch=16))
+    step = CompletionStep(body, FingerNetwork(FingerConfig(hidden=8, branch=8)), torch.ones(65))
+    path = tmp_path_factory.mktemp("network") / "completion.onnx"
+    write_completion(step, path, {"licence": "Apache-2.0"})
+    return load_completion(path)

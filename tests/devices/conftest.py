@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from bodysense.completion.model import CompletionModel, load_completion
 from bodysense.estimators.gloves.hands import GloveModels
 
 
@@ -26,20 +23,3 @@ class Untrained:
 @pytest.fixture(scope="session")
 def small_gloves() -> GloveModels:
     return GloveModels(Untrained(27, 0.1), Untrained(26, 0.3))
-
-
-@pytest.fixture(scope="session")
-def small_completion(tmp_path_factory: pytest.TempPathFactory) -> CompletionModel:
-    import torch
-
-    from bodysense.lab.completion.export import write_completion
-    from bodysense.lab.completion.fingers import FingerConfig, FingerNetwork
-    from bodysense.lab.completion.graph import CompletionStep
-    from bodysense.lab.completion.network import CompletionConfig, CompletionNetwork
-
-    torch.manual_seed(0)
-    body = CompletionNetwork(CompletionConfig(hidden=16, layers=1, branch=16, judge_branch=16))
-    step = CompletionStep(body, FingerNetwork(FingerConfig(hidden=8, branch=8)), torch.ones(65))
-    path = Path(tmp_path_factory.mktemp("network")) / "completion.onnx"
-    write_completion(step, path, {"licence": "Apache-2.0"})
-    return load_completion(path)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import time as clock
 from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
@@ -15,8 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bodysense.body.skeleton import Skeleton
-    from bodysense.estimators.video_body import VideoBody
-    from bodysense.estimators.video_path import Completed
+    from bodysense.devices.video import VideoDevice, Watched
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,6 @@ class VideoOptions:
 
     overlay: Path | None = None
     """Of a video: write it again here, .mp4, with the body over it and beside it."""
-    arms: Literal["network", "landmarks"] = "network"
-    """Of a video: arms and hands by the network, or, like the rest, by inverse kinematics from landmarks."""
     look_ahead: float | None = None
     """Of a video: seconds that an answer waits for frames to come; 0.25 by default, 0 for a webcam."""
     field_of_view: float = 60.0
@@ -51,59 +49,71 @@ def track_video(source: str, out: Path, options: VideoOptions, model: Path | Non
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn
 
-    from bodysense.body.skeleton import default_skeleton
+    from bodysense.body.person import Person
     from bodysense.capture.landmarker_files import find_landmarkers
     from bodysense.capture.landmarks import Landmarker, LandmarkerSettings
     from bodysense.capture.video import VideoBrokenError, open_video
-    from bodysense.estimators.video_path import complete_video
+    from bodysense.devices.video import watch
     from bodysense.export.motion_files import motion_stream
     from bodysense.export.overlay import Overlay
+    from bodysense.tracker import Tracker, TrackerSettings
 
-    if options.overlay is not None:
-        check_place(options.overlay)
-    if options.seconds is not None and not options.seconds > 0:
-        raise BodysenseError(f"--seconds {options.seconds:g}: give more than 0")
-    skeleton = default_skeleton() if height is None else default_skeleton().scaled(height)
+    _check(options)
+    person = Person(height=height)
     look_ahead = _look_ahead(source, options)
-    maker = _maker(skeleton, options, model, look_ahead)
-    tally, said = _Tally(), None
+    maker = _maker(person.skeleton, options, model, look_ahead)
+    # A picture's lengths are guesses, of which proportions cannot be inferred.
+    tracker = Tracker(person, settings=TrackerSettings(infer=False))
+    state, tally, said = tracker.start(), _Tally(), None
     with ExitStack() as stack:
         video = stack.enter_context(open_video(source, options.image_rate))
         files = find_landmarkers(options.landmarkers)
         landmarker = stack.enter_context(Landmarker(files, LandmarkerSettings(people=options.people)))
-        motion = stack.enter_context(motion_stream(out, skeleton, video.rate))
+        motion = stack.enter_context(motion_stream(out, person.skeleton, video.rate))
         overlay = None if options.overlay is None else stack.enter_context(Overlay(options.overlay, video.rate))
         longest = float("inf") if options.seconds is None else options.seconds
         pictures = takewhile(lambda picture: picture.time < longest, video.pictures)
         progress = stack.enter_context(Progress(SpinnerColumn(), *Progress.get_default_columns()))
         expected = min(video.count or float("inf"), longest * video.rate)
-        total = None if expected == float("inf") else round(expected)
-        bar = progress.add_task(f"tracking {video.name}, look-ahead {look_ahead:g} s", total=total)
+        bar = progress.add_task(
+            f"tracking {video.name}, look-ahead {look_ahead:g} s",
+            total=None if expected == float("inf") else round(expected),
+        )
         try:
-            for done in complete_video(pictures, landmarker, maker):
-                tally.add(done)
+            for done in watch(pictures, landmarker, maker):
+                begun = clock.perf_counter()
+                if len(done.frames):
+                    estimate, state = tracker.step(done.frames.observation, state)
+                    motion.append(done.frames.time, estimate.pose)
+                    if overlay is not None:
+                        overlay.add(done.pictures, estimate.pose, done.frames.camera)
+                tally.add(done, clock.perf_counter() - begun)
                 progress.advance(bar, len(done.frames))
-                motion.append(done.frames.time, done.frames.pose)
-                if overlay is not None:
-                    overlay.add(done)
         except VideoBrokenError as error:
             said = str(error)
         except KeyboardInterrupt:
             if video.count is not None:
                 raise
         tally.check(video.name)
-    console = Console()
+    console = Console(highlight=False)
     if said is not None:
-        console.print(f"warning: {said}", style="yellow", highlight=False)
-    console.print(f"wrote {out}: {motion.frames} frames", highlight=False)
-    console.print(tally.line(), highlight=False)
+        console.print(f"warning: {said}", style="yellow")
+    console.print(f"wrote {out}: {motion.frames} frames\n{tally.line()}")
     if options.overlay is not None:
-        console.print(f"wrote {options.overlay}", highlight=False)
+        console.print(f"wrote {options.overlay}")
+
+
+def _check(options: VideoOptions) -> None:
+    """Refuse what cannot be, before anything is opened."""
+    if options.overlay is not None:
+        check_place(options.overlay)
+    if options.seconds is not None and not options.seconds > 0:
+        raise BodysenseError(f"--seconds {options.seconds:g}: give more than 0")
 
 
 def _look_ahead(source: str, options: VideoOptions) -> float:
     """Seconds that answers wait: those asked for; a webcam is answered at once."""
-    from bodysense.estimators.video_body import VideoSettings
+    from bodysense.devices.video import VideoSettings
 
     if options.look_ahead is not None:
         return options.look_ahead
@@ -112,20 +122,14 @@ def _look_ahead(source: str, options: VideoOptions) -> float:
 
 def _maker(
     skeleton: Skeleton, options: VideoOptions, model: Path | None, look_ahead: float
-) -> Callable[[float], VideoBody]:
-    """What makes the solver, for pictures of a width / height."""
+) -> Callable[[float], VideoDevice]:
+    """What makes the device, for pictures of a width / height."""
+    from bodysense.devices.video import VideoDevice, VideoSettings
     from bodysense.estimators.arms import Arms, ArmSettings, load_arms
-    from bodysense.estimators.landmark_body import landmark_body
-    from bodysense.estimators.video_body import VideoBody, VideoSettings
 
     settings = VideoSettings(look_ahead, field_of_view=options.field_of_view, tilt=options.tilt)
-    if options.arms == "landmarks" and model is not None:
-        raise BodysenseError(f"--model {model}: --arms landmarks uses no network; leave one of them out")
-    arms = None
-    if options.arms == "network":
-        arms = Arms(skeleton, load_arms(model), ArmSettings(look_ahead=look_ahead))
-    body = landmark_body(skeleton)
-    return lambda aspect: VideoBody(body, arms, aspect, settings)
+    arms = Arms(skeleton, load_arms(model), ArmSettings(look_ahead=look_ahead))
+    return lambda aspect: VideoDevice(skeleton, arms, aspect, settings)
 
 
 @dataclass
@@ -139,14 +143,14 @@ class _Tally:
     landmark_seconds: float = 0.0
     body_seconds: float = 0.0
 
-    def add(self, done: Completed) -> None:
+    def add(self, done: Watched, seconds: float) -> None:
         person = done.frames.person
         self.frames += len(person)
         self.bodies += int(person.has_body.sum())
         left, right = person.has_hand.sum(axis=0).tolist()
         self.left_hands, self.right_hands = self.left_hands + left, self.right_hands + right
         self.landmark_seconds += done.landmark_seconds
-        self.body_seconds += done.body_seconds
+        self.body_seconds += done.device_seconds + seconds
 
     def check(self, name: str) -> None:
         if not self.bodies:

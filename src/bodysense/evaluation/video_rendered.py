@@ -10,23 +10,26 @@ import numpy as np
 
 from bodysense.body.arms import arm_rotations
 from bodysense.body.keypoints import arms_from_torso
+from bodysense.body.person import Person
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.capture.landmarker_files import LandmarkerFiles
 from bodysense.capture.landmarks import Landmarker, LandmarkerSettings
 from bodysense.capture.person import PersonLandmarks, PersonState, arm_keypoints, follow, joined_landmarks
 from bodysense.capture.video import open_video
+from bodysense.completion.model import CompletionModel
+from bodysense.devices.video import VideoDevice
 from bodysense.errors import BodysenseError
 from bodysense.estimators.arms import ArmModel, Arms
-from bodysense.estimators.landmark_body import landmark_body
-from bodysense.estimators.video_body import VideoBody
 from bodysense.evaluation.arm_twist import arm_errors, solved_from_positions
 from bodysense.evaluation.headset import GROUPS, Tally, group_named
 from bodysense.evaluation.keypoint_errors import Errors, keypoint_errors, noise_figures
+from bodysense.evaluation.landmark_ik import LandmarkIk
 from bodysense.evaluation.report import Cell, Named, Report, cell, finite, ordering
 from bodysense.export.chart import BarPanel, plain_bars
 from bodysense.export.render.take import Take, read_take
 from bodysense.occlusion.camera_view import view, view_points
+from bodysense.tracker import Tracker, TrackerSettings
 
 METHODS = {  # key: how it is called in the table
     "network": "video: network",
@@ -115,31 +118,39 @@ def watch(video: Path, files: LandmarkerFiles) -> PersonLandmarks:
     return joined_landmarks(parts)
 
 
-def completed(take: Take, person: PersonLandmarks, model: ArmModel) -> dict[str, np.ndarray]:
-    """Rotations (T, 38, 4), as of `arms_from_torso`, by method, of a video's landmarks and of what is true of it."""
+def completed(
+    take: Take, person: PersonLandmarks, model: ArmModel, tracker: CompletionModel | None = None
+) -> dict[str, np.ndarray]:
+    """Rotations (T, 38, 4), as of `arms_from_torso`, by method, of a video's landmarks and of what is true of it.
+
+    `tracker` is the completion network; None: the packaged one.
+    """
     arms = Arms(default_skeleton(), model)
     seen = view(view_points(take.pose), take.time, take.camera)
     true = arms.complete(seen).estimate.pose
     assert true is not None
-    aspect = float(take.camera.aspect)
-    return {  # a network says its rotations from the torso already
-        "network": arm_rotations(_video_pose(VideoBody(landmark_body(default_skeleton()), arms, aspect), person)),
-        "landmarks_ik": arms_from_torso(
-            _video_pose(VideoBody(landmark_body(default_skeleton()), None, aspect), person)
-        ),
-        "network_true": arm_rotations(true),
+    device = VideoDevice(default_skeleton(), arms, float(take.camera.aspect))
+    return {
+        "network": arms_from_torso(tracked(device, person, tracker)),
+        "landmarks_ik": arms_from_torso(LandmarkIk(default_skeleton()).complete(person)),
+        "network_true": arm_rotations(true),  # a network says its rotations from the torso already
         "positions_ik": solved_from_positions(take.pose),
     }
 
 
-def _video_pose(body: VideoBody, person: PersonLandmarks) -> Pose:
+def tracked(device: VideoDevice, person: PersonLandmarks, network: CompletionModel | None = None) -> Pose:
     """What `bodysense track` makes of landmarks (T,)."""
-    early, state = body.step(person, body.start())
-    parts = [frames.pose for frames in (early, body.finish(state))]
+    early, state = device.step(person, device.start())
+    tracker = Tracker(Person(device.skeleton), network=network, settings=TrackerSettings(infer=False))
+    tracking, poses = tracker.start(), []
+    for frames in (early, device.finish(state)):
+        if len(frames):
+            estimate, tracking = tracker.step(frames.observation, tracking)
+            poses.append(estimate.pose)
     return Pose(
-        body.skeleton,
-        np.concatenate([part.root_position for part in parts]),
-        np.concatenate([part.rotation for part in parts]),
+        device.skeleton,
+        np.concatenate([pose.root_position for pose in poses]),
+        np.concatenate([pose.rotation for pose in poses]),
     )
 
 

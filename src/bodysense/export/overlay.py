@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, ExitStack
 from fractions import Fraction
 from pathlib import Path
@@ -11,8 +12,8 @@ import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
+from bodysense.capture.video import Picture
 from bodysense.errors import BodysenseError
-from bodysense.estimators.video_path import Completed
 from bodysense.export.flesh import COLORS, Flesh, fit_flesh, place_flesh
 from bodysense.files import written_beside
 from bodysense.occlusion.camera_view import Camera
@@ -55,12 +56,11 @@ class Overlay(AbstractContextManager["Overlay"]):
             self._stack = stack.pop_all()
         return self
 
-    def add(self, done: Completed) -> None:
-        """Add completed frames with their pictures, all of one size."""
-        frames = done.frames
-        for k, picture in enumerate(done.pictures):
-            camera = Camera(*(values[k] for values in vars(frames.camera).values()))
-            self.show(picture.time, picture.pixels, frames.pose[k], camera)
+    def add(self, pictures: Sequence[Picture], pose: Pose, camera: Camera) -> None:
+        """Add pictures, all of one size, with a body (T, …) in the room and the camera (T,) that sees it."""
+        for k, picture in enumerate(pictures):
+            seen_by = Camera(*(values[k] for values in vars(camera).values()))
+            self.show(picture.time, picture.pixels, pose[k], seen_by)
 
     def show(self, time: float, pixels: np.ndarray, pose: Pose, camera: Camera) -> None:
         """Add one picture (H, W, 3) at `time` s with a body in the room and the camera that sees it."""

@@ -9,7 +9,7 @@ from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_m
 from bodysense.body.skeleton import default_skeleton
 from bodysense.capture.landmarks import BODY_LANDMARKS
 from bodysense.capture.person import PersonLandmarks
-from bodysense.estimators.landmark_body import landmark_body
+from bodysense.evaluation.landmark_ik import LandmarkIk
 
 SKELETON = default_skeleton()
 MARK = {name: k for k, name in enumerate(BODY_LANDMARKS)}
@@ -67,7 +67,7 @@ def _turned(q: np.ndarray, vector: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("scale", [0.8, 1.0, 1.3])
 @pytest.mark.parametrize("turn", [0.0, 2.5])
 def test_bodies_come_out_as_they_went_in(scale: float, turn: float) -> None:
-    body = landmark_body(SKELETON)
+    body = LandmarkIk(SKELETON)
     for seed in range(3):
         pose = posed(seed, turn)
         found, _ = body.solve(landmarks_of([pose], scale), None)
@@ -78,7 +78,7 @@ def test_bodies_come_out_as_they_went_in(scale: float, turn: float) -> None:
 
 
 def test_legs_out_of_sight_stand() -> None:
-    body, person = landmark_body(SKELETON), landmarks_of([posed(1, 0.5)])
+    body, person = LandmarkIk(SKELETON), landmarks_of([posed(1, 0.5)])
     for name in ("knee", "ankle", "toe"):
         for side in SIDES:
             person.visible[0, MARK[f"{side}_{name}"]] = 0.1
@@ -93,7 +93,7 @@ def test_legs_out_of_sight_stand() -> None:
 
 
 def test_a_hand_that_is_not_found_lies_along_the_arms_own_landmarks() -> None:
-    body, pose = landmark_body(SKELETON), posed(2)
+    body, pose = LandmarkIk(SKELETON), posed(2)
     person = landmarks_of([pose])
     person.has_hand[...] = False
     person.hand_world[...] = np.nan
