@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,21 +98,21 @@ def test_live_answers_are_the_networks(model: ArmModel, small_arms: Path, waving
 class _TakingTurns:
     """A network that says of every joint that it is turned to one side, with the next window to the other."""
 
-    def __init__(self) -> None:
-        self.side = 1.0
+    def __init__(self, card: Mapping[str, Any]) -> None:
+        self.card, self.side = card, 1.0
 
-    def run(self, outputs: list[str], feed: dict[str, np.ndarray]) -> list[np.ndarray]:
+    def run(self, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         self.side = -self.side
-        return [np.tile([np.cos(0.25), self.side * np.sin(0.25), 0.0, 0.0], (1, 32, len(ARM_JOINTS), 1))]
+        turned = np.tile([np.cos(0.25), self.side * np.sin(0.25), 0.0, 0.0], (1, 32, len(ARM_JOINTS), 1))
+        return {"rotation": turned}
 
 
 def test_windows_are_blended(model: ArmModel, waving_clip: Clip) -> None:
     """Of windows that contradict each other the answer lies between; at once, there is but one to ask."""
     keypoints, angles = filmed(waving_clip), []
     for look_ahead in (0.0, 0.4):
-        estimator = Arms(
-            default_skeleton(), replace(model, session=_TakingTurns()), ArmSettings(look_ahead, stride=0.03)
-        )
+        contradictory = ArmModel(_TakingTurns(model.card))  # type: ignore[arg-type]
+        estimator = Arms(default_skeleton(), contradictory, ArmSettings(look_ahead, stride=0.03))
         pose = estimator.complete(keypoints).estimate.pose
         assert pose is not None
         angles.append(geodesic_angle(arm_rotations(pose), np.array([1.0, 0, 0, 0])))

@@ -315,17 +315,10 @@ def test_an_observation_is_what_the_network_reads(waving_clip) -> None:
 def run_onnx(path: Path, tracked: Tracked) -> list[np.ndarray]:
     """Positions, probabilities and errors of the exported network, frame by frame, from the state in its card."""
     model = load_model(path)
-    names = [output.name for output in model.session.get_outputs()]
-    state = {
-        name: np.array(row.get("values", np.zeros(row["shape"])), dtype=row["dtype"]).reshape(row["shape"])
-        for name, row in model.card["state"].items()
-    }
-    rows = []
+    state, rows = model.start(), []
     for frame in range(tracked.visible.shape[1]):
         now = cut(tracked, slice(frame, frame + 1))
-        feed = {name: value.numpy() for name, value in now._asdict().items()} | state
-        answer = dict(zip(names, model.session.run(None, feed), strict=True))
-        state = {name: answer[name.replace("state_", "next_")] for name in state}
+        answer, state = model.step({name: value.numpy() for name, value in now._asdict().items()}, state)
         rows.append([answer[name][0, 0] for name in ("completed", "occluded", "error")])
     return [np.stack(parts) for parts in zip(*rows, strict=True)]
 
@@ -367,8 +360,7 @@ def test_the_file_describes_itself(exported) -> None:
     assert BodyNetworkConfig(**told) == SMALL
     assert model.card["weights"] == sum(parameter.numel() for parameter in network.parameters())
     assert set(model.card["state"]) == {f"state_{name}" for name in State._fields}
-    inputs = {entry.name for entry in model.session.get_inputs()}
-    assert inputs == {*Tracked._fields, *(f"state_{name}" for name in State._fields)}
+    assert set(model.inputs) == {*Tracked._fields, *(f"state_{name}" for name in State._fields)}
     assert isinstance(model.session, onnxruntime.InferenceSession)
 
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from bodysense.completion.format import FORMAT
 from bodysense.completion.inputs import Frames
+from bodysense.completion.network import Network, NetworkFormat
 from bodysense.completion.proportions import Proportions
-from bodysense.estimators.network_file import open_network, open_packaged
 
 PACKAGED = "completion.onnx"
 
@@ -33,22 +32,11 @@ class Completed:
 class CompletionModel:
     """A completion network at run time."""
 
-    session: Any  # onnxruntime.InferenceSession
-    card: Mapping[str, Any]
-
-    @cached_property
-    def _outputs(self) -> list[str]:
-        return [output.name for output in self.session.get_outputs()]
+    network: Network
 
     def start(self, people: int) -> dict[str, np.ndarray]:
         """The graph's state before the first frame, (people, …) by input."""
-        state = {}
-        for name, row in self.card["state"].items():
-            values = np.zeros(row["shape"], dtype=np.float32)
-            if row["start"] is not None:
-                values += np.reshape(row["start"], row["shape"])
-            state[f"state_{name}"] = np.broadcast_to(values, (people, *values.shape)).astype(np.float32)
-        return state
+        return self.network.start(people)
 
     def step(
         self,
@@ -73,8 +61,7 @@ class CompletionModel:
             "floor": np.full(count, floor, dtype=np.float32),
             "hold": np.full(count, hold_feet, dtype=np.float32),
         }
-        outputs = dict(zip(self._outputs, self.session.run(None, {**inputs, **state}), strict=True))
-        after = {f"state_{name}": outputs[f"next_{name}"] for name in self.card["state"]}
+        outputs, after = self.network.step(inputs, state)
         return (
             Completed(
                 outputs["root_position"],
@@ -87,21 +74,21 @@ class CompletionModel:
         )
 
 
-_FIELDS = ("points", "joints", "state")
-_WANTED: dict[str, Any] = {
-    "format": FORMAT,
-    "kind": "completion network",
-    "fields": _FIELDS,
-    "command": "bodysense train completion",
-}
+NETWORK = NetworkFormat(
+    name=FORMAT,
+    kind="completion network",
+    command="bodysense train completion",
+    fields=("points", "joints", "state"),
+    packaged=PACKAGED,
+)
 
 
 def load_completion(path: str | Path) -> CompletionModel:
     """Open a completion network's file. Raises BodysenseError where it is none."""
-    return CompletionModel(*open_network(path, **_WANTED))
+    return CompletionModel(Network.open(path, NETWORK))
 
 
 @lru_cache(maxsize=1)
 def packaged_model() -> CompletionModel:
     """The network that comes with the package, loaded once."""
-    return CompletionModel(*open_packaged(PACKAGED, **_WANTED))
+    return CompletionModel(Network.open(None, NETWORK))

@@ -11,7 +11,7 @@ starts afresh.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -24,12 +24,18 @@ from bodysense.body.keypoints import ArmKeypoints, body_torso, check_keypoints
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import normalize, quaternion_canonical, quaternion_conjugate, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
+from bodysense.completion.network import Network, NetworkFormat
 from bodysense.errors import BodysenseError
 from bodysense.estimators.estimate import PointEstimate
-from bodysense.estimators.network_file import open_network, open_packaged
 
 FORMAT = "bodysense arms 1"
-PACKAGED = "arms.onnx"
+NETWORK = NetworkFormat(
+    name=FORMAT,
+    kind="network of arms",
+    command="bodysense train arms",
+    fields=("joints", "frames", "rate", "validation"),
+    packaged="arms.onnx",
+)
 UNSEEN_ERROR = 0.5  # m: of legs, which stand whatever the person does
 _ENDS = 0.1  # weight of a window's last frame beside its middle
 _SAME = 1e-6  # s, frames
@@ -38,28 +44,26 @@ _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 @dataclass(frozen=True)
 class ArmModel:
-    """A loaded network file: its session and what it says of itself."""
+    """A network of arms and hands."""
 
-    session: Any  # onnxruntime.InferenceSession
-    card: dict[str, Any]
-    name: str
+    network: Network
+
+    @property
+    def card(self) -> Mapping[str, Any]:
+        """What its file says of it."""
+        return self.network.card
 
     def rotations(self, window: dict[str, np.ndarray]) -> np.ndarray:
         """Local rotations (T, 38, 4) of a window's key-points by field, (T, …), finite throughout."""
-        feed = {name: value[None] for name, value in window.items()}
-        return self.session.run(["rotation"], feed)[0][0].astype(float)
+        return self.network.run({name: value[None] for name, value in window.items()})["rotation"][0].astype(float)
 
 
 def load_arms(path: str | Path | None = None) -> ArmModel:
     """Load a network: a path, or None for the packaged one. Raises BodysenseError for a file that is not ours."""
-    command = "bodysense train arms"
-    wanted: dict[str, Any] = {"format": FORMAT, "kind": "network of arms", "command": command}
-    wanted["fields"] = ("joints", "frames", "rate", "validation")
-    name = PACKAGED if path is None else Path(path).name
-    session, card = open_packaged(name, **wanted) if path is None else open_network(path, **wanted)
-    if tuple(card["joints"]) != ARM_JOINTS:
-        raise BodysenseError(f"{name}: its joints are not ours; export it again with `{command}`")
-    return ArmModel(session, card, name)
+    network = Network.open(path, NETWORK)
+    if tuple(network.card["joints"]) != ARM_JOINTS:
+        raise BodysenseError(f"{network.name}: its joints are not ours; export it again with `{NETWORK.command}`")
+    return ArmModel(network)
 
 
 @dataclass(frozen=True)

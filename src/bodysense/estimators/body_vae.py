@@ -6,6 +6,7 @@ the network reads is interpolated from it at its own rate, backwards from now. I
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,27 +26,40 @@ from bodysense.body.rotation import (
     slerp,
 )
 from bodysense.body.skeleton import BODY, Skeleton
+from bodysense.completion.network import Network, NetworkFormat
 from bodysense.errors import BodysenseError
 from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.learned import MEASURED_ERROR
-from bodysense.estimators.network_file import open_network, open_packaged
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, observed_points
 from bodysense.occlusion.three_point import POINTS
 
 FORMAT = "bodysense body vae 1"
-PACKAGED = "body_vae.onnx"
+NETWORK = NetworkFormat(
+    name=FORMAT,
+    kind="body VAE",
+    command="bodysense train hmd-vae",
+    fields=("reads", "frames", "latent", "rate", "expected_error"),
+    packaged="body_vae.onnx",
+)
 FINGER_ERROR = 0.03  # m: of a relaxed finger about its wrist
-_FIELDS = ("reads", "frames", "latent", "rate", "expected_error")
 _EARLY = 1e-6  # s
 
 
 @dataclass(frozen=True)
 class BodyVaeModel:
-    """A loaded network file: its session and what it says of itself."""
+    """A body VAE."""
 
-    session: Any  # onnxruntime.InferenceSession
-    card: dict[str, Any]
-    name: str
+    network: Network
+
+    @property
+    def name(self) -> str:
+        """Its file's name."""
+        return self.network.name
+
+    @property
+    def card(self) -> Mapping[str, Any]:
+        """What its file says of it."""
+        return self.network.card
 
     @property
     def frames(self) -> int:
@@ -70,19 +84,21 @@ class BodyVaeModel:
         z has the mean `trust` · that of the posterior, and `noise` (d,) times a deviation between the posterior's
         (trust 1) and the prior's (trust 0). `rest_offset` (22, 3) m is the wearer's.
         """
-        feed = {"position": position, "rotation": rotation, "trust": np.array([trust]), "noise": noise}
-        feed = {name: value[None].astype(np.float32) for name, value in (feed | {"rest_offset": rest_offset}).items()}
-        root, local = self.session.run(["root_position", "local_rotation"], feed)
-        return root[0].astype(float), np.asarray(normalize(local[0].astype(float)))
+        inputs = {
+            "position": position,
+            "rotation": rotation,
+            "trust": np.array([trust]),
+            "noise": noise,
+            "rest_offset": rest_offset,
+        }
+        outputs = self.network.run({name: value[None].astype(np.float32) for name, value in inputs.items()})
+        local = np.asarray(normalize(outputs["local_rotation"][0].astype(float)))
+        return outputs["root_position"][0].astype(float), local
 
 
 def load_body_vae(path: str | Path | None = None) -> BodyVaeModel:
     """Load a network: a path, or None for the packaged one. Raises BodysenseError for a file that is not ours."""
-    command = "bodysense train hmd-vae"
-    wanted: dict[str, Any] = {"format": FORMAT, "kind": "body VAE", "fields": _FIELDS, "command": command}
-    name = PACKAGED if path is None else Path(path).name
-    session, card = open_packaged(name, **wanted) if path is None else open_network(path, **wanted)
-    return BodyVaeModel(session, card, name)
+    return BodyVaeModel(Network.open(path, NETWORK))
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,19 +5,24 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton
+from bodysense.completion.network import Network, NetworkFormat
 from bodysense.errors import BodysenseError
 from bodysense.estimators.estimate import PointEstimate
-from bodysense.estimators.network_file import open_network, open_packaged
 from bodysense.observation import Observation, observed_points
 
 FORMAT = "bodysense body 1"
-PACKAGED = "body_gru.onnx"
+NETWORK = NetworkFormat(
+    name=FORMAT,
+    kind="body network",
+    command="bodysense train body-gru",
+    fields=("points", "rate", "fastest_rate", "state"),
+    packaged="body_gru.onnx",
+)
 MEASURED_ERROR = 0.002  # m: what is expected of a tracked point
 
 
@@ -31,26 +36,9 @@ class LearnedState:
     head_rotation: np.ndarray  # (4,) wxyz
 
 
-@dataclass(frozen=True)
-class Model:
-    """A loaded network file: its session and what it says of itself."""
-
-    session: Any  # onnxruntime.InferenceSession
-    card: dict[str, Any]
-    name: str
-
-
-def load_model(path: str | Path | None = None) -> Model:
+def load_model(path: str | Path | None = None) -> Network:
     """Load a network: a path, or None for the packaged one. Raises BodysenseError for a file that is not ours."""
-    wanted: dict[str, Any] = {
-        "format": FORMAT,
-        "kind": "body network",
-        "fields": ("points", "rate", "fastest_rate", "state"),
-        "command": "bodysense train body-gru",
-    }
-    if path is None:
-        return Model(*open_packaged(PACKAGED, **wanted), PACKAGED)
-    return Model(*open_network(path, **wanted), Path(path).name)
+    return Network.open(path, NETWORK)
 
 
 @dataclass(frozen=True)
@@ -61,7 +49,7 @@ class Learned:
     not advance it, so that any input rate, also an irregular one, is answered at once and at every frame.
     """
 
-    model: Model
+    model: Network
     skeleton: Skeleton
 
     def __post_init__(self) -> None:
@@ -86,21 +74,11 @@ class Learned:
         """s between steps of the network; a frame a little early still counts."""
         return 0.8 / float(self.model.card["fastest_rate"])
 
-    @cached_property
-    def _outputs(self) -> list[str]:
-        return [output.name for output in self.model.session.get_outputs()]
-
     def start(self) -> LearnedState:
         """Nothing seen yet: a standing body that faces +Z."""
         standing, _ = forward_kinematics(standing_pose(self.skeleton))
-        state = {
-            name.removeprefix("state_"): np.array(row["values"], dtype=row["dtype"]).reshape(row["shape"])
-            if "values" in row
-            else np.zeros(row["shape"], dtype=row["dtype"])
-            for name, row in self.model.card["state"].items()
-        }
         identity = np.array([1.0, 0.0, 0.0, 0.0])
-        return LearnedState(state, None, standing[self.skeleton.index("head")], identity)
+        return LearnedState(self.model.start(), None, standing[self.skeleton.index("head")], identity)
 
     def step(self, observation: Observation, state: LearnedState) -> tuple[PointEstimate, LearnedState]:
         """Complete T frames, one after the other."""
@@ -137,7 +115,7 @@ class Learned:
         position[head] = state.head_position
         visible = visible.copy()
         visible[head] = True
-        feed = {
+        inputs = {
             "position": position[None, None].astype(np.float32),
             "visible": visible[None, None],
             "head_position": state.head_position[None, None].astype(np.float32),
@@ -145,9 +123,7 @@ class Learned:
             "interval": np.array([[elapsed]], dtype=np.float32),
             **self._constants,
         }
-        feed |= {f"state_{name}": value for name, value in state.network.items()}
-        answer = dict(zip(self._outputs, self.model.session.run(None, feed), strict=True))
+        answer, after = self.model.step(inputs, state.network)
         if state.time is None or elapsed >= self._step_interval:
-            after = {name: answer[f"next_{name}"] for name in state.network}
             state = replace(state, network=after, time=time)
         return answer, state

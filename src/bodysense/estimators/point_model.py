@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -11,23 +12,35 @@ import numpy as np
 
 from bodysense.body.resting import resting_offset
 from bodysense.body.skeleton import Skeleton
+from bodysense.completion.network import Network, NetworkFormat
 from bodysense.errors import BodysenseError
-from bodysense.estimators.network_file import open_network, open_packaged
 
 FORMAT = "bodysense points 1"
 Task = Literal["fingers", "upper-body"]
 PACKAGED: dict[Task, str] = {"fingers": "fingers.onnx", "upper-body": "upper_body.onnx"}
-WARM_UP = 15  # steps on the first frame, so that the answer does not move while the memory fills
 _FIELDS = ("task", "reads", "places", "rate", "state")
+NETWORKS: dict[Task, NetworkFormat] = {
+    task: NetworkFormat(FORMAT, "network of points", f"bodysense train {task}", _FIELDS, name)
+    for task, name in PACKAGED.items()
+}
+WARM_UP = 15  # steps on the first frame, so that the answer does not move while the memory fills
 
 
 @dataclass(frozen=True)
 class PointModel:
-    """A loaded network file: its session and what it says of itself."""
+    """A network that places points."""
 
-    session: Any  # onnxruntime.InferenceSession
-    card: dict[str, Any]
-    name: str
+    network: Network
+
+    @property
+    def name(self) -> str:
+        """Its file's name."""
+        return self.network.name
+
+    @property
+    def card(self) -> Mapping[str, Any]:
+        """What its file says of it."""
+        return self.network.card
 
     @cached_property
     def reads(self) -> tuple[str, ...]:
@@ -40,11 +53,6 @@ class PointModel:
         return tuple(self.card["places"])
 
     @cached_property
-    def inputs(self) -> frozenset[str]:
-        """What the exported graph takes; an input that the network does not need is not in it."""
-        return frozenset(value.name for value in self.session.get_inputs())
-
-    @cached_property
     def step_interval(self) -> float:
         """s between steps of the network; a frame a little early still counts."""
         return 0.8 / float(self.card["rate"])
@@ -54,7 +62,7 @@ class PointModel:
 class PointState:
     """What the network remembers, and when it last took a frame in."""
 
-    memory: np.ndarray
+    network: dict[str, np.ndarray]
     time: float | None = None
 
 
@@ -63,15 +71,13 @@ def load_point_model(task: Task, path: str | Path | None = None) -> PointModel:
 
     Raises BodysenseError for a file that is not ours, or of another task.
     """
-    command = f"bodysense train {task}"
-    wanted: dict[str, Any] = {"format": FORMAT, "kind": "network of points", "fields": _FIELDS, "command": command}
-    name = PACKAGED[task] if path is None else Path(path).name
-    session, card = open_packaged(name, **wanted) if path is None else open_network(path, **wanted)
-    if card["task"] != task:
+    network = Network.open(path, NETWORKS[task])
+    if network.card["task"] != task:
         raise BodysenseError(
-            f"{path or name}: a network for {card['task']}, not {task}; give the .onnx that `{command}` wrote"
+            f"{path or network.name}: a network for {network.card['task']}, not {task}; give the .onnx that "
+            f"`{NETWORKS[task].command}` wrote"
         )
-    return PointModel(session, card, name)
+    return PointModel(network)
 
 
 @dataclass(frozen=True)
@@ -102,8 +108,7 @@ class PointRunner:
 
     def start(self) -> PointState:
         """The state before the first frame."""
-        row = self.model.card["state"]
-        return PointState(np.zeros(row["shape"], dtype=row["dtype"]))
+        return PointState(self.model.network.start())
 
     def step(
         self, position: np.ndarray, rotation: np.ndarray, time: float, state: PointState
@@ -112,18 +117,16 @@ class PointRunner:
 
         Returns positions (O, 3) m, expected errors (O,) m, and the state, which advances only when a step is due.
         """
-        feed = {
+        inputs = {
             "position": position[None, None].astype(np.float32),
             "rotation": rotation[None, None].astype(np.float32),
             **self._constants,
         }
-        feed = {name: value for name, value in feed.items() if name in self.model.inputs}
-        memory = state.memory
+        before = state.network
         if state.time is None:
             for _ in range(WARM_UP):
-                memory = self.model.session.run(["next_memory"], feed | {"state_memory": memory})[0]
-        answer = self.model.session.run(["placed", "error", "next_memory"], feed | {"state_memory": memory})
-        placed, error, memory = answer
+                _, before = self.model.network.step(inputs, before)
+        outputs, after = self.model.network.step(inputs, before)
         if state.time is None or time - state.time >= self.model.step_interval:
-            state = replace(state, memory=memory, time=time)
-        return placed[0, 0].astype(float), error[0, 0].astype(float), state
+            state = PointState(after, time)
+        return outputs["placed"][0, 0].astype(float), outputs["error"][0, 0].astype(float), state

@@ -9,7 +9,7 @@ Many wearers are asked about in one run: the weights are read once for all, and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,12 +18,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bodysense.body.skeleton import BODY
+from bodysense.completion.network import Network, NetworkFormat
 from bodysense.errors import BodysenseError
-from bodysense.estimators.network_file import open_network, open_packaged
 from bodysense.estimators.whole_body import WholeBody
 
 FORMAT = "bodysense three-point 1"
 PACKAGED = "three_point.onnx"
+NETWORK = NetworkFormat(
+    name=FORMAT,
+    kind="three-point network",
+    command="bodysense train three-point",
+    fields=("joints", "contact", "fastest_rate", "state"),
+    packaged=PACKAGED,
+)
 FIRST_INTERVAL = 1 / 60  # s: the time step of a frame that has none before it
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 _HEAD = BODY.index("head")
@@ -31,27 +38,30 @@ _HEAD = BODY.index("head")
 
 @dataclass(frozen=True)
 class ThreePointModel:
-    """A loaded network file: its session and what it says of itself."""
+    """A network that completes a body of head and hands."""
 
-    session: Any  # onnxruntime.InferenceSession, for one wearer
-    card: dict[str, Any]
-    name: str
+    network: Network  # for one wearer
     path: Path | None = None  # None: the packaged file
 
     @cached_property
-    def session_of_many(self) -> Any:
-        """A session for any number of wearers. Raises BodysenseError for a file that is for one alone."""
-        session, _ = _open(self.path, batch=None)
-        if not isinstance(session.get_inputs()[0].shape[0], str):
+    def network_of_many(self) -> Network:
+        """The network for any number of wearers. Raises BodysenseError for a file that is for one alone."""
+        network = Network.open(self.path, NETWORK)
+        if not network.batched:
             raise BodysenseError(
                 f"{self.name} answers one wearer at a time; free its batch axis with `scripts/free_batch_axis.py`"
             )
-        return session
+        return network
 
-    @cached_property
-    def outputs(self) -> list[str]:
-        """Names of what it answers."""
-        return [output.name for output in self.session.get_outputs()]
+    @property
+    def name(self) -> str:
+        """Its file's name."""
+        return self.network.name
+
+    @property
+    def card(self) -> Mapping[str, Any]:
+        """What its file says of it."""
+        return self.network.card
 
     @cached_property
     def shortest(self) -> float:
@@ -61,30 +71,13 @@ class ThreePointModel:
     @cached_property
     def unknowing(self) -> dict[str, np.ndarray]:
         """Its state before the first frame."""
-        return {
-            name: np.array(row["values"], dtype=row["dtype"]).reshape(row["shape"])
-            if "values" in row
-            else np.zeros(row["shape"], dtype=row["dtype"])
-            for name, row in self.card["state"].items()
-        }
+        return self.network.start()
 
 
 def load_three_point(path: str | Path | None = None) -> ThreePointModel:
     """Load a network: a path, or None for the packaged one. Raises BodysenseError for a file that is not ours."""
     place = None if path is None else Path(path)
-    return ThreePointModel(*_open(place, batch=1), PACKAGED if place is None else place.name, place)
-
-
-def _open(path: Path | None, batch: int | None) -> tuple[Any, dict[str, Any]]:
-    """Session and card; for `batch` wearers at a time, which is quicker for one, or for any number."""
-    wanted: dict[str, Any] = {
-        "format": FORMAT,
-        "kind": "three-point network",
-        "fields": ("joints", "contact", "fastest_rate", "state"),
-        "command": "bodysense train three-point",
-        "batch": batch,
-    }
-    return open_packaged(PACKAGED, **wanted) if path is None else open_network(path, **wanted)
+    return ThreePointModel(Network.open(place, NETWORK, batch=1), place)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,25 +135,24 @@ def ask(
     place, turn = position.astype(np.float32), rotation.astype(np.float32)
     place[:, 1:][~measured[..., 0]] = 0.0
     turn[:, 1:][~measured[..., 1]] = UPRIGHT
-    feed = {
+    inputs = {
         "position": place[:, None],
         "rotation": turn[:, None],
         "has_position": measured[:, None, :, 0],
         "has_rotation": measured[:, None, :, 1],
         "interval": np.array(elapsed, dtype=np.float32)[:, None],
         **wearers,
-        **{f"state_{name}": np.concatenate([network[name] for network in networks]) for name in model.unknowing},
     }
-    session = model.session if len(memories) == 1 else model.session_of_many
-    said = dict(zip(model.outputs, session.run(None, feed), strict=True))
+    state = {name: np.concatenate([network[name] for network in networks]) for name in model.unknowing}
+    network = model.network if len(memories) == 1 else model.network_of_many
+    said, after = network.step(inputs, state)
     answer = Answer(
         rotation=said["body_rotation"][:, 0].astype(float),
         position=said["body_position"][:, 0].astype(float),
         error=said["body_error"][:, 0].astype(float),
         contact=said["body_contact"][:, 0].astype(float).reshape(-1, 2, 2).transpose(0, 2, 1),
     )
-    after = [(name, said[f"next_{name}"]) for name in model.unknowing]
-    kept = [Memory(t, {name: rows[k : k + 1] for name, rows in after}, answer[k]) for k, t in enumerate(now)]
+    kept = [Memory(t, {name: rows[k : k + 1] for name, rows in after.items()}, answer[k]) for k, t in enumerate(now)]
     return answer, kept
 
 
@@ -191,6 +183,6 @@ def steadied(answer: Answer, before: Sequence[tuple[Memory, ...]], head: np.ndar
 
 def without_head(memory: Memory) -> Memory:
     """The memory of a head that leapt: its way from there is no velocity."""
-    fresh = memory.network["fresh"].copy()
+    fresh = memory.network["state_fresh"].copy()
     fresh[:, 0] = False
-    return memory._replace(network=memory.network | {"fresh": fresh})
+    return memory._replace(network=memory.network | {"state_fresh": fresh})

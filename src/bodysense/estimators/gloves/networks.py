@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import nullcontext
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -13,13 +11,14 @@ import numpy as np
 
 from bodysense.body.glove import default_glove, hand_size
 from bodysense.body.skeleton import Skeleton
+from bodysense.completion.network import Network, NetworkFormat
 from bodysense.estimators.gloves.dense import DenseLayers, read_dense
-from bodysense.estimators.network_file import open_network
 
 MARKER_FORMAT = "bodysense glove markers 1"
 JOINT_FORMAT = "bodysense glove joints 1"
 MARKER_NETWORK = "glove_markers.onnx"
 JOINT_NETWORK = "glove_joints.onnx"
+_COMMAND = "bodysense train gloves"
 
 
 class HandNetwork(Protocol):
@@ -36,17 +35,26 @@ class HandNetwork(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class GloveNetwork:
-    """A loaded network file: its session, what it says of itself, and its layers if it is made of dense ones alone."""
+    """A network of gloves, and its layers if it is made of dense ones alone."""
 
-    session: Any  # onnxruntime.InferenceSession
-    card: dict[str, Any]
-    name: str
+    network: Network
     layers: DenseLayers | None = None
+
+    @property
+    def name(self) -> str:
+        """Its file's name."""
+        return self.network.name
+
+    @property
+    def card(self) -> Mapping[str, Any]:
+        """What its file says of it."""
+        return self.network.card
 
     def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
         """See `HandNetwork`; single precision."""
         if self.layers is None:
-            return self.session.run(None, {"markers": markers, "hand": hand})[0]
+            (answer,) = self.network.run({"markers": markers, "hand": hand}).values()
+            return answer
         read = [markers]
         if self.layers.width in (36, 56):  # also which markers are known, as in models/glove.py
             read.append(np.logical_or.reduce(markers.reshape(len(markers), 9, 3), axis=2).astype(np.float32))
@@ -57,19 +65,17 @@ class GloveNetwork:
 
 def load_marker_network(path: str | Path | None = None) -> GloveNetwork:
     """The network that fills markers: a path, or None for the packaged one. BodysenseError for a file not ours."""
-    return _load(path, MARKER_NETWORK, MARKER_FORMAT, "glove marker network")
+    return _load(path, NetworkFormat(MARKER_FORMAT, "glove marker network", _COMMAND, packaged=MARKER_NETWORK))
 
 
 def load_joint_network(path: str | Path | None = None) -> GloveNetwork:
     """The network that tells joint angles: a path, or None for the packaged one. BodysenseError for a file not ours."""
-    return _load(path, JOINT_NETWORK, JOINT_FORMAT, "glove joint network")
+    return _load(path, NetworkFormat(JOINT_FORMAT, "glove joint network", _COMMAND, packaged=JOINT_NETWORK))
 
 
-def _load(path: str | Path | None, packaged: str, format: str, kind: str) -> GloveNetwork:
-    wanted: dict[str, Any] = {"format": format, "kind": kind, "fields": (), "command": "bodysense train gloves"}
-    with as_file(files("bodysense.weights").joinpath(packaged)) if path is None else nullcontext(Path(path)) as file:
-        slow = GloveNetwork(*open_network(file, **wanted), file.name)
-        fast = GloveNetwork(slow.session, slow.card, slow.name, read_dense(file.read_bytes()))
+def _load(path: str | Path | None, format: NetworkFormat) -> GloveNetwork:
+    network = Network.open(path, format)
+    slow, fast = GloveNetwork(network), GloveNetwork(network, read_dense(network.source.read_bytes()))
     return fast if fast.layers is not None and _agree(fast, slow) else slow
 
 

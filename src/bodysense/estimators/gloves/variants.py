@@ -9,17 +9,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from bodysense.body.glove import default_glove, template
 from bodysense.body.registration import brought_back, moved, register
 from bodysense.body.skeleton import Skeleton
+from bodysense.completion.network import Network, NetworkFormat
 from bodysense.errors import BodysenseError
 from bodysense.estimators.gloves.fillers import MARKER_COUNT, missing
 from bodysense.estimators.gloves.networks import bone_lengths, size_ratios
-from bodysense.estimators.network_file import open_network
 
 TWO_HANDS_FORMAT = "bodysense glove two hands 1"
 MEMORY_FORMAT = "bodysense glove memory 1"
@@ -32,15 +32,14 @@ class Placed(NamedTuple):
 
     rotation: np.ndarray  # (H, 3, 3)
     translation: np.ndarray  # (H, 3) m
-    memory: np.ndarray  # (H, M); M may be 0
+    memory: dict[str, np.ndarray]  # (H, …) by input of the graph; empty for a network that remembers nothing
 
 
 @dataclass(frozen=True, eq=False)
 class _Registered:
     """What both fillers share: hands of known size, registered by the markers that are seen."""
 
-    session: Any  # onnxruntime.InferenceSession
-    memory: int
+    network: Network
     hands: Sequence[Skeleton]
 
     @cached_property
@@ -61,7 +60,7 @@ class _Registered:
         if hands != len(self.hands):
             raise BodysenseError(f"glove filler: made for {len(self.hands)} hands, started for {hands}; give as many")
         eye = np.broadcast_to(np.eye(3), (hands, 3, 3))
-        return Placed(eye, np.zeros((hands, 3)), np.zeros((hands, self.memory), dtype=np.float32))
+        return Placed(eye, np.zeros((hands, 3)), self.network.start(hands))
 
     def axes(self, markers: np.ndarray, state: Placed) -> np.ndarray:
         """Those of the registered hand."""
@@ -91,7 +90,7 @@ class TwoHandsFiller(_Registered):
         rotation, translation = self._placed(markers, state)
         beside = _MIRROR * markers.reshape(-1, 2, MARKER_COUNT, 3)[:, ::-1].reshape(markers.shape)
         own, other = (self._own(points, rotation, translation) for points in (markers, beside))
-        told = self.session.run(None, {"markers": own, "hand": self._lengths, "other": other})[0]
+        (told,) = self.network.run({"markers": own, "hand": self._lengths, "other": other}).values()
         return self._world(markers, told, rotation, translation), Placed(rotation, translation, state.memory)
 
 
@@ -102,23 +101,19 @@ class MemoryFiller(_Registered):
         """See `Filler`."""
         rotation, translation = self._placed(markers, state)
         own = self._own(markers, rotation, translation)
-        told, memory = self.session.run(None, {"markers": own, "hand": self._lengths, "state_memory": state.memory})
+        outputs, memory = self.network.step({"markers": own, "hand": self._lengths}, state.memory)
+        (told,) = outputs.values()
         return self._world(markers, told, rotation, translation), Placed(rotation, translation, memory)
 
 
 def load_two_hands(path: str | Path, hands: Sequence[Skeleton]) -> TwoHandsFiller:
     """The filler of a network file for pairs of hands. Raises BodysenseError for a file that is not ours."""
-    session, _ = _open(path, TWO_HANDS_FORMAT, "two-hand network", "two-hands", ())
-    return TwoHandsFiller(session, 0, hands)
+    command = "bodysense train gloves --network two-hands"
+    return TwoHandsFiller(Network.open(path, NetworkFormat(TWO_HANDS_FORMAT, "two-hand network", command)), hands)
 
 
 def load_memory(path: str | Path, hands: Sequence[Skeleton]) -> MemoryFiller:
     """The filler of a recurrent network's file. Raises BodysenseError for a file that is not ours."""
-    session, card = _open(path, MEMORY_FORMAT, "recurrent glove network", "recurrent", ("memory",))
-    return MemoryFiller(session, int(card["memory"]), hands)
-
-
-def _open(path: str | Path, format: str, kind: str, name: str, fields: tuple[str, ...]) -> tuple[Any, dict[str, Any]]:
-    return open_network(
-        path, format=format, kind=kind, fields=fields, command=f"bodysense train gloves --network {name}"
-    )
+    command = "bodysense train gloves --network recurrent"
+    format = NetworkFormat(MEMORY_FORMAT, "recurrent glove network", command, ("memory",))
+    return MemoryFiller(Network.open(path, format), hands)

@@ -1,0 +1,148 @@
+"""The one loader of network files: an .onnx that says of itself what it is, run by ONNX Runtime on one thread.
+
+A file's metadata is its card: `format` names what the network is, every other field is JSON. A graph carries its state
+through inputs `state_…` and outputs `next_…` of the same names; the card's `state` says what it starts with.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bodysense.errors import BodysenseError
+
+STATE, NEXT = "state_", "next_"  # how inputs and outputs begin that carry the state
+_TYPES = {"tensor(float)": np.float32, "tensor(bool)": np.bool_, "tensor(int64)": np.int64}
+
+
+@dataclass(frozen=True)
+class NetworkFormat:
+    """What kind of network a file must be."""
+
+    name: str  # what its card gives as `format`
+    kind: str  # what such a network is called in messages
+    command: str  # what writes such files
+    fields: tuple[str, ...] = ()  # what else its card must have
+    packaged: str | None = None  # the file in `bodysense/weights` that is opened where no path is given
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """An open network file."""
+
+    session: Any  # onnxruntime.InferenceSession
+    card: Mapping[str, Any]
+    source: Traversable
+    format: NetworkFormat
+
+    @classmethod
+    def open(cls, path: str | Path | None, format: NetworkFormat, *, batch: int | None = None) -> Network:
+        """Open the file at a path, or the packaged one where there is none.
+
+        With `batch` the session is for so many at a time, which is quicker, where the file leaves that open.
+
+        Raises BodysenseError for a file that is not there, is no ONNX model, or is not of the format.
+        """
+        import onnxruntime
+
+        if path is None:
+            assert format.packaged is not None, f"no {format.kind} is packaged"
+            source: Traversable = files("bodysense.weights").joinpath(format.packaged)
+        else:
+            source = Path(path)
+        if not source.is_file():
+            raise BodysenseError(f"{source}: no such model file; give the .onnx that `{format.command}` wrote")
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 3
+        if batch is not None:
+            options.add_free_dimension_override_by_name("batch", batch)
+        try:
+            session = onnxruntime.InferenceSession(source.read_bytes(), options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # ONNX Runtime raises classes of its own for every way a file can be wrong
+            reason = (str(error).splitlines() or [type(error).__name__])[0][:120]
+            raise BodysenseError(f"{source}: not a readable ONNX model ({reason})") from None
+        card = dict(session.get_modelmeta().custom_metadata_map)
+        found = card.pop("format", None)
+        if found != format.name:
+            raise BodysenseError(
+                f"{source}: not a bodysense {format.kind} (format {found or 'not given'!r}, wanted {format.name!r}); "
+                f"give the .onnx that `{format.command}` wrote"
+            )
+        missing = [name for name in format.fields if name not in card]
+        if missing:
+            raise BodysenseError(f"{source}: its card has no {missing[0]!r}; export the network again")
+        return cls(session, {name: _parsed(value) for name, value in card.items()}, source, format)
+
+    @property
+    def name(self) -> str:
+        """The file's name."""
+        return self.source.name
+
+    @cached_property
+    def inputs(self) -> tuple[str, ...]:
+        """What the graph reads. An input that a network does not need is not in its file."""
+        return tuple(value.name for value in self.session.get_inputs())
+
+    @cached_property
+    def outputs(self) -> tuple[str, ...]:
+        """What the graph gives."""
+        return tuple(value.name for value in self.session.get_outputs())
+
+    @cached_property
+    def batched(self) -> bool:
+        """Whether the leading axis may have any length."""
+        return not isinstance(self.session.get_inputs()[0].shape[0], int)
+
+    def start(self, batch: int = 1) -> dict[str, np.ndarray]:
+        """The state (batch, …) before the first frame, by input."""
+        return {name: np.repeat(values, batch, axis=0) for name, values in self._start.items()}
+
+    def run(self, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """All outputs by name; inputs that the graph does not read are left out."""
+        feed = {name: inputs[name] for name in self.inputs if name in inputs}
+        return dict(zip(self.outputs, self.session.run(None, feed), strict=True))
+
+    def step(
+        self, inputs: Mapping[str, np.ndarray], state: Mapping[str, np.ndarray]
+    ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """One step: the outputs that are no state, and the state after it."""
+        outputs = self.run({**inputs, **state})
+        return outputs, {name: outputs.pop(NEXT + name.removeprefix(STATE)) for name in state}
+
+    @cached_property
+    def _start(self) -> dict[str, np.ndarray]:
+        """The state (1, …) of one."""
+        rows = self.card.get("state", {})
+        start = {}
+        for value in self.session.get_inputs():
+            if not value.name.startswith(STATE):
+                continue
+            shape, short = value.shape[1:], value.name.removeprefix(STATE)
+            row = rows.get(short) or rows.get(value.name) or {}
+            told = row.get("start", row.get("values"))
+            if told is not None and np.size(told) != prod(shape):
+                raise BodysenseError(
+                    f"{self.source}: its card starts {short!r} with {np.size(told)} numbers, but the graph reads "
+                    f"{prod(shape)}; export the network again"
+                )
+            values = np.zeros(shape) if told is None else np.reshape(told, shape)
+            start[value.name] = values[None].astype(_TYPES[value.type])
+        return start
+
+
+def _parsed(text: str) -> Any:
+    """A field of a card: JSON where we wrote it, plain text where another tool did."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
