@@ -1,15 +1,14 @@
-"""Write the tables of README.md, docs/occlusion.md and docs/evaluation.md from the numbers that the commands wrote.
+"""Write the tables of README.md and of pages in docs/ from the numbers that the commands wrote.
 
     bodysense evaluate headset --data DIR --json FIGURES/headset.json
     bodysense evaluate unoc-table2 --data DIR --networks NETWORKS --stride 8 --json FIGURES/unoc-table2.json
     … unoc-table3, unoc-table4, unoc-smoothness likewise, unoc-table5 with a folder of networks for each set
-    bodysense evaluate three-point --data DIR --json FIGURES/three-point.json
+    bodysense evaluate completion --data DIR --json FIGURES/completion.json
     bodysense evaluate hmd-vae --data DIR --networks VAES --json FIGURES/hmd-vae.json
     bodysense evaluate unoc-table6 --data DIR --json FIGURES/unoc-table6.json
     bodysense evaluate finger-synthesis --data DIR --json FIGURES/finger-synthesis.json
     bodysense evaluate transitions --data DIR --json FIGURES/transitions.json        (and reliability)
     bodysense bench step --json FIGURES/step.json        (and ik, occlusion, bvh, import, training)
-    bodysense bench three-point --json FIGURES/three-point-speed.json
     bodysense data info DIR --occlusion --split test --json FIGURES/hidden.json
     … the same with --camera.solid-scale 0.8, with --camera.nose-distance 0, with both, into FIGURES/hidden_….json
     python scripts/readme_figures.py FIGURES
@@ -26,12 +25,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bodysense.cli.show import processor
-from bodysense.evaluation.three_point_table import PUBLISHED as THREE_POINT
+from bodysense.evaluation.body_vae_report import PUBLISHED as THREE_POINT
 from bodysense.models.variants import TABLES, VARIANTS
+from bodysense.occlusion.sensors import SENSOR_SETS, TABLE_SETS
 from bodysense.occlusion.statistics import PUBLISHED
 
 ROOT = Path(__file__).parents[1]
 README, OCCLUSION = ROOT / "README.md", ROOT / "docs" / "occlusion.md"
+COMPLETION = ROOT / "docs" / "completion.md"
+BODIES = ("own", "stranger", "height", "nothing")
 EVALUATION, VAE = ROOT / "docs" / "evaluation.md", ROOT / "docs" / "hmd-vae.md"
 GROUPS = {"": "main", "_sport": "sport", "_dance": "dance", "_other": "other"}
 CATEGORIES = ("talk_gesture", "sit", "everyday", "locomotion", "all")
@@ -51,16 +53,20 @@ def main(folder: Path) -> None:
     """Replace the text between every pair of markers whose figures are in `folder`."""
     read = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")}
     text = README.read_text(encoding="utf-8")
-    if "headset" in read:
-        text = put(text, "headset", headset(read["headset"]))
-    if "three-point" in read:
-        text = put(text, "three-point", three_point(read["three-point"]))
-    if "unoc-table2" in read:
-        text = put(text, "networks", networks(read["unoc-table2"]))
-    if {"step", "three-point-speed", "ik", "occlusion", "bvh", "import"} <= set(read):
+    if "completion" in read:
+        text = put(text, "completion", completion(read["completion"]))
+        whole = COMPLETION.read_text(encoding="utf-8")
+        whole = put(whole, "completion", completion_measures(read["completion"]))
+        whole = put(whole, "published", published(read["completion"]))
+        COMPLETION.write_text(whole, encoding="utf-8")
+    if {"step", "ik", "occlusion", "bvh", "import"} <= set(read):
         text = put(text, "speed", speed(read))
     README.write_text(text, encoding="utf-8")
     tables = EVALUATION.read_text(encoding="utf-8")
+    if "headset" in read:
+        tables = put(tables, "headset", headset(read["headset"]))
+    if "unoc-table2" in read:
+        tables = put(tables, "networks", networks(read["unoc-table2"]))
     if {"unoc-table6", "finger-synthesis"} <= set(read):
         tables = put(tables, "applications", applications(read["unoc-table6"], read["finger-synthesis"]))
     if "unoc-table3" in read:
@@ -108,47 +114,92 @@ def headset(numbers: dict[str, float]) -> str:
     return f"{markdown(head, rows)}\n\nRMSJPE / MPJPE in cm. {command}."
 
 
-def three_point(numbers: dict[str, float]) -> str:
-    """A whole body from three points, beside the analytic one and what others publish."""
-    columns = ("mpjre_component_deg", "mpjpe_cm", "lower_mpjpe_cm", "upper_mpjpe_cm", "velocity_cm_s", "jitter")
-    methods = {"best": "bodysense", "head_only": "bodysense, headset alone", "baseline": "analytic, legs standing"}
+def completion(numbers: dict[str, float]) -> str:
+    """Sensor sets by bodies, short: mean errors of joints, and what holds of confidence and of more sensors."""
     rows = [
-        [label, "main", *(f"{numbers[f'{who}_{column}']:.2f}" for column in columns)] for who, label in methods.items()
+        [_sensors(name), *(_figure(numbers, f"{name}_{body}_{_position(name)}") for body in BODIES)]
+        for name in TABLE_SETS
     ]
-    rows += [
-        ["bodysense", group, *(f"{numbers[f'best_{column}{suffix}']:.2f}" for column in columns)]
-        for suffix, group in GROUPS.items()
-        if suffix and f"best_mpjpe_cm{suffix}" in numbers
-    ]
-    rows.append(["the motion itself", "main", *["–"] * 5, f"{numbers['truth_jitter']:.2f}"])
-    for name, (component, position, velocity, jerk) in THREE_POINT.items():
-        cells = [
-            f"{component:.2f}",
-            f"{position:.2f}",
-            "–",
-            "–",
-            f"{velocity:.2f}",
-            "–" if jerk is None else f"{jerk:.2f}",
-        ]
-        rows.append([name, "AMASS, 60 Hz", *cells])
-    head = ["method", "motion", "rotation °", "MPJPE cm", "lower", "upper", "velocity cm/s", "jitter 10² m/s³"]
-    skate, depth = (
-        [numbers[f"{who}_{what}"] for who in ("unlocked", "best")] for what in ("skate_cm_s", "penetration_cm")
-    )
-    bodies = ", ".join(
-        f"{numbers[f'height_{height}_mpjpe_cm']:.2f} cm at {height} m" for height in ("1.5", "1.7", "2.0")
-    )
+    head = ["sensors", "own body", "stranger's", "only height told", "nothing told"]
     text = [
-        "Rotation is the mean difference of axis-angle components, as the later papers print it. Published figures are",
-        "of other motion at another rate.",
-        f"Feet that stand slide by {skate[0]:.1f} cm/s before and {skate[1]:.1f} after they are held (in the",
-        f"recordings {numbers['truth_skate_cm_s']:.1f});",
-        f"feet are {depth[0]:.2f} and {depth[1]:.2f} cm under the floor on average.",
-        f"The same motions on bodies of other heights: {bodies};",
-        f"with the height taken from the headset, {numbers['untold_height_error_cm']:.0f} cm off on average: "
-        f"{numbers['untold_mpjpe_cm']:.2f} cm.",
+        f"`bodysense evaluate completion --data DIR`: {numbers['clips']:.0f} clips, main motions, cm. 22 joints from",
+        "the head; of the headset's cameras the joints that they do not see, in the world.",
     ]
+    if "headset_camera_stranger_ratio" in numbers:
+        ratio = [numbers[f"headset_camera_{body}_ratio"] for body in ("own", "stranger")]
+        text.append(
+            f"These are {ratio[0]:.2f} (own body) and {ratio[1]:.2f} (stranger's) of the best way to keep the last "
+            "known place (RMSJPE)."
+        )
+    if "lattice_edges" in numbers:
+        text.append(
+            f"One sensor more is worse by over 1 % in {numbers['lattice_violations']:.0f} of "
+            f"{numbers['lattice_edges']:.0f} random pairs of sensor sets."
+        )
     return f"{markdown(head, rows)}\n\n" + "\n".join(text)
+
+
+def completion_measures(numbers: dict[str, float]) -> str:
+    """Every measure of every set, told bodies; and confidence."""
+    measures = {
+        "rotation °": "rotation_deg",
+        "lower cm": "lower_mpjpe_cm",
+        "upper cm": "upper_mpjpe_cm",
+        "velocity cm/s": "velocity_cm_s",
+        "jitter": "jitter",
+        "skate cm/s": "skate_cm_s",
+        "under floor cm": "depth_cm",
+        "jumps/min": "jumps_per_minute",
+    }
+    rows = [
+        [
+            _sensors(name),
+            body,
+            _figure(numbers, f"{name}_{body}_{_position(name)}"),
+            *(_figure(numbers, f"{name}_{body}_{measure}") for measure in measures.values()),
+        ]
+        for name in TABLE_SETS
+        for body in BODIES
+        if f"{name}_{body}_mpjpe_cm" in numbers
+    ]
+    trust = [
+        [
+            _sensors(name),
+            _figure(numbers, f"{name}_ece", 3),
+            _figure(numbers, f"{name}_cover90", 3),
+            _figure(numbers, f"{name}_spearman"),
+        ]
+        for name in TABLE_SETS
+        if f"{name}_ece" in numbers
+    ]
+    first = markdown(["sensors", "body", "MPJPE cm", *measures], rows)
+    second = markdown(["expected errors", "ECE", "within the 90 % interval", "rank correlation with the true"], trust)
+    return f"{first}\n\nJitter in 10² m/s³; skate of feet that truly stand.\n\n{second}"
+
+
+def published(numbers: dict[str, float]) -> str:
+    """Three points, beside what others publish."""
+    columns = ("mpjpe_cm", "velocity_cm_s", "jitter")
+    rows = [
+        [f"bodysense, {body}", *(_figure(numbers, f"three_point_{body}_{column}") for column in columns)]
+        for body in BODIES
+        if f"three_point_{body}_mpjpe_cm" in numbers
+    ]
+    for name, (_, position, velocity, jerk) in THREE_POINT.items():
+        rows.append([name, f"{position:.2f}", f"{velocity:.2f}", "–" if jerk is None else f"{jerk:.2f}"])
+    return markdown(["three points", "MPJPE cm", "velocity cm/s", "jitter 10² m/s³"], rows)
+
+
+def _sensors(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _position(name: str) -> str:
+    return "occluded_mpjpe_cm" if SENSOR_SETS[name].camera else "mpjpe_cm"
+
+
+def _figure(numbers: dict[str, float], key: str, digits: int = 2) -> str:
+    return f"{numbers[key]:.{digits}f}" if key in numbers else "–"
 
 
 def vaes(numbers: dict[str, float]) -> str:
@@ -331,23 +382,18 @@ def cameras(read: dict[str, dict[str, float]]) -> str:
 
 def speed(read: dict[str, dict[str, float]]) -> str:
     """What the bench commands measured."""
-    step, three, ik = read["step"], read["three-point-speed"], read["ik"]
+    step, ik = read["step"], read["ik"]
     rows = [
-        [
-            "`bench step`",
-            "a frame: network, IK, smoothing",
-            f"p50 {step['p50_ms']:.2f} ms, p99 {step['p99_ms']:.2f} ms",
-        ],
-        ["", "peak resident memory", f"{step['rss_mb']:.0f} MB"],
-        [
-            "`bench three-point`",
-            "a frame: network, arms and feet",
-            f"p50 {three['p50_ms']:.2f} ms, p99 {three['p99_ms']:.2f} ms",
-        ],
-        ["", "the same with IK", f"p50 {three['tracker_p50_ms']:.2f} ms, p99 {three['tracker_p99_ms']:.2f} ms"],
+        ["`bench step`", "a frame, whole", f"p50 {step['p50_ms']:.2f} ms, p99 {step['p99_ms']:.2f} ms"],
+        ["", "a frame of each of 16 wearers in a batch", f"{step['batch16_ms']:.2f} ms each"],
+        ["", "peak resident memory; the network's file", f"{step['rss_mb']:.0f} MB; {step['file_mb']:.1f} MB"],
         ["`bench ik`", "whole body and hands, warm start", f"p50 {ik['p50_ms']:.2f} ms, p99 {ik['p99_ms']:.2f} ms"],
         ["`bench occlusion`", "frames seen by the headset", f"{read['occlusion']['frames_per_second']:,.0f} /s"],
-        ["`bench import`", "`import bodysense` and the tracker", f"{read['import']['seconds']:.2f} s"],
+        [
+            "`bench import`",
+            "`import bodysense`; with the tracker",
+            f"{1000 * read['import']['package_seconds']:.0f} ms; {read['import']['seconds']:.2f} s",
+        ],
         [
             "`bench bvh`",
             "reading, beside parsing the floats alone",

@@ -16,7 +16,7 @@ from bodysense.export.flesh import UNSEEN, Flesh, fit_flesh, place_flesh
 from bodysense.export.shot import Lens, frame_shot
 from bodysense.files import written_beside
 
-LENS = Lens(width=400, height=470, aim=0.92, shown=2.15)
+LENS = Lens(width=360, height=420, aim=0.92, shown=2.1)
 _INK, _BAND = (34, 48, 60), 34  # colour of the captions, pixels of height they take
 
 
@@ -86,7 +86,7 @@ def _captions(views: Sequence[View], lens: Lens) -> np.ndarray:
     from PIL import Image, ImageDraw, ImageFont
 
     band = Image.new("RGB", (lens.width * len(views), _BAND), (255, 255, 255))
-    draw, font = ImageDraw.Draw(band), ImageFont.load_default(17)
+    draw, font = ImageDraw.Draw(band), ImageFont.load_default(16)
     for k, view in enumerate(views):
         draw.text(((k + 0.5) * lens.width, _BAND / 2), view.title, fill=_INK, font=font, anchor="mm")
     return np.asarray(band)
