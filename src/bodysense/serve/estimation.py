@@ -82,13 +82,14 @@ class WithoutMarkers:
 
 def device_of(points: Sequence[str], skeleton: Skeleton) -> Device | None:
     """What a signal of these points needs before a tracker takes it; None where nothing."""
-    from bodysense.devices.gloves import SIDES, glove_device
+    from bodysense.devices.gloves import SIDES, glove_device, gloved_sides
 
     hands = glove_hands(points)
     if not hands:
         return None
-    sides = tuple(filter(hands.__contains__, SIDES))
-    return glove_device(skeleton, sides, _glove_models()) if sides else WithoutMarkers()
+    if not any(side in hands for side in SIDES):
+        return WithoutMarkers()
+    return glove_device(skeleton, gloved_sides(points), _glove_models())
 
 
 def step_many(jobs: Sequence[tuple[Pipeline, Observation, PipelineState]]) -> list[tuple[Estimate, PipelineState]]:
