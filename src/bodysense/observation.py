@@ -67,6 +67,7 @@ class Estimate:
     points: np.ndarray  # (..., T, P, 3) m, world
     measured: np.ndarray  # (..., T, P) bool: pinned to a measurement
     confidence: np.ndarray  # (..., T, P) m, expected position error, calibrated
+    bound: np.ndarray  # (..., T, P) m, within which the position error is in nine of ten cases
     contact: np.ndarray  # (..., T, 4) probability that each of `CONTACT_POINTS` rests on something
     rest_offset: np.ndarray  # (..., T, P, 3) m
 
@@ -77,7 +78,13 @@ class Estimate:
             self.pose.skeleton.with_offsets(offset[-1]), self.pose.root_position[person], self.pose.rotation[person]
         )
         return Estimate(
-            pose, self.points[person], self.measured[person], self.confidence[person], self.contact[person], offset
+            pose=pose,
+            points=self.points[person],
+            measured=self.measured[person],
+            confidence=self.confidence[person],
+            bound=self.bound[person],
+            contact=self.contact[person],
+            rest_offset=offset,
         )
 
 

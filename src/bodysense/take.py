@@ -248,8 +248,8 @@ def _joined(parts: list[Estimate]) -> Estimate:
         np.concatenate([part.pose.root_position for part in parts]),
         np.concatenate([part.pose.rotation for part in parts]),
     )
-    names = ("points", "measured", "confidence", "contact", "rest_offset")
-    return Estimate(pose, *(whole(name) for name in names))
+    names = ("points", "measured", "confidence", "bound", "contact", "rest_offset")
+    return Estimate(pose, **{name: whole(name) for name in names})
 
 
 def pose_on(estimate: Estimate, person: Person) -> Pose:

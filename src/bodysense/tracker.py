@@ -147,6 +147,7 @@ def _estimate(frames: Sequence[tuple[Completed, Frames, TrackerState]]) -> Estim
         points=by_person([body.points for body, _, _ in frames]).astype(np.float64),
         measured=by_person([frame.has_position for _, frame, _ in frames]),
         confidence=by_person([body.confidence for body, _, _ in frames]).astype(np.float64),
+        bound=by_person([body.bound for body, _, _ in frames]).astype(np.float64),
         contact=by_person([body.contact for body, _, _ in frames]).astype(np.float64),
         rest_offset=offset,
     )

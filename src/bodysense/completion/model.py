@@ -25,6 +25,7 @@ class Completed:
     rotation: np.ndarray  # (B, 52, 4) wxyz, parent ← joint
     points: np.ndarray  # (B, 65, 3) m, world
     confidence: np.ndarray  # (B, 65) m, expected position error
+    bound: np.ndarray  # (B, 65) m, within which nine of ten errors are
     contact: np.ndarray  # (B, 4) probability
 
 
@@ -68,6 +69,7 @@ class CompletionModel:
                 outputs["local_rotation"],
                 outputs["points"],
                 outputs["confidence"],
+                outputs["bound"],
                 outputs["contact"],
             ),
             after,

@@ -31,6 +31,7 @@ class Oracle:
             position=np.full((*shape, 65, 3), 1e3),
             rotation=np.full((*shape, 52, 4), 1e3),
             confidence=np.full((*shape, 65), 1e3),
+            bound=np.full((*shape, 65), 1e3),
             contact=np.full((*shape, 4), 1e3),
         )
         for index in range(len(people)):
@@ -40,6 +41,7 @@ class Oracle:
             batch.rotation[index, own] = scene.pose.rotation
             error = np.linalg.norm(batch.position[index, own] - truth, axis=-1)
             batch.confidence[index, own] = error if self.confidence is None else self.confidence
+            batch.bound[index, own] = 1.001 * batch.confidence[index, own]
         return batch
 
     def find(self, head: np.ndarray) -> Scene:

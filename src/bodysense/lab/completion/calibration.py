@@ -3,7 +3,7 @@
 Points that are tracked do not count. Points and frames are put into bins of the expected error, each `_STEP` times as
 wide as the one before. The *calibration error* (ECE) is the mean over points of the difference, in their bin, between
 mean expected and mean true error, in shares of the overall mean error. *Coverage* is the share of points whose true
-error is within the 90 % interval, which reaches to a factor times the expected error (`interval_factor`).
+error is within the 90 % bound that the tracker gives.
 """
 
 from __future__ import annotations
@@ -16,13 +16,6 @@ import numpy as np
 REGIONS = ("lower", "upper")  # of the 22 joints, each with an interval of its own
 _SHORTEST, _LONGEST, _BINS = 1e-4, 10.0, 100  # m; beyond, the first and last bin
 _STEP = (_LONGEST / _SHORTEST) ** (1 / _BINS)
-_RATIOS = 600  # bins of true by expected error, from 0.001 to 1000
-_FACTORS = {"lower": 1.567, "upper": 1.567}  # the 90 % quantile of lengths of normal errors in space, by their mean
-
-
-def interval_factor(region: str) -> float:
-    """By how much the 90 % interval of a region's errors exceeds the expected error."""
-    return _FACTORS[region]
 
 
 @dataclass
@@ -32,25 +25,21 @@ class Calibration:
     pairs: np.ndarray = field(default_factory=lambda: np.zeros((_BINS, _BINS)))  # by expected and true error
     expected: np.ndarray = field(default_factory=lambda: np.zeros(_BINS))  # sums by expected error, m
     error: np.ndarray = field(default_factory=lambda: np.zeros(_BINS))  # the same of true errors
-    ratios: np.ndarray = field(default_factory=lambda: np.zeros(_RATIOS))  # true by expected error
     within: float = 0.0  # points within their interval
 
-    def add(self, expected: np.ndarray, error: np.ndarray, factor: float) -> None:
-        """Count expected and true errors (N,), m, of points whose interval reaches to `factor` times the expected."""
+    def add(self, expected: np.ndarray, error: np.ndarray, bound: np.ndarray) -> None:
+        """Count expected errors, true errors and 90 % bounds (N,), m, of points."""
         rows, columns = _bin(expected), _bin(error)
         self.pairs += np.bincount(rows * _BINS + columns, minlength=_BINS**2).reshape(_BINS, _BINS)
         self.expected += np.bincount(rows, expected, _BINS)
         self.error += np.bincount(rows, error, _BINS)
-        ratio = np.log10(np.maximum(error, 1e-9) / np.maximum(expected, 1e-9))
-        self.ratios += np.bincount(((ratio + 3) * _RATIOS / 6).clip(0, _RATIOS - 1).astype(int), minlength=_RATIOS)
-        self.within += float((error <= factor * expected).sum())
+        self.within += float((error <= bound).sum())
 
     def merge(self, other: Calibration) -> None:
         """Count what another has counted."""
         self.pairs += other.pairs
         self.expected += other.expected
         self.error += other.error
-        self.ratios += other.ratios
         self.within += other.within
 
     @property
@@ -66,7 +55,7 @@ class Calibration:
 
     @property
     def coverage(self) -> float:
-        """Share of points within their 90 % interval; NaN where nothing was counted."""
+        """Share of points within their 90 % bound; NaN where nothing was counted."""
         return self.within / self.count if self.count else math.nan
 
     @property
@@ -78,15 +67,6 @@ class Calibration:
         a, b = _centred_ranks(rows), _centred_ranks(columns)
         scale = math.sqrt(float(rows @ a**2) * float(columns @ b**2))
         return float(a @ self.pairs @ b) / scale if scale else math.nan
-
-    @property
-    def factor(self) -> float:
-        """The factor on the expected error within which 90 % of the true errors are."""
-        if not self.count:
-            return math.nan
-        return float(
-            10 ** (6 * np.interp(0.9, np.cumsum(self.ratios) / self.count, np.arange(1, _RATIOS + 1) / _RATIOS) - 3)
-        )
 
     def curve(self, fewest: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
         """Mean expected and mean true error (N,), m, of the bins with at least this share of the points."""

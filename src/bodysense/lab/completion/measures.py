@@ -23,7 +23,7 @@ from bodysense.evaluation.metrics import (
     rotation_error,
     velocity_error,
 )
-from bodysense.lab.completion.calibration import Calibration, interval_factor
+from bodysense.lab.completion.calibration import Calibration
 from bodysense.lab.completion.scenes import Scene
 from bodysense.lab.completion.tracking import TrackedBatch
 from bodysense.observation import Observation, observed_points
@@ -125,5 +125,6 @@ def measure_confidence(scene: Scene, seen: Observation, tracked: TrackedBatch) -
         places = scene.skeleton.indices(names)
         counted = ~known[:, places]
         regions[region] = Calibration()
-        regions[region].add(tracked.confidence[:, places][counted], error[:, places][counted], interval_factor(region))
+        expected, true, bound = (values[:, places][counted] for values in (tracked.confidence, error, tracked.bound))
+        regions[region].add(expected, true, bound)
     return regions

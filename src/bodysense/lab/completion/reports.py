@@ -102,17 +102,16 @@ def _confidence_report(table: CompletionTable) -> Report:
     for name in table.settings.sets:
         for region in (None, *REGIONS):
             one = table.calibration(name, region=region)
-            figures = (one.ece, 100 * one.coverage, one.rank_correlation, one.factor)
+            figures = (one.ece, 100 * one.coverage, one.rank_correlation)
             if one.count:
                 rows.append((name.replace("_", " "), region or "all", int(one.count), *map(cell, figures)))
     return Report(
         name="completion-confidence",
         title="Completion: expected and true errors of joints that are not tracked (main categories, all bodies)",
-        columns=("sensors", "region", "joints × frames", "ECE", "within 90 %, %", "Spearman", "90 % factor"),
+        columns=("sensors", "region", "joints × frames", "ECE", "within 90 %, %", "Spearman"),
         rows=tuple(rows),
         numbers={},
-        caption="ECE: mean difference of expected and true error, in bins of the expected one, by the mean error. "
-        "90 % factor: times the expected error that 90 % of the true ones are below.",
+        caption="ECE: mean difference of expected and true error, in bins of the expected one, by the mean error.",
         digits=3,
     )
 

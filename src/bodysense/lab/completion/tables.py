@@ -113,7 +113,6 @@ class CompletionTable:
                 result[f"{sensors}{part}_ece"] = one.ece
                 result[f"{sensors}{part}_cover90"] = one.coverage
                 result[f"{sensors}{part}_spearman"] = one.rank_correlation
-                result[f"{sensors}{part}_interval_factor"] = one.factor
         return result
 
 

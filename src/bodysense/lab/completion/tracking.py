@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodysense.body.person import Person
+from bodysense.completion.model import CompletionModel
 from bodysense.observation import Observation
 from bodysense.tracker import Tracker
 
@@ -22,6 +23,7 @@ class TrackedBatch:
     position: np.ndarray  # (B, T, P, 3) m, world
     rotation: np.ndarray  # (B, T, J, 4) wxyz, parent ← joint
     confidence: np.ndarray  # (B, T, P) m, expected error of every position
+    bound: np.ndarray  # (B, T, P) m, within which nine of ten errors are
     contact: np.ndarray  # (B, T, 4) probability: left ankle and ball, right ankle and ball
 
     def of_person(self, index: int, frames: int) -> TrackedBatch:
@@ -30,6 +32,7 @@ class TrackedBatch:
             position=self.position[index, :frames],
             rotation=self.rotation[index, :frames],
             confidence=self.confidence[index, :frames],
+            bound=self.bound[index, :frames],
             contact=self.contact[index, :frames],
         )
 
@@ -38,11 +41,13 @@ TrackBatch = Callable[[Sequence[Person], Observation], TrackedBatch]
 StepTimes = Callable[[Person, Observation], np.ndarray]
 
 
-def track_batch(people: Sequence[Person], observation: Observation) -> TrackedBatch:
-    """Track B people with observations (B, T, P) from their first frame on, in one call."""
-    tracker = Tracker(people)
+def track_batch(
+    people: Sequence[Person], observation: Observation, network: CompletionModel | None = None
+) -> TrackedBatch:
+    """Track B people with observations (B, T, P) from their first frame on, in one call; None: the packaged network."""
+    tracker = Tracker(people, network)
     estimate, _ = tracker.step(observation, tracker.start())
-    return TrackedBatch(estimate.points, estimate.pose.rotation, estimate.confidence, estimate.contact)
+    return TrackedBatch(estimate.points, estimate.pose.rotation, estimate.confidence, estimate.bound, estimate.contact)
 
 
 def step_times(person: Person, observation: Observation) -> np.ndarray:

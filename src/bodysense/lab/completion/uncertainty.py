@@ -8,7 +8,7 @@ likelihood of an exponential, whose optimum is the mean error. A second one is f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,25 +17,16 @@ from rich.progress import track as progress
 from torch import Tensor
 
 from bodysense.body.skeleton import BODY
+from bodysense.lab.completion.error_map import MASKS, ErrorMap
 from bodysense.lab.completion.network import BODY_POINTS, body_places
-from bodysense.lab.completion.scenes import BODIES, TRUTH_OF, Body, Scene, person_of, stacked
+from bodysense.lab.completion.scenes import BODIES, TRUTH_OF, Body, Scene, Truth, person_of, stacked
 from bodysense.lab.completion.tracking import TrackBatch
 from bodysense.occlusion.sensors import SENSOR_SETS, TABLE_SETS, SensorSet, random_edges
 
 QUANTILE = 0.9
-MASKS = len(BODY_POINTS) + len(BODY)  # what is tracked: positions of 25 points, rotations of 22 joints
 _STRIDE = 4  # frames: neighbours tell little more
 _PULL = 1e-3  # toward a slope of 1 and no offsets
 _STEPS = 600
-
-
-@dataclass(frozen=True, eq=False)
-class ErrorMap:
-    """log error = slope · log expected + masks @ weight + offset, for each of 25 points."""
-
-    slope: np.ndarray  # (25,)
-    weight: np.ndarray  # (47, 25)
-    offset: np.ndarray  # (25,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +39,7 @@ class ErrorSamples:
     counts: np.ndarray  # (N, 25) bool: the point was not tracked
 
 
-def sample_errors(scenes: dict[str, Sequence[Sequence[Scene]]], run: TrackBatch, seed: int = 5) -> ErrorSamples:
+def sample_errors(scenes: Mapping[Truth, Sequence[Sequence[Scene]]], run: TrackBatch, seed: int = 5) -> ErrorSamples:
     """Run a step whose expected errors are the network's own over batches of scenes, 'own' and 'stranger'."""
     rng = np.random.default_rng(seed)
     draws: list[tuple[SensorSet, Body]] = [(SENSOR_SETS[name], body) for name in TABLE_SETS for body in BODIES]

@@ -1,0 +1,73 @@
+"""The completion network as one self-describing ONNX file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from bodysense.body.skeleton import default_skeleton
+from bodysense.completion.format import FORMAT
+from bodysense.lab.completion.constraints import JOINT_COUNT, POINTS
+from bodysense.lab.completion.graph import CompletionStep, Inputs, Outputs, State
+from bodysense.training.onnx_writing import export
+
+
+class _Flat(nn.Module):
+    """The step with inputs, state and outputs as separate tensors."""
+
+    def __init__(self, step: CompletionStep) -> None:
+        super().__init__()
+        self.step = step
+
+    def forward(self, *values: Tensor) -> tuple[Tensor, ...]:
+        count = len(Inputs._fields)
+        outputs, state = self.step(Inputs(*values[:count]), State(*values[count:]))
+        return (*outputs, *state)
+
+
+def example_inputs(batch: int) -> Inputs:
+    """Nothing tracked, on the default body."""
+    skeleton = default_skeleton()
+    return Inputs(
+        position=torch.zeros(batch, POINTS, 3),
+        rotation=torch.tensor([1.0, 0, 0, 0]).expand(batch, JOINT_COUNT, 4).clone(),
+        has_position=torch.zeros(batch, POINTS, dtype=torch.bool),
+        has_rotation=torch.zeros(batch, JOINT_COUNT, dtype=torch.bool),
+        accuracy=torch.full((batch, POINTS), 0.001),
+        interval=torch.full((batch,), 1 / 30),
+        rest_offset=torch.tensor(skeleton.rest_offset.copy(), dtype=torch.float32).expand(batch, -1, -1).clone(),
+        certainty=torch.zeros(batch, POINTS),
+        floor=torch.zeros(batch),
+        hold=torch.ones(batch),
+    )
+
+
+def write_completion(step: CompletionStep, path: Path, card: dict[str, Any]) -> None:
+    """Write the whole step, batch axis free, with `card`: training data, licence, figures."""
+    step = step.eval()
+    start = step.start(3)  # a number that stands for any must not be one that means something
+    inputs = example_inputs(3)
+    batch = torch.export.Dim("batch", min=1, max=4096)
+    card = {
+        "points": default_skeleton().points,
+        "joints": default_skeleton().joints,
+        "state": {
+            name: {"shape": list(value.shape[1:]), "start": value[0].flatten().tolist() if value.any() else None}
+            for name, value in zip(State._fields, start, strict=True)
+        },
+        "weights": sum(parameter.numel() for parameter in step.parameters()),
+        **card,
+    }
+    export(
+        _Flat(step),
+        (*inputs, *start),
+        [*Inputs._fields, *(f"state_{name}" for name in State._fields)],
+        [*Outputs._fields, *(f"next_{name}" for name in State._fields)],
+        FORMAT,
+        card,
+        path,
+        dynamic_shapes=(tuple({0: batch} for _ in (*inputs, *start)),),
+    )
