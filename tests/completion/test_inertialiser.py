@@ -68,7 +68,7 @@ def test_the_velocity_goes_on_as_it_was(batch: tuple[int, ...], seed: int) -> No
     shown, target = random_pose(rng, batch), random_pose(rng, batch, 1.0)
     before, own = random_velocity(rng, batch), random_velocity(rng, batch)
     offset = ONE.start(shown, target, ONE.rest(target), velocity=before, target_velocity=own)
-    step = 1e-6
+    step = 1e-7
     after, _ = ONE.apply(moved(target, own, step), step, offset)
     found = velocity_between(shown, after, step)
     np.testing.assert_allclose(found.root, before.root, atol=1e-3)
