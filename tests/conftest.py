@@ -12,7 +12,7 @@ import pytest
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion.model import CompletionModel, load_completion
+from bodysense.completion.model import CompletionModel, packaged_model
 from bodysense.data.clip import Clip
 
 
@@ -65,21 +65,6 @@ def small_network(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("network") / "small.onnx"
     network = BodyNetwork(BodyNetworkConfig(hidden=16, branch=(16,)), default_skeleton())
     write_onnx(network, path, {"licence": "Apache-2.0"})
-    return path
-
-
-@pytest.fixture(scope="session")
-def small_three_point(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same of the three-point network."""
-    import torch
-
-    from bodysense.models.three_point_network import ThreePointConfig, ThreePointNetwork
-    from bodysense.training.three_point_onnx import write_three_point
-
-    torch.manual_seed(0)
-    path = tmp_path_factory.mktemp("network") / "three_point.onnx"
-    network = ThreePointNetwork(ThreePointConfig(hidden=16, branch=(16,), judge_branch=(16,)))
-    write_three_point(network, path, {"licence": "Apache-2.0"})
     return path
 
 
@@ -192,18 +177,6 @@ def filmed() -> tuple[np.ndarray, Clip]:
 
 
 @pytest.fixture(scope="session")
-def small_completion(tmp_path_factory: pytest.TempPathFactory) -> CompletionModel:
-    """The completion network, small and never trained."""
-    import torch
-
-    from bodysense.lab.completion.export import write_completion
-    from bodysense.lab.completion.fingers import FingerConfig, FingerNetwork
-    from bodysense.lab.completion.graph import CompletionStep
-    from bodysense.lab.completion.network import CompletionConfig, CompletionNetwork
-
-    torch.manual_seed(0)
-    body = CompletionNetwork(CompletionConfig(hidden=16, layers=1, branch=16, judge_branch=16))
-    step = CompletionStep(body, FingerNetwork(FingerConfig(hidden=8, branch=8)), torch.ones(65))
-    path = tmp_path_factory.mktemp("network") / "completion.onnx"
-    write_completion(step, path, {"licence": "Apache-2.0"})
-    return load_completion(path)
+def completion() -> CompletionModel:
+    """The completion network that comes with the package."""
+    return packaged_model()

