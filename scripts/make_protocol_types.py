@@ -38,8 +38,6 @@ export interface SignalFrame {
 
 export interface PoseFrame {
   kind: typeof POSE | typeof TRUTH;
-  /** Place in the profiles of the welcome. */
-  profile: number;
   /** Of the signal that is answered. */
   sequence: number;
   /** s, of that signal. */
@@ -50,8 +48,10 @@ export interface PoseFrame {
   rotation: Float32Array;
   /** (points) m; null in a truth. */
   expectedError: Float32Array | null;
-  /** (points) 0 … 255, the probability that a point was hidden; null in a truth. */
+  /** (points) 0 … 255, the probability that a point was hidden: 255 where it was not measured; null in a truth. */
   hidden: Uint8Array | null;
+  /** (4) 0 … 255, the probability that left and right ankle, left and right ball of the foot rest; null in a truth. */
+  contact: Uint8Array | null;
   /** Spent in the server. */
   microseconds: number;
 }
@@ -106,16 +106,17 @@ export function readPose(buffer: ArrayBuffer, points: number): PoseFrame {
   const floats = (at: number, count: number) => new Float32Array(buffer.slice(at, at + 4 * count));
   const errors = POSE_HEAD_BYTES + 12 + 16 * joints;
   const hidden = errors + 4 * points;
+  const contact = hidden + points;
   return {
     kind,
-    profile: view.getUint8(1),
     sequence: view.getUint32(4, true),
     time: view.getFloat64(8, true),
     rootPosition: floats(POSE_HEAD_BYTES, 3),
     rotation: floats(POSE_HEAD_BYTES + 12, 4 * joints),
     expectedError: kind === POSE ? floats(errors, points) : null,
     hidden: kind === POSE ? new Uint8Array(buffer, hidden, points) : null,
-    microseconds: kind === POSE ? view.getUint32(hidden + points, true) : 0,
+    contact: kind === POSE ? new Uint8Array(buffer, contact, CONTACTS) : null,
+    microseconds: kind === POSE ? view.getUint32(contact + CONTACTS, true) : 0,
   };
 }
 """
@@ -130,6 +131,7 @@ def text() -> str:
         "POINT_BYTES": protocol.POINT.itemsize,
         "ACCURACY_UNIT": protocol.ACCURACY_UNIT,
         "POSE_HEAD_BYTES": protocol.POSE_HEAD.size,
+        "CONTACTS": protocol.CONTACTS,
     }
     parts = ["// Written by scripts/make_protocol_types.py from bodysense.serve; see docs/protocol.md. Do not edit.\n"]
     parts.append("".join(f"export const {name} = {value};\n" for name, value in numbers.items()))

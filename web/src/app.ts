@@ -18,7 +18,7 @@ import type { View } from "./scene";
 import { SensorPanel } from "./sensor_panel";
 import { loadSettings, ofPerson, saveSettings, type Settings } from "./settings";
 import { onKeys } from "./shortcuts";
-import { isSameBody, skeletonOf } from "./skeleton";
+import { hasProportions, isSameTree, skeletonOf } from "./skeleton";
 import { Status } from "./status";
 import { Timeline } from "./timeline";
 import { ViewPanel } from "./view_panel";
@@ -120,20 +120,27 @@ export class App {
       this.connection.open();
       return;
     }
-    // A welcome comes again where the settings or the skeleton changed.
-    if (!this.history || !this.welcome || !isSameBody(this.welcome, message)) {
-      const skeleton = skeletonOf(message);
-      this.history = new History(skeleton);
-      this.bodies.build(skeleton);
-    }
+    // A welcome comes again where the settings changed.
+    if (!this.history || !isSameTree(this.history.skeleton, message)) {
+      this.history = new History(skeletonOf(message));
+      this.bodies.build(this.history.skeleton);
+    } else this.grow(message);
     this.welcome = message;
     this.sensors.offer(message.signal, message.settings.hidden);
     this.bodies.hide(message.settings.hidden.map((name) => message.signal.indexOf(name)));
     this.replay.offer(message.length);
-    this.status.begin(message, this.isWorn || this.source !== null);
+    this.status.begin(this.isWorn || this.source !== null);
     this.measured(message.settings.height);
     input("record").disabled = !message.recording;
     element("record-hint").hidden = message.recording;
+  }
+
+  /** The body has other proportions from now on. */
+  private grow({ rest_offset }: Pick<Welcome, "rest_offset">): void {
+    const { history } = this;
+    if (!history || hasProportions(history.skeleton, rest_offset)) return;
+    history.skeleton = { ...history.skeleton, restOffset: Float32Array.from(rest_offset.flat()) };
+    this.bodies.build(history.skeleton);
   }
 
   /** The height that the server found in one standing second. */
@@ -147,7 +154,8 @@ export class App {
     if (message.type === "placed") {
       this.bodies.placeSignal(message);
       this.headset.place(message);
-    } else if (message.type === "said") this.notice.say(message.text);
+    } else if (message.type === "proportions") this.grow(message);
+    else if (message.type === "said") this.notice.say(message.text);
     else if (message.type === "error") this.notice.say(message.reason, true);
   }
 

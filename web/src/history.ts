@@ -28,7 +28,7 @@ export class History {
   private readonly sent = new Map<number, number>();
 
   constructor(
-    readonly skeleton: Skeleton,
+    public skeleton: Skeleton, // its proportions may change; moments keep the place that they had
     private readonly limit: number = LIMIT,
   ) {}
 

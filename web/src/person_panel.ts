@@ -1,8 +1,8 @@
-/** Setting a person up: height, posture, mirror, what is driven, smoothing. */
+/** Setting a person up: height, posture, mirror, the floor, what is driven, smoothing. */
 
 import { button, checkbox, element, input } from "./page";
 import { REGIONS, type Region } from "./protocol";
-import { HEIGHTS, SLOWEST, type PersonSettings, type Settings } from "./settings";
+import { DEEPEST_FLOOR, HEIGHTS, SLOWEST, type PersonSettings, type Settings } from "./settings";
 
 const NAMES: Readonly<Record<Region, string>> = {
   torso: "Torso",
@@ -37,6 +37,15 @@ export class PersonPanel {
     this.saySmoothing(settings.smoothing);
     mirror.checked = settings.mirror;
     mirror.onchange = () => this.change({ mirror: mirror.checked });
+    const [floor, holdFeet] = [input("floor"), input("hold-feet")];
+    floor.min = String(-DEEPEST_FLOOR);
+    floor.max = String(DEEPEST_FLOOR);
+    floor.value = String(settings.floor);
+    floor.onchange = () => {
+      if (floor.reportValidity()) this.change({ floor: Number(floor.value) });
+    };
+    holdFeet.checked = settings.hold_feet;
+    holdFeet.onchange = () => this.change({ hold_feet: holdFeet.checked });
     for (const radio of document.querySelectorAll<HTMLInputElement>("input[name=posture]")) {
       radio.checked = radio.value === settings.posture;
       radio.onchange = () => this.change({ posture: radio.value === "seated" ? "seated" : "standing" });

@@ -17,8 +17,9 @@ export interface Settings extends PersonSettings {
   readonly show: { readonly result: boolean; readonly truth: boolean; readonly signal: boolean };
 }
 
-export const HEIGHTS = { least: 0.5, most: 2.6 } as const; // m
+export const HEIGHTS = { least: 1.0, most: 2.3 } as const; // m
 export const SLOWEST = 0.5; // s, of smoothing
+export const DEEPEST_FLOOR = 10; // m
 
 export const DEFAULT_SETTINGS: Settings = {
   height: null,
@@ -26,6 +27,8 @@ export const DEFAULT_SETTINGS: Settings = {
   mirror: false,
   regions: [...REGIONS],
   smoothing: 0,
+  floor: 0,
+  hold_feet: true,
   colouring: "confidence",
   theme: "auto",
   show: { result: true, truth: true, signal: true },
@@ -44,6 +47,8 @@ export function settingsFrom(text: string | null): Settings {
     mirror: flag(saved["mirror"], fallback.mirror),
     regions: REGIONS.filter((name) => listOf(saved["regions"])?.includes(name) ?? true),
     smoothing: isHalfLife(saved["smoothing"]) ? saved["smoothing"] : fallback.smoothing,
+    floor: isFloor(saved["floor"]) ? saved["floor"] : fallback.floor,
+    hold_feet: flag(saved["hold_feet"], fallback.hold_feet),
     colouring: oneOf(COLOURINGS, saved["colouring"]) ?? fallback.colouring,
     theme: oneOf(THEMES, saved["theme"]) ?? fallback.theme,
     show: {
@@ -54,8 +59,9 @@ export function settingsFrom(text: string | null): Settings {
   };
 }
 
-export function ofPerson({ height, posture, mirror, regions, smoothing }: Settings): PersonSettings {
-  return { height, posture, mirror, regions, smoothing };
+export function ofPerson(settings: Settings): PersonSettings {
+  const { height, posture, mirror, regions, smoothing, floor, hold_feet } = settings;
+  return { height, posture, mirror, regions, smoothing, floor, hold_feet };
 }
 
 export function loadSettings(storage: Pick<Storage, "getItem">): Settings {
@@ -84,6 +90,10 @@ function isHeight(value: unknown): value is number {
 
 function isHalfLife(value: unknown): value is number {
   return typeof value === "number" && value >= 0 && value <= SLOWEST;
+}
+
+function isFloor(value: unknown): value is number {
+  return typeof value === "number" && Math.abs(value) <= DEEPEST_FLOOR;
 }
 
 function flag(value: unknown, fallback: boolean): boolean {

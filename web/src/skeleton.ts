@@ -24,8 +24,14 @@ export function skeletonOf({
   return { joints: joints.length, points, parents, restOffset: Float32Array.from(rest_offset.flat()) };
 }
 
-export function isSameBody(a: Welcome, b: Welcome): boolean {
-  return a.points.join() === b.points.join() && a.rest_offset.join() === b.rest_offset.join();
+/** Whether a skeleton has the points of a welcome, whatever its proportions. */
+export function isSameTree(skeleton: Skeleton, { points }: Pick<Welcome, "points">): boolean {
+  return skeleton.points.join() === points.join();
+}
+
+/** Whether a skeleton has these proportions already. */
+export function hasProportions({ restOffset }: Skeleton, offset: Welcome["rest_offset"]): boolean {
+  return offset.flat().every((value, k) => Math.fround(value) === restOffset[k]);
 }
 
 /** Forward kinematics: positions of all points from the root's place and rotations parent ← joint. */

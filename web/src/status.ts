@@ -1,20 +1,17 @@
-/** The line at the top, and the line under the view's settings: what completes the body, and how fast. */
+/** The line at the top, and the line under the view's settings: what is measured, and how fast the answers come. */
 
 import type { History, Moment } from "./history";
 import { element } from "./page";
-import type { Welcome } from "./protocol";
 
 const WINDOW = 1; // s that the rate is counted over
+const NAMED = 4; // points
 
 export class Status {
-  private profiles: readonly string[] = [];
-
-  begin(welcome: Welcome, hasSignal: boolean): void {
-    this.profiles = welcome.profiles;
+  begin(hasSignal: boolean): void {
     if (hasSignal && element("rate").textContent) return; // a welcome again, amid frames
     this.say(
       hasSignal
-        ? `Connected · ${welcome.profile} · waiting for the signal`
+        ? "Connected · waiting for the signal"
         : "Connected, but the server plays nothing: start `bodysense serve --replay FILE`, or open this page on a headset.",
     );
   }
@@ -30,8 +27,7 @@ export class Status {
     const count = history.moments.length - 1 - since;
     const seconds = history.last - (history.moments[since]?.time ?? history.last);
     const rate = seconds > 0 ? `${Math.round(count / seconds)} Hz` : "";
-    const profile = this.profiles[moment.pose.profile] ?? "";
-    this.say(`Connected · ${profile}`); // spoken where it changes; the figures beside it are not
+    this.say(`Connected · ${measuredText(history.skeleton.points, moment.pose.hidden)}`); // spoken where it changes
     const time = `${(moment.pose.microseconds / 1000).toFixed(1)} ms in the server`;
     element("rate").textContent = [rate, time].filter(Boolean).join(" · ");
     element("shown").textContent = shownText(history, moment);
@@ -41,6 +37,14 @@ export class Status {
     const line = element("status");
     if (line.textContent !== text) line.textContent = text;
   }
+}
+
+/** What of the body is measured, in words where it is little. */
+export function measuredText(points: readonly string[], hidden: Uint8Array | null): string {
+  const measured = points.filter((_, point) => (hidden?.[point] ?? 255) < 128);
+  if (measured.length === 0) return "nothing is measured";
+  if (measured.length > NAMED) return `${measured.length} points measured`;
+  return `${measured.map((name) => name.replaceAll("_", " ")).join(", ")} measured`;
 }
 
 function shownText(history: History, { pose, expected, error }: Moment): string {

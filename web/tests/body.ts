@@ -47,13 +47,13 @@ export function pose(sequence: number, time: number, most = 1): PoseFrame {
   }
   return {
     kind: POSE,
-    profile: 0,
     sequence,
     time,
     rootPosition: Float32Array.from([next(), 1 + 0.1 * next(), next()]),
     rotation,
     expectedError: new Float32Array(skeleton.points.length).fill(0.02),
     hidden: new Uint8Array(skeleton.points.length),
+    contact: new Uint8Array(4),
     microseconds: 800,
   };
 }

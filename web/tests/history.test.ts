@@ -2,6 +2,7 @@ import { describe, expect, it } from "vitest";
 import { History } from "../src/history";
 import { Playback } from "../src/playback";
 import { TRUTH } from "../src/protocol";
+import { measuredText } from "../src/status";
 import { pose, skeleton } from "./body";
 
 function filled(times: readonly number[], limit?: number): History {
@@ -91,5 +92,16 @@ describe("playback", () => {
     playback.pause();
     for (let k = 3; k < 9; k++) history.addPose(pose(k, k / 10), 0);
     expect(playback.step(history, 0)?.time).toBe(history.first);
+  });
+});
+
+describe("what is measured", () => {
+  const points = ["pelvis", "head", "left_wrist", "right_wrist", "left_knee", "right_knee"];
+  const hidden = (...seen: string[]) => Uint8Array.from(points, (name) => (seen.includes(name) ? 0 : 255));
+
+  it("is said in words where it is little", () => {
+    expect(measuredText(points, null)).toBe("nothing is measured");
+    expect(measuredText(points, hidden("head", "left_wrist"))).toBe("head, left wrist measured");
+    expect(measuredText(points, hidden(...points))).toBe("6 points measured");
   });
 });

@@ -1,6 +1,6 @@
 import { Object3D, Vector3 } from "three";
 import { describe, expect, it } from "vitest";
-import { meanDistance, place, restHeight, rootHeight } from "../src/skeleton";
+import { hasProportions, isSameTree, meanDistance, place, restHeight, rootHeight } from "../src/skeleton";
 import { pose, skeleton } from "./body";
 
 describe("forward kinematics", () => {
@@ -30,5 +30,19 @@ describe("forward kinematics", () => {
     const { rotation } = pose(0, 0);
     const [here, there] = [place(skeleton, [0, 0, 0], rotation), place(skeleton, [0.03, 0, 0.04], rotation)];
     expect(meanDistance(here, there, skeleton.joints)).toBeCloseTo(0.05, 5);
+  });
+});
+
+describe("proportions", () => {
+  const offsets = Array.from({ length: skeleton.points.length }, (_, point) =>
+    Array.from(skeleton.restOffset.subarray(3 * point, 3 * point + 3)),
+  ) as [number, number, number][];
+
+  it("are told from others of the same tree", () => {
+    const points = [...skeleton.points];
+    expect(isSameTree(skeleton, { points })).toBe(true);
+    expect(isSameTree(skeleton, { points: points.slice(1) })).toBe(false);
+    expect(hasProportions(skeleton, offsets)).toBe(true);
+    expect(hasProportions(skeleton, [...offsets.slice(0, -1), [0, 1, 0]])).toBe(false);
   });
 });

@@ -23,8 +23,6 @@ export const WELCOME = {
   rest_offset: ROWS.map(({ offset }) => offset),
   height: 1.7,
   signal: ["headset", "left_controller", "right_controller"],
-  profiles: ["three-point"],
-  profile: "three-point",
   settings: {
     height: null,
     posture: "standing",
@@ -32,6 +30,8 @@ export const WELCOME = {
     regions: ["torso", "head", "arms", "fingers", "legs"],
     smoothing: 0,
     hidden: [],
+    floor: 0,
+    hold_feet: true,
   },
   sources: ["replay"],
   recording: false,
@@ -74,12 +74,12 @@ function replay(socket) {
 /** Arms that swing; the left one is uncertain and hidden. */
 export function poseBytes(sequence, time) {
   const head = truthBytes(sequence, time, 0.1);
-  const tail = Buffer.alloc(5 * NAMES.length + 4);
+  const tail = Buffer.alloc(5 * NAMES.length + 8);
   NAMES.forEach((name, point) => {
     tail.writeFloatLE(name.startsWith("left") ? 0.12 : 0.01, 4 * point);
     tail.writeUInt8(name.startsWith("left") ? 230 : 10, 4 * NAMES.length + point);
   });
-  tail.writeUInt32LE(900, 5 * NAMES.length);
+  tail.writeUInt32LE(900, 5 * NAMES.length + 4);
   head.writeUInt8(2, 0);
   return Buffer.concat([head, tail]);
 }

@@ -9,13 +9,15 @@ await scenario({ colorScheme: "light" }, async (page) => {
   const until = (check) => page.waitForFunction(check, null, { polling: 100 });
   await until(() => document.querySelector("#rate").textContent.includes("Hz"));
   const usableAfter = Date.now() - begin;
-  await until(() => document.querySelector("#status").textContent === "Connected · three-point");
+  await until(
+    () => document.querySelector("#status").textContent === "Connected · head, left wrist, right wrist measured",
+  );
   await page.waitForTimeout(1500);
   const text = (id) => page.textContent(id);
   const before = { status: await text("#status"), shown: await text("#shown"), rate: await text("#rate") };
   await page.screenshot({ path: picture });
   await page.getByRole("button", { name: "Head only" }).click();
-  await until(() => document.querySelector("#status").textContent === "Connected · head");
+  await until(() => document.querySelector("#status").textContent === "Connected · head measured");
   await page.waitForTimeout(2500);
   const off = await page.$$eval("#sensors input", (boxes) => boxes.filter((box) => !box.checked).length);
   const headOnly = { status: await text("#status"), shown: await text("#shown"), off };

@@ -28,9 +28,13 @@ await scenario({ colorScheme: "dark", viewport: { width: 900, height: 500 } }, a
     page.waitForFunction(() => document.querySelector("#rate").textContent.includes("Hz"), null, { polling: 100 });
   const text = (id) => page.textContent(id);
   await page.getByRole("button", { name: "Enter VR" }).click();
-  await page.waitForFunction(() => document.querySelector("#status").textContent.includes("three-point"), null, {
-    polling: 100,
-  });
+  await page.waitForFunction(
+    () => document.querySelector("#status").textContent.includes("left wrist, right wrist measured"),
+    null,
+    {
+      polling: 100,
+    },
+  );
   await answered();
   await page.waitForTimeout(2500);
   const controllers = { status: await text("#status"), rate: await text("#rate"), there: await text("#plots") };
