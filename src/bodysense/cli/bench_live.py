@@ -91,10 +91,13 @@ class Load:
 
     def __init__(self, address: str, rate: float) -> None:
         from bodysense.body.pose import forward_kinematics
+        from bodysense.body.skeleton import default_skeleton
         from bodysense.demo import packaged_performance
         from bodysense.serve.protocol import SignalFrame, write_signal
 
         self._address, self._rate = urlsplit(address), rate
+        skeleton = default_skeleton()
+        self._points, self._wrists = len(skeleton.points), skeleton.indices(_POINTS[1:])
         self._clients: list[_Client] = []
         self._selector = selectors.DefaultSelector()
         clip = packaged_performance()
@@ -111,7 +114,7 @@ class Load:
         self._spent: list[int] = []  # µs in the server
         self._round_trips: list[float] = []  # s
         self._sent = 0
-        self.profile = 255  # of the last pose of the first client
+        self.has_hands = True  # whether the last pose of the first client has measured wrists
 
     def connect(self, count: int) -> None:
         """Open more connections and say hello."""
@@ -155,7 +158,7 @@ class Load:
     def until_head_alone(self) -> float:
         """ms from a frame without hands to a pose that is of the head alone, as the first client sees it."""
         begun = time.monotonic()
-        while time.monotonic() - begun < 5 and self.profile != 0:
+        while time.monotonic() - begun < 5 and self.has_hands:
             self.run(1 / self._rate, points=1)
         return 1000 * (time.monotonic() - begun)
 
@@ -196,7 +199,7 @@ class Load:
         self._sent += 1
 
     def _read(self, one: _Client) -> None:
-        from bodysense.serve.protocol import POSE, POSE_HEAD
+        from bodysense.serve.protocol import POSE, POSE_HEAD, read_pose
 
         try:
             received = one.socket.recv(1 << 16)
@@ -211,10 +214,10 @@ class Load:
                 raise BodysenseError(f"the server closed a session: {payload[2:].decode(errors='replace')}")
             if opcode != 2 or payload[0] != POSE:
                 continue
-            _, profile, _, sequence, _ = POSE_HEAD.unpack_from(payload)
+            *_, sequence, _ = POSE_HEAD.unpack_from(payload)
             sent = one.sent.pop(sequence, None)
             if one is self._clients[0]:
-                self.profile = profile
+                self.has_hands = bool((read_pose(payload, self._points).hidden[self._wrists] < 0.5).any())
             if sent is not None:
                 self._spent.append(int.from_bytes(payload[-4:], "little"))
                 self._round_trips.append(now - sent)
