@@ -150,13 +150,14 @@ def test_the_estimate_of_one_of_several_people() -> None:
         points=np.asarray(forward_kinematics(pose, offset)[0]),
         measured=rng.random((people, frames, count)) < 0.5,
         confidence=rng.random((people, frames, count)),
+        bound=rng.random((people, frames, count)),
         contact=rng.random((people, frames, 4)),
         rest_offset=offset,
     )
     one = estimate.of(2)
     np.testing.assert_allclose(one.pose.skeleton.rest_offset, size[2, 0] * SKELETON.rest_offset)
     np.testing.assert_allclose(forward_kinematics(one.pose)[0], one.points)
-    for name in ("points", "measured", "confidence", "contact", "rest_offset"):
+    for name in ("points", "measured", "confidence", "bound", "contact", "rest_offset"):
         np.testing.assert_array_equal(getattr(one, name), getattr(estimate, name)[2])
 
 
