@@ -147,7 +147,7 @@ def test_the_best_is_chosen_without_the_test_people() -> None:
 
 
 def test_published_figures_stand_beside(tmp_path: Path) -> None:
-    report = metrics_report([made_up(1, 3, 2.0)], None, Census(), DataSet("made up", tmp_path))
+    report = metrics_report([made_up(1, 3, 2.0)], Census(), DataSet("made up", tmp_path))
     rows = {row[1]: row for row in report.rows}
     assert rows["HMD-VAE (as quoted)"][2:5] == (4.11, 6.83, 37.99)  # facts of AGRoL's table (Du et al. 2023)
     assert rows["1 static"][3] == 1.0

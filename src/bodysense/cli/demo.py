@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bodysense.data.clip import Clip
     from bodysense.evaluation.headset import Tallies
 
-PICTURES = 12.0  # Hz of the animation
+PICTURES = 10.0  # Hz of the animation, about
 LONGEST = 10.0  # s of it, from the middle of the motion
 
 
@@ -76,8 +76,8 @@ def demo(
             View("the wearer; red: unseen by the headset", clip.pose[frames], seen.has_position[frames]),
             View("bodysense, from what the headset sees", pose[frames]),
         ]
-        write_comparison(out / "demo.webp", views, PICTURES)
-        write_moments(out / "demo.png", views, PICTURES)
+        write_comparison(out / "demo.webp", views, clip.frame_rate / frames.step)
+        write_moments(out / "demo.png", views, clip.frame_rate / frames.step)
     for name in ("truth.bvh", "result.bvh", "demo.webp", "demo.png"):
         console.print(f"wrote {out / name}", highlight=False)
 

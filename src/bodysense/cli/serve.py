@@ -145,8 +145,8 @@ def _playable(file: Path | None, device: str | None, height: float | None, weare
         return Playable(recording.observation, Person(recording.skeleton) if told else wearer)
     if device is None:
         raise BodysenseError(
-            f"--replay {file}: not a recording; if it is a motion, say what watches it with --device: "
-            f"{', '.join(DEVICES)}"
+            f"--replay {file}: not a recording; if it is a motion, say what watches it: --device headset_camera "
+            f"or another of {', '.join(DEVICES)}"
         )
     clip = load_clip(file, height)
     return Playable(simulate(clip, device), Person(clip.pose.skeleton), clip.pose)

@@ -109,15 +109,6 @@ def _cell(value: Cell, digits: int) -> str:
     return f"{value:,}" if isinstance(value, int) else f"{value:,.{digits}f}"
 
 
-def latency_line(latency: np.ndarray) -> str:
-    """Frames a second and latency percentiles of steps, seconds in, one line out."""
-    p50, p99 = 1000 * np.percentile(latency, 50), 1000 * np.percentile(latency, 99)
-    return (
-        f"{1 / latency.mean():.0f} frames/s; latency p50 {p50:.2f} ms, p99 {p99:.2f} ms "
-        f"(network, IK and smoothing, one thread, {processor()})"
-    )
-
-
 def processor() -> str:
     """Name of the processor, for figures of speed."""
     try:

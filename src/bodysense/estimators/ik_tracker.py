@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 
 from bodysense.body.ik import IkSettings, IkState, InverseKinematics
-from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.pose import Pose
 from bodysense.body.products import CONJUGATE, exp, log, multiply, world_rotation
-from bodysense.body.skeleton import Skeleton
 from bodysense.body.spring import spring_step
 from bodysense.errors import BodysenseError
 from bodysense.estimators.estimate import Estimator, PointEstimate
@@ -195,27 +194,6 @@ class IkTracker:
         """The state of a body that is shown as it was solved."""
         still = np.zeros((len(self.estimator.skeleton.joints), 3))
         return IkTrackerState(state.estimator, ik, missed, time, pose.root_position, pose.rotation, np.zeros(3), still)
-
-
-@dataclass(frozen=True)
-class IkTracked:
-    """A tracker as an estimator: its estimates have the tracker's pose and stand where that has them."""
-
-    tracker: IkTracker
-
-    @property
-    def skeleton(self) -> Skeleton:
-        """The body that is completed."""
-        return self.tracker.estimator.skeleton
-
-    def start(self) -> IkTrackerState:
-        """The state before the first frame."""
-        return self.tracker.start()
-
-    def step(self, observation: Observation, state: IkTrackerState) -> tuple[PointEstimate, IkTrackerState]:
-        """Complete and track the next T frames."""
-        pose, estimate, state = self.tracker.step(observation, state)
-        return replace(estimate, position=forward_kinematics(pose)[0], pose=pose), state
 
 
 def smooth(

@@ -16,7 +16,7 @@ from bodysense.export.flesh import UNSEEN, Flesh, fit_flesh, place_flesh
 from bodysense.export.shot import Lens, frame_shot
 from bodysense.files import written_beside
 
-LENS = Lens(width=360, height=420, aim=0.92, shown=2.1)
+LENS = Lens(width=360, height=420, aim=0.93, shown=2.0)
 _INK, _BAND = (34, 48, 60), 34  # colour of the captions, pixels of height they take
 
 

@@ -71,15 +71,19 @@ def kind_of(path: Path, fields: Mapping[str, str]) -> Kind:
 def card_text(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
     """The model card of a network file, from its metadata."""
     read = fields_read(fields)
-    rate = f"up to {read['fastest_rate']:g} Hz" if "fastest_rate" in read else f"{read['rate']:g} Hz"
-    validation = ", ".join(f"{key} {value}" for key, value in read["validation"].items())
+    if "fastest_rate" in read:
+        rate = f"up to {read['fastest_rate']:g} Hz"
+    else:
+        rate = f"{read['rate']:g} Hz" if "rate" in read else "any rate"
+    seed = f"; seed {read['seed']}" if "seed" in read else ""
+    validation = ", ".join(f"{key} {value}" for key, value in read.get("validation", {}).items())
     return "\n".join(
         [
             *(f"# {name}", "", kind.what, ""),
             f"- {form(read)}, {read['weights']:,} weights, steps at {rate}",
-            f"- trained on: {read['training_data']}",
-            f"- licence: {read['licence']}; seed {read['seed']}",
-            f"- validation: {validation}",
+            f"- trained on: {read.get('training_data', 'not said')}",
+            f"- licence: {read.get('licence', 'not said')}{seed}",
+            *([f"- validation: {validation}"] if validation else []),
             *("", f"{kind.over} (`{kind.measured_by} --data DIR`):", ""),
             *(
                 f"| {' | '.join(row)} |"
@@ -97,7 +101,9 @@ def fields_read(fields: Mapping[str, str]) -> dict[str, Any]:
 
 def form(card: Mapping[str, Any]) -> str:
     """What kind of network it is, and how large."""
-    network = card["network"]
+    network = card.get("network")
+    if network is None:
+        return "a network"
     if "reads_hand" in network:
         memory = f"GRU of {network['memory']}, then " if network.get("memory") else ""
         return f"{card['form']}: {memory}layers of {', '.join(str(width) for width in network['layers'])}"
