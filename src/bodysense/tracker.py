@@ -17,7 +17,7 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.clock import Clock
-from bodysense.completion.inputs import Frames, frames_of
+from bodysense.completion.inputs import Frames, frames_of, frames_together
 from bodysense.completion.model import Completed, CompletionModel, packaged_model
 from bodysense.completion.proportions import Proportions, proportions_of
 from bodysense.errors import BodysenseError
@@ -102,8 +102,8 @@ def step_together(
         tracker, observation, state = jobs[0]
         return [tracker.step(observation, state)]
     first = jobs[0][0]
-    parts = [frames_of(observation, tracker.people, batched=False)[0] for tracker, observation, _ in jobs]
-    frame, before = Frames.stacked(parts), _stacked([state for _, _, state in jobs])
+    frame = frames_together([observation for _, observation, _ in jobs], [tracker.people[0] for tracker, _, _ in jobs])
+    before = _stacked([state for _, _, state in jobs])
     completed, after = _stepped(first.model, first.settings, frame, before)
     whole = _estimate([(completed, frame, after)])
     return [(whole.of(k), _alone(after, k)) for k in range(len(jobs))]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from importlib.resources import files
@@ -149,7 +150,15 @@ class Skeleton:
 
     def with_offsets(self, rest_offset: np.ndarray) -> Skeleton:
         """The same tree with other rest offsets (P, 3), metres."""
-        return replace(self, rest_offset=np.asarray(rest_offset))
+        offset = np.array(rest_offset, dtype=np.float64)
+        if offset.shape != self.rest_offset.shape or not np.isfinite(offset).all():
+            return replace(self, rest_offset=offset)  # which says what is wrong
+        offset.setflags(write=False)
+        other = copy(self)  # with what was derived from the tree alone
+        for name in ("height", "bone_length"):
+            other.__dict__.pop(name, None)
+        object.__setattr__(other, "rest_offset", offset)
+        return other
 
     def scaled(self, height: float) -> Skeleton:
         """The same proportions at another rest-pose height (metres, joints and end sites)."""

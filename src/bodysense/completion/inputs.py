@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -35,6 +35,10 @@ class Frames:
     def __getitem__(self, frame: int) -> Frames:
         """One frame, without its axis T."""
         return Frames(**{each.name: getattr(self, each.name)[frame] for each in fields(self)})
+
+    def taken(self, people: np.ndarray) -> Frames:
+        """A single frame of some of several people."""
+        return Frames(**{each.name: getattr(self, each.name)[people] for each in fields(self)})
 
     @classmethod
     def stacked(cls, parts: Sequence[Frames]) -> Frames:
@@ -79,6 +83,29 @@ def frames_of(observation: Observation, people: Sequence[Person], batched: bool)
     accuracy[..., place] = np.where(seen, by_frame(observation.accuracy), ABSENT_ACCURACY)
     time = np.broadcast_to(np.asarray(observation.time, dtype=np.float64)[:, None], shape)
     return Frames(position, rotation, has_position, has_rotation, accuracy, time)
+
+
+def frames_together(observations: Sequence[Observation], people: Sequence[Person]) -> Frames:
+    """One frame each of several people, of whatever points and times, as one of all of them."""
+    alike: dict[tuple[str, ...], list[int]] = {}
+    for k, observation in enumerate(observations):
+        alike.setdefault(observation.points, []).append(k)
+    parts, order = [], []
+    for points, those in alike.items():
+        few = [observations[k] for k in those]
+        together = Observation(
+            points=points,
+            position=np.stack([one.position for one in few]),
+            rotation=np.stack([one.rotation for one in few]),
+            has_position=np.stack([one.has_position for one in few]),
+            has_rotation=np.stack([one.has_rotation for one in few]),
+            accuracy=np.stack([one.accuracy for one in few]),
+            time=np.zeros(1),
+        )
+        frame = frames_of(together, [people[k] for k in those], batched=True)[0]
+        parts.append(replace(frame, time=np.array([one.time[0] for one in few], dtype=np.float64)))
+        order += those
+    return parts[0] if len(parts) == 1 else Frames.stacked(parts).taken(np.argsort(order))
 
 
 def _unmounted(
