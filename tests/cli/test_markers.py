@@ -69,7 +69,6 @@ def test_gloves_become_a_body(files: Path, motion: Path, run: Command, ending: s
     np.testing.assert_allclose(backs(files / "hands.bvh"), backs(motion), atol=0.002 if ending == "npz" else 0.02)
 
 
-@pytest.mark.xfail(reason="the interim completion network does not keep measured finger rotations as they are")
 def test_fingers_of_the_file_are_the_gloves(files: Path, run: Command, gloves: Observation, short_clip: Clip) -> None:
     from bodysense.body.hand import HAND_JOINTS, hand_skeleton
     from bodysense.body.rotation import geodesic_angle

@@ -181,7 +181,7 @@ def test_a_body_that_is_lost_is_not_observed(make_device: Any) -> None:
     person.has_body[20:50] = False
     person.world[20:50] = np.nan
     seen = together(observed(device, person, 1))
-    any_of = (seen.has_position | seen.has_rotation).any(axis=1)
+    any_of = np.any(seen.has_position | seen.has_rotation, axis=1)
     assert any_of[:20].all() and any_of[50:].all()
     assert not any_of[20 + 6 : 50].any()  # the smoothing's reach after the last frame that was seen
     person.has_body[...] = False

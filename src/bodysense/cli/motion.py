@@ -114,7 +114,7 @@ def track(
         track_video(str(file), out, video, model, height)
         return
     if video != NO_VIDEO:
-        raise BodysenseError(f"{file}: not a video; --overlay, --arms, --people and their like are for videos")
+        raise BodysenseError(f"{file}: not a video; --overlay, --people and their like are for videos")
     if samples is not None and fingers == "synthesize":
         raise BodysenseError(f"--samples {samples} draws bodies as they are; leave --fingers synthesize out")
     wearer, seeded = person_of(person, height), seed if noise else None

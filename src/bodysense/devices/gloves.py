@@ -73,7 +73,7 @@ class GloveDevice:
         merged = _widened(others, points)
         for side, answer in answers.items():
             seen = np.flatnonzero(answer.confidence[:, 0] <= self.settings.lost)  # the wrist's
-            place = [points.index(f"{side}_{name}") for name in (*HAND_JOINTS, *FINGERTIPS)]
+            place = np.array([points.index(f"{side}_{name}") for name in (*HAND_JOINTS, *FINGERTIPS)])
             joints = place[: len(HAND_JOINTS)]
             assert answer.pose is not None
             rotation = np.asarray(forward_kinematics(answer.pose)[1])
@@ -93,7 +93,7 @@ def has_gloves(observation: Observation) -> bool:
 def gloved_sides(points: Iterable[str]) -> tuple[Side, ...]:
     """The hands of a body whose markers are among the points. Raises BodysenseError where there is none."""
     found = glove_hands(points)
-    sides = tuple(side for side in SIDES if side in found)
+    sides: tuple[Side, ...] = tuple(side for side in SIDES if side in found)
     if not sides:
         names = ", ".join(map(repr, found)) or "missing"
         raise BodysenseError(f"the gloves are {names}; name the hands of a body 'left' and 'right'")
