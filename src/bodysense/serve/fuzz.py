@@ -166,7 +166,13 @@ def message_of(rng: np.random.Generator, k: int) -> str | bytes:
     if choice < 0.975:
         return write_signal(_tracked(rng, k))
     if choice < 0.98:
-        values = {"mirror": bool(rng.random() < 0.5), "smoothing": float(rng.choice([0, 0.1, 0.5]))}
+        values = {
+            "mirror": bool(rng.random() < 0.5),
+            "smoothing": float(rng.choice([0, 0.1, 0.5])),
+            "height": float(rng.uniform(1, 2.3)) if rng.random() < 0.5 else None,
+            "floor": float(rng.uniform(-10, 10)),
+            "hold_feet": bool(rng.random() < 0.5),
+        }
         return write_message(Change(values))
     if choice < 0.985:
         return str(rng.choice(['{"type":"recentre"}', '{"type":"calibrate"}', '{"type":"record","on":true}']))
