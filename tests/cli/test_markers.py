@@ -16,6 +16,7 @@ from bodysense.capture.markers import read_markers, write_markers
 from bodysense.capture.recording import Recording, read_recording, write_recording
 from bodysense.data.bvh import read_bvh
 from bodysense.data.clip import Clip
+from bodysense.devices import gloves as device
 from bodysense.estimators.gloves import hands
 from bodysense.observation import Observation, chosen_points
 from bodysense.occlusion import three_point
@@ -37,7 +38,8 @@ class Fixed:
 @pytest.fixture(autouse=True)
 def small_models(monkeypatch: pytest.MonkeyPatch) -> None:
     """No network of gloves is needed."""
-    monkeypatch.setattr(hands, "load_glove_models", lambda: hands.GloveModels(Fixed(27), Fixed(26)))
+    for module in (hands, device):
+        monkeypatch.setattr(module, "load_glove_models", lambda: hands.GloveModels(Fixed(27), Fixed(26)))
 
 
 @pytest.fixture(scope="module")

@@ -114,10 +114,10 @@ def test_a_video_of_nobody_is_refused(tmp_path: Path, landmarkers: Path, capsys:
     ("arguments", "message"),
     [
         (("text.mp4",), "text.mp4: not a video that can be read"),
-        (("none.mp4"), "none.mp4: no such file"),
+        (("none.mp4",), "none.mp4: no such file"),
         (("text.mp4", "--device", "three_point"), "are not for videos"),
         (("text.mp4", "--samples", "2"), "are not for videos"),
-        (("text.mp4", "--height", "headset"), "give --height in metres for a video"),
+        (("text.mp4", "--names", "names.json"), "options of markers are not for videos"),
         (("text.mp4", "--look-ahead", "3"), "--look-ahead 3: give 0 to 0.5 s"),
         (("text.mp4", "--seconds", "0"), "--seconds 0: give more than 0"),
         (("text.mp4", "--overlay", "none/a.mp4"), "the folder none does not exist"),

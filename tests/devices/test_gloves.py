@@ -102,7 +102,7 @@ def test_a_glove_s_hand_arrives_unchanged(
     world = np.asarray(forward_kinematics(estimate.pose)[1])[:, SKELETON.indices(joints)]
     turned = geodesic_angle(world, found.rotation[:, [found.points.index(name) for name in joints]])
     assert np.degrees(turned).max() < 0.5
-    if not with_head and len(sides) == 1:
+    if not with_head:
         wrists = [f"{side}_wrist" for side in sides]
         off = estimate.points[:, SKELETON.indices(wrists)] - found.position[:, [found.points.index(w) for w in wrists]]
         assert np.linalg.norm(off, axis=-1).max() < 0.005
@@ -151,6 +151,28 @@ def test_a_lost_hand_is_completed_without_a_jump(small_gloves: GloveModels, comp
     assert (steps - true)[30:].max() < 0.05
 
 
+def test_a_standing_head_is_assumed_for_gloves_alone(
+    small_gloves: GloveModels, completion: CompletionModel, clip: Clip, gloves: Observation, head: Observation
+) -> None:
+    device = glove_device(SKELETON, models=small_gloves)
+    found = observed(device, gloves)
+    place = found.points.index("head")
+    assert found.has_position[:, place].all() and found.has_rotation[:, place].all()
+    assert found.accuracy[0, place] > 0.2  # it says that it is a guess
+    assert np.linalg.norm(found.position[:, place] - head.position[:, 0], axis=-1).max() < 0.5
+    assert np.linalg.norm(np.diff(found.position[:, place], axis=0), axis=-1).max() < 0.03
+    tracker = Tracker(Person(SKELETON), network=completion)
+    estimate, _ = tracker.step(found, tracker.start())
+    high = SKELETON.indices(["head", "pelvis", "left_ankle"])
+    np.testing.assert_allclose(
+        estimate.points[-1, high, 1], head.position[-1, 0, 1] * np.array([1, 0.6, 0.07]), atol=0.2
+    )
+    hidden = hide(gloves, np.ones(gloves.has_position.shape, dtype=bool))
+    assert not observed(device, hidden).has_position.any()
+    assert "head" not in observed(replace(device, wearer=None), gloves).points
+    assert observed(device, together(head, gloves)).accuracy[0, 0] == head.accuracy[0, 0]
+
+
 def test_another_device_s_hand_stays_where_the_glove_is_lost(small_gloves: GloveModels, gloves: Observation) -> None:
     controller = chosen_points(gloves, [0])
     controller = replace(controller, points=("left_wrist",), accuracy=np.full((len(gloves), 1), 0.02))
@@ -165,7 +187,8 @@ def test_another_device_s_hand_stays_where_the_glove_is_lost(small_gloves: Glove
 def test_accuracy_is_about_the_error() -> None:
     """Synthesised hands, markers hidden at random: by how much is expected, points are off by about as much."""
     rng, hand = np.random.default_rng(8), hand_skeleton(SKELETON, "left")
-    device, expected, missed = glove_device(SKELETON, ("left",), load_glove_models()), [], []
+    device = replace(glove_device(SKELETON, ("left",), load_glove_models()), wearer=None)
+    expected, missed = [], []
     for _ in range(2):
         motion = synthesize_hand(hand, 8.0, rng)
         markers = np.array(marker_positions(default_glove(), motion.pose))

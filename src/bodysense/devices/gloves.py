@@ -3,7 +3,7 @@
 The solver (`estimators.gloves`) fills hidden markers, rejects wrong ones and keeps hands from jumping. What it gives is
 observed like any other point, with the error that it expects: 1-2 mm where markers are seen, more the longer they are
 hidden. A hand whose markers have all been hidden for more than a moment, 0.1 s, is not observed, so that the tracker
-completes it.
+completes it. Where nothing but gloves is tracked a head is assumed (`standing_head`).
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from bodysense.body.glove import glove_hands, side_of
 from bodysense.body.hand import FINGERTIPS, HAND_JOINTS, Side, hand_skeleton
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton
+from bodysense.devices.standing_head import ACCURACY, StandingHead, StandingHeadState
 from bodysense.errors import BodysenseError
 from bodysense.estimators.gloves.hands import GloveModels, Hands, HandsSettings, HandsState, load_glove_models
 from bodysense.observation import OPTICAL_ACCURACY, Observation, without_gloves
@@ -36,6 +38,13 @@ class GloveSettings:
             raise BodysenseError(f"gloves: lost is {self.lost:g}; it must be positive, in metres")
 
 
+class GloveState(NamedTuple):
+    """Everything that the next frame depends on."""
+
+    hands: HandsState
+    head: StandingHeadState
+
+
 @dataclass(frozen=True, eq=False)
 class GloveDevice:
     """A glove on one hand or both. Immutable; state is an argument.
@@ -46,6 +55,7 @@ class GloveDevice:
 
     hands: Hands
     settings: GloveSettings = GloveSettings()
+    wearer: StandingHead | None = None  # whose head is assumed where nothing but gloves is tracked; None: nobody's
 
     def __post_init__(self) -> None:
         strange = [name for name in self.hands.hands if name not in SIDES]
@@ -57,19 +67,21 @@ class GloveDevice:
         """The points that are observed: of every hand the wrist, 15 finger joints and five fingertips."""
         return tuple(f"{side}_{name}" for side in self.hands.hands for name in (*HAND_JOINTS, *FINGERTIPS))
 
-    def start(self) -> HandsState:
+    def start(self) -> GloveState:
         """The state before the first frame."""
-        return self.hands.start()
+        return GloveState(self.hands.start(), StandingHeadState())
 
-    def step(self, observation: Observation, state: HandsState) -> tuple[Observation, HandsState]:
+    def step(self, observation: Observation, state: GloveState) -> tuple[Observation, GloveState]:
         """Replace the gloves' markers of T frames by points of the hands; one call equals T calls with one frame.
 
         Other points stay as they are. A hand's own points, observed by something else as well, are the glove's where
         it knows the hand. Raises BodysenseError for a point that is named twice and where time does not increase.
         """
-        answers, state = self.hands.step(observation, state)
+        answers, hands = self.hands.step(observation, state.hands)
         others = without_gloves(observation)
-        points = tuple(dict.fromkeys((*others.points, *self.points)))
+        alone = self.wearer is not None and not others.points
+        assumed = ("head",) if alone else ()
+        points = tuple(dict.fromkeys((*others.points, *self.points, *assumed)))
         merged = _widened(others, points)
         for side, answer in answers.items():
             seen = np.flatnonzero(answer.confidence[:, 0] <= self.settings.lost)  # the wrist's
@@ -82,7 +94,24 @@ class GloveDevice:
             merged.accuracy[np.ix_(seen, place)] = np.maximum(answer.confidence[seen], OPTICAL_ACCURACY)
             merged.rotation[np.ix_(seen, joints)] = rotation[seen]
             merged.has_rotation[np.ix_(seen, joints)] = True
-        return merged, state
+        head = self._with_head(merged, state.head) if alone else state.head
+        return merged, GloveState(hands, head)
+
+    def _with_head(self, observation: Observation, state: StandingHeadState) -> StandingHeadState:
+        """Fill in the assumed head, in place, where a hand is observed."""
+        assert self.wearer is not None
+        wrists = [observation.points.index(f"{side}_wrist") if side in self.hands.hands else -1 for side in SIDES]
+        worn, head = np.array([place >= 0 for place in wrists]), observation.points.index("head")
+        for t, now in enumerate(observation.time.tolist()):
+            known = observation.has_position[t, wrists] & worn
+            if known.any():
+                place, turn, state = self.wearer.follow(
+                    observation.position[t, wrists], observation.rotation[t, wrists], known, now, state
+                )
+                observation.position[t, head], observation.rotation[t, head] = place, turn
+                observation.has_position[t, head] = observation.has_rotation[t, head] = True
+                observation.accuracy[t, head] = ACCURACY
+        return state
 
 
 def has_gloves(observation: Observation) -> bool:
@@ -115,7 +144,8 @@ def glove_device(
         settings: of the solver.
     """
     hands = {side: hand_skeleton(skeleton, side_of(side)) for side in sides}
-    return GloveDevice(Hands(hands, load_glove_models() if models is None else models, settings))
+    solver = Hands(hands, load_glove_models() if models is None else models, settings)
+    return GloveDevice(solver, wearer=StandingHead(skeleton))
 
 
 def _widened(observation: Observation, points: tuple[str, ...]) -> Observation:

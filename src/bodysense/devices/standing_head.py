@@ -1,0 +1,123 @@
+"""A head for hands that nothing else is tracked beside: that of somebody who stands where their hands are.
+
+Hands alone hardly tell of a body. What is assumed is that it stands upright, faces where the hands point, square to the
+line between them, and is where both are within reach. The head's accuracy says that it is a guess.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bodysense.body.pose import forward_kinematics, standing_pose
+from bodysense.body.rotation import quaternion_rotate
+from bodysense.body.skeleton import Skeleton
+
+ACCURACY = 0.3  # m
+_ARM = ("shoulder", "elbow", "wrist")
+_FINGERS = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])  # which way they point at rest, left and right
+
+
+@dataclass(frozen=True)
+class StandingHeadSettings:
+    """How a body follows its hands."""
+
+    half_life: float = 0.7  # s in which half of the way to a new heading or place is made
+    ahead: float = 0.2  # of the body's height: how far before it hands are held
+    beside: float = 0.9  # share of that by which hands that hang are nearer
+    reach: float = 0.97  # of an arm's length: hands are not farther from their shoulder
+    across: float = 0.7  # how much the line between both hands says of the heading, beside where they point
+    longest_gap: float = 1.0  # s without hands after which everything starts afresh
+
+
+@dataclass(frozen=True, eq=False)
+class StandingHeadState:
+    """Where the body stands; None until a hand was seen."""
+
+    time: float | None = None
+    heading: np.ndarray | None = None  # (2,) unit, x and z of where it faces
+    place: np.ndarray | None = None  # (3,) m, of the head
+
+
+@dataclass(frozen=True, eq=False)
+class StandingHead:
+    """Guesses the head of a `skeleton` from the wrists of one hand or both."""
+
+    skeleton: Skeleton
+    settings: StandingHeadSettings = StandingHeadSettings()
+
+    @cached_property
+    def _standing(self) -> tuple[float, np.ndarray, np.ndarray]:
+        """Of a body that stands and faces +Z: height of the head, shoulders (2, 3) from it, lengths of arms (2,), m."""
+        points = np.asarray(forward_kinematics(standing_pose(self.skeleton))[0])
+        chains = [self.skeleton.indices([f"{side}_{part}" for side in ("left", "right")]) for part in _ARM]
+        shoulder, elbow, wrist = (points[chain] for chain in chains)
+        length = np.linalg.norm(elbow - shoulder, axis=1) + np.linalg.norm(wrist - elbow, axis=1)
+        head = points[self.skeleton.index("head")]
+        return float(head[1]), shoulder - head, length
+
+    def follow(
+        self, wrist: np.ndarray, turn: np.ndarray, known: np.ndarray, now: float, state: StandingHeadState
+    ) -> tuple[np.ndarray, np.ndarray, StandingHeadState]:
+        """Place (3,) m and rotation (4,) of the head in a frame with a hand at least, and the state after it.
+
+        Args:
+            wrist: (2, 3) m, left and right.
+            turn: (2, 4) wxyz, world ← wrist.
+            known: (2,) which of both are observed.
+            now: s.
+            state: after the frame before.
+        """
+        if state.time is not None and now - state.time > self.settings.longest_gap:
+            state = StandingHeadState()
+        interval = np.inf if state.time is None else now - state.time
+        share = 1 - 0.5 ** (interval / self.settings.half_life)
+        heading = self._heading(wrist, turn, known, share, state.heading)
+        yaw = _yaw(heading)
+        height, shoulders, length = self._standing
+        shoulders = quaternion_rotate(np.tile(yaw, (2, 1)), shoulders)
+        middle = wrist[known].mean(axis=0)
+        # Hands that hang are beside the body.
+        hanging = np.clip((height + shoulders[:, 1].mean() - middle[1]) / length.mean(), 0.0, 1.0)
+        ahead = self.settings.ahead * self.skeleton.height * (1 - self.settings.beside * hanging**2)
+        wanted = np.array([middle[0] - ahead * heading[0], height, middle[2] - ahead * heading[1]])
+        place = wanted if state.place is None else state.place + share * (wanted - state.place)
+        place = self._within_reach(place, shoulders, length, wrist, known)
+        return place, yaw, replace(state, time=now, heading=heading, place=place)
+
+    def _heading(
+        self, wrist: np.ndarray, turn: np.ndarray, known: np.ndarray, share: float, before: np.ndarray | None
+    ) -> np.ndarray:
+        """(2,) where the body faces."""
+        wanted = quaternion_rotate(turn[known], _FINGERS[known])[:, [0, 2]].sum(axis=0)
+        if known.all():
+            across = (wrist[0] - wrist[1])[[0, 2]]
+            wanted = wanted + self.settings.across * np.array([-across[1], across[0]]) / max(np.hypot(*across), 0.1)
+        length = np.hypot(*wanted)
+        if length < 0.1:
+            return np.array([0.0, 1.0]) if before is None else before
+        now = wanted / length
+        mixed = now if before is None else before + share * (now - before)
+        length = np.hypot(*mixed)
+        return mixed / length if length > 1e-3 else now
+
+    def _within_reach(
+        self, place: np.ndarray, shoulders: np.ndarray, length: np.ndarray, wrist: np.ndarray, known: np.ndarray
+    ) -> np.ndarray:
+        """The nearest place of the head from which the hands are within reach, or as nearly as can be."""
+        for _ in range(20):
+            away = wrist - place - shoulders
+            distance = np.linalg.norm(away, axis=1)
+            excess = np.where(known, np.maximum(distance - self.settings.reach * length, 0.0), 0.0)
+            if excess.max() < 1e-5:
+                break
+            place = place + (away * (excess / np.maximum(distance, 1e-9))[:, None])[excess.argmax()]
+        return place
+
+
+def _yaw(heading: np.ndarray) -> np.ndarray:
+    """(4,) the turn about +Y that takes +Z to a heading (2,)."""
+    half = np.arctan2(heading[0], heading[1]) / 2
+    return np.array([np.cos(half), 0.0, np.sin(half), 0.0])
