@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import tyro
 from tyro.extras import SubcommandApp
 
-from bodysense.cli import arms, hmd_vae, train_gloves, train_more
+from bodysense.cli import arms, hmd_vae, train_completion, train_gloves, train_more
 from bodysense.errors import BodysenseError
 
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
@@ -18,6 +18,7 @@ FORMS = ("shipped", "paper", "paper-world-axes")
 def commands() -> SubcommandApp:
     """The group's commands."""
     group = SubcommandApp()
+    group.command(train_completion.completion)
     group.command(body_gru)
     group.command(unoc_tables)
     group.command(train_more.fingers)

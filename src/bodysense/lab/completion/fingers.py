@@ -100,6 +100,12 @@ class FingerNetwork(nn.Module):
     flip_axes: Tensor
     flip_matrix: Tensor
 
+    def relaxed_only(self) -> FingerNetwork:
+        """This network with a last layer of zeros, so that fingers rest where nothing tracks them."""
+        for parameter in self.branch[-1].parameters():
+            nn.init.zeros_(parameter)
+        return self
+
     def begin(self, batch: int) -> Tensor:
         """The memory (1, 2 · batch, hidden) before the first frame."""
         return self.relaxed.new_zeros(1, 2 * batch, self.config.hidden)

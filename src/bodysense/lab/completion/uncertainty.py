@@ -27,6 +27,7 @@ QUANTILE = 0.9
 _STRIDE = 4  # frames: neighbours tell little more
 _PULL = 1e-3  # toward a slope of 1 and no offsets
 _STEPS = 600
+_MOST = 40_000  # frames
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +80,9 @@ def _sampled(
 
 
 def fit_error_map(samples: ErrorSamples, quantile: float | None = None) -> ErrorMap:
-    """Fit the mean error, or a quantile of it, to samples."""
+    """Fit the mean error, or a quantile of it, to samples, or to so many of them that are spread evenly."""
+    every = max(1, len(samples.error) // _MOST)
+    samples = ErrorSamples(*(values[::every] for values in vars(samples).values()))
     log = torch.tensor(np.log(np.maximum(samples.expected, 1e-4)), dtype=torch.float32)
     masks = torch.tensor(samples.masks, dtype=torch.float32)
     error = torch.tensor(samples.error, dtype=torch.float32).clamp(min=1e-4)
