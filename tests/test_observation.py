@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from bodysense.observation import (
     Observation,
     accuracy_like,
     check_observation,
+    check_order,
     observed_points,
     usual_accuracy,
 )
@@ -102,8 +104,22 @@ def test_far_positions_are_refused() -> None:
 
 def test_unix_time_is_a_time() -> None:
     check_observation(replace(example(), time=1.7e9 + np.arange(4) / 90))
-    with pytest.raises(BodysenseError, match=r"time goes from 1700000000 s to 1699999999\.98"):
+    with pytest.raises(BodysenseError, match=r"time goes from 1700000000 s to 1699999999\.98889 s"):
         check_observation(replace(example(), time=1.7e9 - np.arange(4) / 90))
+
+
+@pytest.mark.parametrize("before", [None, np.nan])
+def test_frames_come_in_order(before: float | None) -> None:
+    check_order(-3.0, before, "mine")
+    check_order(1.7e9 + 1e-3, 1.7e9, "mine")
+    for time, last, text in (
+        (1.0, 1.0, "mine: a frame at 1 s came after one at 1 s; give frames in order of time, in seconds"),
+        (1.7e9, 1.7e9 + 0.01, "mine: a frame at 1700000000 s came after one at 1700000000.01 s; give"),
+        (np.nan, 0.5, "mine: a frame at nan s came after one at 0.5 s; give"),
+        (np.inf, before, "mine: a frame at inf s; give"),
+    ):
+        with pytest.raises(BodysenseError, match=re.escape(text)):
+            check_order(time, last, "mine")
 
 
 def test_usual_accuracies() -> None:

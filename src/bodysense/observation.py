@@ -112,8 +112,9 @@ def check_observation(observation: Observation, name: str = "observation", farth
     backwards = np.flatnonzero(np.diff(observation.time) <= 0)
     if backwards.size:
         k = int(backwards[0]) + 1
+        before, after = (_seconds(time) for time in observation.time[k - 1 : k + 1])
         raise BodysenseError(
-            f"{name}: time goes from {observation.time[k - 1]:.14g} s to {observation.time[k]:.14g} s at frame {k}; "
+            f"{name}: time goes from {before} to {after} at frame {k}; "
             "times must increase: sort the frames and drop repeats"
         )
     for mask, field in (("has_position", "position"), ("has_rotation", "rotation")):
@@ -150,6 +151,24 @@ def check_observation(observation: Observation, name: str = "observation", farth
             "give unit quaternions w, x, y, z, or clear the mask there"
         )
     return observation
+
+
+def check_order(time: float, before: float | None, name: str) -> None:
+    """Raise BodysenseError, beginning with `name`, unless a frame at `time` s may follow one at `before` s.
+
+    None or NaN: there was no frame before.
+    """
+    if before is not None and np.isnan(before):
+        before = None
+    if np.isfinite(time) and (before is None or time > before):
+        return
+    after = "" if before is None else f" came after one at {_seconds(before)}"
+    raise BodysenseError(f"{name}: a frame at {_seconds(time)}{after}; give frames in order of time, in seconds")
+
+
+def _seconds(time: float) -> str:
+    """A time in words, to the microsecond, also where it is Unix time."""
+    return f"{round(float(time), 6):.15g} s"
 
 
 def accuracy_like(has_position: np.ndarray, metres: float | np.ndarray) -> np.ndarray:

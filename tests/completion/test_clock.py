@@ -29,7 +29,7 @@ def test_a_gap_is_longer_than_the_longest() -> None:
 @pytest.mark.parametrize(
     ("time", "before", "text"),
     [
-        ([1.0, 2.0], [0.9, 2.0], "a frame at 2 s came after one at 2 s; give frames in order of time"),
+        ([1.0, 2.0], [0.9, 2.0], "tracker: a frame at 2 s came after one at 2 s; give frames in order of time"),
         ([1.0, 1.5], [0.9, 2.0], "a frame at 1.5 s came after one at 2 s"),
         ([1.7e9], [1.7e9 + 0.01], r"a frame at 1700000000 s came after one at 1700000000\.01 s"),
         ([np.nan], [0.0], "a frame at nan s came after one at 0 s"),

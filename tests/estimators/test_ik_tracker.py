@@ -217,13 +217,15 @@ def test_a_head_without_rotation_is_tracked_too(waving_clip: Clip) -> None:
     assert np.isfinite(poses.rotation).all()
 
 
-@pytest.mark.parametrize(("first", "second"), [(1.0, 1.0), (1.0, 0.5), (1.0, np.nan), (np.nan, 1.0)])
+@pytest.mark.parametrize(("first", "second"), [(1.0, 1.0), (1.0, 0.5), (1.0, np.nan)])
 def test_time_that_does_not_increase_is_refused(first: float, second: float) -> None:
     tracker = IkTracker(Repeat())
     pose = still(standing_pose(SKELETON), 1)
     _, _, state = tracker.step(shown(pose, np.array([first])), tracker.start())
     with pytest.raises(BodysenseError, match=rf"frame at {second:g} s came after one at {first:g} s; give frames in"):
         tracker.step(shown(pose, np.array([second])), state)
+    with pytest.raises(BodysenseError, match="tracker: a frame at nan s; give frames in order of time, in seconds"):
+        tracker.step(shown(pose, np.array([np.nan])), tracker.start())
 
 
 def test_a_long_gap_starts_afresh() -> None:

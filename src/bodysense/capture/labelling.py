@@ -25,7 +25,7 @@ from bodysense.capture.hand_search import SIDES, FoundHand, find_hands, surest, 
 from bodysense.capture.hand_shapes import marker_ranges
 from bodysense.capture.raw_markers import points_alone
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation
+from bodysense.observation import Observation, check_order
 
 _COUNT = len(MARKERS)
 _BACK = list(ALIGNMENT)
@@ -137,10 +137,7 @@ class Labeller:
 
     def label(self, points: np.ndarray, now: float, state: LabelState) -> tuple[np.ndarray, LabelState]:
         """Labels (N,) of the points (N, 3) m of one frame: places in `points`, −1 for what is no marker."""
-        if state.time is not None and not state.time < now < np.inf:
-            raise BodysenseError(
-                f"labelling: a frame at {now:g} s came after one at {state.time:g} s; give frames in order of time"
-            )
+        check_order(now, state.time, "labelling")
         interval = 0.0 if state.time is None else now - state.time
         expected = [_carried_on(hand, interval) for hand in state.hands]
         labels, doubt = self._followed(points, expected, interval, state.doubt)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodysense.errors import BodysenseError
+from bodysense.observation import check_order
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,6 @@ class Clock:
         wrong = ~np.isfinite(time) | (past <= 0)
         if wrong.any():
             k = int(np.argmax(wrong))
-            after = "" if np.isnan(before[k]) else f" came after one at {before[k]:.14g} s"
-            raise BodysenseError(f"a frame at {time[k]:.14g} s{after}; give frames in order of time, in seconds")
+            check_order(time[k], before[k], "tracker")
         fresh = ~(past <= self.longest_gap)
         return np.where(fresh, self.first, np.minimum(past, self.longest)), fresh

@@ -27,6 +27,7 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.completion.network import Network, NetworkFormat
 from bodysense.errors import BodysenseError
 from bodysense.estimators.estimate import PointEstimate
+from bodysense.observation import check_order
 
 FORMAT = "bodysense arms 1"
 NETWORK = NetworkFormat(
@@ -144,10 +145,7 @@ class Arms:
         answered: list[_Frame] = []
         for frame in _frames(check_keypoints(keypoints)):
             last = state.frames[-1] if state.frames else frame
-            if frame is not last and not frame.time > last.time:
-                raise BodysenseError(
-                    f"arms: a frame at {frame.time:g} s came after one at {last.time:g} s; give frames in order of time"
-                )
+            check_order(frame.time, state.frames[-1].time if state.frames else None, "arms")
             if frame.time - last.time > self.settings.longest_gap:
                 answered += self._flushed(state)
                 state, last = self.start(), frame

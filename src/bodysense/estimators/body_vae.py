@@ -30,7 +30,7 @@ from bodysense.completion.network import Network, NetworkFormat
 from bodysense.errors import BodysenseError
 from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.learned import MEASURED_ERROR
-from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, observed_points
+from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, check_order, observed_points
 from bodysense.occlusion.three_point import POINTS
 
 FORMAT = "bodysense body vae 1"
@@ -203,10 +203,7 @@ class BodyVae:
         state: BodyVaeState,
     ) -> BodyVaeState:
         """Take in head and wrists (3, …) of one frame."""
-        if len(state.time) and not time > state.time[-1]:
-            raise BodysenseError(
-                f"body VAE: a frame at {time:g} s came after one at {state.time[-1]:g} s; give frames in order of time"
-            )
+        check_order(time, state.time[-1] if len(state.time) else None, "body VAE")
         if len(state.time):
             last_position, last_rotation = state.position[-1, 0], state.rotation[-1, 0]
         else:

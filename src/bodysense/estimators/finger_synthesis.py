@@ -27,6 +27,7 @@ from bodysense.body.spring import spring_step
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.estimators.point_model import PointModel, PointRunner, PointState, load_point_model
+from bodysense.observation import check_order
 from bodysense.occlusion.three_point import POINTS
 
 HALF_LIFE = 0.05  # s until the smoother has closed half of a jump
@@ -77,11 +78,7 @@ class FingerSynthesis:
         reads, oriented = self.skeleton.indices(self.model.reads), self.skeleton.indices(POINTS)
         offsets = []
         for t, now in enumerate(np.asarray(time, dtype=float).tolist()):
-            if state.time is not None and not now > state.time:
-                raise BodysenseError(
-                    f"finger synthesis: a frame at {now:g} s came after one at {state.time:g} s; "
-                    "give frames in order of time"
-                )
+            check_order(now, state.time, "finger synthesis")
             placed, _, network = self._runner.step(position[t, reads], rotation[t, oriented], now, state.network)
             whole = position[t].copy()
             whole[self.places] = placed

@@ -19,7 +19,7 @@ from bodysense.body.products import CONJUGATE, exp, log, multiply, world_rotatio
 from bodysense.body.spring import spring_step
 from bodysense.errors import BodysenseError
 from bodysense.estimators.estimate import Estimator, PointEstimate
-from bodysense.observation import Observation, observed_points
+from bodysense.observation import Observation, check_order, observed_points
 
 
 @dataclass(frozen=True)
@@ -168,10 +168,7 @@ class IkTracker:
         state: IkTrackerState,
     ) -> IkTrackerState:
         """One frame: IK from the frame before, then smoothing; or, with a `root`, IK from the estimator's own pose."""
-        if state.time is not None and not state.time < time < math.inf:  # so that what is no number is refused as well
-            raise BodysenseError(
-                f"tracker: a frame at {time:g} s came after one at {state.time:g} s; give frames in order of time"
-            )
+        check_order(time, state.time, "tracker")
         gap = math.inf if state.time is None else time - state.time
         if root is not None:
             solved, ik = self._ik.solve(target, weight, aim, aim_weight, self._ik.at(root, aim))

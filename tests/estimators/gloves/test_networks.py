@@ -13,7 +13,7 @@ from bodysense.estimators.gloves.dense import read_dense
 from bodysense.estimators.gloves.hands import load_glove_models
 from bodysense.estimators.gloves.networks import bone_lengths, load_joint_network, load_marker_network, size_ratios
 
-OTHER = Path(str(files("bodysense.weights").joinpath("three_point.onnx")))
+OTHER = Path(str(files("bodysense.weights").joinpath("body_vae.onnx")))
 
 
 @pytest.mark.parametrize("hands", [1, 2, 50])

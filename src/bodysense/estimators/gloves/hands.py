@@ -44,7 +44,7 @@ from bodysense.estimators.gloves.joints import HandPoses, JointReader
 from bodysense.estimators.gloves.networks import HandNetwork, load_joint_network, load_marker_network
 from bodysense.estimators.gloves.rejection import Rejection, RejectionSettings, RejectionState
 from bodysense.estimators.gloves.settling import Settling, SettlingState
-from bodysense.observation import FARTHEST, Observation
+from bodysense.observation import FARTHEST, Observation, check_order
 
 FIRST_INTERVAL = 1 / 60  # s: the time step of a frame that has none before it
 NEVER = 1e6  # s for which a marker that was never seen has been hidden
@@ -254,11 +254,9 @@ class Hands:
 
     def _continued(self, now: float, state: HandsState) -> tuple[float, HandsState]:
         """The time step, and the state, fresh after a gap."""
-        if state.time is None and np.isfinite(now):
+        check_order(now, state.time, "gloves")
+        if state.time is None:
             return FIRST_INTERVAL, state
-        if state.time is None or not state.time < now < np.inf:
-            after = "" if state.time is None else f" came after one at {state.time:g} s"
-            raise BodysenseError(f"gloves: a frame at {now:g} s{after}; give frames in order of time, in seconds")
         if now - state.time > self.settings.longest_gap:
             return FIRST_INTERVAL, self.start()
         return now - state.time, state
