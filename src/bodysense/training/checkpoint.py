@@ -80,8 +80,6 @@ def load_checkpoint(
 
 def best_weights(path: Path, network: nn.Module) -> dict[str, Tensor]:
     """The weights that did best in the run of a checkpoint. Raises BodysenseError where they are of another network."""
-    if not path.exists():
-        raise BodysenseError(f"{path}: no such checkpoint; give the .ckpt of another run")
     weights = (_read(path).get("best") or {}).get("weights", {})
     if {name: value.shape for name, value in weights.items()} != {
         name: value.shape for name, value in network.state_dict().items()
@@ -90,7 +88,14 @@ def best_weights(path: Path, network: nn.Module) -> dict[str, Tensor]:
     return weights
 
 
+def checkpoint_identity(path: Path) -> dict[str, Any]:
+    """The `identity` of the run of a checkpoint, as nested dictionaries. Raises BodysenseError where there is none."""
+    return json.loads(_read(path).get("identity", "{}"))
+
+
 def _read(path: Path) -> dict[str, Any]:
+    if not path.exists():
+        raise BodysenseError(f"{path}: no such checkpoint; give the .ckpt of another run")
     try:
         return torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # PyTorch raises what it likes: pickle, zip, end of file

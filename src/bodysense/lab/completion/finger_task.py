@@ -1,0 +1,219 @@
+"""What the finger network learns: batches of sequences, losses, and figures on validation clips."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from bodysense.body.rotation import quaternion_to_matrix
+from bodysense.body.skeleton import default_skeleton
+from bodysense.lab.completion.corpus import Corpus
+from bodysense.lab.completion.finger_sequences import (
+    PARENT_PLACES,
+    FingerSequence,
+    clips_with_fingers,
+    draw_finger_sequence,
+)
+from bodysense.lab.completion.fingers import (
+    FINGER_JOINTS,
+    FINGER_POINTS,
+    HAND_POINTS,
+    FingerConfig,
+    FingerNetwork,
+    FingerSignal,
+)
+
+_CARRIED_BY = [1 + above for above in PARENT_PLACES]  # among [wrist, joints]
+_PATH = torch.tensor(default_skeleton().path[np.ix_(HAND_POINTS[0], HAND_POINTS[0])], dtype=torch.float32)
+MOVING = [point for point, above in enumerate(PARENT_PLACES) if above >= 0]  # points that bend with the fingers
+
+
+@dataclass(frozen=True)
+class FingerLosses:
+    """Weights of the terms, each a mean over frames, hands and joints or points."""
+
+    rotation: float = 1.0  # mean absolute difference of matrices wrist ← joint
+    position: float = 24.0  # per metre, mean absolute difference from the wrist
+    velocity: float = 0.4  # per m/s
+    error: float = 0.01  # likelihood of the expected error
+
+
+@dataclass(frozen=True)
+class FingerTaskConfig:
+    """Batches and losses."""
+
+    network: FingerConfig = FingerConfig()
+    streams: int = 64  # sequences side by side
+    chunk: int = 48  # frames of truncated backpropagation
+    losses: FingerLosses = field(default_factory=FingerLosses)
+
+
+class FingerBatch(NamedTuple):
+    """Frames of B sequences; `begins` marks those that start with this batch."""
+
+    signal: FingerSignal
+    true_position: Tensor  # (B, T, 2, 20, 3) m, from the wrist, in its frame
+    true_rotation: Tensor  # (B, T, 2, 15, 3, 3) wrist ← joint
+    valid: Tensor  # (B, T) bool
+    begins: Tensor  # (B,) bool
+
+
+class FingerValidation(NamedTuple):
+    """A set of sensors: its sequences, and how much a baseline misses on them."""
+
+    batches: list[FingerBatch]
+    baseline: float  # m
+
+
+@dataclass(frozen=True, eq=False)
+class FingerTask:
+    """The task of `bodysense.lab.fit` for the finger network."""
+
+    network: FingerNetwork
+    configuration: FingerTaskConfig
+    corpus: Corpus
+    validation: Mapping[str, FingerValidation]
+
+    def batches(self, rng: np.random.Generator) -> Iterator[FingerBatch]:
+        """Streams that play whole sequences, side by side; drawn by the length of their clips."""
+        count, chunk = self.configuration.streams, self.configuration.chunk
+        clips = clips_with_fingers(self.corpus)
+        weight = self.corpus.length[clips] / self.corpus.rate[clips]
+        weight = weight / weight.sum()
+        playing: list[FingerSequence | None] = [None] * count
+        place = [0] * count
+        while True:
+            begins = np.zeros(count, dtype=bool)
+            pieces = []
+            for k in range(count):
+                current = playing[k]
+                if current is None or place[k] >= len(current):
+                    current = draw_finger_sequence(self.corpus, int(rng.choice(clips, p=weight)), rng)
+                    playing[k], place[k], begins[k] = current, 0, True
+                pieces.append((current, place[k]))
+                place[k] += chunk
+            yield collate_fingers(pieces, chunk, begins)
+
+    def loss(self, batch: FingerBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:
+        """Losses of a chunk, with the memory carried over where no sequence begins."""
+        before = self.network.begin(len(batch.begins)) if memory is None else memory
+        begins = batch.begins.repeat_interleave(2)  # both hands
+        before = torch.where(begins[None, :, None], 0.0, before.detach())
+        with torch.autocast(before.device.type, torch.bfloat16):
+            rotation, error, after = self.network(batch.signal, before)
+        return finger_losses(rotation, error, batch, self.configuration.losses), after
+
+    @torch.no_grad()
+    def validate(self, network: nn.Module) -> dict[str, float]:
+        """Mean error, cm, of points that are not tracked, and its ratio to a baseline's, by set of sensors.
+
+        Errors are distances in the frame of the wrist. The first figure is the mean of the ratios.
+        """
+        assert isinstance(network, FingerNetwork)
+        figures: dict[str, float] = {}
+        for name, (batches, baseline) in self.validation.items():
+            missed = mean_error([finger_error(network, batch) for batch in batches], batches)
+            figures[f"{name}_cm"], figures[f"{name}_ratio"] = 100 * missed, missed / baseline
+        score = float(np.mean([value for name, value in figures.items() if name.endswith("ratio")]))
+        return {"score": score, **figures}
+
+
+def finger_error(network: FingerNetwork, batch: FingerBatch) -> Tensor:
+    """Distances (B, T, 2, 20), m, of predicted points from true ones in the frame of the wrist, of whole sequences."""
+    rotation, _, _ = network(batch.signal, network.begin(len(batch.begins)))
+    rotation = with_measured(rotation, batch.signal)
+    return (finger_positions(rotation, batch.signal.rest_offset) - batch.true_position).norm(dim=-1)
+
+
+def scored_points(batch: FingerBatch) -> Tensor:
+    """(B, T, 2, 15) bool: which of the points `MOVING` are scored, those that are not tracked."""
+    return ~batch.signal.has_position[..., MOVING] & batch.valid[..., None, None]
+
+
+def mean_error(errors: list[Tensor], batches: list[FingerBatch]) -> float:
+    """Mean over the scored points of distances (B, T, 2, 20); NaN where none is scored."""
+    scored = [scored_points(batch) for batch in batches]
+    total = sum(float((error[..., MOVING] * one).sum()) for error, one in zip(errors, scored, strict=True))
+    count = sum(int(one.sum()) for one in scored)
+    return total / count if count else float("nan")
+
+
+def with_measured(rotation: Tensor, signal: FingerSignal) -> Tensor:
+    """Rotations (B, T, 2, 15, 3, 3), measured ones in their place."""
+    return torch.where(signal.has_rotation[..., None, None], signal.rotation, rotation)
+
+
+def finger_positions(rotation: Tensor, rest_offset: Tensor) -> Tensor:
+    """Positions (B, T, 2, 20, 3) m from the wrist, in its frame.
+
+    Args:
+        rotation: (B, T, 2, 15, 3, 3) wrist ← joint.
+        rest_offset: (B, 2, 20, 3) m.
+    """
+    wrist = torch.eye(3).to(rotation).expand(*rotation.shape[:3], 1, 3, 3)
+    carrying = torch.cat([wrist, rotation], dim=3)[..., _CARRIED_BY, :, :]
+    bones = (carrying @ rest_offset[:, None, ..., None])[..., 0]
+    return _PATH.to(bones) @ bones
+
+
+def finger_losses(rotation: Tensor, error: Tensor, batch: FingerBatch, weights: FingerLosses) -> dict[str, Tensor]:
+    """The sum, 'loss', and its weighted terms.
+
+    Args:
+        rotation: (B, T, 2, 15, 3, 3) wrist ← joint, as predicted.
+        error: (B, T, 2, 20) m, as expected.
+        batch: what was tracked, and the truth.
+        weights: of the terms.
+    """
+    rotation = with_measured(rotation, batch.signal)
+    missed = finger_positions(rotation, batch.signal.rest_offset) - batch.true_position
+    angle = (rotation - batch.true_rotation).abs().mean(dim=(-2, -1))
+    valid = batch.valid[..., None, None]
+    count = batch.valid.sum().clamp(min=1) * 2  # hands
+    both = (batch.valid[:, 1:] & batch.valid[:, :-1])[..., None, None]
+    pairs = both.sum().clamp(min=1) * 2
+    too_fast = (missed[:, 1:] - missed[:, :-1]) / batch.signal.interval[:, 1:, None, None, None]
+    # Laplace likelihood: its optimum is the mean distance. The positions are not pulled by it.
+    distance = torch.sqrt((missed.detach() ** 2).sum(dim=-1) + 1e-10)
+    likelihood = distance / error + torch.log(error)
+    terms = {
+        "rotation": (angle * valid).sum() / count / FINGER_JOINTS * weights.rotation,
+        "position": (missed.abs().mean(dim=-1) * valid).sum() / count / FINGER_POINTS * weights.position,
+        "velocity": (too_fast.abs().mean(dim=-1) * both).sum() / pairs / FINGER_POINTS * weights.velocity,
+        "error": (likelihood * valid).sum() / count / FINGER_POINTS * weights.error,
+    }
+    return {"loss": torch.stack(list(terms.values())).sum(), **terms}
+
+
+def collate_fingers(pieces: list[tuple[FingerSequence, int]], chunk: int, begins: np.ndarray) -> FingerBatch:
+    """Cut `chunk` frames from each sequence at its start; past the end the last frame repeats, not valid."""
+    rows = [np.minimum(np.arange(start, start + chunk), len(one) - 1) for one, start in pieces]
+    valid = np.stack([np.arange(start, start + chunk) < len(one) for one, start in pieces])
+
+    def stack(name: str) -> Tensor:
+        return torch.from_numpy(np.stack([getattr(one, name)[row] for (one, _), row in zip(pieces, rows, strict=True)]))
+
+    interval = torch.tensor([one.interval for one, _ in pieces], dtype=torch.float32)
+    signal = FingerSignal(
+        position=stack("position"),
+        has_position=stack("has_position"),
+        rotation=quaternion_to_matrix(stack("rotation")),
+        has_rotation=stack("has_rotation"),
+        rest_offset=torch.from_numpy(np.stack([one.rest_offset for one, _ in pieces])),
+        wrist=stack("wrist"),
+        wrist_rotation=quaternion_to_matrix(stack("wrist_rotation")),
+        wrist_velocity=stack("wrist_velocity"),
+        interval=interval[:, None].expand(-1, chunk),
+    )
+    return FingerBatch(
+        signal=signal,
+        true_position=stack("true_position"),
+        true_rotation=quaternion_to_matrix(stack("true_rotation")),
+        valid=torch.from_numpy(valid),
+        begins=torch.from_numpy(begins),
+    )

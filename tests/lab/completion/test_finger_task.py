@@ -1,0 +1,295 @@
+"""What the finger network learns: sequences of a tiny corpus, kinematics of hands, losses, the training of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import (
+    geodesic_angle,
+    quaternion_conjugate,
+    quaternion_exp,
+    quaternion_multiply,
+    quaternion_rotate,
+    quaternion_to_matrix,
+)
+from bodysense.body.skeleton import BODY, default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.lab.completion.corpus import FORMAT, Corpus
+from bodysense.lab.completion.finger_sequences import (
+    KINDS,
+    FingerSequence,
+    draw_finger_sequence,
+    draw_fingers_tracked,
+    hand_kinematics,
+    make_finger_sequence,
+    with_other_hands,
+)
+from bodysense.lab.completion.finger_task import (
+    MOVING,
+    FingerBatch,
+    FingerLosses,
+    FingerTask,
+    FingerTaskConfig,
+    collate_fingers,
+    finger_losses,
+    finger_positions,
+)
+from bodysense.lab.completion.finger_validation import finger_validation, last_known_error, mean_hand
+from bodysense.lab.completion.fingers import HAND_JOINTS, HAND_POINTS, FingerConfig, FingerNetwork
+from bodysense.lab.completion.sequences import Body, Draw
+from bodysense.lab.completion.train_fingers import FingerTraining, load_finger_network, train_fingers
+from bodysense.lab.fit import Schedule
+
+SMALL = FingerTaskConfig(network=FingerConfig(16, 16), streams=4, chunk=12)
+SKELETON = default_skeleton()
+
+
+@pytest.fixture(scope="module")
+def corpus() -> Corpus:
+    """Two clips of a body that waves: fingers of the second one were recorded, and bend with the wrists."""
+    rng, length = np.random.default_rng(5), np.array([40, 90])
+    frames = int(length.sum())
+    swing = np.sin(np.arange(frames) / 9)[:, None]
+    body = rng.normal(0, 0.2, (22, 3)) * swing[..., None]
+    bend = np.zeros((int(length[1]), 30, 3))
+    bend[:, :15, 2], bend[:, 15:, 2] = -0.7 - 0.5 * swing[40:], 0.7 + 0.5 * swing[40:]
+    visible = np.zeros((frames, 65), dtype=bool)
+    visible[:, HAND_POINTS.ravel()] = (np.arange(frames) % 30 < 20)[:, None]
+    return Corpus(
+        rotation=quaternion_exp(body).astype(np.float32),
+        root=np.tile(np.array([0.0, 0.95, 0.0], dtype=np.float32), (frames, 1)),
+        visible=visible,
+        fingers=quaternion_exp(bend).astype(np.float32),
+        rest_offset=np.tile(SKELETON.rest_offset.astype(np.float32), (2, 1, 1)),
+        start=np.array([0, 40]),
+        length=length,
+        rate=np.array([30.0, 30.0]),
+        finger_start=np.array([-1, 0]),
+        name=np.array(["anna/walks", "anna/waves"]),
+        category=np.array(["locomotion", "talk_gesture"]),
+    )
+
+
+def told() -> Body:
+    own = SKELETON.rest_offset.copy()
+    return Body(own, own, np.zeros(len(own)))
+
+
+def sequence(corpus: Corpus, kind: str, draw: Draw | None = None) -> FingerSequence:
+    draw = Draw(told()) if draw is None else draw
+    return make_finger_sequence(corpus, 1, draw, partial(draw_fingers_tracked, kind), np.random.default_rng(0))
+
+
+def whole(*sequences: FingerSequence) -> FingerBatch:
+    longest = max(len(one) for one in sequences)
+    return collate_fingers([(one, 0) for one in sequences], longest, np.ones(len(sequences), dtype=bool))
+
+
+def test_hands_are_where_forward_kinematics_has_them() -> None:
+    """The truth and the task's positions agree with the whole body's forward kinematics."""
+    rng = np.random.default_rng(1)
+    rotation = quaternion_exp(rng.normal(0, 0.5, (7, 52, 3)))
+    position, world = forward_kinematics(Pose(SKELETON, np.zeros((7, 3)), rotation))
+    wrists = SKELETON.indices(["left_wrist", "right_wrist"])
+    into = quaternion_conjugate(world[:, wrists])[:, :, None]
+    expected = quaternion_rotate(into, position[:, HAND_POINTS] - position[:, wrists][:, :, None])
+    offset = SKELETON.rest_offset[HAND_POINTS]
+    turned, placed = hand_kinematics(rotation[:, HAND_JOINTS], offset)
+    np.testing.assert_allclose(placed, expected, atol=1e-12)
+    assert float(geodesic_angle(turned, quaternion_multiply(into, world[:, HAND_JOINTS])).max()) < 1e-6
+    found = finger_positions(torch.tensor(quaternion_to_matrix(turned))[None], torch.tensor(offset)[None])
+    np.testing.assert_allclose(found[0], expected, atol=1e-6)
+    assert len(MOVING) == 15 and not any(SKELETON.points[HAND_POINTS[0, p]].endswith("1") for p in MOVING)
+
+
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_sequences_are_finite_and_of_their_shapes(corpus: Corpus, kind: str) -> None:
+    one = sequence(corpus, kind, Draw(told(), rate=45.0, noisy=True, bent=True))
+    frames = len(one)
+    assert frames == 134 and one.interval == pytest.approx(1 / 45)
+    shapes = {name: value.shape for name, value in vars(one).items() if name != "interval"}
+    assert shapes == {
+        "true_position": (frames, 2, 20, 3),
+        "true_rotation": (frames, 2, 15, 4),
+        "position": (frames, 2, 20, 3),
+        "rotation": (frames, 2, 15, 4),
+        "has_position": (frames, 2, 20),
+        "has_rotation": (frames, 2, 15),
+        "wrist": (frames, 2, 3),
+        "wrist_rotation": (frames, 2, 4),
+        "wrist_velocity": (frames, 2, 3),
+        "rest_offset": (2, 20, 3),
+    }
+    assert all(np.isfinite(value).all() for value in vars(one).values())
+    assert bool(one.has_position.any() or one.has_rotation.any()) == (kind != "nothing")
+
+
+def test_what_is_tracked_without_noise_is_the_truth(corpus: Corpus) -> None:
+    one = sequence(corpus, "tracked")
+    seen = one.has_position.all(axis=-1)
+    assert seen.any()
+    np.testing.assert_allclose(one.position[seen], one.true_position[seen], atol=2e-6)
+    turned = one.has_rotation
+    apart = geodesic_angle(one.rotation[turned].astype(float), one.true_rotation[turned].astype(float))
+    assert not turned.any() or float(apart.max()) < 2e-3
+
+
+def test_wrists_are_told_in_the_frame_under_the_head(corpus: Corpus) -> None:
+    """Another heading and place in the world change nothing."""
+    spin = quaternion_exp(np.array([0.0, 1.1, 0.0]))
+    elsewhere = replace(
+        corpus,
+        rotation=quaternion_multiply(spin, corpus.rotation.astype(float)).astype(np.float32),
+        root=(quaternion_rotate(spin, corpus.root.astype(float)) + np.array([3.0, 0.0, -2.0])).astype(np.float32),
+    )
+    one, other = sequence(corpus, "nothing"), sequence(elsewhere, "nothing")
+    for name in ("wrist", "wrist_velocity", "true_position"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-4)
+    apart = geodesic_angle(one.wrist_rotation.astype(float), other.wrist_rotation.astype(float))
+    assert float(apart.max()) < 2e-3
+    assert np.abs(one.wrist_velocity[1:] - np.diff(one.wrist, axis=0) * 30).max() < 3  # the head moves, too
+
+
+def test_a_mirror_image_is_the_same_to_the_network(corpus: Corpus) -> None:
+    """Mirrored motion swaps the hands: features, losses and positions are those of the other hand, mirrored."""
+    # Drawn masks and noise are not mirrored: with everything tracked and exact none are drawn.
+    one, other = (
+        make_finger_sequence(corpus, 1, Draw(told(), mirrored=flip), everything, np.random.default_rng(0))
+        for flip in (False, True)
+    )
+    np.testing.assert_allclose(other.true_position[:, ::-1], one.true_position * [-1.0, 1, 1], atol=1e-6)
+    network = FingerNetwork(FingerConfig(16, 16)).eval()
+    plain, mirrored = whole(one), whole(other)
+    features = network.read(plain.signal)
+    torch.testing.assert_close(features.flip(1), network.read(mirrored.signal), atol=2e-4, rtol=0)
+    losses = []
+    for batch in (plain, mirrored):
+        rotation, error, _ = network(batch.signal, network.begin(1))
+        losses.append(finger_losses(rotation, error, batch, FingerLosses()))
+    assert float(losses[0]["loss"].detach()) == pytest.approx(float(losses[1]["loss"].detach()), abs=1e-5)
+
+
+def everything(visible: np.ndarray, interval: float, rng: np.random.Generator):
+    del interval
+    tracked = draw_fingers_tracked("nothing", visible, 1.0, rng)
+    tracked.has_position[:], tracked.has_wrist[:] = True, True
+    return tracked
+
+
+def test_cameras_see_the_hands_that_the_corpus_says(corpus: Corpus) -> None:
+    one = sequence(corpus, "camera")
+    assert not one.has_position[~corpus.visible[40:][:, HAND_POINTS]].any() or one.has_position.all(axis=-1).any()
+    # A hand is seen as a whole.
+    np.testing.assert_array_equal(one.has_position.any(axis=-1), one.has_position.all(axis=-1))
+
+
+def test_other_hands_keep_the_body_and_stay_symmetric() -> None:
+    body = told()
+    other = with_other_hands(body, np.random.default_rng(3))
+    assert other.told is other.true
+    rest = np.setdiff1d(np.arange(65), HAND_POINTS.ravel())
+    np.testing.assert_array_equal(other.true[rest], body.true[rest])
+    np.testing.assert_allclose(other.true[HAND_POINTS[1]], other.true[HAND_POINTS[0]] * [-1.0, 1, 1])
+    length = np.linalg.norm(other.true[HAND_POINTS[0]], axis=-1) / np.linalg.norm(body.true[HAND_POINTS[0]], axis=-1)
+    assert 0.01 < np.std(length) < 0.1 and 0.7 < length.min() < length.max() < 1.3
+    untold = with_other_hands(replace(body, certainty=np.full(65, 0.01)), np.random.default_rng(3))
+    assert untold.told is body.told
+
+
+def test_the_true_hand_has_no_loss_but_that_of_the_error(corpus: Corpus) -> None:
+    batch = whole(sequence(corpus, "nothing"), sequence(corpus, "camera"))
+    small, large = (
+        finger_losses(batch.true_rotation, torch.full(batch.true_position.shape[:-1], expected), batch, FingerLosses())
+        for expected in (0.002, 0.02)
+    )
+    for name in ("rotation", "position", "velocity"):
+        assert float(small[name]) < 1e-3
+    assert float(small["error"]) < float(large["error"])
+    assert float(small["loss"]) == pytest.approx(sum(float(small[name]) for name in small if name != "loss"))
+
+
+def test_the_last_known_hand_is_right_while_it_is_seen(corpus: Corpus) -> None:
+    one = make_finger_sequence(corpus, 1, Draw(told()), seen_in_part, np.random.default_rng(0))
+    error = last_known_error(whole(one), mean_hand(corpus))[0]
+    assert float(error[:20].max()) < 1e-5 and float(error[35:].mean()) > 1e-3
+    held = one.true_position[19]
+    np.testing.assert_allclose(error[25], np.linalg.norm(held - one.true_position[25], axis=-1), atol=1e-5)
+
+
+def seen_in_part(visible: np.ndarray, interval: float, rng: np.random.Generator):
+    tracked = everything(visible, interval, rng)
+    tracked.has_position[20:] = False
+    return tracked
+
+
+def test_the_mean_hand_of_hands_that_hold_still(corpus: Corpus) -> None:
+    """Left and right are one hand and its mirror image."""
+    bend = np.zeros((90, 30, 3))
+    bend[:, :15, 2], bend[:, 15:, 2] = -0.4, 0.4
+    still = replace(corpus, fingers=quaternion_exp(bend).astype(np.float32))
+    expected, _ = hand_kinematics(quaternion_exp(bend)[:1].reshape(1, 2, 15, 4), SKELETON.rest_offset[HAND_POINTS])
+    np.testing.assert_allclose(mean_hand(still), quaternion_to_matrix(expected[0, 0]), atol=1e-5)
+
+
+def test_a_few_steps_reduce_the_loss(corpus: Corpus) -> None:
+    torch.manual_seed(0)
+    task = FingerTask(FingerNetwork(SMALL.network), SMALL, corpus, {})
+    batches = task.batches(np.random.default_rng(0))
+    first = next(batches)
+    before = float(task.loss(first, None)[0]["loss"].detach())
+    optimizer = torch.optim.AdamW(task.network.parameters(), lr=1e-2)
+    memory = None
+    for _ in range(20):
+        terms, memory = task.loss(next(batches), memory)
+        optimizer.zero_grad()
+        terms["loss"].backward()
+        optimizer.step()
+    assert memory is not None and memory.shape == (1, 2 * SMALL.streams, 16)
+    # Measured rotations are as noisy as they are: part of the loss stays.
+    assert float(task.loss(first, None)[0]["loss"].detach()) < before - 0.02
+
+
+def test_streams_play_sequences_to_their_end(corpus: Corpus) -> None:
+    task = FingerTask(FingerNetwork(SMALL.network), SMALL, corpus, {})
+    batches = task.batches(np.random.default_rng(2))
+    first = next(batches)
+    assert first.begins.all() and first.signal.position.shape == (4, 12, 2, 20, 3)
+    for _ in range(40):
+        last, first = first, next(batches)
+        # A stream begins anew exactly where its last chunk ran past the end, or ended with it.
+        assert not (first.begins & last.valid.all(dim=1) & ~last.valid[:, -1]).any()
+        assert bool((~last.valid[:, -1] <= first.begins).all())
+
+
+def test_training_goes_on_and_its_network_comes_back(corpus: Corpus, tmp_path: Path) -> None:
+    for split in ("train", "val"):
+        np.savez(tmp_path / f"{split}.npz", format=FORMAT, **vars(corpus))
+    checkpoint = tmp_path / "fingers.ckpt"
+    schedule = Schedule(steps=4, warm_up=1, check_every=2)
+    options = FingerTraining(tmp_path, tmp_path, checkpoint, schedule, SMALL)
+    network = train_fingers(options)
+    again = load_finger_network(checkpoint)
+    assert again.config == SMALL.network
+    for name, value in network.state_dict().items():
+        torch.testing.assert_close(again.state_dict()[name], value)
+    validation = finger_validation(corpus, corpus)
+    figures = FingerTask(again, SMALL, corpus, validation).validate(again)
+    assert figures["nothing_cm"] == pytest.approx(100 * validation["nothing"].baseline * figures["nothing_ratio"])
+    with pytest.raises(BodysenseError, match=r"fingers\.ckpt.*another configuration"):
+        train_fingers(replace(options, schedule=replace(schedule, steps=5)))
+    with pytest.raises(BodysenseError, match="no such checkpoint"):
+        load_finger_network(tmp_path / "none.ckpt")
+
+
+def test_drawn_sequences_differ(corpus: Corpus) -> None:
+    rng = np.random.default_rng(8)
+    drawn = [draw_finger_sequence(corpus, 1, rng) for _ in range(12)]
+    assert len({len(one) for one in drawn}) > 3 and len({float(one.rest_offset.sum()) for one in drawn}) == 12
+    assert len(BODY) == 22
