@@ -239,21 +239,21 @@ def test_the_mean_hand_of_hands_that_hold_still(corpus: Corpus) -> None:
 
 
 def test_a_few_steps_reduce_the_loss(corpus: Corpus) -> None:
+    """Of fingers that cannot be seen, too: the mean hand of the corpus is learned first."""
     torch.manual_seed(0)
     task = FingerTask(FingerNetwork(SMALL.network), SMALL, corpus, {})
-    batches = task.batches(np.random.default_rng(0))
-    first = next(batches)
-    before = float(task.loss(first, None)[0]["loss"].detach())
+    batch = whole(sequence(corpus, "nothing"), sequence(corpus, "camera"))
     optimizer = torch.optim.AdamW(task.network.parameters(), lr=1e-2)
-    memory = None
-    for _ in range(20):
-        terms, memory = task.loss(next(batches), memory)
+    first, last = 0.0, 0.0
+    for step in range(40):
+        terms, memory = task.loss(batch, None)
+        assert memory.shape == (1, 4, 16)
         optimizer.zero_grad()
         terms["loss"].backward()
         optimizer.step()
-    assert memory is not None and memory.shape == (1, 2 * SMALL.streams, 16)
-    # Measured rotations are as noisy as they are: part of the loss stays.
-    assert float(task.loss(first, None)[0]["loss"].detach()) < before - 0.02
+        last = float(terms["loss"].detach())
+        first = last if step == 0 else first
+    assert last < 0.6 * first
 
 
 def test_streams_play_sequences_to_their_end(corpus: Corpus) -> None:
