@@ -71,7 +71,8 @@ class Person:
                 bone_deviation = scale * estimate.bone_deviation
         elif bone_deviation is None and (stature is not None or known):
             raise BodysenseError(
-                "person: both a skeleton and a height or lengths were given; give one of them, or skeleton.scaled(height)"
+                "person: both a skeleton and a height or lengths were given; give one of them, "
+                "or skeleton.scaled(height)"
             )
         if not SHORTEST - SOLE <= skeleton.height <= TALLEST:
             raise BodysenseError(

@@ -3,9 +3,9 @@
 Change of frame, both networks, re-acquisition blending, forward kinematics, measured points, bent limbs, held feet and
 the floor are inside, so that every runtime gives the same body. The order:
 
-    frame under the head → network, asked twice (once in a mirror) → measured rotations in their place → directions
-    between measured points → fingers → places → spine to a measured pelvis → collars, arms and legs to measured or
-    predicted ends, feet held → places → local rotations
+    rotations that measured points imply → frame under the head → network, asked twice (once in a mirror) → measured
+    rotations in their place → fingers → directions between measured points → places → spine to a measured pelvis →
+    collars, arms and legs to measured or predicted ends, feet held → places → local rotations
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from bodysense.body.skeleton import default_skeleton
+from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.lab.completion.constraints import (
     BENT,
     CONTACT_BY_FOOT,
@@ -52,7 +52,10 @@ from bodysense.lab.completion.network import (
 
 ADVANCE = 1 / 65  # s: the memory advances no sooner, so that faster devices are answered from the last one
 NORMAL_BOUND = 1.567  # 90 % quantile of the length of normal errors in space, by their mean
-BLEND = 0.06  # s: time constant in which what was shown gives way to what is predicted, after sensors came or went
+# s: time constants in which what was shown gives way to what is predicted, after sensors came or went. How a hand is
+# turned that is lost from sight nothing tells, and it mostly stays as it was.
+BLEND, WRIST_BLEND = 0.06, 10.0
+LONG_AGO = 1e3  # s
 _SKELETON = default_skeleton()
 _LEFT_RIGHT = [("left_hip", "right_hip"), ("left_shoulder", "right_shoulder"), ("left_ankle", "right_ankle")]
 
@@ -86,8 +89,8 @@ class State(NamedTuple):
     shown: Tensor  # (B, 65, 3) m, in the frame before
     heading: Tensor  # (B, 2) cosine and sine, in the frame before
     axes: Tensor  # (B, 22, 3, 2) shown, in the frame under the head
-    blend: Tensor  # (B, 22, 3, 2) what was shown beside what would have been, when sensors last came or went
-    age: Tensor  # (B,) s since then
+    blend: Tensor  # (B, 22, 3, 2) what was shown when sensors last came or went, beside the prediction; of wrists alone
+    age: Tensor  # (B, 22) s since then
     held: Tensor  # (B, 2)
     anchor: Tensor  # (B, 2, 2) m
     shift: Tensor  # (B, 2, 2) m
@@ -142,7 +145,7 @@ class CompletionStep(nn.Module):
             "spine_ends": [index("neck"), index("spine2"), index("spine1")],
             "spins": SPIN_PLACES,
             # Rotations of the joints after a part of them was turned: of [old ones, turned ones] which to take.
-            "after_triad": _replacing(JOINTS, at.triad[:, 0]),
+            "after_triad": _replacing(JOINT_COUNT, at.triad[:, 0]),
             "after_swing": _replacing(JOINT_COUNT, at.swung),
             "after_spine": _replacing(JOINT_COUNT, _SKELETON.indices(spine)),
             "after_limbs": _replacing(
@@ -163,6 +166,8 @@ class CompletionStep(nn.Module):
             ("middle_side", MIDDLE_SIDE),
             ("one_sided", ONE_SIDED),
             ("bias", [[1e-3]]),
+            ("is_wrist", [float(name.endswith("_wrist")) for name in BODY]),
+            ("blend_time", [WRIST_BLEND if name.endswith("_wrist") else BLEND for name in BODY]),
             # Of log errors and masks: (25 + 47, 2 · 25), means then bounds.
             ("error_weight", np.block([[np.diag(mean.slope), np.diag(bound.slope)], [mean.weight, bound.weight]])),
             ("error_offset", np.concatenate([mean.offset, bound.offset])),
@@ -193,7 +198,7 @@ class CompletionStep(nn.Module):
             heading=zeros(batch, 2) + zeros(2).new_tensor([1.0, 0.0]),
             axes=zeros(batch, JOINTS, 3, 2),
             blend=zeros(batch, JOINTS, 3, 2),
-            age=zeros(batch),
+            age=zeros(batch, JOINTS) + LONG_AGO,
             held=zeros(batch, 2) - 1,
             anchor=zeros(batch, 2, 2),
             shift=zeros(batch, 2, 2),
@@ -203,11 +208,12 @@ class CompletionStep(nn.Module):
     def forward(self, inputs: Inputs, state: State) -> tuple[Outputs, State]:
         """Complete one frame of B people."""
         seen = inputs.has_position.unsqueeze(-1)
-        turned = inputs.has_rotation.unsqueeze(-1).unsqueeze(-1)
         quaternion = inputs.rotation
         given = ((quaternion.unsqueeze(-1) * quaternion.unsqueeze(-2)).flatten(-2) @ self.to_matrix).unflatten(
             -1, (3, 3)
         )
+        inputs, given = self._with_branches(inputs, given)
+        turned = inputs.has_rotation.unsqueeze(-1).unsqueeze(-1)
         heading, origin, turn = self._frame(inputs, given, state)
         signal = self._signal(inputs, given, heading, origin, turn, state)
         features = self.body.read(signal)
@@ -215,20 +221,13 @@ class CompletionStep(nn.Module):
         prediction = self.body.prediction(said_turned.squeeze(1), said_judged.squeeze(1))
         size = signal.size.unsqueeze(-1)
 
-        # Re-acquisition blending: where sensors came or went, what was shown gives way to what is predicted.
-        masks = torch.cat([inputs.has_position, inputs.has_rotation], dim=-1).to(origin)
-        changed = ((masks - state.measured).abs().amax(dim=-1) * state.begun) > 0.5
-        change = changed[:, None, None, None]
         axes = prediction.axes
-        blend = torch.where(change, state.axes - axes, state.blend)
-        age = torch.where(changed, 0.0, state.age) + inputs.interval
-        along = age / BLEND
-        fade = ((1 + along) * torch.exp(-along))[:, None, None, None]
-        rotation = turn.unsqueeze(1) @ orthonormal(axes + fade * blend)
+        masks = torch.cat([inputs.has_position, inputs.has_rotation], dim=-1).to(axes)
+        blend, age, kept = self._blended(axes, masks, inputs.interval, state)
+        rotation = turn.unsqueeze(1) @ orthonormal(axes + blend)
 
         # What is measured is as it is measured.
         body = torch.where(turned[:, :JOINTS], given[:, :JOINTS], rotation)
-        body = self._by_three_points(body, inputs)
         head_seen = inputs.has_position[:, HEAD : HEAD + 1]
         head = torch.where(head_seen, inputs.position[:, HEAD], origin + applied(turn, prediction.head) * size)
         world, finger_memory, finger_error = self._with_fingers(body, given, head, turn, inputs, state)
@@ -264,7 +263,7 @@ class CompletionStep(nn.Module):
             shown=points,
             heading=heading,
             axes=(turn.mT.unsqueeze(1) @ world[:, :JOINTS])[..., :2],
-            blend=blend,
+            blend=kept,
             age=age,
             held=foot_state.held,
             anchor=foot_state.anchor,
@@ -275,6 +274,23 @@ class CompletionStep(nn.Module):
         local = above.index_select(1, self.joint_parents).mT @ world
         confidence, bound = self._expected(prediction.error * size, finger_error, inputs)
         return Outputs(points[:, 0], quaternion_of(local), points, confidence, bound, contact), after
+
+    def _blended(self, axes: Tensor, masks: Tensor, interval: Tensor, state: State) -> tuple[Tensor, Tensor, Tensor]:
+        """Re-acquisition blending: what is added to predicted axes, and the age and the blend that are kept.
+
+        Where sensors came or went, what was shown gives way to what is predicted: its offset fades. A wrist keeps the
+        direction itself, and gives it up slowly: nothing tells how a hand is turned that is lost from sight.
+        """
+        change = (masks - state.measured).abs()
+        whole = change.amax(dim=-1, keepdim=True) * (1 - self.is_wrist)
+        own = change[:, POINTS : POINTS + JOINTS] * self.is_wrist
+        changed = ((whole + own) * state.begun.unsqueeze(-1)) > 0.5
+        wrist = self.is_wrist[:, None, None]
+        held = torch.where(changed[..., None, None], state.axes - (1 - wrist) * axes, state.blend)
+        age = torch.where(changed, 0.0, state.age) + interval.unsqueeze(-1)
+        along = age / self.blend_time
+        fade = ((1 + along) * torch.exp(-along))[..., None, None]
+        return fade * (held - wrist * axes), age, held
 
     def _expected(self, error: Tensor, finger_error: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor]:
         """Expected errors and their bounds, (B, 65) m each; what is measured errs as its sensor does."""
@@ -359,18 +375,23 @@ class CompletionStep(nn.Module):
         judged = judged[:, 0] + judged[:, 1].index_select(-1, self.body.mirror_judged)
         return ((turned + in_mirror) / 2, judged / 2), after.transpose(0, 1).reshape(memory.shape)
 
-    def _by_three_points(self, body: Tensor, inputs: Inputs) -> Tensor:
-        """Joints that branch, turned as the points on them say where these are seen."""
+    def _with_branches(self, inputs: Inputs, given: Tensor) -> tuple[Inputs, Tensor]:
+        """Inputs in which joints that branch are turned as the points on them say, where these are seen.
+
+        A hand whose wrist and knuckles are seen, or a pelvis with its hips and spine, has a rotation like any other.
+        """
         ends, joint = self.triad_ends, self.triad_joint
         known = inputs.has_position.index_select(1, ends).unflatten(1, (4, 4)).all(dim=1)
-        known = (known & ~inputs.has_rotation.index_select(1, joint)).unsqueeze(-1).unsqueeze(-1)
+        known = known & ~inputs.has_rotation.index_select(1, joint)
         rest = inputs.rest_offset.index_select(1, ends) * self.triad_own
         # Rest and present together: (2, B, 2 vectors, 2 ends, 4 joints, 3).
         both = torch.stack([rest, inputs.position.index_select(1, ends)]).unflatten(2, (2, 2, 4))
         apart = both[:, :, :, 1] - both[:, :, :, 0]
         rows = frame_of(apart[:, :, 0], apart[:, :, 1])
-        turned = torch.where(known, rows[1].mT @ rows[0], body.index_select(1, joint))
-        return torch.cat([body, turned], dim=1).index_select(1, self.after_triad)
+        turned = torch.where(known.unsqueeze(-1).unsqueeze(-1), rows[1].mT @ rows[0], given.index_select(1, joint))
+        given = torch.cat([given, turned], dim=1).index_select(1, self.after_triad)
+        has_rotation = torch.cat([inputs.has_rotation, known | inputs.has_rotation.index_select(1, joint)], dim=1)
+        return inputs._replace(has_rotation=has_rotation.index_select(1, self.after_triad)), given
 
     def _with_fingers(
         self, body: Tensor, given: Tensor, head: Tensor, turn: Tensor, inputs: Inputs, state: State
@@ -473,7 +494,9 @@ class CompletionStep(nn.Module):
         reached = shoulder + unit(arms) * (lacking * has_end[:, :2].to(lacking))
         reached = unit(reached) * length(shoulder)
         given = torch.cat([reached - shoulder, torch.zeros_like(shoulder)], dim=1)
-        free_middle = 1 - has_middle.to(given)
+        # A limb whose upper bone is measured, by its rotation or by its ends, bends as that says.
+        told = has_middle | inputs.has_rotation.index_select(1, self.limb_start).unsqueeze(-1)
+        free_middle = 1 - told.to(given)
         begin = start + given
         bending = world.index_select(1, self.bending)
         new_middle, new_end = bent_limbs(
