@@ -21,6 +21,7 @@ from bodysense.completion.inputs import Frames
 BIN, BINS = 0.005, 480  # m, and how many: lengths up to 2.4 m
 FLOOR = "floor"
 SEATED = 1.28  # m: heads that never rise higher sit, for the shortest adult's stands higher
+STANDING = 1.95  # m: nobody's head joint stands higher
 _ENOUGH = 0.5  # s that a length must have been seen
 _EVERY = 0.5  # s between two fits
 _QUICK = 0.4  # s in which half of what the shown body lacks is made up
@@ -175,7 +176,8 @@ def likeliest_offsets(seconds: np.ndarray, person: Person) -> tuple[np.ndarray, 
         value = (np.searchsorted(share, length.quantile) + 0.5) * BIN + length.slack
         deviation = length.deviation * (1 + 2 / (1 + total[k]))
         if length.end == FLOOR:
-            if length.start == "head" and person.height is None and value > SEATED:
+            # Heads that stand higher than any adult's are on stairs, or over a floor of another height.
+            if length.start == "head" and person.height is None and SEATED < value < STANDING:
                 height = stature_of_head(value, deviation)
             continue
         # Bodies are symmetric: both sides measure one length.
