@@ -46,9 +46,9 @@ def performed(skeleton: Skeleton, flexion: dict[str, float], arms: dict[str, np.
     return Pose(skeleton, root, rotation)
 
 
-SQUAT = {f"{side}_{part}": angle for side in ("left", "right") for part, angle in (("hip", -80), ("knee", 110))}
+SQUAT = {f"{side}_{part}": angle for side in ("left", "right") for part, angle in (("hip", -80.0), ("knee", 110.0))}
 SQUAT |= {"left_ankle": -30.0, "right_ankle": -30.0}
-RAISED_KNEE = {"left_hip": -85.0, "left_knee": 90.0}
+RAISED_KNEE: dict[str, float] = {"left_hip": -85.0, "left_knee": 90.0}
 
 
 def tracked(pose: Pose, sensors: str):
