@@ -122,7 +122,7 @@ def completion(numbers: dict[str, float]) -> str:
     ]
     head = ["sensors", "own body", "stranger's", "only height told", "nothing told"]
     text = [
-        f"`bodysense evaluate completion --data DIR`: {numbers['clips']:.0f} clips, main motions, cm. 22 joints from",
+        f"`bodysense evaluate completion --data DIR --limit {numbers['clips']:.0f}`: main motions, cm. 22 joints from",
         "the head; of the headset's cameras the joints that they do not see, in the world.",
     ]
     if "headset_camera_stranger_ratio" in numbers:
