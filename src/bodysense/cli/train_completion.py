@@ -57,6 +57,6 @@ def completion(
     if finger_steps:
         schedule = replace(FingerTraining(data, run, run / "fingers.ckpt").schedule, steps=finger_steps, seed=seed)
         fingers = train_fingers(FingerTraining(data, run, run / "fingers.ckpt", schedule, threads=threads))
-    card = {"data": data_note or str(data.name), "licence": licence, "seed": seed, "steps": steps}
+    card = {"training_data": data_note or str(data.name), "licence": licence, "seed": seed, "steps": steps}
     publish(body.eval(), fingers.eval(), data, out, card)
     print(f"wrote {out}")
