@@ -46,7 +46,9 @@ def sample_errors(scenes: Mapping[Truth, Sequence[Sequence[Scene]]], run: TrackB
     draws: list[tuple[SensorSet, Body]] = [(SENSOR_SETS[name], body) for name in TABLE_SETS for body in BODIES]
     for edge in random_edges(12, rng):
         draws.append((edge.more, BODIES[int(rng.integers(len(BODIES)))]))
-    jobs = [(sensors, body, batch) for sensors, body in draws for batch in scenes[TRUTH_OF[body]]]
+    jobs: list[tuple[SensorSet, Body, Sequence[Scene]]] = []
+    for sensors, body in draws:
+        jobs += ((sensors, body, batch) for batch in scenes[TRUTH_OF[body]])
     parts = [_sampled(*job, run) for job in progress(jobs, "expected and true errors")]
     return ErrorSamples(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
