@@ -10,7 +10,7 @@ the floor are inside, so that every runtime gives the same body. The order:
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -178,8 +178,49 @@ class CompletionStep(nn.Module):
             kind = torch.int64 if name == "error_places" else torch.float32
             self.register_buffer(name, torch.tensor(np.asarray(values), dtype=kind), persistent=False)
 
-    def __getattr__(self, name: str) -> Any:  # buffers are tensors
-        return super().__getattr__(name)
+    triad_joint: Tensor
+    triad_ends: Tensor
+    swung: Tensor
+    child: Tensor
+    limb_start: Tensor
+    limb_middle: Tensor
+    limb_end: Tensor
+    bending: Tensor
+    parents: Tensor
+    joint_parents: Tensor
+    feet: Tensor
+    hand_points: Tensor
+    hand_joints: Tensor
+    contact_places: Tensor
+    body_points: Tensor
+    knuckles: Tensor
+    left_of: Tensor
+    right_of: Tensor
+    wrists: Tensor
+    collars: Tensor
+    hips: Tensor
+    spine: Tensor
+    spine_ends: Tensor
+    spins: Tensor
+    after_triad: Tensor
+    after_swing: Tensor
+    after_spine: Tensor
+    after_limbs: Tensor
+    triad_own: Tensor
+    from_head_all: Tensor
+    to_matrix: Tensor
+    to_heading: Tensor
+    heading_to_turn: Tensor
+    middle_side: Tensor
+    one_sided: Tensor
+    bias: Tensor
+    is_wrist: Tensor
+    blend_time: Tensor
+    error_weight: Tensor
+    error_offset: Tensor
+    error_places: Tensor
+    axes_sign: Tensor
+    vector_sign: Tensor
 
     def start(self, batch: int) -> State:
         """The state before the first frame of `batch` people."""

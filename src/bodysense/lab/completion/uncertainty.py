@@ -48,7 +48,8 @@ def sample_errors(scenes: Mapping[Truth, Sequence[Sequence[Scene]]], run: TrackB
         draws.append((edge.more, BODIES[int(rng.integers(len(BODIES)))]))
     jobs: list[tuple[SensorSet, Body, Sequence[Scene]]] = []
     for sensors, body in draws:
-        jobs += ((sensors, body, batch) for batch in scenes[TRUTH_OF[body]])
+        for batch in scenes[TRUTH_OF[body]]:
+            jobs.append((sensors, body, batch))
     parts = [_sampled(*job, run) for job in progress(jobs, "expected and true errors")]
     return ErrorSamples(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
