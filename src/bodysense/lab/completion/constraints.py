@@ -15,7 +15,7 @@ from torch import Tensor
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.lab.completion.network import CONTACT
 
-_TINY = 1e-6
+_TINY = 1e-9
 _SKELETON = default_skeleton()
 POINTS, JOINT_COUNT = len(_SKELETON.points), len(_SKELETON.joints)
 HEAD = BODY.index("head")
@@ -66,7 +66,7 @@ def indices() -> Indices:
 
 def length(vector: Tensor) -> Tensor:
     """(..., n) → (..., 1), never zero."""
-    return torch.linalg.vector_norm(vector, dim=-1, keepdim=True) + _TINY
+    return torch.linalg.vector_norm(vector, dim=-1, keepdim=True).clamp(min=_TINY)
 
 
 def unit(vector: Tensor) -> Tensor:
