@@ -69,7 +69,7 @@ def draw_tracked(visible: np.ndarray, interval: float, rng: np.random.Generator)
         _headless(position, rotation, add, rng)
     has_position, has_rotation = np.tile(position, (frames, 1)), np.tile(rotation, (frames, 1))
     if kind == "camera":
-        has_position, has_rotation = _seen(visible, rng)
+        has_position, has_rotation = _seen(visible)
     elif rng.uniform() < _GAPS:
         for wrist in WRISTS:
             lost = spans(frames, interval, rng, 8.0)
@@ -145,6 +145,10 @@ def _headless(position: np.ndarray, rotation: np.ndarray, add, rng: np.random.Ge
         for name in (*BODY_POINTS, *KNUCKLES):
             if rng.uniform() < share:
                 add(name, "position")
+    elif drawn < 0.8:  # gloves alone
+        _remove(position, rotation, HEAD)
+        for name in (*WRISTS, *KNUCKLES) if rng.uniform() < 0.7 else WRISTS:
+            add(name)
     else:
         _remove(position, rotation, HEAD)
         for name in ("pelvis", *WRISTS, "left_ankle", "right_ankle", "spine3"):
@@ -152,15 +156,14 @@ def _headless(position: np.ndarray, rotation: np.ndarray, add, rng: np.random.Ge
                 add(name)
 
 
-def _seen(visible: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Positions of what cameras see, the head's pose, and at times the rotation of hands that are seen."""
+def _seen(visible: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions of what cameras see, the head's pose, and the rotation of hands that are seen: knuckles imply it."""
     has_position = visible.copy()
     has_rotation = np.zeros((len(visible), len(BODY)), dtype=bool)
     has_position[:, INPUT_POINTS.index(HEAD)] = True
     has_rotation[:, BODY.index(HEAD)] = True
-    if rng.uniform() < 0.3:
-        for wrist in WRISTS:
-            has_rotation[:, BODY.index(wrist)] = has_position[:, INPUT_POINTS.index(wrist)]
+    for wrist in WRISTS:
+        has_rotation[:, BODY.index(wrist)] = has_position[:, INPUT_POINTS.index(wrist)]
     return has_position, has_rotation
 
 

@@ -1,0 +1,152 @@
+"""Sequences to learn from, and the loop that learns: shapes, twins, mirror images, resumption."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from lightning_fabric import Fabric
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.retarget import retargeted
+from bodysense.body.shape import sample_bodies
+from bodysense.body.skeleton import BODY
+from bodysense.demo import packaged_performance
+from bodysense.errors import BodysenseError
+from bodysense.lab.completion.corpus import Corpus
+from bodysense.lab.completion.network import (
+    BODY_POINTS,
+    HEAD,
+    INPUT_POINTS,
+    CompletionConfig,
+    CompletionNetwork,
+    partners,
+)
+from bodysense.lab.completion.sensors import KINDS, Tracked, draw_tracked
+from bodysense.lab.completion.sequences import Body, Draw, Sequence, draw_sequence, make_sequence
+from bodysense.lab.completion.task import CompletionTask, CompletionTaskConfig, collate
+from bodysense.lab.fit import Schedule, fit, rate_at
+from bodysense.occlusion.headset_camera import see
+
+FRAMES = 90
+
+
+@pytest.fixture(scope="module")
+def corpus() -> Corpus:
+    clip = packaged_performance()
+    pose = clip.pose[:FRAMES]
+    return Corpus(
+        rotation=forward_kinematics(pose)[1][:, : len(BODY)].astype(np.float32),
+        root=pose.root_position.astype(np.float32),
+        visible=see(pose).visible,
+        fingers=np.zeros((0, 30, 4), dtype=np.float32),
+        rest_offset=pose.skeleton.rest_offset[None].astype(np.float32),
+        start=np.array([0]),
+        length=np.array([FRAMES]),
+        rate=np.array([clip.frame_rate]),
+        finger_start=np.array([-1]),
+        name=np.array(["performance"]),
+        category=np.array(["everyday"]),
+    )
+
+
+def test_every_drawn_sequence_is_whole(corpus: Corpus) -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(30):
+        one = draw_sequence(corpus, 0, rng)
+        for name in ("true_position", "true_rotation", "position", "rotation", "anchor", "rest_offset", "certainty"):
+            assert np.isfinite(getattr(one, name)).all()
+        assert one.true_position.shape == (len(one), len(BODY_POINTS), 3)
+        assert one.position.shape == (len(one), len(INPUT_POINTS), 3)
+        assert np.allclose(np.linalg.norm(one.rotation, axis=-1), 1, atol=1e-4)
+        assert (one.accuracy > 0).all() and 0.8 < one.size < 1.3 and 1 / 61 < one.interval < 1 / 21
+
+
+def test_kinds_of_sensors_are_shares_and_track_something() -> None:
+    assert sum(KINDS.values()) == pytest.approx(1.0)
+    rng, visible = np.random.default_rng(2), np.ones((60, len(INPUT_POINTS)), dtype=bool)
+    drawn = [draw_tracked(visible, 1 / 30, rng) for _ in range(200)]
+    assert np.mean([one.has_position.any() or one.has_rotation.any() for one in drawn]) > 0.95
+    assert 0.8 < np.mean([one.head_known.mean() for one in drawn]) < 1.0
+
+
+def made(corpus: Corpus, offset: np.ndarray, mirrored: bool, position: np.ndarray, rotation: np.ndarray) -> Sequence:
+    def track(visible: np.ndarray, interval: float, rng: np.random.Generator) -> Tracked:
+        frames = len(visible)
+        return Tracked(np.tile(position, (frames, 1)), np.tile(rotation, (frames, 1)), np.ones(frames, dtype=bool))
+
+    body = Body(offset, offset, np.zeros(len(offset)))
+    return make_sequence(corpus, 0, Draw(body, track=track, mirrored=mirrored), np.random.default_rng(0))
+
+
+def test_a_sequence_moves_as_the_retargeted_clip(corpus: Corpus) -> None:
+    """The training's own retargeting is the twin of `body.retarget`."""
+    clip = packaged_performance()
+    offset = sample_bodies("train", 1)[0]
+    everything = np.ones(len(INPUT_POINTS), dtype=bool)
+    one = made(corpus, offset, False, everything, np.ones(len(BODY), dtype=bool))
+    pose = clip.pose[:FRAMES]
+    pose = retargeted(Pose(pose.skeleton, pose.root_position, pose.rotation), pose.skeleton.with_offsets(offset))
+    places = pose.skeleton.indices(BODY_POINTS)
+    assert np.abs(forward_kinematics(pose)[0][:, places] - one.true_position).max() < 0.02
+
+
+def test_features_of_a_mirror_image_are_mirrored(corpus: Corpus) -> None:
+    rng = np.random.default_rng(4)
+    position, rotation = (rng.uniform(size=len(names)) < 0.6 for names in (INPUT_POINTS, BODY))
+    position[HEAD] = rotation[HEAD] = True
+    offset = sample_bodies("train", 1)[0]
+    swap = [np.array(partners(names)) for names in (INPUT_POINTS, BODY)]
+    pair = [
+        made(corpus, offset, False, position, rotation),
+        made(corpus, offset, True, position[swap[0]], rotation[swap[1]]),
+    ]
+    network = CompletionNetwork(CompletionConfig(hidden=8, branch=8, judge_branch=8))
+    plain, mirrored = (network.read(collate([(one, 0)], 40, np.ones(1, dtype=bool)).signal) for one in pair)
+    assert torch.allclose(network.mirrored(plain), mirrored, atol=1e-4)
+
+
+def task_of(corpus: Corpus) -> CompletionTask:
+    torch.manual_seed(0)
+    config = CompletionTaskConfig(CompletionConfig(hidden=24, branch=24, judge_branch=8), streams=6, chunk=16)
+    one = made(corpus, corpus.rest_offset[0].astype(float), False, np.ones(27, dtype=bool), np.ones(22, dtype=bool))
+    watched = {"everything": [collate([(one, 0)], len(one), np.ones(1, dtype=bool))]}
+    return CompletionTask(CompletionNetwork(config.network), config, corpus, watched)
+
+
+def test_training_resumes_where_it_was_stopped(corpus: Corpus, tmp_path: Path) -> None:
+    seen: list[int] = []
+    fabric = Fabric(accelerator="cpu", devices=1)
+    short, whole = Schedule(steps=4, check_every=2, warm_up=1), Schedule(steps=4, check_every=2, warm_up=1, seed=2)
+
+    def stop(progress) -> None:
+        seen.append(progress.step)
+        if progress.step == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fit(task_of(corpus), short, tmp_path / "run.ckpt", stop, fabric)
+    figures = fit(task_of(corpus), short, tmp_path / "run.ckpt", lambda progress: seen.append(progress.step), fabric)
+    assert seen == [2, 4] and np.isfinite(figures["score"])
+    with pytest.raises(BodysenseError, match="belongs to another configuration"):
+        fit(task_of(corpus), whole, tmp_path / "run.ckpt", lambda progress: None, fabric)
+
+
+def test_learning_lowers_the_loss(corpus: Corpus) -> None:
+    task = task_of(corpus)
+    batch = next(task.batches(np.random.default_rng(3)))
+    optimizer = torch.optim.AdamW(task.network.parameters(), lr=3e-3)
+    losses = []
+    for _ in range(15):
+        terms, _ = task.loss(batch, None)
+        optimizer.zero_grad()
+        terms["loss"].backward()
+        optimizer.step()
+        losses.append(float(terms["loss"].detach()))
+    assert losses[-1] < 0.9 * losses[0]
+
+
+def test_the_rate_rises_then_falls() -> None:
+    schedule = Schedule(steps=1000, warm_up=100)
+    rates = [rate_at(schedule, step) for step in (1, 100, 550, 1000)]
+    assert rates[0] < rates[1] == schedule.learning_rate > rates[2] > rates[3] > 0
