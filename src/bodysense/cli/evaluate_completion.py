@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -18,6 +19,7 @@ def completion(
     sets: tuple[str, ...] = (),
     bodies: tuple[Literal["own", "stranger", "height", "nothing"], ...] = ("own", "stranger", "height", "nothing"),
     limit: int | None = None,
+    model: Path | None = None,
     lattice: bool = True,
     json: Path | None = None,
     csv: Path | None = None,
@@ -32,6 +34,7 @@ def completion(
         bodies: Whose proportions move and what the tracker is told: the recording's, told; a stranger's, told; a
             stranger's, only the height told; a stranger's, nothing told.
         limit: So many clips, spread evenly; all if omitted.
+        model: A completion network of your own; the packaged one if omitted.
         lattice: Also score 200 random edges of the lattice of sensor sets.
         json: Write the numbers here, as one flat object.
         csv: Write the table of all measures here.
@@ -41,6 +44,7 @@ def completion(
     from rich.progress import Progress
 
     from bodysense.cli.show import print_report, write_numbers
+    from bodysense.completion.model import load_completion
     from bodysense.data.clips import open_clips
     from bodysense.evaluation.datasets import Census, census_of, named_data
     from bodysense.evaluation.report import write_csv
@@ -48,18 +52,14 @@ def completion(
     from bodysense.lab.completion.reliability_diagram import draw_reliability
     from bodysense.lab.completion.reports import completion_reports
     from bodysense.lab.completion.tables import CompletionSettings, evaluate_completion, work_of
-    from bodysense.occlusion.sensors import SENSOR_SETS, TABLE_SETS
+    from bodysense.lab.completion.tracking import step_times, track_batch
+    from bodysense.occlusion.sensors import TABLE_SETS
 
     for path in (json, csv, picture):
         if path is not None:
             check_place(path)
-    for name in sets:
-        if name not in SENSOR_SETS:
-            raise BodysenseError(f"--sets {name}: unknown; valid are {', '.join(SENSOR_SETS)}")
-    if limit is not None and limit < 1:
-        raise BodysenseError(f"--limit {limit}: give at least 1")
-    if not bodies:
-        raise BodysenseError("--bodies: give at least one of own, stranger, height, nothing")
+    _check(sets, bodies, limit)
+    network = None if model is None else load_completion(model)
     chosen, census = named_data(data, split), Census()
     settings = CompletionSettings(split, sets or TABLE_SETS, bodies, 200 if lattice else 0)
     count = min(chosen.count(), limit or chosen.count())
@@ -80,7 +80,14 @@ def completion(
         def advance(done: int, what: str) -> None:
             progress.update(bar, advance=done, description=f"scored {what}")
 
-        table = evaluate_completion(clips, settings, mean_body=mean_body, advance=advance)
+        table = evaluate_completion(
+            clips,
+            settings,
+            track=partial(track_batch, network=network),
+            times=partial(step_times, network=network),
+            mean_body=mean_body,
+            advance=advance,
+        )
     console = Console()
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console = Console(width=_WIDTH)
@@ -95,3 +102,15 @@ def completion(
     for path in (json, csv, picture):
         if path is not None:
             console.print(f"wrote {path}", highlight=False)
+
+
+def _check(sets: tuple[str, ...], bodies: tuple[str, ...], limit: int | None) -> None:
+    from bodysense.occlusion.sensors import SENSOR_SETS
+
+    for name in sets:
+        if name not in SENSOR_SETS:
+            raise BodysenseError(f"--sets {name}: unknown; valid are {', '.join(SENSOR_SETS)}")
+    if limit is not None and limit < 1:
+        raise BodysenseError(f"--limit {limit}: give at least 1")
+    if not bodies:
+        raise BodysenseError("--bodies: give at least one of own, stranger, height, nothing")

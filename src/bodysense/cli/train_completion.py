@@ -18,6 +18,8 @@ def completion(
     out: Output,
     run: Path | None = None,
     steps: int = 6200,
+    learning_rate: float = 1e-3,
+    begin_with: Path | None = None,
     finger_steps: int = 2000,
     seed: int = 1,
     threads: int = 1,
@@ -33,6 +35,8 @@ def completion(
         out: the .onnx file.
         run: folder of checkpoints and of the motion as it was read; OUT without its ending if omitted.
         steps: optimiser steps of the body's network; 6200 take an hour and a half of one core.
+        learning_rate: highest learning rate of the body's network.
+        begin_with: checkpoint of an earlier run, with whose best weights the body's network begins.
         finger_steps: optimiser steps of the fingers' network; 0 leaves relaxed fingers.
         seed: random seed.
         threads: PyTorch threads.
@@ -52,11 +56,12 @@ def completion(
 
     check_place(out)
     run = out.with_suffix("") if run is None else run
-    body = train_completion(CompletionTraining(data, run, Schedule(steps=steps, seed=seed), threads=threads))
+    schedule = Schedule(steps=steps, learning_rate=learning_rate, seed=seed)
+    body = train_completion(CompletionTraining(data, run, schedule, begin_with=begin_with, threads=threads))
     fingers = FingerNetwork(FingerConfig()).relaxed_only()
     if finger_steps:
-        schedule = replace(FingerTraining(data, run, run / "fingers.ckpt").schedule, steps=finger_steps, seed=seed)
-        fingers = train_fingers(FingerTraining(data, run, run / "fingers.ckpt", schedule, threads=threads))
+        training = FingerTraining(data, run, run / "fingers.ckpt", threads=threads)
+        fingers = train_fingers(replace(training, schedule=replace(training.schedule, steps=finger_steps, seed=seed)))
     card = {"training_data": data_note or str(data.name), "licence": licence, "seed": seed, "steps": steps}
     publish(body.eval(), fingers.eval(), data, out, card)
     print(f"wrote {out}")

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 import torch
 from lightning_fabric import Fabric
+from rich.console import Console
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
@@ -115,3 +116,21 @@ def fit(
     bare.load_state_dict(best["weights"])
     bare.eval()
     return task.validate(bare)
+
+
+def fit_and_print(task: Task, schedule: Schedule, checkpoint: Path) -> None:
+    """Train the task's network as `fit` does, and print how it does."""
+    console = Console(width=200)
+
+    def report(progress: Progress) -> None:
+        terms, figures = _line(progress.terms, 4), _line(progress.validation, 3)
+        console.print(
+            f"{progress.step}/{progress.steps} {progress.seconds:.0f} s · {terms} · {figures}", highlight=False
+        )
+
+    figures = fit(task, schedule, checkpoint, report, Fabric(accelerator="auto", devices=1))
+    console.print(_line(figures, 3), highlight=False)
+
+
+def _line(values: dict[str, float], digits: int) -> str:
+    return " ".join(f"{name} {value:.{digits}f}" for name, value in values.items())

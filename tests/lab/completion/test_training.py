@@ -14,14 +14,8 @@ from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
 from bodysense.lab.completion.corpus import Corpus
-from bodysense.lab.completion.network import (
-    BODY_POINTS,
-    HEAD,
-    INPUT_POINTS,
-    CompletionConfig,
-    CompletionNetwork,
-    partners,
-)
+from bodysense.lab.completion.network import CompletionConfig, CompletionNetwork, reading_of
+from bodysense.lab.completion.points import BODY_POINTS, HEAD, INPUT_POINTS, partners
 from bodysense.lab.completion.sensors import KINDS, Tracked, draw_tracked
 from bodysense.lab.completion.sequences import Body, Draw, Sequence, draw_sequence, make_sequence
 from bodysense.lab.completion.task import CompletionTask, CompletionTaskConfig, collate
@@ -102,8 +96,9 @@ def test_features_of_a_mirror_image_are_mirrored(corpus: Corpus) -> None:
         made(corpus, offset, True, position[swap[0]], rotation[swap[1]]),
     ]
     network = CompletionNetwork(CompletionConfig(hidden=8, branch=8, judge_branch=8))
-    plain, mirrored = (network.read(collate([(one, 0)], 40, np.ones(1, dtype=bool)).signal) for one in pair)
-    assert torch.allclose(network.mirrored(plain), mirrored, atol=1e-4)
+    plain, mirrored = (collate([(one, 0)], 40, np.ones(1, dtype=bool)).signal for one in pair)
+    image = network.reader(reading_of(plain))[:, network.features :]
+    assert torch.allclose(image, network.read(mirrored).flatten(0, 1), atol=1e-4)
 
 
 def task_of(corpus: Corpus) -> CompletionTask:

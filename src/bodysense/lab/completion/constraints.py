@@ -1,207 +1,223 @@
-"""What a completed body must keep to: measured points and rotations, bones, joints' senses, the floor, held feet.
+"""What a completed body must keep to: measured points, bones, the senses of joints, the floor, held feet.
 
-Everything is in the world, batched over bodies (B), and made of operations that any runtime has. Rotations are world ←
-joint; a rotation changed here never moves another joint's rotation, only places.
+Everything is in the world, from a place near the head. Vectors are (B, 1, N, 3) and rotations axes (B, 3, N, 3), as in
+`vectors`. A rotation changed here never moves another joint's rotation, only places.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
-import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
-from bodysense.body.skeleton import BODY, default_skeleton
-from bodysense.lab.completion.network import CONTACT
+from bodysense.body.skeleton import default_skeleton
+from bodysense.lab.completion.points import JOINTS
+from bodysense.lab.completion.state import POINT_COUNT
+from bodysense.lab.completion.vectors import ASIDE, TINY, across, dot, length, reflected, turned_onto, unit
 
-_TINY = 1e-9
 _SKELETON = default_skeleton()
-POINTS, JOINT_COUNT = len(_SKELETON.points), len(_SKELETON.joints)
-HEAD = BODY.index("head")
-# Joints with several children: turned by three points that are seen. Joint, then the ends of two vectors.
-_BRANCHING = (
-    ("pelvis", ("right_hip", "left_hip"), ("pelvis", "spine1")),
-    ("spine3", ("right_collar", "left_collar"), ("spine3", "neck")),
-    ("left_wrist", ("left_wrist", "left_middle1"), ("left_pinky1", "left_index1")),
-    ("right_wrist", ("right_wrist", "right_middle1"), ("right_pinky1", "right_index1")),
-)
-_LIMBS = [[f"{side}_{part}" for part in ("shoulder", "elbow", "wrist")] for side in ("left", "right")]
-_LIMBS += [[f"{side}_{part}" for part in ("hip", "knee", "ankle")] for side in ("left", "right")]
-# Where the middle joint of a bent limb points, in the upper bone's frame: elbows back, knees forward.
-_MIDDLE = np.array([[0.0, 0, -1], [0, 0, -1], [0, 0, 1], [0, 0, 1]])
+_AT = _SKELETON.index
 STRAIGHT = 0.9995  # of a limb's length: it is never quite straight
-BENT = 0.02  # m: share of the middle joint's natural side in where it points, what decides a straight limb
-LONGEST_REACH = 0.12  # m that a collar gives an arm which is too short
+# Of a limb's length, for arms and legs: share of the natural side in where the middle joint points; it decides where a
+# limb is nearly straight. On validation people elbows and knees are the nearer to the truth for it.
+BENT_ARM, BENT_LEG = 0.08, 0.1
+COLLAR_GIVES = 0.8  # of a collar's length: what it gives an arm that is too short
+LIMBS = [tuple(f"{side}_{part}" for part in ("shoulder", "elbow", "wrist")) for side in ("left", "right")]
+LIMBS += [tuple(f"{side}_{part}" for part in ("hip", "knee", "ankle")) for side in ("left", "right")]
+STARTS, MIDDLES, ENDS = ([_AT(name) for name in names] for names in zip(*LIMBS, strict=True))
+ARMS = 2  # of the limbs, the first two are arms
+FEET = [_AT(f"{side}_{part}") for side in ("left", "right") for part in ("ankle", "foot", "toe")]
+_SPINE = ("spine1", "spine2", "spine3")
+_ELBOWS_FORWARD, _KNEES_BACK = 1.0, -1.0  # where middle joints do not go: along z of the upper bone
 
 
-class Indices(NamedTuple):
-    """Places of joints and points in the arrays, as constants."""
+class Triangle(NamedTuple):
+    """Where the middle of two bones is that reach a place: `along` the way there, and `aside` from it."""
 
-    triad: np.ndarray  # (4, 5) joint, from, to, from, to
-    swung: np.ndarray  # (48,) joints with one child
-    child: np.ndarray  # (48,) that child, a point
-    limbs: np.ndarray  # (3, 4) start, middle and end of arms and legs
-    parents: np.ndarray  # (64,) of every point but the root
-    joint_parents: np.ndarray  # (51,) of every joint but the root
-    from_head: np.ndarray  # (65, 64) bones → places from the head
-    feet: np.ndarray  # (2, 3) ankle, ball and toe tip
+    direction: Tensor  # (B, 1, N, 3) unit, from the start to that place
+    along: Tensor  # (B, 1, N, 1) m
+    aside: Tensor  # (B, 1, N, 1) m
+    reached: Tensor  # (B, 1, N, 3) m: where the end comes to, from the start
 
 
-def indices() -> Indices:
-    """The places for the default skeleton's tree."""
-    at = _SKELETON.index
-    triad = np.array([[at(joint), at(a), at(b), at(c), at(d)] for joint, (a, b), (c, d) in _BRANCHING])
-    branching = {*triad[:, 0]}
-    swung = [joint for joint in range(JOINT_COUNT) if joint not in branching]
-    child = [next(p for p in range(POINTS) if _SKELETON.parents[p] == joint) for joint in swung]
-    path = _SKELETON.path - _SKELETON.path[HEAD]
-    feet = np.array([[at(f"{side}_{part}") for part in ("ankle", "foot", "toe")] for side in ("left", "right")])
-    limbs = np.array([[at(name) for name in limb] for limb in _LIMBS]).T
-    parents = np.array(_SKELETON.parents[1:])
-    return Indices(
-        triad, np.array(swung), np.array(child), limbs, parents, parents[: JOINT_COUNT - 1], path[:, 1:], feet
-    )
-
-
-def length(vector: Tensor) -> Tensor:
-    """(..., n) → (..., 1), never zero."""
-    return torch.linalg.vector_norm(vector, dim=-1, keepdim=True).clamp(min=_TINY)
-
-
-def unit(vector: Tensor) -> Tensor:
-    """(..., n) of length one."""
-    return vector / length(vector)
-
-
-def dot(a: Tensor, b: Tensor) -> Tensor:
-    """(..., n), (..., n) → (..., 1)."""
-    return (a * b).sum(dim=-1, keepdim=True)
-
-
-def cross(a: Tensor, b: Tensor) -> Tensor:
-    """(..., 3), (..., 3) → (..., 3); few operations in an exported file."""
-    after = torch.tensor([1, 2, 0], device=a.device)
-    return (a * b.index_select(-1, after) - a.index_select(-1, after) * b).index_select(-1, after)
-
-
-def applied(rotation: Tensor, vector: Tensor) -> Tensor:
-    """(..., 3, 3), (..., 3) → (..., 3)."""
-    return (rotation @ vector.unsqueeze(-1)).squeeze(-1)
-
-
-def turned_onto(rotation: Tensor, before: Tensor, after: Tensor) -> Tensor:
-    """Rotations (..., 3, 3) followed by the smallest turn that takes direction `before` (..., 3) onto `after`.
-
-    Two reflections make that turn, so that a rotation stays one to rounding. Opposite directions turn about any axis.
-    """
-    u = unit(before)
-    middle = unit(u + unit(after) + u.new_tensor([0.4e-5, 0.5e-5, 0.8e-5]))
-    return _reflected(_reflected(rotation, u), middle)
-
-
-def _reflected(rotation: Tensor, normal: Tensor) -> Tensor:
-    """Columns of (..., 3, 3) mirrored at the plane across unit `normal` (..., 3)."""
-    return rotation - (2 * normal).unsqueeze(-1) * (normal.unsqueeze(-2) @ rotation)
-
-
-def frame_of(first: Tensor, second: Tensor) -> Tensor:
-    """Orthonormal rows (..., 3, 3): the first along `first`, the second toward `second`."""
-    x = unit(first)
-    z = unit(cross(x, second))
-    return torch.cat([x, cross(z, x), z], dim=-1).unflatten(-1, (3, 3))
-
-
-def bent_limbs(
-    start: Tensor,
-    middle: Tensor,
-    end: Tensor,
-    target: Tensor,
-    pole: Tensor,
-    natural: Tensor,
-    bias: Tensor,
-    one_sided: Tensor | None,
-) -> tuple[Tensor, Tensor]:
-    """Bend limbs so that their ends come to `target` and their middle joints lie toward `pole`.
+def triangle(toward: Tensor, longest: Tensor, square: Tensor, excess: Tensor) -> Triangle:
+    """Two bones from a start `toward` (B, 1, N, 3) a place; out of reach, they point at it.
 
     Args:
-        start, middle, end: (B, N, 3) m, the limb as it is.
-        target: (B, N, 3) m; out of reach, the limb points at it.
-        pole: (B, N, 3) m, where the middle joint would be.
-        natural: (B, N, 3) unit, the side to which the middle joint of a limb goes that is nearly straight.
-        bias: (B, N, 1) m, by how much it is drawn there.
-        one_sided: (B, N, 1) 1 where the middle joint never leaves that side; None: nowhere.
-
-    Returns the new places (B, N, 3) of the middle joints and of the ends.
+        toward: (B, 1, N, 3) m, from the start.
+        longest: (B, 1, N, 1) m, how far they reach.
+        square: (B, 1, N, 1) m², of the upper bone's length.
+        excess: (B, 1, N, 1) m², half of what that exceeds the square of the lower bone's by.
     """
-    a, b = length(middle - start), length(end - middle)
-    toward = target - start
-    far = length(toward)
-    n = toward / far
-    d = torch.minimum(torch.maximum(far, (a - b).abs() + 1e-3), STRAIGHT * (a + b))
-    x = (a * a - b * b + d * d) / (2 * d)
-    h = torch.sqrt(torch.clamp(a * a - x * x, min=0.0))
-    side = pole - start
-    side = side - n * dot(side, n)
-    if one_sided is not None:
-        usual = unit(natural - n * dot(natural, n))
-        side = side - torch.clamp(dot(side, usual), max=0.0) * one_sided * usual + bias * usual
-    else:
-        side = side + bias * natural
-        side = side - n * dot(side, n)
-    return start + x * n + h * unit(side), start + d * n
+    far = length(toward).clamp(min=TINY)
+    direction = toward / far
+    reach = torch.minimum(far, longest)
+    along = 0.5 * reach + excess / reach
+    return Triangle(direction, along, torch.sqrt(torch.relu(square - along * along)), direction * reach)
+
+
+class Spine(nn.Module):
+    """Bend the spine so that the pelvis, which keeps its rotation, moves by as much as it is asked to."""
+
+    bones: Tensor
+    lengths: Tensor
+    squares: Tensor
+    joints: Tensor
+    kept: Tensor
+
+    def __init__(self) -> None:
+        super().__init__()
+        spine1, spine2, spine3 = (_AT(name) for name in _SPINE)
+        bones = torch.zeros(4, POINT_COUNT)  # upper, lower, both, upper
+        bones[0, [_AT("neck"), spine3]] = bones[3, [_AT("neck"), spine3]] = -1
+        bones[1, spine2] = -1
+        bones[2] = bones[0] + bones[1]
+        joints = [spine3, spine1, spine2]
+        for name, values in (
+            ("bones", bones),
+            ("lengths", torch.tensor([[1.0, 1, 0, 0]])),
+            ("squares", torch.tensor([[1.0, 0, 0, 0], [0.5, -0.5, 0, 0]])),
+            ("joints", torch.tensor(joints)),
+            ("kept", torch.tensor(replacing(JOINTS, joints))),
+        ):
+            self.register_buffer(name, values, persistent=False)
+
+    def forward(self, axes: Tensor, bones: Tensor, move: Tensor) -> Tensor:
+        """Axes (B, 3, 22, 3) with the spine bent, for bones (B, 1, 65, 3) and a move (B, 1, 1, 3), m."""
+        before = self.bones @ bones
+        upper, lower, both, again = before.split(1, dim=2)
+        size = length(before)
+        square, excess = (self.squares @ (size * size)).split(1, dim=2)
+        old = axes.index_select(2, self.joints)
+        # Between neck and the lowest joint of the spine: two bones, the upper one of which is stiff.
+        to = triangle(both + move, self.lengths @ size, square, excess)
+        side = across(upper @ ASIDE, to.direction)  # a spine that is straight bends to some side
+        middle = to.direction * to.along + unit(side) * to.aside
+        turned = turned_onto(
+            old, torch.cat([upper, lower, again], dim=2), torch.cat([middle, to.reached - middle, middle], dim=2)
+        )
+        return torch.cat([axes, turned], dim=2).index_select(2, self.kept)
+
+
+class BentLimbs(NamedTuple):
+    """What turns arms and legs: bones of collars (and hips, which stay), then upper bones, then lower bones."""
+
+    before: Tensor  # (B, 1, 12, 3) m
+    after: Tensor  # (B, 1, 12, 3) m
+
+
+class Limbs(nn.Module):
+    """Bend arms and legs so that their ends come to where they should be; a collar gives an arm that is too short."""
+
+    chains: Tensor
+    lengths: Tensor
+    squares: Tensor
+    unnatural: Tensor
+    one_sided: Tensor
+    bent: Tensor
+    most_given: Tensor
+
+    def __init__(self) -> None:
+        super().__init__()
+        count = len(LIMBS)
+        four, none = torch.eye(count), torch.zeros(count, count)
+        unnatural = torch.zeros(count, JOINTS)
+        for k, start in enumerate(STARTS):
+            unnatural[k, start] = _ELBOWS_FORWARD if k < ARMS else _KNEES_BACK
+        arms = torch.tensor([[1.0], [1], [0], [0]])
+        for name, values in (
+            ("chains", torch.tensor([*STARTS, *MIDDLES, *ENDS])),
+            ("lengths", torch.cat([torch.cat([four, none, none], 1), STRAIGHT * torch.cat([none, four, four], 1)])),
+            ("squares", torch.cat([torch.cat([none, four, none], 1), torch.cat([none, four, -four], 1) / 2])),
+            ("unnatural", unnatural),
+            ("one_sided", 1 - arms.expand(-1, 3)),
+            ("bent", BENT_ARM * arms + BENT_LEG * (1 - arms)),
+            ("most_given", COLLAR_GIVES * arms),
+        ):
+            self.register_buffer(name, values.contiguous(), persistent=False)
+
+    def forward(
+        self, axes: Tensor, bones: Tensor, start: Tensor, target: Tensor, pole: Tensor, free: Tensor, drawn: Tensor
+    ) -> BentLimbs:
+        """How to turn the limbs.
+
+        Args:
+            axes: (B, 3, 22, 3).
+            bones: (B, 1, 65, 3) m.
+            start: (B, 1, 4, 3) m.
+            target: (B, 1, 4, 3) m; out of reach, the limb points at it.
+            pole: (B, 1, 4, 3) m, where the middle joint would be, from the start.
+            free: (B, 1, 4, 1) 1 where the middle joint is not measured: it then goes to its natural side.
+            drawn: (B, 1, 1, 1) how much it is drawn there, 0 to 1.
+        """
+        before = bones.index_select(2, self.chains)
+        size = length(before)
+        base, longest = (self.lengths @ size).split(len(LIMBS), dim=2)
+        square, excess = (self.squares @ (size * size)).split(len(LIMBS), dim=2)
+        root = before[:, :, : len(LIMBS)]
+        toward = target - start
+        far = length(toward).clamp(min=TINY)
+        lacking = torch.minimum(torch.relu(far - longest), self.most_given * base)
+        reached = unit(root + toward / far * lacking) * base
+        given = reached - root
+        to = triangle(toward - given, longest, square, excess)
+        # The side to which the middle joint does not go turns with the limb, so that a leg kicked forward bends upward.
+        halfway = unit(unit(before[:, :, len(LIMBS) : 2 * len(LIMBS)]) @ ASIDE + to.direction)
+        unnatural = reflected(self.unnatural @ axes[:, 2:], halfway)
+        side = pole - given
+        wrong = torch.relu(dot(side, unnatural)) * self.one_sided
+        side = side - unnatural * ((wrong + self.bent * longest * drawn) * free)
+        middle = to.direction * to.along + unit(across(side, to.direction)) * to.aside
+        return BentLimbs(before, torch.cat([reached, middle, to.reached - middle], dim=2))
 
 
 class FootState(NamedTuple):
     """What holds each foot, left and right."""
 
-    held: Tensor  # (B, 2) -1 free, 0 by its ankle, 1 by its ball
-    anchor: Tensor  # (B, 2, 2) m: where that stands, x and z
-    shift: Tensor  # (B, 2, 2) m: how far the foot is moved, x and z
+    held: Tensor  # (B, 2, 2, 1) 1 where the feet are held by their ankles, and by their balls
+    anchor: Tensor  # (B, 1, 2, 3) m, where that stands
+    shift: Tensor  # (B, 1, 2, 3) m, by how much the feet are moved along the floor
 
 
 HOLD, RELEASE = 0.6, 0.4  # probability of contact from which a foot is held, and below which it is let go
 FADE = 0.1  # s in which half of what a released foot was held back by fades
 DRAG = 0.12  # m: a foot that its leg drags farther slides along
 LIFT = 0.5  # m: no foot is lifted farther to be on the floor
+_KEEP = 10.0  # by how much a part that holds already goes before the other one, more than any probability
+_BALL_FIRST = torch.tensor([0.0, 1e-5]).reshape(2, 1, 1)
+_ALONG, _UP = torch.tensor([1.0, 0, 1]), torch.tensor([0.0, 1, 0])
 
 
 def held_feet(
     foot: Tensor, contact: Tensor, interval: Tensor, floor: Tensor, hold: Tensor, state: FootState
 ) -> tuple[Tensor, FootState]:
-    """By how much (B, 2, 3) m to move each foot so that it stands still and not under the floor.
+    """By how much (B, 1, 2, 3) m to move the feet so that they stand still and not under the floor.
 
     Args:
-        foot: (B, 2, 3, 3) m: ankle, ball and toe tip.
-        contact: (B, 2, 2) probability that ankle and ball stand.
-        interval: (B,) s.
-        floor: (B,) m, its height.
-        hold: (B,) 1 where feet are to be held and kept above the floor, 0 where not.
+        foot: (B, 3, 2, 3) m: ankles, balls and toe tips.
+        contact: (B, 2, 2, 1) probability that ankles and balls stand.
+        interval: (B, 1, 1, 1) s.
+        floor: (B, 1, 1, 3) m, straight down to it.
+        hold: (B, 1, 1, 1) 1 where feet are to be held and kept above the floor, 0 where not.
         state: of the frame before.
     """
-    shift = state.shift * torch.exp2(-interval / FADE)[:, None, None]
-    ankle, ball = contact[..., 0], contact[..., 1]
-    was = state.held >= 0
-    by_ball = torch.where(was, state.held, (ball >= ankle).to(ball))
-    likely = ankle + by_ball * (ball - ankle)
-    let_go = was & (likely < RELEASE)
-    # A part that lets go may hand over to the other one at once.
-    by_ball = torch.where(let_go, (ball >= ankle).to(ball), by_ball)
-    likely = ankle + by_ball * (ball - ankle)
-    stays = was & ~let_go
-    holds = (stays | (likely >= HOLD)) & (hold[:, None] > 0.5)
-    flat = foot[..., :2, ::2]
-    standing = flat[..., 0, :] + by_ball[..., None] * (flat[..., 1, :] - flat[..., 0, :])
-    anchor = torch.where((holds & ~stays)[..., None], standing + shift, state.anchor)
-    pull = anchor - standing
-    pull = pull * torch.clamp(DRAG / length(pull), max=1.0)
-    shift = torch.where(holds[..., None], pull, shift) * hold[:, None, None]
-    anchor = torch.where(holds[..., None], standing + pull, anchor)
-    depth = floor[:, None] - foot[..., 1].amin(dim=-1)
-    lift = torch.clamp(depth, min=0.0, max=LIFT) * hold[:, None]
-    move = torch.cat([shift[..., :1], lift[..., None], shift[..., 1:]], dim=-1)
-    return move, FootState(torch.where(holds, by_ball, -1.0), anchor, shift)
+    kept = state.held * (contact >= RELEASE).to(contact)
+    score = contact + kept * _KEEP + _BALL_FIRST
+    held = (score >= score.amax(dim=1, keepdim=True).clamp(min=HOLD)).to(contact) * hold
+    standing = (held * foot[:, :2]).sum(dim=1, keepdim=True)
+    stays = kept.sum(dim=1, keepdim=True) > 0.5
+    faded = state.shift * torch.exp(interval * (-math.log(2) / FADE))
+    shift = torch.where(stays, state.anchor - standing, faded) * (hold * _ALONG)
+    shift = shift / length(shift).clamp(min=DRAG) * DRAG
+    lift = torch.clamp(floor - foot.amin(dim=1, keepdim=True), min=0.0, max=LIFT) * (hold * _UP)
+    return shift + lift, FootState(held, standing + shift, shift)
 
 
-CONTACT_BY_FOOT = [[CONTACT.index(f"{side}_{part}") for part in ("ankle", "foot")] for side in ("left", "right")]
-MIDDLE_SIDE, ONE_SIDED = _MIDDLE, np.array([[0.0], [0.0], [1.0], [1.0]])
+def replacing(count: int, places: list[int]) -> list[int]:
+    """(count,) indices into [all, some new ones] that take the new ones at `places`."""
+    chosen = list(range(count))
+    for k, place in enumerate(places):
+        chosen[place] = count + k
+    return chosen

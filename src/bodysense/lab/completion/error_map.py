@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodysense.body.skeleton import BODY
-from bodysense.lab.completion.network import BODY_POINTS
+from bodysense.lab.completion.points import BODY_POINTS
 
 MASKS = len(BODY_POINTS) + len(BODY)  # what is tracked: positions of 25 points, rotations of 22 joints
 

@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import copy
+import json
+import logging
+import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import onnx
 import torch
 from torch import Tensor, nn
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.format import FORMAT
-from bodysense.lab.completion.constraints import JOINT_COUNT, POINTS
-from bodysense.lab.completion.graph import CompletionStep, Inputs, Outputs, State
-from bodysense.training.onnx_writing import export
+from bodysense.files import written_beside
+from bodysense.lab.completion.graph import CompletionStep
+from bodysense.lab.completion.rewriting import bare, row_step, shortened, stored_small
+from bodysense.lab.completion.state import JOINT_COUNT, POINT_COUNT, Inputs, Outputs, State
+
+# Whose weights are stored in bytes: what judges, and fingers. The body's rotations keep half precision.
+_IN_BYTES = ("body.judge_branch.0.weight", "finger_network")
+_OPSET = 18
 
 
 class _Flat(nn.Module):
@@ -32,22 +43,42 @@ def example_inputs(batch: int) -> Inputs:
     """Nothing tracked, on the default body."""
     skeleton = default_skeleton()
     return Inputs(
-        position=torch.zeros(batch, POINTS, 3),
+        position=torch.zeros(batch, POINT_COUNT, 3),
         rotation=torch.tensor([1.0, 0, 0, 0]).expand(batch, JOINT_COUNT, 4).clone(),
-        has_position=torch.zeros(batch, POINTS, dtype=torch.bool),
+        has_position=torch.zeros(batch, POINT_COUNT, dtype=torch.bool),
         has_rotation=torch.zeros(batch, JOINT_COUNT, dtype=torch.bool),
-        accuracy=torch.full((batch, POINTS), 0.001),
+        accuracy=torch.full((batch, POINT_COUNT), 0.001),
         interval=torch.full((batch,), 1 / 30),
         rest_offset=torch.tensor(skeleton.rest_offset.copy(), dtype=torch.float32).expand(batch, -1, -1).clone(),
-        certainty=torch.zeros(batch, POINTS),
+        certainty=torch.zeros(batch, POINT_COUNT),
         floor=torch.zeros(batch),
         hold=torch.ones(batch),
     )
 
 
+def as_stored(step: CompletionStep) -> CompletionStep:
+    """A copy of a step with its weights rounded as a file stores them: what the file computes is what this computes."""
+    step = copy.deepcopy(step).eval()
+    with torch.no_grad():
+        for name, parameter in step.named_parameters():
+            values = parameter.detach().numpy()
+            if name.startswith(_IN_BYTES) and values.ndim > 1:
+                unit = row_step(values)
+                values = np.round(values / unit) * unit
+            else:
+                values = values.astype(np.float16).astype(np.float32)
+            parameter.copy_(torch.from_numpy(values))
+        map_of_errors = step.expected_errors.weight
+        map_of_errors.copy_(map_of_errors.half())
+    return step
+
+
 def write_completion(step: CompletionStep, path: Path, card: dict[str, Any]) -> None:
-    """Write the whole step, batch axis free, with `card`: training data, licence, figures."""
-    step = step.eval()
+    """Write the whole step, batch axis free, with `card`: training data, licence, figures.
+
+    The file appears whole or not at all. Weights are rounded, see `as_stored`.
+    """
+    step = as_stored(step)
     start = step.start(3)  # a number that stands for any must not be one that means something
     inputs = example_inputs(3)
     batch = torch.export.Dim("batch", min=1, max=4096)
@@ -61,13 +92,24 @@ def write_completion(step: CompletionStep, path: Path, card: dict[str, Any]) -> 
         "weights": sum(parameter.numel() for parameter in step.parameters()),
         **card,
     }
-    export(
-        _Flat(step),
-        (*inputs, *start),
-        [*Inputs._fields, *(f"state_{name}" for name in State._fields)],
-        [*Outputs._fields, *(f"next_{name}" for name in State._fields)],
-        FORMAT,
-        card,
-        path,
-        dynamic_shapes=(tuple({0: batch} for _ in (*inputs, *start)),),
-    )
+    with written_beside(path) as beside:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+            torch.onnx.export(
+                _Flat(step),
+                (*inputs, *start),
+                str(beside),
+                input_names=[*Inputs._fields, *(f"state_{name}" for name in State._fields)],
+                output_names=[*Outputs._fields, *(f"next_{name}" for name in State._fields)],
+                opset_version=_OPSET,
+                dynamo=True,
+                external_data=False,
+                verbose=False,
+                dynamic_shapes=(tuple({0: batch} for _ in (*inputs, *start)),),
+            )
+        model = bare(stored_small(shortened(onnx.load(str(beside)))))
+        fields = {"format": FORMAT} | {key: json.dumps(value) for key, value in card.items()}
+        onnx.helper.set_model_props(model, fields)
+        onnx.checker.check_model(model)
+        onnx.save(model, str(beside))

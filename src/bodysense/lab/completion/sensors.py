@@ -7,18 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodysense.body.skeleton import BODY
-from bodysense.lab.completion.network import BODY_POINTS, INPUT_POINTS, KNUCKLES
+from bodysense.lab.completion.points import BODY_POINTS, INPUT_POINTS, KNUCKLES
 
 HEAD, WRISTS = "head", ("left_wrist", "right_wrist")
 # Kinds of sequences and how often each is drawn.
 KINDS = {
     "three_point": 0.30,
     "head": 0.08,
-    "trackers": 0.20,  # head and hands, and worn trackers
-    "imus": 0.12,  # head and hands, and sensors of rotation only
-    "camera": 0.16,  # what a headset's cameras see
-    "random": 0.08,  # any subset of points, each with a position, a rotation or both
-    "headless": 0.06,  # recordings with holes, positions only, worn trackers without a headset
+    "trackers": 0.16,  # head and hands, and worn trackers
+    "imus": 0.15,  # head and hands, and sensors of rotation only
+    "camera": 0.20,  # what a headset's cameras see
+    "random": 0.06,  # any subset of points, each with a position, a rotation or both
+    "headless": 0.05,  # recordings with holes, positions only, worn trackers without a headset
 }
 _GAPS = 0.35  # share of sequences with hands in which these are lost for 0.2-3 s, now and then
 _ONE_HAND, _NO_TURN = 0.12, 0.04  # share of three-point sequences with one hand only, and with hands without rotation
@@ -118,7 +118,7 @@ def _add_trackers(add, rng: np.random.Generator) -> None:
 def _add_imus(add, rng: np.random.Generator) -> None:
     """Sensors that know their rotation alone."""
     drawn = rng.uniform()
-    parts = ["knee"] if drawn < 0.3 else ["ankle"] if drawn < 0.5 else ["knee", "ankle"] if drawn < 0.6 else []
+    parts = ["knee"] if drawn < 0.45 else ["ankle"] if drawn < 0.6 else ["knee", "ankle"] if drawn < 0.7 else []
     parts = parts or [part for part in _IMU_JOINTS if rng.uniform() < 0.5]
     for part in parts:
         for side in ("left", "right"):

@@ -16,7 +16,7 @@ from bodysense.body.rotation import (
 from bodysense.body.shape import Measured, shape_space
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.lab.completion.corpus import Corpus
-from bodysense.lab.completion.network import (
+from bodysense.lab.completion.points import (
     BODY_POINTS,
     CONTACT,
     HEAD,
@@ -155,6 +155,7 @@ class Draw:
     body: Body
     track: Track = draw_tracked
     rate: float = 30.0  # Hz
+    pace: float = 1.0  # how fast the motion is played
     begin: float = 0.0  # s
     longest: float = np.inf  # s
     mirrored: bool = False
@@ -168,6 +169,7 @@ def draw_sequence(corpus: Corpus, clip: int, rng: np.random.Generator) -> Sequen
     drawn = Draw(
         body=draw_body(corpus.rest_offset[clip].astype(float), rng),
         rate=30.0 if rng.uniform() < 0.5 else float(np.exp(rng.uniform(np.log(22), np.log(60)))),
+        pace=float(np.exp(rng.uniform(-0.2, 0.2))) if rng.uniform() < 0.5 else 1.0,
         begin=max(0.0, float(rng.uniform(-LONGEST / 2, seconds - LONGEST / 2))),
         longest=LONGEST,
         mirrored=bool(rng.uniform() < 0.5),
@@ -231,7 +233,7 @@ def _resampled(corpus: Corpus, clip: int, draw: Draw) -> tuple[np.ndarray, np.nd
 
 def frames_of(corpus: Corpus, clip: int, draw: Draw) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Frames (T,) of a clip before and after each frame of its sequence, and the share (T,) of the latter."""
-    count, own = int(corpus.length[clip]), float(corpus.rate[clip])
+    count, own = int(corpus.length[clip]), float(corpus.rate[clip]) * draw.pace
     begin = min(draw.begin * own, max(0.0, count - 1 - 2 * own))
     end = min(count - 1, begin + draw.longest * own)
     place = np.arange(begin, end + 1e-6, own / draw.rate)

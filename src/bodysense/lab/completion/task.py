@@ -15,10 +15,6 @@ from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import BODY
 from bodysense.lab.completion.corpus import Corpus
 from bodysense.lab.completion.network import (
-    CONTACT,
-    HEAD,
-    JOINTS,
-    SPIN_PLACES,
     Before,
     CompletionConfig,
     CompletionNetwork,
@@ -27,6 +23,7 @@ from bodysense.lab.completion.network import (
     orthonormal,
     turn_about_up,
 )
+from bodysense.lab.completion.points import CONTACT, HEAD, JOINTS, SPIN_PLACES
 from bodysense.lab.completion.sequences import Sequence, draw_sequence
 
 WORN = ("sit", "talk_gesture", "everyday", "locomotion")  # what wearers of a headset do

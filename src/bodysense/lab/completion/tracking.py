@@ -50,9 +50,9 @@ def track_batch(
     return TrackedBatch(estimate.points, estimate.pose.rotation, estimate.confidence, estimate.bound, estimate.contact)
 
 
-def step_times(person: Person, observation: Observation) -> np.ndarray:
+def step_times(person: Person, observation: Observation, network: CompletionModel | None = None) -> np.ndarray:
     """Seconds (N,) of every step of one wearer's tracker on an observation (T, P), after some that are not counted."""
-    tracker = Tracker(person)
+    tracker = Tracker(person, network)
     state, taken = tracker.start(), []
     for frame in range(len(observation)):
         seen = observation[frame : frame + 1]

@@ -6,16 +6,13 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import torch
-from lightning_fabric import Fabric
-from rich.console import Console
 
 from bodysense.errors import BodysenseError
 from bodysense.lab.completion.corpus import read_corpus
 from bodysense.lab.completion.finger_task import FingerTask, FingerTaskConfig
 from bodysense.lab.completion.finger_validation import finger_validation
 from bodysense.lab.completion.fingers import FingerConfig, FingerNetwork
-from bodysense.lab.fit import Schedule, fit
-from bodysense.training.body_network import Progress
+from bodysense.lab.fit import Schedule, fit_and_print
 from bodysense.training.checkpoint import best_weights, checkpoint_identity
 
 
@@ -33,23 +30,12 @@ class FingerTraining:
 
 def train_fingers(options: FingerTraining) -> FingerNetwork:
     """Train, or resume, and return the network with the weights that did best on validation clips."""
-    console = Console(width=200)
     torch.set_num_threads(options.threads)
     torch.manual_seed(options.schedule.seed)
     train, val = (read_corpus(options.data, split, options.run / f"{split}.npz") for split in ("train", "val"))
     network = FingerNetwork(options.task.network)
     task = FingerTask(network, options.task, train, finger_validation(val, train))
-    fabric = Fabric(accelerator="auto", devices=1)
-
-    def report(progress: Progress) -> None:
-        terms = " ".join(f"{name} {value:.4f}" for name, value in progress.terms.items())
-        figures = " ".join(f"{name} {value:.3f}" for name, value in progress.validation.items())
-        console.print(
-            f"{progress.step}/{progress.steps} {progress.seconds:.0f} s · {terms} · {figures}", highlight=False
-        )
-
-    figures = fit(task, options.schedule, options.checkpoint, report, fabric)
-    console.print(" ".join(f"{name} {value:.3f}" for name, value in figures.items()), highlight=False)
+    fit_and_print(task, options.schedule, options.checkpoint)
     return network
 
 

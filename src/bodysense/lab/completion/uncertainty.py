@@ -18,7 +18,7 @@ from torch import Tensor
 
 from bodysense.body.skeleton import BODY
 from bodysense.lab.completion.error_map import MASKS, ErrorMap
-from bodysense.lab.completion.network import BODY_POINTS, body_places
+from bodysense.lab.completion.points import BODY_POINTS, body_places
 from bodysense.lab.completion.scenes import BODIES, TRUTH_OF, Body, Scene, Truth, person_of, stacked
 from bodysense.lab.completion.tracking import TrackBatch
 from bodysense.occlusion.sensors import SENSOR_SETS, TABLE_SETS, SensorSet, random_edges

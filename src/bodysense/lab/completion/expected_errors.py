@@ -1,0 +1,73 @@
+"""Expected errors of all points, made true, and their bounds."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from bodysense.body.skeleton import default_skeleton
+from bodysense.lab.completion.error_map import ErrorMap
+from bodysense.lab.completion.fingers import HAND_POINTS
+from bodysense.lab.completion.fingers import SMALLEST_ERROR as SMALLEST_FINGER_ERROR
+from bodysense.lab.completion.network import SMALLEST_ERROR
+from bodysense.lab.completion.points import JOINTS, PLACED, body_places
+from bodysense.lab.completion.state import JOINT_COUNT, POINT_COUNT
+
+NORMAL_BOUND = 1.567  # 90 % quantile of the length of normal errors in space, by their mean
+_SPREADS = (1.0, NORMAL_BOUND)
+
+
+class ExpectedErrors(nn.Module):
+    """What the networks expect → expected errors, and what they do not exceed in nine of ten cases.
+
+    `mean` and `bound` make both true (`uncertainty`).
+    """
+
+    weight: Tensor
+    offset: Tensor
+    body_places: Tensor
+    hand_places: Tensor
+    hand_scale: Tensor
+
+    def __init__(self, mean: ErrorMap, bound: ErrorMap) -> None:
+        super().__init__()
+        # Of log errors, and of the masks of all points and rotations, of which those of the body's count.
+        masks = np.zeros((POINT_COUNT + JOINT_COUNT, 2 * PLACED))
+        counting = [*body_places(), *(POINT_COUNT + joint for joint in range(JOINTS))]
+        masks[counting] = np.concatenate([mean.weight, bound.weight], axis=1)
+        weight = np.concatenate([np.concatenate([np.diag(mean.slope), np.diag(bound.slope)], axis=1), masks])
+        body, hands = body_places(), HAND_POINTS.ravel().tolist()
+        wrist_of = default_skeleton().wrist_of
+        # A finger is misplaced by its wrist's error as well.
+        places = [body.index(p) if p in body else body.index(wrist_of[p]) for p in range(POINT_COUNT)]
+        fingers = [hands.index(p) if p in hands else 0 for p in range(POINT_COUNT)]
+        of_hand = np.array([float(p in hands) for p in range(POINT_COUNT)])
+        for name, values in (
+            ("weight", torch.tensor(weight.T, dtype=torch.float32)),
+            ("offset", torch.tensor(np.concatenate([mean.offset, bound.offset]), dtype=torch.float32)),
+            ("body_places", torch.tensor([*places, *(PLACED + place for place in places)])),
+            ("hand_places", torch.tensor(fingers * 2)),
+            ("hand_scale", torch.tensor(np.concatenate([s * of_hand for s in _SPREADS]), dtype=torch.float32)),
+        ):
+            self.register_buffer(name, values.contiguous(), persistent=False)
+
+    def forward(
+        self, body: Tensor, fingers: Tensor, size: Tensor, masks: Tensor, has: Tensor, accuracy: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Expected errors and their bounds, (B, 65) m each; what is measured errs as its sensor does.
+
+        Args:
+            body: (B, 25) of the body's points at the reference stature, not yet positive.
+            fingers: (B, 40) of both hands' points, not yet positive.
+            size: (B, 1) the wearer's stature beside the reference's.
+            masks: (B, 117) 1 or 0: what is tracked of positions and rotations.
+            has: (B, 65) bool, the former.
+            accuracy: (B, 65) m.
+        """
+        expected = torch.log((nn.functional.softplus(body) + SMALLEST_ERROR) * size)
+        known = torch.cat([expected, masks], dim=1)
+        placed = torch.exp(nn.functional.linear(known, self.weight, self.offset)).index_select(1, self.body_places)
+        hands = (nn.functional.softplus(fingers) + SMALLEST_FINGER_ERROR).index_select(1, self.hand_places)
+        mean, bound = (placed + hands * self.hand_scale).split(POINT_COUNT, dim=1)
+        return torch.where(has, accuracy, mean), torch.where(has, accuracy * NORMAL_BOUND, bound)

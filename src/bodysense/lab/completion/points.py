@@ -1,0 +1,58 @@
+"""The points that the completion network reads and places, and the body of reference that it works at."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bodysense.body.skeleton import BODY, default_skeleton
+
+SITES = ("head_top", "left_toe", "right_toe")
+BODY_POINTS = (*BODY, *SITES)  # what has a rest offset here
+KNUCKLES = ("left_knuckles", "right_knuckles")  # the mean of the four fingers' first joints
+INPUT_POINTS = (*BODY_POINTS, *KNUCKLES)
+SPINNING = ("head", "left_wrist", "right_wrist")  # whose angular velocity is read
+CONTACT = ("left_ankle", "right_ankle", "left_foot", "right_foot")
+JOINTS, PLACED, READ = len(BODY), len(BODY_POINTS), len(INPUT_POINTS)
+HEAD = BODY.index("head")
+SPIN_PLACES = [BODY.index(name) for name in SPINNING]
+HEAD_HEIGHT = 1.5  # m: where the head joint of the reference stature rests above the soles
+
+
+def body_places() -> list[int]:
+    """Indices of `BODY_POINTS` in the 65 points of a skeleton."""
+    return [int(place) for place in default_skeleton().indices(BODY_POINTS)]
+
+
+def bone_parents() -> list[int]:
+    """(24,) for each of `BODY_POINTS` but the pelvis the joint that carries it."""
+    skeleton = default_skeleton()
+    return [skeleton.parents[place] for place in body_places()[1:]]
+
+
+def path_from_head() -> np.ndarray:
+    """(25, 24): bones in the world → positions of `BODY_POINTS` from the head."""
+    skeleton = default_skeleton()
+    path = skeleton.path[np.ix_(body_places(), body_places()[1:])]
+    return path - path[HEAD]
+
+
+def reference_offsets() -> np.ndarray:
+    """(25, 3) m: rest offsets of the default body at the reference stature."""
+    offset = default_skeleton().rest_offset[body_places()]
+    return offset / float(stature(offset[None])[0])
+
+
+def stature(rest_offset: np.ndarray) -> np.ndarray:
+    """(B, 25, 3) m → (B,): how high the head rests above the soles, beside the reference's."""
+    height = (path_from_head() @ rest_offset[..., 1:, :])[..., 1]
+    return -height.min(axis=-1) / HEAD_HEIGHT
+
+
+def partners(names: tuple[str, ...]) -> list[int]:
+    """The place of each name's partner on the other side; a name of the middle is its own."""
+    swap = {"left": "right", "right": "left"}
+    places = []
+    for name in names:
+        side, _, rest = name.partition("_")
+        places.append(names.index(f"{swap[side]}_{rest}" if side in swap else name))
+    return places

@@ -1,0 +1,119 @@
+"""Features against what they mean, spelled out; of sequences and of single frames; weights as a file stores them."""
+
+import numpy as np
+import onnx
+import onnx.reference
+import pytest
+import torch
+from onnx import TensorProto, helper, numpy_helper
+from torch import Tensor
+
+from bodysense.lab.completion.features import WIDTHS, mirror_places, mirror_signs
+from bodysense.lab.completion.network import Before, CompletionConfig, CompletionNetwork, Signal, reading_of
+from bodysense.lab.completion.points import SPIN_PLACES, reference_offsets
+from bodysense.lab.completion.rewriting import row_step, shortened, stored_small
+
+PEOPLE, FRAMES = 3, 5
+
+
+@pytest.fixture
+def signal() -> Signal:
+    torch.manual_seed(1)
+
+    def normal(*shape: int) -> Tensor:
+        return torch.randn(PEOPLE, FRAMES, *shape)
+
+    def some(*shape: int) -> Tensor:
+        return torch.rand(PEOPLE, FRAMES, *shape) > 0.4
+
+    def rotations(*shape: int) -> Tensor:
+        return torch.linalg.qr(normal(*shape, 3, 3))[0]
+
+    return Signal(
+        position=normal(27, 3),
+        rotation=rotations(22),
+        has_position=some(27),
+        has_rotation=some(22),
+        accuracy=torch.rand(PEOPLE, FRAMES, 27) / 10 + 1e-3,
+        interval=torch.rand(PEOPLE, FRAMES) / 30 + 5e-3,
+        turn=rotations(),
+        origin=normal(3),
+        before=Before(normal(27, 3), some(27), rotations(3), some(3)),
+        rest_offset=torch.randn(PEOPLE, 25, 3),
+        certainty=torch.rand(PEOPLE, 25),
+        size=torch.rand(PEOPLE) + 0.5,
+    )
+
+
+def spelled_out(of: Signal) -> dict[str, Tensor]:
+    size, into, interval = of.size[:, None, None, None], of.turn.mT[:, :, None], of.interval[..., None]
+    both = (of.has_position & of.before.has_position)[..., None]
+    known = of.has_rotation[..., None, None]
+    spun = (of.has_rotation[..., SPIN_PLACES] & of.before.has_rotation)[..., None, None]
+    velocity = (of.position - of.before.position) @ of.turn / (size * interval[..., None])
+    spin = into @ (of.rotation[:, :, SPIN_PLACES] - of.before.rotation)[..., :2] / interval[..., None, None]
+    bones = (of.rest_offset / of.size[:, None, None] - torch.tensor(reference_offsets()).float()) * 20
+    bones[:, 0] = 0
+    return {
+        "position": (of.position - of.origin[:, :, None]) @ of.turn / size * of.has_position[..., None],
+        "has_position": of.has_position.float(),
+        "velocity": velocity.clamp(-5, 5) * both,
+        "accuracy": (torch.log10(of.accuracy) + 3) * of.has_position,
+        "axes": into @ of.rotation[..., :2] * known,
+        "has_rotation": of.has_rotation.float(),
+        "spin": spin.clamp(-15, 15) * spun,
+        "bones": bones[:, None].expand(-1, FRAMES, -1, -1),
+        "certainty": (20 * of.certainty)[:, None].expand(-1, FRAMES, -1),
+        "interval": interval * 30,
+    }
+
+
+def test_features_mean_what_they_should(signal: Signal) -> None:
+    features = CompletionNetwork(CompletionConfig(hidden=8)).read(signal)
+    for (name, wanted), part in zip(
+        spelled_out(signal).items(), features.split(list(WIDTHS.values()), dim=-1), strict=True
+    ):
+        assert torch.allclose(part, wanted.flatten(2), atol=2e-5), name
+
+
+def test_the_mirror_image_is_read_beside(signal: Signal) -> None:
+    network = CompletionNetwork(CompletionConfig(hidden=8))
+    features = network.read(signal)
+    both = network.reader(reading_of(signal)).unflatten(0, (PEOPLE, FRAMES))
+    assert torch.equal(both[..., : network.features], features)
+    image = features[..., mirror_places()] * torch.tensor(mirror_signs())
+    assert torch.allclose(both[..., network.features :], image, atol=1e-6)
+    assert torch.allclose(image[..., mirror_places()] * torch.tensor(mirror_signs()), features)
+
+
+def test_a_constant_is_stored_as_small_as_is_exact() -> None:
+    rng = np.random.default_rng(0)
+    drawn = rng.normal(size=(40, 30)).astype(np.float32)
+    step = row_step(drawn)
+    constants = {
+        "whole": np.round(drawn * 20),
+        "bytes": np.round(drawn / step) * step,
+        "half": drawn.astype(np.float16).astype(np.float32),
+        "full": drawn,
+    }
+    nodes = [helper.make_node("Add", ["x", name], [f"y_{name}"]) for name in constants]
+    value = helper.make_tensor_value_info
+    graph = helper.make_graph(
+        nodes,
+        "constants",
+        [value("x", TensorProto.FLOAT, [40, 30])],
+        [value(f"y_{name}", TensorProto.FLOAT, [40, 30]) for name in constants],
+        [numpy_helper.from_array(values.astype(np.float32), name) for name, values in constants.items()],
+    )
+    model = stored_small(shortened(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)])))
+    onnx.checker.check_model(model)
+    sizes = {each.name: len(each.raw_data) for each in model.graph.initializer}
+    assert {name: sizes[stored] for name, stored in (("whole", "whole_small"), ("bytes", "bytes_small"))} == {
+        "whole": 1200,
+        "bytes": 1200,
+    }
+    assert sizes["half_small"] == 2400
+    assert sizes["full"] == 4800
+    got = onnx.reference.ReferenceEvaluator(model).run(None, {"x": np.zeros((40, 30), dtype=np.float32)})
+    for output, values in zip(got, constants.values(), strict=True):
+        assert np.array_equal(np.asarray(output), values.astype(np.float32))
