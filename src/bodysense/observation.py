@@ -39,14 +39,14 @@ class Observation:
     time: np.ndarray  # (T,) s, increasing; from any origin
 
     def __getitem__(self, key: slice) -> Observation:
-        """Frames `key` (a slice) of an observation without batch axes."""
+        """Frames `key` (a slice), of all people."""
         return replace(
             self,
-            position=self.position[key],
-            rotation=self.rotation[key],
-            has_position=self.has_position[key],
-            has_rotation=self.has_rotation[key],
-            accuracy=self.accuracy[key],
+            position=self.position[..., key, :, :],
+            rotation=self.rotation[..., key, :, :],
+            has_position=self.has_position[..., key, :],
+            has_rotation=self.has_rotation[..., key, :],
+            accuracy=self.accuracy[..., key, :],
             time=self.time[key],
         )
 

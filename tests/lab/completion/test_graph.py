@@ -17,7 +17,7 @@ from bodysense.completion.format import FORMAT
 from bodysense.completion.network import Network, NetworkFormat
 from bodysense.demo import packaged_performance
 from bodysense.lab.completion.blending import BLEND
-from bodysense.lab.completion.error_map import MASKS, ErrorMap, unchanged_errors
+from bodysense.lab.completion.error_map import ErrorMap, unchanged_errors
 from bodysense.lab.completion.export import as_stored, example_inputs, write_completion
 from bodysense.lab.completion.fingers import FingerConfig, FingerNetwork
 from bodysense.lab.completion.graph import CompletionStep
@@ -374,7 +374,8 @@ def test_the_file_equals_pytorch(tmp_path: Path, motion: Motion) -> None:
 def test_the_file_is_small(tmp_path: Path) -> None:
     path = tmp_path / "step.onnx"
     rng = np.random.default_rng(0)
-    errors = ErrorMap(rng.normal(size=25), rng.normal(size=(MASKS, 25)), rng.normal(size=25))
+    start = unchanged_errors()
+    errors = ErrorMap(*(rng.normal(size=table.shape) for table in vars(start).values()))
     step = CompletionStep(CompletionNetwork(CompletionConfig()), FingerNetwork(FingerConfig()), errors, errors)
     write_completion(step, path, {"training": "x" * 1000})
     assert path.stat().st_size < 8.0e6

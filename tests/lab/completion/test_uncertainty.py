@@ -1,39 +1,47 @@
-"""Expected errors made true: known biases are found, for means and for bounds."""
+"""Expected errors made true: known biases are found, for means and for bounds, linear or not."""
 
 import numpy as np
 import pytest
 
-from bodysense.lab.completion.error_map import MASKS, ErrorMap, unchanged_errors
+from bodysense.lab.completion.error_map import KNOWN, MASKS, POINTS, ErrorMap, unchanged_errors
 from bodysense.lab.completion.uncertainty import ErrorSamples, fit_error_map
 
 
 def samples(count: int = 6000) -> ErrorSamples:
-    """Exponential errors whose mean is half of what is expected, and a tenth where the first mask is set."""
+    """Exponential errors: half of what is expected, a tenth where both of the first two points are tracked."""
     rng = np.random.default_rng(2)
-    expected = np.exp(rng.uniform(np.log(0.02), np.log(0.2), (count, 25)))
+    expected = np.exp(rng.uniform(np.log(0.02), np.log(0.2), (count, POINTS)))
     masks = rng.uniform(size=(count, MASKS)) < 0.5
-    mean = expected * np.where(masks[:, :1], 0.1, 0.5)
-    return ErrorSamples(expected, masks, rng.exponential(mean), np.ones((count, 25), dtype=bool))
+    mean = expected * np.where(masks[:, :1] & masks[:, 1:2], 0.1, 0.5)
+    certainty = np.zeros((count, POINTS))
+    known = np.concatenate([np.log(expected), masks, certainty], axis=1)
+    return ErrorSamples(known, rng.exponential(mean), np.ones((count, POINTS), dtype=bool))
 
 
 def applied(fitted: ErrorMap, of: ErrorSamples) -> np.ndarray:
-    return np.exp(fitted.slope * np.log(of.expected) + of.masks @ fitted.weight + fitted.offset)
+    hidden = np.tanh(of.known @ fitted.inward + fitted.inward_offset)
+    return np.exp(of.known @ fitted.weight + hidden @ fitted.outward + fitted.offset)
+
+
+def both_tracked(of: ErrorSamples) -> np.ndarray:
+    return of.known[:, POINTS : POINTS + 2].all(axis=1)
 
 
 def test_the_mean_error_is_found() -> None:
     of = samples()
-    mean = applied(fit_error_map(of), of)
-    for chosen in (of.masks[:, 0], ~of.masks[:, 0]):
+    mean = applied(fit_error_map(of, steps=500), of)
+    for chosen in (both_tracked(of), ~both_tracked(of)):
         assert mean[chosen].mean() == pytest.approx(of.error[chosen].mean(), rel=0.1)
 
 
 def test_nine_of_ten_errors_are_within_the_bound() -> None:
     of = samples()
-    within = of.error <= applied(fit_error_map(of, 0.9), of)
-    for chosen in (of.masks[:, 0], ~of.masks[:, 0]):
+    within = of.error <= applied(fit_error_map(of, 0.9, steps=500), of)
+    for chosen in (both_tracked(of), ~both_tracked(of)):
         assert within[chosen].mean() == pytest.approx(0.9, abs=0.03)
 
 
 def test_an_unchanged_map_changes_nothing() -> None:
     of = samples(50)
-    np.testing.assert_allclose(applied(unchanged_errors(), of), of.expected)
+    np.testing.assert_allclose(np.log(applied(unchanged_errors(), of)), of.known[:, :POINTS])
+    assert of.known.shape[1] == KNOWN

@@ -10,18 +10,29 @@ from bodysense.body.skeleton import BODY
 from bodysense.lab.completion.points import BODY_POINTS
 
 MASKS = len(BODY_POINTS) + len(BODY)  # what is tracked: positions of 25 points, rotations of 22 joints
+POINTS = len(BODY_POINTS)
+KNOWN = POINTS + MASKS + POINTS  # log expected errors, what is tracked, certainty of the bones
+CERTAINTY_SCALE = 20.0  # 1/m
+HIDDEN = 48
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorMap:
-    """log error = slope · log expected + masks @ weight + offset, for each of 25 points."""
+    """log error = known @ weight + tanh(known @ inward + inward_offset) @ outward + offset, for each of 25 points."""
 
-    slope: np.ndarray  # (25,)
-    weight: np.ndarray  # (47, 25)
+    weight: np.ndarray  # (97, 25)
+    inward: np.ndarray  # (97, 48)
+    inward_offset: np.ndarray  # (48,)
+    outward: np.ndarray  # (48, 25)
     offset: np.ndarray  # (25,)
 
 
 def unchanged_errors() -> ErrorMap:
     """The map that leaves expected errors as they are."""
-    points = len(BODY_POINTS)
-    return ErrorMap(np.ones(points), np.zeros((MASKS, points)), np.zeros(points))
+    return ErrorMap(
+        np.eye(KNOWN, POINTS),
+        np.zeros((KNOWN, HIDDEN)),
+        np.zeros(HIDDEN),
+        np.zeros((HIDDEN, POINTS)),
+        np.zeros(POINTS),
+    )

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.lab.completion.error_map import ErrorMap
+from bodysense.lab.completion.error_map import CERTAINTY_SCALE, HIDDEN, KNOWN, ErrorMap
 from bodysense.lab.completion.fingers import HAND_POINTS
 from bodysense.lab.completion.fingers import SMALLEST_ERROR as SMALLEST_FINGER_ERROR
 from bodysense.lab.completion.network import SMALLEST_ERROR
@@ -25,18 +25,27 @@ class ExpectedErrors(nn.Module):
     """
 
     weight: Tensor
+    inward: Tensor
     offset: Tensor
+    inward_offset: Tensor
+    counting: Tensor
     body_places: Tensor
     hand_places: Tensor
     hand_scale: Tensor
 
     def __init__(self, mean: ErrorMap, bound: ErrorMap) -> None:
         super().__init__()
-        # Of log errors, and of the masks of all points and rotations, of which those of the body's count.
-        masks = np.zeros((POINT_COUNT + JOINT_COUNT, 2 * PLACED))
-        counting = [*body_places(), *(POINT_COUNT + joint for joint in range(JOINTS))]
-        masks[counting] = np.concatenate([mean.weight, bound.weight], axis=1)
-        weight = np.concatenate([np.concatenate([np.diag(mean.slope), np.diag(bound.slope)], axis=1), masks])
+        # Of log errors, of the masks of all points and rotations and of the certainty of all bones the body's count.
+        counting = [
+            *range(PLACED),
+            *(PLACED + point for point in body_places()),
+            *(PLACED + POINT_COUNT + joint for joint in range(JOINTS)),
+            *(PLACED + POINT_COUNT + JOINT_COUNT + point for point in body_places()),
+        ]
+        scale = np.ones((KNOWN, 1))
+        scale[-PLACED:] = CERTAINTY_SCALE
+        outward = np.zeros((2 * HIDDEN, 2 * PLACED))
+        outward[:HIDDEN, :PLACED], outward[HIDDEN:, PLACED:] = mean.outward, bound.outward
         body, hands = body_places(), HAND_POINTS.ravel().tolist()
         wrist_of = default_skeleton().wrist_of
         # A finger is misplaced by its wrist's error as well.
@@ -44,8 +53,14 @@ class ExpectedErrors(nn.Module):
         fingers = [hands.index(p) if p in hands else 0 for p in range(POINT_COUNT)]
         of_hand = np.array([float(p in hands) for p in range(POINT_COUNT)])
         for name, values in (
-            ("weight", torch.tensor(weight.T, dtype=torch.float32)),
+            ("weight", _tables([scale * np.concatenate([mean.weight, bound.weight], axis=1), outward])),
+            ("inward", _tables([scale * np.concatenate([mean.inward, bound.inward], axis=1)])),
             ("offset", torch.tensor(np.concatenate([mean.offset, bound.offset]), dtype=torch.float32)),
+            (
+                "inward_offset",
+                torch.tensor(np.concatenate([mean.inward_offset, bound.inward_offset]), dtype=torch.float32),
+            ),
+            ("counting", torch.tensor(counting)),
             ("body_places", torch.tensor([*places, *(PLACED + place for place in places)])),
             ("hand_places", torch.tensor(fingers * 2)),
             ("hand_scale", torch.tensor(np.concatenate([s * of_hand for s in _SPREADS]), dtype=torch.float32)),
@@ -53,7 +68,14 @@ class ExpectedErrors(nn.Module):
             self.register_buffer(name, values.contiguous(), persistent=False)
 
     def forward(
-        self, body: Tensor, fingers: Tensor, size: Tensor, masks: Tensor, has: Tensor, accuracy: Tensor
+        self,
+        body: Tensor,
+        fingers: Tensor,
+        size: Tensor,
+        masks: Tensor,
+        certainty: Tensor,
+        has: Tensor,
+        accuracy: Tensor,
     ) -> tuple[Tensor, Tensor]:
         """Expected errors and their bounds, (B, 65) m each; what is measured errs as its sensor does.
 
@@ -62,12 +84,20 @@ class ExpectedErrors(nn.Module):
             fingers: (B, 40) of both hands' points, not yet positive.
             size: (B, 1) the wearer's stature beside the reference's.
             masks: (B, 117) 1 or 0: what is tracked of positions and rotations.
-            has: (B, 65) bool, the former.
+            certainty: (B, 65) m, standard deviation of each bone's length.
+            has: (B, 65) bool, what is tracked of positions.
             accuracy: (B, 65) m.
         """
         expected = torch.log((nn.functional.softplus(body) + SMALLEST_ERROR) * size)
-        known = torch.cat([expected, masks], dim=1)
-        placed = torch.exp(nn.functional.linear(known, self.weight, self.offset)).index_select(1, self.body_places)
+        known = torch.cat([expected, masks, certainty], dim=1).index_select(1, self.counting)
+        inside = torch.tanh(nn.functional.linear(known, self.inward, self.inward_offset))
+        log = nn.functional.linear(torch.cat([known, inside], dim=1), self.weight, self.offset)
+        placed = torch.exp(log).index_select(1, self.body_places)
         hands = (nn.functional.softplus(fingers) + SMALLEST_FINGER_ERROR).index_select(1, self.hand_places)
         mean, bound = (placed + hands * self.hand_scale).split(POINT_COUNT, dim=1)
         return torch.where(has, accuracy, mean), torch.where(has, accuracy * NORMAL_BOUND, bound)
+
+
+def _tables(tables: list[np.ndarray]) -> Tensor:
+    """Tables of inputs × outputs, one below the other, as `linear` reads them."""
+    return torch.tensor(np.concatenate(tables).T, dtype=torch.float32)

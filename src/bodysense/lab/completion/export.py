@@ -68,8 +68,8 @@ def as_stored(step: CompletionStep) -> CompletionStep:
             else:
                 values = values.astype(np.float16).astype(np.float32)
             parameter.copy_(torch.from_numpy(values))
-        map_of_errors = step.expected_errors.weight
-        map_of_errors.copy_(map_of_errors.half())
+        for table in (step.expected_errors.weight, step.expected_errors.inward):
+            table.copy_(table.half())
     return step
 
 

@@ -180,6 +180,7 @@ class CompletionStep(nn.Module):
             fingers.error,
             reading.size,
             tracked.masks,
+            inputs.certainty,
             inputs.has_position,
             inputs.accuracy,
         )

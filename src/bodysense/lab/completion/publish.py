@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,6 @@ from bodysense.lab.completion.graph import CompletionStep
 from bodysense.lab.completion.network import CompletionNetwork
 from bodysense.lab.completion.scenes import Scene, Truth, batches, scene_of
 from bodysense.lab.completion.task import WORN
-from bodysense.lab.completion.tracking import track_batch
 from bodysense.lab.completion.uncertainty import QUANTILE, fit_error_map, sample_errors
 
 _LONGEST = 20.0  # s of each validation clip: enough to judge errors by
@@ -30,8 +28,7 @@ def publish(body: CompletionNetwork, fingers: FingerNetwork, data: Path, out: Pa
     beside = out.with_name(f"{out.stem}.uncalibrated.onnx")
     try:
         _write(body, fingers, unchanged_errors(), unchanged_errors(), beside, {})
-        run = partial(track_batch, network=load_completion(beside))
-        samples = sample_errors(_validation_scenes(data), run)
+        samples = sample_errors(_validation_scenes(data), load_completion(beside))
     finally:
         beside.unlink(missing_ok=True)
     mean, bound = fit_error_map(samples), fit_error_map(samples, QUANTILE)

@@ -1,9 +1,10 @@
-"""Expected errors made true: a small map from what the network expects and what is tracked to the errors that remain.
+"""Expected errors made true: a small map from what is known in a frame to the errors that remain.
 
 The network judges its own prediction; measured ends, bent limbs and held feet come after it. Here the exported step
 runs on validation people, on bodies that no one trains on, with named and random sensor sets and with all, some or
-nothing told, and for every point a line is fitted: log error = a · log expected + b · (what is tracked) + c, with the
-likelihood of an exponential, whose optimum is the mean error. A second one is fitted to the 90 % quantile.
+nothing told, and for every point a map is fitted from what the network expects, what is tracked and how certain bones
+are to the error, with the likelihood of an exponential, whose optimum is the mean error. A second one is fitted to the
+90 % quantile.
 """
 
 from __future__ import annotations
@@ -17,30 +18,31 @@ from rich.progress import track as progress
 from torch import Tensor
 
 from bodysense.body.skeleton import BODY
-from bodysense.lab.completion.error_map import MASKS, ErrorMap
-from bodysense.lab.completion.points import BODY_POINTS, body_places
+from bodysense.completion.model import CompletionModel
+from bodysense.lab.completion.error_map import CERTAINTY_SCALE, ErrorMap, unchanged_errors
+from bodysense.lab.completion.points import body_places
 from bodysense.lab.completion.scenes import BODIES, TRUTH_OF, Body, Scene, Truth, person_of, stacked
-from bodysense.lab.completion.tracking import TrackBatch
 from bodysense.occlusion.sensors import SENSOR_SETS, TABLE_SETS, SensorSet, random_edges
+from bodysense.tracker import Tracker
 
 QUANTILE = 0.9
 _STRIDE = 4  # frames: neighbours tell little more
-_PULL = 1e-3  # toward a slope of 1 and no offsets
-_STEPS = 600
-_MOST = 40_000  # frames
+_BATCH, _RATE = 2048, 5e-3  # of the fit
+_PULL = 1e-4  # toward errors as expected
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorSamples:
-    """What was expected, what was tracked and what came of it, N frames."""
+    """What was known, and what came of it, N frames."""
 
-    expected: np.ndarray  # (N, 25) m, as the network judges
-    masks: np.ndarray  # (N, 47) bool
-    error: np.ndarray  # (N, 25) m
+    known: np.ndarray  # (N, 97) float32: log of errors expected by the network (25), what is tracked, certainty
+    error: np.ndarray  # (N, 25) float32 m
     counts: np.ndarray  # (N, 25) bool: the point was not tracked
 
 
-def sample_errors(scenes: Mapping[Truth, Sequence[Sequence[Scene]]], run: TrackBatch, seed: int = 5) -> ErrorSamples:
+def sample_errors(
+    scenes: Mapping[Truth, Sequence[Sequence[Scene]]], model: CompletionModel, seed: int = 5
+) -> ErrorSamples:
     """Run a step whose expected errors are the network's own over batches of scenes, 'own' and 'stranger'."""
     rng = np.random.default_rng(seed)
     draws: list[tuple[SensorSet, Body]] = [(SENSOR_SETS[name], body) for name in TABLE_SETS for body in BODIES]
@@ -50,62 +52,66 @@ def sample_errors(scenes: Mapping[Truth, Sequence[Sequence[Scene]]], run: TrackB
     for sensors, body in draws:
         for batch in scenes[TRUTH_OF[body]]:
             jobs.append((sensors, body, batch))
-    parts = [_sampled(*job, run) for job in progress(jobs, "expected and true errors")]
+    parts = [_sampled(*job, model) for job in progress(jobs, "expected and true errors")]
     return ErrorSamples(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
 def _sampled(
-    sensors: SensorSet, body: Body, batch: Sequence[Scene], run: TrackBatch
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    sensors: SensorSet, body: Body, batch: Sequence[Scene], model: CompletionModel
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     seen = [scene.observe(sensors) for scene in batch]
-    tracked = run([person_of(body, scene.skeleton) for scene in batch], stacked(seen))
-    places = body_places()
+    tracker = Tracker([person_of(body, scene.skeleton) for scene in batch], model)
+    whole, places, state = stacked(seen), body_places(), tracker.start()
+    parts = []
+    for t in range(len(whole.time)):
+        estimate, state = tracker.step(whole[t : t + 1], state)
+        alike = (estimate.points[:, 0, places], estimate.confidence[:, 0, places], estimate.measured[:, 0, places])
+        if t % _STRIDE == 0:
+            parts.append((t, *alike, state.proportions.deviation[:, places]))
     rows = []
     for index, (scene, observation) in enumerate(zip(batch, seen, strict=True)):
-        frames = slice(None, len(scene), _STRIDE)
-        truth, position = (
-            scene.placed[0][frames][:, places],
-            tracked.position[index, : len(scene)][::_STRIDE][:, places],
-        )
+        own = [part for part in parts if part[0] < len(scene)]
+        frames = [part[0] for part in own]
+        position, expected, measured, deviation = (np.stack([part[k][index] for part in own]) for k in range(1, 5))
+        truth = scene.placed[0][frames][:, places]
         # The head is where it is measured: what is missed from it is missed in the world.
         position = position + (truth - position)[:, [BODY.index("head")]]
-        has = np.zeros((len(truth), MASKS), dtype=bool)
+        turned = np.zeros((len(frames), len(BODY)), dtype=bool)
         for k, name in enumerate(observation.points):
-            if name in BODY_POINTS:
-                has[:, BODY_POINTS.index(name)] = observation.has_position[frames, k]
             if name in BODY:
-                has[:, len(BODY_POINTS) + BODY.index(name)] = observation.has_rotation[frames, k]
+                turned[:, BODY.index(name)] = observation.has_rotation[frames, k]
+        known = np.concatenate([np.log(expected), measured, turned, CERTAINTY_SCALE * deviation], axis=1)
         error = np.linalg.norm(position - truth, axis=-1)
-        expected = tracked.confidence[index, : len(scene)][::_STRIDE][:, places]
-        rows.append((expected, has, error, ~has[:, : len(BODY_POINTS)]))
-    whole = [np.concatenate(columns) for columns in zip(*rows, strict=True)]
-    return whole[0], whole[1], whole[2], whole[3]
+        rows.append((known.astype(np.float32), error.astype(np.float32), ~measured))
+    columns = [np.concatenate(column) for column in zip(*rows, strict=True)]
+    return columns[0], columns[1], columns[2]
 
 
-def fit_error_map(samples: ErrorSamples, quantile: float | None = None) -> ErrorMap:
-    """Fit the mean error, or a quantile of it, to samples, or to so many of them that are spread evenly."""
-    every = max(1, len(samples.error) // _MOST)
-    samples = ErrorSamples(*(values[::every] for values in vars(samples).values()))
-    log = torch.tensor(np.log(np.maximum(samples.expected, 1e-4)), dtype=torch.float32)
-    masks = torch.tensor(samples.masks, dtype=torch.float32)
-    error = torch.tensor(samples.error, dtype=torch.float32).clamp(min=1e-4)
-    counts = torch.tensor(samples.counts, dtype=torch.float32)
-    points = log.shape[1]
-    slope = torch.ones(points, requires_grad=True)
-    weight = torch.zeros(MASKS, points, requires_grad=True)
-    offset = torch.zeros(points, requires_grad=True)
-    optimizer = torch.optim.Adam([slope, weight, offset], lr=0.02)
-    for step in range(_STEPS):
+def fit_error_map(samples: ErrorSamples, quantile: float | None = None, steps: int = 3000, seed: int = 6) -> ErrorMap:
+    """Fit the mean error, or a quantile of it, to samples, in so many steps of an optimiser."""
+    known = torch.from_numpy(samples.known.astype(np.float32))
+    error = torch.from_numpy(samples.error.astype(np.float32)).clamp(min=1e-4)
+    counts = torch.from_numpy(samples.counts.astype(np.float32))
+    generator = torch.Generator().manual_seed(seed)
+    start = unchanged_errors()
+    parts = [torch.tensor(getattr(start, name), dtype=torch.float32) for name in vars(start)]
+    parts[1] = torch.randn(parts[1].shape, generator=generator) * 0.1
+    weight, inward, inward_offset, outward, offset = parts = [part.requires_grad_() for part in parts]
+    optimizer = torch.optim.AdamW(parts, lr=_RATE, weight_decay=0.0)
+    identity = torch.eye(*weight.shape)
+    for step in range(steps):
         for group in optimizer.param_groups:
-            group["lr"] = 0.02 * (1 - step / _STEPS)
-        expected = slope * log + masks @ weight + offset
-        loss = _likelihood(expected, error) if quantile is None else _pinball(expected, error, quantile)
-        total = (loss * counts).sum() / counts.sum()
-        total = total + _PULL * ((slope - 1).square().mean() + weight.square().mean())
+            group["lr"] = _RATE * (1 - step / steps)
+        rows = torch.randint(len(known), (_BATCH,), generator=generator)
+        x, counted = known[rows], counts[rows]
+        expected = x @ weight + torch.tanh(x @ inward + inward_offset) @ outward + offset
+        loss = _likelihood(expected, error[rows]) if quantile is None else _pinball(expected, error[rows], quantile)
+        total = (loss * counted).sum() / counted.sum()
+        pull = (weight - identity).square().sum() + inward.square().sum() + outward.square().sum()
         optimizer.zero_grad()
-        total.backward()
+        (total + _PULL * pull).backward()
         optimizer.step()
-    return ErrorMap(*(part.detach().numpy().copy() for part in (slope, weight, offset)))
+    return ErrorMap(*(part.detach().numpy().copy() for part in parts))
 
 
 def _likelihood(log_expected: Tensor, error: Tensor) -> Tensor:
