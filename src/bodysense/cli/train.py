@@ -12,7 +12,6 @@ from bodysense.cli import arms, hmd_vae, train_completion, train_gloves, train_m
 from bodysense.errors import BodysenseError
 
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
-FORMS = ("shipped", "paper", "paper-world-axes")
 
 
 def commands() -> SubcommandApp:

@@ -16,7 +16,7 @@ from bodysense.errors import BodysenseError
 from bodysense.lab.completion.corpus import Corpus
 from bodysense.lab.completion.network import CompletionConfig, CompletionNetwork, reading_of
 from bodysense.lab.completion.points import BODY_POINTS, HEAD, INPUT_POINTS, partners
-from bodysense.lab.completion.sensors import KINDS, Tracked, draw_tracked
+from bodysense.lab.completion.sensor_draws import KINDS, Tracked, draw_tracked
 from bodysense.lab.completion.sequences import Body, Draw, Sequence, draw_sequence, make_sequence
 from bodysense.lab.completion.task import CompletionTask, CompletionTaskConfig, collate
 from bodysense.lab.fit import Schedule, fit, rate_at

@@ -13,7 +13,7 @@ from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.lab.completion.corpus import Corpus
 from bodysense.lab.completion.fingers import FINGER_JOINTS, FINGER_POINTS, HAND_JOINTS, HAND_POINTS, SIDES
 from bodysense.lab.completion.points import HEAD, INPUT_POINTS, KNUCKLES, READ
-from bodysense.lab.completion.sensors import Tracked, spans
+from bodysense.lab.completion.sensor_draws import Tracked, spans
 from bodysense.lab.completion.sequences import (
     LONGEST,
     Body,

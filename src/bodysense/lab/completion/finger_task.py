@@ -27,6 +27,7 @@ from bodysense.lab.completion.fingers import (
     FingerNetwork,
     FingerSignal,
 )
+from bodysense.lab.streams import played
 
 _CARRIED_BY = [1 + above for above in PARENT_PLACES]  # among [wrist, joints]
 _PATH = torch.tensor(default_skeleton().path[np.ix_(HAND_POINTS[0], HAND_POINTS[0])], dtype=torch.float32)
@@ -81,22 +82,15 @@ class FingerTask:
 
     def batches(self, rng: np.random.Generator) -> Iterator[FingerBatch]:
         """Streams that play whole sequences, side by side; drawn by the length of their clips."""
-        count, chunk = self.configuration.streams, self.configuration.chunk
+        chunk = self.configuration.chunk
         clips = clips_with_fingers(self.corpus)
         weight = self.corpus.length[clips] / self.corpus.rate[clips]
         weight = weight / weight.sum()
-        playing: list[FingerSequence | None] = [None] * count
-        place = [0] * count
-        while True:
-            begins = np.zeros(count, dtype=bool)
-            pieces = []
-            for k in range(count):
-                current = playing[k]
-                if current is None or place[k] >= len(current):
-                    current = draw_finger_sequence(self.corpus, int(rng.choice(clips, p=weight)), rng)
-                    playing[k], place[k], begins[k] = current, 0, True
-                pieces.append((current, place[k]))
-                place[k] += chunk
+
+        def draw() -> FingerSequence:
+            return draw_finger_sequence(self.corpus, int(rng.choice(clips, p=weight)), rng)
+
+        for pieces, begins in played(draw, self.configuration.streams, chunk):
             yield collate_fingers(pieces, chunk, begins)
 
     def loss(self, batch: FingerBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:

@@ -27,7 +27,7 @@ from bodysense.lab.completion.points import (
     path_from_head,
     stature,
 )
-from bodysense.lab.completion.sensors import Tracked, draw_tracked
+from bodysense.lab.completion.sensor_draws import Tracked, draw_tracked
 
 _PLACES = body_places()
 _PARENTS = bone_parents()

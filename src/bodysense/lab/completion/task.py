@@ -25,6 +25,7 @@ from bodysense.lab.completion.network import (
 )
 from bodysense.lab.completion.points import CONTACT, HEAD, JOINTS, SPIN_PLACES
 from bodysense.lab.completion.sequences import Sequence, draw_sequence
+from bodysense.lab.streams import played
 
 WORN = ("sit", "talk_gesture", "everyday", "locomotion")  # what wearers of a headset do
 _FEET = [BODY.index(name) for name in CONTACT]
@@ -77,21 +78,14 @@ class CompletionTask:
 
     def batches(self, rng: np.random.Generator) -> Iterator[Batch]:
         """Streams that play whole sequences, side by side; drawn by the length of their clips."""
-        count, chunk = self.configuration.streams, self.configuration.chunk
+        chunk = self.configuration.chunk
         weight = self.corpus.length / self.corpus.rate * np.where(np.isin(self.corpus.category, WORN), 1.0, 0.6)
         weight = weight / weight.sum()
-        playing: list[Sequence | None] = [None] * count
-        place = [0] * count
-        while True:
-            begins = np.zeros(count, dtype=bool)
-            pieces = []
-            for k in range(count):
-                current = playing[k]
-                if current is None or place[k] >= len(current):
-                    current = draw_sequence(self.corpus, int(rng.choice(len(weight), p=weight)), rng)
-                    playing[k], place[k], begins[k] = current, 0, True
-                pieces.append((current, place[k]))
-                place[k] += chunk
+
+        def draw() -> Sequence:
+            return draw_sequence(self.corpus, int(rng.choice(len(weight), p=weight)), rng)
+
+        for pieces, begins in played(draw, self.configuration.streams, chunk):
             yield collate(pieces, chunk, begins)
 
     def loss(self, batch: Batch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:

@@ -8,7 +8,7 @@ from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY
 from bodysense.lab.completion.corpus import Corpus
 from bodysense.lab.completion.points import INPUT_POINTS
-from bodysense.lab.completion.sensors import Tracked
+from bodysense.lab.completion.sensor_draws import Tracked
 from bodysense.lab.completion.sequences import Body, Draw, Track, make_sequence
 from bodysense.lab.completion.task import WORN, Batch, collate
 
