@@ -1,4 +1,4 @@
-"""From trained weights to the packaged file: errors made true on validation people, then one .onnx with its card."""
+"""From trained weights to the packaged file: expected errors made true, then one .onnx with its card."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from bodysense.completion.model import load_completion
 from bodysense.data.clip import Clip
 from bodysense.data.clips import open_clips
+from bodysense.data.splits import Split
 from bodysense.lab.completion.error_map import ErrorMap, unchanged_errors
 from bodysense.lab.completion.export import write_completion
 from bodysense.lab.completion.fingers import FingerNetwork
@@ -20,7 +21,7 @@ from bodysense.lab.completion.scenes import Scene, Truth, batches, scene_of
 from bodysense.lab.completion.task import WORN
 from bodysense.lab.completion.uncertainty import QUANTILE, fit_error_map, sample_errors
 
-_LONGEST = 20.0  # s of each validation clip: enough to judge errors by
+_LONGEST, _CLIPS = 9.0, 2  # s of a clip, and clips of a person who was learned from, that errors are judged by
 
 
 def publish(body: CompletionNetwork, fingers: FingerNetwork, data: Path, out: Path, card: dict[str, Any]) -> None:
@@ -28,7 +29,7 @@ def publish(body: CompletionNetwork, fingers: FingerNetwork, data: Path, out: Pa
     beside = out.with_name(f"{out.stem}.uncalibrated.onnx")
     try:
         _write(body, fingers, unchanged_errors(), unchanged_errors(), beside, {})
-        samples = sample_errors(_validation_scenes(data), load_completion(beside))
+        samples = sample_errors(_judged_scenes(data), load_completion(beside))
     finally:
         beside.unlink(missing_ok=True)
     mean, bound = fit_error_map(samples), fit_error_map(samples, QUANTILE)
@@ -47,12 +48,34 @@ def _write(
     write_completion(CompletionStep(body, fingers, mean, bound), out, {**configured, **card})
 
 
-def _validation_scenes(data: Path) -> dict[Truth, list[list[Scene]]]:
-    """Batches of scenes of what wearers do, on their own bodies and on strangers'."""
-    clips = [_beginning(clip) for clip in open_clips(data, "val") if clip.category in WORN]
+def _judged_scenes(data: Path) -> dict[Truth, list[list[Scene]]]:
+    """Batches of scenes of what wearers do, on their own bodies and on strangers'.
+
+    Of people that were watched all clips, and of people that were learned from a few each: the former are few, and how
+    far errors spread shows in many people only.
+    """
     truths: tuple[Truth, ...] = ("own", "stranger")
-    return {truth: [[scene_of(clip, truth, "val") for clip in batch] for batch in batches(clips)] for truth in truths}
+    splits: tuple[Split, ...] = ("train", "val")
+    scenes: dict[Truth, list[list[Scene]]] = {truth: [] for truth in truths}
+    for split in splits:
+        clips = [_piece(clip) for clip in open_clips(data, split) if clip.category in WORN]
+        if split == "train":
+            clips = _few_of_each_person(clips)
+        for batch in batches(clips):
+            for truth in truths:
+                scenes[truth].append([scene_of(clip, truth, split) for clip in batch])
+    return scenes
 
 
-def _beginning(clip: Clip) -> Clip:
-    return replace(clip, pose=clip.pose[: int(np.ceil(_LONGEST * clip.frame_rate))])
+def _piece(clip: Clip) -> Clip:
+    """The middle of a clip."""
+    frames = int(np.ceil(_LONGEST * clip.frame_rate))
+    first = max(0, (len(clip) - frames) // 2)
+    return replace(clip, pose=clip.pose[first : first + frames])
+
+
+def _few_of_each_person(clips: list[Clip]) -> list[Clip]:
+    by_person: dict[str, list[Clip]] = {}
+    for clip in clips:
+        by_person.setdefault(clip.person, []).append(clip)
+    return [clip for own in by_person.values() for clip in own[:: max(1, len(own) // _CLIPS)][:_CLIPS]]

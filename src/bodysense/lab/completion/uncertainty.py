@@ -1,9 +1,9 @@
 """Expected errors made true: a small map from what is known in a frame to the errors that remain.
 
 The network judges its own prediction; measured ends, bent limbs and held feet come after it. Here the exported step
-runs on validation people, on bodies that no one trains on, with named and random sensor sets and with all, some or
-nothing told, and for every point a map is fitted from what the network expects, what is tracked and how certain bones
-are to the error, with the likelihood of an exponential, whose optimum is the mean error. A second one is fitted to the
+runs on people of the training and of the validation split, on own and other bodies, with named and random sensor sets
+and with all, some or nothing told, and for every point a map is fitted from what the network expects, what is tracked
+and how certain bones are to the error, with the likelihood of an exponential, whose optimum is the mean error. A second one is fitted to the
 90 % quantile.
 """
 
