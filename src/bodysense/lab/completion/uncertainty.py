@@ -3,8 +3,8 @@
 The network judges its own prediction; measured ends, bent limbs and held feet come after it. Here the exported step
 runs on people of the training and of the validation split, on own and other bodies, with named and random sensor sets
 and with all, some or nothing told, and for every point a map is fitted from what the network expects, what is tracked
-and how certain bones are to the error, with the likelihood of an exponential, whose optimum is the mean error. A second one is fitted to the
-90 % quantile.
+and how certain bones are to the error, with the likelihood of an exponential, whose optimum is the mean error. A second
+one is fitted to the 90 % quantile.
 """
 
 from __future__ import annotations
