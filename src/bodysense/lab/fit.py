@@ -27,11 +27,11 @@ class Schedule:
 
     steps: int = 9000
     learning_rate: float = 1e-3
-    warm_up: int = 200  # steps
-    last_share: float = 0.03  # of the learning rate, at the end of the cosine
-    weight_decay: float = 0.01
-    average_decay: float = 0.998  # of the moving average of the weights, which is what is kept
-    check_every: int = 500  # steps between checkpoints
+    warm_up: int = 100  # steps
+    last_share: float = 0.01  # of the learning rate, at the end of the cosine
+    weight_decay: float = 0.02
+    average_decay: float = 0.999  # of the moving average of the weights, which is what is kept
+    check_every: int = 750  # steps between checkpoints
     seed: int = 1  # random seed
 
 
