@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import tyro
 from tyro.extras import SubcommandApp
 
-from bodysense.cli import arms, hmd_vae, train_completion, train_gloves, train_more
+from bodysense.cli import arms, completion_fingers, hmd_vae, train_completion, train_gloves, train_more
 from bodysense.errors import BodysenseError
 
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
@@ -18,6 +18,7 @@ def commands() -> SubcommandApp:
     """The group's commands."""
     group = SubcommandApp()
     group.command(train_completion.completion)
+    group.command(completion_fingers.completion_fingers)
     group.command(body_gru)
     group.command(unoc_tables)
     group.command(train_more.fingers)

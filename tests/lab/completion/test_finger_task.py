@@ -31,6 +31,7 @@ from bodysense.lab.completion.finger_sequences import (
     make_finger_sequence,
     with_other_hands,
 )
+from bodysense.lab.completion.finger_table import finger_numbers, score_fingers
 from bodysense.lab.completion.finger_task import (
     MOVING,
     FingerBatch,
@@ -44,10 +45,10 @@ from bodysense.lab.completion.finger_task import (
 from bodysense.lab.completion.finger_validation import finger_validation, last_known_error, mean_hand
 from bodysense.lab.completion.fingers import HAND_JOINTS, HAND_POINTS, FingerConfig, FingerNetwork
 from bodysense.lab.completion.sequences import Body, Draw
-from bodysense.lab.completion.train_fingers import FingerTraining, load_finger_network, train_fingers
+from bodysense.lab.completion.train_fingers import FingerTraining, load_finger_network, train_fingers, without
 from bodysense.lab.fit import Schedule
 
-SMALL = FingerTaskConfig(network=FingerConfig(16, 16), streams=4, chunk=12)
+SMALL = FingerTaskConfig(network=FingerConfig(16, 16), streams=4, chunk=12, generated_hours=0.01)
 SKELETON = default_skeleton()
 
 
@@ -275,8 +276,8 @@ def test_training_goes_on_and_its_network_comes_back(corpus: Corpus, tmp_path: P
     schedule = Schedule(steps=4, warm_up=1, check_every=2)
     options = FingerTraining(tmp_path, tmp_path, checkpoint, schedule, SMALL)
     network = train_fingers(options)
-    again = load_finger_network(checkpoint)
-    assert again.config == SMALL.network
+    again, task = load_finger_network(checkpoint)
+    assert again.config == SMALL.network and task.generated_hours == SMALL.generated_hours
     for name, value in network.state_dict().items():
         torch.testing.assert_close(again.state_dict()[name], value)
     validation = finger_validation(corpus, corpus)
@@ -293,3 +294,30 @@ def test_drawn_sequences_differ(corpus: Corpus) -> None:
     drawn = [draw_finger_sequence(corpus, 1, rng) for _ in range(12)]
     assert len({len(one) for one in drawn}) > 3 and len({float(one.rest_offset.sum()) for one in drawn}) == 12
     assert len(BODY) == 22
+
+
+def test_a_clip_without_fingers_moves_generated_ones(corpus: Corpus) -> None:
+    generated = quaternion_exp(np.random.default_rng(3).normal(0, 0.4, (2000, 30, 3))).astype(np.float16)
+    one, other = (draw_finger_sequence(corpus, 0, np.random.default_rng(k), generated) for k in (1, 2))
+    assert len(one) > 10 and np.isfinite(one.true_position).all()
+    assert not np.allclose(one.true_rotation[:10], other.true_rotation[:10])
+    task = FingerTask(FingerNetwork(SMALL.network), SMALL, corpus, {}, generated)
+    assert next(task.batches(np.random.default_rng(0))).valid.any()
+
+
+def test_scores_are_of_those_who_were_left_out(corpus: Corpus) -> None:
+    people = replace(
+        corpus.of(np.array([1, 1])), name=np.array(["anna/waves", "bert/waves"]), category=np.array(["sit", "sit"])
+    )
+    task = replace(SMALL, left_out="bert")
+    assert without(people, "bert").name.tolist() == ["anna/waves"]
+    scores = score_fingers({"a": (FingerNetwork(SMALL.network).eval(), task)}, people, people)
+    assert {one.sensors for one in scores} == {"camera", "nothing"} and all(one.ratio > 0 for one in scores)
+    numbers = finger_numbers(scores)
+    assert numbers["finger_occluded_ratio_foreign"] == pytest.approx(scores[0].ratio)
+    assert "finger_occluded_ratio_foreign_recorded_only" not in numbers
+    assert numbers["finger_synthesised_ratio_foreign"] == pytest.approx(
+        numbers["finger_synthesised_foreign_cm"] / numbers["finger_synthesised_baseline_foreign_cm"]
+    )
+    with pytest.raises(BodysenseError, match=r"--leave-out carl.*valid are anna, bert"):
+        without(people, "carl")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from bodysense.occlusion.headset_camera import see
 
 FORMAT = "bodysense-corpus-1"
 _JOINTS = len(BODY)
+_OF_CLIPS = ("rest_offset", "start", "length", "rate", "finger_start", "name", "category")
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +40,10 @@ class Corpus:
 
     def __len__(self) -> int:
         return len(self.length)
+
+    def of(self, clips: np.ndarray) -> Corpus:
+        """Some of the clips (N,), of the same frames."""
+        return replace(self, **{name: getattr(self, name)[clips] for name in _OF_CLIPS})
 
     @property
     def minutes(self) -> float:

@@ -12,6 +12,7 @@ from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quater
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.lab.completion.corpus import Corpus
 from bodysense.lab.completion.fingers import FINGER_JOINTS, FINGER_POINTS, HAND_JOINTS, HAND_POINTS, SIDES
+from bodysense.lab.completion.generated_fingers import RATE
 from bodysense.lab.completion.points import HEAD, INPUT_POINTS, KNUCKLES, READ
 from bodysense.lab.completion.sensor_draws import Tracked, spans
 from bodysense.lab.completion.sequences import (
@@ -83,10 +84,13 @@ def clips_with_fingers(corpus: Corpus) -> np.ndarray:
     return np.flatnonzero(corpus.finger_start >= 0)
 
 
-def draw_finger_sequence(corpus: Corpus, clip: int, rng: np.random.Generator) -> FingerSequence:
+def draw_finger_sequence(
+    corpus: Corpus, clip: int, rng: np.random.Generator, generated: np.ndarray | None = None
+) -> FingerSequence:
     """Draw everything that may differ about a clip, and make its sequence.
 
-    It is not mirrored: the network reads right hands in a mirror, so that a clip and its mirror image are the same.
+    A clip whose fingers were not recorded moves those of some part of `generated` (N, 30, 4). No clip is mirrored: the
+    network reads right hands in a mirror, so that a clip and its mirror image are the same.
     """
     seconds = float(corpus.length[clip] / corpus.rate[clip])
     own = corpus.rest_offset[clip].astype(float)
@@ -100,26 +104,38 @@ def draw_finger_sequence(corpus: Corpus, clip: int, rng: np.random.Generator) ->
     )
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
     moved = kind in ("tracked", "random") and bool(rng.uniform() < 0.5)
-    return make_finger_sequence(corpus, clip, drawn, partial(draw_fingers_tracked, kind), rng, moved=moved)
+    local = None
+    if corpus.finger_start[clip] < 0:
+        assert generated is not None
+        local = _generated(generated, len(frames_of(corpus, clip, drawn)[0]), drawn.rate, rng)
+    return make_finger_sequence(corpus, clip, drawn, partial(draw_fingers_tracked, kind), rng, local, moved=moved)
 
 
 def make_finger_sequence(
-    corpus: Corpus, clip: int, draw: Draw, track: TrackFingers, rng: np.random.Generator, *, moved: bool = False
+    corpus: Corpus,
+    clip: int,
+    draw: Draw,
+    track: TrackFingers,
+    rng: np.random.Generator,
+    local: np.ndarray | None = None,
+    *,
+    moved: bool = False,
 ) -> FingerSequence:
     """Make the sequence of a clip as drawn, but for `draw.track`, which is of the body.
 
     Args:
         corpus: recorded motion.
-        clip: index of a clip with fingers.
+        clip: index of a clip.
         draw: body, rate and part of the clip.
         track: what is tracked of the hands.
         rng: random numbers.
+        local: (T, 2, 15, 4) wxyz, parent ← joint, of the drawn part; None: as recorded.
         moved: whether fingers move at random beside what was recorded.
     """
     # The headset's cameras stand for every device here: what they see of the hands is in the masks that come back.
     body = make_sequence(corpus, clip, replace(draw, track=_camera), rng)
     rate = draw.rate
-    local = _resampled(corpus, clip, draw)
+    local = _resampled(corpus, clip, draw) if local is None else local
     if moved:
         local = with_moved_fingers(local, rate, rng)
     true_rotation, true_position = hand_kinematics(local, draw.body.true[HAND_POINTS])
@@ -283,6 +299,15 @@ def _resampled(corpus: Corpus, clip: int, draw: Draw) -> np.ndarray:
     if draw.mirrored:
         hands = hands[:, ::-1] * np.array([1.0, 1.0, -1.0, -1.0])
     return hands
+
+
+def _generated(fingers: np.ndarray, frames: int, rate: float, rng: np.random.Generator) -> np.ndarray:
+    """Local rotations (T, 2, 15, 4) of some part of generated fingers (N, 30, 4), at `rate` Hz."""
+    place = np.arange(frames) * (RATE / rate)
+    place += rng.uniform(0, max(0.0, len(fingers) - 2 - place[-1]))
+    low = np.minimum(place.astype(int), len(fingers) - 1)
+    mixed = between(fingers[low], fingers[np.minimum(low + 1, len(fingers) - 1)], place - low)
+    return mixed[:, HAND_JOINTS - _BODY_JOINTS]
 
 
 def _estimated(

@@ -31,6 +31,7 @@ from bodysense.lab.streams import played
 
 _CARRIED_BY = [1 + above for above in PARENT_PLACES]  # among [wrist, joints]
 _PATH = torch.tensor(default_skeleton().path[np.ix_(HAND_POINTS[0], HAND_POINTS[0])], dtype=torch.float32)
+_GENERATED = 0.5  # share of sequences whose fingers are generated
 MOVING = [point for point, above in enumerate(PARENT_PLACES) if above >= 0]  # points that bend with the fingers
 
 
@@ -52,6 +53,8 @@ class FingerTaskConfig:
     streams: int = 64  # sequences side by side
     chunk: int = 48  # frames of truncated backpropagation
     losses: FingerLosses = field(default_factory=FingerLosses)
+    generated_hours: float = 10.0  # of generated fingers, which clips without fingers move; 0: those are left out
+    left_out: str = ""  # person of whom nothing is learned
 
 
 class FingerBatch(NamedTuple):
@@ -79,19 +82,31 @@ class FingerTask:
     configuration: FingerTaskConfig
     corpus: Corpus
     validation: Mapping[str, FingerValidation]
+    generated: np.ndarray | None = None  # (N, 30, 4)
 
     def batches(self, rng: np.random.Generator) -> Iterator[FingerBatch]:
         """Streams that play whole sequences, side by side; drawn by the length of their clips."""
         chunk = self.configuration.chunk
-        clips = clips_with_fingers(self.corpus)
-        weight = self.corpus.length[clips] / self.corpus.rate[clips]
-        weight = weight / weight.sum()
+        clips, weight = self._shares()
 
         def draw() -> FingerSequence:
-            return draw_finger_sequence(self.corpus, int(rng.choice(clips, p=weight)), rng)
+            return draw_finger_sequence(self.corpus, int(rng.choice(clips, p=weight)), rng, self.generated)
 
         for pieces, begins in played(draw, self.configuration.streams, chunk):
             yield collate_fingers(pieces, chunk, begins)
+
+    def _shares(self) -> tuple[np.ndarray, np.ndarray]:
+        """Clips (N,) and how often each is drawn: by their length, recorded fingers as often as generated ones."""
+        seconds = self.corpus.length / self.corpus.rate
+        recorded = clips_with_fingers(self.corpus)
+        if self.generated is None:
+            return recorded, seconds[recorded] / seconds[recorded].sum()
+        weight = seconds.astype(float)
+        of_recorded = np.zeros(len(weight), dtype=bool)
+        of_recorded[recorded] = True
+        for part, share in ((of_recorded, 1 - _GENERATED), (~of_recorded, _GENERATED)):
+            weight[part] *= share / max(weight[part].sum(), 1e-9)
+        return np.arange(len(weight)), weight / weight.sum()
 
     def loss(self, batch: FingerBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:
         """Losses of a chunk, with the memory carried over where no sequence begins."""
@@ -129,12 +144,15 @@ def scored_points(batch: FingerBatch) -> Tensor:
     return ~batch.signal.has_position[..., MOVING] & batch.valid[..., None, None]
 
 
+def scored_distances(errors: list[Tensor], batches: list[FingerBatch]) -> Tensor:
+    """(N,) the scored ones of distances (B, T, 2, 20)."""
+    scored = [scored_points(batch) for batch in batches]
+    return torch.cat([error[..., MOVING][one] for error, one in zip(errors, scored, strict=True)])
+
+
 def mean_error(errors: list[Tensor], batches: list[FingerBatch]) -> float:
     """Mean over the scored points of distances (B, T, 2, 20); NaN where none is scored."""
-    scored = [scored_points(batch) for batch in batches]
-    total = sum(float((error[..., MOVING] * one).sum()) for error, one in zip(errors, scored, strict=True))
-    count = sum(int(one.sum()) for one in scored)
-    return total / count if count else float("nan")
+    return float(scored_distances(errors, batches).mean())
 
 
 def with_measured(rotation: Tensor, signal: FingerSignal) -> Tensor:

@@ -34,27 +34,35 @@ _ROUNDS = 50  # of the mean hand's search
 
 
 def finger_validation(corpus: Corpus, train: Corpus) -> dict[str, FingerValidation]:
-    """Whole clips with fingers, on their own hands and on a stranger's, told, by set of sensors.
+    """Sequences of `finger_batches` with a baseline.
 
     The baseline is the hand as it was last known, and the mean hand of `train` where it never was.
     """
+    mean = mean_hand(train)
+    return {
+        name: FingerValidation(batches, mean_error([last_known_error(one, mean) for one in batches], batches))
+        for name, batches in finger_batches(corpus, SETS).items()
+    }
+
+
+def finger_batches(corpus: Corpus, sets: tuple[str, ...]) -> dict[str, list[FingerBatch]]:
+    """Whole clips with fingers, on their own hands and on a stranger's, told, by set of sensors."""
     clips = [int(clip) for clip in clips_with_fingers(corpus)]
     clips.sort(key=lambda clip: corpus.length[clip] / corpus.rate[clip])
-    strangers, mean = sample_bodies("validation", len(clips)), mean_hand(train)
-    sets: dict[str, FingerValidation] = {}
-    for name in SETS:
+    strangers = sample_bodies("validation", len(clips))
+    result: dict[str, list[FingerBatch]] = {}
+    for name in sets:
         pieces = []
         for place, clip in enumerate(clips):
             for true in (corpus.rest_offset[clip].astype(float), strangers[place]):
                 body, rng = Body(true, true, np.zeros(len(true))), np.random.default_rng([7, clip])
                 pieces.append((make_finger_sequence(corpus, clip, Draw(body), _tracked(name), rng), 0))
         groups = [pieces[first : first + _GROUP] for first in range(0, len(pieces), _GROUP)]
-        batches = [
+        result[name] = [
             collate_fingers(group, max(len(one) for one, _ in group), np.ones(len(group), dtype=bool))
             for group in groups
         ]
-        sets[name] = FingerValidation(batches, mean_error([last_known_error(one, mean) for one in batches], batches))
-    return sets
+    return result
 
 
 def mean_hand(corpus: Corpus) -> Tensor:

@@ -1,0 +1,70 @@
+"""Generated fingers: seeded, within the limits of joints, no faster than fingers are, lent to clips without them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.body.hand import HAND_JOINTS, angles_of, limits, mirrored_rotations, rotations_of
+from bodysense.body.rotation import geodesic_angle
+from bodysense.body.skeleton import BODY, default_skeleton
+from bodysense.data.hand_synthesis import FASTEST_FINGER
+from bodysense.errors import BodysenseError
+from bodysense.lab.completion.generated_fingers import RATE, generate_fingers, read_fingers, write_fingers
+
+HOURS = 0.05
+
+
+@pytest.fixture(scope="module")
+def fingers() -> np.ndarray:
+    return generate_fingers(HOURS)
+
+
+def left_and_right(fingers: np.ndarray) -> list[np.ndarray]:
+    """Local rotations (N, 15, 4) of both hands as left ones, in the order of `HAND_JOINTS`."""
+    skeleton = default_skeleton()
+    hands = []
+    for side in ("left", "right"):
+        places = skeleton.indices([f"{side}_{name}" for name in HAND_JOINTS[1:]]) - len(BODY)
+        hands.append(mirrored_rotations(fingers[:, places].astype(float), side))
+    return hands
+
+
+def test_an_hour_is_an_hour_and_more_begins_alike(fingers: np.ndarray) -> None:
+    assert fingers.shape == (round(HOURS * 3600 * RATE), 30, 4)
+    np.testing.assert_array_equal(generate_fingers(0.01), fingers[: round(0.01 * 3600 * RATE)])
+    assert not np.array_equal(generate_fingers(0.01, seed=2), fingers[: round(0.01 * 3600 * RATE)])
+
+
+def test_joints_keep_to_their_limits(fingers: np.ndarray) -> None:
+    low, high = limits()
+    for hand in left_and_right(fingers):
+        angles = angles_of(hand)
+        assert (angles > low - 0.02).all() and (angles < high + 0.02).all()
+        assert geodesic_angle(rotations_of(angles), hand).max() < 0.02  # nothing but these angles; half precision
+
+
+def test_hands_move_differently_and_at_speeds_of_fingers(fingers: np.ndarray) -> None:
+    left, right = left_and_right(fingers)
+    assert np.abs(left - right).mean() > 0.02
+    within = np.ones(len(fingers) - 1, dtype=bool)
+    within[round(30 * RATE) - 1 :: round(30 * RATE)] = False  # pieces do not join
+    for hand in (left, right):
+        speed = geodesic_angle(hand[1:], hand[:-1])[within] * RATE
+        assert np.percentile(speed, 99.9) < 2 * FASTEST_FINGER and speed.mean() > 0.1
+
+
+def test_files_come_back_and_others_are_refused(fingers: np.ndarray, tmp_path: Path) -> None:
+    write_fingers(tmp_path / "some" / "fingers.npz", fingers)
+    np.testing.assert_array_equal(read_fingers(tmp_path / "some" / "fingers.npz"), fingers)
+    np.savez(tmp_path / "other.npz", values=np.zeros(3))
+    (tmp_path / "text.npz").write_text("no")
+    for name in ("other.npz", "text.npz", "absent.npz"):
+        with pytest.raises(BodysenseError, match=f"{name}: no generated fingers"):
+            read_fingers(tmp_path / name)
+
+
+def test_no_time_is_refused() -> None:
+    for hours in (0.0, -1.0, float("nan"), 1e9):
+        with pytest.raises(BodysenseError, match="--hours"):
+            generate_fingers(hours)
