@@ -50,7 +50,7 @@ class FingerTaskConfig:
     """Batches and losses."""
 
     network: FingerConfig = FingerConfig()
-    streams: int = 64  # sequences side by side
+    streams: int = 32  # sequences side by side
     chunk: int = 48  # frames of truncated backpropagation
     losses: FingerLosses = field(default_factory=FingerLosses)
     generated_hours: float = 10.0  # of generated fingers, which clips without fingers move; 0: those are left out

@@ -26,7 +26,7 @@ class FingerTraining:
     data: Path  # folder of motion with splits (docs/data.md)
     run: Path  # folder of the motion as it was read
     checkpoint: Path  # training resumes from it
-    schedule: Schedule = Schedule(steps=3000, learning_rate=2e-3, weight_decay=0.1)
+    schedule: Schedule = Schedule(steps=2000, learning_rate=2e-3, weight_decay=0.1, check_every=500)
     task: FingerTaskConfig = field(default_factory=FingerTaskConfig)
     threads: int = 1  # PyTorch threads
 
