@@ -19,7 +19,7 @@ def completion_fingers(
     out: Output,
     run: Path | None = None,
     leave_out: str = "",
-    generated_hours: float = 10.0,
+    generated_hours: float = 0.0,
     steps: int = 2000,
     seed: int = 1,
     threads: int = 1,

@@ -53,7 +53,7 @@ class FingerTaskConfig:
     streams: int = 32  # sequences side by side
     chunk: int = 48  # frames of truncated backpropagation
     losses: FingerLosses = field(default_factory=FingerLosses)
-    generated_hours: float = 10.0  # of generated fingers, which clips without fingers move; 0: those are left out
+    generated_hours: float = 0.0  # of generated fingers, which clips without fingers move; 0: those are left out
     left_out: str = ""  # person of whom nothing is learned
 
 
