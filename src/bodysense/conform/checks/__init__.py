@@ -3,14 +3,32 @@
 from __future__ import annotations
 
 from bodysense.conform.check import Check
-from bodysense.conform.checks import anatomy, data, hands, limits, motion, poses, tracking
+from bodysense.conform.checks import (
+    anatomy,
+    data,
+    exercises,
+    frames,
+    ground,
+    hands,
+    limits,
+    motion,
+    poses,
+    still,
+    timing,
+    tracking,
+)
 
 TABLE: tuple[Check, ...] = (
+    *timing.CHECKS,
     *data.CHECKS,
     *anatomy.CHECKS,
+    *frames.CHECKS,
     *limits.CHECKS,
     *motion.CHECKS,
+    *still.CHECKS,
+    *ground.CHECKS,
     *tracking.CHECKS,
     *poses.CHECKS,
+    *exercises.CHECKS,
     *hands.CHECKS,
 )

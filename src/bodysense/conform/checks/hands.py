@@ -11,7 +11,7 @@ import numpy as np
 from bodysense.body.rotation import quaternion_conjugate, quaternion_rotate
 from bodysense.conform.check import Check, Unanswered, Value
 from bodysense.conform.checks.data import longest_run
-from bodysense.conform.checks.motion import is_calm
+from bodysense.conform.checks.still import noise_floor
 from bodysense.conform.subject import Step, Subject, is_finger
 
 _SIDES = ("left", "right")
@@ -140,25 +140,22 @@ def straightness(subject: Subject, side: str) -> np.ndarray:
 
 
 def shake(subject: Subject, side: str) -> Value | Unanswered:
-    """Noise of the noisiest fingertip, seen from the wrist, in the calmest second."""
-    if subject.calm is None or not is_calm(subject):
-        return Unanswered("the body never stands still for a second")
-    worst, where = 0.0, ""
-    for finger in _ALL:
-        tip = _chain(subject, side, finger)[-1]
-        place = (subject.at(tip) - subject.at(f"{side}_wrist"))[subject.calm]
-        noise = 1000 * float(np.sqrt(np.mean(np.square(np.diff(place, 3, axis=0))) / 20))
-        if noise > worst:
-            worst, where = noise, tip
-    return Value(worst, where, subject.calm.start)
+    """Noise (mm) of the noisiest fingertip, in the wrist, in its calmest second."""
+    tips = [_chain(subject, side, finger)[-1] for finger in _ALL]
+    noise = {tip: 1000 * noise_floor(_in_wrist(subject, side, tip), subject, 0.1) for tip in tips}
+    known = {tip: value for tip, value in noise.items() if np.isfinite(value)}
+    if not known:
+        return Unanswered("no finger rests for a second")
+    worst = max(known, key=lambda tip: known[tip])
+    return Value(known[worst], worst)
 
 
 def pop(subject: Subject, side: str) -> Value | Unanswered:
-    """The greatest way (cm) of a fingertip, seen from the wrist, within a frame."""
+    """The greatest way (cm) of a fingertip, in the wrist, within a frame."""
     worst, where, frame = 0.0, "", None
     for finger in _ALL:
         tip = _chain(subject, side, finger)[-1]
-        way = np.linalg.norm(np.diff(subject.at(tip) - subject.at(f"{side}_wrist"), axis=0), axis=-1)
+        way = np.linalg.norm(np.diff(_in_wrist(subject, side, tip), axis=0), axis=-1)
         way = np.where(subject.step <= 0.1, way, np.nan)
         if np.isfinite(way).any() and float(np.nanmax(way)) > worst:
             worst, where, frame = float(np.nanmax(way)), tip, int(np.nanargmax(way))
@@ -243,6 +240,15 @@ def _chain(subject: Subject, side: str, finger: str) -> list[str]:
     return [f"{side}_{finger}{k}" for k in (1, 2, 3)] + ([f"{side}_{finger}_tip"] if _tips(subject, side) else [])
 
 
+def _in_wrist(subject: Subject, side: str, point: str) -> np.ndarray:
+    """(T, 3) m from the wrist, in its frame where it has rotations."""
+    wrist = f"{side}_wrist"
+    apart = subject.at(point) - subject.at(wrist)
+    if not subject.rotated[subject.points.index(wrist)]:
+        return apart
+    return quaternion_rotate(quaternion_conjugate(subject.turn(wrist)), apart)
+
+
 def _length(subject: Subject, parent: str, child: str) -> float:
     return float(np.nanmedian(subject.length(parent, child)))
 
@@ -258,8 +264,15 @@ def _hand(name: str, measure: OfSide, unit: str, why: str, most: float | None, a
 
 def _gesture(name: str, label: str, measure: Callable[[Subject, str, np.ndarray], Value], unit: str, why: str,
              most: float | None, after: tuple[str, ...] = (), performer: bool = True) -> Check:  # fmt: skip
-    return Check(f"hands.{name}", partial(gesture, label, measure), unit, why, most=most,
-                 blame="performer" if performer else "device", after=(*_FORM, *after))  # fmt: skip
+    return Check(
+        f"hands.{name}",
+        partial(gesture, label, measure),
+        unit,
+        why,
+        most=most,
+        blame="performer" if performer else "device",
+        after=(*_FORM, *after),
+    )
 
 
 CHECKS = (
@@ -268,23 +281,58 @@ CHECKS = (
     _hand("longest", size, "m", "Nobody's hand is longer.", 0.28, ("anatomy.height",)),
     _hand("shortest", smallness, "m", "Nobody's hand is shorter.", -0.1, ("anatomy.height",)),
     _hand("bone_constancy", bone_constancy, "%", "Fingers that stretch.", 10),
-    _hand("proportions", middle_share, "doublings", "Fingers too long or short for the palm.", 1.0,
-          ("hands.longest", "hands.shortest")),
+    _hand(
+        "proportions",
+        middle_share,
+        "doublings",
+        "Fingers too long or short for the palm.",
+        1.0,
+        ("hands.longest", "hands.shortest"),
+    ),
     _hand("knuckle_order", knuckle_order, "%", "Fingers that are changed for each other.", 10),
     _hand("thumb_side", thumb_side, "%", "A thumb on the wrong side.", 20, ("hands.knuckle_order",)),
     _hand("chirality", chirality, "%", "A left hand on a right arm.", 20, ("hands.thumb_side", "anatomy.handedness")),
-    _hand("wrist_axes", wrist_axes, "°", "A hand that its wrist does not point along.", 35,
-          ("anatomy.component_order", "anatomy.inverse_rotations")),
+    _hand(
+        "wrist_axes",
+        wrist_axes,
+        "°",
+        "A hand that its wrist does not point along.",
+        35,
+        ("anatomy.component_order", "anatomy.inverse_rotations"),
+    ),
     _hand("shake", shake, "mm", "Fingers that tremble.", 2, (*_TIMED, "motion.shake")),
     _hand("pop", pop, "cm", "Fingers that leap.", 12, (*_TIMED, "motion.pop")),
     _hand("frozen", frozen, "s", "A wrist that hangs while fingers move.", 0.5, ("data.frozen_joint",)),
     _gesture("flat", "flat", bent, "1 − straightness", "The hand is open.", 0.2),
     _gesture("fist", "fist", curled, "straightness", "The hand is a fist.", 0.6),
-    *(_gesture(f"pinch_{f}", f"pinch_{f}", partial(touching, None), "cm",
-               "The thumb touches a finger.", 100 * _NEAR) for f in _FINGERS),
-    *(_gesture(f"pinch_{f}_which", f"pinch_{f}", partial(another, f), "% another",
-               "It is the finger that was asked for.", 40, (f"hands.pinch_{f}",), performer=False) for f in _FINGERS),
-    *(_gesture(f"pinch_{f}_distance", f"pinch_{f}", partial(touching, f), "cm", "How near they come.", None,
-               (f"hands.pinch_{f}",)) for f in _FINGERS),
+    *(
+        _gesture(f"pinch_{f}", f"pinch_{f}", partial(touching, None), "cm", "The thumb touches a finger.", 100 * _NEAR)
+        for f in _FINGERS
+    ),
+    *(
+        _gesture(
+            f"pinch_{f}_which",
+            f"pinch_{f}",
+            partial(another, f),
+            "% another",
+            "It is the finger that was asked for.",
+            40,
+            (f"hands.pinch_{f}",),
+            performer=False,
+        )
+        for f in _FINGERS
+    ),
+    *(
+        _gesture(
+            f"pinch_{f}_distance",
+            f"pinch_{f}",
+            partial(touching, f),
+            "cm",
+            "How near they come.",
+            None,
+            (f"hands.pinch_{f}",),
+        )
+        for f in _FINGERS
+    ),
     _gesture("wrist_rotate", "wrist_rotate", lacks_turn, "° below", "The hand turns by 60°.", -60),
-)  # fmt: skip
+)

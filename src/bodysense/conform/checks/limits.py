@@ -1,4 +1,4 @@
-"""Joint limits: does any joint turn further than a person's can?"""
+"""Joint limits: does any joint turn further than a person's can, or any limb go through another?"""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ from bodysense.body.posture import posture
 from bodysense.body.rotation import quaternion_log, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
 from bodysense.conform.check import Check, Unanswered, Value
-from bodysense.conform.subject import Subject
+from bodysense.conform.checks.anatomy import FOREARM, SHIN, SIZED, THIGH, Chain
+from bodysense.conform.checks.frames import FRAMES
+from bodysense.conform.subject import Subject, nan_min
 
 _BENT = np.radians(30.0)  # a hinge that bends less has no direction
 
 
 def beyond(joints: tuple[str, ...], subject: Subject) -> Value | Unanswered:
-    """How far (°) one of these joints is over its range for a tenth of the time."""
+    """How far (°) one of these joints is over its range for a quarter of the time."""
     ours = default_skeleton()
     ranges = posture(ours)
     worst, where, frame = -1.0, "", None
@@ -28,7 +30,7 @@ def beyond(joints: tuple[str, ...], subject: Subject) -> Value | Unanswered:
         turn = quaternion_log(subject.local(parent, joint))
         k = ours.index(joint)
         over = np.degrees(np.maximum(np.maximum(turn - ranges.high[k], ranges.low[k] - turn), 0).max(axis=-1))
-        here = float(np.nanpercentile(over, 90)) if np.isfinite(over).any() else 0.0
+        here = float(np.nanpercentile(over, 75)) if np.isfinite(over).any() else 0.0
         if here > worst:
             worst, where, frame = here, joint, int(np.nanargmax(over)) if np.isfinite(over).any() else None
     return Value(worst, where, frame) if worst >= 0 else Unanswered("no rotations of these joints")
@@ -53,6 +55,27 @@ def bends_backward(parts: tuple[str, str, str], sense: float, subject: Subject) 
     return Value(worst, where) if worst >= 0 else Unanswered("it is never bent by 30°")
 
 
+def penetration(pairs: tuple[tuple[Chain, Chain], ...], radius: float, subject: Subject) -> Value | Unanswered:
+    """Share of frames in which two limbs' bones are nearer than `radius` m to each other: one is inside the other."""
+    worst, where = -1.0, ""
+    for one, other in pairs:
+        if not subject.has(*one, *other):
+            continue
+        apart = _between_segments(*(subject.at(name) for name in (*one, *other)))
+        share = 100 * float((apart < radius * subject.height / 1.5).mean())
+        if share > worst:
+            worst, where = share, f"{one[0]}, {other[0]}"
+    return Value(worst, where) if worst >= 0 else Unanswered("some of these joints do not come")
+
+
+def _between_segments(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """(T,) m between the middles' neighbourhoods of segments a–b and c–d: the least over a grid of points on each."""
+    share = np.linspace(0.1, 0.9, 9)[:, None, None]
+    one, other = a + share * (b - a), c + share * (d - c)
+    apart = np.linalg.norm(one[:, None] - other[None], axis=-1).reshape(-1, len(a))
+    return nan_min(apart, axis=0)
+
+
 def _rotated(subject: Subject, *joints: str) -> bool:
     return all(subject.rotated[subject.points.index(joint)] for joint in joints)
 
@@ -61,13 +84,7 @@ def _both(part: str) -> tuple[str, str]:
     return f"left_{part}", f"right_{part}"
 
 
-_FRAMES = (
-    "anatomy.component_order",
-    "anatomy.inverse_rotations",
-    "anatomy.rotations_and_positions",
-    "anatomy.rest_axes",
-    "anatomy.left_right",
-)
+_FRAMES = (*FRAMES, "anatomy.rest_axes", "anatomy.left_right")
 
 
 def _limit(name: str, joints: tuple[str, ...], most: float, why: str) -> Check:
@@ -83,12 +100,40 @@ CHECKS = (
         most=15,
         after=_FRAMES,
     ),
-    _limit("knees", _both("knee"), 30, "Knees that twist, or bend sideways."),
-    _limit("hips", _both("hip"), 30, "Legs in places that no leg reaches."),
-    _limit("ankles", _both("ankle"), 30, "Feet that point backward."),
-    _limit("spine", ("spine1", "spine2", "spine3"), 30, "A trunk that folds or wrings."),
-    _limit("neck", ("neck", "head"), 30, "A head that looks backward."),
-    _limit("shoulders", _both("shoulder"), 40, "Arms in places that no arm reaches."),
-    _limit("elbows", _both("elbow"), 40, "Elbows that bend backward, forearms that wring."),
-    _limit("wrists", _both("wrist"), 40, "Hands that bend off the arm."),
+    _limit("knees", _both("knee"), 75, "Knees that twist, or bend sideways."),
+    _limit("hips", _both("hip"), 90, "Legs in places that no leg reaches."),
+    _limit("ankles", _both("ankle"), 90, "Feet that point backward."),
+    _limit("spine", ("spine1", "spine2", "spine3"), 75, "A trunk that folds or wrings."),
+    _limit("neck", ("neck", "head"), 80, "A head that looks backward."),
+    _limit("shoulders", _both("shoulder"), 80, "Arms in places that no arm reaches."),
+    _limit("elbows", _both("elbow"), 60, "Elbows that bend backward, forearms that wring."),
+    _limit("wrists", _both("wrist"), 80, "Hands that bend off the arm."),
+    Check(
+        "anatomy.legs_apart",
+        partial(penetration, ((THIGH[0], THIGH[1]), (SHIN[0], SHIN[1])), 0.01),
+        "%",
+        "One leg goes through the other.",
+        most=30,
+        after=SIZED,
+    ),
+    Check(
+        "anatomy.arms_outside",
+        partial(
+            penetration,
+            tuple((arm, chain) for arm in FOREARM for chain in (("pelvis", "neck"), ("neck", "head"))),
+            0.01,
+        ),
+        "%",
+        "Forearms go through trunk or neck.",
+        most=40,
+        after=SIZED,
+    ),
+    Check(
+        "anatomy.arms_apart",
+        partial(penetration, ((FOREARM[0], FOREARM[1]),), 0.01),
+        "%",
+        "One forearm goes through the other.",
+        most=50,
+        after=SIZED,
+    ),
 )
