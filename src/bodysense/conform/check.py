@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
+
+import numpy as np
 
 from bodysense.conform.subject import Subject
 
@@ -80,7 +83,9 @@ def find(check: Check, subject: Subject, failed: frozenset[str]) -> Finding:
     broken = [name for name in check.after if name in failed]
     if broken:
         return Finding(check, "not enough", reason=f"depends on {broken[0]}, which failed")
-    found = check.measure(subject)
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore", RuntimeWarning)  # NaN is what is missing here, and NumPy warns of it
+        found = check.measure(subject)
     if isinstance(found, Unanswered):
         return Finding(check, "not enough", reason=found.reason)
     if check.most is None and check.least is None:

@@ -72,7 +72,11 @@ class Subject:
 
     def has(self, *names: str) -> bool:
         """Whether all these points are there, in at least one frame each."""
-        return all(name in self._place and bool(self.known[:, self._place[name]].any()) for name in names)
+        return all(name in self._present for name in names)
+
+    @cached_property
+    def _present(self) -> frozenset[str]:
+        return frozenset(np.array(self.points)[self.known.any(axis=0)].tolist())
 
     def at(self, name: str) -> np.ndarray:
         """(T, 3) m, NaN where it is not known."""

@@ -151,14 +151,6 @@ CHECKS = (
     Check("anatomy.up_axis", up_axis, "°", "A body that lies on its side in an avatar program.", most=60),
     Check("anatomy.handedness", handedness, "", "In a mirrored world left and right are changed.", least=0.2),
     Check(
-        "anatomy.left_right",
-        left_right,
-        "%",
-        "Left limbs on the right.",
-        most=5,
-        after=("anatomy.handedness", *FRAMES),
-    ),
-    Check(
         "anatomy.component_order",
         partial(better_otherwise, lambda turn: np.roll(turn, -1, axis=-1)),
         "times better as x y z w",
@@ -180,6 +172,14 @@ CHECKS = (
         "Skin that follows rotations leaves the joints.",
         most=10,
         after=("anatomy.component_order", "anatomy.inverse_rotations", "anatomy.bone_constancy"),
+    ),
+    Check(
+        "anatomy.left_right",
+        left_right,
+        "%",
+        "Left limbs on the right.",
+        most=5,
+        after=("anatomy.handedness", *FRAMES),
     ),
     Check(
         "anatomy.rest_axes",

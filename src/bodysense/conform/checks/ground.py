@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.conform.check import Check, Unanswered, Value
+from bodysense.conform.checks.anatomy import unit
 from bodysense.conform.checks.data import longest_run
 from bodysense.conform.checks.motion import TIMED
 from bodysense.conform.subject import Subject, nan_min
@@ -31,6 +32,7 @@ def skate(subject: Subject) -> Value | Unanswered:
         & (low < 0.25)
         & (subject.step > 0)
     )
+    counted &= _goes_on(subject)
     if counted.sum() * subject.interval < 2.0 or not _alternates(subject, counted):
         return Unanswered("the body walks for less than two seconds")
     return Value(float(slower[counted].sum() / moved[counted].sum()))
@@ -75,6 +77,8 @@ def idle_steps(subject: Subject) -> Value | Unanswered:
     window = max(round(0.5 / subject.interval), 1)
     head = subject.speed[:, subject.points.index("head")]
     idle = np.convolve(np.nan_to_num(head, nan=9.0), np.ones(2 * window + 1) / (2 * window + 1), "same") < _IDLE
+    for step in subject.labelled("march", "left_leg_raise", "right_leg_raise", "other"):
+        idle &= ~subject.during(step)[1:]
     minutes = float(idle.sum()) * subject.interval / 60
     if minutes * 60 < 8:
         return Unanswered("it stands still for less than 8 s")
@@ -86,11 +90,20 @@ def idle_steps(subject: Subject) -> Value | Unanswered:
     return Value(steps / minutes, f"{steps} steps in {60 * minutes:.0f} s")
 
 
+def _goes_on(subject: Subject) -> np.ndarray:
+    """(T - 1,) bool: the pelvis is elsewhere half a second before than half a second after, by a walk's way."""
+    half = max(round(0.5 / subject.interval), 1)
+    place = subject.at("pelvis") * np.array([1.0, 0.0, 1.0])
+    frames = np.arange(1, len(place))
+    before, after = np.maximum(frames - half, 0), np.minimum(frames + half, len(place) - 1)
+    return np.linalg.norm(place[after] - place[before], axis=-1) > _TRAVELS * (after - before) * subject.interval
+
+
 def _alternates(subject: Subject, counted: np.ndarray) -> bool:
     """Whether the thighs swing against each other, as in walking."""
     if not subject.has("left_hip", "right_hip", "left_knee", "right_knee"):
         return False
-    ahead = np.diff(subject.at("pelvis"), axis=0)[counted]
+    ahead = unit(np.diff(subject.at("pelvis"), axis=0)[counted] * np.array([1.0, 0.0, 1.0]))
     swings = [
         ((subject.at(f"{s}_knee") - subject.at(f"{s}_hip"))[1:][counted] * ahead).sum(axis=-1)
         for s in ("left", "right")

@@ -301,7 +301,7 @@ CHECKS = (
         ("anatomy.component_order", "anatomy.inverse_rotations"),
     ),
     _hand("shake", shake, "mm", "Fingers that tremble.", 2, (*_TIMED, "motion.shake")),
-    _hand("pop", pop, "cm", "Fingers that leap.", 12, (*_TIMED, "motion.pop")),
+    _hand("pop", pop, "cm", "Fingers that leap.", 15, (*_TIMED, "motion.pop")),
     _hand("frozen", frozen, "s", "A wrist that hangs while fingers move.", 0.5, ("data.frozen_joint",)),
     _gesture("flat", "flat", bent, "1 − straightness", "The hand is open.", 0.2),
     _gesture("fist", "fist", curled, "straightness", "The hand is a fist.", 0.6),

@@ -70,7 +70,7 @@ def penetration(pairs: tuple[tuple[Chain, Chain], ...], radius: float, subject: 
 
 def _between_segments(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
     """(T,) m between the middles' neighbourhoods of segments a–b and c–d: the least over a grid of points on each."""
-    share = np.linspace(0.1, 0.9, 9)[:, None, None]
+    share = np.linspace(0.1, 0.9, 6)[:, None, None]
     one, other = a + share * (b - a), c + share * (d - c)
     apart = np.linalg.norm(one[:, None] - other[None], axis=-1).reshape(-1, len(a))
     return nan_min(apart, axis=0)
@@ -105,7 +105,7 @@ CHECKS = (
     _limit("ankles", _both("ankle"), 90, "Feet that point backward."),
     _limit("spine", ("spine1", "spine2", "spine3"), 75, "A trunk that folds or wrings."),
     _limit("neck", ("neck", "head"), 80, "A head that looks backward."),
-    _limit("shoulders", _both("shoulder"), 80, "Arms in places that no arm reaches."),
+    _limit("shoulders", _both("shoulder"), 70, "Arms in places that no arm reaches."),
     _limit("elbows", _both("elbow"), 60, "Elbows that bend backward, forearms that wring."),
     _limit("wrists", _both("wrist"), 80, "Hands that bend off the arm."),
     Check(
