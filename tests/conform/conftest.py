@@ -11,9 +11,9 @@ import pytest
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_exp
 from bodysense.body.shape import sample_bodies
-from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.body.skeleton import BODY, Skeleton, default_skeleton
 from bodysense.conform.sources.files import pose_subject
-from bodysense.conform.subject import Step, Subject, Transport
+from bodysense.conform.subject import Step, Subject, Transport, is_finger
 
 RATE = 20
 LOST = slice(130, 150)  # frames in which the left wrist is completed
@@ -72,8 +72,8 @@ def script() -> list[tuple[str, float, list[tuple[float, Angles]]]]:
     steps = [
         ("stand", 10.0, [(0.0, stand), (1.0, stand)]),
         ("t_pose", 2.5, [(0.25, {}), (1.0, {})]),
-        ("squat", 6.0, [(0.1, stand), (0.3, squat), (0.5, stand), (0.7, squat), (0.9, stand)]),
         ("arms_up", 2.5, [(0.25, ARMS_UP), (1.0, ARMS_UP)]),
+        ("squat", 6.0, [(0.1, stand), (0.3, squat), (0.5, stand), (0.7, squat), (0.9, stand)]),
     ]
     for side in SIDES:
         up = stand | {f"{side}_shoulder": about(z=75.0 if side == "left" else -75.0)}
@@ -89,7 +89,7 @@ def script() -> list[tuple[str, float, list[tuple[float, Angles]]]]:
         steps.append((f"pinch_{finger}", 1.5, [(0.3, HANG | pinch(finger)), (1.0, HANG | pinch(finger))]))
     turned = stand | both(elbow=about(x=80.0), wrist=about(x=40.0))
     steps.append(("wrist_rotate", 2.0, [(0.0, stand), (0.5, turned), (1.0, stand)]))
-    steps.append(("remount", 2.0, [(0.0, stand), (1.0, stand)]))
+    steps += [("remount", 2.0, [(0.0, stand), (1.0, stand)]), ("other", 2.5, [(0.0, stand), (1.0, stand)])]
     steps += [("other", 4.8, [(0.0, stand), (1.0, stand)]), ("t_pose", 2.5, [(0.25, {}), (1.0, {})])]
     return steps
 
@@ -115,7 +115,7 @@ def swung(
     share = np.clip((time - at[place]) / np.maximum(at[place + 1] - at[place], 1e-9), 0, 1)
     share = (0.5 - 0.5 * np.cos(np.pi * share))[:, None, None]
     blended = (1 - share) * vectors[place] + share * vectors[place + 1]
-    walk = next(step for step in labels if step.label == "other")
+    walk = [step for step in labels if step.label == "other"][-1]
     inside = (time >= walk.start) & (time < walk.end)
     ramp = np.clip(np.minimum(time[inside] - walk.start, walk.end - time[inside]) / 0.5, 0, 1)
     phase = 2 * np.pi * (time[inside] - walk.start) / 1.2
@@ -160,13 +160,16 @@ def given_out(pose: Pose, steps: Sequence[Step]) -> Subject:
     off = next(step for step in steps if step.label == "remount")
     valid = np.broadcast_to((time < off.start) | (time > off.end - 0.2), subject.valid.T.shape).T.copy()
     measured = np.ones_like(valid)
-    measured[LOST, subject.points.index("left_wrist")] = False
+    hand = [
+        k for k, name in enumerate(subject.points) if name.startswith("left") and (is_finger(name) or "wrist" in name)
+    ]
+    measured[LOST, hand] = False
     transport = Transport(
         messages=len(time),
         log_time=time + 0.02,
         available=time + 0.02,
         device_time=time + 7.0,
-        all_tracked=valid.all(axis=1),
+        all_tracked=valid[:, [name in BODY for name in subject.points]].all(axis=1),
     )
     return replace(
         subject, steps=tuple(steps), valid=valid, measured=measured, floor=0.0, transport=transport, sha256="0" * 64

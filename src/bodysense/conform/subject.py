@@ -111,7 +111,8 @@ class Subject:
     @cached_property
     def interval(self) -> float:
         """Median time between frames, s; NaN of one frame."""
-        return float(np.median(self.step)) if len(self.step) else float("nan")
+        steps = self.step[np.isfinite(self.step)]
+        return float(np.median(steps)) if len(steps) else float("nan")
 
     @cached_property
     def seconds(self) -> float:

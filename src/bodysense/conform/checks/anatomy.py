@@ -29,7 +29,8 @@ def bone_constancy(subject: Subject) -> Value | Unanswered:
         length = subject.length(parent, child)
         middle = float(np.nanmedian(length))
         if middle > 0.02:
-            variation = 100 * float(np.nanstd(length)) / middle
+            low, high = np.nanpercentile(length, [2.5, 97.5])  # a leap of a frame is asked for elsewhere
+            variation = 100 * float(np.nanstd(np.clip(length, low, high))) / middle
             if variation > worst:
                 worst, where = variation, f"{parent} – {child}"
     return Value(worst, where) if worst >= 0 else Unanswered("no bones")

@@ -8,7 +8,7 @@ import numpy as np
 
 from bodysense.conform.check import Check, Unanswered, Value
 from bodysense.conform.checks.timing import TIMED
-from bodysense.conform.subject import Subject
+from bodysense.conform.subject import FOOT_POINTS, Subject
 
 _LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 NEEDED = ("pelvis", "head", *(f"{side}_{part}" for side in ("left", "right") for part in _LIMBS))
@@ -140,6 +140,8 @@ def frozen_joint(subject: Subject) -> Value | Unanswered:
     """The longest time for which a joint stays in place bit for bit while the bone that carries it moves."""
     longest, where, frame = 0, "", None
     for parent, child in subject.bones:
+        if child in FOOT_POINTS:  # whose feet are held may hold them exactly
+            continue
         still = (np.diff(subject.at(child), axis=0) == 0).all(axis=-1)
         moves = np.linalg.norm(np.diff(subject.at(parent), axis=0), axis=-1) > 0.001
         run, start = longest_run(still & moves)

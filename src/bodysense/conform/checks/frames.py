@@ -82,7 +82,7 @@ def left_right(subject: Subject) -> Value | Unanswered:
 
 
 def same_frame(subject: Subject) -> Value | Unanswered:
-    """Median over bones of how much a child wanders in its parent's frame, as a share of the bone."""
+    """Median over bones of how far a child wanders on average in its parent's frame, as a share of the bone."""
     spread = _spreads(subject, lambda turn: turn)
     if len(spread) < 3:
         return Unanswered("fewer than three bones turn by 20°")
@@ -94,7 +94,7 @@ def better_otherwise(change: Callable[[np.ndarray], np.ndarray], subject: Subjec
     as_is, otherwise = _spreads(subject, lambda turn: turn), _spreads(subject, change)
     if len(as_is) < 3 or len(otherwise) < 3:
         return Unanswered("fewer than three bones turn by 20°")
-    return Value(float(np.median(as_is)) / max(float(np.median(otherwise)), 0.01))
+    return Value(float(np.median(as_is)) / max(float(np.median(otherwise)), 0.02))
 
 
 def rest_axes(subject: Subject) -> Value | Unanswered:
@@ -123,7 +123,7 @@ def _spreads(subject: Subject, change: Callable[[np.ndarray], np.ndarray]) -> li
             length = max(float(np.nanmedian(subject.length(parent, child))), 1e-9)
             middle = np.nanmedian(local, axis=0)
             if length > 0.05:
-                found.append(float(np.nanmedian(np.linalg.norm(local - middle, axis=-1))) / length)
+                found.append(float(np.nanmean(np.linalg.norm(local - middle, axis=-1))) / length)
     return found
 
 

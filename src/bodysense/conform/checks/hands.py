@@ -74,7 +74,8 @@ def bone_constancy(subject: Subject, side: str) -> Value:
     for finger in _ALL:
         for a, b in pairwise(_chain(subject, side, finger)):
             length = subject.length(a, b)
-            variation = 100 * float(np.nanstd(length)) / max(float(np.nanmedian(length)), 1e-3)
+            low, high = np.nanpercentile(length, [2.5, 97.5])
+            variation = 100 * float(np.nanstd(np.clip(length, low, high))) / max(float(np.nanmedian(length)), 1e-3)
             if variation > worst:
                 worst, where = variation, b
     return Value(worst, where)
@@ -253,8 +254,8 @@ def _length(subject: Subject, parent: str, child: str) -> float:
     return float(np.nanmedian(subject.length(parent, child)))
 
 
-_SEEN = ("data.finite", "hands.complete")
-_FORM = (*_SEEN, "hands.longest", "hands.shortest", "hands.knuckle_order")
+_SEEN = ("data.finite", "anatomy.height", "anatomy.joint_order", "hands.complete")
+_FORM = (*_SEEN, "hands.longest", "hands.shortest", "hands.knuckle_order", "hands.thumb_side", "hands.proportions")
 _TIMED = ("data.time_increases", "data.time_in_seconds", "data.gaps")
 
 
@@ -301,7 +302,7 @@ CHECKS = (
         ("anatomy.component_order", "anatomy.inverse_rotations"),
     ),
     _hand("shake", shake, "mm", "Fingers that tremble.", 2, (*_TIMED, "motion.shake")),
-    _hand("pop", pop, "cm", "Fingers that leap.", 15, (*_TIMED, "motion.pop")),
+    _hand("pop", pop, "cm", "Fingers that leap.", 15, (*_TIMED, "motion.pop", "hands.longest")),
     _hand("frozen", frozen, "s", "A wrist that hangs while fingers move.", 0.5, ("data.frozen_joint",)),
     _gesture("flat", "flat", bent, "1 − straightness", "The hand is open.", 0.2),
     _gesture("fist", "fist", curled, "straightness", "The hand is a fist.", 0.6),

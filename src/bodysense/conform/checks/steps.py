@@ -102,6 +102,8 @@ _BODY = (
     "anatomy.up_axis",
     "anatomy.joint_order",
     "motion.floor_level",
+    "motion.under_floor",
+    "motion.hover",
 )
 
 

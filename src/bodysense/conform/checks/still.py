@@ -20,10 +20,12 @@ def noise_floor(values: np.ndarray, subject: Subject, slow: float) -> float:
     From third differences, which motion hardly has at the rates of trackers. Noise of the sensor is in every second.
     """
     window, base = (max(round(span / subject.interval), 2) for span in (_WINDOW, _BASE))
-    if len(values) < window + base + 3 or not subject.interval > 0:
+    if len(values) < window + 2 * base + 3 or not subject.interval > 0:
         return float("nan")
     third = np.square(np.diff(values, 3, axis=0)).mean(axis=-1)
-    moved = np.linalg.norm(values[base:] - values[:-base], axis=-1)
+    whole = np.cumsum(np.concatenate([np.zeros_like(values[:1]), values]), axis=0)
+    smooth = (whole[base:] - whole[:-base]) / base
+    moved = np.linalg.norm(smooth[base:] - smooth[:-base], axis=-1)
     count = min(len(third), len(moved)) - window + 1
     if count < 1:
         return float("nan")
@@ -70,8 +72,8 @@ def jitter(subject: Subject) -> Value | Unanswered:
 
 def dead(subject: Subject) -> Value | Unanswered:
     """Of a script that asks for motion: the speed of its fastest joint, at the 90th percentile."""
-    if not subject.steps or not len(subject.speed):
-        return Unanswered("no script")
+    if not {step.label for step in subject.steps} - {"stand", "sit"} or not len(subject.speed):
+        return Unanswered("no script that asks for motion")
     speed = subject.speed[:, [subject.points.index(name) for name in body_points(subject)]]
     return Value(float(np.nanpercentile(np.nan_to_num(speed).max(axis=1), 90)))
 
@@ -85,7 +87,7 @@ def _noisiest(noise: dict[str, float]) -> Value | Unanswered:
 
 
 CHECKS = (
-    Check("motion.shake", shake, "mm", "What stands trembles.", most=4, after=TIMED),
+    Check("motion.shake", shake, "mm", "What stands trembles.", most=8, after=TIMED),
     Check(
         "motion.rotation_shake",
         rotation_shake,

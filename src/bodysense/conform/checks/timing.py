@@ -36,8 +36,8 @@ def rate(subject: Subject) -> Value:
 
 
 def interval_regular(subject: Subject) -> Value:
-    """Median departure from the median interval, as a share of it."""
-    off = float(np.median(np.abs(subject.step - subject.interval)))
+    """Mean departure from the median interval, as a share of it."""
+    off = float(np.mean(np.abs(subject.step - subject.interval)))
     return Value(100 * off / subject.interval if subject.interval > 0 else float("nan"))
 
 

@@ -52,7 +52,8 @@ def recovery(subject: Subject) -> Value | Unanswered:
     body = [k for k, name in enumerate(subject.points) if not is_finger(name)]
     before = np.diff(subject.places[:, body], axis=0)
     jump = np.zeros(len(subject))
-    jump[2:] = np.nan_to_num(np.linalg.norm(before[1:] - before[:-1], axis=-1)).max(axis=1)
+    slow = min(1.0, (1 / 30 / subject.interval) ** 2) if subject.interval > 0 else 1.0  # curves grow with the interval
+    jump[2:] = slow * np.nan_to_num(np.linalg.norm(before[1:] - before[:-1], axis=-1)).max(axis=1)
     worst = 0.0
     for back in returns:
         after = (subject.time > subject.time[back]) & (subject.time <= subject.time[back] + 2)
@@ -78,8 +79,9 @@ def same_body(subject: Subject) -> Value | Unanswered:
                 length = subject.length(one, other)
                 if np.isfinite(length[past]).any() and np.isfinite(length[later]).any():
                     old, new = float(np.nanmedian(length[past])), float(np.nanmedian(length[later]))
-                    if 100 * abs(new - old) / old > worst:
-                        worst, where = 100 * abs(new - old) / old, f"{one} – {other}"
+                    change = 100 * abs(new - old) / max(old, 1e-3)
+                    if change > worst:
+                        worst, where = change, f"{one} – {other}"
     return Value(worst, where)
 
 
@@ -103,7 +105,7 @@ def _returns(subject: Subject) -> list[int]:
     return [int(present[k + 1]) for k in away]
 
 
-_TIMED = ("data.time_finite", "data.time_increases", "data.time_in_seconds")
+_TIMED = ("data.time_finite", "data.time_increases", "data.time_in_seconds", "anatomy.height")
 
 CHECKS = (
     Check(

@@ -51,8 +51,7 @@ def page(verdict: Verdict) -> str:
         f"{len(subject.points)} points",
     ]
     counts = "".join(
-        f'<li class="{o.replace(" ", "-") if verdict.of(o) else "none"}"><b>{len(verdict.of(o))}</b>{escape(_plural(o))}</li>'
-        for o in _ORDER
+        f'<li class="{_kind(verdict, o)}"><b>{len(verdict.of(o))}</b>{escape(_plural(o))}</li>' for o in _ORDER
     )
     pictures = "".join(
         f"<figure>{svg}<figcaption>{_moment(verdict, k)}</figcaption></figure>" for k, svg in strip(subject)
@@ -108,6 +107,10 @@ def _line(finding: Finding) -> str:
         f"<td class=value>{escape(figure(finding))}</td>"
         f"<td class=limit>{escape(check.limit)}</td><td class=why>{escape(said)}</td></tr>"
     )
+
+
+def _kind(verdict: Verdict, outcome: Outcome) -> str:
+    return outcome.replace(" ", "-") if verdict.of(outcome) else "none"
 
 
 def _plural(outcome: Outcome) -> str:
