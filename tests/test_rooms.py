@@ -31,8 +31,9 @@ FLOORS = {
     "take": 6,
     "serve": 6,
     "lab": 6,
-    "cli": 7,
-    "__main__": 8,
+    "conform": 7,
+    "cli": 8,
+    "__main__": 9,
 }
 FRONT_DOOR = "bodysense"  # names what the library offers, and imports it when it is asked for
 LIGHT = {"numpy", "array_api_compat", "tyro", "rich"}  # what run-time modules may import at once

@@ -88,12 +88,8 @@ class Estimate:
         )
 
 
-def check_observation(observation: Observation, name: str = "observation", farthest: float = FARTHEST) -> Observation:
-    """Return the observation if it is well formed; raise BodysenseError, naming the fix, if not.
-
-    Well formed: shapes agree, times increase, and what the masks call tracked is finite, at most `farthest` m from the
-    origin, turned by unit quaternions and of positive accuracy.
-    """
+def check_shapes(observation: Observation, name: str = "observation") -> None:
+    """Raise BodysenseError, naming the fix, where arrays do not fit together; their values are not looked at."""
     frames, count = len(observation.time), len(observation.points)
     expected = {"position": (3,), "rotation": (4,), "has_position": (), "has_rotation": (), "accuracy": ()}
     if len(set(observation.points)) != count:
@@ -106,6 +102,15 @@ def check_observation(observation: Observation, name: str = "observation", farth
         wanted = (*batch, frames, count, *tail)
         if shape != wanted:
             raise BodysenseError(f"{name}: {field} has shape {shape}; {frames} frames of {count} points need {wanted}")
+
+
+def check_observation(observation: Observation, name: str = "observation", farthest: float = FARTHEST) -> Observation:
+    """Return the observation if it is well formed; raise BodysenseError, naming the fix, if not.
+
+    Well formed: shapes agree, times increase, and what the masks call tracked is finite, at most `farthest` m from the
+    origin, turned by unit quaternions and of positive accuracy.
+    """
+    check_shapes(observation, name)
     if not np.isfinite(observation.time).all():
         bad = int(np.argmin(np.isfinite(observation.time)))
         raise BodysenseError(f"{name}: the time of frame {bad} is not a number; give seconds, increasing")

@@ -36,7 +36,7 @@ def read(path: str | Path) -> Clip | Recording:
 
 
 def write(path: str | Path, content: Clip | Recording) -> None:
-    """Write a clip (.bvh, .glb, .vrma) or a recording (.npz, .jsonl); the file appears whole or not at all.
+    """Write a clip (.bvh, .glb, .vrma, .mcap) or a recording (.npz, .jsonl); the file appears whole or not at all.
 
     Raises BodysenseError where the ending is of another kind of file.
     """

@@ -43,7 +43,7 @@ class Take:
     time: np.ndarray  # (T,) s of the estimate's frames
 
     def save(self, path: str | Path) -> None:
-        """Write the motion: .bvh, .glb (glTF with an animated skeleton) or .vrma (an animation for VRM avatars)."""
+        """Write the motion: .bvh, .glb (animated glTF), .vrma (for VRM avatars) or .mcap (for robots' tools)."""
         path = Path(path)
         write_motion(path, replace(self.clip, name=path.stem))
 

@@ -201,7 +201,7 @@ def test_what_cannot_be_written_is_refused_and_leaves_no_file(waving_clip: Clip,
             write_motion(path, other)
     with pytest.raises(BodysenseError, match="pelvis at y = 0 m; it must stand on y = 0"):
         write_vrma(tmp_path / "a.vrma", replace(waving_clip, pose=Pose(floating, pose.root_position, pose.rotation)))
-    with pytest.raises(BodysenseError, match=r"ends in '.fbx'; give a name that ends in .bvh, .glb or .vrma"):
+    with pytest.raises(BodysenseError, match=r"ends in '.fbx'; give a name that ends in .bvh, .glb, .vrma or .mcap"):
         check_ending(tmp_path / "a.fbx")
     with pytest.raises(BodysenseError, match="does not exist; create it"):
         check_ending(tmp_path / "nowhere" / "a.glb")

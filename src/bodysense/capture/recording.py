@@ -15,7 +15,7 @@ import numpy as np
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
-from bodysense.observation import Observation, check_observation, usual_accuracy, without_gloves
+from bodysense.observation import Observation, check_observation, check_shapes, usual_accuracy, without_gloves
 
 FORMAT = "bodysense recording 1"
 _SKELETON = ("joints", "end_sites", "parents", "rest_offset")
@@ -44,12 +44,19 @@ def write_recording(path: str | Path, recording: Recording) -> None:
 
 def read_recording(path: str | Path) -> Recording:
     """Read a recording. Raises BodysenseError naming the file, what is wrong, and the fix."""
+    recording = parse_recording(path)
+    _check(Path(path), recording)
+    return recording
+
+
+def parse_recording(path: str | Path) -> Recording:
+    """Read a recording whose values nobody checked: they may be NaN, and times in any order. Raises BodysenseError."""
     path = Path(path)
     _check_ending(path)
     if not path.is_file():
         raise BodysenseError(f"{path}: no such file")
     recording = _read_npz(path) if path.suffix == ".npz" else _read_jsonl(path)
-    _check(path, recording)
+    _check_shapes(path, recording.observation)
     return recording
 
 
@@ -73,18 +80,24 @@ def _check_ending(path: Path) -> None:
 def _check(path: Path, recording: Recording) -> None:
     """Raise BodysenseError, naming the file, for what is not one motion of points of the skeleton."""
     seen = recording.observation
+    _check_shapes(path, seen)
+    check_observation(seen, str(path))
+    try:
+        recording.skeleton.indices(without_gloves(seen).points)
+    except BodysenseError as error:
+        raise BodysenseError(f"{path}: {error}") from None
+
+
+def _check_shapes(path: Path, seen: Observation) -> None:
+    """Raise BodysenseError, naming the file, for arrays that are not those of one motion."""
     if not len(seen.time) or not seen.points:
         raise BodysenseError(f"{path}: time and points must be lists of at least one value")
-    check_observation(seen, str(path))
+    check_shapes(seen, str(path))
     wanted = (len(seen.time), len(seen.points), 3)
     if seen.position.shape != wanted:
         raise BodysenseError(
             f"{path}: position has shape {seen.position.shape}; a recording is of one motion, {wanted}"
         )
-    try:
-        recording.skeleton.indices(without_gloves(seen).points)
-    except BodysenseError as error:
-        raise BodysenseError(f"{path}: {error}") from None
 
 
 def _write_npz(path: Path, recording: Recording) -> None:

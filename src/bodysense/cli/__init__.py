@@ -9,11 +9,11 @@ from bodysense.errors import BodysenseError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line. Returns the exit status: 2 for what the user gave wrong, with one line on stderr."""
+    """Run the command line. Returns the exit status: a command's own, or 2 for what the user gave wrong."""
     from bodysense.cli.application import application
 
     try:
-        application().cli(prog="bodysense", description=_description(), args=arguments)
+        status = application().cli(prog="bodysense", description=_description(), args=arguments)
     except BodysenseError as error:
         print("bodysense:", " ".join(str(error).splitlines()), file=sys.stderr)
         return 2
@@ -23,7 +23,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("bodysense: stopped", file=sys.stderr)
         return 130
-    return 0
+    return status or 0
 
 
 def _description() -> str:

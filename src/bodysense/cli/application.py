@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from tyro.extras import SubcommandApp
 
-from bodysense.cli import bench, data, demo, evaluate, motion, samples, serve, study, train
+from bodysense.cli import bench, conform, data, demo, evaluate, motion, samples, serve, study, train
 
 
 def application() -> SubcommandApp:
     """All commands: `bodysense demo`, `bodysense data info` …"""
     root = SubcommandApp()
-    for command in (demo.demo, motion.track, motion.simulate):
+    for command in (demo.demo, motion.track, motion.simulate, conform.conform):
         root.command(command)
     root.command(samples.generate)
     root.command(serve.serve)

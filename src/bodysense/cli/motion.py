@@ -77,7 +77,8 @@ def track(
     Args:
         file: recording (.npz, .jsonl), markers of gloves (.csv, .c3d), video (a file, a folder of images, or a webcam's
             index), or with --device a motion (.bvh, AMASS .npz).
-        out: completed motion: .bvh, .glb (glTF with an animated skeleton) or .vrma (an animation for VRM avatars).
+        out: completed motion: .bvh, .glb (glTF with an animated skeleton), .vrma (an animation for VRM avatars) or
+            .mcap (a take that robots' tools read).
         device: what watches the body, where the file is a motion.
         height: wearer's height in metres; other proportions are inferred. If omitted, the body is the recording's, and
             inferred where that has none.

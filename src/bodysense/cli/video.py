@@ -45,7 +45,7 @@ NO_VIDEO = VideoOptions()
 
 
 def track_video(source: str, out: Path, options: VideoOptions, model: Path | None, height: float | None) -> None:
-    """Write the motion of the person in a video (.bvh, .glb, .vrma), and the video with the body over it."""
+    """Write the motion of the person in a video (.bvh, .glb, .vrma, .mcap), and the video with the body over it."""
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn
 

@@ -14,10 +14,11 @@ from bodysense.data.bvh_stream import BvhStream
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.export.gltf import write_glb
+from bodysense.export.mcap_take import write_mcap
 from bodysense.export.vrma import write_vrma
 from bodysense.files import check_place
 
-_WRITERS = {".bvh": write_bvh, ".glb": write_glb, ".vrma": write_vrma}
+_WRITERS = {".bvh": write_bvh, ".glb": write_glb, ".vrma": write_vrma, ".mcap": write_mcap}
 ENDINGS = tuple(_WRITERS)
 
 
@@ -26,13 +27,14 @@ def check_ending(path: Path) -> Path:
     check_place(path)
     if path.suffix.lower() not in _WRITERS:
         raise BodysenseError(
-            f"{path}: the output ends in {path.suffix or 'nothing'!r}; give a name that ends in .bvh, .glb or .vrma"
+            f"{path}: the output ends in {path.suffix or 'nothing'!r}; give a name that ends in .bvh, .glb, "
+            ".vrma or .mcap"
         )
     return path
 
 
 def write_motion(path: Path, clip: Clip) -> None:
-    """Write a clip as BVH, glTF (.glb) or VRM animation (.vrma); raises BodysenseError as their writers do."""
+    """Write a clip as BVH, glTF (.glb), VRM animation (.vrma) or MCAP take (.mcap); raises as their writers do."""
     _WRITERS[check_ending(path).suffix.lower()](path, clip)
 
 
@@ -40,7 +42,7 @@ def write_motion(path: Path, clip: Clip) -> None:
 def motion_stream(path: Path, skeleton: Skeleton, frame_rate: float) -> Iterator[BvhStream]:
     """A motion that is written as it comes; its file appears when the block ends well, if there was any frame.
 
-    Formats that say first how long they are, .glb and .vrma, are made of the whole of it in the end.
+    Formats other than .bvh are made of the whole of it in the end.
     """
     if check_ending(path).suffix.lower() == ".bvh":
         with BvhStream(path, skeleton, frame_rate) as motion:

@@ -1,0 +1,1 @@
+"""A referee for body trackers: is what a tracker gives out a body that moves?"""

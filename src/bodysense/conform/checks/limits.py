@@ -1,0 +1,143 @@
+"""Joint limits: does any joint turn further than a person's can, or any limb go through another?"""
+
+from __future__ import annotations
+
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+
+from bodysense.body.posture import posture
+from bodysense.body.rotation import quaternion_log, quaternion_rotate
+from bodysense.body.skeleton import default_skeleton
+from bodysense.conform.check import Check, Unanswered, Value
+from bodysense.conform.checks.anatomy import FOREARM, SHIN, SIZED, THIGH, Chain
+from bodysense.conform.checks.frames import FRAMES
+from bodysense.conform.subject import Subject
+
+_BENT = np.radians(30.0)  # a hinge that bends less has no direction
+
+
+def beyond(joints: tuple[str, ...], subject: Subject) -> Value | Unanswered:
+    """How far (°) one of these joints is over its range for a quarter of the time."""
+    ours = default_skeleton()
+    ranges = posture(ours)
+    worst, where, frame = -1.0, "", None
+    for joint in joints:
+        parent = ours.joints[ours.parents[ours.index(joint)]]
+        if not subject.has(joint, parent) or not _rotated(subject, joint, parent):
+            continue
+        turn = quaternion_log(subject.local(parent, joint))
+        k = ours.index(joint)
+        over = np.degrees(np.maximum(np.maximum(turn - ranges.high[k], ranges.low[k] - turn), 0).max(axis=-1))
+        here = float(np.nanpercentile(over, 75)) if np.isfinite(over).any() else 0.0
+        if here > worst:
+            worst, where, frame = here, joint, int(np.nanargmax(over)) if np.isfinite(over).any() else None
+    return Value(worst, where, frame) if worst >= 0 else Unanswered("no rotations of these joints")
+
+
+def bends_backward(parts: tuple[str, str, str], sense: float, subject: Subject) -> Value | Unanswered:
+    """Share of the frames in which a hinge is bent, that it is bent the wrong way, by the places of its joints."""
+    worst, where = -1.0, ""
+    for side in ("left", "right"):
+        chain = [f"{side}_{part}" for part in parts]
+        if not subject.has(*chain) or not subject.rotated[subject.points.index(chain[0])]:
+            continue
+        first, second = (subject.at(b) - subject.at(a) for a, b in pairwise(chain))
+        first, second = (v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9) for v in (first, second))
+        hinge = quaternion_rotate(subject.turn(chain[0]), np.array([1.0, 0.0, 0.0]))
+        bent = np.arccos(np.clip((first * second).sum(axis=-1), -1, 1)) > _BENT
+        wrong = bent & (sense * (np.cross(first, second) * hinge).sum(axis=-1) < 0)
+        if bent.sum() >= 5:
+            share = 100 * float(wrong.sum() / max(bent.sum(), 1)) * min(1.0, 10 * float(bent.mean()))
+            if share > worst:
+                worst, where = share, chain[1]
+    return Value(worst, where) if worst >= 0 else Unanswered("it is never bent by 30°")
+
+
+def penetration(pairs: tuple[tuple[Chain, Chain], ...], radius: float, subject: Subject) -> Value | Unanswered:
+    """Share of frames in which two limbs' bones are nearer than `radius` m to each other: one is inside the other."""
+    worst, where = -1.0, ""
+    for one, other in pairs:
+        if not subject.has(*one, *other):
+            continue
+        apart = _between_segments(*(subject.at(name) for name in (*one, *other)))
+        share = 100 * float((apart < radius * subject.height / 1.5).mean())
+        if share > worst:
+            worst, where = share, f"{one[0]}, {other[0]}"
+    return Value(worst, where) if worst >= 0 else Unanswered("some of these joints do not come")
+
+
+def _between_segments(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """(T,) m between segments a–b and c–d, (T, 3) each, the ends' tenth left out."""
+    a, b = a + 0.1 * (b - a), b + 0.1 * (a - b)
+    c, d = c + 0.1 * (d - c), d + 0.1 * (c - d)
+    u, v, w = b - a, d - c, a - c
+    uu, uv, vv, uw, vw = ((p * q).sum(axis=-1) for p, q in ((u, u), (u, v), (v, v), (u, w), (v, w)))
+    s = np.clip((uv * vw - vv * uw) / np.maximum(uu * vv - uv * uv, 1e-12), 0, 1)
+    t = np.clip((uv * s + vw) / np.maximum(vv, 1e-12), 0, 1)
+    s = np.clip((uv * t - uw) / np.maximum(uu, 1e-12), 0, 1)
+    return np.linalg.norm(w + s[:, None] * u - t[:, None] * v, axis=-1)
+
+
+def _rotated(subject: Subject, *joints: str) -> bool:
+    return all(subject.rotated[subject.points.index(joint)] for joint in joints)
+
+
+def _both(part: str) -> tuple[str, str]:
+    return f"left_{part}", f"right_{part}"
+
+
+_FRAMES = (*FRAMES, "anatomy.rest_axes", "anatomy.left_right")
+
+
+def _limit(name: str, joints: tuple[str, ...], most: float, why: str) -> Check:
+    return Check(f"anatomy.limits_{name}", partial(beyond, joints), "° over", why, most=most, after=_FRAMES)
+
+
+CHECKS = (
+    Check(
+        "anatomy.knees_forward",
+        partial(bends_backward, ("hip", "knee", "ankle"), 1.0),
+        "%",
+        "Knees that bend backward.",
+        most=15,
+        after=_FRAMES,
+    ),
+    _limit("knees", _both("knee"), 75, "Knees that twist, or bend sideways."),
+    _limit("hips", _both("hip"), 90, "Legs in places that no leg reaches."),
+    _limit("ankles", _both("ankle"), 90, "Feet that point backward."),
+    _limit("spine", ("spine1", "spine2", "spine3"), 75, "A trunk that folds or wrings."),
+    _limit("neck", ("neck", "head"), 80, "A head that looks backward."),
+    _limit("shoulders", _both("shoulder"), 40, "Arms in places that no arm reaches."),
+    _limit("elbows", _both("elbow"), 60, "Elbows that bend backward, forearms that wring."),
+    _limit("wrists", _both("wrist"), 80, "Hands that bend off the arm."),
+    Check(
+        "anatomy.legs_apart",
+        partial(penetration, ((THIGH[0], THIGH[1]), (SHIN[0], SHIN[1])), 0.01),
+        "%",
+        "One leg goes through the other.",
+        most=30,
+        after=SIZED,
+    ),
+    Check(
+        "anatomy.arms_outside",
+        partial(
+            penetration,
+            tuple((arm, chain) for arm in FOREARM for chain in (("pelvis", "neck"), ("neck", "head"))),
+            0.03,
+        ),
+        "%",
+        "Forearms go through trunk or neck.",
+        most=40,
+        after=SIZED,
+    ),
+    Check(
+        "anatomy.arms_apart",
+        partial(penetration, ((FOREARM[0], FOREARM[1]),), 0.01),
+        "%",
+        "One forearm goes through the other.",
+        most=50,
+        after=SIZED,
+    ),
+)

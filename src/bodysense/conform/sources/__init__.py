@@ -1,0 +1,1 @@
+"""What gives subjects: files and streams, each read as it is, faults included."""
