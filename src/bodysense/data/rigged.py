@@ -44,7 +44,7 @@ def read_rigged(data: bytes, path: Path, options: ReadingOptions = AS_FOUND, *, 
     Raises BodysenseError, naming the file and the fix, where it holds no body, or several and none was chosen.
     """
     file = parse_bvh(data, path)
-    figure = _chosen(bodies_of([file.figure(root) for root in file.roots], options), path, options)
+    figure = _chosen(file, options)
     rig = recognise(figure, options)
     clip = _clip(figure, rig, must_stand)
     if options.height is not None:
@@ -54,8 +54,14 @@ def read_rigged(data: bytes, path: Path, options: ReadingOptions = AS_FOUND, *, 
     return Rigged(file, figure, rig, clip)
 
 
-def _chosen(figures: list[Figure], path: Path, options: ReadingOptions) -> Figure:
+def figure_of_file(data: bytes, path: Path, options: ReadingOptions = AS_FOUND) -> Figure:
+    """The figure of a BVH file's bytes that is read, whether or not it is recognised. Raises as `read_rigged`."""
+    return _chosen(parse_bvh(data, path), options)
+
+
+def _chosen(file: BvhFile, options: ReadingOptions) -> Figure:
     """The body that the options choose."""
+    path, figures = file.path, bodies_of([file.figure(root) for root in file.roots], options)
     names = ", ".join(f"{rank} ({figure.joints[0]})" for rank, figure in enumerate(figures, start=1))
     if options.figure is None and len(figures) > 1:
         raise BodysenseError(f"{path}: {len(figures)} bodies in it: {names}; choose one with --figure 1")

@@ -22,6 +22,7 @@ _LONGEST_CHAIN = 18  # points of a limb
 _HINT, _CONTRADICTION, _HELPER = 1.5, 1.5, 4.0  # of names
 
 Kind = Literal["leg", "arm"]
+NARROWEST: dict[Kind, float] = {"leg": 0.08, "arm": 0.3}  # of a limb's length: how far apart both begin
 ROLES: dict[Kind, tuple[str, str, str]] = {"leg": ("hip", "knee", "ankle"), "arm": ("shoulder", "elbow", "wrist")}
 
 
@@ -177,11 +178,14 @@ def _fit(
     if min(upper, lower) < 0.08 * longest:
         return None
     before, after = straight.median(0, first), straight.way[-1] - straight.way[third]
+    apart = tree.distance(chains[0][picks[0]], chains[1][picks[0]]) / (upper + lower)
+    narrowest = NARROWEST[kind]
+    penalty = 5 * max(0.0, 1 - apart / narrowest)  # limbs do not begin in one point
     if kind == "leg":
-        penalty = (np.log(upper / lower) / 0.25) ** 2 + 4 * max(0.0, before / upper - 0.6)
+        penalty += (np.log(upper / lower) / 0.25) ** 2 + 4 * max(0.0, before / upper - 0.6)
         penalty += 5 * max(0.0, after / lower - 0.8)
     else:
-        penalty = (np.log(upper / lower / 1.05) / 0.3) ** 2 + 3 * max(0.0, before / upper - 1.2)
+        penalty += (np.log(upper / lower / 1.05) / 0.3) ** 2 + 3 * max(0.0, before / upper - 1.2)
         penalty += 5 * max(0.0, after / lower - 1.2)
     for a, b in ((first, second), (second, third)):  # a joint between two of the three should not bend
         if b - a > 1:
