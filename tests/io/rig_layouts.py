@@ -238,7 +238,7 @@ LAYOUTS: dict[str, Layout] = {
         up="-y",
         placed=True,
     ),
-    "OpenNI": Layout(OPENNI_BONES, unit=0.001),
+    "OpenNI": Layout(OPENNI_BONES, unit=0.001, lacks=("pelvis",)),
     "classic": Layout(
         bones_of(spine("Hips", "Chest", "spine1") + CLASSIC, "Left", "Right"), unit=0.0254, rest="hanging"
     ),
@@ -247,7 +247,9 @@ LAYOUTS: dict[str, Layout] = {
     ),
     "Unreal": Layout(bones_of(UNREAL, "l", "r", "{f}_0{k}_*", "hand_*"), up="z", rest="A"),
     "Rigify": Layout(bones_of(RIGIFY, "L", "R", "DEF-f_{f}.0{k}.*", "DEF-hand.*"), unit=1.0, up="z", rest="A"),
-    "3ds Max Biped": Layout(bones_of(BIPED, "L", "R", "Bip01 * Finger{m}{j}", "Bip01 * Hand"), unit=0.0254, rest="odd"),
+    "3ds Max Biped": Layout(
+        bones_of(BIPED, "L", "R", "Bip01 * Finger{m}{j}", "Bip01 * Hand"), unit=0.0254, rest="odd", still=("neck",)
+    ),
     "VRoid": Layout(bones_of(VROID, "L", "R", "J_Bip_*_{F}{k}", "J_Bip_*_Hand"), unit=1.0),
     "Kinect": Layout(bones_of(KINECT, "Left", "Right"), unit=1.0, placed=True),
     "Perception Neuron": Layout(bones_of(NEURON, "Left", "Right"), orders=("YXZ",)),

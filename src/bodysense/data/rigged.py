@@ -44,6 +44,8 @@ def read_rigged(data: bytes, path: Path, options: ReadingOptions = AS_FOUND, *, 
     Raises BodysenseError, naming the file and the fix, where it holds no body, or several and none was chosen.
     """
     file = parse_bvh(data, path)
+    if must_stand and options.floor is None:  # a published set has its floor
+        options = replace(options, floor=0.0)
     figure = _chosen(file, options)
     rig = recognise(figure, options)
     clip = _clip(figure, rig, must_stand)

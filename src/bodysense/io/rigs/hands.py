@@ -79,6 +79,8 @@ def _which(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[in
 def _without_metacarpal(tree: Tree, wrist: int, finger: str, chain: list[int], joints: list[int]) -> list[int]:
     """The three joints that bend: without a bone inside the palm, named so or too near to the wrist."""
     names = tree.figure.points
+    if len(joints) > 3 and len(chain) > len(joints):  # four that bend and a tip: the first is inside the palm
+        return joints[1:]
     if finger == "thumb" or len(joints) < 3:
         return joints
     if "carpal" in "".join(words.words(names[joints[0]])) or (names[joints[0]].endswith("MC")):

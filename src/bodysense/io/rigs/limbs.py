@@ -114,12 +114,11 @@ def _mirrored(tree: Tree, hub: int, a: int, b: int) -> tuple[tuple[int, ...], tu
     other: list[int] = []
     choices = [(a, b)]
     while choices and len(one) < _LONGEST_CHAIN:
-        fitting = []
-        for x, y in choices:
-            p, q = tree.length[x], tree.length[y]
-            if abs(p - q) <= ALIKE * max(p, q) + 0.01 * scale:
-                unlike = abs(p - q) + 0.3 * abs(tree.reach[x] - tree.reach[y])
-                fitting.append((min(p + tree.reach[x], q + tree.reach[y]) - 2 * unlike, x, y))
+        above = (one[-1], other[-1]) if one else (hub, hub)
+        fitting = _alike(tree, above, choices, scale)
+        if not fitting:  # one side may have a joint more, a twist
+            more = [(c, y) for x, y in choices for c in tree.branches(x)]
+            fitting = _alike(tree, above, more + [(x, d) for x, y in choices for d in tree.branches(y)], scale)
         if not fitting:
             break
         _, x, y = max(fitting)
@@ -127,6 +126,19 @@ def _mirrored(tree: Tree, hub: int, a: int, b: int) -> tuple[tuple[int, ...], tu
         other.append(y)
         choices = [(c, d) for c in tree.branches(x) for d in tree.branches(y)]
     return tuple(one), tuple(other)
+
+
+def _alike(
+    tree: Tree, above: tuple[int, int], choices: list[tuple[int, int]], scale: float
+) -> list[tuple[float, int, int]]:
+    """Of pairs of points those that are equally far from what they hang on, with how good a way on they are."""
+    fitting = []
+    for x, y in choices:
+        p, q = tree.distance(above[0], x), tree.distance(above[1], y)
+        if abs(p - q) <= ALIKE * max(p, q) + 0.01 * scale:
+            unlike = abs(p - q) + 0.3 * abs(tree.reach[x] - tree.reach[y])
+            fitting.append((min(p + tree.reach[x], q + tree.reach[y]) - 2 * unlike, x, y))
+    return fitting
 
 
 def as_limb(tree: Tree, hub: int, chains: tuple[tuple[int, ...], tuple[int, ...]], kind: Kind) -> Limb | None:
@@ -148,7 +160,8 @@ class _Straight:
 
     def __init__(self, tree: Tree, hub: int, chains: tuple[tuple[int, ...], tuple[int, ...]]) -> None:
         self._places = [tree.place[:, [hub, *chain]] for chain in chains]
-        lengths = np.mean([[tree.length[k] for k in chain] for chain in chains], axis=0)
+        pairs = [zip((hub, *chain), chain, strict=False) for chain in chains]
+        lengths = np.mean([[tree.distance(a, b) for a, b in pair] for pair in pairs], axis=0)
         self.way = np.concatenate([[0.0], np.cumsum(lengths)])  # from the hub
 
     @cached_property
