@@ -1,5 +1,7 @@
 """Rigs that people have: names, hierarchy, rest pose, unit and traps of each."""
 
+# ruff: noqa: E501
+
 from __future__ import annotations
 
 from rig_files import Bones, Layout, bones_of
@@ -237,6 +239,16 @@ LAYOUTS: dict[str, Layout] = {
         unit=0.001,
         up="-y",
         placed=True,
+    ),
+    "stick figure": Layout(
+        bones_of(
+            spine("Hips", "Chest", "spine1")
+            + arm("Chest", "*Shoulder", "*Elbow", "*Wrist").replace("*Wrist |", "End Site |")
+            + "*Hip | Hips | @hip\n*Knee | *Hip | @knee\nEnd Site | *Knee | @ankle\n",
+            "Left",
+            "Right",
+        ),
+        lacks=("left_wrist", "right_wrist", "left_ankle", "right_ankle"),
     ),
     "OpenNI": Layout(OPENNI_BONES, unit=0.001, lacks=("pelvis",)),
     "classic": Layout(

@@ -150,7 +150,8 @@ def test_structure_alone_tells_a_body(name: str) -> None:
     spots = {joint: place for joint, _, place in bones if joint != "End Site"}
     for part in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist"):
         for side in ("left", "right"):
-            assert spots[rigged.rig.joints[f"{side}_{part}"]] == f"{side}_{part}", (part, side)
+            if f"{side}_{part}" not in layout.lacks:
+                assert spots[rigged.rig.joints[f"{side}_{part}"]] == f"{side}_{part}", (part, side)
     assert spots[rigged.rig.joints["head"]] in ("head", "neck>head:0.4")
 
 
@@ -187,9 +188,8 @@ def rigs(draw: st.DrawFn) -> Layout:
                 above = add(f"{side}_{finger}{k}", above)
             bones.append(("End Site", above, f"{side}_{finger}_tip"))
         ankle = add(f"{side}_ankle", add(f"{side}_knee", add(f"{side}_hip", pelvis)))
-        bones.append(
-            ("End Site", add(f"{side}_foot", ankle) if feet else ankle, f"{side}_toe" if feet else f"{side}_foot")
-        )
+        last, tip = (add(f"{side}_foot", ankle), "toe") if feet else (ankle, "foot")
+        bones.append(("End Site", last, f"{side}_{tip}"))
     return Layout(
         bones,
         unit=draw(st.sampled_from([1.0, 0.01, 0.001, 0.0254])),
@@ -199,15 +199,14 @@ def rigs(draw: st.DrawFn) -> Layout:
     )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(rigs(), st.integers(0, 30))
 def test_rigs_at_random_without_names(layout: Layout, start: int) -> None:
     clip = held_still(motion(10, 40, start), layout)
     rigged = of(write(layout, clip))
-    wrong = {
-        ours: given for ours, given in mapped(layout).items() if ours in NEEDED and rigged.rig.joints[ours] != given
-    }
-    assert not wrong and rigged.rig.up == layout.up and rigged.rig.unit == layout.unit
+    expected = mapped(layout)
+    assert not [ours for ours in NEEDED if rigged.rig.joints[ours] != expected[ours]]
+    assert rigged.rig.up == layout.up and rigged.rig.unit == layout.unit
     assert worst(rigged, clip, layout) < 1e-3
 
 
@@ -262,9 +261,7 @@ def test_of_several_bodies_one_is_chosen() -> None:
     rows = [text.split("MOTION\n")[1].splitlines() for text in (first, second)]
     values = [f"{a} {b}" for a, b in zip(rows[0][2:], rows[1][2:], strict=True)]
     both = "\n".join(["HIERARCHY", *heads, "MOTION", *rows[0][:2], *values])
-    with pytest.raises(
-        BodysenseError, match=r"take.bvh: 2 bodies in it: 1 .mixamorig7:Hips., 2 .Hips.; choose one with"
-    ):
+    with pytest.raises(BodysenseError, match=r"2 bodies in it: 1 .mixamorig7:Hips., 2 .Hips.; choose one with"):
         of(both)
     assert of(both, figure=2).rig.family == "Biovision"
     assert worst(of(both, figure=1), clip, LAYOUTS["Mixamo"]) < 1e-3

@@ -10,7 +10,7 @@ import numpy as np
 
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_canonical, quaternion_rotate
-from bodysense.body.skeleton import Skeleton
+from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.data.augment import at_height
 from bodysense.data.canonical import canonical
 from bodysense.data.clip import Clip
@@ -74,7 +74,10 @@ def _chosen(file: BvhFile, options: ReadingOptions) -> Figure:
 
 def _clip(figure: Figure, rig: Rig, must_stand: bool) -> Clip:
     """The motion of a recognised figure in canonical form."""
-    figure = _of_body(figure, rig)
+    sites = [
+        given for ours, given in rig.joints.items() if given in figure.end_sites and ours in default_skeleton().joints
+    ]
+    figure = _of_body(figure.with_joints(sites) if sites else figure, rig)
     source, place = _placed(figure, rig)
     joints = {given: ours for ours, given in rig.joints.items()}
     if "pelvis" not in rig.joints:

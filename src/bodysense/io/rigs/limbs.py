@@ -56,6 +56,11 @@ class Tree:
         """Median distance of two points."""
         return float(np.median(np.linalg.norm(self.place[:, a] - self.place[:, b], axis=-1)))
 
+    def is_straight(self, a: int, b: int, c: int) -> bool:
+        """Whether three points that hang one on another stay in one line."""
+        straight = np.linalg.norm(self.place[:, a] - self.place[:, c], axis=-1).min()
+        return bool(straight > 0.97 * (self.length[b] + self.length[c]))
+
     def branches(self, point: int) -> list[int]:
         """The longest branches below a point."""
         found = sorted(self.figure.children[point], key=lambda child: -(self.length[child] + self.reach[child]))
@@ -116,9 +121,10 @@ def _mirrored(tree: Tree, hub: int, a: int, b: int) -> tuple[tuple[int, ...], tu
     while choices and len(one) < _LONGEST_CHAIN:
         above = (one[-1], other[-1]) if one else (hub, hub)
         fitting = _alike(tree, above, choices, scale)
-        if not fitting:  # one side may have a joint more, a twist
-            more = [(c, y) for x, y in choices for c in tree.branches(x)]
-            fitting = _alike(tree, above, more + [(x, d) for x, y in choices for d in tree.branches(y)], scale)
+        if not fitting and one:  # one side may have a joint more that does not bend, a twist
+            more = [(c, y) for x, y in choices for c in tree.branches(x) if tree.is_straight(above[0], x, c)]
+            more += [(x, d) for x, y in choices for d in tree.branches(y) if tree.is_straight(above[1], y, d)]
+            fitting = _alike(tree, above, more, scale)
         if not fitting:
             break
         _, x, y = max(fitting)
