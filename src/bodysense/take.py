@@ -22,6 +22,7 @@ from bodysense.devices.gloves import glove_device, gloved_sides, has_gloves
 from bodysense.devices.simulated import DEVICES, simulate
 from bodysense.errors import BodysenseError
 from bodysense.export.motion_files import write_motion
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.observation import Estimate, Observation, check_observation
 from bodysense.reading import read
 from bodysense.tracker import Tracker, TrackerSettings
@@ -67,6 +68,7 @@ def track(
     noise: int | None = None,
     settings: TrackerSettings = TrackerSettings(),
     network: CompletionModel | None = None,
+    reading: ReadingOptions = AS_FOUND,
     advance: Callable[[int, int], None] = lambda done, frames: None,
 ) -> Take:
     """Complete a whole recording, frame after frame, without looking ahead: the same as live.
@@ -81,11 +83,12 @@ def track(
         noise: random seed of the errors of a simulated device; it tracks exactly if omitted.
         settings: the floor, whether feet are held, whether proportions are inferred.
         network: a completion network; the packaged one if omitted.
+        reading: what a motion file does not say of itself: unit, upward axis, floor, joints.
         advance: is told how many frames are done, of how many.
 
     Raises BodysenseError, naming the source and the fix, for what cannot be tracked.
     """
-    signal = signal_of(source, device=device, person=person, height=height, noise=noise)
+    signal = signal_of(source, device=device, person=person, height=height, noise=noise, reading=reading)
     try:
         return _tracked(signal, settings, network, advance)
     except BodysenseError as error:
@@ -100,6 +103,7 @@ def signal_of(
     person: Person | None = None,
     height: float | None = None,
     noise: int | None = None,
+    reading: ReadingOptions = AS_FOUND,
 ) -> Signal:
     """What a source tracks, and of whom; arguments as those of `track`."""
     if person is not None and height is not None:
@@ -109,7 +113,7 @@ def signal_of(
         _refuse(name, "a video", device=device, noise=noise)
         wearer = Person(height=height) if person is None else person
         return Signal(name, _filmed(name, wearer), wearer, infer=False)
-    content = read(source) if isinstance(source, (str, Path)) else source
+    content = read(source, reading) if isinstance(source, (str, Path)) else source
     if isinstance(content, Clip):
         if device is None:
             raise BodysenseError(

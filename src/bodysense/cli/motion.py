@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from bodysense.cli.markers import NO_OPTIONS, MarkerOptions
+from bodysense.cli.options import Reading
 from bodysense.cli.recordings import load_clip, person_of, source_of
 from bodysense.cli.video import NO_VIDEO, VideoOptions, track_video
 from bodysense.devices.simulated import DeviceName
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
@@ -27,9 +29,9 @@ def simulate(
     file: MotionFile,
     out: Output,
     device: DeviceName = "headset_camera",
-    height: float | None = None,
     noise: bool = False,
     seed: int = 1,
+    reading: Reading = AS_FOUND,
 ) -> None:
     """Record what a device would track of a motion.
 
@@ -37,9 +39,9 @@ def simulate(
         file: motion, .bvh or AMASS .npz.
         out: recording, .npz or .jsonl (docs/recording.md); of gloves also .csv or .c3d (docs/gloves.md).
         device: what watches the body.
-        height: metres to which the body is scaled, for files that do not say how tall it is.
         noise: errors as real devices have them.
         seed: random seed of the noise.
+        reading: what the file does not say of itself.
     """
     from rich.console import Console
 
@@ -48,7 +50,7 @@ def simulate(
     from bodysense.devices.simulated import simulate as simulated
 
     check_place(out)
-    clip = load_clip(file, height)
+    clip = load_clip(file, reading)
     observation = simulated(clip, device, seed if noise else None)
     write_seen(out, Recording(observation, clip.pose.skeleton), clip.frame_rate)
     tracked = (observation.has_position | observation.has_rotation).mean()
@@ -59,10 +61,8 @@ def track(
     file: MotionFile,
     out: Output,
     device: DeviceName | None = None,
-    height: float | None = None,
     person: Path | None = None,
     save_person: Path | None = None,
-    floor: float = 0.0,
     hold_feet: bool = True,
     noise: bool = False,
     model: Path | None = None,
@@ -71,6 +71,7 @@ def track(
     seed: int = 1,
     gloves: Annotated[MarkerOptions, tyro.conf.arg(name="")] = NO_OPTIONS,
     video: Annotated[VideoOptions, tyro.conf.arg(name="")] = NO_VIDEO,
+    reading: Reading = AS_FOUND,
 ) -> None:
     """Complete a recording, a video, or a motion seen by a simulated device; write it as BVH, glTF or VRMA.
 
@@ -80,11 +81,8 @@ def track(
         out: completed motion: .bvh, .glb (glTF with an animated skeleton), .vrma (an animation for VRM avatars) or
             .mcap (a take that robots' tools read).
         device: what watches the body, where the file is a motion.
-        height: wearer's height in metres; other proportions are inferred. If omitted, the body is the recording's, and
-            inferred where that has none.
         person: wearer's file, written by --save-person.
         save_person: JSON file for the wearer, as believed at the end.
-        floor: height of the floor in metres.
         hold_feet: hold feet that stand, and keep them over the floor.
         noise: errors of a simulated device as real ones have them.
         model: completion network of your own; the packaged one if omitted. With --samples, a video, or fingers of a
@@ -93,6 +91,8 @@ def track(
             changes.
         samples: so many plausible bodies for one signal of head and wrists, OUT_1.bvh, OUT_2.bvh …, by HMD-VAE.
         seed: random seed of samples and noise.
+        reading: what the file does not say of itself. Of a recording: --floor; and --height, the wearer's, from which
+            other proportions are inferred (if omitted, the body is the recording's, or inferred, too).
     """
     from rich.progress import Progress
 
@@ -100,6 +100,7 @@ def track(
     from bodysense.capture.recording import Recording, is_recording
     from bodysense.capture.video import is_video
     from bodysense.completion.model import load_completion
+    from bodysense.data.clip import Clip
     from bodysense.estimators.finger_synthesis import synthesize
     from bodysense.export.motion_files import check_ending, write_motion
     from bodysense.take import signal_of
@@ -112,24 +113,20 @@ def track(
     if is_video(str(file)):
         if device is not None or fingers == "synthesize" or samples is not None or gloves != NO_OPTIONS:
             raise BodysenseError(f"{file}: --device, --fingers, --samples and options of markers are not for videos")
-        track_video(str(file), out, video, model, height)
+        _check_video_options(file, reading)
+        track_video(str(file), out, video, model, reading.height)
         return
     if video != NO_VIDEO:
         raise BodysenseError(f"{file}: not a video; --overlay, --people and their like are for videos")
     if samples is not None and fingers == "synthesize":
         raise BodysenseError(f"--samples {samples} draws bodies as they are; leave --fingers synthesize out")
-    wearer, seeded = person_of(person, height), seed if noise else None
-    is_motion = file.is_file() and not is_recording(file) and not is_marker_file(file)
-    if device is None and fingers == "synthesize" and is_motion:
-        _write_with_fingers(file, out, height, model)
+    wearer, seeded = person_of(person, reading.height), seed if noise else None
+    if device is None and file.is_file() and not is_recording(file) and not is_marker_file(file):
+        _write_with_fingers(file, out, fingers, reading, model)
         return
-    if device is None and is_motion:
-        raise BodysenseError(
-            f"{file}: not a recording; if it is a motion, say what watches it: --device headset_camera, or --fingers "
-            "synthesize to give it fingers"
-        )
-    source = source_of(file, gloves, height, fingers=fingers == "synthesize")
-    told = height if isinstance(source, Path) else None  # markers were put on a body of this height already
+    source = source_of(file, gloves, reading, fingers=fingers == "synthesize")
+    told = None if isinstance(source, Recording) else reading.height  # markers were put on a body so tall already
+    floor = 0.0 if isinstance(source, Clip) else reading.floor or 0.0  # of a motion it was put to 0
     if samples is not None:
         from bodysense.cli.samples import write_samples
 
@@ -164,13 +161,26 @@ def track(
         print(f"wrote {save_person}")
 
 
-def _write_with_fingers(file: Path, out: Path, height: float | None, model: Path | None) -> None:
-    """A motion with plausible fingers, and otherwise as it is."""
+def _check_video_options(file: Path, reading: ReadingOptions) -> None:
+    """Refuse what a video has none of."""
+    if reading != ReadingOptions(height=reading.height):
+        raise BodysenseError(f"{file}: a video; of --unit, --up, --floor, --joints and --figure it has none")
+
+
+def _write_with_fingers(
+    file: Path, out: Path, fingers: Literal["tracked", "synthesize"], reading: ReadingOptions, model: Path | None
+) -> None:
+    """A motion that nothing watches, with plausible fingers, and otherwise as it is."""
+    if fingers != "synthesize":
+        raise BodysenseError(
+            f"{file}: not a recording; if it is a motion, say what watches it: --device headset_camera, or --fingers "
+            "synthesize to give it fingers"
+        )
     from bodysense.estimators.finger_synthesis import synthesize
     from bodysense.estimators.point_model import load_point_model
     from bodysense.export.motion_files import write_motion
 
-    clip = synthesize(load_clip(file, height), load_point_model("fingers", model))
+    clip = synthesize(load_clip(file, reading), load_point_model("fingers", model))
     write_motion(out, replace(clip, name=out.stem))
     print(f"wrote {out}: {len(clip)} frames with synthesized fingers")
 

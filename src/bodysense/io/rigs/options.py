@@ -1,0 +1,60 @@
+"""What a user says of a motion file; what is left out is found in the file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from bodysense.errors import BodysenseError
+
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+UpAxis = Literal["x", "y", "z", "-x", "-y", "-z"]
+
+
+@dataclass(frozen=True)
+class ReadingOptions:
+    """What a motion file does not say of itself, or says wrongly."""
+
+    unit: str | None = None
+    """length unit of the file: m, cm, mm, in, ft, or metres, as 0.056444; if omitted, what the file says, or what
+    makes the body of a motion as tall as a person."""
+    up: UpAxis | None = None
+    """upward axis of the file; if omitted, what the file says, or the one along which the body stands."""
+    floor: float | None = None
+    """height of the floor in the file, metres along the upward axis; if omitted, where the feet of a motion stand, and
+    0 in a recording."""
+    height: float | None = None
+    """height of the body in metres, to which a motion is scaled; the file's, or inferred, if omitted."""
+    joints: Path | None = None
+    """which joint of a motion is which: a JSON file, drafted by `bodysense data joints`; if omitted, recognised."""
+    figure: int | None = None
+    """which body of a motion of several, counted from 1."""
+
+    def __post_init__(self) -> None:
+        if self.unit is not None:
+            _ = self.metres
+        if self.figure is not None and self.figure < 1:
+            raise BodysenseError(f"--figure {self.figure}: bodies are counted from 1")
+        if self.floor is not None and not abs(self.floor) <= 1000:
+            raise BodysenseError(f"floor {self.floor:g} m; give the floor's height in metres")
+
+    def for_motions(self) -> list[str]:
+        """Options given that only motions have."""
+        return [f"--{name}" for name in ("joints", "figure") if getattr(self, name) is not None]
+
+    @property
+    def metres(self) -> float | None:
+        """Metres of one unit of the file; None where it is not told."""
+        if self.unit is None:
+            return None
+        try:
+            metres = UNITS.get(self.unit) or float(self.unit)
+        except ValueError:
+            metres = 0.0
+        if not 1e-6 < metres < 1e4:
+            raise BodysenseError(f"--unit {self.unit}: give {', '.join(UNITS)}, or the metres of one unit, as 0.056444")
+        return metres
+
+
+AS_FOUND = ReadingOptions()
