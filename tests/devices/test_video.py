@@ -21,7 +21,9 @@ from bodysense.capture.landmarks import BODY_LANDMARKS, Bodies, Hands, Landmarke
 from bodysense.capture.person import PersonLandmarks, PersonState, arm_keypoints, follow
 from bodysense.capture.video import Picture, VideoBrokenError
 from bodysense.completion.model import CompletionModel
-from bodysense.devices.video import POINTS, VideoDevice, VideoFrames, VideoSettings, Watched, smoothed, watch
+from bodysense.devices.landmark_smoothing import smoothed
+from bodysense.devices.video import POINTS, VideoDevice, VideoFrames, VideoSettings
+from bodysense.devices.watching import Watched, watch
 from bodysense.errors import BodysenseError
 from bodysense.estimators.arms import Arms, ArmSettings, load_arms
 from bodysense.observation import LANDMARK_ACCURACY, Observation, check_observation
