@@ -86,9 +86,7 @@ def test_frames_come_as_late_as_is_said(make_device: Any) -> None:
     assert len(frames) == 4 and not len(live.finish(state))
 
 
-def test_the_tracker_s_arms_are_those_observed_and_its_fingers_the_networks(
-    make_device: Any, completion: CompletionModel
-) -> None:
+def test_the_tracker_s_arms_are_those_observed(make_device: Any, completion: CompletionModel) -> None:
     """Fingers are as the network says; arms that are nearly straight are bent by some degrees inside the tracker."""
     device = make_device()
     person = seen_by(walking(12), device.focal)

@@ -9,7 +9,7 @@ import numpy as np
 
 from bodysense.body.rotation import normalize
 
-_BLUNT = 0.09  # m: of a bone that is seen so short the picture tells its direction no better than the network
+_BLUNT = 0.13  # m: of a bone that is seen so short the picture tells its direction no better than the network
 
 
 def along_lines(bones: np.ndarray, places: np.ndarray, focal: float, distance: float) -> np.ndarray:
@@ -32,5 +32,5 @@ def along_lines(bones: np.ndarray, places: np.ndarray, focal: float, distance: f
     across = along**2 - (shift * shift).sum(axis=-1, keepdims=True) + 1 - depth**2
     scale = along + np.sqrt(np.maximum(across, 0.0))
     there = np.concatenate([scale * seen - shift, depth], axis=-1)
-    trust = length**2 / (length**2 + (_BLUNT * focal / distance) ** 2)
+    trust = length**4 / (length**4 + (_BLUNT * focal / distance) ** 4)
     return np.asarray(normalize(trust * np.asarray(normalize(there)) + (1 - trust) * bones))
