@@ -145,7 +145,8 @@ def _filmed(source: str, person: Person) -> Observation:
     """What the pictures of a video show of a person."""
     from bodysense.capture.landmarker_files import find_landmarkers
     from bodysense.capture.landmarks import Landmarker, LandmarkerSettings
-    from bodysense.devices.video import VideoDevice, watch
+    from bodysense.devices.video import VideoDevice
+    from bodysense.devices.watching import watch
     from bodysense.estimators.arms import Arms, load_arms
 
     arms = Arms(person.skeleton, load_arms())

@@ -5,7 +5,14 @@ import pytest
 
 from bodysense.body.arms import SIDES
 from bodysense.capture.landmarks import BODY_LANDMARKS, Bodies, Hands
-from bodysense.capture.person import PersonLandmarks, PersonState, arm_keypoints, follow, joined_landmarks
+from bodysense.capture.person import (
+    PersonLandmarks,
+    PersonSettings,
+    PersonState,
+    arm_keypoints,
+    follow,
+    joined_landmarks,
+)
 from bodysense.capture.video import Picture
 
 HIGH, WIDE = 120, 200
@@ -85,6 +92,61 @@ def test_somebody_else_is_taken_only_after_patience() -> None:
         row, state = follow(picture(time, (places(0.5), GREEN)), bodies(places(0.5)), hands(), state)
         found.append(bool(row.has_body[0]))
     assert found == [False, False, False, True]
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.35], ids=["same place", "farther on"])
+@pytest.mark.parametrize("away", [0.2, 0.4, 0.6, 1.0])
+def test_who_jumps_out_of_sight_is_followed_again_at_once(away: float, shift: float) -> None:
+    """A trunk's length is 0.5 m of somebody who leaves the ground with 3 m/s."""
+    state, row = PersonState(), None
+    for k in range(12):
+        at = places(0.0) + np.array([0.0, max(k - 8, 0) / 30 * 3.0 * 0.6])
+        _, state = follow(picture(k / 30, (at, RED)), bodies(at), hands(), state)
+    back, found = 11 / 30 + away, []
+    for k in range(10):
+        at = places(shift)
+        row, state = follow(picture(back + k / 30, (at, RED)), bodies(at), hands(), state)
+        found.append(bool(row.has_body[0]))
+    assert all(found[9:]) and found.index(True) / 30 <= 0.3
+
+
+def numbered(state: PersonState, time: float) -> dict[int, float]:
+    return {one.number: round(float(one.place[0]), 2) for one in state.seen_at(time)}
+
+
+def test_people_are_numbered_from_left_to_right_and_keep_their_numbers() -> None:
+    state = PersonState()
+    left, right = places(-0.5, 0.2), places(0.3, 0.3)
+    for k in range(10):
+        people = (right, left) if k % 2 else (left, right)
+        _, state = follow(picture(k / 30, (left, RED), (right, GREEN)), bodies(*people), hands(), state)
+        assert numbered(state, k / 30) == {1: -0.5, 2: 0.3}
+    late = places(-0.1, 0.2)
+    _, state = follow(picture(0.4, (left, RED), (right, GREEN)), bodies(late, left, right), hands(), state)
+    assert numbered(state, 0.4) == {1: -0.5, 2: 0.3, 3: -0.1}
+
+
+def test_the_person_of_a_number_is_followed() -> None:
+    for number, where in ((1, -0.5), (2, 0.3), (3, 0.0)):
+        state, settings, found = PersonState(), PersonSettings(number=number), []
+        left, right, late = places(-0.5, 0.2), places(0.3, 0.3), places(0.0, 0.1)
+        for k in range(20):
+            shown = [left, right] if k < 10 else [late, left, right]
+            row, state = follow(picture(k / 30, (left, RED), (right, GREEN)), bodies(*shown), hands(), state, settings)
+            found.append(row.has_body[0])
+            assert not row.has_body[0] or chosen(row) == pytest.approx(where)
+        assert all(found[10:]) and all(found) == (number < 3)
+
+
+def test_a_number_is_waited_for_and_nobody_else_is_taken() -> None:
+    state, settings, found = PersonState(), PersonSettings(number=2), []
+    left, right = places(-0.5), places(0.5)
+    for time in np.arange(0, 9, 0.1):
+        shown = [left] if 1 < time < 7 else [left, right]
+        clothes = [(left, RED)] if 1 < time < 7 else [(left, RED), (right, GREEN)]
+        row, state = follow(picture(time, *clothes), bodies(*shown), hands(), state, settings)
+        found.append((time, bool(row.has_body[0])))
+    assert all(seen == (time <= 1.05 or time >= 6.95) for time, seen in found)
 
 
 def test_nobody_is_found_in_an_empty_picture() -> None:

@@ -103,6 +103,19 @@ def test_a_webcam_is_answered_at_once_and_ended_by_ctrl_c(
     assert "look-ahead 0 s" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.slow
+def test_the_person_of_a_number(
+    tmp_path: Path, landmarkers: Path, filmed: tuple[np.ndarray, Clip], capsys: pytest.CaptureFixture[str]
+) -> None:
+    video, out = write(tmp_path / "in.mp4", filmed[0]), tmp_path / "out.bvh"
+    rest = ("--landmarkers", landmarkers, "--people", 1)
+    assert track(video, "-o", out, "--follow", 1, *rest) == 0
+    assert "the person in 100%" in " ".join(capsys.readouterr().out.split())
+    out.unlink()
+    assert track(video, "-o", out, "--follow", 2, *rest) == 2
+    assert "--follow 2: only 1 were found in in.mp4; give 1 to 1" in capsys.readouterr().err and not out.exists()
+
+
 def test_a_video_of_nobody_is_refused(tmp_path: Path, landmarkers: Path, capsys: pytest.CaptureFixture[str]) -> None:
     video = write(tmp_path / "empty.mp4", np.full((3, 96, 128, 3), 120, np.uint8))
     assert track(video, "-o", tmp_path / "a.bvh", "--landmarkers", landmarkers) == 2
@@ -119,6 +132,9 @@ def test_a_video_of_nobody_is_refused(tmp_path: Path, landmarkers: Path, capsys:
         (("text.mp4", "--samples", "2"), "are not for videos"),
         (("text.mp4", "--names", "names.json"), "options of markers are not for videos"),
         (("text.mp4", "--look-ahead", "3"), "--look-ahead 3: give 0 to 0.5 s"),
+        (("text.mp4", "--follow", "0"), "--follow 0: people are numbered from 1"),
+        (("text.mp4", "--roll", "200"), "--roll 200: give -180 to 180 degrees"),
+        (("text.mp4", "--tilt", "nan"), "--tilt nan: give -90 to 90 degrees"),
         (("text.mp4", "--seconds", "0"), "--seconds 0: give more than 0"),
         (("text.mp4", "--overlay", "none/a.mp4"), "the folder none does not exist"),
         (("a.npz", "--overlay", "a.mp4"), "a.npz: not a video; --overlay"),

@@ -1,25 +1,88 @@
-"""Networks that were never trained: what holds of every network holds of them."""
+"""People before a camera, and the device that watches them."""
 
 from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from bodysense.estimators.gloves.hands import GloveModels
+from bodysense.body.arms import SIDES
+from bodysense.body.pose import Pose, forward_kinematics, standing_pose
+from bodysense.body.rotation import quaternion_exp, quaternion_multiply
+from bodysense.body.skeleton import default_skeleton
+from bodysense.capture.landmarks import BODY_LANDMARKS
+from bodysense.capture.person import PersonLandmarks
+from bodysense.devices.video import POINTS, VideoDevice, VideoFrames, VideoSettings
+from bodysense.estimators.arms import Arms, ArmSettings, load_arms
+from bodysense.observation import Observation, check_observation
 
-
-class Untrained:
-    """A network with weights by chance."""
-
-    def __init__(self, outputs: int, scale: float) -> None:
-        rng = np.random.default_rng(outputs)
-        self.first, self.second = rng.normal(size=(47, 16)), scale * rng.normal(size=(16, outputs))
-
-    def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
-        hidden = np.maximum(np.concatenate([markers, hand], axis=1) @ self.first, 0.0)
-        return (hidden @ self.second).astype(np.float32)
+SKELETON = default_skeleton()
+PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe")
+MARKS = [BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES for part in PARTS]
+PLACES = SKELETON.indices([f"{side}_{part}" for side in SIDES for part in PARTS])
+TILT = np.radians(12.0)
+FIELDS = ("position", "rotation", "has_position", "has_rotation", "accuracy", "time")
 
 
 @pytest.fixture(scope="session")
-def small_gloves() -> GloveModels:
-    return GloveModels(Untrained(27, 0.1), Untrained(26, 0.3))
+def make_device(small_arms: Path) -> Any:
+    model = load_arms(small_arms)
+
+    def make(look_ahead: float = 0.0, tilt: float | None = None) -> VideoDevice:
+        arms = Arms(SKELETON, model, ArmSettings(look_ahead=look_ahead))
+        return VideoDevice(SKELETON, arms, 16 / 9, VideoSettings(look_ahead=look_ahead, tilt=tilt))
+
+    return make
+
+
+def walking(frames: int = 45) -> Pose:
+    """Somebody who stands, waves and drifts to their left and toward the camera."""
+    pose, time = standing_pose(SKELETON), np.arange(frames) / 30
+    rotation = np.tile(pose.rotation, (frames, 1, 1))
+    elbow = SKELETON.index("left_elbow")
+    wave = quaternion_exp(np.stack([0 * time, -0.6 + 0.5 * np.sin(6 * time), 0 * time], axis=-1))
+    rotation[:, elbow] = quaternion_multiply(rotation[:, elbow], wave)
+    root = pose.root_position + np.stack([0.3 * time, 0 * time, 0.4 * time], axis=-1)
+    return Pose(SKELETON, root, rotation)
+
+
+def seen_by(pose: Pose, focal: float, tilt: float = TILT, noise: float = 0.0) -> PersonLandmarks:
+    """Perfect landmarks of bodies in the room, seen from 1.4 m over the floor and 3 m away, looking down by `tilt`."""
+    position = np.asarray(forward_kinematics(pose)[0])
+    cosine, sine = np.cos(tilt), np.sin(tilt)
+    axes = np.array([[1.0, 0, 0], [0, cosine, sine], [0, -sine, cosine]])  # room ← camera
+    local = (position - [0.0, 1.4, 3.0]) @ axes
+    count = len(position)
+    world = np.tile(local[:, SKELETON.index("head")][:, None], (1, len(BODY_LANDMARKS), 1))
+    world[:, BODY_LANDMARKS.index("nose")] += np.array([0.0, 0.0, 0.1]) @ axes
+    for sign, side in zip((1, -1), SIDES, strict=True):
+        world[:, BODY_LANDMARKS.index(f"{side}_ear"), 0] += 0.07 * sign
+    world[:, MARKS] = local[:, PLACES]
+    world += np.random.default_rng(0).normal(0, noise, world.shape) if noise else 0
+    picture = focal * world[..., :2] / -world[..., 2:]
+    hips = world[:, [BODY_LANDMARKS.index(f"{side}_hip") for side in SIDES]].mean(axis=1)
+    return PersonLandmarks(
+        time=np.arange(count) / 30,
+        world=world - hips[:, None],
+        picture=picture,
+        visible=np.ones(world.shape[:2]),
+        has_body=np.ones(count, dtype=bool),
+        hand=np.full((count, 2, 21, 2), np.nan),
+        hand_world=np.full((count, 2, 21, 3), np.nan),
+        has_hand=np.zeros((count, 2), dtype=bool),
+    )
+
+
+def observed(device: VideoDevice, person: PersonLandmarks, block: int) -> list[VideoFrames]:
+    state, parts = device.start(), []
+    for start in range(0, len(person), block):
+        frames, state = device.step(person[start : start + block], state)
+        parts.append(frames)
+    return [*parts, device.finish(state)]
+
+
+def together(parts: list[VideoFrames]) -> Observation:
+    joined = {name: np.concatenate([getattr(part.observation, name) for part in parts]) for name in FIELDS}
+    return check_observation(Observation(points=POINTS, **joined))

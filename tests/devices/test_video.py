@@ -6,7 +6,6 @@ import pickle
 import weakref
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -14,88 +13,22 @@ import pytest
 
 from bodysense.body.arms import ARM_JOINTS, HAND_POINTS, SIDES
 from bodysense.body.person import Person
-from bodysense.body.pose import Pose, forward_kinematics, standing_pose
-from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
-from bodysense.body.skeleton import default_skeleton
+from bodysense.body.pose import forward_kinematics, standing_pose
+from bodysense.body.rotation import geodesic_angle
 from bodysense.capture.landmarks import BODY_LANDMARKS, Bodies, Hands, Landmarker
-from bodysense.capture.person import PersonLandmarks, PersonState, arm_keypoints, follow
+from bodysense.capture.person import PersonState, arm_keypoints, follow
 from bodysense.capture.video import Picture, VideoBrokenError
 from bodysense.completion.model import CompletionModel
-from bodysense.devices.video import POINTS, VideoDevice, VideoFrames, VideoSettings, Watched, smoothed, watch
+from bodysense.devices.landmark_smoothing import smoothed
+from bodysense.devices.video import POINTS, VideoDevice, VideoSettings
+from bodysense.devices.watching import Watched, watch
 from bodysense.errors import BodysenseError
-from bodysense.estimators.arms import Arms, ArmSettings, load_arms
-from bodysense.observation import LANDMARK_ACCURACY, Observation, check_observation
+from bodysense.observation import LANDMARK_ACCURACY
 from bodysense.tracker import Tracker, TrackerSettings
 
-SKELETON = default_skeleton()
-PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe")
-MARKS = [BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES for part in PARTS]
-PLACES = SKELETON.indices([f"{side}_{part}" for side in SIDES for part in PARTS])
-TILT = np.radians(12.0)
+from .conftest import FIELDS, SKELETON, observed, seen_by, together, walking
+
 RATE = 30.0
-FIELDS = ("position", "rotation", "has_position", "has_rotation", "accuracy", "time")
-
-
-@pytest.fixture(scope="module")
-def make_device(small_arms: Path) -> Any:
-    model = load_arms(small_arms)
-
-    def make(look_ahead: float = 0.0, tilt: float | None = None) -> VideoDevice:
-        arms = Arms(SKELETON, model, ArmSettings(look_ahead=look_ahead))
-        return VideoDevice(SKELETON, arms, 16 / 9, VideoSettings(look_ahead=look_ahead, tilt=tilt))
-
-    return make
-
-
-def walking(frames: int = 45) -> Pose:
-    """Somebody who stands, waves and drifts to their left and toward the camera."""
-    pose, time = standing_pose(SKELETON), np.arange(frames) / 30
-    rotation = np.tile(pose.rotation, (frames, 1, 1))
-    elbow = SKELETON.index("left_elbow")
-    wave = quaternion_exp(np.stack([0 * time, -0.6 + 0.5 * np.sin(6 * time), 0 * time], axis=-1))
-    rotation[:, elbow] = quaternion_multiply(rotation[:, elbow], wave)
-    root = pose.root_position + np.stack([0.3 * time, 0 * time, 0.4 * time], axis=-1)
-    return Pose(SKELETON, root, rotation)
-
-
-def seen_by(pose: Pose, focal: float, tilt: float = TILT, noise: float = 0.0) -> PersonLandmarks:
-    """Perfect landmarks of bodies in the room, seen from 1.4 m over the floor and 3 m away, looking down by `tilt`."""
-    position = np.asarray(forward_kinematics(pose)[0])
-    cosine, sine = np.cos(tilt), np.sin(tilt)
-    axes = np.array([[1.0, 0, 0], [0, cosine, sine], [0, -sine, cosine]])  # room ← camera
-    local = (position - [0.0, 1.4, 3.0]) @ axes
-    count = len(position)
-    world = np.tile(local[:, SKELETON.index("head")][:, None], (1, len(BODY_LANDMARKS), 1))
-    world[:, BODY_LANDMARKS.index("nose")] += np.array([0.0, 0.0, 0.1]) @ axes
-    for sign, side in zip((1, -1), SIDES, strict=True):
-        world[:, BODY_LANDMARKS.index(f"{side}_ear"), 0] += 0.07 * sign
-    world[:, MARKS] = local[:, PLACES]
-    world += np.random.default_rng(0).normal(0, noise, world.shape) if noise else 0
-    picture = focal * world[..., :2] / -world[..., 2:]
-    hips = world[:, [BODY_LANDMARKS.index(f"{side}_hip") for side in SIDES]].mean(axis=1)
-    return PersonLandmarks(
-        time=np.arange(count) / 30,
-        world=world - hips[:, None],
-        picture=picture,
-        visible=np.ones(world.shape[:2]),
-        has_body=np.ones(count, dtype=bool),
-        hand=np.full((count, 2, 21, 2), np.nan),
-        hand_world=np.full((count, 2, 21, 3), np.nan),
-        has_hand=np.zeros((count, 2), dtype=bool),
-    )
-
-
-def observed(device: VideoDevice, person: PersonLandmarks, block: int) -> list[VideoFrames]:
-    state, parts = device.start(), []
-    for start in range(0, len(person), block):
-        frames, state = device.step(person[start : start + block], state)
-        parts.append(frames)
-    return [*parts, device.finish(state)]
-
-
-def together(parts: list[VideoFrames]) -> Observation:
-    joined = {name: np.concatenate([getattr(part.observation, name) for part in parts]) for name in FIELDS}
-    return check_observation(Observation(points=POINTS, **joined))
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["tilt given", "tilt seen"])
@@ -153,7 +86,7 @@ def test_frames_come_as_late_as_is_said(make_device: Any) -> None:
     assert len(frames) == 4 and not len(live.finish(state))
 
 
-def test_the_tracker_s_arms_are_the_networks(make_device: Any, completion: CompletionModel) -> None:
+def test_the_tracker_s_arms_are_those_observed(make_device: Any, completion: CompletionModel) -> None:
     """Fingers are as the network says; arms that are nearly straight are bent by some degrees inside the tracker."""
     device = make_device()
     person = seen_by(walking(12), device.focal)
@@ -166,13 +99,12 @@ def test_the_tracker_s_arms_are_the_networks(make_device: Any, completion: Compl
     estimate, _ = tracker.step(seen, tracker.start())
     wanted, _ = device.arms.step(arm_keypoints(person), device.arms.start())
     assert wanted.estimate.pose is not None
-    said = wanted.estimate.pose.rotation
-    for joints, most in (
-        ([name for name in ARM_JOINTS if name[-1].isdigit()], 0.5),
-        ([name for name in ARM_JOINTS if not name[-1].isdigit()], 8.0),
-    ):
-        place = SKELETON.indices(joints)
-        assert np.degrees(geodesic_angle(estimate.pose.rotation[:, place], said[:, place])).max() < most
+    fingers = SKELETON.indices([name for name in ARM_JOINTS if name[-1].isdigit()])
+    said = wanted.estimate.pose.rotation[:, fingers]
+    assert np.degrees(geodesic_angle(estimate.pose.rotation[:, fingers], said)).max() < 0.5
+    arms = [name for name in ARM_JOINTS if not name[-1].isdigit()]
+    shown = np.asarray(forward_kinematics(estimate.pose)[1])[:, SKELETON.indices(arms)]
+    assert np.degrees(geodesic_angle(shown, seen.rotation[:, [POINTS.index(name) for name in arms]])).max() < 8.0
 
 
 def test_a_body_that_is_lost_is_not_observed(make_device: Any) -> None:

@@ -7,8 +7,9 @@ import pytest
 
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
+from bodysense.capture.person import PersonTrack
 from bodysense.errors import BodysenseError
-from bodysense.export.overlay import Overlay, side_by_side
+from bodysense.export.overlay import Overlay, numbered, side_by_side
 from bodysense.occlusion.camera_view import Camera
 
 SKELETON = default_skeleton()
@@ -48,6 +49,19 @@ def test_a_video_with_the_times_of_the_source(tmp_path: Path) -> None:
         pictures = list(video.pictures)
     np.testing.assert_allclose([picture.time for picture in pictures], times, atol=2e-3)
     assert pictures[0].pixels.shape == (96, 128 + 76, 3)
+
+
+def test_numbers_are_drawn_on_people() -> None:
+    places = {1: np.array([-0.4, 0.1]), 2: np.array([0.3, -0.2])}
+    people = [PersonTrack(0.0, place, np.zeros(2), 0.3, np.zeros(3), number) for number, place in places.items()]
+    grey = np.full((240, 320, 3), 128, np.uint8)
+    shown = numbered(grey, people)
+    changed = (shown != grey).any(axis=2)
+    for place in places.values():
+        x, y = np.round(place * [240, -240] + [160, 120]).astype(int)
+        assert changed[y - 8 : y + 8, x - 8 : x + 8].all()
+        changed[y - 20 : y + 20, x - 20 : x + 20] = False
+    assert not changed.any() and (grey == 128).all()
 
 
 def test_nothing_is_left_of_a_video_that_failed(tmp_path: Path) -> None:

@@ -54,6 +54,7 @@ class PersonSettings:
     """How a person is kept. Lengths are in sizes of the person in the picture."""
 
     farthest: float = 1.2  # unlikeness from which somebody is another person
+    number: int | None = None  # of who is followed, from 1, as people are numbered; None: the largest
     speed: float = 2.0  # a second: how much farther off a person may be that was not seen
     colour: float = 3.0  # unlikeness of black clothes and white ones
     absence: float = 3.0  # unlikeness a second of who was not seen, beside who was
@@ -63,23 +64,33 @@ class PersonSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Passer:
-    """What is remembered of somebody in the picture."""
+class PersonTrack:
+    """What is remembered of somebody in the picture.
+
+    People are numbered from 1 in the order in which they are first seen, those of one picture from left to right.
+    """
 
     time: float  # s, when they were last seen
     place: np.ndarray  # (2,) middle of the trunk in the picture
     velocity: np.ndarray  # (2,) a second
     size: float  # in the picture
     colour: np.ndarray  # (3,) of the clothes, 0 to 1
+    number: int = 0
 
 
 @dataclass(frozen=True, eq=False)
 class PersonState:
     """The person, and everybody else: who is known to be another one is not taken for them."""
 
-    person: Passer | None = None
-    others: tuple[Passer, ...] = ()
+    person: PersonTrack | None = None
+    others: tuple[PersonTrack, ...] = ()
     sides: LastSides | None = None
+    count: int = 0  # of people who have a number
+
+    def seen_at(self, time: float) -> tuple[PersonTrack, ...]:
+        """Everybody who was seen at `time` s."""
+        everybody = self.others if self.person is None else (self.person, *self.others)
+        return tuple(one for one in everybody if one.time == time)
 
 
 def follow(
@@ -91,8 +102,9 @@ def follow(
 ) -> tuple[PersonLandmarks, PersonState]:
     """The person's landmarks in the next picture, one frame, and what is remembered of them.
 
-    At first, and again after `patience` seconds without them, the person is whoever is largest. In between everybody
-    is followed, by place, motion, size and colour of clothes; the person may be nobody in the picture for a while.
+    At first, and again after `patience` seconds without them, the person is whoever is largest; where a number is asked
+    for, who has it, however long they are away. In between everybody is followed, by place, motion, size and colour of
+    clothes; the person may be nobody in the picture for a while.
     """
     sides = state.sides
     chosen, state = _choose(picture, bodies, state, settings)
@@ -172,10 +184,10 @@ def _choose(
     picture: Picture, bodies: Bodies, state: PersonState, settings: PersonSettings
 ) -> tuple[int | None, PersonState]:
     """Who among the bodies is the person, and who is remembered then."""
-    seen = _passers(picture, bodies)
+    seen = _everybody(picture, bodies)
     known = [one for one in state.others if picture.time - one.time <= settings.patience]
     person = state.person
-    if person is not None and picture.time - person.time <= settings.patience:
+    if person is not None and (settings.number or picture.time - person.time <= settings.patience):
         known = [person, *known]
     else:
         person = None
@@ -188,46 +200,56 @@ def _choose(
             free_known.remove(one)
             free_seen.remove(new)
             who[one] = new
-    chosen = who.pop(0, None) if person is not None else None
-    others = [_updated(known[one], seen[new]) for one, new in who.items()]
-    others += [known[one] for one in free_known if one or person is None]
-    if person is None and seen:
-        chosen = max(range(len(seen)), key=lambda new: seen[new].size)
-        return chosen, PersonState(seen[chosen], tuple(seen[new] for new in range(len(seen)) if new != chosen))
-    others += [seen[new] for new in free_seen]
-    if person is not None and chosen is not None:
-        person = _updated(person, seen[chosen])
-    return chosen, PersonState(person, tuple(others))
+    now = {new: _updated(known[one], seen[new]) for one, new in who.items()}
+    for number, new in enumerate(sorted(free_seen, key=lambda new: seen[new].place[0]), start=state.count + 1):
+        now[new] = replace(seen[new], number=number)
+    chosen = who.get(0)
+    if person is None:
+        chosen = _first(now, settings)
+    kept = [known[one] for one in free_known if one or person is None]
+    others = [one for new, one in now.items() if new != chosen] + kept
+    person = person if chosen is None else now[chosen]
+    return chosen, replace(state, person=person, others=tuple(others), count=state.count + len(free_seen))
 
 
-def _passers(picture: Picture, bodies: Bodies) -> list[Passer]:
+def _first(seen: dict[int, PersonTrack], settings: PersonSettings) -> int | None:
+    """Who is to be followed, among those who are seen."""
+    if settings.number is not None:
+        return next((new for new, one in seen.items() if one.number == settings.number), None)
+    return max(seen, key=lambda new: seen[new].size, default=None)
+
+
+def _everybody(picture: Picture, bodies: Bodies) -> list[PersonTrack]:
     """Everybody in a picture."""
     trunk = bodies.picture[:, np.concatenate([_SHOULDERS, _HIPS])].reshape(-1, 2, 2, 2)  # body, shoulders and hips, …
     return [
-        Passer(picture.time, corners.mean(axis=(0, 1)), np.zeros(2), float(size), _colour(picture.pixels, corners))
+        PersonTrack(picture.time, corners.mean(axis=(0, 1)), np.zeros(2), float(size), _colour(picture.pixels, corners))
         for corners, size in zip(trunk, _size(bodies.picture), strict=True)
     ]
 
 
-def _unlike(one: Passer, new: Passer, settings: PersonSettings) -> float:
+def _unlike(one: PersonTrack, new: PersonTrack, settings: PersonSettings) -> float:
     """How unlike somebody is who was known and who is seen now."""
     gap = new.time - one.time
-    away = float(np.linalg.norm(new.place - one.place - one.velocity * min(gap, _LONGEST_AHEAD))) / one.size
+    # Who is not seen walks on, or stays; who jumped comes down again.
+    ahead = one.velocity * min(gap, _LONGEST_AHEAD)
+    away = min(float(np.linalg.norm(new.place - one.place - step)) for step in (ahead, 0.0 * ahead)) / one.size
     # A little of it always counts, to tell apart who is equally within reach.
     unlike = max(away - settings.speed * gap, 0.1 * away) + abs(np.log(new.size / one.size))
     return unlike + settings.colour * float(np.linalg.norm(new.colour - one.colour)) / np.sqrt(3)
 
 
-def _updated(one: Passer, new: Passer) -> Passer:
+def _updated(one: PersonTrack, new: PersonTrack) -> PersonTrack:
     """Who was known, as they are seen now; motion, size and colour are averaged."""
     gap = new.time - one.time
     keep = np.exp(-gap / _MEMORY)
-    return Passer(
+    return PersonTrack(
         time=new.time,
         place=new.place,
         velocity=keep * one.velocity + (1 - keep) * (new.place - one.place) / max(gap, 1e-3),
         size=float(keep * one.size + (1 - keep) * new.size),
         colour=keep * one.colour + (1 - keep) * new.colour,
+        number=one.number,
     )
 
 

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bodysense.body.skeleton import Skeleton
-    from bodysense.devices.video import VideoDevice, Watched
+    from bodysense.devices.video import VideoDevice
+    from bodysense.devices.watching import Watched
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,10 @@ class VideoOptions:
     """Of a video: degrees over the longer side of the picture."""
     tilt: float | None = None
     """Of a video: degrees by which the camera looks down; by default it is seen from how the person stands."""
+    roll: float | None = None
+    """Of a video: degrees by which upright things lean to the right in the picture; by default seen as --tilt is."""
+    follow: int | None = None
+    """Of a video: number of the person to follow, which --overlay shows at its beginning; the largest if omitted."""
     people: int = 2
     """Of a video: so many are told apart; 1 is faster where nobody else comes into the picture."""
     seconds: float | None = None
@@ -46,14 +51,14 @@ NO_VIDEO = VideoOptions()
 
 def track_video(source: str, out: Path, options: VideoOptions, model: Path | None, height: float | None) -> None:
     """Write the motion of the person in a video (.bvh, .glb, .vrma, .mcap), and the video with the body over it."""
-    from rich.console import Console
     from rich.progress import Progress, SpinnerColumn
 
     from bodysense.body.person import Person
     from bodysense.capture.landmarker_files import find_landmarkers
     from bodysense.capture.landmarks import Landmarker, LandmarkerSettings
+    from bodysense.capture.person import PersonSettings
     from bodysense.capture.video import VideoBrokenError, open_video
-    from bodysense.devices.video import watch
+    from bodysense.devices.watching import watch
     from bodysense.export.motion_files import motion_stream
     from bodysense.export.overlay import Overlay
     from bodysense.tracker import Tracker, TrackerSettings
@@ -73,20 +78,18 @@ def track_video(source: str, out: Path, options: VideoOptions, model: Path | Non
         overlay = None if options.overlay is None else stack.enter_context(Overlay(options.overlay, video.rate))
         longest = float("inf") if options.seconds is None else options.seconds
         pictures = takewhile(lambda picture: picture.time < longest, video.pictures)
-        progress = stack.enter_context(Progress(SpinnerColumn(), *Progress.get_default_columns()))
         expected = min(video.count or float("inf"), longest * video.rate)
-        bar = progress.add_task(
-            f"tracking {video.name}, look-ahead {look_ahead:g} s",
-            total=None if expected == float("inf") else round(expected),
-        )
+        total = None if expected == float("inf") else round(expected)
+        progress = stack.enter_context(Progress(SpinnerColumn(), *Progress.get_default_columns()))
+        bar = progress.add_task(f"tracking {video.name}, look-ahead {look_ahead:g} s", total=total)
         try:
-            for done in watch(pictures, landmarker, maker):
+            for done in watch(pictures, landmarker, maker, PersonSettings(number=options.follow)):
                 begun = clock.perf_counter()
                 if len(done.frames):
                     estimate, state = tracker.step(done.frames.observation, state)
                     motion.append(done.frames.time, estimate.pose)
                     if overlay is not None:
-                        overlay.add(done.pictures, estimate.pose, done.frames.camera)
+                        overlay.add(done.pictures, estimate.pose, done.frames.camera, done.people)
                 tally.add(done, clock.perf_counter() - begun)
                 progress.advance(bar, len(done.frames))
         except VideoBrokenError as error:
@@ -94,13 +97,20 @@ def track_video(source: str, out: Path, options: VideoOptions, model: Path | Non
         except KeyboardInterrupt:
             if video.count is not None:
                 raise
-        tally.check(video.name)
+        tally.check(video.name, options.follow)
+    _report(f"wrote {out}: {motion.frames} frames\n{tally.line()}", said, options.overlay)
+
+
+def _report(text: str, warning: str | None, overlay: Path | None) -> None:
+    """Say what was done."""
+    from rich.console import Console
+
     console = Console(highlight=False)
-    if said is not None:
-        console.print(f"warning: {said}", style="yellow")
-    console.print(f"wrote {out}: {motion.frames} frames\n{tally.line()}")
-    if options.overlay is not None:
-        console.print(f"wrote {options.overlay}")
+    if warning is not None:
+        console.print(f"warning: {warning}", style="yellow")
+    console.print(text)
+    if overlay is not None:
+        console.print(f"wrote {overlay}")
 
 
 def _check(options: VideoOptions) -> None:
@@ -109,6 +119,8 @@ def _check(options: VideoOptions) -> None:
         check_place(options.overlay)
     if options.seconds is not None and not options.seconds > 0:
         raise BodysenseError(f"--seconds {options.seconds:g}: give more than 0")
+    if options.follow is not None and options.follow < 1:
+        raise BodysenseError(f"--follow {options.follow}: people are numbered from 1")
 
 
 def _look_ahead(source: str, options: VideoOptions) -> float:
@@ -127,7 +139,7 @@ def _maker(
     from bodysense.devices.video import VideoDevice, VideoSettings
     from bodysense.estimators.arms import Arms, ArmSettings, load_arms
 
-    settings = VideoSettings(look_ahead, field_of_view=options.field_of_view, tilt=options.tilt)
+    settings = VideoSettings(look_ahead, field_of_view=options.field_of_view, tilt=options.tilt, roll=options.roll)
     arms = Arms(skeleton, load_arms(model), ArmSettings(look_ahead=look_ahead))
     return lambda aspect: VideoDevice(skeleton, arms, aspect, settings)
 
@@ -142,19 +154,27 @@ class _Tally:
     right_hands: int = 0
     landmark_seconds: float = 0.0
     body_seconds: float = 0.0
+    people: int = 0
 
     def add(self, done: Watched, seconds: float) -> None:
         person = done.frames.person
         self.frames += len(person)
         self.bodies += int(person.has_body.sum())
+        self.people = max([self.people, *(one.number for seen in done.people for one in seen)])
         left, right = person.has_hand.sum(axis=0).tolist()
         self.left_hands, self.right_hands = self.left_hands + left, self.right_hands + right
         self.landmark_seconds += done.landmark_seconds
         self.body_seconds += done.device_seconds + seconds
 
-    def check(self, name: str) -> None:
-        if not self.bodies:
-            raise BodysenseError(f"{name}: no person was found in its {self.frames} pictures; is one to be seen whole?")
+    def check(self, name: str, number: int | None) -> None:
+        if self.bodies:
+            return
+        if number is not None and self.people:
+            raise BodysenseError(
+                f"--follow {number}: only {self.people} were found in {name}; give 1 to {self.people}, or a larger "
+                "--people where more are in the picture together"
+            )
+        raise BodysenseError(f"{name}: no person was found in its {self.frames} pictures; is one to be seen whole?")
 
     def line(self) -> str:
         body, left, right = (f"{count / self.frames:.0%}" for count in (self.bodies, self.left_hands, self.right_hands))

@@ -25,6 +25,8 @@ from bodysense.capture.person import VISIBLE, PersonLandmarks
 
 _MARK = {name: place for place, name in enumerate(BODY_LANDMARKS)}
 # Limbs from the trunk outward: start and end of each bone among the skeleton's points, and the landmarks along it.
+_PLACED_BY = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")  # landmarks that say where a body is
+_NEAR = 0.3  # m from the camera: nobody comes nearer
 _ARM, _LEG = (("shoulder", "elbow"), ("elbow", "wrist")), (("hip", "knee"), ("knee", "ankle"), ("ankle", "toe"))
 
 
@@ -140,3 +142,23 @@ def _head(mark: np.ndarray) -> np.ndarray:
 def along(direction: np.ndarray, bone: np.ndarray) -> np.ndarray:
     """A bone (3,) of the same length along a direction."""
     return direction * (np.linalg.norm(bone) / max(float(np.linalg.norm(direction)), 1e-9))
+
+
+def located(laid: LaidPoints, person: PersonLandmarks, skeleton: Skeleton, focal: float) -> np.ndarray:
+    """(3,) m: where the pelvis is in the camera's axes, so that joints are seen where the landmarks are.
+
+    A joint at q from a pelvis at (x, y, −depth) is seen at focal · (q + (x, y)) / (depth − q_z): linear in all
+    three, solved in the least squares.
+    """
+    names = [f"{side}_{part}" for part in _PLACED_BY for side in SIDES]
+    marks = [BODY_LANDMARKS.index(name) for name in names]
+    q = laid.position[skeleton.indices(names)]
+    seen, pull = person.picture[0, marks], np.clip(person.visible[0, marks], 0.05, 1.0)
+    rows, values = np.zeros((2, len(names), 3)), np.empty((2, len(names)))
+    for axis in range(2):
+        rows[axis, :, axis] = focal
+        rows[axis, :, 2] = -seen[:, axis]
+        values[axis] = -focal * q[:, axis] - seen[:, axis] * q[:, 2]
+    place = np.linalg.lstsq((rows * pull[:, None]).reshape(-1, 3), (values * pull).ravel(), rcond=None)[0]
+    place[2] = -max(place[2], _NEAR)
+    return place

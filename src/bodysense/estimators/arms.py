@@ -26,6 +26,7 @@ from bodysense.body.rotation import normalize, quaternion_canonical, quaternion_
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.network import Network, NetworkFormat
 from bodysense.errors import BodysenseError
+from bodysense.estimators.arm_window import ArmFrame, alike, calmed, window_of
 from bodysense.estimators.estimate import PointEstimate
 from bodysense.observation import check_order
 
@@ -73,11 +74,14 @@ class ArmSettings:
 
     look_ahead: float = 0.25  # s that an answer waits for frames to come; 0 answers at once
     stride: float = 0.1  # s from one window to the next
+    calm: float = 0.03  # s: standard deviation by which a window's key-points are smoothed over time
     longest_gap: float = 0.5  # s without frames after which everything starts afresh
 
     def __post_init__(self) -> None:
         if not 0 <= self.look_ahead <= 0.5:
             raise BodysenseError(f"look-ahead {self.look_ahead:g} s; give 0 to 0.5, half of what the network sees")
+        if not self.calm > 0:
+            raise BodysenseError(f"smoothing of key-points over {self.calm:g} s; give more than 0")
         if not (self.stride > 0 and 0 < self.longest_gap <= 0.5):
             raise BodysenseError(f"stride {self.stride:g} s, longest gap {self.longest_gap:g} s: give up to 0.5 each")
 
@@ -94,20 +98,10 @@ class ArmFrames:
 
 
 @dataclass(frozen=True, eq=False)
-class _Frame:
-    """One frame that came in: its key-points, and what windows have said of it."""
-
-    time: float
-    values: dict[str, np.ndarray]  # by field of `ArmKeypoints`, without the time axis
-    torso: np.ndarray  # (4,) the last that was found
-    said: np.ndarray | None = None  # (38, 4) weighted sum of rotations
-
-
-@dataclass(frozen=True, eq=False)
 class ArmState:
     """The last second of frames, and which of them wait for an answer."""
 
-    frames: tuple[_Frame, ...] = ()
+    frames: tuple[ArmFrame, ...] = ()
     waiting: int = 0  # so many of the last frames
     window: float = -np.inf  # s, the last frame of the last window
 
@@ -141,8 +135,8 @@ class Arms:
         """The frames that still wait, at the end of a video."""
         return self._answer(self._flushed(state))
 
-    def _taken(self, keypoints: ArmKeypoints, state: ArmState) -> tuple[list[_Frame], ArmState]:
-        answered: list[_Frame] = []
+    def _taken(self, keypoints: ArmKeypoints, state: ArmState) -> tuple[list[ArmFrame], ArmState]:
+        answered: list[ArmFrame] = []
         for frame in _frames(check_keypoints(keypoints)):
             last = state.frames[-1] if state.frames else frame
             check_order(frame.time, state.frames[-1].time if state.frames else None, "arms")
@@ -166,7 +160,7 @@ class Arms:
         """s from a window's first frame to its last."""
         return (int(self.model.card["frames"]) - 1) / float(self.model.card["rate"])
 
-    def _flushed(self, state: ArmState) -> list[_Frame]:
+    def _flushed(self, state: ArmState) -> list[ArmFrame]:
         if state.waiting and state.window < state.frames[-1].time:
             state = self._windowed(state)
         return list(_waiting(state))
@@ -184,18 +178,19 @@ class Arms:
         """What a window that ends with the last frame says is added to the frames that wait."""
         count, rate = int(self.model.card["frames"]), float(self.model.card["rate"])
         now = state.frames[-1].time
-        said = self.model.rotations(_window(state.frames, now - np.arange(count - 1, -1, -1) / rate))
+        time = now - np.arange(count - 1, -1, -1) / rate
+        said = self.model.rotations(calmed(window_of(state.frames, time), time, self.settings.calm))
         begin = len(state.frames) - state.waiting
         frames = list(state.frames[:begin])
         for frame in _waiting(state):
             place = max(count - 1 - (now - frame.time) * rate, 0.0)
             before = min(int(place + _SAME), count - 2)
             share = place - before
-            after = _alike(said[before + 1], said[before])
+            after = alike(said[before + 1], said[before])
             turn = np.asarray(normalize(said[before] + share * (after - said[before])))
             middle = (count - 1) / 2
             weight = _ENDS + (1 - _ENDS) * (1 - abs(place - middle) / middle)
-            total = weight * turn if frame.said is None else frame.said + weight * _alike(turn, frame.said)
+            total = weight * turn if frame.said is None else frame.said + weight * alike(turn, frame.said)
             frames.append(replace(frame, said=total))
         return ArmState(tuple(frames), state.waiting, now)
 
@@ -216,7 +211,7 @@ class Arms:
             kinds.append(4 if not (hand or part in arm) else SIDES.index(side) + 2 * hand)
         return np.array(kinds)
 
-    def _answer(self, frames: list[_Frame]) -> ArmFrames:
+    def _answer(self, frames: list[ArmFrame]) -> ArmFrames:
         """Answered frames on the body."""
         pose, from_torso = self._standing
         said = np.zeros((0, len(ARM_JOINTS), 4))
@@ -241,7 +236,7 @@ class Arms:
         return ArmFrames(np.array([one.time for one in frames]), estimate)
 
 
-def _frames(keypoints: ArmKeypoints) -> Iterator[_Frame]:
+def _frames(keypoints: ArmKeypoints) -> Iterator[ArmFrame]:
     """Key-points frame by frame, finite throughout."""
     shown = {"arm": "has_arm", "torso": "has_torso", "hand": "has_hand"}
     values = {name: np.nan_to_num(np.asarray(getattr(keypoints, name), dtype=np.float32)) for name in shown}
@@ -249,42 +244,8 @@ def _frames(keypoints: ArmKeypoints) -> Iterator[_Frame]:
     values["torso"][np.logical_not(values["has_torso"])] = _UPRIGHT
     for t, time in enumerate(keypoints.time):
         row = {name: value[t] for name, value in values.items()}
-        yield _Frame(float(time), row, row["torso"].astype(float))
+        yield ArmFrame(float(time), row, row["torso"].astype(float))
 
 
-def _waiting(state: ArmState) -> Sequence[_Frame]:
+def _waiting(state: ArmState) -> Sequence[ArmFrame]:
     return state.frames[len(state.frames) - state.waiting :]
-
-
-def _window(frames: Sequence[_Frame], time: np.ndarray) -> dict[str, np.ndarray]:
-    """Key-points at `time` (T,) s, (T, …) by field, between those of frames; before the first, as in the first.
-
-    What was found in both neighbours lies between them; otherwise it is as in the nearer one.
-    """
-    place = np.interp(time, [frame.time for frame in frames], np.arange(len(frames)))
-    before = np.minimum(np.floor(place + _SAME).astype(int), len(frames) - 1)
-    after = np.minimum(before + 1, len(frames) - 1)
-    share = np.clip(place - before, 0.0, 1.0).astype(np.float32)
-    window: dict[str, np.ndarray] = {}
-    for name in ("arm", "torso", "hand"):
-        mask, values = (np.stack([frame.values[key] for frame in frames]) for key in (f"has_{name}", name))
-        far = share >= 0.5
-        window[f"has_{name}"] = np.where(_shaped(far, mask), mask[after], mask[before])
-        first, second = values[before], values[after]
-        if name == "torso":
-            second = _alike(second, first)
-        both = mask[before] & mask[after]
-        along = np.where(both, _shaped(share, mask), _shaped(far, mask))
-        between = first + along.reshape(*along.shape, *(1,) * (first.ndim - along.ndim)) * (second - first)
-        window[name] = (between if name == "hand" else np.asarray(normalize(between))).astype(np.float32)
-    return window
-
-
-def _shaped(values: np.ndarray, like: np.ndarray) -> np.ndarray:
-    """(T,) with as many axes as `like`."""
-    return values.reshape(-1, *(1,) * (like.ndim - 1))
-
-
-def _alike(q: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Quaternions (..., 4) with the signs that lie nearer to others."""
-    return np.where((q * other).sum(axis=-1, keepdims=True) < 0, -q, q)

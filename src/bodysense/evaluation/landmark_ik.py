@@ -14,7 +14,8 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.capture.landmarks import BODY_LANDMARKS
 from bodysense.capture.person import VISIBLE, PersonLandmarks
 from bodysense.devices.landmark_points import LandmarkPoints, along
-from bodysense.devices.video import VideoSettings, smoothed
+from bodysense.devices.landmark_smoothing import smoothed
+from bodysense.devices.video import VideoSettings
 
 _KNUCKLES = {"index1": "index", "pinky1": "pinky", "thumb2": "thumb"}  # of a hand that is seen only as part of an arm
 _LAID = tuple(f"{side}_{part}" for side in SIDES for part in ("elbow", "wrist", "knee", "ankle", "toe"))

@@ -12,6 +12,7 @@ import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
+from bodysense.capture.person import PersonTrack
 from bodysense.capture.video import Picture
 from bodysense.errors import BodysenseError
 from bodysense.export.flesh import COLORS, Flesh, fit_flesh, place_flesh
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
 
 _LEFT, _RIGHT, _MIDDLE = (255, 176, 46), (64, 200, 255), (255, 255, 255)  # the person's sides, and between them
+_DISC = (20, 24, 28)
+NUMBERED = 2.0  # s of a video in which people's numbers are shown
 _FINE = 2  # samples a pixel, across and down, of what is drawn
 _WALL, _FLOOR, _LINE, _INK = (233, 237, 241), (212, 214, 217), (178, 183, 188), (70, 80, 90)
 _TURN = np.radians(28.0)  # from which side the body beside the video is seen
@@ -56,11 +59,19 @@ class Overlay(AbstractContextManager["Overlay"]):
             self._stack = stack.pop_all()
         return self
 
-    def add(self, pictures: Sequence[Picture], pose: Pose, camera: Camera) -> None:
-        """Add pictures, all of one size, with a body (T, …) in the room and the camera (T,) that sees it."""
+    def add(
+        self, pictures: Sequence[Picture], pose: Pose, camera: Camera, people: Sequence[Sequence[PersonTrack]] = ()
+    ) -> None:
+        """Add pictures, all of one size, with a body (T, …) in the room and the camera (T,) that sees it.
+
+        `people` are those seen in each; where there are several, the first pictures show their numbers.
+        """
         for k, picture in enumerate(pictures):
             seen_by = Camera(*(values[k] for values in vars(camera).values()))
-            self.show(picture.time, picture.pixels, pose[k], seen_by)
+            pixels = picture.pixels
+            if people and len(people[k]) > 1 and picture.time < NUMBERED:
+                pixels = numbered(pixels, people[k])
+            self.show(picture.time, pixels, pose[k], seen_by)
 
     def show(self, time: float, pixels: np.ndarray, pose: Pose, camera: Camera) -> None:
         """Add one picture (H, W, 3) at `time` s with a body in the room and the camera that sees it."""
@@ -81,6 +92,21 @@ class Overlay(AbstractContextManager["Overlay"]):
         if error[0] is None and self._stream is not None:
             self._container.mux(self._stream.encode())
         self._stack.__exit__(*error)  # type: ignore[arg-type]
+
+
+def numbered(pixels: np.ndarray, people: Sequence[PersonTrack]) -> np.ndarray:
+    """(H, W, 3) a picture with each person's number on their trunk."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    whole = Image.fromarray(pixels)
+    draw, (wide, high) = ImageDraw.Draw(whole), whole.size
+    size = max(high // 14, 12)
+    font, radius = ImageFont.load_default(size), 0.8 * size
+    for one in people:
+        x, y = one.place * high * [1, -1] + [wide / 2, high / 2]
+        draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=_DISC, outline=_MIDDLE, width=2)
+        draw.text((x, y), str(one.number), fill=_MIDDLE, font=font, anchor="mm")
+    return np.array(whole)
 
 
 def side_by_side(pixels: np.ndarray, pose: Pose, camera: Camera) -> np.ndarray:
