@@ -8,12 +8,13 @@ and the body that is shown grows toward it so slowly that nothing jumps.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bodysense.body.person import Person
+from bodysense.body.rigid import RigidTransform
 from bodysense.body.shape import Measured, shape_space, stature
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.inputs import Frames
@@ -118,12 +119,12 @@ class Proportions:
             self.due[own],
         )
 
-    def person(self, k: int) -> Person:
-        """The person as believed now: a guess that `Person.save` keeps for the next time."""
+    def person(self, k: int, mounts: Mapping[str, RigidTransform]) -> Person:
+        """The person as believed now, whose trackers are worn as `mounts` say."""
         one = self.people[k]
         skeleton = one.skeleton.with_offsets(self.believed[k])
         known = {} if not one.bone_deviation.any() else {"height": one.height, "lengths": one.lengths}
-        return Person(skeleton, bone_deviation=self.deviation[k], mounts=one.mounts, **known)
+        return Person(skeleton, bone_deviation=self.deviation[k], mounts=mounts, **known)
 
 
 def proportions_of(people: tuple[Person, ...]) -> Proportions:
