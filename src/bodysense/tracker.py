@@ -144,7 +144,7 @@ def _estimate(frames: Sequence[tuple[Completed, Frames, TrackerState]]) -> Estim
     """Estimates of T frames of B people, from what was completed, tracked and believed in each."""
 
     def by_person(values: Sequence[np.ndarray]) -> np.ndarray:
-        return np.stack(values, axis=1)
+        return np.stack(values, axis=1) if len(values) > 1 else values[0][:, None]
 
     offset = by_person([state.proportions.rest_offset for _, _, state in frames])
     pose = Pose(

@@ -16,7 +16,7 @@ import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.body.rigid import RigidTransform
-from bodysense.body.rotation import quaternion_to_matrix
+from bodysense.body.rotation import quaternion_rotate, quaternion_to_matrix
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.inputs import Frames
 
@@ -71,92 +71,101 @@ DISTANCES = _distances()
 
 
 @dataclass(frozen=True, eq=False)
+class Worn:
+    """What is believed of how the trackers of one person are worn, beside what the person says."""
+
+    person: Person
+    correction: np.ndarray  # (W, 3) m, shown: from a joint as its person's mount has it, in the joint's axes
+    mean: np.ndarray  # (N,) m: corrections as believed, then lengths of bones
+    covariance: np.ndarray  # (N, N) m²
+    due: float  # s since distances were last taken in
+
+    @property
+    def believed(self) -> np.ndarray:
+        """(W, 3) m: corrections that are not shown in full yet."""
+        return self.mean[: 3 * len(WORN)].reshape(-1, 3)
+
+    def updated(self, frame: Frames, k: int, interval: float) -> Worn:
+        """The same after one more frame, of which this is person `k`, `interval` s after the one before."""
+        due, mean, covariance = self.due + interval, self.mean, self.covariance
+        if due >= _EVERY:
+            mean, covariance = _taken_in(self.person, frame, k, mean, covariance, due)
+            due = 0.0
+        share = 1 - 2.0 ** (-interval / _HALF_LIFE)
+        moved = mean[: 3 * len(WORN)].reshape(-1, 3) - self.correction
+        return Worn(self.person, self.correction + share * moved, mean, covariance, due)
+
+
+@dataclass(frozen=True, eq=False)
 class Mounts:
-    """What is believed of how the trackers of B people are worn, beside what their persons say."""
+    """What is believed of how the trackers of B people are worn."""
 
     people: tuple[Person, ...]
-    correction: np.ndarray  # (B, W, 3) m, shown: from a joint as its person's mount has it, in the joint's axes
-    mean: np.ndarray  # (B, N) m: corrections as believed, then lengths of bones
-    covariance: np.ndarray  # (B, N, N) m²
-    due: np.ndarray  # (B,) s since distances were last taken in
+    worn: tuple[Worn | None, ...]  # None for whoever wears no tracker that can be told of
 
     def updated(self, frame: Frames, interval: np.ndarray) -> Mounts:
         """The mounts after one more frame, its joints as the persons' mounts have them, `interval` (B,) s later."""
-        worn = np.array([not person.mounts.keys().isdisjoint(WORN) for person in self.people])
-        if not worn.any():
+        if not any(self.worn):
             return self
-        due, mean, covariance = self.due + interval, self.mean, self.covariance
-        ready = worn & (due >= _EVERY)
-        if ready.any():
-            mean, covariance = mean.copy(), covariance.copy()
-            for k in np.flatnonzero(ready).tolist():
-                mean[k], covariance[k] = _taken_in(self.people[k], frame, k, mean[k], covariance[k], due[k])
-            due = np.where(ready, 0.0, due)
-        share = (1 - np.exp2(-interval / _HALF_LIFE))[:, None, None]
-        believed = mean[:, : 3 * len(WORN)].reshape(-1, len(WORN), 3)
-        return Mounts(self.people, self.correction + share * (believed - self.correction), mean, covariance, due)
+        each = enumerate(self.worn)
+        worn = tuple(None if one is None else one.updated(frame, k, float(interval[k])) for k, one in each)
+        return Mounts(self.people, worn)
 
     def applied(self, frame: Frames) -> Frames:
         """The frame with its joints where they are believed to be."""
-        if not self.correction.any():
+        if not any(self.worn):
             return frame
-        known = frame.has_position[:, _PLACES] & frame.has_rotation[:, _PLACES]
-        axes = np.asarray(quaternion_to_matrix(frame.rotation[:, _PLACES]))
-        moved = np.where(known[..., None], np.einsum("bwij,bwj->bwi", axes, self.correction), 0.0)
         position = frame.position.copy()
-        position[:, _PLACES] += moved.astype(np.float32)
+        for k, one in enumerate(self.worn):
+            if one is None:
+                continue
+            known = frame.has_position[k, _PLACES] & frame.has_rotation[k, _PLACES]
+            turned = np.asarray(quaternion_rotate(frame.rotation[k, _PLACES].astype(np.float64), one.correction))
+            position[k, _PLACES] += np.where(known[:, None], turned, 0.0).astype(np.float32)
         return replace(frame, position=position)
 
     def told(self, people: tuple[Person, ...]) -> Mounts:
         """The same where a person's mounts are the same ones, else as they are told anew."""
-        fresh = mounts_of(people)
-        kept = np.array([old.mounts == new.mounts for old, new in zip(self.people, people, strict=True)])
-        arrays = [
-            np.where(kept.reshape(-1, *[1] * (old.ndim - 1)), old, new)
-            for old, new in (
-                (self.correction, fresh.correction),
-                (self.mean, fresh.mean),
-                (self.covariance, fresh.covariance),
-                (self.due, fresh.due),
-            )
-        ]
-        return Mounts(people, *arrays)
+        rows = zip(self.people, people, self.worn, mounts_of(people).worn, strict=True)
+        return Mounts(people, tuple(old if was.mounts == now.mounts else new for was, now, old, new in rows))
 
     @classmethod
     def stacked(cls, parts: Sequence[Mounts]) -> Mounts:
         """Those of several people as one of all of them."""
         people = tuple(person for part in parts for person in part.people)
-        names = ("correction", "mean", "covariance", "due")
-        return cls(people, *(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+        return cls(people, tuple(one for part in parts for one in part.worn))
 
     def alone(self, k: int) -> Mounts:
         """Those of one of several people."""
-        own = slice(k, k + 1)
-        return Mounts(self.people[own], self.correction[own], self.mean[own], self.covariance[own], self.due[own])
+        return Mounts(self.people[k : k + 1], self.worn[k : k + 1])
 
     def person(self, k: int) -> dict[str, RigidTransform]:
         """A person's mounts as believed now: T_joint_tracker."""
-        believed = dict(self.people[k].mounts)
-        for joint, moved in zip(WORN, self.mean[k, : 3 * len(WORN)].reshape(-1, 3), strict=True):
-            if joint in believed:
-                believed[joint] = RigidTransform(moved).inverse() @ believed[joint]
-        return believed
+        mounts, worn = dict(self.people[k].mounts), self.worn[k]
+        if worn is None:
+            return mounts
+        for joint, moved in zip(WORN, worn.believed, strict=True):
+            if joint in mounts:
+                mounts[joint] = RigidTransform(moved).inverse() @ mounts[joint]
+        return mounts
 
 
 def mounts_of(people: tuple[Person, ...]) -> Mounts:
     """What is known of how trackers are worn before the first frame."""
-    count = len(people)
-    mean, covariance = np.zeros((count, _SIZE)), np.zeros((count, _SIZE, _SIZE))
-    for k, person in enumerate(people):
-        ends = person.skeleton.indices(_BONE_ENDS)
-        mean[k, -len(BONES) :] = person.skeleton.bone_length[ends]
-        unsure = np.zeros(_SIZE)
-        for w, joint in enumerate(WORN):
-            if joint in person.mounts:
-                unsure[3 * w : 3 * w + 3] = _UNSURE[joint.rpartition("_")[-1]]
-        unsure[-len(BONES) :] = np.maximum(person.bone_deviation[ends], _LEAST_UNSURE)
-        covariance[k] = np.diag(unsure**2)
-    return Mounts(people, np.zeros((count, len(WORN), 3)), mean, covariance, np.zeros(count))
+    return Mounts(people, tuple(_worn_by(person) for person in people))
+
+
+def _worn_by(person: Person) -> Worn | None:
+    if person.mounts.keys().isdisjoint(WORN):
+        return None
+    ends = person.skeleton.indices(_BONE_ENDS)
+    mean, unsure = np.zeros(_SIZE), np.zeros(_SIZE)
+    mean[-len(BONES) :] = person.skeleton.bone_length[ends]
+    unsure[-len(BONES) :] = np.maximum(person.bone_deviation[ends], _LEAST_UNSURE)
+    for w, joint in enumerate(WORN):
+        if joint in person.mounts:
+            unsure[3 * w : 3 * w + 3] = _UNSURE[joint.rpartition("_")[-1]]
+    return Worn(person, np.zeros((len(WORN), 3)), mean, np.diag(unsure**2), 0.0)
 
 
 _PLACES = default_skeleton().indices(WORN)
