@@ -21,6 +21,7 @@ from bodysense.completion.inputs import Frames, frames_of, frames_together
 from bodysense.completion.model import Completed, CompletionModel, packaged_model
 from bodysense.completion.mounts import Mounts, mounts_of
 from bodysense.completion.proportions import Proportions, proportions_of
+from bodysense.completion.refinement import refined
 from bodysense.errors import BodysenseError
 from bodysense.observation import Estimate, Observation
 
@@ -34,6 +35,9 @@ class TrackerSettings:
     floor: float = 0.0  # m, height of the floor
     hold_feet: bool = True  # feet that stand are held, and none is under the floor
     infer: bool = True  # what was not told of the person, and how trackers are worn, is inferred from what is tracked
+    refine: bool = (
+        False  # measured points between head, hands and feet are met exactly, at the cost of inverse kinematics
+    )
     clock: Clock = Clock()
 
     def __post_init__(self) -> None:
@@ -137,6 +141,8 @@ def _stepped(
         frame = mounts.applied(frame)
         proportions = proportions.updated(frame, interval, settings.floor)
     completed, network = model.step(frame, interval, proportions, settings.floor, settings.hold_feet, network)
+    if settings.refine:
+        completed = refined(completed, frame, proportions.rest_offset)
     return completed, TrackerState(frame.time, network, proportions, mounts)
 
 
