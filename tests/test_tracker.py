@@ -15,7 +15,7 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
-from bodysense.occlusion.sensors import SENSOR_SETS, observe
+from bodysense.occlusion.sensors import SENSOR_SETS, observe, strapped
 from bodysense.tracker import Tracker, TrackerSettings, step_together
 
 SETS = ("head", "three_point", "three_point_imu_feet", "four_point", "six_point", "ten_point", "headset_camera")
@@ -154,11 +154,7 @@ def test_a_worn_tracker_gives_its_joint() -> None:
     clip = performance(7)
     observation = seen(clip, "four_point")
     mount = RigidTransform(np.array([0.0, 0.05, -0.12]), quaternion_exp(np.array([0.3, 2.0, -0.5])))
-    k = observation.points.index("pelvis")
-    position, rotation = observation.position.copy(), observation.rotation.copy()
-    position[:, k] += quaternion_rotate(rotation[:, k], np.broadcast_to(mount.translation, (FRAMES, 3)))
-    rotation[:, k] = quaternion_multiply(rotation[:, k], np.broadcast_to(mount.rotation, (FRAMES, 4)))
-    worn = replace(observation, position=position, rotation=rotation)
+    worn = strapped(observation, {"pelvis": mount})
     told, knowing = Person(clip.pose.skeleton), Person(clip.pose.skeleton, mounts={"pelvis": mount})
     plain, mounted = (
         tracker.step(part, tracker.start())[0]
@@ -167,15 +163,42 @@ def test_a_worn_tracker_gives_its_joint() -> None:
     assert np.abs(plain.points - mounted.points).max() < 1e-4
 
 
+def test_worn_trackers_are_refined_alike_whole_streamed_and_with_others() -> None:
+    clip = performance(7)
+    clips = [replace(clip, pose=clip.pose[10:]), performance(8)]
+    clips = [replace(one, pose=one.pose[:30]) for one in clips]
+    rng = np.random.default_rng(0)
+    joints = ("pelvis", "left_ankle", "right_ankle", "spine3", "left_knee", "right_elbow")
+    mounts = [{name: RigidTransform(0.05 * rng.standard_normal(3)) for name in joints} for _ in clips]
+    wrong = [{name: RigidTransform(mount.translation + 0.03) for name, mount in worn.items()} for worn in mounts]
+    people = [Person(height=1.7, mounts=wrong[0]), Person(mounts=wrong[1])]
+    parts = [strapped(seen(one, "ten_point"), worn) for one, worn in zip(clips, mounts, strict=True)]
+    trackers = [Tracker(person) for person in people]
+    states = [tracker.start() for tracker in trackers]
+    streamed = []
+    for t in range(30):
+        jobs = [(tracker, part[t : t + 1], state) for tracker, part, state in zip(trackers, parts, states, strict=True)]
+        stepped = step_together(jobs)
+        states = [state for _, state in stepped]
+        streamed.append([estimate.points[0] for estimate, _ in stepped])
+    for k, (tracker, part) in enumerate(zip(trackers, parts, strict=True)):
+        whole, state = tracker.step(part, tracker.start())
+        assert np.abs(whole.points - np.array(streamed)[:, k]).max() < 1e-5
+        one, other = state.mounts.worn[0], states[k].mounts.worn[0]
+        assert one is not None and other is not None
+        assert np.allclose(one.mean, other.mean)
+        assert np.abs(one.correction).max() > 1e-4
+
+
 def test_after_a_gap_motion_starts_afresh_and_the_person_stays() -> None:
     clip = performance(8)
     observation, tracker = seen(clip, "three_point"), Tracker()
     _, state = tracker.step(observation, tracker.start())
     later = replace(observation, time=observation.time + observation.time[-1] + 5.0)
     again, after = tracker.step(later, state)
-    fresh, _ = Tracker(state.proportions.person(0), settings=TrackerSettings(infer=False)).step(later, tracker.start())
+    fresh, _ = Tracker(state.person(), settings=TrackerSettings(infer=False)).step(later, tracker.start())
     assert np.isfinite(again.points).all() and np.isfinite(fresh.points).all()
-    assert after.proportions.seconds.sum() > state.proportions.seconds.sum()
+    assert after.proportions.seconds[0].sum() > state.proportions.seconds[0].sum()
 
 
 def test_what_is_refused() -> None:

@@ -122,6 +122,22 @@ def check_observation(observation: Observation, name: str = "observation", farth
             f"{name}: time goes from {before} to {after} at frame {k}; "
             "times must increase: sort the frames and drop repeats"
         )
+    if not _is_sound(observation, farthest):
+        _refuse(observation, name, farthest)
+    return observation
+
+
+def _is_sound(observation: Observation, farthest: float) -> bool:
+    """Whether everything that is tracked is finite, near, turned by unit quaternions and of positive accuracy."""
+    accuracy, rotation = observation.accuracy, observation.rotation
+    with np.errstate(all="ignore"):  # NaN compares false
+        placed = (np.abs(observation.position) <= farthest).all(axis=-1) & (accuracy > 0) & (accuracy < np.inf)
+        turned = np.abs(np.sqrt(np.einsum("...i,...i->...", rotation, rotation)) - 1) < UNIT_TOLERANCE
+    return bool((placed | ~observation.has_position).all() and (turned | ~observation.has_rotation).all())
+
+
+def _refuse(observation: Observation, name: str, farthest: float) -> None:
+    """Raise BodysenseError for the first of the tracked values that is not as it must be."""
     for mask, field in (("has_position", "position"), ("has_rotation", "rotation")):
         present = getattr(observation, mask)
         broken = present & ~np.isfinite(getattr(observation, field)).all(axis=-1)
@@ -155,7 +171,6 @@ def check_observation(observation: Observation, name: str = "observation", farth
             f"{name}: the rotation of {observation.points[point]!r} at frame {frame} has length {length[place]:g}; "
             "give unit quaternions w, x, y, z, or clear the mask there"
         )
-    return observation
 
 
 def check_order(time: float, before: float | None, name: str) -> None:

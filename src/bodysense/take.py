@@ -196,7 +196,7 @@ def _tracked(
         done += len(frames)
         advance(done, len(observation))
     estimate = _joined(parts)
-    believed = state.proportions.person(0)
+    believed = state.person()
     pose = pose_on(estimate, believed)
     clip = Clip(signal.name, pose, 1 / interval)
     return Take(at_constant_rate(clip, observation.time), estimate, believed, observation.time)

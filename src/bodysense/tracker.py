@@ -19,7 +19,9 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.clock import Clock
 from bodysense.completion.inputs import Frames, frames_of, frames_together
 from bodysense.completion.model import Completed, CompletionModel, packaged_model
+from bodysense.completion.mounts import Mounts, mounts_of
 from bodysense.completion.proportions import Proportions, proportions_of
+from bodysense.completion.refinement import refined
 from bodysense.errors import BodysenseError
 from bodysense.observation import Estimate, Observation
 
@@ -32,7 +34,10 @@ class TrackerSettings:
 
     floor: float = 0.0  # m, height of the floor
     hold_feet: bool = True  # feet that stand are held, and none is under the floor
-    infer: bool = True  # proportions that were not told are inferred from what is tracked
+    infer: bool = True  # what was not told of the person, and how trackers are worn, is inferred from what is tracked
+    refine: bool = (
+        False  # measured points between head, hands and feet are met exactly, at the cost of inverse kinematics
+    )
     clock: Clock = Clock()
 
     def __post_init__(self) -> None:
@@ -47,6 +52,11 @@ class TrackerState:
     time: np.ndarray  # (B,) s of the frame before; NaN before the first
     network: dict[str, np.ndarray]  # (B, …) by input of the graph
     proportions: Proportions
+    mounts: Mounts
+
+    def person(self, k: int = 0) -> Person:
+        """A person as believed now: a guess that `Person.save` keeps for the next time."""
+        return self.proportions.person(k, self.mounts.person(k))
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +84,9 @@ class Tracker:
     def start(self) -> TrackerState:
         """The state before the first frame."""
         count = len(self.people)
-        return TrackerState(np.full(count, np.nan), self.model.start(count), proportions_of(self.people))
+        return TrackerState(
+            np.full(count, np.nan), self.model.start(count), proportions_of(self.people), mounts_of(self.people)
+        )
 
     def step(self, observation: Observation, state: TrackerState) -> tuple[Estimate, TrackerState]:
         """Complete the next T ≥ 1 frames; one call with T frames equals T calls with one.
@@ -117,7 +129,7 @@ def _stepped(
 ) -> tuple[Completed, TrackerState]:
     """One frame of B people."""
     interval, fresh = settings.clock.interval(frame.time, state.time)
-    network, proportions = state.network, state.proportions
+    network, proportions, mounts = state.network, state.proportions, state.mounts
     if fresh.any():  # after a gap nothing that moved is remembered; who the person is stays known
         start = model.start(len(fresh))
         network = {
@@ -125,16 +137,20 @@ def _stepped(
             for name, values in network.items()
         }
     if settings.infer:
+        mounts = mounts.updated(frame, interval)
+        frame = mounts.applied(frame)
         proportions = proportions.updated(frame, interval, settings.floor)
     completed, network = model.step(frame, interval, proportions, settings.floor, settings.hold_feet, network)
-    return completed, TrackerState(frame.time, network, proportions)
+    if settings.refine:
+        completed = refined(completed, frame, proportions.rest_offset)
+    return completed, TrackerState(frame.time, network, proportions, mounts)
 
 
 def _estimate(frames: Sequence[tuple[Completed, Frames, TrackerState]]) -> Estimate:
     """Estimates of T frames of B people, from what was completed, tracked and believed in each."""
 
     def by_person(values: Sequence[np.ndarray]) -> np.ndarray:
-        return np.stack(values, axis=1)
+        return np.stack(values, axis=1) if len(values) > 1 else values[0][:, None]
 
     offset = by_person([state.proportions.rest_offset for _, _, state in frames])
     pose = Pose(
@@ -159,6 +175,7 @@ def _stacked(states: Sequence[TrackerState]) -> TrackerState:
         np.concatenate([state.time for state in states]),
         {name: np.concatenate([state.network[name] for state in states]) for name in states[0].network},
         Proportions.stacked([state.proportions for state in states]),
+        Mounts.stacked([state.mounts for state in states]),
     )
 
 
@@ -166,5 +183,8 @@ def _alone(state: TrackerState, k: int) -> TrackerState:
     """The state of one of several people."""
     own = slice(k, k + 1)
     return TrackerState(
-        state.time[own], {name: values[own] for name, values in state.network.items()}, state.proportions.alone(k)
+        state.time[own],
+        {name: values[own] for name, values in state.network.items()},
+        state.proportions.alone(k),
+        state.mounts.alone(k),
     )

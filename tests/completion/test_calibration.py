@@ -6,13 +6,13 @@ import pytest
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose, standing_pose
 from bodysense.body.rigid import RigidTransform
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
+from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.calibration import calibrated
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
-from bodysense.occlusion.sensors import SENSOR_SETS, observe
+from bodysense.occlusion.sensors import SENSOR_SETS, observe, strapped
 
 FRAMES = 30
 
@@ -48,33 +48,26 @@ def test_arms_out_measure_their_reach() -> None:
     assert abs(span(person.skeleton) - span(pose.skeleton)) < 0.02
 
 
-@pytest.mark.parametrize("body", range(3))
-def test_trackers_strapped_beside_their_joints_are_found(body: int) -> None:
-    observation, pose = standing(body)
-    position, rotation = observation.position.copy(), observation.rotation.copy()
-    rng = np.random.default_rng(body)
-    for name in ("pelvis", "left_ankle", "right_ankle"):
-        k = observation.points.index(name)
-        away = rng.standard_normal(3)
-        mount = RigidTransform(0.12 * away / np.linalg.norm(away), rng.standard_normal(4))
-        position[:, k] += quaternion_rotate(rotation[:, k], np.tile(mount.translation, (FRAMES, 1)))
-        rotation[:, k] = quaternion_multiply(rotation[:, k], np.tile(mount.rotation, (FRAMES, 1)))
-    worn = Observation(
-        points=observation.points,
-        position=position,
-        rotation=rotation,
-        has_position=observation.has_position,
-        has_rotation=observation.has_rotation,
-        accuracy=observation.accuracy,
-        time=observation.time,
-    )
-    person = calibrated(worn, Person(height=float(stature(pose.skeleton.rest_offset))))
-    truth = forward_kinematics(pose)[0][0]
-    for name in ("pelvis", "left_ankle", "right_ankle"):
-        k = observation.points.index(name)
-        tracker = RigidTransform(position[0, k], rotation[0, k])
-        joint = tracker @ person.mounts[name].inverse()
-        assert np.linalg.norm(joint.translation - truth[pose.skeleton.index(name)]) < 0.05
+def test_trackers_strapped_beside_their_joints_are_found() -> None:
+    apart: dict[str, list[float]] = {"pelvis": [], "left_ankle": [], "right_ankle": []}
+    for body in range(20):
+        observation, pose = standing(body)
+        rng = np.random.default_rng(body)
+        mounts = {}
+        for name in apart:
+            away = rng.standard_normal(3)
+            away *= rng.uniform(0.08, 0.14) / np.linalg.norm(away)
+            mounts[name] = RigidTransform(away, rng.standard_normal(4))
+        worn = strapped(observation, mounts)
+        person = calibrated(worn, Person())
+        truth = forward_kinematics(pose)[0][0]
+        for name, errors in apart.items():
+            k = observation.points.index(name)
+            joint = RigidTransform(worn.position[0, k], worn.rotation[0, k]) @ person.mounts[name].inverse()
+            errors.append(float(np.linalg.norm(joint.translation - truth[pose.skeleton.index(name)])))
+    # Standing still does not tell how a height is shared between legs and torso, which leaves hips 2 cm unsure.
+    assert max(apart["left_ankle"] + apart["right_ankle"]) < 0.03
+    assert np.percentile(apart["pelvis"], 75) < 0.03 and max(apart["pelvis"]) < 0.045
 
 
 def test_who_moves_or_wears_no_headset_is_told() -> None:

@@ -73,6 +73,6 @@ def test_whoever_stands_on_something_is_no_giant() -> None:
 
 def test_a_person_learned_is_a_person_told() -> None:
     believed, _ = inferred(4, Person(), EVERYTHING)
-    person = believed[-1].person(0)
+    person = believed[-1].person(0, {})
     assert np.allclose(person.skeleton.rest_offset, believed[-1].believed[0])
     assert np.allclose(person.bone_deviation, believed[-1].deviation[0])

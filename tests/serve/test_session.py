@@ -12,9 +12,15 @@ from hypothesis import strategies as st
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
+from bodysense.body.rigid import RigidTransform
+from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import stature
 from bodysense.body.skeleton import default_skeleton
+from bodysense.observation import Observation
+from bodysense.occlusion.sensors import SENSOR_SETS, strapped
+from bodysense.occlusion.sensors import observe as see
 from bodysense.occlusion.three_point import observe
+from bodysense.serve.estimation import step_many
 from bodysense.serve.messages import Calibrate, Change, Placed, ProportionsChanged, Recentre, Said, Settings
 from bodysense.serve.protocol import ProtocolError, SignalFrame
 from bodysense.serve.session import Answer, Session
@@ -185,6 +191,35 @@ def test_a_standing_second_gives_the_height() -> None:
     said = [note.text for note in one.notes() if isinstance(note, Said)]
     assert len(said) == 2 and "1.8" in said[1]
     assert one.revision == 1
+
+
+def test_a_tracker_turns_its_joint_from_when_it_is_known_how_it_is_worn() -> None:
+    pose = standing_pose(SKELETON)
+    pose.root_position[1] -= forward_kinematics(pose)[0][:, 1].min()
+    seen = see(Pose(SKELETON, pose.root_position[None], pose.rotation[None]), np.zeros(1), SENSOR_SETS["six_point"])
+    mounts = {"pelvis": RigidTransform(np.array([0.0, 0.03, -0.12]), np.array([0.2, 0.9, -0.3, 0.1]))}
+    worn = strapped(seen, mounts)
+    names = tuple(f"{name}_tracker" if name == "pelvis" else name for name in worn.points)
+    one, every = session(Person(), names), np.arange(len(names))
+    pelvis = names.index("pelvis_tracker")
+
+    def observed(time: float) -> Observation:
+        rows = np.full(len(names), 3, dtype=np.uint8)
+        one.receive(SignalFrame(0, time, every, rows, worn.position[0], worn.rotation[0]), 0.0)
+        job = one.job()
+        assert job is not None
+        ((estimate, state),) = step_many([(job.pipeline, job.observation, job.state)])
+        assert one.answer(job, estimate, state) is not None
+        return job.observation
+
+    assert not observed(0.0).has_rotation[0, pelvis]
+    one.change(Calibrate())
+    last = [observed(k / 30) for k in range(1, 35)][-1]
+    assert last.has_rotation[0, pelvis]
+    tracker = RigidTransform(last.position[0, pelvis], last.rotation[0, pelvis])
+    joint = tracker @ one._pipeline.tracker.people[0].mounts["pelvis"].inverse()
+    assert np.linalg.norm(joint.translation - seen.position[0, pelvis]) < 0.03
+    assert geodesic_angle(joint.rotation, seen.rotation[0, pelvis]) < 0.01
 
 
 def test_nobody_has_the_height_of_a_headset_on_a_table() -> None:

@@ -60,6 +60,17 @@ def test_devices_are_in_our_world() -> None:
     assert found.has_rotation[0].sum() == 3
 
 
+def test_a_tracker_tells_how_it_is_turned_itself() -> None:
+    turn = Rotation.from_euler("y", 30, degrees=True)  # in Unity: to the wearer's right
+    found = seen(
+        HEAD, ("Tra", "waist", (0.0, 1.0, 0.1), tuple(turn.as_quat())), ("Tra", "chest", (0, 1.3, 0), (0,) * 4)
+    )
+    pelvis, chest = found.points.index("pelvis_tracker"), found.points.index("spine3_tracker")
+    ahead = Rotation.from_quat(found.rotation[0, pelvis][[1, 2, 3, 0]]).apply([0, 0, 1])
+    np.testing.assert_allclose(ahead, [-np.sin(np.pi / 6), 0, np.cos(np.pi / 6)], atol=1e-6)
+    assert found.has_position[0, chest] and not found.has_rotation[0, chest]
+
+
 @pytest.mark.parametrize(
     ("kind", "serial", "point"),
     [

@@ -102,10 +102,13 @@ def test_a_controller_and_a_tracked_hand_may_be_the_same_wrist() -> None:
     assert not through(found, both, ~shown, Placement(), 0.0).has_position.any()
 
 
-def test_trackers_are_positions() -> None:
+def test_trackers_are_strapped_on_and_joints_are_not() -> None:
     found = door(["hip", "chest", "left_foot", "left_glove_index_tip"], SKELETON)
     assert found.points == ("pelvis", "spine3", "left_foot", "left_glove_index_tip")
-    np.testing.assert_array_equal(found.turned, [False, False, True, False])
+    np.testing.assert_array_equal(found.turned, [True, True, True, False])
+    assert found.strapped == {"pelvis", "spine3"}
+    assert not door(["hip", "pelvis"], SKELETON).strapped
+    assert door(["left_ankle_tracker"], SKELETON).points == ("left_ankle",)
 
 
 @pytest.mark.parametrize(

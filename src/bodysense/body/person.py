@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from reprlib import repr as brief
 from typing import Any
@@ -98,6 +99,11 @@ class Person:
         object.__setattr__(self, "mounts", dict(mounts or {}))
         object.__setattr__(self, "height", stature)
         object.__setattr__(self, "lengths", known)
+
+    @cached_property
+    def is_told(self) -> bool:
+        """Whether all proportions are known exactly."""
+        return not self.bone_deviation.any()
 
     @classmethod
     def told(cls, skeleton: Skeleton) -> Person:

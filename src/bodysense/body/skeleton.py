@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from importlib.resources import files
@@ -154,10 +153,11 @@ class Skeleton:
         if offset.shape != self.rest_offset.shape or not np.isfinite(offset).all():
             return replace(self, rest_offset=offset)  # which says what is wrong
         offset.setflags(write=False)
-        other = copy(self)  # with what was derived from the tree alone
-        for name in ("height", "bone_length"):
-            other.__dict__.pop(name, None)
-        object.__setattr__(other, "rest_offset", offset)
+        other = object.__new__(Skeleton)
+        other.__dict__.update(self.__dict__)  # and what was derived from the tree alone
+        other.__dict__.pop("height", None)
+        other.__dict__.pop("bone_length", None)
+        other.__dict__["rest_offset"] = offset
         return other
 
     def scaled(self, height: float) -> Skeleton:

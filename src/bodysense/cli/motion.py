@@ -64,6 +64,7 @@ def track(
     person: Path | None = None,
     save_person: Path | None = None,
     hold_feet: bool = True,
+    refine: bool = False,
     noise: bool = False,
     model: Path | None = None,
     fingers: Literal["tracked", "synthesize"] = "tracked",
@@ -84,6 +85,7 @@ def track(
         person: wearer's file, written by --save-person.
         save_person: JSON file for the wearer, as believed at the end.
         hold_feet: hold feet that stand, and keep them over the floor.
+        refine: meet measured points between head, hands and feet to millimetres, by inverse kinematics; slower.
         noise: errors of a simulated device as real ones have them.
         model: completion network of your own; the packaged one if omitted. With --samples, a video, or fingers of a
             motion: the network of that.
@@ -136,7 +138,7 @@ def track(
             print(f"wrote {path}")
         return
     network = None if model is None else load_completion(model)
-    settings = TrackerSettings(floor=floor, hold_feet=hold_feet)
+    settings = TrackerSettings(floor=floor, hold_feet=hold_feet, refine=refine)
     begun = time.perf_counter()
     with Progress(transient=True) as progress:
         bar = progress.add_task(f"tracking {file.name}", total=None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -34,7 +35,14 @@ class Frames:
 
     def __getitem__(self, frame: int) -> Frames:
         """One frame, without its axis T."""
-        return Frames(**{each.name: getattr(self, each.name)[frame] for each in fields(self)})
+        return Frames(
+            self.position[frame],
+            self.rotation[frame],
+            self.has_position[frame],
+            self.has_rotation[frame],
+            self.accuracy[frame],
+            self.time[frame],
+        )
 
     def taken(self, people: np.ndarray) -> Frames:
         """A single frame of some of several people."""
@@ -59,9 +67,7 @@ def frames_of(observation: Observation, people: Sequence[Person], batched: bool)
             f"observation: batch axes {lead}, but the tracker is of "
             f"{f'{count} people: give ({count}, T, P, 3)' if batched else 'one person: give (T, P, 3)'}"
         )
-    skeleton = default_skeleton()
-    place = skeleton.indices(observation.points)
-    turns = np.flatnonzero(place < JOINTS)
+    place, turns = _places(observation.points)
     shape = (len(observation), count)
 
     def by_frame(values: np.ndarray) -> np.ndarray:
@@ -83,6 +89,13 @@ def frames_of(observation: Observation, people: Sequence[Person], batched: bool)
     accuracy[..., place] = np.where(seen, by_frame(observation.accuracy), ABSENT_ACCURACY)
     time = np.broadcast_to(np.asarray(observation.time, dtype=np.float64)[:, None], shape)
     return Frames(position, rotation, has_position, has_rotation, accuracy, time)
+
+
+@lru_cache(maxsize=256)
+def _places(points: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Where points are among those of the skeleton, and which of them are joints."""
+    place = default_skeleton().indices(points)
+    return place, np.flatnonzero(place < JOINTS)
 
 
 def frames_together(observations: Sequence[Observation], people: Sequence[Person]) -> Frames:

@@ -110,7 +110,7 @@ class Network:
     def run(self, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """All outputs by name; inputs that the graph does not read are left out."""
         feed = {name: inputs[name] for name in self.inputs if name in inputs}
-        return dict(zip(self.outputs, self.session.run(None, feed), strict=True))
+        return dict(zip(self.outputs, self.session.run(self.outputs, feed), strict=True))
 
     def step(
         self, inputs: Mapping[str, np.ndarray], state: Mapping[str, np.ndarray]

@@ -8,12 +8,13 @@ and the body that is shown grows toward it so slowly that nothing jumps.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bodysense.body.person import Person
+from bodysense.body.rigid import RigidTransform
 from bodysense.body.shape import Measured, shape_space, stature
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.inputs import Frames
@@ -22,6 +23,7 @@ BIN, BINS = 0.005, 480  # m, and how many: lengths up to 2.4 m
 FLOOR = "floor"
 SEATED = 1.28  # m: heads that never rise higher sit, for the shortest adult's stands higher
 STANDING = 1.95  # m: nobody's head joint stands higher
+_LOOK = 0.1  # s between two looks at lengths
 _ENOUGH = 0.5  # s that a length must have been seen
 _EVERY = 0.5  # s between two fits
 _QUICK = 0.4  # s in which half of what the shown body lacks is made up
@@ -67,31 +69,41 @@ class Proportions:
     rest_offset: np.ndarray  # (B, 65, 3) m, shown
     deviation: np.ndarray  # (B, 65) m, standard deviation of every bone's length
     believed: np.ndarray  # (B, 65, 3) m
-    seconds: np.ndarray  # (B, L, BINS) float32 s for which each length was in each bin
+    seconds: tuple[np.ndarray, ...]  # B of (L, BINS) float32 s for which each length was in each bin
+    since: np.ndarray  # (B,) s since lengths were last looked at
     due: np.ndarray  # (B,) s since the beliefs were last brought up to date
 
     def updated(self, frame: Frames, interval: np.ndarray, floor: float) -> Proportions:
         """The proportions after one more frame, `interval` (B,) s after the one before."""
-        open_to = np.array([bool(person.bone_deviation.any()) for person in self.people])
+        open_to = np.array([not person.is_told for person in self.people])
         if not open_to.any():
             return self
-        seconds = _counted(self.seconds, frame, interval, floor, open_to)
+        seconds, since = list(self.seconds), self.since + interval
+        look = open_to & (since >= _LOOK)
+        for k in np.flatnonzero(look).tolist():
+            seconds[k] = _counted(seconds[k], frame, k, since[k], floor)
         due, believed, deviation = self.due + interval, self.believed, self.deviation
-        ready = open_to & (due >= _EVERY)
+        ready = look & (due >= _EVERY)
         if ready.any():
             believed, deviation, due = believed.copy(), deviation.copy(), np.where(ready, 0.0, due)
-            for k in np.flatnonzero(ready):
+            for k in np.flatnonzero(ready).tolist():
                 believed[k], deviation[k] = likeliest_offsets(seconds[k], self.people[k])
         share = (1 - np.exp2(-interval / _QUICK))[:, None, None]
         shown = self.rest_offset + share * (believed - self.rest_offset)
-        return Proportions(self.people, shown, deviation, believed, seconds, due)
+        since = np.where(look, 0.0, since)
+        return Proportions(self.people, shown, deviation, believed, tuple(seconds), since, due)
 
     @classmethod
     def stacked(cls, parts: Sequence[Proportions]) -> Proportions:
         """Those of several people as one of all of them."""
         people = tuple(person for part in parts for person in part.people)
-        names = ("rest_offset", "deviation", "believed", "seconds", "due")
-        return cls(people, *(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+        def whole(name: str) -> np.ndarray:
+            return np.concatenate([getattr(part, name) for part in parts])
+
+        seconds = tuple(each for part in parts for each in part.seconds)
+        offset, deviation, believed = whole("rest_offset"), whole("deviation"), whole("believed")
+        return cls(people, offset, deviation, believed, seconds, whole("since"), whole("due"))
 
     def told(self, people: tuple[Person, ...]) -> Proportions:
         """The same evidence, after more was told of the people.
@@ -101,10 +113,10 @@ class Proportions:
         fresh = proportions_of(people)
         believed, deviation, shown = fresh.believed.copy(), fresh.deviation.copy(), fresh.rest_offset.copy()
         for k, person in enumerate(people):
-            if person.bone_deviation.any():
+            if not person.is_told:
                 believed[k], deviation[k] = likeliest_offsets(self.seconds[k], person)
                 shown[k] = self.rest_offset[k]
-        return Proportions(people, shown, deviation, believed, self.seconds, self.due)
+        return Proportions(people, shown, deviation, believed, self.seconds, self.since, self.due)
 
     def alone(self, k: int) -> Proportions:
         """Those of one of several people."""
@@ -115,23 +127,24 @@ class Proportions:
             self.deviation[own],
             self.believed[own],
             self.seconds[own],
+            self.since[own],
             self.due[own],
         )
 
-    def person(self, k: int) -> Person:
-        """The person as believed now: a guess that `Person.save` keeps for the next time."""
+    def person(self, k: int, mounts: Mapping[str, RigidTransform]) -> Person:
+        """The person as believed now, whose trackers are worn as `mounts` say."""
         one = self.people[k]
         skeleton = one.skeleton.with_offsets(self.believed[k])
-        known = {} if not one.bone_deviation.any() else {"height": one.height, "lengths": one.lengths}
-        return Person(skeleton, bone_deviation=self.deviation[k], mounts=one.mounts, **known)
+        known = {} if one.is_told else {"height": one.height, "lengths": one.lengths}
+        return Person(skeleton, bone_deviation=self.deviation[k], mounts=mounts, **known)
 
 
 def proportions_of(people: tuple[Person, ...]) -> Proportions:
     """What is known of people before the first frame."""
     offset = np.array([person.skeleton.rest_offset for person in people])
     deviation = np.array([person.bone_deviation for person in people])
-    seconds = np.zeros((len(people), len(LENGTHS), BINS), dtype=np.float32)
-    return Proportions(people, offset, deviation, offset, seconds, np.zeros(len(people)))
+    seconds = (np.zeros((len(LENGTHS), BINS), dtype=np.float32),) * len(people)
+    return Proportions(people, offset, deviation, offset, seconds, np.zeros(len(people)), np.zeros(len(people)))
 
 
 def _places() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -145,18 +158,18 @@ def _places() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 _START, _END, _OVER_FLOOR = _places()
 
 
-def _counted(seconds: np.ndarray, frame: Frames, interval: np.ndarray, floor: float, open_to: np.ndarray) -> np.ndarray:
-    """Evidence (B, L, BINS) with one more frame."""
-    known = frame.has_position[:, _START] & frame.has_position[:, _END] & open_to[:, None]
-    known &= frame.accuracy[:, _START] + frame.accuracy[:, _END] < _VAGUE
+def _counted(seconds: np.ndarray, frame: Frames, k: int, passed: float, floor: float) -> np.ndarray:
+    """Evidence (L, BINS) of a person with one more frame, `passed` s after the one before that was looked at."""
+    has, accuracy, position = frame.has_position[k], frame.accuracy[k], frame.position[k]
+    known = has[_START] & has[_END] & (accuracy[_START] + accuracy[_END] < _VAGUE)
     if not known.any():
         return seconds
-    start = frame.position[:, _START]
-    apart = np.linalg.norm(start - frame.position[:, _END], axis=-1)
-    length = np.where(_OVER_FLOOR, start[..., 1] - floor, apart)
-    person, which = np.nonzero(known & (length > 0) & (length < BIN * BINS))
+    start = position[_START]
+    apart = np.linalg.norm(start - position[_END], axis=-1)
+    length = np.where(_OVER_FLOOR, start[:, 1] - floor, apart)
+    which = np.flatnonzero(known & (length > 0) & (length < BIN * BINS))
     seconds = seconds.copy()
-    seconds[person, which, (length[person, which] / BIN).astype(int)] += np.minimum(interval, 0.1)[person]
+    seconds[which, (length[which] / BIN).astype(int)] += min(passed, 2 * _LOOK)
     return seconds
 
 

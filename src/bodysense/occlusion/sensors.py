@@ -6,13 +6,15 @@ at which the bone begins: the shin turns with the knee, the chest is `spine3`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_canonical
+from bodysense.body.rigid import RigidTransform
+from bodysense.body.rotation import quaternion_canonical, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
@@ -190,3 +192,14 @@ def _joints_of(part: str) -> tuple[str, ...]:
 
 def _lattice_joints() -> tuple[str, ...]:
     return tuple(name for part in LATTICE_PARTS for name in _joints_of(part))
+
+
+def strapped(observation: Observation, mounts: Mapping[str, RigidTransform]) -> Observation:
+    """What trackers give that are strapped beside their joints, by the joint that carries each: T_joint_tracker."""
+    position, rotation = observation.position.copy(), observation.rotation.copy()
+    for joint, mount in mounts.items():
+        k = observation.points.index(joint)
+        turn = rotation[..., k, :]
+        position[..., k, :] += quaternion_rotate(turn, np.broadcast_to(mount.translation, position[..., k, :].shape))
+        rotation[..., k, :] = quaternion_multiply(turn, np.broadcast_to(mount.rotation, turn.shape))
+    return replace(observation, position=position, rotation=rotation)

@@ -19,7 +19,7 @@ from bodysense.serve.protocol import HAS_POSITION, HAS_ROTATION, SignalFrame, wi
 from bodysense.serve.safety import RateLimit
 from bodysense.serve.session import Answer
 from bodysense.serve.vmc import vmc_packets
-from bodysense.serve.vmc_trackers import POINTS as VMC_POINTS
+from bodysense.serve.vmc_trackers import SIGNALS as VMC_POINTS
 from bodysense.serve.vmc_trackers import VmcTrackers
 from bodysense.serve.vrchat import vrchat_packets
 

@@ -197,7 +197,15 @@ class Session:
             observation = self._set_up(frame, moment, observation)
         if self._stood is not None:
             self._stood.append(observation)
-        return Job(self._pipeline, observation, self._state, frame, received)
+        return Job(self._pipeline, self._as_worn(observation), self._state, frame, received)
+
+    def _as_worn(self, observation: Observation) -> Observation:
+        """The same without the rotations of trackers of which nobody knows how they are strapped on."""
+        unknown = self._door.strapped - self._pipeline.tracker.people[0].mounts.keys()
+        if not unknown:
+            return observation
+        known = np.array([name not in unknown for name in observation.points])
+        return replace(observation, has_rotation=observation.has_rotation & known)
 
     def answer(self, job: Job, estimate: Estimate, state: PipelineState) -> Answer | None:
         """The pose of a job; None where it is made of numbers that are none."""
@@ -374,7 +382,7 @@ class Session:
         except BodysenseError as error:
             self._notes.append(Said(str(error)))
             return
-        self._base = wearer
+        self._base, self._breaks = wearer, True
         self._track(wearer)
         self.revision += 1
         self._notes.append(Said(f"you are {height:.2f} m tall"))

@@ -30,7 +30,7 @@ from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, usual_a
 from bodysense.serve.unity import from_unity_rotation, unity_position
 
 HANDS = ("left_controller", "right_controller")
-_PARTS = {  # words of serials → joint; a tracker tells where, not how it is turned: it is strapped on anyhow
+_PARTS = {  # words of serials → joint
     "pelvis": ("hip", "waist", "pelvis"),
     "spine3": ("chest",),
     "ankle": ("foot", "ankle"),
@@ -44,6 +44,9 @@ POINTS = (
     *_MIDDLE,
     *(f"{side}_{part}" for part in _PARTS if part not in _MIDDLE for side in ("left", "right")),
 )
+SIGNALS = tuple(
+    point if point in ("headset", *HANDS) else f"{point}_tracker" for point in POINTS
+)  # as sessions name them
 _ACCURACY = usual_accuracy(POINTS)[None]  # (1, P) m
 _KINDS = {f"/VMC/Ext/{kind}/Pos{tail}": (kind, bool(tail)) for kind in ("Hmd", "Con", "Tra") for tail in ("", "/Local")}
 _ABOUT_Y = np.array([0.0, 0.0, 1.0, 0.0])  # half a turn: from axes whose +Z is forward to those whose −Z is
@@ -123,9 +126,9 @@ class VmcTrackers:
         return replace(state, devices=devices, hands=self._hands(devices, now, state.hands)), reason
 
     def observation(self, now: float, state: VmcState) -> Observation | None:
-        """One frame of `POINTS` as of the last device that came; None where none came lately.
+        """One frame of `SIGNALS`, ordered as `POINTS`, as of the last device that came; None where none came lately.
 
-        The headset's and the controllers' axes are WebXR's (−Z forward), those of joints are not known.
+        The headset's and the controllers' axes are WebXR's (−Z forward), a tracker's are its own, as it is strapped on.
         """
         if state.at is None:
             return None
@@ -138,13 +141,14 @@ class VmcTrackers:
             place = POINTS.index(point)
             if device.at > newest[place]:
                 newest[place], position[place] = device.at, device.position
-                turned = device.rotation is not None and place <= len(HANDS)
-                rotation[place] = quaternion_multiply(device.rotation, _ABOUT_Y) if turned else np.nan
+                rotation[place] = np.nan if device.rotation is None else device.rotation
+                if place <= len(HANDS):
+                    rotation[place] = quaternion_multiply(rotation[place], _ABOUT_Y)
         known = np.isfinite(newest)
         if not known.any():
             return None
         return Observation(
-            points=POINTS,
+            points=SIGNALS,
             position=position[None],
             rotation=rotation[None],
             has_position=known[None],

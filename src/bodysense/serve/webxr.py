@@ -31,7 +31,9 @@ from bodysense.serve.protocol import (
 
 IDENTITY, STILL = np.array([1.0, 0, 0, 0]), np.zeros(3)
 _NOWHERE, _UPRIGHT = STILL.astype(np.float32), IDENTITY.astype(np.float32)
-TRACKERS = {"hip": "pelvis", "waist": "pelvis", "chest": "spine3"}  # worn somewhere about the joint
+_WORN = ("pelvis", "spine3", *(f"{side}_{part}" for part in ("ankle", "knee", "elbow") for side in ("left", "right")))
+# Strapped on somehow about the joint: their rotations count from when it is known how they are worn.
+TRACKERS = {"hip": "pelvis", "waist": "pelvis", "chest": "spine3"} | {f"{joint}_tracker": joint for joint in _WORN}
 _SEGMENTS = {"phalanx-proximal": "1", "phalanx-intermediate": "2", "phalanx-distal": "3", "tip": "_tip"}
 _THUMB = {"metacarpal": "1", "phalanx-proximal": "2", "phalanx-distal": "3", "tip": "_tip"}
 # Axes of a device's frame, as columns, where the wearer stands in the T-pose: x, y, z.
@@ -51,6 +53,7 @@ class Door:
     turned: np.ndarray  # (N,) bool: its rotation says how our point is turned
     accuracy: np.ndarray  # (N,) m, of devices that do not say theirs
     is_plain: bool  # nothing is turned or shifted
+    strapped: frozenset[str]  # points of which every device is a tracker that is strapped on somehow
 
 
 def door(names: Sequence[str], skeleton: Skeleton) -> Door:
@@ -66,6 +69,7 @@ def door(names: Sequence[str], skeleton: Skeleton) -> Door:
         raise ProtocolError(f"the point {twice[0]!r} is named twice; give it once")
     rows = [_ours(name, skeleton) for name in names]
     points = tuple(dict.fromkeys(row[0] for row in rows if row is not None))
+    held = {row[0] for name, row in zip(names, rows, strict=True) if row is not None and name not in TRACKERS}
     used = [(points.index(row[0]), *row[1:]) if row is not None else (-1, IDENTITY, STILL, False) for row in rows]
     target, turn, shift, turned = zip(*used, strict=True) if used else ((), (), (), ())
     turns, shifts = np.array(turn).reshape(-1, 4), np.array(shift).reshape(-1, 3)
@@ -77,6 +81,7 @@ def door(names: Sequence[str], skeleton: Skeleton) -> Door:
         np.array(turned, dtype=bool),
         np.array([_accuracy(name) for name in names], dtype=float),
         bool((turns == IDENTITY).all() and not shifts.any()),
+        frozenset(points) - held,
     )
 
 
@@ -212,7 +217,7 @@ def _ours(name: str, skeleton: Skeleton) -> tuple[str, np.ndarray, np.ndarray, b
     if rest == "controller" and side in _GRIP:
         return f"{side}_wrist", _inverse(_GRIP[side]), -size * _landmark(f"{side}_palm"), True
     if name in TRACKERS:
-        return TRACKERS[name], IDENTITY, STILL, False
+        return TRACKERS[name], IDENTITY, STILL, True
     if glove_marker(name) is not None:
         return name, IDENTITY, STILL, False
     side, colon, rest = name.partition(":")
