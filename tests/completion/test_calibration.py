@@ -1,5 +1,7 @@
 """A second of standing tells height, reach and mounts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion.calibration import calibrated
+from bodysense.completion.calibration import assigned, calibrated
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 from bodysense.occlusion.sensors import SENSOR_SETS, observe, strapped
@@ -68,6 +70,36 @@ def test_trackers_strapped_beside_their_joints_are_found() -> None:
     # Standing still does not tell how a height is shared between legs and torso, which leaves hips 2 cm unsure.
     assert max(apart["left_ankle"] + apart["right_ankle"]) < 0.03
     assert np.percentile(apart["pelvis"], 75) < 0.03 and max(apart["pelvis"]) < 0.045
+
+
+@pytest.mark.parametrize("body", range(5))
+def test_trackers_are_told_apart_by_where_they_are(body: int) -> None:
+    observation, _ = standing(body, name="ten_point")
+    rng = np.random.default_rng(body)
+    held = {"head", "left_wrist", "right_wrist"}
+    worn = [name for name in observation.points if name not in held]
+    rng.shuffle(worn)
+    names = {joint: f"tracker_{k + 1}" for k, joint in enumerate(worn)}
+    mounts = {}
+    for joint in worn:
+        away = rng.standard_normal(3)
+        mounts[joint] = RigidTransform(rng.uniform(0.05, 0.09) * away / np.linalg.norm(away), rng.standard_normal(4))
+    seen = strapped(observation, mounts)
+    seen = replace(seen, points=tuple(names.get(name, name) for name in seen.points))
+    assert assigned(seen, list(names.values()), Person()) == {name: joint for joint, name in names.items()}
+    some = [name for joint, name in names.items() if joint not in ("left_knee", "spine3")]
+    assert assigned(seen, some, Person()).keys() == set(some)
+
+
+def test_what_lies_aside_is_worn_by_nobody() -> None:
+    observation, _ = standing(0)
+    points = tuple("tracker_1" if name == "pelvis" else name for name in observation.points)
+    position = observation.position.copy()
+    position[:, points.index("tracker_1")] += np.array([0.0, 0.0, 1.0])
+    aside = replace(observation, points=points, position=position)
+    assert assigned(aside, ["tracker_1"], Person()) == {}
+    blind = replace(aside, has_position=np.zeros_like(aside.has_position))
+    assert assigned(blind, ["tracker_1"], Person()) == {}
 
 
 def test_who_moves_or_wears_no_headset_is_told() -> None:

@@ -45,7 +45,8 @@ def seen(*rows: Row, reader: VmcTrackers = READER) -> Observation:
 
 
 def points(observation: Observation) -> dict[str, np.ndarray]:
-    return {name: observation.position[0, k] for k, name in enumerate(POINTS) if observation.has_position[0, k]}
+    names = (*POINTS, *observation.points[len(POINTS) :])
+    return {name: observation.position[0, k] for k, name in enumerate(names) if observation.has_position[0, k]}
 
 
 def test_devices_are_in_our_world() -> None:
@@ -83,8 +84,8 @@ def test_a_tracker_tells_how_it_is_turned_itself() -> None:
         ("Tra", "human://LEFT_FOOT", "left_ankle"),
         ("Tra", "RightKnee", "right_knee"),
         ("Tra", "left elbow", "left_elbow"),
-        ("Tra", "LHR-5A3C21FF", None),
-        ("Tra", "foot", None),
+        ("Tra", "LHR-5A3C21FF", "tracker_1"),
+        ("Tra", "foot", "tracker_1"),
         ("Con", "LHR-00000000", None),  # without a headset there is no side
     ],
 )
@@ -92,6 +93,16 @@ def test_names_say_what_a_device_is(kind: str, serial: str, point: str | None) -
     state, _ = READER.take(packet((kind, serial, (0.0, 1.0, 0.0), UPRIGHT)), 0.0, READER.start())
     observation = READER.observation(0.0, state)
     assert (observation is None) if point is None else (observation is not None and set(points(observation)) == {point})
+
+
+def test_trackers_that_say_nothing_keep_the_names_they_had_first() -> None:
+    state = READER.start()
+    for k, serials in enumerate((["A"], ["B", "A"], ["C", "B"])):
+        state, _ = READER.take(packet(*(("Tra", one, (0, 1, 0), UPRIGHT) for one in serials)), 0.01 * k, state)
+    assert state.undecided == {"A": "tracker_1", "B": "tracker_2", "C": "tracker_3"}
+    for k in range(20):
+        state, _ = READER.take(packet(("Tra", f"more {k}", (0, 1, 0), UPRIGHT)), 0.1, state)
+    assert len(state.undecided) == 8
 
 
 def test_a_table_comes_before_names_and_is_checked() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import permutations
 from typing import Literal
 
 import numpy as np
@@ -17,6 +19,9 @@ from bodysense.observation import Observation
 
 Stance = Literal["standing", "arms out"]
 WORN_AS_THEY_ARE = ("head", "left_wrist", "right_wrist")  # headset, controllers and hands give their joints already
+_SIDES = ("left", "right")
+CARRIERS = ("pelvis", "spine3", *(f"{side}_{part}" for part in ("ankle", "knee", "elbow") for side in _SIDES))
+_BESIDE = 0.35  # m: trackers sit nearer to their joints
 _STILL = 0.05  # m: whose head moves farther does not stand still
 _SHORT = 0.3  # s
 _HEAD_DEVIATION, _SPAN_DEVIATION = 0.02, 0.02  # m
@@ -68,6 +73,43 @@ def calibrated(observation: Observation, person: Person, stance: Stance = "stand
         mounts={**person.mounts, **_mounts(observation, stood)},
         lengths=person.lengths,
     )
+
+
+def assigned(
+    observation: Observation,
+    trackers: Sequence[str],
+    person: Person,
+    stance: Stance = "standing",
+) -> dict[str, str]:
+    """The joint, of `CARRIERS`, that each of `trackers` is strapped to, by where it is while the wearer stands.
+
+    Together they are as near to their joints as can be; joints that other points of the observation track are taken.
+    A tracker farther than 35 cm from every free joint is left out, and so are all where the head is not tracked.
+    """
+    seen = [name for name in trackers if observation.has_position[:, observation.points.index(name)].any()]
+    if "head" not in observation.points:
+        return {}
+    head = observation.points.index("head")
+    known = observation.has_position[:, head] & observation.has_rotation[:, head]
+    if not seen or not known.any():
+        return {}
+    free = [joint for joint in CARRIERS if joint not in observation.points]
+    place = np.median(observation.position[known, head], axis=0)
+    stood = forward_kinematics(_stood(person, place, _mean(observation.rotation[known, head]), stance))[0]
+    joints = stood[person.skeleton.indices(free)]
+    where = []
+    for name in seen:
+        k = observation.points.index(name)
+        where.append(np.median(observation.position[observation.has_position[:, k], k], axis=0))
+    apart = np.linalg.norm(np.array(where)[:, None] - joints, axis=-1)
+    cost = np.minimum(apart, _BESIDE) ** 2
+    few, many = sorted(cost.shape)
+    choices = np.array(list(permutations(range(many), few)))
+    if len(seen) <= len(free):
+        rows, columns = range(few), choices[cost[np.arange(few), choices].sum(axis=1).argmin()]
+    else:
+        rows, columns = choices[cost[choices, np.arange(few)].sum(axis=1).argmin()], range(few)
+    return {seen[row]: free[column] for row, column in zip(rows, columns, strict=True) if apart[row, column] < _BESIDE}
 
 
 def _stood(person: Person, head: np.ndarray, rotation: np.ndarray, stance: Stance) -> Pose:

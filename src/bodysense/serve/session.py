@@ -19,10 +19,10 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.shape import stature
 from bodysense.body.skeleton import Skeleton
-from bodysense.completion.calibration import calibrated
+from bodysense.completion.calibration import assigned, calibrated
 from bodysense.completion.inertialiser import Inertialiser, Offset
 from bodysense.errors import BodysenseError
-from bodysense.observation import CONTACT_POINTS, Estimate, Observation
+from bodysense.observation import CONTACT_POINTS, Estimate, Observation, chosen_points
 from bodysense.serve.estimation import Pipeline, PipelineState, device_of, step_many
 from bodysense.serve.messages import (
     Calibrate,
@@ -38,7 +38,7 @@ from bodysense.serve.messages import (
 )
 from bodysense.serve.protocol import PoseFrame, SignalFrame
 from bodysense.serve.smoothing import Smoothed, at_rest, followed
-from bodysense.serve.webxr import Placement, door, rotated, through
+from bodysense.serve.webxr import UNDECIDED, Placement, door, rotated, through
 from bodysense.tracker import Tracker, TrackerSettings
 
 CLOCK_SET = 1.0  # s: a clock that jumps as far back, or forward, was set
@@ -108,6 +108,7 @@ class Session:
         self._reseats = settings.posture == "seated"  # with the next headset
         self._stood: list[Observation] | None = None  # of a wearer who stands to be calibrated
         self._arms_out = False  # in which pose
+        self._worn: dict[str, str] = {}  # undecided trackers → the joints that they are on
         self._smoothed: Smoothed | None = None
         self._shown: Pose | None = None  # of the frame before
         self._offset: Offset | None = None  # of what is shown from what is completed, after settings changed
@@ -140,14 +141,14 @@ class Session:
         if self._time is None:  # nobody has seen the body yet: nothing may grow or go on
             self._state = pipeline.start()
             self.skeleton = pipeline.tracker.people[0].skeleton
-            self._door = door(self.points, self.skeleton)
+            self._door = door(self.points, self.skeleton, self._worn)
         else:
             self._state = pipeline.continued(self._pipeline, self._state)
         self._pipeline = pipeline
 
     def open_door(self, points: Sequence[str]) -> None:
         """Take a signal of these points from now on."""
-        self._door = door(points, self.skeleton)
+        self._door = door(points, self.skeleton, self._worn)
         self.points, self._waiting, before = tuple(points), None, self.points
         if self.points != before:
             self._pass_on(Pipeline(self._pipeline.tracker, device_of(points, self.skeleton)))
@@ -205,7 +206,10 @@ class Session:
         if not unknown:
             return observation
         known = np.array([name not in unknown for name in observation.points])
-        return replace(observation, has_rotation=observation.has_rotation & known)
+        observation = replace(observation, has_rotation=observation.has_rotation & known)
+        if unknown.isdisjoint(UNDECIDED):
+            return observation
+        return chosen_points(observation, [k for k, name in enumerate(observation.points) if name not in UNDECIDED])
 
     def answer(self, job: Job, estimate: Estimate, state: PipelineState) -> Answer | None:
         """The pose of a job; None where it is made of numbers that are none."""
@@ -312,7 +316,7 @@ class Session:
             return
         self.skeleton = self.skeleton.with_offsets(offset)
         if not self._door.is_plain:
-            self._door = door(self.points, self.skeleton)
+            self._door = door(self.points, self.skeleton, self._worn)
         self._notes.append(ProportionsChanged(rounded(self.skeleton), round(self.height, 4)))
 
     def _displayed(self, root: np.ndarray, rotation: np.ndarray, moment: float) -> tuple[np.ndarray, np.ndarray]:
@@ -375,14 +379,22 @@ class Session:
             return
         self._stood, floor = None, self.settings.floor
         stance = "arms out" if self._arms_out else "standing"
+        whole = joined(stood)
+        undecided = [name for name in whole.points if name in UNDECIDED]
+        found = assigned(whole, undecided, self._told, stance) if undecided else {}
         try:
-            wearer = calibrated(joined(stood), self._told, stance, floor)
+            renamed = replace(whole, points=tuple(found.get(name, name) for name in whole.points))
+            wearer = calibrated(renamed, self._told, stance, floor)
             height = round(float(stature(wearer.skeleton.rest_offset)), 3)
             self.settings = replace(self.settings, height=height)
         except BodysenseError as error:
             self._notes.append(Said(str(error)))
             return
         self._base, self._breaks = wearer, True
+        if found:
+            self._worn |= found
+            self._door = door(self.points, self.skeleton, self._worn)
+            self._notes.append(Said("worn: " + ", ".join(f"{name} on {joint}" for name, joint in found.items())))
         self._track(wearer)
         self.revision += 1
         self._notes.append(Said(f"you are {height:.2f} m tall"))

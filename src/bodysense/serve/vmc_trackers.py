@@ -11,7 +11,7 @@ Which device is which point:
 - two other controllers are told apart, once, by which is further to the left as seen by the headset (one alone by its
   side of it), and keep their hands by serial;
 - a tracker is what its serial says: hip (waist, pelvis), chest, and left or right foot (ankle), knee, elbow. Trackers
-  that say nothing are left out; name them in the table.
+  that say nothing are `tracker_1` … `tracker_8`, in the order in which they came, for a calibration to decide.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from bodysense.capture.osc import Argument, Message, read_packet
 from bodysense.errors import BodysenseError
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, usual_accuracy
 from bodysense.serve.unity import from_unity_rotation, unity_position
+from bodysense.serve.webxr import UNDECIDED
 
 HANDS = ("left_controller", "right_controller")
 _PARTS = {  # words of serials → joint
@@ -44,10 +45,9 @@ POINTS = (
     *_MIDDLE,
     *(f"{side}_{part}" for part in _PARTS if part not in _MIDDLE for side in ("left", "right")),
 )
-SIGNALS = tuple(
-    point if point in ("headset", *HANDS) else f"{point}_tracker" for point in POINTS
-)  # as sessions name them
-_ACCURACY = usual_accuracy(POINTS)[None]  # (1, P) m
+# As sessions name them, and trackers that say nothing.
+SIGNALS = ("headset", *HANDS, *(f"{point}_tracker" for point in POINTS[1 + len(HANDS) :]), *UNDECIDED)
+_ACCURACY = usual_accuracy(SIGNALS)[None]  # (1, P) m
 _KINDS = {f"/VMC/Ext/{kind}/Pos{tail}": (kind, bool(tail)) for kind in ("Hmd", "Con", "Tra") for tail in ("", "/Local")}
 _ABOUT_Y = np.array([0.0, 0.0, 1.0, 0.0])  # half a turn: from axes whose +Z is forward to those whose −Z is
 _MOST_DEVICES = 32
@@ -72,6 +72,7 @@ class VmcState:
 
     devices: Mapping[str, Device] = field(default_factory=dict)  # by serial
     hands: Mapping[str, str] = field(default_factory=dict)  # serials of controllers → their points
+    undecided: Mapping[str, str] = field(default_factory=dict)  # serials of trackers that say nothing → UNDECIDED
     clock: float | None = None  # s, the sender's, of the newest packet that had one
     at: float | None = None  # s, when a device last came
 
@@ -123,7 +124,8 @@ class VmcTrackers:
                     continue
             devices[serial] = device
             state = replace(state, at=now)
-        return replace(state, devices=devices, hands=self._hands(devices, now, state.hands)), reason
+        hands, undecided = self._hands(devices, now, state.hands), self._undecided(devices, state.undecided)
+        return replace(state, devices=devices, hands=hands, undecided=undecided), reason
 
     def observation(self, now: float, state: VmcState) -> Observation | None:
         """One frame of `SIGNALS`, ordered as `POINTS`, as of the last device that came; None where none came lately.
@@ -132,13 +134,13 @@ class VmcTrackers:
         """
         if state.at is None:
             return None
-        position, rotation = np.full((len(POINTS), 3), np.nan), np.full((len(POINTS), 4), np.nan)
-        newest = np.full(len(POINTS), -np.inf)
+        position, rotation = np.full((len(SIGNALS), 3), np.nan), np.full((len(SIGNALS), 4), np.nan)
+        newest = np.full(len(SIGNALS), -np.inf)
         for serial, device in state.devices.items():
-            point = self._point(serial, device.kind) or state.hands.get(serial)
+            point = self._point(serial, device.kind) or state.hands.get(serial) or state.undecided.get(serial)
             if point is None or now - device.at > self.longest_silence:
                 continue
-            place = POINTS.index(point)
+            place = POINTS.index(point) if point in POINTS else SIGNALS.index(point)
             if device.at > newest[place]:
                 newest[place], position[place] = device.at, device.position
                 rotation[place] = np.nan if device.rotation is None else device.rotation
@@ -171,6 +173,18 @@ class VmcTrackers:
         if part in _MIDDLE:
             return part
         return f"{side}_{part}" if side and part else None
+
+    def _undecided(self, devices: Mapping[str, Device], undecided: Mapping[str, str]) -> Mapping[str, str]:
+        """Names for trackers whose serials say nothing; who was first keeps its name."""
+        new = [
+            name
+            for name, device in devices.items()
+            if device.kind == "Tra" and name not in undecided and self._point(name, "Tra") is None
+        ]
+        if not new:
+            return undecided
+        free = [name for name in UNDECIDED if name not in undecided.values()]
+        return {**undecided, **dict(zip(new, free, strict=False))}
 
     def _hands(self, devices: Mapping[str, Device], now: float, hands: Mapping[str, str]) -> Mapping[str, str]:
         """The hands of controllers whose names do not say it."""

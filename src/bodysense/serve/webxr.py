@@ -8,9 +8,10 @@ WebXR hand input, 4.1). Ours: the identity in the T-pose, facing +Z, left hand t
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +35,7 @@ _NOWHERE, _UPRIGHT = STILL.astype(np.float32), IDENTITY.astype(np.float32)
 _WORN = ("pelvis", "spine3", *(f"{side}_{part}" for part in ("ankle", "knee", "elbow") for side in ("left", "right")))
 # Strapped on somehow about the joint: their rotations count from when it is known how they are worn.
 TRACKERS = {"hip": "pelvis", "waist": "pelvis", "chest": "spine3"} | {f"{joint}_tracker": joint for joint in _WORN}
+UNDECIDED = tuple(f"tracker_{k}" for k in range(1, 9))  # until a calibration second tells where each is worn
 _SEGMENTS = {"phalanx-proximal": "1", "phalanx-intermediate": "2", "phalanx-distal": "3", "tip": "_tip"}
 _THUMB = {"metacarpal": "1", "phalanx-proximal": "2", "phalanx-distal": "3", "tip": "_tip"}
 # Axes of a device's frame, as columns, where the wearer stands in the T-pose: x, y, z.
@@ -56,9 +58,10 @@ class Door:
     strapped: frozenset[str]  # points of which every device is a tracker that is strapped on somehow
 
 
-def door(names: Sequence[str], skeleton: Skeleton) -> Door:
+def door(names: Sequence[str], skeleton: Skeleton, worn: Mapping[str, str] = MappingProxyType({})) -> Door:
     """The door for the points of a hello. `skeleton` says how far from a device the joint is that wears it.
 
+    `worn` says which joints undecided trackers are on; others of them keep their names.
     Several names may be of one point (a controller, and the wrist of a tracked hand): the last in a frame counts.
     Raises ProtocolError for names that are unknown or stand twice.
     """
@@ -67,9 +70,13 @@ def door(names: Sequence[str], skeleton: Skeleton) -> Door:
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise ProtocolError(f"the point {twice[0]!r} is named twice; give it once")
-    rows = [_ours(name, skeleton) for name in names]
+    rows = [
+        (worn.get(name, name), IDENTITY, STILL, True) if name in UNDECIDED else _ours(name, skeleton) for name in names
+    ]
     points = tuple(dict.fromkeys(row[0] for row in rows if row is not None))
-    held = {row[0] for name, row in zip(names, rows, strict=True) if row is not None and name not in TRACKERS}
+    held = {
+        row[0] for name, row in zip(names, rows, strict=True) if row is not None and name not in (*TRACKERS, *UNDECIDED)
+    }
     used = [(points.index(row[0]), *row[1:]) if row is not None else (-1, IDENTITY, STILL, False) for row in rows]
     target, turn, shift, turned = zip(*used, strict=True) if used else ((), (), (), ())
     turns, shifts = np.array(turn).reshape(-1, 4), np.array(shift).reshape(-1, 3)
