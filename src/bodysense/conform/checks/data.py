@@ -140,7 +140,7 @@ def frozen_joint(subject: Subject) -> Value | Unanswered:
     """The longest time for which a joint stays in place bit for bit while the bone that carries it moves."""
     longest, where, frame = 0, "", None
     for parent, child in subject.bones:
-        if child in FOOT_POINTS:  # whose feet are held may hold them exactly
+        if child in FOOT_POINTS or child.endswith("_knee"):  # held feet may stand exactly, and the shin on them
             continue
         still = (np.diff(subject.at(child), axis=0) == 0).all(axis=-1)
         moves = np.linalg.norm(np.diff(subject.at(parent), axis=0), axis=-1) > 0.001

@@ -1,0 +1,145 @@
+"""Files and streams as subjects: what one format says, all say; what cannot be read is refused in one line."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bodysense.body.pose import Pose
+from bodysense.cli import main
+from bodysense.conform.report.html import page
+from bodysense.conform.report.junit import write_junit
+from bodysense.conform.report.record import record
+from bodysense.conform.script import read_script
+from bodysense.conform.sources.files import clip_subject, read_subject
+from bodysense.conform.sources.mcap_take import read_record
+from bodysense.conform.sources.vmc import vmc_subject
+from bodysense.conform.subject import Step, Subject
+from bodysense.conform.verdict import judge
+from bodysense.data.clip import Clip
+from bodysense.errors import BodysenseError
+from bodysense.export.mcap_take import BODY_JOINTS, BODY_LAYOUT
+from bodysense.export.mcap_take import record as mcap_record
+from bodysense.export.motion_files import write_motion
+from bodysense.serve.vmc import vmc_packets
+
+from .conftest import RATE
+
+
+@pytest.fixture(scope="module")
+def clip(performed: tuple[Pose, list[Step]]) -> Clip:
+    return Clip("stands", performed[0][:120], RATE)
+
+
+@pytest.mark.parametrize("ending", ["bvh", "glb", "vrma", "mcap"])
+def test_every_format_gives_the_same_body(ending: str, clip: Clip, tmp_path: Path) -> None:
+    path = tmp_path / f"take.{ending}"
+    write_motion(path, clip)
+    subject, truth = read_subject(path), clip_subject(clip, "")
+    same = [truth.points.index(name) for name in subject.points]
+    assert np.abs(subject.position - truth.position[:, same]).max() < 1e-5
+    turned = [k for k, name in enumerate(subject.points) if subject.rotated[k] and "thumb" not in name]
+    cosine = np.abs((subject.rotation * truth.rotation[:, same]).sum(axis=-1))[:, turned]
+    assert cosine.min() > 1 - 1e-5
+    assert judge(subject).judgement == "pass"
+
+
+def test_vmc_gives_the_same_body_and_counts_what_it_cannot_read(clip: Clip) -> None:
+    packets = [(k / RATE, p) for k in range(60) for p in vmc_packets(clip.pose[k], k / RATE)]
+    subject = vmc_subject([*packets[:30], (0.5, b"nonsense"), *packets[30:]], "vmc:1")
+    truth = clip_subject(clip, "")
+    same = [truth.points.index(name) for name in subject.points]
+    assert np.abs(subject.position - truth.position[: len(subject), same]).max() < 1e-3
+    assert subject.transport.malformed == 1
+    assert {one.check.id for one in judge(subject).of("fail")} == {"data.messages_decode"}
+
+
+@given(st.binary(max_size=900))
+def test_no_bytes_break_the_reader_of_records(data: bytes) -> None:
+    read_record(data, BODY_LAYOUT, len(BODY_JOINTS))
+
+
+@given(st.integers(0, 900), st.integers(0, 255))
+def test_a_changed_byte_breaks_no_record(place: int, value: int) -> None:
+    data = bytearray(mcap_record(np.zeros(len(BODY_JOINTS), dtype=BODY_LAYOUT), (1, 2, 3)))
+    data[place % len(data)] = value
+    read_record(bytes(data), BODY_LAYOUT, len(BODY_JOINTS))
+
+
+def test_a_record_without_a_body_is_one_that_tracks_nothing() -> None:
+    found = read_record(mcap_record(None, (5, 6, 7)), BODY_LAYOUT, len(BODY_JOINTS))
+    assert found is not None
+    assert not found[0]["valid"].any()
+    assert tuple(found[1].tolist()) == (5, 6, 7)
+
+
+def test_reports_hold_every_finding(clean: Subject, tmp_path: Path) -> None:
+    verdict = judge(replace(clean, rotation=1.01 * clean.rotation, name="<a & b>\x00"))
+    said = json.loads(json.dumps(record(verdict), allow_nan=False))
+    assert said["judgement"] == "fail"
+    assert len(said["findings"]) == len(verdict.findings)
+    assert "data.unit_quaternions" in page(verdict) and "&lt;a &amp; b&gt;" in page(verdict)
+    write_junit(tmp_path / "r.xml", verdict)
+    root = ElementTree.parse(tmp_path / "r.xml").getroot()
+    assert sum(int(suite.get("tests", 0)) for suite in root) == len(verdict.findings)
+    assert [case.get("type") for case in root.iter("failure")] == ["device"]
+
+
+def test_the_command_says_by_its_status_what_was_found(clip: Clip, tmp_path: Path) -> None:
+    good, bad = tmp_path / "good.mcap", tmp_path / "bad.mcap"
+    write_motion(good, clip)
+    root = clip.pose.root_position.copy()
+    root[60:, 0] += 1.0
+    write_motion(bad, replace(clip, pose=replace(clip.pose, root_position=root)))
+    assert main(["conform", str(good), "--html", str(tmp_path / "a.html"), "--json", str(tmp_path / "a.json")]) == 0
+    assert main(["conform", str(bad)]) == 1
+    assert main(["conform", str(tmp_path), "--json", str(tmp_path / "all.json")]) == 1
+    assert json.loads((tmp_path / "all.json").read_text())["counts"] == {"pass": 1, "fail": 1}
+    (tmp_path / "good.labels.json").write_text(json.dumps({"steps": [{"label": "squat", "start": 1, "end": 4}]}))
+    assert main(["conform", str(good)]) == 2  # nobody squats: to be taken again
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a.mcap", b"no container", "not a whole MCAP file"),
+        ("a.glb", b"glTF\x02", "no animated glTF"),
+        ("a.gltf", b"[]", "no animated glTF"),
+        ("a.xyz", b"", "unknown kind of file"),
+        ("a.bvh", b"nothing", "is not a BVH file"),
+    ],
+)
+def test_what_cannot_be_read_is_refused(name: str, content: bytes, said: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(BodysenseError, match=said):
+        read_subject(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("nothing", "is not JSON"),
+        ("[]", "has no 'steps'"),
+        (json.dumps({"steps": [{"start": 1}]}), "has no 'label'"),
+        (json.dumps({"steps": [{"label": "hop", "start": 1, "end": 2}]}), "unknown label 'hop'"),
+        (json.dumps({"steps": [{"label": "squat", "start": 1}]}), "has no 'end'"),
+    ],
+)
+def test_a_broken_script_is_refused(text: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "s.json"
+    path.write_text(text)
+    with pytest.raises(BodysenseError, match=said):
+        read_script(path)
+
+
+def test_scripts_of_others_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "s.json"
+    path.write_text(json.dumps({"steps": [{"label": "squat_x2", "start_ns": 10**9, "end_ns": 3 * 10**9}]}))
+    assert read_script(path) == (Step("squat", 1.0, 3.0),)
