@@ -14,10 +14,13 @@ from bodysense.cli.recordings import load_clip, person_of, source_of
 from bodysense.cli.video import NO_VIDEO, VideoOptions, track_video
 from bodysense.devices.simulated import DeviceName
 from bodysense.errors import BodysenseError
+from bodysense.export.rigs import RigName
 from bodysense.files import check_place
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
+    from bodysense.filling import Holed
+    from bodysense.take import Take
 
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 MotionFile = Annotated[Path, tyro.conf.Positional]
@@ -59,6 +62,9 @@ def track(
     file: MotionFile,
     out: Output,
     device: DeviceName | None = None,
+    missing: str | None = None,
+    find_holes: bool = True,
+    rig: RigName | None = None,
     height: float | None = None,
     person: Path | None = None,
     save_person: Path | None = None,
@@ -72,13 +78,21 @@ def track(
     gloves: Annotated[MarkerOptions, tyro.conf.arg(name="")] = NO_OPTIONS,
     video: Annotated[VideoOptions, tyro.conf.arg(name="")] = NO_VIDEO,
 ) -> None:
-    """Complete a recording, a video, or a motion seen by a simulated device; write it as BVH, glTF or VRMA.
+    """Complete a recording, a video, a motion with holes, or one seen by a simulated device; write BVH, glTF or VRMA.
 
     Args:
         file: recording (.npz, .jsonl), markers of gloves (.csv, .c3d), video (a file, a folder of images, or a webcam's
-            index), or with --device a motion (.bvh, AMASS .npz).
+            index), or a motion (.bvh, AMASS .npz) with holes, or with --device any motion.
         out: completed motion: .bvh, .glb (glTF with an animated skeleton) or .vrma (an animation for VRM avatars).
-        device: what watches the body, where the file is a motion.
+        device: what watches the body, where the file is a motion. Without it the motion's holes are filled, and what is
+            there stays as it is.
+        missing: joints of a motion that are missing, by its names or ours: left_forearm,left_hand. LeftForeArm+ is with
+            all that hangs on it, left_hand:100-240 in these frames (from 0, both included).
+        find_holes: take for missing what has no number in the motion, and limbs that are held still to the last digit
+            while the body moves.
+        rig: joints to write on. 'source' is the motion's own file, its holes filled; 'bodysense' and 'smplh' are our 52
+            joints, 'mixamo' and 'vrm' the same under these names. If omitted, 'source' where a .bvh was filled into a
+            .bvh, else 'bodysense'.
         height: wearer's height in metres; other proportions are inferred. If omitted, the body is the recording's, and
             inferred where that has none.
         person: wearer's file, written by --save-person.
@@ -100,7 +114,7 @@ def track(
     from bodysense.capture.video import is_video
     from bodysense.completion.model import load_completion
     from bodysense.estimators.finger_synthesis import synthesize
-    from bodysense.export.motion_files import check_ending, write_motion
+    from bodysense.export.motion_files import check_ending
     from bodysense.take import signal_of
     from bodysense.take import track as complete
     from bodysense.tracker import TrackerSettings
@@ -119,14 +133,9 @@ def track(
         raise BodysenseError(f"--samples {samples} draws bodies as they are; leave --fingers synthesize out")
     wearer, seeded = person_of(person, height), seed if noise else None
     is_motion = file.is_file() and not is_recording(file) and not is_marker_file(file)
-    if device is None and fingers == "synthesize" and is_motion:
+    if device is None and missing is None and fingers == "synthesize" and is_motion:
         _write_with_fingers(file, out, height, model)
         return
-    if device is None and is_motion:
-        raise BodysenseError(
-            f"{file}: not a recording; if it is a motion, say what watches it: --device headset_camera, or --fingers "
-            "synthesize to give it fingers"
-        )
     source = source_of(file, gloves, height, fingers=fingers == "synthesize")
     told = height if isinstance(source, Path) else None  # markers were put on a body of this height already
     if samples is not None:
@@ -145,6 +154,8 @@ def track(
         take = complete(
             source,
             device=device,
+            missing=missing or (),
+            find_holes=find_holes,
             person=wearer,
             height=told,
             noise=seeded,
@@ -153,14 +164,22 @@ def track(
             advance=lambda done, frames: progress.update(bar, completed=done, total=frames),
         )
     rate = len(take.time) / (time.perf_counter() - begun)
-    clip = replace(take.clip, name=out.stem)
-    write_motion(out, synthesize(clip) if fingers == "synthesize" else clip)
+    if fingers == "synthesize":
+        take = replace(take, clip=synthesize(take.clip), file=None)
+    take.save(out, rig)
     print(f"wrote {out}: {len(take.time)} frames at {rate:.0f} frames/s")
-    if take.person.bone_deviation.any():
-        print(inferred_line(take.person))
+    _say(take)
     if save_person is not None:
         take.person.save(save_person)
         print(f"wrote {save_person}")
+
+
+def _say(take: Take) -> None:
+    """Print what was found out of a recording."""
+    if take.holed is not None:
+        print(holes_line(take.holed))
+    if take.person.bone_deviation.any():
+        print(inferred_line(take.person))
 
 
 def _write_with_fingers(file: Path, out: Path, height: float | None, model: Path | None) -> None:
@@ -172,6 +191,14 @@ def _write_with_fingers(file: Path, out: Path, height: float | None, model: Path
     clip = synthesize(load_clip(file, height), load_point_model("fingers", model))
     write_motion(out, replace(clip, name=out.stem))
     print(f"wrote {out}: {len(clip)} frames with synthesized fingers")
+
+
+def holes_line(holed: Holed) -> str:
+    """What was missing of a motion."""
+    count, share = int(holed.holes.any(axis=1).sum()), holed.holes.sum(axis=0)
+    names = [holed.rig.joints[joint] for joint in share.argsort(kind="stable")[::-1] if share[joint]]
+    shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more joints" if len(names) > 6 else "")
+    return f"filled {shown}, in {count} of {len(holed.holes)} frames"
 
 
 def inferred_line(person: Person) -> str:

@@ -90,6 +90,26 @@ def parse_bvh(data: bytes, path: Path, unit: float | None = None, up: Literal["Y
     return _clip(path, nodes, position, rotation, frame_rate=frame_rate, unit=unit, up=up)
 
 
+def hierarchy_of(data: bytes, path: Path) -> tuple[list[tuple[str, int, tuple[str, ...]]], int]:
+    """Name, parent among the joints and channels of each joint of a file's bytes, and where its motion begins."""
+    if not data.removeprefix(b"\xef\xbb\xbf").lstrip()[:9].upper() == b"HIERARCHY":
+        raise BodysenseError(f"{path}: is not a BVH file: it does not begin with HIERARCHY")
+    motion = _MOTION.search(data)
+    if motion is None:
+        raise BodysenseError(f"{path}: there is no MOTION section; the file is cut off, copy or export it again")
+    nodes = _parse_hierarchy(path, data[: motion.start()].decode("utf-8-sig", errors="replace"))
+    place = {k: joint for joint, k in enumerate(k for k, node in enumerate(nodes) if not node.is_site)}
+    return [(nodes[k].name, place.get(nodes[k].parent, -1), nodes[k].channels) for k in place], motion.end()
+
+
+def timing_of(data: bytes, path: Path, start: int) -> tuple[int, float, int]:
+    """Frames, seconds a frame, and where the first frame begins; `start` is where the motion begins."""
+    timing = _TIMING.match(data, start)
+    if timing is None:
+        raise BodysenseError(f"{path}: 'Frames:' and 'Frame Time:' must follow MOTION; the file is cut off or damaged")
+    return int(timing[1]), float(timing[2]), timing.end()
+
+
 def write_bvh(path: str | Path, clip: Clip, unit: float = 0.01, order: str = "ZXY") -> None:
     """Write a clip as a BVH file of its own joints: positions in units of `unit` metres, angles in degrees.
 

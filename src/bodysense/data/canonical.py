@@ -64,7 +64,7 @@ def canonical(clip: Clip, joints: Mapping[str, str] | None = None, rest: Pose | 
     ours, source = default_skeleton(), clip.pose.skeleton
     for name in (joints or {}).values():
         ours.index(name)  # raises for a name that is not ours
-    match = _match_points(source, recognise(source.joints, clip.name, joints))
+    match = match_points(source, recognise(source.joints, clip.name, joints))
     parents = _matched_parents(ours, match)
     standing = rest_pose(source) if rest is None else _facing_forward(rest, match)
     align, unknown = _alignment(ours, _places(standing, match), parents)
@@ -140,7 +140,7 @@ def complete_skeleton(offset: Mapping[str, np.ndarray], root_offset: np.ndarray 
     return skeleton.with_offsets(np.array([root_offset, *table[1:]]))
 
 
-def _match_points(source: Skeleton, joints: Mapping[str, str]) -> dict[str, int]:
+def match_points(source: Skeleton, joints: Mapping[str, str]) -> dict[str, int]:
     """Index in `source` of each of our points: matched joints, and the end sites that hang on them."""
     ours = default_skeleton()
     match = {name: source.index(given) for given, name in joints.items()}

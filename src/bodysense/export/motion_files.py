@@ -14,26 +14,39 @@ from bodysense.data.bvh_stream import BvhStream
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.export.gltf import write_glb
+from bodysense.export.rigs import OWN, on_rig, renamed
 from bodysense.export.vrma import write_vrma
 from bodysense.files import check_place
 
-_WRITERS = {".bvh": write_bvh, ".glb": write_glb, ".vrma": write_vrma}
-ENDINGS = tuple(_WRITERS)
+ENDINGS = (".bvh", ".glb", ".vrma")
 
 
 def check_ending(path: Path) -> Path:
     """Return the path of a motion to be written; raise BodysenseError, before any work, for one that cannot be."""
     check_place(path)
-    if path.suffix.lower() not in _WRITERS:
+    if path.suffix.lower() not in ENDINGS:
         raise BodysenseError(
             f"{path}: the output ends in {path.suffix or 'nothing'!r}; give a name that ends in .bvh, .glb or .vrma"
         )
     return path
 
 
-def write_motion(path: Path, clip: Clip) -> None:
-    """Write a clip as BVH, glTF (.glb) or VRM animation (.vrma); raises BodysenseError as their writers do."""
-    _WRITERS[check_ending(path).suffix.lower()](path, clip)
+def write_motion(path: Path, clip: Clip, rig: str = OWN) -> None:
+    """Write a clip as BVH, glTF (.glb) or VRM animation (.vrma), its joints under the names of a rig.
+
+    Raises BodysenseError as the writers do, and for a rig that is unknown or, in a VRM animation, other than VRM's.
+    """
+    ending = check_ending(path).suffix.lower()
+    if ending == ".vrma":
+        if rig not in (OWN, "vrm"):
+            raise BodysenseError(f"{path}: --rig {rig}: a VRM animation has VRM's bones; leave --rig out")
+        write_vrma(path, clip)
+        return
+    clip, names = on_rig(clip, rig)
+    if ending == ".glb":
+        write_glb(path, clip, names)
+    else:
+        write_bvh(path, renamed(clip, names))
 
 
 @contextmanager

@@ -1,0 +1,174 @@
+"""A BVH file as it was written: its own joints, axes and unit, and every number's text, kept until it is replaced.
+
+`data.bvh` reads what a file means; this module changes some of its numbers and leaves all others as they are, to the
+byte.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import accumulate, pairwise
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.rotation import euler_to_quaternion, quaternion_canonical, swing_twist
+from bodysense.data.bvh import hierarchy_of, timing_of
+from bodysense.data.euler import euler_near
+from bodysense.errors import BodysenseError
+from bodysense.files import written_beside
+
+_NOT_A_NUMBER = re.compile(rb"[-+]?1\.#\w+")  # how some compilers write NaN and infinity
+
+
+@dataclass(frozen=True, eq=False)
+class BvhFile:
+    """The joints of a file (no End Sites), parents before children, and its motion in file units and degrees."""
+
+    path: Path
+    head: bytes  # everything before the first frame
+    lines: tuple[bytes, ...]  # one a frame, line ends included
+    joints: tuple[str, ...]
+    parents: tuple[int, ...]  # -1 for the root
+    channels: tuple[tuple[str, ...], ...]  # of each joint, in the file's order
+    values: np.ndarray  # (T, C); NaN where the file has no number
+    interval: float  # s between frames
+
+    @cached_property
+    def columns(self) -> tuple[range, ...]:
+        """Where in a frame each joint's channels stand."""
+        ends = accumulate((len(channels) for channels in self.channels), initial=0)
+        return tuple(range(a, b) for a, b in pairwise(ends))
+
+    @cached_property
+    def order(self) -> tuple[str, ...]:
+        """The axes that each joint turns about, 'ZXY', in the order of its channels; '' for one that cannot turn."""
+        return tuple("".join(c[0] for c in channels if c.endswith("rotation")) for channels in self.channels)
+
+    def columns_of(self, joint: int, kind: str) -> list[int]:
+        """The columns of a joint's channels of one kind, 'rotation' or 'position'."""
+        return [k for k, name in zip(self.columns[joint], self.channels[joint], strict=True) if name.endswith(kind)]
+
+    @cached_property
+    def has_number(self) -> np.ndarray:
+        """(T, J) bool: all channels of a joint are numbers."""
+        number = np.isfinite(self.values)
+        return np.stack([number[:, list(columns)].all(axis=1) for columns in self.columns], axis=1)
+
+    @cached_property
+    def mended(self) -> BvhFile:
+        """The same with a line from the number before to the one after in place of those that are missing.
+
+        A channel without any number is zero.
+        """
+        missing, values = ~np.isfinite(self.values), self.values.copy()
+        for column in np.flatnonzero(missing.any(axis=0)):
+            known = np.flatnonzero(~missing[:, column])
+            values[:, column] = np.interp(np.arange(len(values)), known, values[known, column]) if known.size else 0.0
+        return self.with_values(values, missing) if missing.any() else self
+
+    @cached_property
+    def rotation(self) -> np.ndarray:
+        """(T, J, 4) local rotations of the mended file."""
+        values = np.deg2rad(self.mended.values)
+        rotation = np.zeros((len(values), len(self.joints), 4))
+        rotation[..., 0] = 1
+        for joint, order in enumerate(self.order):
+            if order:
+                angles = values[:, self.columns_of(joint, "rotation")]
+                rotation[:, joint] = quaternion_canonical(euler_to_quaternion(angles, order))
+        return rotation
+
+    def with_values(self, values: np.ndarray, changed: np.ndarray) -> BvhFile:
+        """The file with other numbers (T, C) where `changed` (T, C); the text of all others stays."""
+        if not np.isfinite(values[changed]).all():
+            raise BodysenseError(f"{self.path}: numbers to be written are not finite")
+        lines = list(self.lines)
+        for frame in np.flatnonzero(changed.any(axis=1)):
+            # Words and the space between them by turns: those that are kept stay as they stand.
+            parts = re.split(rb"(\S+)", lines[frame])
+            for column in np.flatnonzero(changed[frame]):
+                parts[2 * column + 1] = b"%.6f" % values[frame, column]
+            lines[frame] = b"".join(parts)
+        return replace(self, lines=tuple(lines), values=np.where(changed, values, self.values))
+
+    def with_rotation(self, rotation: np.ndarray, changed: np.ndarray) -> BvhFile:
+        """The file with other local rotations (T, J, 4) where `changed` (T, J).
+
+        Angles are those nearest to the frame before. A joint with one or two axes turns as near as these let it.
+        """
+        values, columns_changed = self.mended.values.copy(), np.zeros(self.values.shape, dtype=bool)
+        for joint in np.flatnonzero(changed.any(axis=0)).tolist():
+            order, columns, frames = self.order[joint], self.columns_of(joint, "rotation"), changed[:, joint]
+            if not order:
+                continue
+            turns = rotation[:, joint]
+            if len(order) == 1:
+                turns = swing_twist(turns, np.eye(3)["XYZ".index(order)])[1]
+            for first, end in runs(frames):
+                before = np.deg2rad(values[first - 1, columns]) if first else np.zeros(len(order))
+                values[first:end, columns] = np.rad2deg(euler_near(turns[first:end], order, before))
+            columns_changed[:, columns] = frames[:, None]
+        return self.with_values(values, columns_changed)
+
+    def text(self) -> bytes:
+        """The whole file."""
+        return self.head + b"".join(self.lines)
+
+    def write(self, path: str | Path) -> None:
+        """Write the file; it appears whole or not at all."""
+        with written_beside(path) as part:
+            part.write_bytes(self.text())
+
+
+def open_bvh(path: str | Path) -> BvhFile:
+    """Read a file's text. Raises BodysenseError, naming the file and the fix, for what is no BVH file."""
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
+    joints, start = hierarchy_of(data, path)
+    count = sum(len(channels) for _, _, channels in joints)
+    frames, interval, begin = timing_of(data, path, start)
+    begin += len(data[begin:]) - len(data[begin:].lstrip())
+    body = _NOT_A_NUMBER.sub(b"nan", data[begin:])
+    words = body.split()
+    if len(words) != frames * count:
+        raise BodysenseError(
+            f"{path}: 'Frames: {frames}' announces {frames * count} values ({count} channels), but there are "
+            f"{len(words)}; correct that number, or export the file again"
+        )
+    try:
+        values = np.array(words, dtype=np.float64).reshape(frames, count)
+    except ValueError:
+        bad = next(word for word in words if not _is_number(word))
+        raise BodysenseError(f"{path}: {bad[:40].decode(errors='replace')!r} in the motion is not a number") from None
+    values[np.isinf(values)] = np.nan
+    lines = _lines(body, words, frames, count)
+    names, parents, channels = zip(*joints, strict=True)
+    return BvhFile(path, data[:begin], lines, names, parents, channels, values, interval)
+
+
+def _lines(body: bytes, words: list[bytes], frames: int, count: int) -> tuple[bytes, ...]:
+    """A line a frame, as it stands where the file has them so."""
+    lines = [line for line in body.splitlines(keepends=True) if line.strip()]
+    if len(lines) == frames and all(len(line.split()) == count for line in lines):
+        return tuple(lines)
+    return tuple(b" ".join(words[k : k + count]) + b"\n" for k in range(0, frames * count, count))
+
+
+def runs(present: np.ndarray) -> list[tuple[int, int]]:
+    """Where (T,) bool is true: the first frame of each run, and the one after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], present, [False]]).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _is_number(word: bytes) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
