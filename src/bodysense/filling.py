@@ -17,6 +17,7 @@ import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation
 from bodysense.body.rotation import (
+    normalize,
     quaternion_canonical,
     quaternion_conjugate,
     quaternion_exp,
@@ -31,12 +32,14 @@ from bodysense.data.canonical import canonical, match_points
 from bodysense.data.clip import Clip
 from bodysense.data.holes import Missing, flat_lined, told_missing
 from bodysense.data.names import recognise
-from bodysense.data.rig import Rig, own_rig, rig_of
+from bodysense.data.source_joints import SourceJoints, own_joints, source_joints_of
 from bodysense.errors import BodysenseError
-from bodysense.observation import EXACT_ACCURACY, Observation
+from bodysense.observation import EXACT_ACCURACY, Estimate, Observation
 
 Array = np.ndarray
-TRUSTED = 0.2  # s from the nearest known frames at which the tracker counts as much as the turn between them
+COASTING = 0.3  # s in which the speed beside a gap fades
+SMOOTH = 0.07  # s, deviation of the bell that takes the tremble from the tracker's guess
+DRIFT = 0.3  # m/s: how the error of a turn between two sides grows with the time to them
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -45,7 +48,7 @@ class Holed:
     """A motion of which something is missing."""
 
     clip: Clip  # on our joints; anything where it is missing
-    rig: Rig  # its own joints
+    rig: SourceJoints  # its own joints
     rotation: Array  # (T, J, 4) of these, parent ← joint; anything where it is missing
     holes: Array  # (T, J) bool: missing in the source
     missing: Array  # (T, J) bool: the same without the pelvis and what is above it, which are turned over their gaps
@@ -54,10 +57,10 @@ class Holed:
 
 def holed_clip(clip: Clip, missing: Sequence[Missing]) -> Holed:
     """A motion in memory, on our joints, without what is told to be missing."""
-    rig = own_rig(clip.pose.skeleton)
+    rig = own_joints(clip.pose.skeleton)
     holes = told_missing(missing, rig.joints, rig.parents, len(clip), rig.ours)
     rotation = np.asarray(clip.pose.rotation, dtype=float)
-    rotation, rest = _rooted(clip.name, rig, rotation, holes)
+    rotation, rest = _rooted(clip.name, rig, rotation, holes, 1 / clip.frame_rate)
     return Holed(replace(clip, pose=replace(clip.pose, rotation=rotation)), rig, rotation, holes, rest)
 
 
@@ -68,12 +71,12 @@ def holed_file(path: Path, missing: Sequence[Missing], find: bool) -> Holed:
     holes = told_missing(missing, file.joints, file.parents, len(file.lines), rig.ours) | ~file.has_number
     if find:
         holes |= flat_lined(file, rig.ours)
-    rotation, rest = _rooted(str(path), rig, file.rotation, holes)
+    rotation, rest = _rooted(str(path), rig, file.rotation, holes, file.interval)
     rooted = file.with_rotation(rotation, holes & ~rest)
     return Holed(_read(rooted)[1], rig, rotation, holes, rest, rooted)
 
 
-def _read(file: BvhFile) -> tuple[Rig, Clip]:
+def _read(file: BvhFile) -> tuple[SourceJoints, Clip]:
     """The rig of a file, and its motion on our joints."""
     clip = parse_bvh(file.mended.text(), file.path)
     theirs = clip.pose.skeleton
@@ -82,10 +85,10 @@ def _read(file: BvhFile) -> tuple[Rig, Clip]:
     ours = {name: file.joints.index(theirs.joints[k]) for name, k in match.items() if k < len(theirs.joints)}
     sites = tuple(name for name in match if name in default_skeleton().end_sites)
     joints = {name: k for name, k in ours.items() if name in default_skeleton().joints}
-    return rig_of(file, whole, joints, sites, UPRIGHT), replace(whole, name=clip.name)
+    return source_joints_of(file, whole, joints, sites, UPRIGHT), replace(whole, name=clip.name)
 
 
-def _rooted(name: str, rig: Rig, rotation: Array, holes: Array) -> tuple[Array, Array]:
+def _rooted(name: str, rig: SourceJoints, rotation: Array, holes: Array, seconds: float) -> tuple[Array, Array]:
     """Rotations and holes after the pelvis and what is above it were turned over their gaps: all else hangs on them."""
     rotation, holes = rotation.copy(), holes.copy()
     joint = rig.ours["pelvis"]
@@ -95,7 +98,7 @@ def _rooted(name: str, rig: Rig, rotation: Array, holes: Array) -> tuple[Array, 
                 f"{name}: {rig.joints[joint]!r} is missing in every frame, and everything hangs on it; "
                 f"give the frames in which it is, as {rig.joints[joint]}:10-40"
             )
-        rotation[:, joint] = turned_over(rotation[:, joint], holes[:, joint])
+        rotation[:, joint] = turned_over(rotation[:, joint], holes[:, joint], seconds)
         holes[:, joint] = False
         joint = rig.parents[joint]
     return rotation, holes
@@ -120,22 +123,30 @@ def observed(holed: Holed) -> Observation:
     )
 
 
-def filled(holed: Holed, estimate: Pose) -> Array:
+def filled(holed: Holed, estimate: Estimate) -> Array:
     """Local rotations (T, J, 4) of the motion's joints: as they were where they are known, else filled.
 
-    `estimate` (T,) is the completed body on our joints. A joint that we do not have is turned from one side of the gap
-    to the other.
+    A joint that we do not have is turned from one side of the gap to the other.
     """
     rig, missing, seconds = holed.rig, holed.missing, 1 / holed.clip.frame_rate
-    guessed, local = rig.world(estimate), np.array(holed.rotation)
+    guessed, error, local = rig.world(estimate.pose), _errors(holed, estimate), np.array(holed.rotation)
     world = np.zeros_like(local)
     for joint, parent in enumerate(rig.parents):
         above = world[:, parent] if parent >= 0 else np.broadcast_to([1.0, 0.0, 0.0, 0.0], world[:, joint].shape)
         guess = np.asarray(quaternion_multiply(quaternion_conjugate(above), guessed[:, joint]))
         for first, end in runs(missing[:, joint]):
-            local[first:end, joint] = _gap(local[:, joint], guess, first, end, seconds)
+            local[first:end, joint] = _gap(local[:, joint], guess, error[:, joint], first, end, seconds)
         world[:, joint] = quaternion_multiply(above, local[:, joint])
     return local
+
+
+def _errors(holed: Holed, estimate: Estimate) -> Array:
+    """(T, J) m: the expected error of what hangs on each joint; of joints that we do not have, any."""
+    skeleton, parents = holed.clip.pose.skeleton, np.array(holed.clip.pose.skeleton.parents)
+    error = np.ones(holed.missing.shape)
+    for name, joint in holed.rig.ours.items():
+        error[:, joint] = estimate.confidence[:, parents == skeleton.index(name)].max(axis=1)
+    return error
 
 
 def pose_of(holed: Holed, rotation: Array) -> Pose:
@@ -155,54 +166,90 @@ def pose_of(holed: Holed, rotation: Array) -> Pose:
     return Pose(skeleton, clip.pose.root_position, quaternion_canonical(local_rotation(skeleton, world)))
 
 
-def turned_over(rotation: Array, missing: Array) -> Array:
-    """Rotations (T, 4) of one joint, turned at constant speed from one side of every gap (T,) to the other."""
+def turned_over(rotation: Array, missing: Array, seconds: float) -> Array:
+    """Rotations (T, 4) of one joint, turned from one side of every gap (T,) to the other."""
     result = np.array(rotation)
     for first, end in runs(missing):
-        result[first:end] = _turn(rotation, first, end)
+        result[first:end] = _turn(rotation, first, end, seconds)
     return result
 
 
-def _turn(rotation: Array, first: int, end: int) -> Array:
-    """Rotations (N, 4) from one side of a gap to the other at constant speed; held where there is one side."""
-    steps, before, after = _steps(first, end), rotation[max(first - 1, 0)], rotation[min(end, len(rotation) - 1)]
-    if first == 0:
-        before = after
-    if end == len(rotation):
-        after = before
-    shape = (end - first, 4)
-    return np.asarray(slerp(np.broadcast_to(before, shape), np.broadcast_to(after, shape), steps))
+def _turn(rotation: Array, first: int, end: int, seconds: float) -> Array:
+    """Rotations (N, 4) from one side of a gap to the other; held where there is one side.
+
+    The speed on either side goes on and fades within `COASTING`; between, the turn is at constant speed.
+    """
+    frames, count = len(rotation), end - first
+    before, after = rotation[first - 1 if first else end], rotation[end if end < frames else first - 1]
+    step = _difference(before, after) / (count + 1)
+    gone = np.arange(1.0, count + 1)[:, None]
+    left = count + 1 - gone
+    way = gone * step
+    if first > 1:
+        way = way + gone * _fading(gone * seconds) * (_difference(rotation[first - 2], before) - step)
+    if end < frames - 1:
+        way = way - left * _fading(left * seconds) * (_difference(after, rotation[end + 1]) - step)
+    return np.asarray(quaternion_multiply(np.broadcast_to(before, (count, 4)), quaternion_exp(way)))
 
 
-def _steps(first: int, end: int) -> Array:
-    """(N,) how far each frame of a gap is on the way from the frame before to the frame after, in (0, 1)."""
-    return np.arange(1, end - first + 1) / (end - first + 1)
+def _fading(time: Array) -> Array:
+    """From 1 to 0 within `COASTING`."""
+    return np.maximum(0.0, 1 - time / COASTING) ** 2
 
 
-def _gap(kept: Array, guess: Array, first: int, end: int, seconds: float) -> Array:
-    """Rotations (N, 4) of a joint in the gap from `first` to before `end`, of (T, 4) kept and guessed ones."""
-    turn = _turn(kept, first, end)
-    if end - first < 2 or not np.isfinite(guess).all():
-        return turn
+def _gap(kept: Array, guess: Array, error: Array, first: int, end: int, seconds: float) -> Array:
+    """Rotations (N, 4) of a joint in the gap from `first` to before `end`.
+
+    Args:
+        kept: (T, 4) its rotations where they are known.
+        guess: (T, 4) the tracker's.
+        error: (T,) m, the tracker's own, expected.
+        first: the gap's first frame.
+        end: the frame after its last.
+        seconds: between frames.
+    """
     if first == 0 and end == len(kept):
-        return guess
-    share = _trust(first, end, len(kept), seconds)
-    return np.asarray(quaternion_canonical(slerp(turn, _bent(kept, guess, first, end), share)))
+        return guess[first:end] if np.isfinite(guess).all() else kept[first:end]
+    turn = _turn(kept, first, end, seconds)
+    if end - first < 2 or not np.isfinite(guess).all():
+        return np.asarray(quaternion_canonical(turn))
+    turned = DRIFT * _away(first, end, len(kept)) * seconds
+    share = turned**2 / (turned**2 + error[first:end] ** 2)
+    return np.asarray(quaternion_canonical(slerp(turn, _bent(kept, guess, first, end, seconds), share)))
 
 
-def _bent(kept: Array, guess: Array, first: int, end: int) -> Array:
+def _away(first: int, end: int, frames: int) -> Array:
+    """(N,) how many frames each of a gap is away from what is known: as a bridge between two sides, or from one."""
+    count = np.arange(1.0, end - first + 1)
+    before = count if first > 0 else np.full(len(count), np.inf)
+    after = count[::-1] if end < frames else np.full(len(count), np.inf)
+    return 1 / (1 / before + 1 / after)
+
+
+def _bent(kept: Array, guess: Array, first: int, end: int, seconds: float) -> Array:
     """The guess (N, 4) in a gap, turned so that it goes on from the frame before and leads to the frame after.
 
     What it lacks on either side is added in full there and fades to the other side.
     """
-    inside = guess[first:end]
+    inside = _smooth(guess[first:end], SMOOTH / seconds)
     lacking = np.zeros((2, 3))
     if first > 0:
         lacking[0] = _difference(_beyond(inside[1::-1]), kept[first - 1])
     if end < len(kept):
         lacking[1] = _difference(_beyond(inside[-2:]), kept[end])
-    steps = _steps(first, end)[:, None]
+    steps = (np.arange(1.0, end - first + 1) / (end - first + 1))[:, None]
     return np.asarray(quaternion_multiply(inside, quaternion_exp((1 - steps) * lacking[0] + steps * lacking[1])))
+
+
+def _smooth(rotation: Array, frames: float) -> Array:
+    """Rotations (N, 4), each the mean of those around it by a bell of so many frames' deviation."""
+    reach = int(np.ceil(3 * frames))
+    flips = np.where((rotation[1:] * rotation[:-1]).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
+    whole = np.concatenate([rotation[:1], rotation[1:] * np.cumprod(flips, axis=0)])
+    around = np.arange(-reach, reach + 1)
+    weights = np.exp(-0.5 * (around / frames) ** 2)
+    places = np.clip(np.arange(len(whole))[:, None] + around, 0, len(whole) - 1)
+    return np.asarray(normalize(np.einsum("nk,nkc->nc", np.broadcast_to(weights, places.shape), whole[places])))
 
 
 def _beyond(pair: Array) -> Array:
@@ -213,12 +260,3 @@ def _beyond(pair: Array) -> Array:
 def _difference(a: Array, b: Array) -> Array:
     """The rotation vector (3,) from a to b."""
     return np.asarray(quaternion_log(quaternion_multiply(quaternion_conjugate(a), b)))
-
-
-def _trust(first: int, end: int, frames: int, seconds: float) -> Array:
-    """(N,) how much the guess counts, from 0 beside a known frame toward 1 far from all."""
-    count = np.arange(end - first)
-    before = (count + 1) * seconds if first > 0 else np.full(len(count), np.inf)
-    after = count[::-1] * seconds + seconds if end < frames else np.full(len(count), np.inf)
-    away = 1 / (1 / before + 1 / after)
-    return away / (away + TRUSTED)

@@ -209,7 +209,7 @@ def _filled(
     """A motion whose holes are filled."""
     clip = holed.clip
     take = _tracked(Signal(clip.name, observed(holed), Person(clip.pose.skeleton)), settings, network, advance)
-    rotation = filled(holed, take.estimate.pose)
+    rotation = filled(holed, take.estimate)
     file = None if holed.file is None else holed.file.with_rotation(rotation, holed.missing)
     return replace(take, clip=replace(clip, pose=pose_of(holed, rotation)), holed=holed, file=file)
 

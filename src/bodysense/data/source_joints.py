@@ -19,7 +19,7 @@ from bodysense.data.clip import Clip
 
 
 @dataclass(frozen=True, eq=False)
-class Rig:
+class SourceJoints:
     """The joints of a motion, parents before children."""
 
     joints: tuple[str, ...]
@@ -71,15 +71,17 @@ class Rig:
         return has_position, has_rotation
 
 
-def own_rig(skeleton: Skeleton) -> Rig:
+def own_joints(skeleton: Skeleton) -> SourceJoints:
     """The rig of a motion that is on our joints."""
     joints, unturned = skeleton.joints, np.array([1.0, 0.0, 0.0, 0.0])
     ours = {name: k for k, name in enumerate(joints)}
     turn = dict.fromkeys(joints, unturned)
-    return Rig(joints, skeleton.parents[: len(joints)], ours, skeleton.end_sites, turn, unturned)
+    return SourceJoints(joints, skeleton.parents[: len(joints)], ours, skeleton.end_sites, turn, unturned)
 
 
-def rig_of(file: BvhFile, clip: Clip, ours: Mapping[str, int], sites: tuple[str, ...], up: np.ndarray) -> Rig:
+def source_joints_of(
+    file: BvhFile, clip: Clip, ours: Mapping[str, int], sites: tuple[str, ...], up: np.ndarray
+) -> SourceJoints:
     """The rig of a file, from what was read of it.
 
     Args:
@@ -96,7 +98,7 @@ def rig_of(file: BvhFile, clip: Clip, ours: Mapping[str, int], sites: tuple[str,
         theirs = quaternion_multiply(np.broadcast_to(up, world[:, joint].shape), world[:, joint])
         mine = rotation[:, clip.pose.skeleton.index(name)]
         turn[name] = _mean(np.asarray(quaternion_multiply(quaternion_conjugate(mine), theirs)))
-    return Rig(file.joints, file.parents, dict(ours), sites, turn, up)
+    return SourceJoints(file.joints, file.parents, dict(ours), sites, turn, up)
 
 
 def world_rotation(rotation: np.ndarray, parents: Sequence[int]) -> np.ndarray:
