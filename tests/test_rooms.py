@@ -15,6 +15,7 @@ FLOORS = {
     "weights": -1,  # data, read by name
     "body": 0,
     "observation": 1,
+    "io": 1,
     "capture": 2,
     "completion": 2,
     "data": 2,

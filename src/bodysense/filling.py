@@ -25,22 +25,19 @@ from bodysense.body.rotation import (
     quaternion_multiply,
     slerp,
 )
-from bodysense.body.skeleton import default_skeleton
-from bodysense.data.bvh import parse_bvh
-from bodysense.data.bvh_file import BvhFile, open_bvh, runs
-from bodysense.data.canonical import canonical, match_points
+from bodysense.data.bvh_lines import BvhLines, open_bvh, runs
 from bodysense.data.clip import Clip
 from bodysense.data.holes import Missing, flat_lined, told_missing
-from bodysense.data.names import recognise
-from bodysense.data.source_joints import SourceJoints, own_joints, source_joints_of
+from bodysense.data.rigged import read_rigged
+from bodysense.data.source_joints import SourceJoints, joints_of_file, own_joints
 from bodysense.errors import BodysenseError
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.observation import EXACT_ACCURACY, Estimate, Observation
 
 Array = np.ndarray
 COASTING = 0.3  # s in which the speed beside a gap fades
 SMOOTH = 0.07  # s, deviation of the bell that takes the tremble from the tracker's guess
 DRIFT = 0.3  # m/s: how the error of a turn between two sides grows with the time to them
-UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +49,7 @@ class Holed:
     rotation: Array  # (T, J, 4) of these, parent ← joint; anything where it is missing
     holes: Array  # (T, J) bool: missing in the source
     missing: Array  # (T, J) bool: the same without the pelvis and what is above it, which are turned over their gaps
-    file: BvhFile | None = None  # where it is from
+    file: BvhLines | None = None  # where it is from
 
 
 def holed_clip(clip: Clip, missing: Sequence[Missing]) -> Holed:
@@ -64,28 +61,25 @@ def holed_clip(clip: Clip, missing: Sequence[Missing]) -> Holed:
     return Holed(replace(clip, pose=replace(clip.pose, rotation=rotation)), rig, rotation, holes, rest)
 
 
-def holed_file(path: Path, missing: Sequence[Missing], find: bool) -> Holed:
+def holed_file(path: Path, missing: Sequence[Missing], find: bool, options: ReadingOptions = AS_FOUND) -> Holed:
     """A BVH file without what is told to be missing, has no number, or, where `find`, is flat-lined."""
     file = open_bvh(path)
-    rig, _ = _read(file)
+    clip, rig = _read(file, options)
     holes = told_missing(missing, file.joints, file.parents, len(file.lines), rig.ours) | ~file.has_number
     if find:
         holes |= flat_lined(file, rig.ours)
     rotation, rest = _rooted(str(path), rig, file.rotation, holes, file.interval)
-    rooted = file.with_rotation(rotation, holes & ~rest)
-    return Holed(_read(rooted)[1], rig, rotation, holes, rest, rooted)
+    rooted = holes & ~rest
+    if rooted.any():
+        file = file.without_places(rooted).mended.with_rotation(rotation, rooted)
+        clip, rig = _read(file, options)
+    return Holed(clip, rig, rotation, holes, rest, file)
 
 
-def _read(file: BvhFile) -> tuple[SourceJoints, Clip]:
-    """The rig of a file, and its motion on our joints."""
-    clip = parse_bvh(file.mended.text(), file.path)
-    theirs = clip.pose.skeleton
-    match = match_points(theirs, recognise(theirs.joints, str(file.path)))
-    whole = canonical(replace(clip, name=str(file.path)))
-    ours = {name: file.joints.index(theirs.joints[k]) for name, k in match.items() if k < len(theirs.joints)}
-    sites = tuple(name for name in match if name in default_skeleton().end_sites)
-    joints = {name: k for name, k in ours.items() if name in default_skeleton().joints}
-    return source_joints_of(file, whole, joints, sites, UPRIGHT), replace(whole, name=clip.name)
+def _read(file: BvhLines, options: ReadingOptions) -> tuple[Clip, SourceJoints]:
+    """The motion of a file on our joints, and its own joints."""
+    rigged = read_rigged(file.mended.text(), file.path, options)
+    return rigged.clip, joints_of_file(file, rigged)
 
 
 def _rooted(name: str, rig: SourceJoints, rotation: Array, holes: Array, seconds: float) -> tuple[Array, Array]:

@@ -12,15 +12,17 @@ from bodysense.data.clip import Clip
 from bodysense.data.sources import Source, read_source
 from bodysense.errors import BodysenseError
 from bodysense.export.motion_files import ENDINGS, write_motion
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 
 RECORDING_ENDINGS = (".npz", ".jsonl")
 
 
-def read(path: str | Path) -> Clip | Recording:
+def read(path: str | Path, options: ReadingOptions = AS_FOUND) -> Clip | Recording:
     """Read a motion (.bvh, AMASS .npz) as a Clip, a recording or gloves' markers (.csv, .c3d) as a Recording.
 
-    A clip is in canonical form: metres, +Y up, the skeleton of 65 points. Raises BodysenseError, naming the file and
-    the fix, for every other file.
+    A clip is in canonical form: metres, +Y up, the skeleton of 65 points. Of a motion, `options` say what the file does
+    not or says wrongly: unit, upward axis, floor, height, joints, which body. Raises BodysenseError, naming the file
+    and the fix, for every other file.
     """
     path = Path(path)
     if is_video(str(path)):
@@ -32,7 +34,7 @@ def read(path: str | Path) -> Clip | Recording:
         return Recording(found.observation, with_hands_of(default_skeleton(), found.sizes))
     if is_recording(path):
         return read_recording(path)
-    return read_source(Source(path, person="", split="test"))
+    return read_source(Source(path, person="", split="test"), options)
 
 
 def write(path: str | Path, content: Clip | Recording) -> None:

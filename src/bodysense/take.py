@@ -17,7 +17,7 @@ from bodysense.capture.markers import is_marker_file
 from bodysense.capture.recording import Recording, is_recording
 from bodysense.capture.video import is_video, open_video
 from bodysense.completion.model import CompletionModel
-from bodysense.data.bvh_file import BvhFile
+from bodysense.data.bvh_lines import BvhLines
 from bodysense.data.clip import Clip
 from bodysense.data.holes import missing_items
 from bodysense.data.resample import at_constant_rate
@@ -47,7 +47,7 @@ class Take:
     person: Person  # the wearer, as believed at the end
     time: np.ndarray  # (T,) s of the estimate's frames
     holed: Holed | None = None  # the motion whose holes were filled, if it was one
-    file: BvhFile | None = None  # the BVH file that it was from, filled
+    file: BvhLines | None = None  # the BVH file that it was from, filled
 
     def save(self, path: str | Path, rig: str | None = None) -> None:
         """Write the motion: .bvh, .glb (glTF with an animated skeleton) or .vrma (an animation for VRM avatars).

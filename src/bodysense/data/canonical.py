@@ -38,8 +38,11 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.data.clip import Clip
 from bodysense.data.fingers import FINGERS, is_finger, with_fingers
-from bodysense.data.names import recognise
+from bodysense.data.hinges import twisted_by_hinges
 from bodysense.errors import BodysenseError
+from bodysense.io.rigs.figure import Figure
+from bodysense.io.rigs.options import ReadingOptions
+from bodysense.io.rigs.rig import recognise
 
 LIMB_TOLERANCE = np.deg2rad(15.0)
 OTHER_TOLERANCE = np.deg2rad(45.0)
@@ -51,20 +54,27 @@ _RIGID = 1e-6  # m: a bone that keeps its place in its parent's frame to this is
 Vectors = dict[str, np.ndarray]  # of points of ours, by name: places, offsets (..., 3) m, or rotations (..., 4)
 
 
-def canonical(clip: Clip, joints: Mapping[str, str] | None = None, rest: Pose | None = None) -> Clip:
+def canonical(
+    clip: Clip,
+    joints: Mapping[str, str] | None = None,
+    rest: Pose | None = None,
+    place: np.ndarray | None = None,
+    hinges: bool = False,
+) -> Clip:
     """The clip on the joints and end sites of `default_skeleton()`, with the clip's own proportions.
 
-    Joints are recognised by their names (`data.names`); `joints` says it of others, {name in the clip: ours}.
-    `rest` is a pose (no batch axes) of the clip's skeleton in which it stands in a T-pose, facing anywhere. None takes
-    the skeleton's rest pose; where that leaves the twist of a limb unknown (all bones along one axis, as in LaFAN1),
-    the clip's first frame if that is a T-pose. Missing joints are the default skeleton's, scaled, and do not turn
-    (fingers: relaxed). See the module's text for what is kept exactly.
+    `joints` says which are which, {name in the clip: ours}; None recognises them (`io.rigs`). `rest` is a pose (no
+    batch axes) of the clip's skeleton in which it stands in a T-pose, facing anywhere. None takes the skeleton's rest
+    pose; where that leaves the twist of a limb unknown (all bones along one axis, as in LaFAN1), the clip's first frame
+    if that is a T-pose. `place` (T, P, 3) m is where its points are, if its bones stretch and kinematics do not say it.
+    `hinges` takes the twist of arms and legs from how elbows and knees bend. Missing joints are the default skeleton's,
+    scaled, and do not turn (fingers: relaxed). See the module's text for what is kept exactly.
     Raises BodysenseError where joints are missing or unknown, and where no T-pose is to be had.
     """
     ours, source = default_skeleton(), clip.pose.skeleton
     for name in (joints or {}).values():
         ours.index(name)  # raises for a name that is not ours
-    match = match_points(source, recognise(source.joints, clip.name, joints))
+    match = _match_points(source, _recognised(clip) if joints is None else joints)
     parents = _matched_parents(ours, match)
     standing = rest_pose(source) if rest is None else _facing_forward(rest, match)
     align, unknown = _alignment(ours, _places(standing, match), parents)
@@ -74,10 +84,12 @@ def canonical(clip: Clip, joints: Mapping[str, str] | None = None, rest: Pose | 
     if unknown:
         raise BodysenseError(
             f"{clip.name}: its rest pose is no T-pose and leaves the twist of {source.points[match[unknown]]!r} "
-            "unknown; give a frame in which the body stands in a T-pose, rest=clip.pose[frame]"
+            "unknown; let its first frame be one in which the body stands in a T-pose"
         )
-    place = _places(standing, match)
-    bone = {name: quaternion_rotate(align[parent], place[name] - place[parent]) for name, parent in parents.items()}
+    if hinges:
+        align = twisted_by_hinges(align, clip.pose, standing, match)
+    at_rest = _places(standing, match)
+    bone = {name: quaternion_rotate(align[parent], at_rest[name] - at_rest[parent]) for name, parent in parents.items()}
     skeleton = complete_skeleton(_between_filled(ours, bone, parents))
 
     rotation, rest_rotation = forward_kinematics(clip.pose)[1], forward_kinematics(standing)[1]
@@ -87,15 +99,35 @@ def canonical(clip: Clip, joints: Mapping[str, str] | None = None, rest: Pose | 
         )
         for name, turn in align.items()
     }
-    place = _places(clip.pose, match)
-    world = _aimed(world, place, bone, parents)
+    places = _places(clip.pose, match) if place is None else {name: place[:, k] for name, k in match.items()}
+    world = _aimed(world, places, bone, parents)
     for joint, name in enumerate(ours.joints):
         if name not in world:  # missing joints go with their parent
             world[name] = world[ours.joints[ours.parents[joint]]]
     local = local_rotation(skeleton, np.stack([world[name] for name in ours.joints], axis=-2))
-    pose = Pose(skeleton, place["pelvis"], quaternion_canonical(local))
+    pose = Pose(skeleton, places["pelvis"], quaternion_canonical(local))
     pose, has_fingers = with_fingers(pose, [name for name in ours.joints if is_finger(name) and name not in align])
     return replace(clip, pose=pose, has_fingers=has_fingers)
+
+
+def figure_of(clip: Clip) -> Figure:
+    """A clip as a figure, to recognise it by."""
+    pose, skeleton = clip.pose, clip.pose.skeleton
+    root, rotation = np.asarray(pose.root_position, dtype=float), np.asarray(pose.rotation, dtype=float)
+    points = tuple(range(len(skeleton.points)))
+    parents, offset = skeleton.parents, skeleton.rest_offset
+    place = {0: root}
+    return Figure(
+        clip.name, skeleton.joints, skeleton.end_sites, parents, offset, rotation, place, clip.frame_rate, points
+    )
+
+
+def _recognised(clip: Clip) -> dict[str, str]:
+    """Which of our joints a clip's are: {its name: ours}."""
+    return {
+        given: ours
+        for ours, given in recognise(figure_of(clip), ReadingOptions(unit="m", up="y", floor=0.0)).joints.items()
+    }
 
 
 def _aimed(world: Vectors, place: Vectors, bone: Vectors, parents: Mapping[str, str]) -> Vectors:
@@ -140,7 +172,7 @@ def complete_skeleton(offset: Mapping[str, np.ndarray], root_offset: np.ndarray 
     return skeleton.with_offsets(np.array([root_offset, *table[1:]]))
 
 
-def match_points(source: Skeleton, joints: Mapping[str, str]) -> dict[str, int]:
+def _match_points(source: Skeleton, joints: Mapping[str, str]) -> dict[str, int]:
     """Index in `source` of each of our points: matched joints, and the end sites that hang on them."""
     ours = default_skeleton()
     match = {name: source.index(given) for given, name in joints.items()}

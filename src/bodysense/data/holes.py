@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bodysense.data.bvh_file import BvhFile, runs
+from bodysense.data.bvh_lines import BvhLines, runs
 from bodysense.errors import BodysenseError
 
 FLAT = 0.5  # s: a limb that keeps every digit for so long, while the pelvis turns, was not tracked
@@ -78,7 +78,7 @@ def told_missing(
     return mask
 
 
-def flat_lined(file: BvhFile, ours: Mapping[str, int]) -> np.ndarray:
+def flat_lined(file: BvhLines, ours: Mapping[str, int]) -> np.ndarray:
     """(T, J) bool: runs in which a limb keeps every digit while the pelvis turns; `ours` is our name → the file's.
 
     Lost limbs are often written as they were last seen, or at zero. What hangs on such a joint is missing with it where
@@ -115,7 +115,7 @@ def below(joint: int, parents: Sequence[int]) -> list[int]:
     return found
 
 
-def _still(file: BvhFile, joint: int) -> np.ndarray:
+def _still(file: BvhLines, joint: int) -> np.ndarray:
     """(T,) bool: the joint's angles are those of the frame before."""
     columns = file.columns_of(joint, "rotation")
     same = np.zeros(len(file.lines), dtype=bool)

@@ -14,8 +14,8 @@ import numpy as np
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import normalize, quaternion_conjugate, quaternion_multiply
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.data.bvh_file import BvhFile
-from bodysense.data.clip import Clip
+from bodysense.data.bvh_lines import BvhLines
+from bodysense.data.rigged import Rigged
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class SourceJoints:
     joints: tuple[str, ...]
     parents: tuple[int, ...]  # -1 for the root
     ours: Mapping[str, int]  # our joint → its index here
-    sites: tuple[str, ...]  # our end sites that the motion has
+    sites: Mapping[str, int]  # our end site, where the motion has it → the joint that it hangs on here
     turn: Mapping[str, np.ndarray]  # by our joint (4,): this rig's world rotation is up⁻¹ · ours · turn
     up: np.ndarray  # (4,) rotation of our world ← the motion's
 
@@ -65,40 +65,37 @@ class SourceJoints:
             parent, place = self.parents[joint], skeleton.index(name)
             has_position[:, place] = True if parent < 0 else turned[:, parent]
             has_rotation[:, place] = turned[:, joint]
-        for site in self.sites:
-            place = skeleton.index(site)
-            has_position[:, place] = has_rotation[:, skeleton.parents[place]]
+        for site, joint in self.sites.items():
+            has_position[:, skeleton.index(site)] = turned[:, joint]
         return has_position, has_rotation
 
 
 def own_joints(skeleton: Skeleton) -> SourceJoints:
-    """The rig of a motion that is on our joints."""
-    joints, unturned = skeleton.joints, np.array([1.0, 0.0, 0.0, 0.0])
-    ours = {name: k for k, name in enumerate(joints)}
-    turn = dict.fromkeys(joints, unturned)
-    return SourceJoints(joints, skeleton.parents[: len(joints)], ours, skeleton.end_sites, turn, unturned)
+    """The joints of a motion that is on ours."""
+    count, unturned = len(skeleton.joints), np.array([1.0, 0.0, 0.0, 0.0])
+    ours = {name: k for k, name in enumerate(skeleton.joints)}
+    sites = {name: skeleton.parents[k] for k, name in enumerate(skeleton.points) if k >= count}
+    turn = dict.fromkeys(skeleton.joints, unturned)
+    return SourceJoints(skeleton.joints, skeleton.parents[:count], ours, sites, turn, unturned)
 
 
-def source_joints_of(
-    file: BvhFile, clip: Clip, ours: Mapping[str, int], sites: tuple[str, ...], up: np.ndarray
-) -> SourceJoints:
-    """The rig of a file, from what was read of it.
-
-    Args:
-        file: the file.
-        clip: its motion on our joints.
-        ours: our joint → the file's.
-        sites: our end sites that the file has.
-        up: (4,) rotation of our world ← the file's.
-    """
-    rotation = np.asarray(forward_kinematics(clip.pose)[1])
-    world = world_rotation(file.rotation, file.parents)
-    turn = {}
-    for name, joint in ours.items():
-        theirs = quaternion_multiply(np.broadcast_to(up, world[:, joint].shape), world[:, joint])
-        mine = rotation[:, clip.pose.skeleton.index(name)]
-        turn[name] = _mean(np.asarray(quaternion_multiply(quaternion_conjugate(mine), theirs)))
-    return SourceJoints(file.joints, file.parents, dict(ours), sites, turn, up)
+def joints_of_file(file: BvhLines, rigged: Rigged) -> SourceJoints:
+    """The joints of a file, from what was read of it."""
+    figure, rig, pose = rigged.figure, rigged.rig, rigged.clip.pose
+    place = {node: joint for joint, node in enumerate(file.nodes)}
+    index = {name: point for point, name in enumerate(figure.points)}
+    ours, sites, turn = {}, {}, {}
+    rotation = np.asarray(forward_kinematics(pose)[1])
+    world = rig.turned_to_world(world_rotation(file.rotation, file.parents))
+    for name, given in rig.joints.items():
+        point = index[given]
+        if name in pose.skeleton.end_sites:
+            sites[name] = place[figure.nodes[figure.parents[point]]]
+            continue
+        joint = ours[name] = place[figure.nodes[point]]
+        mine = rotation[:, pose.skeleton.index(name)]
+        turn[name] = _mean(np.asarray(quaternion_multiply(quaternion_conjugate(mine), world[:, joint])))
+    return SourceJoints(file.joints, file.parents, ours, sites, turn, rig.turn)
 
 
 def world_rotation(rotation: np.ndarray, parents: Sequence[int]) -> np.ndarray:

@@ -11,16 +11,19 @@ from typing import Any, Literal
 
 import numpy as np
 
+from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.data.amass import read_amass
 from bodysense.data.archive import SUFFIXES, ZIP, MotionFile, motion_files
-from bodysense.data.bvh import parse_bvh
-from bodysense.data.canonical import canonical, complete_skeleton
+from bodysense.data.augment import at_height
+from bodysense.data.canonical import complete_skeleton
 from bodysense.data.clip import Clip
 from bodysense.data.layouts import Layout, labelled, layout_of
+from bodysense.data.rigged import read_rigged
 from bodysense.data.splits import SPLITS, Split
-from bodysense.data.stance import standing_rest
 from bodysense.errors import BodysenseError
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.rigs.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -45,22 +48,29 @@ class Source:
         return self.file.place.relative_to(directory).as_posix()
 
 
-def read_motion(path: str | Path) -> Clip:
-    """Read a .bvh or .npz (AMASS) file, as it is. Raises BodysenseError for other files and damaged ones."""
-    return _read(MotionFile(Path(path)))
-
-
-def read_source(source: Source) -> Clip:
+def read_source(source: Source, options: ReadingOptions = AS_FOUND) -> Clip:
     """The clip of a source in canonical form, with its person and category."""
-    if source.skeleton is not None:
-        clip = read_amass(source.path, source.skeleton)
+    return read_with_rig(source, options)[0]
+
+
+def read_with_rig(source: Source, options: ReadingOptions = AS_FOUND) -> tuple[Clip, Rig | None]:
+    """The clip of a source in canonical form, and the rig that was recognised; None of a file that has none (AMASS).
+
+    Raises BodysenseError for other files and damaged ones.
+    """
+    file = source.file
+    suffix = file.place.suffix
+    if suffix.lower() not in (*SUFFIXES, ZIP):
+        raise BodysenseError(f"{file.place}: unknown kind of file {suffix!r}; valid are {', '.join(SUFFIXES)}")
+    if not file.member and file.path.is_file() and file.path.stat().st_size == 0:
+        raise BodysenseError(f"{file.path}: the file is empty; copy or export it again")
+    rig = None
+    if suffix.lower() == ".npz":
+        clip = _as_told(read_amass(file.path, source.skeleton), options)
     else:
-        clip = _read(source.file)
-    place = source.file.place
-    if place.suffix.lower() == ".bvh":
-        named = replace(clip, name=str(place))  # errors name the file
-        clip = replace(canonical(named, rest=standing_rest(named) if source.rest == "found" else None), name=clip.name)
-    return replace(clip, person=source.person, category=source.category)
+        rigged = read_rigged(file.read(), file.place, options, must_stand=source.rest == "found")
+        clip, rig = rigged.clip, rigged.rig
+    return replace(clip, person=source.person, category=source.category), rig
 
 
 def list_sources(directory: str | Path, layout: Layout | None = None) -> list[Source]:
@@ -144,13 +154,15 @@ def _described_sources(directory: Path) -> list[Source]:
     return sources
 
 
-def _read(file: MotionFile) -> Clip:
-    """The clip of a file, as it is."""
-    suffix = file.place.suffix
-    if suffix.lower() not in (*SUFFIXES, ZIP):
-        raise BodysenseError(f"{file.place}: unknown kind of file {suffix!r}; valid are {', '.join(SUFFIXES)}")
-    if not file.member and file.path.is_file() and file.path.stat().st_size == 0:
-        raise BodysenseError(f"{file.path}: the file is empty; copy or export it again")
-    if suffix.lower() == ".npz":
-        return read_amass(file.path)
-    return parse_bvh(file.read(), file.place)
+def _as_told(clip: Clip, options: ReadingOptions) -> Clip:
+    """An AMASS motion, which says all of itself but the floor and the body's height."""
+    for option, value in (("unit", options.unit), ("joints", options.joints), ("figure", options.figure)):
+        if value is not None:
+            raise BodysenseError(f"{clip.name}: AMASS files are metres on joints of one body; leave --{option} out")
+    if options.up not in (None, "z"):
+        raise BodysenseError(f"{clip.name}: AMASS files are z up; leave --up {options.up} out")
+    if options.floor is not None:
+        pose = clip.pose
+        root = pose.root_position - np.array([0.0, options.floor, 0.0])
+        clip = replace(clip, pose=Pose(pose.skeleton, root, pose.rotation))
+    return clip if options.height is None else at_height(clip, options.height)

@@ -8,16 +8,17 @@ a turn in one plane), tells it as well as a person stands straight in it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
 from bodysense.body.rotation import matrix_to_quaternion, quaternion_conjugate, quaternion_multiply
 from bodysense.data.clip import Clip
-from bodysense.data.names import recognise
-from bodysense.errors import BodysenseError
 
 CANDIDATES = 2000  # frames that are looked at, evenly spaced
-UPRIGHT = np.deg2rad(30.0)  # of the best frame: a torso more oblique than this stands in no frame
+UPRIGHT = np.deg2rad(30.0)  # of the best frame: in a torso more oblique than this nobody stands
 HANGING = np.deg2rad(10.0)  # by how much nearer than a T-pose hanging arms must be, to be preferred
 _EYES = ("b_l_eye", "b_r_eye")  # of the rigs of Meta's data sets: they say where a head looks
 _UP = np.array([0.0, 1.0, 0.0])
@@ -25,43 +26,50 @@ _UP = np.array([0.0, 1.0, 0.0])
 Places = dict[str, np.ndarray]  # of points of ours, and of the eyes, by name: (..., 3) m, world
 
 
-def standing_rest(clip: Clip) -> Pose | None:
-    """A pose (no batch axes) to hand to `canonical` as `rest`; None where the file's own rest pose stands upright.
+@dataclass(frozen=True, eq=False)
+class Stance:
+    """A frame of a motion as a rest pose."""
+
+    rest: Pose | None  # no batch axes; None where the file's own rest pose is one that a body stands in
+    torso: float  # radians from upright
+
+
+def standing_rest(clip: Clip, joints: Mapping[str, str]) -> Stance:
+    """A pose to hand to `canonical` as `rest`; `joints` are {name in the clip: ours}.
 
     It is the frame in which the clip's body stands nearest to a T-pose or with hanging arms, its head turned straight
-    if the rig has eyes. Raises BodysenseError where the body is upright in no frame.
+    if the rig has eyes.
     """
     skeleton = clip.pose.skeleton
-    index = {ours: skeleton.index(given) for given, ours in recognise(skeleton.joints, clip.name).items()}
+    index = {ours: skeleton.index(given) for given, ours in joints.items()}
     index |= {name: skeleton.index(name) for name in _EYES if name in skeleton.joints}
     if _stands(_places(rest_pose(skeleton), index)):
-        return None
+        return Stance(None, 0.0)
     frames = np.arange(0, len(clip), max(1, len(clip) // CANDIDATES))
     place = _places(clip.pose[frames], index)
     best = int(np.argmin(_crookedness(place)))
     torso = float(_angle(place["neck"][best] - place["pelvis"][best], _UP))
-    if torso > UPRIGHT:
-        raise BodysenseError(
-            f"{clip.name}: its rest pose is none that a body stands in, and in no frame is its torso upright (at best "
-            f"{np.rad2deg(torso):.0f}° from it); leave it out, or give a frame to `canonical` as rest=clip.pose[frame]"
-        )
-    return _looking_ahead(clip.pose[int(frames[best])], index)
+    return Stance(_looking_ahead(clip.pose[int(frames[best])], index), torso)
 
 
 def _places(pose: Pose, index: dict[str, int]) -> Places:
     position, _ = forward_kinematics(pose)
-    return {name: position[..., k, :] for name, k in index.items()}
+    place = {name: position[..., k, :] for name, k in index.items()}
+    if "neck" not in place:
+        place["neck"] = (place["left_shoulder"] + place["right_shoulder"]) / 2
+    return place
 
 
 def _stands(place: Places) -> bool:
-    """Whether a rest pose is one of standing: torso up, legs down, arms not over the head, to 60° each."""
+    """Whether a rest pose, whichever way is up in it, is one of standing: legs down, arms not over the head, to 60°."""
     across = _unit(place["left_shoulder"] - place["right_shoulder"])
-    directions = [(place["neck"] - place["pelvis"], _UP)]
+    up = _unit(place["neck"] - (place["left_hip"] + place["right_hip"]) / 2)
+    directions = [(up, np.cross(np.cross(across, up), across))]
     for side, out in (("left", across), ("right", -across)):
         directions += [
-            (place[f"{side}_knee"] - place[f"{side}_hip"], -_UP),
-            (place[f"{side}_ankle"] - place[f"{side}_knee"], -_UP),
-            (place[f"{side}_elbow"] - place[f"{side}_shoulder"], out - _UP),
+            (place[f"{side}_knee"] - place[f"{side}_hip"], -up),
+            (place[f"{side}_ankle"] - place[f"{side}_knee"], -up),
+            (place[f"{side}_elbow"] - place[f"{side}_shoulder"], out - up),
         ]
     return all(float(_angle(found, wanted)) < np.deg2rad(60.0) for found, wanted in directions)
 

@@ -1,6 +1,6 @@
-"""A BVH file as it was written: its own joints, axes and unit, and every number's text, kept until it is replaced.
+"""A BVH file as it was written: every number keeps its text until it is replaced.
 
-`data.bvh` reads what a file means; this module changes some of its numbers and leaves all others as they are, to the
+`io.bvh_text` says what a file holds; this module changes some of its numbers and leaves all others as they are, to the
 byte.
 """
 
@@ -15,23 +15,26 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.rotation import euler_to_quaternion, quaternion_canonical, swing_twist
-from bodysense.data.bvh import hierarchy_of, timing_of
 from bodysense.data.euler import euler_near
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
+from bodysense.io.bvh_text import parse_bvh
 
-_NOT_A_NUMBER = re.compile(rb"[-+]?1\.#\w+")  # how some compilers write NaN and infinity
+_NOT_A_NUMBER = re.compile(rb"(?<![^\s])[-+]?1\.#\w+")  # how some compilers write NaN and infinity
+_TIMING = re.compile(rb"Frames\s*:\s*(\d{1,12})\s+Frame\s+Time\s*:\s*(\S+)\s+", re.IGNORECASE)
 
 
 @dataclass(frozen=True, eq=False)
-class BvhFile:
+class BvhLines:
     """The joints of a file (no End Sites), parents before children, and its motion in file units and degrees."""
 
     path: Path
     head: bytes  # everything before the first frame
     lines: tuple[bytes, ...]  # one a frame, line ends included
     joints: tuple[str, ...]
-    parents: tuple[int, ...]  # -1 for the root
+    nodes: tuple[int, ...]  # which node of the file each joint is
+    parents: tuple[int, ...]  # -1 for a root
+    offset: np.ndarray  # (J, 3) file units
     channels: tuple[tuple[str, ...], ...]  # of each joint, in the file's order
     values: np.ndarray  # (T, C); NaN where the file has no number
     interval: float  # s between frames
@@ -58,16 +61,32 @@ class BvhFile:
         return np.stack([number[:, list(columns)].all(axis=1) for columns in self.columns], axis=1)
 
     @cached_property
-    def mended(self) -> BvhFile:
+    def mended(self) -> BvhLines:
         """The same with a line from the number before to the one after in place of those that are missing.
 
-        A channel without any number is zero.
+        A channel without any number is zero, or for a position the joint's offset.
         """
-        missing, values = ~np.isfinite(self.values), self.values.copy()
-        for column in np.flatnonzero(missing.any(axis=0)):
-            known = np.flatnonzero(~missing[:, column])
-            values[:, column] = np.interp(np.arange(len(values)), known, values[known, column]) if known.size else 0.0
-        return self.with_values(values, missing) if missing.any() else self
+        missing = ~np.isfinite(self.values)
+        return self.with_values(_bridged(self.values, self._rest), missing) if missing.any() else self
+
+    @cached_property
+    def _rest(self) -> np.ndarray:
+        """(C,) each channel's value where every joint is at rest."""
+        return np.array(
+            [
+                self.offset[joint]["XYZ".index(channel[0])] if channel.endswith("position") else 0.0
+                for joint, channels in enumerate(self.channels)
+                for channel in channels
+            ]
+        )
+
+    def without_places(self, gone: np.ndarray) -> BvhLines:
+        """The file without the positions of joints where `gone` (T, J)."""
+        values = self.values.copy()
+        for joint in np.flatnonzero(gone.any(axis=0)).tolist():
+            for column in self.columns_of(joint, "position"):
+                values[gone[:, joint], column] = np.nan
+        return replace(self, values=values)
 
     @cached_property
     def rotation(self) -> np.ndarray:
@@ -81,7 +100,7 @@ class BvhFile:
                 rotation[:, joint] = quaternion_canonical(euler_to_quaternion(angles, order))
         return rotation
 
-    def with_values(self, values: np.ndarray, changed: np.ndarray) -> BvhFile:
+    def with_values(self, values: np.ndarray, changed: np.ndarray) -> BvhLines:
         """The file with other numbers (T, C) where `changed` (T, C); the text of all others stays."""
         if not np.isfinite(values[changed]).all():
             raise BodysenseError(f"{self.path}: numbers to be written are not finite")
@@ -94,7 +113,7 @@ class BvhFile:
             lines[frame] = b"".join(parts)
         return replace(self, lines=tuple(lines), values=np.where(changed, values, self.values))
 
-    def with_rotation(self, rotation: np.ndarray, changed: np.ndarray) -> BvhFile:
+    def with_rotation(self, rotation: np.ndarray, changed: np.ndarray) -> BvhLines:
         """The file with other local rotations (T, J, 4) where `changed` (T, J).
 
         Angles are those nearest to the frame before. A joint with one or two axes turns as near as these let it.
@@ -123,33 +142,60 @@ class BvhFile:
             part.write_bytes(self.text())
 
 
-def open_bvh(path: str | Path) -> BvhFile:
-    """Read a file's text. Raises BodysenseError, naming the file and the fix, for what is no BVH file."""
+def open_bvh(path: str | Path) -> BvhLines:
+    """Read a file as it stands. Raises BodysenseError, naming the file and the fix, for what is no BVH file."""
     path = Path(path)
     try:
         data = path.read_bytes()
     except OSError as error:
         raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
-    joints, start = hierarchy_of(data, path)
-    count = sum(len(channels) for _, _, channels in joints)
-    frames, interval, begin = timing_of(data, path, start)
-    begin += len(data[begin:]) - len(data[begin:].lstrip())
+    timing = _TIMING.search(data)
+    frames = int(timing[1]) if timing else 0
+    begin = timing.end() if timing else 0
     body = _NOT_A_NUMBER.sub(b"nan", data[begin:])
     words = body.split()
-    if len(words) != frames * count:
-        raise BodysenseError(
-            f"{path}: 'Frames: {frames}' announces {frames * count} values ({count} channels), but there are "
-            f"{len(words)}; correct that number, or export the file again"
-        )
+    numbers = _numbers(words) if frames and words and len(words) % frames == 0 else None
+    if numbers is None:
+        parse_bvh(data, path)  # says what is wrong
+        raise BodysenseError(f"{path}: its motion cannot be read line by line; export it again")
+    values = np.where(np.isfinite(numbers), numbers, np.nan).reshape(frames, -1)
+    lines = _lines(body, words, *values.shape)
+    # What the hierarchy says is read beside numbers that are all there.
+    sound = b"\n".join(b" ".join(b"%.9g" % value for value in row) for row in _bridged(values, 0.0)[:1])
+    file = parse_bvh(_TIMING.sub(b"Frames: 1 Frame Time: \\2 ", data[:begin]) + sound, path)
+    joints = [k for k, node in enumerate(file.nodes) if not node.is_site]
+    place = {k: joint for joint, k in enumerate(joints)}
+    return BvhLines(
+        path=path,
+        head=data[:begin],
+        lines=lines,
+        joints=tuple(file.nodes[k].name for k in joints),
+        nodes=tuple(joints),
+        parents=tuple(place.get(file.nodes[k].parent, -1) for k in joints),
+        offset=np.array([file.nodes[k].offset for k in joints], dtype=float),
+        channels=tuple(file.nodes[k].channels for k in joints),
+        values=values,
+        interval=1 / file.frame_rate,
+    )
+
+
+def _numbers(words: list[bytes]) -> np.ndarray | None:
+    """Words as numbers; None where one is none."""
     try:
-        values = np.array(words, dtype=np.float64).reshape(frames, count)
+        return np.array(words, dtype=np.float64)
     except ValueError:
-        bad = next(word for word in words if not _is_number(word))
-        raise BodysenseError(f"{path}: {bad[:40].decode(errors='replace')!r} in the motion is not a number") from None
-    values[np.isinf(values)] = np.nan
-    lines = _lines(body, words, frames, count)
-    names, parents, channels = zip(*joints, strict=True)
-    return BvhFile(path, data[:begin], lines, names, parents, channels, values, interval)
+        return None
+
+
+def _bridged(values: np.ndarray, rest: np.ndarray | float) -> np.ndarray:
+    """Columns (T, C) with a line over each gap; `rest` where a column has nothing."""
+    bridged, missing = values.copy(), ~np.isfinite(values)
+    rest = np.broadcast_to(rest, values.shape[1])
+    for column in np.flatnonzero(missing.any(axis=0)):
+        known = np.flatnonzero(~missing[:, column])
+        there = np.interp(np.arange(len(values)), known, values[known, column]) if known.size else rest[column]
+        bridged[:, column] = there
+    return bridged
 
 
 def _lines(body: bytes, words: list[bytes], frames: int, count: int) -> tuple[bytes, ...]:
@@ -164,11 +210,3 @@ def runs(present: np.ndarray) -> list[tuple[int, int]]:
     """Where (T,) bool is true: the first frame of each run, and the one after its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], present, [False]]).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
-
-
-def _is_number(word: bytes) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True

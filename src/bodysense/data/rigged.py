@@ -1,0 +1,104 @@
+"""BVH files of any rig as clips in canonical form: parsed, recognised, brought to metres, +Y up and a floor at 0."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.pose import Pose
+from bodysense.body.rotation import quaternion_canonical
+from bodysense.body.skeleton import Skeleton
+from bodysense.data.augment import at_height
+from bodysense.data.canonical import canonical
+from bodysense.data.clip import Clip
+from bodysense.data.stance import UPRIGHT, standing_rest
+from bodysense.errors import BodysenseError
+from bodysense.io.bvh_text import BvhFile, parse_bvh
+from bodysense.io.rigs.bodies import bodies_of
+from bodysense.io.rigs.figure import Figure
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.rigs.rig import Rig, recognise
+
+MOST_POINTS = 400  # of a figure, that are all kept; of a larger one only those that lie between a body's
+STRETCH = 1e-4  # m: bones that vary by less are rigid
+
+
+@dataclass(frozen=True, eq=False)
+class Rigged:
+    """A body of a BVH file: what the file says, what was recognised of it, and its motion in canonical form."""
+
+    file: BvhFile
+    figure: Figure  # of the body chosen, in file units
+    rig: Rig
+    clip: Clip
+
+
+def read_rigged(data: bytes, path: Path, options: ReadingOptions = AS_FOUND, *, must_stand: bool = False) -> Rigged:
+    """Read a BVH file's bytes; `path` names it. `must_stand` refuses one whose rest pose and motion stand in no frame.
+
+    Raises BodysenseError, naming the file and the fix, where it holds no body, or several and none was chosen.
+    """
+    file = parse_bvh(data, path)
+    figure = _chosen(bodies_of([file.figure(root) for root in file.roots], options), path, options)
+    rig = recognise(figure, options)
+    clip = _clip(figure, rig, must_stand)
+    if options.height is not None:
+        scale = options.height / clip.pose.skeleton.height
+        rig = replace(rig, unit=rig.unit * scale, lift=rig.lift * scale, height=options.height)
+        clip = at_height(clip, options.height)
+    return Rigged(file, figure, rig, clip)
+
+
+def _chosen(figures: list[Figure], path: Path, options: ReadingOptions) -> Figure:
+    """The body that the options choose."""
+    names = ", ".join(f"{rank} ({figure.joints[0]})" for rank, figure in enumerate(figures, start=1))
+    if options.figure is None and len(figures) > 1:
+        raise BodysenseError(f"{path}: {len(figures)} bodies in it: {names}; choose one with --figure 1")
+    if options.figure is not None and options.figure > len(figures):
+        raise BodysenseError(f"{path}: --figure {options.figure}: there is no such body; there are {names}")
+    return figures[(options.figure or 1) - 1]
+
+
+def _clip(figure: Figure, rig: Rig, must_stand: bool) -> Clip:
+    """The motion of a recognised figure in canonical form."""
+    figure = _of_body(figure, rig)
+    source, place = _placed(figure, rig)
+    joints = {given: ours for ours, given in rig.joints.items()}
+    stance = standing_rest(source, joints)
+    if must_stand and stance.torso > UPRIGHT:
+        raise BodysenseError(
+            f"{figure.name}: its rest pose is none that a body stands in, and in no frame is its torso upright (at "
+            f"best {np.rad2deg(stance.torso):.0f}° from it); leave it out"
+        )
+    hinges = stance.rest is not None and not must_stand
+    clip = canonical(source, joints, rest=stance.rest, place=place, hinges=hinges)
+    return replace(clip, name=Path(figure.name).stem)
+
+
+def _of_body(figure: Figure, rig: Rig) -> Figure:
+    """The figure below the joint that carries all that was recognised, without what does not matter."""
+    index = {name: point for point, name in enumerate(figure.points)}
+    needed = Counter(above for given in rig.joints.values() for above in figure.above(index[given]))
+    shared = [point for point, count in needed.items() if count == len(rig.joints)]
+    root = max(shared, key=lambda point: len(figure.above(point)))
+    if len(figure.points) <= MOST_POINTS:
+        return figure if root == 0 else figure.below(root)
+    inside = [point for point in sorted(needed) if root in figure.above(point)]
+    return figure.only(inside)
+
+
+def _placed(figure: Figure, rig: Rig) -> tuple[Clip, np.ndarray | None]:
+    """A figure as a clip in our world, and where its points are (T, P, 3) m if its bones are not rigid."""
+    try:
+        skeleton = Skeleton(figure.joints, figure.end_sites, figure.parents, figure.bone * rig.unit)
+    except BodysenseError as error:
+        raise BodysenseError(f"{figure.name}: {error}") from None
+    root = figure.position.get(0, np.tile(figure.offset[0], (len(figure), 1)))
+    rotation = figure.rotation.copy()
+    rotation[:, 0] = quaternion_canonical(rig.turned_to_world(rotation[:, 0]))
+    clip = Clip(figure.name, Pose(skeleton, rig.to_world(root), rotation), figure.frame_rate)
+    moving = [k for k, place in figure.position.items() if k and np.ptp(place, axis=0).max() * rig.unit > STRETCH]
+    return clip, rig.to_world(figure.world()[0]) if moving else None

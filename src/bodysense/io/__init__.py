@@ -1,0 +1,1 @@
+"""Formats of files, and the rigs that they come in."""

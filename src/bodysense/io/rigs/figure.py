@@ -1,0 +1,148 @@
+"""Figure: a tree of joints as a file holds it, in the file's own units and axes, with its motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from bodysense.body.rotation import quaternion_multiply, quaternion_rotate
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """One tree of a file. Points are the joints, then the end sites; parents come before their children."""
+
+    name: str  # of the file, for messages
+    joints: tuple[str, ...]  # in the file's words, made unique
+    end_sites: tuple[str, ...]
+    parents: tuple[int, ...]  # one per point; -1 for the root
+    offset: np.ndarray = field(repr=False)  # (P, 3) file units, from the parent, all rotations zero
+    rotation: np.ndarray = field(repr=False)  # (T, J, 4) parent ← joint
+    position: dict[int, np.ndarray] = field(repr=False)  # (T, 3) file units, in the parent: of joints that say it
+    frame_rate: float  # Hz
+    nodes: tuple[int, ...] = field(repr=False)  # which node of the file each point is
+
+    def __len__(self) -> int:
+        return len(self.rotation)
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Names of all points: joints, then end sites."""
+        return self.joints + self.end_sites
+
+    @cached_property
+    def children(self) -> list[list[int]]:
+        """Points that hang on each point."""
+        found: list[list[int]] = [[] for _ in self.parents]
+        for point, parent in enumerate(self.parents):
+            if parent >= 0:
+                found[parent].append(point)
+        return found
+
+    @cached_property
+    def bone(self) -> np.ndarray:
+        """(P, 3) place of each point in its parent at rest, file units: the median of a place that varies."""
+        bone = self.offset.copy()
+        for joint, place in self.position.items():
+            bone[joint] = np.median(place, axis=0)
+        return bone
+
+    def above(self, point: int) -> list[int]:
+        """A point, its parent … up to the root."""
+        chain = [point]
+        while self.parents[chain[-1]] >= 0:
+            chain.append(self.parents[chain[-1]])
+        return chain
+
+    def at(self, frames: np.ndarray) -> Figure:
+        """Some frames of the motion."""
+        position = {joint: place[frames] for joint, place in self.position.items()}
+        return replace(self, rotation=self.rotation[frames], position=position)
+
+    def below(self, root: int) -> Figure:
+        """The tree below a joint, which becomes the root and keeps its place in the file's world."""
+        keep = [root]
+        inside = {root}
+        for point, parent in enumerate(self.parents):
+            if parent in inside:
+                inside.add(point)
+                keep.append(point)
+        return self.only(keep)
+
+    def only(self, keep: list[int]) -> Figure:
+        """Some points: the first is above all others, and with a point all points between them are kept."""
+        place, turn = self.world([keep[0]])
+        index = {point: new for new, point in enumerate(keep)}
+        joints = [point for point in keep if point < len(self.joints)]
+        rotation = self.rotation[:, joints].copy()
+        rotation[:, 0] = turn[:, 0]
+        offset = self.offset[keep].copy()
+        position = {index[joint]: p for joint, p in self.position.items() if joint in index}
+        return Figure(
+            name=self.name,
+            joints=tuple(self.points[point] for point in joints),
+            end_sites=tuple(self.points[point] for point in keep if point >= len(self.joints)),
+            parents=tuple(-1 if point == keep[0] else index[self.parents[point]] for point in keep),
+            offset=offset,
+            rotation=rotation,
+            position=position | {0: place[:, 0]},
+            frame_rate=self.frame_rate,
+            nodes=tuple(self.nodes[point] for point in keep),
+        )
+
+    def world(self, points: list[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """World places (T, P, 3), file units, and rotations (T, P, 4) of some points, or of all.
+
+        An end site has its joint's rotation.
+        """
+        wanted = list(range(len(self.parents))) if points is None else points
+        needed = sorted({above for point in wanted for above in self.above(point)}) if points else wanted
+        place: dict[int, np.ndarray] = {}
+        turn: dict[int, np.ndarray] = {}
+        still = np.array([1.0, 0.0, 0.0, 0.0])
+        for level in self._levels(needed):
+            local = np.stack([self.position.get(k, np.broadcast_to(self.offset[k], (len(self), 3))) for k in level], 1)
+            joints = [k < len(self.joints) for k in level]
+            own = np.stack(
+                [
+                    self.rotation[:, k] if k < len(self.joints) else np.broadcast_to(still, (len(self), 4))
+                    for k in level
+                ],
+                1,
+            )
+            if self.parents[level[0]] >= 0:
+                above = np.stack([turn[self.parents[k]] for k in level], 1)
+                local = np.stack([place[self.parents[k]] for k in level], 1) + quaternion_rotate(above, local)
+                own = quaternion_multiply(above, own) if any(joints) else above
+            for column, k in enumerate(level):
+                place[k], turn[k] = local[:, column], own[:, column]
+        return np.stack([place[k] for k in wanted], 1), np.stack([turn[k] for k in wanted], 1)
+
+    def _levels(self, points: list[int]) -> list[list[int]]:
+        """Points by depth below the root."""
+        depth: dict[int, int] = {}
+        levels: list[list[int]] = []
+        for point in sorted(points):
+            depth[point] = depth.get(self.parents[point], -1) + 1
+            if depth[point] == len(levels):
+                levels.append([])
+            levels[depth[point]].append(point)
+        return levels
+
+
+def placed(position: dict[int, np.ndarray], offset: np.ndarray) -> dict[int, np.ndarray]:
+    """Place in the parent of each joint that has position channels: instead of its offset, or added to it.
+
+    MotionBuilder and Blender have them replace it; some programs write what is to be added, which is small or zero.
+    """
+    result = {}
+    for joint, place in position.items():
+        length = np.linalg.norm(offset[joint])
+        is_added = joint > 0 and (not np.any(place) or np.linalg.norm(place, axis=1).max() < 0.2 * length)
+        if not is_added:
+            result[joint] = place
+        elif np.any(place):
+            result[joint] = place + offset[joint]
+    return result
