@@ -26,7 +26,7 @@ from bodysense.devices.simulated import DEVICES, simulate
 from bodysense.errors import BodysenseError
 from bodysense.export.motion_files import write_motion
 from bodysense.export.rigs import OWN, RIGS, SOURCE
-from bodysense.filling import Holed, filled, holed_clip, holed_file, observed, pose_of
+from bodysense.filling import Holed, filled, holed_clip, holed_file, observed, over_floor, pose_of
 from bodysense.observation import Estimate, Observation, check_observation
 from bodysense.reading import read
 from bodysense.tracker import Tracker, TrackerSettings
@@ -209,7 +209,7 @@ def _filled(
     """A motion whose holes are filled."""
     clip = holed.clip
     take = _tracked(Signal(clip.name, observed(holed), Person(clip.pose.skeleton)), settings, network, advance)
-    rotation = filled(holed, take.estimate)
+    rotation = over_floor(holed, filled(holed, take.estimate.pose), settings.floor)
     file = None if holed.file is None else holed.file.with_rotation(rotation, holed.missing)
     return replace(take, clip=replace(clip, pose=pose_of(holed, rotation)), holed=holed, file=file)
 
