@@ -81,17 +81,13 @@ def canonical(
     if unknown and rest is None and _is_t_pose(_places(clip.pose[0], match)):
         standing = _facing_forward(clip.pose[0], match)
         align, unknown = _alignment(ours, _places(standing, match), parents)
-    if unknown:
+    if unknown and not hinges:
         raise BodysenseError(
             f"{clip.name}: its rest pose is no T-pose and leaves the twist of {source.points[match[unknown]]!r} "
             "unknown; let its first frame be one in which the body stands in a T-pose"
         )
     if hinges:
         align = twisted_by_hinges(align, clip.pose, standing, match)
-    at_rest = _places(standing, match)
-    bone = {name: quaternion_rotate(align[parent], at_rest[name] - at_rest[parent]) for name, parent in parents.items()}
-    skeleton = complete_skeleton(_between_filled(ours, bone, parents))
-
     rotation, rest_rotation = forward_kinematics(clip.pose)[1], forward_kinematics(standing)[1]
     world = {
         name: quaternion_multiply(
@@ -99,7 +95,14 @@ def canonical(
         )
         for name, turn in align.items()
     }
-    places = _places(clip.pose, match) if place is None else {name: place[:, k] for name, k in match.items()}
+    at_rest = _places(standing, match)
+    bone = {name: quaternion_rotate(align[parent], at_rest[name] - at_rest[parent]) for name, parent in parents.items()}
+    if place is None:
+        places = _places(clip.pose, match)
+    else:
+        places = {name: place[:, k] for name, k in match.items()}
+        bone = {name: _usual(world[parent], places[name] - places[parent]) for name, parent in parents.items()}
+    skeleton = complete_skeleton(_between_filled(ours, bone, parents))
     world = _aimed(world, places, bone, parents)
     for joint, name in enumerate(ours.joints):
         if name not in world:  # missing joints go with their parent
@@ -108,6 +111,11 @@ def canonical(
     pose = Pose(skeleton, places["pelvis"], quaternion_canonical(local))
     pose, has_fingers = with_fingers(pose, [name for name in ours.joints if is_finger(name) and name not in align])
     return replace(clip, pose=pose, has_fingers=has_fingers)
+
+
+def _usual(rotation: np.ndarray, bone: np.ndarray) -> np.ndarray:
+    """Vector (3,) in a joint's frame of a bone (T, 3) that stretches in the world: the median."""
+    return np.median(quaternion_rotate(quaternion_conjugate(rotation), bone), axis=0)
 
 
 def figure_of(clip: Clip) -> Figure:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import quaternion_canonical
+from bodysense.body.rotation import quaternion_canonical, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.data.augment import at_height
 from bodysense.data.canonical import canonical
@@ -23,6 +23,8 @@ from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.rig import Rig, recognise
 
 MOST_POINTS = 400  # of a figure, that are all kept; of a larger one only those that lie between a body's
+PELVIS = "pelvis, made of the hips"
+OVER_HIPS = 0.1  # of a leg's length: how far a made pelvis is over the hips
 STRETCH = 1e-4  # m: bones that vary by less are rigid
 
 
@@ -67,6 +69,9 @@ def _clip(figure: Figure, rig: Rig, must_stand: bool) -> Clip:
     figure = _of_body(figure, rig)
     source, place = _placed(figure, rig)
     joints = {given: ours for ours, given in rig.joints.items()}
+    if "pelvis" not in rig.joints:
+        source, place = _with_pelvis(source, place, rig)
+        joints[PELVIS] = "pelvis"
     stance = standing_rest(source, joints)
     if must_stand and stance.torso > UPRIGHT:
         raise BodysenseError(
@@ -102,3 +107,24 @@ def _placed(figure: Figure, rig: Rig) -> tuple[Clip, np.ndarray | None]:
     clip = Clip(figure.name, Pose(skeleton, rig.to_world(root), rotation), figure.frame_rate)
     moving = [k for k, place in figure.position.items() if k and np.ptp(place, axis=0).max() * rig.unit > STRETCH]
     return clip, rig.to_world(figure.world()[0]) if moving else None
+
+
+def _with_pelvis(clip: Clip, place: np.ndarray | None, rig: Rig) -> tuple[Clip, np.ndarray | None]:
+    """A clip whose legs hang on the middle of its trunk, with a pelvis over the hips, which carries that as a joint."""
+    skeleton, pose = clip.pose.skeleton, clip.pose
+    if skeleton.joints[0] != rig.hub:
+        raise BodysenseError(f"{clip.name}: no joint is its pelvis; say which in a file, --joints")
+    rest = skeleton.path @ skeleton.rest_offset
+    left, right = (rest[skeleton.index(rig.joints[f"{side}_hip"])] for side in ("left", "right"))
+    leg = np.linalg.norm(rest[skeleton.index(rig.joints["left_ankle"])] - left)
+    down = (left + right) / 2
+    down = down * max(0.0, 1 - OVER_HIPS * leg / max(float(np.linalg.norm(down)), 1e-9))
+    offset = np.concatenate([skeleton.rest_offset[:1] * 0, -down[None], skeleton.rest_offset[1:]])
+    parents = (-1, 0, *(parent + 1 for parent in skeleton.parents[1:]))
+    body = Skeleton((PELVIS, *skeleton.joints), skeleton.end_sites, parents, offset)
+    moved = pose.root_position + quaternion_rotate(pose.rotation[:, 0], down)
+    still = np.zeros_like(pose.rotation[:, :1])
+    still[..., 0] = 1
+    rotation = np.concatenate([pose.rotation[:, :1], still, pose.rotation[:, 1:]], axis=1)
+    whole = replace(clip, pose=Pose(body, moved, rotation))
+    return whole, None if place is None else np.concatenate([moved[:, None], place], axis=1)

@@ -15,7 +15,7 @@ _FAMILIES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("Rocketbox", ("lowerback", "leftupleg", "lefthandindex1")),
     ("cgspeed's Daz and 3ds Max rig", ("lbuttock", "lthigh", "lshldr")),
     ("Daz, Poser", ("lshldr", "lforearm")),
-    ("MakeHuman, as MocapNET writes", ("lcollar", "lshoulder", "lelbow", "lhip", "lknee")),
+    ("MakeHuman, as MocapNET writes", ("lbuttock", "lhip", "lknee", "lelbow")),
     ("Bandai-Namco", ("jointroot", "upperarml", "lowerarml")),
     ("Xsens, lower-case names", ("lhip", "lknee", "lankle", "lclavicle")),
     ("Xsens MVN", ("pelvis", "l5", "t8")),
@@ -23,7 +23,7 @@ _FAMILIES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("OpenNI", ("torso", "lefthip", "leftknee", "leftfoot")),
     ("Kinect", ("spinebase", "hipleft")),
     ("Unreal", ("pelvis", "thighl", "upperarml")),
-    ("Blender Rigify", ("*deftigh", "*defthigh")),
+    ("Blender Rigify", ("*def",)),
     ("Rokoko", ("leftthigh", "leftshin", "leftarm")),
     ("Unity, VRM", ("leftupperleg", "leftlowerleg")),
     ("Perception Neuron", ("leftinhandindex",)),
@@ -42,9 +42,7 @@ def family_of(names: Sequence[str]) -> str | None:
     plain = {re.sub(r"[\W_]", "", name.rpartition(":")[2].lower()) for name in names}
     whole = {re.sub(r"[\W_]", "", name.lower()) for name in names}
     for family, needed in _FAMILIES:
-        if all(_has(word, plain, whole) for word in needed) or (
-            needed[0].startswith("*") and any(_has(word, plain, whole) for word in needed)
-        ):
+        if all(_has(word, plain, whole) for word in needed):
             return family
     return None
 

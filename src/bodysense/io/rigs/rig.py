@@ -46,6 +46,11 @@ class Rig:
         object.__setattr__(self, "turn", TURNS[self.up])
 
     @property
+    def hub(self) -> str:
+        """The figure's joint that carries the legs: the pelvis, or where it has none the lowest of the spine."""
+        return self.joints.get("pelvis") or self.joints["spine1"]
+
+    @property
     def missing(self) -> tuple[str, ...]:
         """Joints of our body (fingers not counted) that the figure lacks; they are filled in."""
         return tuple(name for name in BODY if name not in self.joints)

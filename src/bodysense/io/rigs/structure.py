@@ -17,6 +17,7 @@ WORST = 16.0  # penalty of what is still taken for a body
 _CANDIDATES = 24  # legs and arms that are tried with each other
 _WITH_HEAD = 8  # of them, the best, that are searched for a head
 _HEADLESS = 6.0
+HIGH_HUB = 0.18  # of a leg's length: a joint that is so far from the hips is no pelvis
 _ZERO = 0.01  # of a leg's length: what is nearer is in one place
 
 # What is usual of a body, and how far the logarithm of it strays: legs over arms, trunk over legs.
@@ -108,6 +109,10 @@ def _named(tree: Tree, leg: Limb, arm: Limb, penalty: float) -> Structure:
     zero = _ZERO * leg.length
     spine, pelvis, neck_below = spine_of(tree, leg, arm, zero)
     points: dict[str, int] = {"pelvis": pelvis}
+    hips = _middle(tree, leg)
+    if np.median(np.linalg.norm(tree.place[:, pelvis] - hips, axis=-1)) > HIGH_HUB * leg.length:
+        points = {}  # the legs hang on the middle of the trunk, as OpenNI has them
+        spine = [pelvis, *spine]
     head = head_of(tree, leg, arm)
     if head is None:
         raise BodysenseError(f"{NO_BODY[:14]}: there are legs and arms, but no head")

@@ -92,7 +92,7 @@ def _split(tree: Tree, chain: list[int], height) -> Head | None:
         return part in words.parts(figure.points[k]) and not words.is_end(figure.points[k])
 
     spine = [k for k in joints if hinted(k, "spine")]
-    if not any(words.parts(figure.points[k]) for k in joints):
+    if not any(hinted(k, part) for k in joints for part in ("neck", "head")):  # spine.004, spine.006 of Rigify
         spine = [k for k in joints[:-2] if height(k) < -0.05]
     joints = [k for k in joints if k not in spine]
     if not joints:
