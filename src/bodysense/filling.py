@@ -1,10 +1,8 @@
 """Motions with holes: what is there is observed, what is missing is completed, and the rest stays bit for bit.
 
 Joints that are known, and whose place in the world is known, become exact points of an Observation; the one tracker
-completes the others. A gap is then filled in the turns of joints against their parents, so that bones keep their
-lengths. Between the frames on both sides of a gap two guesses are weighed: the tracker's, bent so that it begins and
-ends where the motion does, and the turn from one side to the other. The turn is good near the sides, and its error
-grows with the way to them; where the motion has no side, the tracker's guess stands alone.
+completes the others. Its guess fills the gaps (`body.gaps`) in the turns of joints against their parents, so that bones
+keep their lengths.
 """
 
 from __future__ import annotations
@@ -15,31 +13,26 @@ from pathlib import Path
 
 import numpy as np
 
+from bodysense.body import gaps
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation
 from bodysense.body.reach import reaching
 from bodysense.body.retarget import side_clearance
 from bodysense.body.rotation import (
-    normalize,
     quaternion_canonical,
     quaternion_conjugate,
-    quaternion_exp,
-    quaternion_log,
     quaternion_multiply,
-    slerp,
 )
-from bodysense.data.bvh_lines import BvhLines, open_bvh, runs
+from bodysense.data.bvh_lines import BvhLines, open_bvh
 from bodysense.data.clip import Clip
 from bodysense.data.fingers import is_finger
 from bodysense.data.holes import Missing, flat_lined, told_missing
 from bodysense.data.rigged import read_rigged
 from bodysense.data.source_joints import SourceJoints, joints_of_file, own_joints
+from bodysense.data.sources import Source, read_source
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.observation import EXACT_ACCURACY, Observation
 
 Array = np.ndarray
-COASTING = 0.3  # s in which the speed beside a gap fades
-SMOOTH = 0.07  # s, deviation of the bell that takes the tremble from the tracker's guess
 # s away from known frames where the tracker's guess counts as much as the turn between them: legs follow from the
 # rest of a body and its floor, arms little, hands least. Fitted on validation people of CMU and Rocketbox.
 TRUSTED = {**dict.fromkeys(("hip", "knee", "ankle", "foot"), 0.4), "wrist": 4.0, "hand": 4.0, "body": 1.0}
@@ -53,53 +46,55 @@ class Holed:
     rig: SourceJoints  # its own joints
     rotation: Array  # (T, J, 4) of these, parent ← joint; anything where it is missing
     holes: Array  # (T, J) bool: missing in the source
-    missing: Array  # (T, J) bool: the same without the pelvis and what is above it, which are turned over their gaps
+    missing: Array  # (T, J) bool: the same without joints on which the whole body hangs, turned over their gaps
     file: BvhLines | None = None  # where it is from
 
 
-def holed_clip(clip: Clip, missing: Sequence[Missing]) -> Holed:
-    """A motion in memory, on our joints, without what is told to be missing."""
-    rig = own_joints(clip.pose.skeleton)
+def open_holed(source: Path | Clip, missing: Sequence[Missing], find: bool) -> Holed:
+    """A motion without what is told to be missing, has no number, or, where `find`, is flat-lined in its BVH file.
+
+    Raises BodysenseError for what is told wrongly, and where that is missing in all frames on which the body hangs.
+    """
+    if isinstance(source, Path) and source.suffix.lower() == ".bvh":
+        return _holed_file(source, missing, find)
+    clip = source if isinstance(source, Clip) else read_source(Source(source, person="", split="test"))
+    rig, whole = own_joints(clip.pose.skeleton), np.asarray(clip.pose.rotation, dtype=float)
     holes = told_missing(missing, rig.joints, rig.parents, len(clip), rig.ours)
-    rotation = np.asarray(clip.pose.rotation, dtype=float)
-    rotation, rest = _rooted(clip.name, rig, rotation, holes, 1 / clip.frame_rate)
+    rotation, rest = _rooted(clip.name, rig, whole, holes, 1 / clip.frame_rate)
     return Holed(replace(clip, pose=replace(clip.pose, rotation=rotation)), rig, rotation, holes, rest)
 
 
-def holed_file(path: Path, missing: Sequence[Missing], find: bool, options: ReadingOptions = AS_FOUND) -> Holed:
-    """A BVH file without what is told to be missing, has no number, or, where `find`, is flat-lined."""
+def _holed_file(path: Path, missing: Sequence[Missing], find: bool) -> Holed:
     file = open_bvh(path)
-    clip, rig = _read(file, options)
+    clip, rig = _read(file)
     holes = told_missing(missing, file.joints, file.parents, len(file.lines), rig.ours) | ~file.has_number
     if find:
-        holes |= flat_lined(file, rig.ours)
+        holes |= flat_lined(file, rig)
     rotation, rest = _rooted(str(path), rig, file.rotation, holes, file.interval)
     rooted = holes & ~rest
     if rooted.any():
         file = file.without_places(rooted).mended.with_rotation(rotation, rooted)
-        clip, rig = _read(file, options)
+        clip, rig = _read(file)
     return Holed(clip, rig, rotation, holes, rest, file)
 
 
-def _read(file: BvhLines, options: ReadingOptions) -> tuple[Clip, SourceJoints]:
+def _read(file: BvhLines) -> tuple[Clip, SourceJoints]:
     """The motion of a file on our joints, and its own joints."""
-    rigged = read_rigged(file.mended.text(), file.path, options)
+    rigged = read_rigged(file.mended.text(), file.path)
     return rigged.clip, joints_of_file(file, rigged)
 
 
 def _rooted(name: str, rig: SourceJoints, rotation: Array, holes: Array, seconds: float) -> tuple[Array, Array]:
-    """Rotations and holes after the pelvis and what is above it were turned over their gaps: all else hangs on them."""
+    """Rotations and holes after those were turned over their gaps on which the whole body hangs."""
     rotation, holes = rotation.copy(), holes.copy()
-    joint = rig.ours["pelvis"]
-    while joint >= 0:
+    for joint in rig.trunk:
         if holes[:, joint].all():
             raise BodysenseError(
                 f"{name}: {rig.joints[joint]!r} is missing in every frame, and everything hangs on it; "
                 f"give the frames in which it is, as {rig.joints[joint]}:10-40"
             )
-        rotation[:, joint] = turned_over(rotation[:, joint], holes[:, joint], seconds)
+        rotation[:, joint] = gaps.filled(rotation[:, joint], holes[:, joint], seconds)
         holes[:, joint] = False
-        joint = rig.parents[joint]
     return rotation, holes
 
 
@@ -133,10 +128,11 @@ def filled(holed: Holed, estimate: Pose) -> Array:
     world = np.zeros_like(local)
     for joint, parent in enumerate(rig.parents):
         above = world[:, parent] if parent >= 0 else np.broadcast_to([1.0, 0.0, 0.0, 0.0], world[:, joint].shape)
-        guess = np.asarray(quaternion_multiply(quaternion_conjugate(above), guessed[:, joint]))
-        trusted = _trusted_after(rig.ours, joint)
-        for first, end in runs(missing[:, joint]):
-            local[first:end, joint] = _gap(local[:, joint], guess, trusted, first, end, seconds)
+        if missing[:, joint].any():
+            guess = np.asarray(quaternion_multiply(quaternion_conjugate(above), guessed[:, joint]))
+            given = guess if np.isfinite(guess).all() else None
+            trusted = _trusted_after(rig.ours, joint)
+            local[:, joint] = gaps.filled(local[:, joint], missing[:, joint], seconds, given, trusted)
         world[:, joint] = quaternion_multiply(above, local[:, joint])
     return local
 
@@ -197,99 +193,3 @@ def pose_of(holed: Holed, rotation: Array) -> Pose:
         else:  # a joint that the motion does not have keeps its turn
             world[:, joint] = quaternion_multiply(world[:, parent], np.asarray(clip.pose.rotation)[:, joint])
     return Pose(skeleton, clip.pose.root_position, quaternion_canonical(local_rotation(skeleton, world)))
-
-
-def turned_over(rotation: Array, missing: Array, seconds: float) -> Array:
-    """Rotations (T, 4) of one joint, turned from one side of every gap (T,) to the other."""
-    result = np.array(rotation)
-    for first, end in runs(missing):
-        result[first:end] = _turn(rotation, first, end, seconds)
-    return result
-
-
-def _turn(rotation: Array, first: int, end: int, seconds: float) -> Array:
-    """Rotations (N, 4) from one side of a gap to the other; held where there is one side.
-
-    The speed on either side goes on and fades within `COASTING`; between, the turn is at constant speed.
-    """
-    frames, count = len(rotation), end - first
-    before, after = rotation[first - 1 if first else end], rotation[end if end < frames else first - 1]
-    step = _difference(before, after) / (count + 1)
-    gone = np.arange(1.0, count + 1)[:, None]
-    left = count + 1 - gone
-    way = gone * step
-    if first > 1:
-        way = way + gone * _fading(gone * seconds) * (_difference(rotation[first - 2], before) - step)
-    if end < frames - 1:
-        way = way - left * _fading(left * seconds) * (_difference(after, rotation[end + 1]) - step)
-    return np.asarray(quaternion_multiply(np.broadcast_to(before, (count, 4)), quaternion_exp(way)))
-
-
-def _fading(time: Array) -> Array:
-    """From 1 to 0 within `COASTING`."""
-    return np.maximum(0.0, 1 - time / COASTING) ** 2
-
-
-def _gap(kept: Array, guess: Array, trusted: float, first: int, end: int, seconds: float) -> Array:
-    """Rotations (N, 4) of a joint in the gap from `first` to before `end`.
-
-    Args:
-        kept: (T, 4) its rotations where they are known.
-        guess: (T, 4) the tracker's.
-        trusted: s away from known frames where the guess counts half.
-        first: the gap's first frame.
-        end: the frame after its last.
-        seconds: between frames.
-    """
-    if first == 0 and end == len(kept):
-        return guess[first:end] if np.isfinite(guess).all() else kept[first:end]
-    turn = _turn(kept, first, end, seconds)
-    if end - first < 2 or not np.isfinite(guess).all():
-        return np.asarray(quaternion_canonical(turn))
-    away = _away(first, end, len(kept)) * seconds
-    share = away**2 / (away**2 + trusted**2)
-    return np.asarray(quaternion_canonical(slerp(turn, _bent(kept, guess, first, end, seconds), share)))
-
-
-def _away(first: int, end: int, frames: int) -> Array:
-    """(N,) how many frames each of a gap is away from what is known: as a bridge between two sides, or from one."""
-    count = np.arange(1.0, end - first + 1)
-    before = count if first > 0 else np.full(len(count), np.inf)
-    after = count[::-1] if end < frames else np.full(len(count), np.inf)
-    return 1 / (1 / before + 1 / after)
-
-
-def _bent(kept: Array, guess: Array, first: int, end: int, seconds: float) -> Array:
-    """The guess (N, 4) in a gap, turned so that it goes on from the frame before and leads to the frame after.
-
-    What it lacks on either side is added in full there and fades to the other side.
-    """
-    inside = _smooth(guess[first:end], SMOOTH / seconds)
-    lacking = np.zeros((2, 3))
-    if first > 0:
-        lacking[0] = _difference(_beyond(inside[1::-1]), kept[first - 1])
-    if end < len(kept):
-        lacking[1] = _difference(_beyond(inside[-2:]), kept[end])
-    steps = (np.arange(1.0, end - first + 1) / (end - first + 1))[:, None]
-    return np.asarray(quaternion_multiply(inside, quaternion_exp((1 - steps) * lacking[0] + steps * lacking[1])))
-
-
-def _smooth(rotation: Array, frames: float) -> Array:
-    """Rotations (N, 4), each the mean of those around it by a bell of so many frames' deviation."""
-    reach = int(np.ceil(3 * frames))
-    flips = np.where((rotation[1:] * rotation[:-1]).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
-    whole = np.concatenate([rotation[:1], rotation[1:] * np.cumprod(flips, axis=0)])
-    around = np.arange(-reach, reach + 1)
-    weights = np.exp(-0.5 * (around / frames) ** 2)
-    places = np.clip(np.arange(len(whole))[:, None] + around, 0, len(whole) - 1)
-    return np.asarray(normalize(np.einsum("nk,nkc->nc", np.broadcast_to(weights, places.shape), whole[places])))
-
-
-def _beyond(pair: Array) -> Array:
-    """The rotation (4,) that follows two (2, 4) at the same speed."""
-    return np.asarray(quaternion_multiply(pair[1], quaternion_multiply(quaternion_conjugate(pair[0]), pair[1])))
-
-
-def _difference(a: Array, b: Array) -> Array:
-    """The rotation vector (3,) from a to b."""
-    return np.asarray(quaternion_log(quaternion_multiply(quaternion_conjugate(a), b)))

@@ -25,8 +25,9 @@ from bodysense.devices.gloves import glove_device, gloved_sides, has_gloves
 from bodysense.devices.simulated import DEVICES, simulate
 from bodysense.errors import BodysenseError
 from bodysense.export.motion_files import write_motion
-from bodysense.export.rigs import OWN, RIGS, SOURCE
-from bodysense.filling import Holed, filled, holed_clip, holed_file, observed, over_floor, pose_of
+from bodysense.export.rig_file import write_on_rig_of
+from bodysense.export.rigs import OWN, SOURCE, check_rig, is_rig_file
+from bodysense.filling import Holed, filled, observed, open_holed, over_floor, pose_of
 from bodysense.observation import Estimate, Observation, check_observation
 from bodysense.reading import read
 from bodysense.tracker import Tracker, TrackerSettings
@@ -47,30 +48,32 @@ class Take:
     person: Person  # the wearer, as believed at the end
     time: np.ndarray  # (T,) s of the estimate's frames
     holed: Holed | None = None  # the motion whose holes were filled, if it was one
-    file: BvhLines | None = None  # the BVH file that it was from, filled
+    source: Path | None = None  # the BVH file that was tracked, if it was one
+    file: BvhLines | None = None  # the same with its holes filled
 
-    def save(self, path: str | Path, rig: str | None = None) -> None:
+    def save(self, path: str | Path, rig: str | Path | None = None) -> None:
         """Write the motion: .bvh, .glb (glTF with an animated skeleton) or .vrma (an animation for VRM avatars).
 
         Args:
             path: where to, its format chosen by its ending.
-            rig: whose joints it is written on, one of `RIGS`; 'source' is the file itself with its holes filled. If
-                omitted, the source where a BVH file was filled and is written as BVH, else our own.
+            rig: whose joints it is written on: one of `RIGS`, or a BVH file. 'source' is the rig of the BVH file that
+                was tracked; if that was filled, the file itself with its holes filled. If omitted, 'source' where a BVH
+                file was filled and is written as BVH, else our own.
 
-        Raises BodysenseError for a rig that the motion does not have.
+        Raises BodysenseError for a rig that there is not.
         """
         path = Path(path)
         if rig is None:
             rig = SOURCE if self.file is not None and path.suffix.lower() == ".bvh" else OWN
-        if rig != SOURCE:
-            write_motion(path, replace(self.clip, name=path.stem), rig)
-        elif self.file is None or path.suffix.lower() != ".bvh":
-            raise BodysenseError(
-                f"{path}: --rig source writes a filled BVH file as BVH again; "
-                f"valid here are {', '.join(name for name in RIGS if name != SOURCE)}"
-            )
-        else:
+        check_rig(path, rig, self.source)
+        if rig == SOURCE and self.file is not None:
             self.file.write(path)
+        elif rig == SOURCE and self.source is not None:
+            write_on_rig_of(path, self.clip, self.source)
+        elif is_rig_file(rig):
+            write_on_rig_of(path, self.clip, Path(rig))
+        else:
+            write_motion(path, replace(self.clip, name=path.stem), str(rig))
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,10 +124,10 @@ def track(
     if holed is not None:
         kind = "a motion whose holes are filled, which has a body of its own"
         _refuse(_called(source), kind, person=person, height=height, noise=noise)
-        return _filled(holed, settings, network, advance)
+        return replace(_filled(holed, settings, network, advance), source=_bvh_of(source))
     signal = signal_of(source, device=device, person=person, height=height, noise=noise)
     try:
-        return _tracked(signal, settings, network, advance)
+        return replace(_tracked(signal, settings, network, advance), source=_bvh_of(source))
     except BodysenseError as error:
         text = str(error)
         raise error if signal.name in text else BodysenseError(f"{signal.name}: {text}") from None
@@ -182,18 +185,19 @@ def _holed(source: Source, device: str | None, missing: str | Sequence[str], fin
             other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
             raise BodysenseError(f"{_called(source)}: --missing is for a motion that no device watches; {other}")
         return None
-    if not isinstance(source, Clip) and Path(str(source)).suffix.lower() == ".bvh":
-        holed = holed_file(Path(str(source)), told, find)
-    else:
-        clip = source if isinstance(source, Clip) else read(Path(str(source)))
-        assert isinstance(clip, Clip)
-        holed = holed_clip(clip, told)
+    holed = open_holed(source if isinstance(source, Clip) else Path(str(source)), told, find)
     if not holed.holes.any():
         raise BodysenseError(
             f"{_called(source)}: nothing is missing in this motion; say what is, such as --missing left_hand, or what "
             f"watches it, such as --device headset_camera; valid are {', '.join(DEVICES)}"
         )
     return holed
+
+
+def _bvh_of(source: Source) -> Path | None:
+    """The BVH file that a source is."""
+    path = Path(source) if isinstance(source, (str, Path)) else None
+    return path if path is not None and path.suffix.lower() == ".bvh" else None
 
 
 def _is_motion(source: Source) -> bool:

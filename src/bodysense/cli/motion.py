@@ -14,7 +14,6 @@ from bodysense.cli.recordings import load_clip, person_of, source_of
 from bodysense.cli.video import NO_VIDEO, VideoOptions, track_video
 from bodysense.devices.simulated import DeviceName
 from bodysense.errors import BodysenseError
-from bodysense.export.rigs import RigName
 from bodysense.files import check_place
 
 if TYPE_CHECKING:
@@ -64,7 +63,7 @@ def track(
     device: DeviceName | None = None,
     missing: str | None = None,
     find_holes: bool = True,
-    rig: RigName | None = None,
+    rig: str | None = None,
     height: float | None = None,
     person: Path | None = None,
     save_person: Path | None = None,
@@ -90,9 +89,10 @@ def track(
             all that hangs on it, left_hand:100-240 in these frames (from 0, both included).
         find_holes: take for missing what has no number in the motion, and limbs that are held still to the last digit
             while the body moves.
-        rig: joints to write on. 'source' is the motion's own file, its holes filled; 'bodysense' and 'smplh' are our 52
-            joints, 'mixamo' and 'vrm' the same under these names. If omitted, 'source' where a .bvh was filled into a
-            .bvh, else 'bodysense'.
+        rig: joints to write on: 'bodysense' and 'smplh' are our 52 joints, 'mixamo' and 'vrm' the same under these
+            names; 'source' is the rig of FILE, with its holes filled if it has any, and NAME.bvh that of another BVH
+            file, to whose body the motion is fitted. If omitted, 'source' where a .bvh with holes is written as .bvh, else
+            'bodysense'.
         height: wearer's height in metres; other proportions are inferred. If omitted, the body is the recording's, and
             inferred where that has none.
         person: wearer's file, written by --save-person.
@@ -114,14 +114,11 @@ def track(
     from bodysense.capture.video import is_video
     from bodysense.completion.model import load_completion
     from bodysense.estimators.finger_synthesis import synthesize
-    from bodysense.export.motion_files import check_ending
     from bodysense.take import signal_of
     from bodysense.take import track as complete
     from bodysense.tracker import TrackerSettings
 
-    check_ending(out)
-    if save_person is not None:
-        check_place(save_person)
+    _check_outputs(file, out, rig, save_person)
     if is_video(str(file)):
         if device is not None or fingers == "synthesize" or samples is not None or gloves != NO_OPTIONS:
             raise BodysenseError(f"{file}: --device, --fingers, --samples and options of markers are not for videos")
@@ -172,6 +169,18 @@ def track(
     if save_person is not None:
         take.person.save(save_person)
         print(f"wrote {save_person}")
+
+
+def _check_outputs(file: Path, out: Path, rig: str | None, save_person: Path | None) -> None:
+    """Refuse, before any work, what cannot be written."""
+    from bodysense.export.motion_files import check_ending
+    from bodysense.export.rigs import check_rig
+
+    check_ending(out)
+    if rig is not None:
+        check_rig(out, rig, file if file.suffix.lower() == ".bvh" else None)
+    if save_person is not None:
+        check_place(save_person)
 
 
 def _say(take: Take) -> None:

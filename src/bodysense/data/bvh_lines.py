@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bodysense.body.gaps import runs
 from bodysense.body.rotation import euler_to_quaternion, quaternion_canonical, swing_twist
 from bodysense.data.euler import euler_near
 from bodysense.errors import BodysenseError
@@ -204,9 +205,3 @@ def _lines(body: bytes, words: list[bytes], frames: int, count: int) -> tuple[by
     if len(lines) == frames and all(len(line.split()) == count for line in lines):
         return tuple(lines)
     return tuple(b" ".join(words[k : k + count]) + b"\n" for k in range(0, frames * count, count))
-
-
-def runs(present: np.ndarray) -> list[tuple[int, int]]:
-    """Where (T,) bool is true: the first frame of each run, and the one after its last."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], present, [False]]).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

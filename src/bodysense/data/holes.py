@@ -8,10 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bodysense.data.bvh_lines import BvhLines, runs
+from bodysense.body.gaps import runs
+from bodysense.data.bvh_lines import BvhLines
+from bodysense.data.source_joints import SourceJoints
 from bodysense.errors import BodysenseError
 
-FLAT = 0.5  # s: a limb that keeps every digit for so long, while the pelvis turns, was not tracked
+FLAT = 0.5  # s: a limb that keeps every digit for so long, while the trunk turns, was not tracked
 _ITEM = re.compile(r"(?P<name>.+?)(?P<below>\+?)(?::(?P<first>\d+)-(?P<last>\d+))?")
 _SIDES = ("left", "right")
 # Joints that never keep every digit while the body moves. Knees at their stop, toes, fingers and collars may.
@@ -78,8 +80,8 @@ def told_missing(
     return mask
 
 
-def flat_lined(file: BvhLines, ours: Mapping[str, int]) -> np.ndarray:
-    """(T, J) bool: runs in which a limb keeps every digit while the pelvis turns; `ours` is our name → the file's.
+def flat_lined(file: BvhLines, rig: SourceJoints) -> np.ndarray:
+    """(T, J) bool: runs in which a limb of a file keeps every digit while the trunk turns.
 
     Lost limbs are often written as they were last seen, or at zero. What hangs on such a joint is missing with it where
     it is as still.
@@ -87,7 +89,7 @@ def flat_lined(file: BvhLines, ours: Mapping[str, int]) -> np.ndarray:
     mask = np.zeros((len(file.lines), len(file.joints)), dtype=bool)
     still = np.stack([_still(file, joint) for joint in range(len(file.joints))], axis=1)
     least = max(2, int(np.ceil(FLAT / file.interval)))
-    body = still[:, ours["pelvis"]]
+    ours, body = rig.ours, still[:, rig.trunk[0]]
     for name in _RESTLESS:
         if name not in ours or not file.order[ours[name]]:
             continue

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -28,6 +29,19 @@ class SourceJoints:
     sites: Mapping[str, int]  # our end site, where the motion has it → the joint that it hangs on here
     turn: Mapping[str, np.ndarray]  # by our joint (4,): this rig's world rotation is up⁻¹ · ours · turn
     up: np.ndarray  # (4,) rotation of our world ← the motion's
+
+    def above(self, joint: int) -> list[int]:
+        """A joint and those above it, up to the root."""
+        chain = [joint]
+        while self.parents[chain[-1]] >= 0:
+            chain.append(self.parents[chain[-1]])
+        return chain
+
+    @cached_property
+    def trunk(self) -> list[int]:
+        """The lowest joint on which the whole body hangs, and those above it, up to the root."""
+        shared = set.intersection(*(set(self.above(joint)) for joint in self.ours.values()))
+        return sorted(shared, reverse=True)
 
     def world(self, pose: Pose) -> np.ndarray:
         """World rotations (T, J, 4) that a pose of ours gives these joints; NaN for those that we do not have."""

@@ -14,7 +14,7 @@ from bodysense.data.bvh_stream import BvhStream
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.export.gltf import write_glb
-from bodysense.export.rigs import OWN, on_rig, renamed
+from bodysense.export.rigs import OWN, check_rig, on_rig, renamed
 from bodysense.export.vrma import write_vrma
 from bodysense.files import check_place
 
@@ -37,9 +37,8 @@ def write_motion(path: Path, clip: Clip, rig: str = OWN) -> None:
     Raises BodysenseError as the writers do, and for a rig that is unknown or, in a VRM animation, other than VRM's.
     """
     ending = check_ending(path).suffix.lower()
+    check_rig(path, rig, None)
     if ending == ".vrma":
-        if rig not in (OWN, "vrm"):
-            raise BodysenseError(f"{path}: --rig {rig}: a VRM animation has VRM's bones; leave --rig out")
         write_vrma(path, clip)
         return
     clip, names = on_rig(clip, rig)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Literal, get_args
 
 from bodysense.body.skeleton import FINGERS, Skeleton
@@ -33,14 +34,39 @@ MIXAMO = {ours: f"mixamorig:{theirs}" for ours, theirs in _MIXAMO_MIDDLE.items()
 """Our point → Mixamo's, also of its end sites."""
 
 
+def is_rig_file(rig: str | Path) -> bool:
+    """Whether a rig is that of a BVH file."""
+    return Path(rig).suffix.lower() == ".bvh"
+
+
+def check_rig(path: Path, rig: str | Path, source: Path | None) -> None:
+    """Raise BodysenseError, before any work, for a rig that a motion cannot be written on.
+
+    Args:
+        path: where the motion goes.
+        rig: one of `RIGS`, or a BVH file.
+        source: the BVH file that is tracked, if it is one.
+    """
+    if is_rig_file(rig):
+        if not Path(rig).is_file():
+            raise BodysenseError(f"--rig {rig}: no such file; give a BVH file, or one of {', '.join(RIGS)}")
+    elif rig not in RIGS:
+        raise BodysenseError(f"unknown rig {str(rig)!r}; valid are {', '.join(RIGS)}, or a BVH file")
+    named = [name for name in RIGS if name != SOURCE]
+    if rig == SOURCE and source is None:
+        raise BodysenseError(f"--rig source: only a .bvh file has a rig of its own; give {', '.join(named)}, or a .bvh")
+    if (rig == SOURCE or is_rig_file(rig)) and path.suffix.lower() != ".bvh":
+        raise BodysenseError(f"{path}: --rig {rig} is written as .bvh; end the name so, or give {', '.join(named)}")
+    if path.suffix.lower() == ".vrma" and rig not in (OWN, "vrm"):
+        raise BodysenseError(f"{path}: --rig {rig}: a VRM animation has VRM's bones; leave --rig out")
+
+
 def on_rig(clip: Clip, rig: str) -> tuple[Clip, tuple[str, ...]]:
     """A clip in the rest pose of a rig, and the names of its points there.
 
     'bodysense' and 'smplh' are our own joints, which have SMPL-H's names; VRM's thumbs rest otherwise than ours.
-    Raises BodysenseError for an unknown rig, and for a skeleton that lacks a joint of it.
+    Raises BodysenseError for a skeleton that lacks a joint of it.
     """
-    if rig not in RIGS or rig == SOURCE:
-        raise BodysenseError(f"unknown rig {rig!r}; valid are {', '.join(RIGS)}")
     points = clip.pose.skeleton.points
     if rig in ("bodysense", "smplh"):
         return clip, points
