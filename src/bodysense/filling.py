@@ -50,13 +50,15 @@ class Holed:
     file: BvhLines | None = None  # where it is from
 
 
-def open_holed(source: Path | Clip, missing: Sequence[Missing], find: bool) -> Holed:
-    """A motion without what is told to be missing, has no number, or, where `find`, is flat-lined in its BVH file.
+def open_holed(source: Path | Clip, missing: Sequence[Missing]) -> Holed:
+    """A motion without what is told to be missing, or has no number in its BVH file.
+
+    Where nothing is told, limbs are missing that are flat-lined there.
 
     Raises BodysenseError for what is told wrongly, and where that is missing in all frames on which the body hangs.
     """
     if isinstance(source, Path) and source.suffix.lower() == ".bvh":
-        return _holed_file(source, missing, find)
+        return _holed_file(source, missing)
     clip = source if isinstance(source, Clip) else read_source(Source(source, person="", split="test"))
     rig, whole = own_joints(clip.pose.skeleton), np.asarray(clip.pose.rotation, dtype=float)
     holes = told_missing(missing, rig.joints, rig.parents, len(clip), rig.ours)
@@ -64,11 +66,11 @@ def open_holed(source: Path | Clip, missing: Sequence[Missing], find: bool) -> H
     return Holed(replace(clip, pose=replace(clip.pose, rotation=rotation)), rig, rotation, holes, rest)
 
 
-def _holed_file(path: Path, missing: Sequence[Missing], find: bool) -> Holed:
+def _holed_file(path: Path, missing: Sequence[Missing]) -> Holed:
     file = open_bvh(path)
     clip, rig = _read(file)
     holes = told_missing(missing, file.joints, file.parents, len(file.lines), rig.ours) | ~file.has_number
-    if find:
+    if not missing:
         holes |= flat_lined(file, rig)
     rotation, rest = _rooted(str(path), rig, file.rotation, holes, file.interval)
     rooted = holes & ~rest
@@ -182,6 +184,8 @@ def pose_of(holed: Holed, rotation: Array) -> Pose:
     """The filled motion (T, J, 4) on our joints."""
     clip, rig = holed.clip, holed.rig
     skeleton = clip.pose.skeleton
+    if holed.file is None:  # the motion is on our joints
+        return Pose(skeleton, clip.pose.root_position, rotation)
     own = np.asarray(forward_kinematics(clip.pose)[1])
     seen = rig.seen(~holed.missing)[1]
     found = rig.ours_world(rotation)

@@ -91,7 +91,6 @@ def track(
     *,
     device: str | None = None,
     missing: str | Sequence[str] = (),
-    find_holes: bool = True,
     person: Person | None = None,
     height: float | None = None,
     noise: int | None = None,
@@ -107,9 +106,9 @@ def track(
         device: where the source is a motion: the simulated device that watches it, one of `DEVICES`. A motion without
             one is filled where it has holes; what is there stays as it is.
         missing: joints of a motion that are missing, by its own names or ours: "left_hand", with all that hangs on it
-            "LeftForeArm+", in some frames "left_hand:100-240" (counted from 0, both ends included).
-        find_holes: also take for missing what has no number, and limbs of a BVH file that are held still to the last
-            digit while the body moves.
+            "LeftForeArm+", in some frames "left_hand:100-240" (counted from 0, both ends included). What has no number
+            is missing, too. If omitted, so are limbs of a BVH file that are held still to the last digit for half a
+            second while the body moves.
         person: what is known of the wearer. If omitted, the body of the recording or motion; where that is not told,
             the likeliest adult, whose proportions are inferred.
         height: the wearer's height in metres, in place of a person; the other proportions are inferred.
@@ -120,7 +119,7 @@ def track(
 
     Raises BodysenseError, naming the source and the fix, for what cannot be tracked.
     """
-    holed = _holed(source, device, missing, find_holes)
+    holed = _holed(source, device, missing)
     if holed is not None:
         kind = "a motion whose holes are filled, which has a body of its own"
         _refuse(_called(source), kind, person=person, height=height, noise=noise)
@@ -177,7 +176,7 @@ def _refuse(name: str, kind: str, **options: object) -> None:
             raise BodysenseError(f"{name}: {kind}; leave --{option} out")
 
 
-def _holed(source: Source, device: str | None, missing: str | Sequence[str], find: bool) -> Holed | None:
+def _holed(source: Source, device: str | None, missing: str | Sequence[str]) -> Holed | None:
     """The motion that a source is, with its holes; None where it is watched by a device, or no motion."""
     told = missing_items(missing) if missing else ()
     if device is not None or not _is_motion(source):
@@ -185,7 +184,7 @@ def _holed(source: Source, device: str | None, missing: str | Sequence[str], fin
             other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
             raise BodysenseError(f"{_called(source)}: --missing is for a motion that no device watches; {other}")
         return None
-    holed = open_holed(source if isinstance(source, Clip) else Path(str(source)), told, find)
+    holed = open_holed(source if isinstance(source, Clip) else Path(str(source)), told)
     if not holed.holes.any():
         raise BodysenseError(
             f"{_called(source)}: nothing is missing in this motion; say what is, such as --missing left_hand, or what "

@@ -62,7 +62,6 @@ def track(
     out: Output,
     device: DeviceName | None = None,
     missing: str | None = None,
-    find_holes: bool = True,
     rig: str | None = None,
     height: float | None = None,
     person: Path | None = None,
@@ -86,13 +85,12 @@ def track(
         device: what watches the body, where the file is a motion. Without it the motion's holes are filled, and what is
             there stays as it is.
         missing: joints of a motion that are missing, by its names or ours: left_forearm,left_hand. LeftForeArm+ is with
-            all that hangs on it, left_hand:100-240 in these frames (from 0, both included).
-        find_holes: take for missing what has no number in the motion, and limbs that are held still to the last digit
-            while the body moves.
+            all that hangs on it, left_hand:100-240 in these frames (from 0, both included). If omitted: what has no
+            number, and limbs that are held still to the last digit while the body moves.
         rig: joints to write on: 'bodysense' and 'smplh' are our 52 joints, 'mixamo' and 'vrm' the same under these
             names; 'source' is the rig of FILE, with its holes filled if it has any, and NAME.bvh that of another BVH
-            file, to whose body the motion is fitted. If omitted, 'source' where a .bvh with holes is written as .bvh, else
-            'bodysense'.
+            file, to whose body the motion is fitted. If omitted, 'source' where a .bvh with holes is written as .bvh,
+            else 'bodysense'.
         height: wearer's height in metres; other proportions are inferred. If omitted, the body is the recording's, and
             inferred where that has none.
         person: wearer's file, written by --save-person.
@@ -152,7 +150,6 @@ def track(
             source,
             device=device,
             missing=missing or (),
-            find_holes=find_holes,
             person=wearer,
             height=told,
             noise=seeded,
