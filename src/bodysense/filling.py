@@ -30,6 +30,7 @@ from bodysense.data.rigged import read_rigged
 from bodysense.data.source_joints import SourceJoints, joints_of_file, own_joints
 from bodysense.data.sources import Source, read_source
 from bodysense.errors import BodysenseError
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.observation import EXACT_ACCURACY, Observation
 
 Array = np.ndarray
@@ -50,7 +51,7 @@ class Holed:
     file: BvhLines | None = None  # where it is from
 
 
-def open_holed(source: Path | Clip, missing: Sequence[Missing]) -> Holed:
+def open_holed(source: Path | Clip, missing: Sequence[Missing], options: ReadingOptions = AS_FOUND) -> Holed:
     """A motion without what is told to be missing, or has no number in its BVH file.
 
     Where nothing is told, limbs are missing that are flat-lined there.
@@ -58,17 +59,17 @@ def open_holed(source: Path | Clip, missing: Sequence[Missing]) -> Holed:
     Raises BodysenseError for what is told wrongly, and where that is missing in all frames on which the body hangs.
     """
     if isinstance(source, Path) and source.suffix.lower() == ".bvh":
-        return _holed_file(source, missing)
-    clip = source if isinstance(source, Clip) else read_source(Source(source, person="", split="test"))
+        return _holed_file(source, missing, options)
+    clip = source if isinstance(source, Clip) else read_source(Source(source, person="", split="test"), options)
     rig, whole = own_joints(clip.pose.skeleton), np.asarray(clip.pose.rotation, dtype=float)
     holes = told_missing(missing, rig.joints, rig.parents, len(clip), rig.ours)
     rotation, rest = _rooted(clip.name, rig, whole, holes, 1 / clip.frame_rate)
     return Holed(replace(clip, pose=replace(clip.pose, rotation=rotation)), rig, rotation, holes, rest)
 
 
-def _holed_file(path: Path, missing: Sequence[Missing]) -> Holed:
+def _holed_file(path: Path, missing: Sequence[Missing], options: ReadingOptions) -> Holed:
     file = open_bvh(path)
-    clip, rig = _read(file)
+    clip, rig = _read(file, options)
     holes = told_missing(missing, file.joints, file.parents, len(file.lines), rig.ours) | ~file.has_number
     if not missing:
         holes |= flat_lined(file, rig)
@@ -76,13 +77,13 @@ def _holed_file(path: Path, missing: Sequence[Missing]) -> Holed:
     rooted = holes & ~rest
     if rooted.any():
         file = file.without_places(rooted).mended.with_rotation(rotation, rooted)
-        clip, rig = _read(file)
+        clip, rig = _read(file, options)
     return Holed(clip, rig, rotation, holes, rest, file)
 
 
-def _read(file: BvhLines) -> tuple[Clip, SourceJoints]:
+def _read(file: BvhLines, options: ReadingOptions) -> tuple[Clip, SourceJoints]:
     """The motion of a file on our joints, and its own joints."""
-    rigged = read_rigged(file.mended.text(), file.path)
+    rigged = read_rigged(file.mended.text(), file.path, options)
     return rigged.clip, joints_of_file(file, rigged)
 
 

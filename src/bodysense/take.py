@@ -28,6 +28,7 @@ from bodysense.export.motion_files import write_motion
 from bodysense.export.rig_file import write_on_rig_of
 from bodysense.export.rigs import OWN, SOURCE, check_rig, is_rig_file
 from bodysense.filling import Holed, filled, observed, open_holed, over_floor, pose_of
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.observation import Estimate, Observation, check_observation
 from bodysense.reading import read
 from bodysense.tracker import Tracker, TrackerSettings
@@ -49,6 +50,7 @@ class Take:
     time: np.ndarray  # (T,) s of the estimate's frames
     holed: Holed | None = None  # the motion whose holes were filled, if it was one
     source: Path | None = None  # the BVH file that was tracked, if it was one
+    reading: ReadingOptions = AS_FOUND  # what was told of it
     file: BvhLines | None = None  # the same with its holes filled
 
     def save(self, path: str | Path, rig: str | Path | None = None) -> None:
@@ -69,7 +71,7 @@ class Take:
         if rig == SOURCE and self.file is not None:
             self.file.write(path)
         elif rig == SOURCE and self.source is not None:
-            write_on_rig_of(path, self.clip, self.source)
+            write_on_rig_of(path, self.clip, self.source, self.reading)
         elif is_rig_file(rig):
             write_on_rig_of(path, self.clip, Path(rig))
         else:
@@ -96,6 +98,7 @@ def track(
     noise: int | None = None,
     settings: TrackerSettings = TrackerSettings(),
     network: CompletionModel | None = None,
+    reading: ReadingOptions = AS_FOUND,
     advance: Callable[[int, int], None] = lambda done, frames: None,
 ) -> Take:
     """Complete a whole recording, frame after frame, without looking ahead: the same as live.
@@ -115,18 +118,19 @@ def track(
         noise: random seed of the errors of a simulated device; it tracks exactly if omitted.
         settings: the floor, whether feet are held, whether proportions are inferred.
         network: a completion network; the packaged one if omitted.
+        reading: what a motion file does not say of itself: unit, upward axis, floor, joints.
         advance: is told how many frames are done, of how many.
 
     Raises BodysenseError, naming the source and the fix, for what cannot be tracked.
     """
-    holed = _holed(source, device, missing)
+    holed = _holed(source, device, missing, reading)
     if holed is not None:
         kind = "a motion whose holes are filled, which has a body of its own"
         _refuse(_called(source), kind, person=person, height=height, noise=noise)
-        return replace(_filled(holed, settings, network, advance), source=_bvh_of(source))
-    signal = signal_of(source, device=device, person=person, height=height, noise=noise)
+        return replace(_filled(holed, settings, network, advance), source=_bvh_of(source), reading=reading)
+    signal = signal_of(source, device=device, person=person, height=height, noise=noise, reading=reading)
     try:
-        return replace(_tracked(signal, settings, network, advance), source=_bvh_of(source))
+        return replace(_tracked(signal, settings, network, advance), source=_bvh_of(source), reading=reading)
     except BodysenseError as error:
         text = str(error)
         raise error if signal.name in text else BodysenseError(f"{signal.name}: {text}") from None
@@ -139,6 +143,7 @@ def signal_of(
     person: Person | None = None,
     height: float | None = None,
     noise: int | None = None,
+    reading: ReadingOptions = AS_FOUND,
 ) -> Signal:
     """What a source tracks, and of whom; arguments as those of `track`."""
     if person is not None and height is not None:
@@ -148,7 +153,7 @@ def signal_of(
         _refuse(name, "a video, not a motion", device=device, noise=noise)
         wearer = Person(height=height) if person is None else person
         return Signal(name, _filmed(name, wearer), wearer, infer=False)
-    content = read(source) if isinstance(source, (str, Path)) else source
+    content = read(source, reading) if isinstance(source, (str, Path)) else source
     if isinstance(content, Clip):
         if device is None:
             raise BodysenseError(
@@ -176,7 +181,7 @@ def _refuse(name: str, kind: str, **options: object) -> None:
             raise BodysenseError(f"{name}: {kind}; leave --{option} out")
 
 
-def _holed(source: Source, device: str | None, missing: str | Sequence[str]) -> Holed | None:
+def _holed(source: Source, device: str | None, missing: str | Sequence[str], reading: ReadingOptions) -> Holed | None:
     """The motion that a source is, with its holes; None where it is watched by a device, or no motion."""
     told = missing_items(missing) if missing else ()
     if device is not None or not _is_motion(source):
@@ -184,7 +189,7 @@ def _holed(source: Source, device: str | None, missing: str | Sequence[str]) -> 
             other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
             raise BodysenseError(f"{_called(source)}: --missing is for a motion that no device watches; {other}")
         return None
-    holed = open_holed(source if isinstance(source, Clip) else Path(str(source)), told)
+    holed = open_holed(source if isinstance(source, Clip) else Path(str(source)), told, reading)
     if not holed.holes.any():
         raise BodysenseError(
             f"{_called(source)}: nothing is missing in this motion; say what is, such as --missing left_hand, or what "

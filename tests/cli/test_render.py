@@ -22,7 +22,7 @@ def lively(tmp_path: Path, waving_clip: Clip) -> Path:
 def test_a_motion_becomes_videos_once(lively: Path, tmp_path: Path, run: Command) -> None:
     for name in ("moderngl", "av"):
         pytest.importorskip(name)
-    asked = ("data", "render", lively, "-o", tmp_path / "set", "--videos", 1, "--seconds", 1, "--height", 64)
+    asked = ("data", "render", lively, "-o", tmp_path / "set", "--videos", 1, "--seconds", 1, "--pixels", 64)
     assert "videos: 1, 1 s" in run(*asked)
     truths = list_takes(tmp_path / "set")
     assert len(truths) == 1
@@ -38,7 +38,7 @@ def test_a_motion_becomes_videos_once(lively: Path, tmp_path: Path, run: Command
     "options, message",
     [
         (("--videos", 0), "render: 0 videos of 6 s, 480 pixels high; give at least 1 video"),
-        (("--height", 101), "an even height from 64 on"),
+        (("--pixels", 101), "an even height from 64 on"),
         (("--seconds", 0.1), "1 s"),
     ],
 )

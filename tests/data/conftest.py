@@ -281,3 +281,11 @@ def mixamo(tmp_path: Path, waving_clip: Clip) -> Release:
         (folder / key).write_text(bvh_text(mixamo_rig(), clip, "0.0333333", "ZYX", {}))
         truth[key] = clip
     return Release(folder, truth)
+
+
+@pytest.fixture
+def small_bvh_text() -> str:
+    """A BVH file of something that is no body."""
+    joint = "JOINT Lid\n{\nOFFSET 0 10 0\nCHANNELS 3 Zrotation Xrotation Yrotation\nEnd Site\n{\nOFFSET 0 5 0\n}\n}\n"
+    root = "ROOT Box\n{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n" + joint + "}\n"
+    return f"HIERARCHY\n{root}MOTION\nFrames: 2\nFrame Time: 0.1\n0 0 0 0 0 0\n1 1 1 1 1 1\n"

@@ -109,33 +109,6 @@ def test_line_ends_tabs_exponents_and_braces_on_one_line_do_not_matter(small: Pa
     np.testing.assert_array_equal(a.pose.root_position, b.pose.root_position)
 
 
-@pytest.mark.parametrize(("scale", "metres"), [(0.01, 1.0), (1.0, 0.01), (10.0, 0.001)])
-def test_the_unit_is_told_from_the_size_of_the_body(tmp_path: Path, make_clip, scale: float, metres: float) -> None:
-    clip = make_clip()
-    write_bvh(tmp_path / "a.bvh", clip, unit=metres)
-    assert read_bvh(tmp_path / "a.bvh").pose.skeleton.height == pytest.approx(clip.pose.skeleton.height, abs=1e-5)
-
-
-def test_inches_are_never_guessed(tmp_path: Path, make_clip) -> None:
-    write_bvh(tmp_path / "a.bvh", make_clip(), unit=0.0254)
-    with pytest.raises(BodysenseError, match=r"a person's neither in metres.*give unit=.*0.056444"):
-        read_bvh(tmp_path / "a.bvh")
-    assert read_bvh(tmp_path / "a.bvh", unit=0.0254).pose.skeleton.height == pytest.approx(
-        make_clip().pose.skeleton.height
-    )
-
-
-def test_a_z_up_file(tmp_path: Path, make_clip) -> None:
-    write_bvh(tmp_path / "a.bvh", make_clip())
-    flat, turned = read_bvh(tmp_path / "a.bvh"), read_bvh(tmp_path / "a.bvh", up="Z")
-    position, _ = forward_kinematics(flat.pose)
-    np.testing.assert_allclose(
-        forward_kinematics(turned.pose)[0],
-        np.stack([position[..., 0], position[..., 2], -position[..., 1]], -1),
-        atol=1e-9,
-    )
-
-
 def with_knee_at(path: Path, places: list[str]) -> Path:
     """The small file with position channels on the leg."""
     text = SMALL.replace("-80 0\n\t\tCHANNELS 3", "-80 0\n\t\tCHANNELS 6 Yposition Xposition Zposition")
@@ -155,31 +128,9 @@ def test_positions_that_are_all_zero_add_nothing(small: Path) -> None:
     np.testing.assert_allclose(offset, [0.1, -0.8, 0])
 
 
-def test_positions_that_vary_little_are_averaged_and_others_refused(small: Path) -> None:
+def test_of_positions_that_vary_the_median_is_taken(small: Path) -> None:
     offset = read_bvh(with_knee_at(small, ["-80 10 0", "-82 10 0"])).pose.skeleton.rest_offset[1]
     np.testing.assert_allclose(offset, [0.1, -0.81, 0])
-    with pytest.raises(BodysenseError, match=r"'Left Leg' moves by 5.0 cm.*at most 2 cm.*rigid skeleton"):
-        read_bvh(with_knee_at(small, ["-80 10 0", "-90 10 0"]))
-
-
-def test_a_root_that_only_carries_a_moving_body_is_dropped(tmp_path: Path, small: Path) -> None:
-    body, motion = SMALL.removeprefix("HIERARCHY\n").split("MOTION\n")
-    rows = motion.splitlines()
-    rows[2:] = ["5 0 0 90 0 0 " + row for row in rows[2:]]
-    path = tmp_path / "carried.bvh"
-    path.write_text(
-        "HIERARCHY\nROOT World\n{\nOFFSET 0 0 0\n"
-        "CHANNELS 6 Xposition Yposition Zposition Yrotation Xrotation Zrotation\n"
-        + body.replace("ROOT", "JOINT")
-        + "}\nMOTION\n"
-        + "\n".join(rows).replace("0 92 0 10", "0 92 40 10")
-        + "\n"
-    )
-    clip = read_bvh(path)
-    assert clip.pose.skeleton.joints[0] == "Hips"
-    np.testing.assert_allclose(clip.pose.root_position, [[0.45, 0.92, 0], [0.07, 0.93, -0.01]], atol=1e-12)
-    turned = Rotation.from_euler("Y", 90, degrees=True) * Rotation.from_euler("ZXY", [10, 20, 30], degrees=True)
-    assert geodesic_angle(clip.pose.rotation[0, 0], turned.as_quat(scalar_first=True)) < 1e-9
 
 
 def test_end_sites_without_length_are_dropped_and_names_stay_unique(small: Path) -> None:
@@ -208,8 +159,7 @@ BROKEN = [
     ("ROOT Hips\n", "ROOT \n", "a joint without a name"),
     ("}\nMOTION", "}\n}\nMOTION", "a '}' too many"),
     ("\n}\nMOTION", "\nMOTION", "the hierarchy is cut off before its last '}'"),
-    ("}\nMOTION", "}\nROOT Other\n{\nOFFSET 0 0 0\n}\nMOTION", "line 25: a second ROOT; only files of one body"),
-    ("JOINT Spine", "JOINT Hips", "the name 'Hips' stands twice"),
+    ("}\nMOTION", "}\nROOT Other\n{\nOFFSET 0 0 0\n}\nMOTION", r"2 figures \(Hips, Other\), not one; split the file"),
     ("Frames: 2", "Frames: 3", r"'Frames: 3' announces 36 values \(12 channels\), but there are 2 whole frames;"),
     ("Frames: 2", "Frames: 1", "'Frames: 1' announces 12 values .* there are 2 whole frames; correct that number"),
     ("-11 -21 -31", "-11 -21", "there are 1 whole frames and 11 values"),
@@ -220,7 +170,6 @@ BROKEN = [
     ("1 93 2", "1 nan 2", "frame 1 is not finite"),
     ("1 93 2", "1 9e999 2", "frame 1 is not finite"),
     ("1 93 2", "1 93,5 2", "'93,5' in the motion is not a number"),
-    ("10 -80 0", "0 0 0", "measures 96.1803 units"),
 ]
 
 
@@ -285,7 +234,7 @@ def test_a_hierarchy_of_great_depth_is_no_trouble(tmp_path: Path) -> None:
         + "MOTION\nFrames: 1\nFrame Time: .1\n"
         + "0 " * 3 * (depth + 1)
     )
-    assert len(read_bvh(path, unit=0.01).pose.skeleton.joints) == depth + 1
+    assert len(read_bvh(path).pose.skeleton.joints) == depth + 1
 
 
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

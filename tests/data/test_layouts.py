@@ -16,9 +16,10 @@ from bodysense.data.archive import motion_files
 from bodysense.data.clip import Clip
 from bodysense.data.clips import open_clips
 from bodysense.data.layouts import LAYOUTS, layout_of
-from bodysense.data.sources import list_sources, read_motion, read_source
+from bodysense.data.sources import list_sources, read_source
 from bodysense.data.splits import split_of
 from bodysense.errors import BodysenseError
+from bodysense.reading import read
 
 MILLIMETRE = 1e-3
 
@@ -197,7 +198,7 @@ def test_bad_zip_files_are_refused_in_one_line(tmp_path: Path, what: str) -> Non
 def test_a_zip_file_for_a_motion(tmp_path: Path) -> None:
     path = zipped(tmp_path / "a.zip", a="", b="")
     with pytest.raises(BodysenseError, match=r"a.zip: a zip file of 2 motions, not one; give the folder it lies in"):
-        read_motion(path)
+        read(path)
 
 
 def test_a_bad_zip_file_is_skipped_by_prepare_and_named(talking_with_hands, tmp_path: Path, capsys) -> None:

@@ -14,6 +14,7 @@ from bodysense.data.clips import open_clips
 from bodysense.data.resample import resample
 from bodysense.data.store import is_store, prepare, read_store
 from bodysense.errors import BodysenseError
+from bodysense.io.rigs.options import ReadingOptions
 
 pytest.importorskip("zarr", reason="needs bodysense[train]")
 pytest.importorskip("dask", reason="needs bodysense[train]")
@@ -75,9 +76,9 @@ def test_a_killed_run_goes_on_and_is_never_taken_for_whole(
     path, seen = tmp_path / "motion.zarr", []
     prepared, append = store_module._prepared, store_module._append
 
-    def counted(source, rate):
+    def counted(source, rate, options):
         seen.append(source.path.name)
-        return prepared(source, rate)
+        return prepared(source, rate, options)
 
     def killed(group, table, batch):
         if len(table.clips) < 2 or moment == "before the rename":
@@ -118,6 +119,8 @@ def test_a_finished_store_is_left_as_it_is(folder: Path, tmp_path: Path, monkeyp
     assert len(prepare(folder, path, workers=1).table.clips) == 5
     with pytest.raises(BodysenseError, match=r"is at 30 Hz, not 60; give another place or remove it"):
         prepare(folder, path, rate=60.0, workers=1)
+    with pytest.raises(BodysenseError, match=r"was made with other options .none.; give another place"):
+        prepare(folder, path, workers=1, options=ReadingOptions(unit="m"))
     write_bvh(folder / "anna" / "new.bvh", make_clip())
     with pytest.raises(BodysenseError, match=r"was made of 7 files, and there are 8 now"):
         prepare(folder, path, workers=1)

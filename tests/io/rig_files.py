@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -60,6 +61,7 @@ class Layout:
     rest: str = "T"  # or 'A', 'hanging', 'slanted', 'along y', 'odd'
     orders: tuple[str, ...] = ("ZXY",)  # of channels, taken in turn
     placed: bool = False  # position channels on every joint, which override offsets that say nothing
+    still: tuple[str, ...] = ()  # joints of ours that must not turn, or the rig cannot hold the motion
     told_unit: bool = True  # False: the unit cannot be told; the body comes out at 1.70 m
     lacks: tuple[str, ...] = field(default=())  # points that stand nowhere, though the rig has a joint for them
 
@@ -170,9 +172,10 @@ def write(layout: Layout, clip: Clip, *, turn: Rotation | None = None, shift: fl
             has_place = layout.placed or parent == "-" or not spots[parent][0]
             channels = ("Xposition Yposition Zposition " if has_place else "") + " ".join(f"{a}rotation" for a in order)
             lines.append(f"{pad}  CHANNELS {len(channels.split())} {channels}")
-            columns.append(
-                np.hstack([where, turned.as_euler(order, True)] if has_place else [turned.as_euler(order, True)])
-            )
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of gimbal lock, which does not matter here
+                angles = turned.as_euler(order, degrees=True)
+            columns.append(np.hstack([where, angles] if has_place else [angles]))
             for child in children.get(name, []):
                 emit(child, depth + 1)
             if name not in children:
@@ -226,7 +229,7 @@ def held_still(clip: Clip, layout: Layout) -> Clip:
     carriers = {re.split(">", place)[0] for name, _, place in layout.bones if name != "End Site"}
     rotation = clip.pose.rotation.copy()
     for k, joint in enumerate(clip.pose.skeleton.joints):
-        if joint not in carriers:
+        if joint not in carriers or joint in layout.still:
             rotation[:, k] = [1, 0, 0, 0]
     return Clip(clip.name, Pose(clip.pose.skeleton, clip.pose.root_position, rotation), clip.frame_rate)
 

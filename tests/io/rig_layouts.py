@@ -1,5 +1,7 @@
 """Rigs that people have: names, hierarchy, rest pose, unit and traps of each."""
 
+# ruff: noqa: E501
+
 from __future__ import annotations
 
 from rig_files import Bones, Layout, bones_of
@@ -238,7 +240,17 @@ LAYOUTS: dict[str, Layout] = {
         up="-y",
         placed=True,
     ),
-    "OpenNI": Layout(OPENNI_BONES, unit=0.001),
+    "stick figure": Layout(
+        bones_of(
+            spine("Hips", "Chest", "spine1")
+            + arm("Chest", "*Shoulder", "*Elbow", "*Wrist").replace("*Wrist |", "End Site |")
+            + "*Hip | Hips | @hip\n*Knee | *Hip | @knee\nEnd Site | *Knee | @ankle\n",
+            "Left",
+            "Right",
+        ),
+        lacks=("left_wrist", "right_wrist", "left_ankle", "right_ankle"),
+    ),
+    "OpenNI": Layout(OPENNI_BONES, unit=0.001, lacks=("pelvis",)),
     "classic": Layout(
         bones_of(spine("Hips", "Chest", "spine1") + CLASSIC, "Left", "Right"), unit=0.0254, rest="hanging"
     ),
@@ -247,7 +259,9 @@ LAYOUTS: dict[str, Layout] = {
     ),
     "Unreal": Layout(bones_of(UNREAL, "l", "r", "{f}_0{k}_*", "hand_*"), up="z", rest="A"),
     "Rigify": Layout(bones_of(RIGIFY, "L", "R", "DEF-f_{f}.0{k}.*", "DEF-hand.*"), unit=1.0, up="z", rest="A"),
-    "3ds Max Biped": Layout(bones_of(BIPED, "L", "R", "Bip01 * Finger{m}{j}", "Bip01 * Hand"), unit=0.0254, rest="odd"),
+    "3ds Max Biped": Layout(
+        bones_of(BIPED, "L", "R", "Bip01 * Finger{m}{j}", "Bip01 * Hand"), unit=0.0254, rest="odd", still=("neck",)
+    ),
     "VRoid": Layout(bones_of(VROID, "L", "R", "J_Bip_*_{F}{k}", "J_Bip_*_Hand"), unit=1.0),
     "Kinect": Layout(bones_of(KINECT, "Left", "Right"), unit=1.0, placed=True),
     "Perception Neuron": Layout(bones_of(NEURON, "Left", "Right"), orders=("YXZ",)),

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import random
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from rig_files import Layout, held_still, mapped, motion, read_plainly, write
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rig_files import Bones, Layout, held_still, mapped, motion, of_other_size, read_plainly, write
 from rig_layouts import LAYOUTS
+from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.data.clip import Clip
 from bodysense.data.rigged import Rigged, read_rigged
+from bodysense.errors import BodysenseError
+from bodysense.io.rigs.options import ReadingOptions
 
 NEEDED = ["pelvis", "head"] + [
     f"{side}_{part}" for side in ("left", "right") for part in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
@@ -19,8 +27,6 @@ NEEDED = ["pelvis", "head"] + [
 
 
 def of(text: str, name: str = "take.bvh", **options) -> Rigged:
-    from bodysense.io.rigs.options import ReadingOptions
-
     return read_rigged(text.encode(), Path(name), ReadingOptions(**options))
 
 
@@ -51,3 +57,251 @@ def test_a_rig_is_read_without_options(name: str) -> None:
     assert rig.up == layout.up and rig.unit == pytest.approx(layout.unit)
     assert rig.lift == 0
     assert rig.confidence > 0.4, rig.line()
+
+
+# --- what is wrong with a world is righted, and said ---
+
+WORLDS = {
+    "upside down": (Rotation.from_euler("X", 180, degrees=True), 0.0),
+    "head over heels": (Rotation.from_euler("Z", 180, degrees=True), 0.0),
+    "on its back": (Rotation.from_euler("X", -90, degrees=True), 0.0),
+    "on its face": (Rotation.from_euler("X", 90, degrees=True), 0.0),
+    "on its side": (Rotation.from_euler("Z", 90, degrees=True), 0.0),
+    "without a floor": (None, -0.95),
+    "in the air": (None, 0.6),
+}
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_no_spoilt_world_is_taken_as_it_is(name: str) -> None:
+    layout = LAYOUTS[name]
+    clip = held_still(motion(12, 50), layout)
+    points = [point for point in mapped(layout) if not point.endswith(("_top", "_tip"))]
+    for world, (turn, shift) in WORLDS.items():
+        try:
+            rigged = of(write(layout, clip, turn=turn, shift=shift), **_unit(layout))
+        except BodysenseError:
+            continue
+        found = [point for point in points if point in rigged.rig.joints]
+        ours = clip.pose.skeleton.indices(found)
+        heights = [forward_kinematics(one.pose)[0][:, ours, 1] for one in (rigged.clip, clip)]
+        assert np.abs(heights[0] - heights[1]).max() < 0.06, (world, rigged.rig.line())
+        said = rigged.rig.line()
+        if turn is None:
+            assert "floor at 0," not in said
+        elif layout.up == "y":
+            assert f", {rigged.rig.up} up," in said or "upside down" in said
+
+
+def _unit(layout: Layout) -> dict[str, str]:
+    return {} if layout.told_unit else {"unit": str(layout.unit)}
+
+
+@pytest.mark.parametrize("scale", [0.3, 2.1, 17.0])
+def test_a_body_of_no_known_unit_is_scaled_and_that_is_said(scale: float) -> None:
+    clip = of_other_size(motion(6, 50), 1.0)
+    rig = of(write(LAYOUTS["Mixamo"], clip, scale=scale)).rig
+    assert "unknown unit, scaled to 1.70 m" in rig.line() and rig.height == pytest.approx(1.7)
+    told = of(write(LAYOUTS["Mixamo"], clip, scale=scale), unit=str(0.01 / scale), height=1.8)
+    assert told.clip.pose.skeleton.height == pytest.approx(1.8)
+
+
+def test_what_is_told_goes_before_what_is_found() -> None:
+    text = write(LAYOUTS["Unreal"], motion(6, 50))
+    rig = of(text, up="y", floor=0.5, unit="in").rig
+    assert (rig.up, rig.lift, rig.unit) == ("y", -0.5, 0.0254)
+    place = np.random.default_rng(1).normal(size=(4, 3))
+    np.testing.assert_allclose(rig.to_world(rig.to_file(place)), place, atol=1e-12)
+
+
+@pytest.mark.parametrize(("given_option", "message"), [
+    ({"unit": "furlong"}, "--unit furlong: give m, cm, mm, in, ft, or the metres of one unit"),
+    ({"figure": 0}, "--figure 0: bodies are counted from 1"),
+    ({"figure": 3}, r"take.bvh: --figure 3: there is no such body; there are 1 .mixamorig7:Hips"),
+])  # fmt: skip
+def test_wrong_options(given_option: dict, message: str) -> None:
+    with pytest.raises(BodysenseError, match=message):
+        of(write(LAYOUTS["Mixamo"], motion(3, 50)), **given_option)
+
+
+# --- names do not matter ---
+
+
+def renamed(bones: Bones, rng: random.Random) -> tuple[Bones, dict[str, str]]:
+    """The bones under names that say nothing, in another order; and the names before."""
+    order = list(range(len(bones)))
+    rng.shuffle(order)
+    new = {name: f"joint_{k}" for (name, _, _), k in zip(bones, order, strict=True)} | {
+        "-": "-",
+        "End Site": "End Site",
+    }
+    rest = [(new[name], new[parent], place) for name, parent, place in bones[1:]]
+    rng.shuffle(rest)
+    return [(new[bones[0][0]], "-", bones[0][2]), *rest], new
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_structure_alone_tells_a_body(name: str) -> None:
+    layout = LAYOUTS[name]
+    bones, _ = renamed(layout.bones, random.Random(name))
+    blank = replace(layout, bones=bones)
+    clip = held_still(motion(12, 50), blank)
+    rigged = of(write(blank, clip), **_unit(layout))
+    spots = {joint: place for joint, _, place in bones if joint != "End Site"}
+    for part in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist"):
+        for side in ("left", "right"):
+            if f"{side}_{part}" not in layout.lacks:
+                assert spots[rigged.rig.joints[f"{side}_{part}"]] == f"{side}_{part}", (part, side)
+    assert spots[rigged.rig.joints["head"]] in ("head", "neck>head:0.4")
+
+
+PARENTS = {"neck": "spine3", "head": "neck"}
+
+
+@st.composite
+def rigs(draw: st.DrawFn) -> Layout:
+    """A rig at random: some joints are missing, some are more, bones point anywhere, units are any."""
+    bones: Bones = []
+    count = iter(range(1000))
+
+    def add(place: str, parent: str) -> str:
+        name = f"n{next(count)}"
+        bones.append((name, parent, place))
+        return name
+
+    top = add("0", "-") if draw(st.booleans()) else "-"
+    pelvis = spine = add("pelvis", top)
+    for place in draw(st.sampled_from([["spine1"], ["spine1", "spine3"], ["spine1", "spine2", "spine3"]])):
+        spine = add(place, spine)
+    neck = add("neck", spine) if draw(st.booleans()) else spine
+    head = add("head", neck)
+    bones.append(("End Site", head, "head_top"))
+    collars, twists, feet, fingers = (draw(st.booleans()) for _ in range(4))
+    for side in draw(st.permutations(["left", "right"])):
+        shoulder = add(f"{side}_shoulder", add(f"{side}_collar", spine) if collars else spine)
+        if twists:
+            add(f"{side}_shoulder>{side}_elbow:0.5", shoulder)
+        wrist = add(f"{side}_wrist", add(f"{side}_elbow", shoulder))
+        for finger in ("thumb", "index", "middle", "ring", "pinky") if fingers else ():
+            above = wrist
+            for k in (1, 2, 3):
+                above = add(f"{side}_{finger}{k}", above)
+            bones.append(("End Site", above, f"{side}_{finger}_tip"))
+        ankle = add(f"{side}_ankle", add(f"{side}_knee", add(f"{side}_hip", pelvis)))
+        last, tip = (add(f"{side}_foot", ankle), "toe") if feet else (ankle, "foot")
+        bones.append(("End Site", last, f"{side}_{tip}"))
+    return Layout(
+        bones,
+        unit=draw(st.sampled_from([1.0, 0.01, 0.001, 0.0254])),
+        up=draw(st.sampled_from(["y", "z", "-y"])),
+        rest=draw(st.sampled_from(["T", "A", "hanging", "along y", "odd"])),
+        placed=draw(st.booleans()),
+    )
+
+
+@settings(max_examples=12, deadline=None)
+@given(rigs(), st.integers(0, 30))
+def test_rigs_at_random_without_names(layout: Layout, start: int) -> None:
+    clip = held_still(motion(10, 40, start), layout)
+    rigged = of(write(layout, clip))
+    expected = mapped(layout)
+    assert not [ours for ours in NEEDED if rigged.rig.joints[ours] != expected[ours]]
+    assert rigged.rig.up == layout.up and rigged.rig.unit == layout.unit
+    assert worst(rigged, clip, layout) < 1e-3
+
+
+# --- what is none ---
+
+
+def beast(legs: int, length: float, tail: int) -> str:
+    """A dog, or with more legs something else: a trunk that lies, on legs that are square to it."""
+    bones = [
+        "spine0 - 0 55 0",
+        "spine1 spine0 0 0 20",
+        "spine2 spine1 0 0 20",
+        "neck spine2 0 12 12",
+        "head neck 0 6 10",
+    ]
+    bones += [f"tail{k} {f'tail{k - 1}' if k else 'spine0'} 0 -2 -12" for k in range(tail)]
+    for side, sign in (("l", 1), ("r", -1)):
+        for k in range(legs):
+            hub = f"spine{min(2, 2 * k)}"
+            parts = [(9 * sign, 0, 3 * k), (0, -22, 4), (0, -20, -7), (0, -10, 2), (0, -2, 6)]
+            for j, (x, y, z) in enumerate(parts):
+                bones.append(f"{side}{k}_{j} {f'{side}{k}_{j - 1}' if j else hub} {x} {y * length} {z}")
+    rows = [bone.split() for bone in bones]
+
+    def tree(name: str, offset: list[str], depth: int) -> str:
+        channels = "6 Xposition Yposition Zposition" if not depth else "3"
+        below = "".join(tree(row[0], row[2:], depth + 1) for row in rows if row[1] == name)
+        below = below or "End Site\n{\nOFFSET 0 0 0\n}\n"
+        kind = "JOINT" if depth else "ROOT"
+        text = f"{kind} {name}\n{{\nOFFSET {' '.join(offset)}\nCHANNELS {channels} Zrotation Xrotation Yrotation\n"
+        return f"{text}{below}}}\n"
+
+    swing = 8 * np.sin(0.4 * np.arange(20)[:, None] + np.arange(3 + 3 * len(rows)))
+    swing[:, :3] = [0, 55, 0]
+    lines = "\n".join(" ".join(f"{x:.3f}" for x in row) for row in swing)
+    return f"HIERARCHY\n{tree('spine0', ['0', '55', '0'], 0)}MOTION\nFrames: 20\nFrame Time: 0.03\n{lines}\n"
+
+
+@pytest.mark.parametrize(("legs", "length", "tail"), [(2, 1.0, 5), (2, 1.4, 0), (2, 0.7, 8), (4, 1.0, 0), (5, 0.8, 0)])
+def test_animals_are_refused(legs: int, length: float, tail: int) -> None:
+    with pytest.raises(BodysenseError, match=r"^dog.bvh: not a humanoid: two legs and two arms were not found$"):
+        of(beast(legs, length, tail), "dog.bvh")
+
+
+# --- several bodies ---
+
+
+def test_of_several_bodies_one_is_chosen() -> None:
+    clip = motion(6, 50)
+    first, second = (write(LAYOUTS[name], clip) for name in ("Mixamo", "classic, two chests"))
+    heads = [text.split("MOTION\n")[0].removeprefix("HIERARCHY\n") for text in (first, second)]
+    rows = [text.split("MOTION\n")[1].splitlines() for text in (first, second)]
+    values = [f"{a} {b}" for a, b in zip(rows[0][2:], rows[1][2:], strict=True)]
+    both = "\n".join(["HIERARCHY", *heads, "MOTION", *rows[0][:2], *values])
+    with pytest.raises(BodysenseError, match=r"2 bodies in it: 1 .mixamorig7:Hips., 2 .Hips.; choose one with"):
+        of(both)
+    assert of(both, figure=2).rig.family == "Biovision"
+    assert worst(of(both, figure=1), clip, LAYOUTS["Mixamo"]) < 1e-3
+    stage = "ROOT Stage\n{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n"
+    under = "\n".join(head.replace("ROOT", "JOINT") for head in heads)
+    values = [f"0 0 0 {row}" for row in values]
+    one_root = "\n".join([f"HIERARCHY\n{stage}{under}}}", "MOTION", *rows[0][:2], *values])
+    assert of(one_root, figure=2).rig.family == "Biovision"
+
+
+# --- damage ---
+
+WHOLE = write(LAYOUTS["pose lifter"], motion(4, 100))
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.data())
+def test_damaged_files_are_refused_in_one_line_or_read(data: st.DataObject) -> None:
+    content = bytearray(WHOLE.encode())
+    for _ in range(data.draw(st.integers(1, 6))):
+        at = data.draw(st.integers(0, len(content) - 1))
+        cut = data.draw(st.sampled_from([0, 1, 3, 40]))
+        content[at : at + cut] = data.draw(st.binary(max_size=4))
+    try:
+        rigged = read_rigged(bytes(content), Path("take.bvh"))
+    except BodysenseError as error:
+        assert str(error).startswith(("take.bvh: ", "--")) and "\n" not in str(error).strip()
+    else:
+        assert np.isfinite(rigged.clip.pose.rotation).all() and np.isfinite(rigged.clip.pose.root_position).all()
+
+
+@pytest.mark.parametrize("wide", [False, True])
+def test_ten_thousand_joints_take_seconds(wide: bool) -> None:
+    joint = "JOINT j{}\n{{\nOFFSET 0 .01 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n"
+    end = "End Site\n{\nOFFSET 0 1 0\n}\n"
+    parts = [joint.format(k) + (end + "}\n" if wide else "") for k in range(10_000)]
+    tail = "" if wide else end + "}\n" * 10_000
+    head = "HIERARCHY\nROOT r\n{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n" + "".join(parts) + tail
+    text = head + "}\nMOTION\nFrames: 2\nFrame Time: .1\n" + "0 " * 2 * 30_003
+    begun = time.process_time()
+    with pytest.raises(BodysenseError, match=r"take.bvh: "):
+        of(text)
+    assert time.process_time() - begun < 5

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
+from bodysense.io.rigs.options import AS_FOUND
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -24,7 +26,7 @@ LONGEST = 10.0  # s of it, from the middle of the motion
 def demo(
     file: Annotated[Path | None, tyro.conf.Positional] = None,
     out: Annotated[Path, tyro.conf.arg(aliases=("-o",))] = Path("bodysense-demo"),
-    height: float | None = None,
+    reading: Reading = AS_FOUND,
 ) -> None:
     """Complete a motion from what a headset's cameras see of it; write BVH files and pictures.
 
@@ -32,7 +34,7 @@ def demo(
         file: motion of your own, .bvh or AMASS .npz; without one, the packaged performance, by a stranger: a body that
             no network was trained on.
         out: folder for truth.bvh, result.bvh, demo.webp and demo.png.
-        height: metres to which the body is scaled, for files that do not say how tall it is.
+        reading: what the file does not say of itself.
     """
     import numpy as np
     from rich.console import Console
@@ -51,7 +53,7 @@ def demo(
     from bodysense.take import track
 
     console = Console()
-    clip = resample(load_clip(file, height) if file is not None else performance_of_stranger(), RATE)
+    clip = resample(load_clip(file, reading) if file is not None else performance_of_stranger(), RATE)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, cast
 
 from bodysense.errors import BodysenseError
+from bodysense.io.rigs.options import ReadingOptions
 
 if TYPE_CHECKING:
     from bodysense.capture.raw_markers import MarkerFormat
@@ -22,10 +23,6 @@ class MarkerOptions:
 
     names: Path | None = None
     """Of a marker file: a table of its names and ours, .json or .csv (docs/gloves.md)."""
-    unit: Literal["m", "cm", "mm"] | None = None
-    """Of a marker file; by default what it says, metres for CSV."""
-    up: Literal["y", "z"] | None = None
-    """Of a marker file: its upward axis; by default what it says, y for CSV, z for C3D."""
     left_handed: bool = False
     """Of a marker file: its axes are left-handed, as in Unity and Unreal."""
     marker_rate: float | None = None
@@ -33,19 +30,24 @@ class MarkerOptions:
     unlabelled: Literal["left", "right", "both"] | None = None
     """Of a marker file: its points are not told apart (passive markers); these gloves are found among them."""
 
-    def form(self) -> MarkerFormat:
-        """These options as the readers take them. Raises BodysenseError for a table of names that is none."""
-        from bodysense.capture.raw_markers import MarkerFormat, read_names
+    def form(self, reading: ReadingOptions) -> MarkerFormat:
+        """These options as the readers take them. Raises BodysenseError for what marker files cannot be."""
+        from bodysense.capture.raw_markers import METRES, MarkerFormat, Unit, Up, read_names
 
+        if reading.unit not in (None, *METRES) or reading.up not in (None, "y", "z"):
+            raise BodysenseError(f"--unit {reading.unit} --up {reading.up}: marker files are in m, cm or mm, y or z up")
+        if more := reading.for_motions():
+            raise BodysenseError(f"{', '.join(more)}: for motions, not for marker files; leave it out")
         names = None if self.names is None else read_names(self.names)
-        return MarkerFormat(names, self.unit, self.up, self.left_handed, self.marker_rate)
+        unit, up = cast("Unit | None", reading.unit), cast("Up | None", reading.up)
+        return MarkerFormat(names, unit, up, self.left_handed, self.marker_rate)
 
 
 NO_OPTIONS = MarkerOptions()
 
 
-def recording_of_markers(file: Path, options: MarkerOptions, height: float | None) -> Recording:
-    """What the gloves of a marker file show, on the default body, `height` m tall, with hands of the gloves' size.
+def recording_of_markers(file: Path, options: MarkerOptions, reading: ReadingOptions) -> Recording:
+    """What the gloves of a marker file show, on the default body, as tall as told, with hands of the gloves' size.
 
     Prints what is doubtful. Raises BodysenseError for a file that is no recording of gloves.
     """
@@ -53,11 +55,12 @@ def recording_of_markers(file: Path, options: MarkerOptions, height: float | Non
     from bodysense.capture.markers import read_markers, with_hands_of
     from bodysense.capture.recording import Recording
 
+    height = reading.height
     body = default_skeleton() if height is None else default_skeleton().scaled(height)
     if options.unlabelled is not None:
-        observation = _labelled(file, options)
+        observation = _labelled(file, options, reading)
         return Recording(observation, body)
-    found = read_markers(file, options.form())
+    found = read_markers(file, options.form(reading))
     for remark in found.remarks:
         print(f"note: {remark}")
     for hand, size in found.sizes.items():
@@ -91,7 +94,7 @@ def write_seen(out: Path, recording: Recording, frame_rate: float) -> None:
         write_recording(out, recording)
 
 
-def _labelled(file: Path, options: MarkerOptions) -> Observation:
+def _labelled(file: Path, options: MarkerOptions, reading: ReadingOptions) -> Observation:
     """The gloves among the points of a file that does not tell them apart."""
     from bodysense.body.hand import Side, hand_skeleton
     from bodysense.body.skeleton import default_skeleton
@@ -100,7 +103,7 @@ def _labelled(file: Path, options: MarkerOptions) -> Observation:
 
     if options.names is not None:
         raise BodysenseError(f"--names {options.names}: --unlabelled takes no names; leave one of both out")
-    points, _ = read_unlabelled(file, options.form())
+    points, _ = read_unlabelled(file, options.form(reading))
     sides: list[Side] = [side for side in SIDES if options.unlabelled in (side, "both")]
     labeller = Labeller({side: hand_skeleton(default_skeleton(), side) for side in sides})
     observation, _ = labeller.step(points, labeller.start())

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from bodysense.cli.markers import NO_OPTIONS, MarkerOptions
+from bodysense.cli.options import Reading
 from bodysense.cli.recordings import load_clip, person_of, source_of
 from bodysense.cli.video import NO_VIDEO, VideoOptions, track_video
 from bodysense.devices.simulated import DeviceName
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
@@ -29,9 +31,9 @@ def simulate(
     file: MotionFile,
     out: Output,
     device: DeviceName = "headset_camera",
-    height: float | None = None,
     noise: bool = False,
     seed: int = 1,
+    reading: Reading = AS_FOUND,
 ) -> None:
     """Record what a device would track of a motion.
 
@@ -39,9 +41,9 @@ def simulate(
         file: motion, .bvh or AMASS .npz.
         out: recording, .npz or .jsonl (docs/recording.md); of gloves also .csv or .c3d (docs/gloves.md).
         device: what watches the body.
-        height: metres to which the body is scaled, for files that do not say how tall it is.
         noise: errors as real devices have them.
         seed: random seed of the noise.
+        reading: what the file does not say of itself.
     """
     from rich.console import Console
 
@@ -50,7 +52,7 @@ def simulate(
     from bodysense.devices.simulated import simulate as simulated
 
     check_place(out)
-    clip = load_clip(file, height)
+    clip = load_clip(file, reading)
     observation = simulated(clip, device, seed if noise else None)
     write_seen(out, Recording(observation, clip.pose.skeleton), clip.frame_rate)
     tracked = (observation.has_position | observation.has_rotation).mean()
@@ -63,10 +65,8 @@ def track(
     device: DeviceName | None = None,
     missing: str | None = None,
     rig: str | None = None,
-    height: float | None = None,
     person: Path | None = None,
     save_person: Path | None = None,
-    floor: float = 0.0,
     hold_feet: bool = True,
     noise: bool = False,
     model: Path | None = None,
@@ -75,6 +75,7 @@ def track(
     seed: int = 1,
     gloves: Annotated[MarkerOptions, tyro.conf.arg(name="")] = NO_OPTIONS,
     video: Annotated[VideoOptions, tyro.conf.arg(name="")] = NO_VIDEO,
+    reading: Reading = AS_FOUND,
 ) -> None:
     """Complete a recording, a video, a motion with holes, or one seen by a simulated device; write BVH, glTF or VRMA.
 
@@ -91,11 +92,8 @@ def track(
             names; 'source' is the rig of FILE, with its holes filled if it has any, and NAME.bvh that of another BVH
             file, to whose body the motion is fitted. If omitted, 'source' where a .bvh with holes is written as .bvh,
             else 'bodysense'.
-        height: wearer's height in metres; other proportions are inferred. If omitted, the body is the recording's, and
-            inferred where that has none.
         person: wearer's file, written by --save-person.
         save_person: JSON file for the wearer, as believed at the end.
-        floor: height of the floor in metres.
         hold_feet: hold feet that stand, and keep them over the floor.
         noise: errors of a simulated device as real ones have them.
         model: completion network of your own; the packaged one if omitted. With --samples, a video, or fingers of a
@@ -104,6 +102,8 @@ def track(
             changes.
         samples: so many plausible bodies for one signal of head and wrists, OUT_1.bvh, OUT_2.bvh …, by HMD-VAE.
         seed: random seed of samples and noise.
+        reading: what the file does not say of itself. Of a recording: --floor; and --height, the wearer's, from which
+            other proportions are inferred (if omitted, the body is the recording's, or inferred, too).
     """
     from rich.progress import Progress
 
@@ -111,6 +111,7 @@ def track(
     from bodysense.capture.recording import Recording, is_recording
     from bodysense.capture.video import is_video
     from bodysense.completion.model import load_completion
+    from bodysense.data.clip import Clip
     from bodysense.estimators.finger_synthesis import synthesize
     from bodysense.take import signal_of
     from bodysense.take import track as complete
@@ -120,19 +121,23 @@ def track(
     if is_video(str(file)):
         if device is not None or fingers == "synthesize" or samples is not None or gloves != NO_OPTIONS:
             raise BodysenseError(f"{file}: --device, --fingers, --samples and options of markers are not for videos")
-        track_video(str(file), out, video, model, height)
+        _check_video_options(file, reading)
+        track_video(str(file), out, video, model, reading.height)
         return
     if video != NO_VIDEO:
         raise BodysenseError(f"{file}: not a video; --overlay, --people and their like are for videos")
     if samples is not None and fingers == "synthesize":
         raise BodysenseError(f"--samples {samples} draws bodies as they are; leave --fingers synthesize out")
-    wearer, seeded = person_of(person, height), seed if noise else None
+    wearer, seeded = person_of(person, reading.height), seed if noise else None
     is_motion = file.is_file() and not is_recording(file) and not is_marker_file(file)
     if device is None and missing is None and fingers == "synthesize" and is_motion:
-        _write_with_fingers(file, out, height, model)
+        _write_with_fingers(file, out, reading, model)
         return
-    source = source_of(file, gloves, height, fingers=fingers == "synthesize")
-    told = height if isinstance(source, Path) else None  # markers were put on a body of this height already
+    has_holes = device is None and is_motion
+    source = file if has_holes else source_of(file, gloves, reading, fingers=fingers == "synthesize")
+    # Markers were put on a body so tall already, and a motion was scaled so.
+    told = None if has_holes or isinstance(source, Recording) else reading.height
+    floor = 0.0 if has_holes or isinstance(source, Clip) else reading.floor or 0.0  # of a motion it was put to 0
     if samples is not None:
         from bodysense.cli.samples import write_samples
 
@@ -150,6 +155,7 @@ def track(
             source,
             device=device,
             missing=missing or (),
+            reading=reading,
             person=wearer,
             height=told,
             noise=seeded,
@@ -160,7 +166,7 @@ def track(
     rate = len(take.time) / (time.perf_counter() - begun)
     if fingers == "synthesize":
         take = replace(take, clip=synthesize(take.clip), file=None)
-    take.save(out, rig)
+    replace(take, source=file if file.suffix.lower() == ".bvh" else None).save(out, rig)
     print(f"wrote {out}: {len(take.time)} frames at {rate:.0f} frames/s")
     _say(take)
     if save_person is not None:
@@ -188,13 +194,19 @@ def _say(take: Take) -> None:
         print(inferred_line(take.person))
 
 
-def _write_with_fingers(file: Path, out: Path, height: float | None, model: Path | None) -> None:
-    """A motion with plausible fingers, and otherwise as it is."""
+def _check_video_options(file: Path, reading: ReadingOptions) -> None:
+    """Refuse what a video has none of."""
+    if reading != ReadingOptions(height=reading.height):
+        raise BodysenseError(f"{file}: a video; of --unit, --up, --floor, --joints and --figure it has none")
+
+
+def _write_with_fingers(file: Path, out: Path, reading: ReadingOptions, model: Path | None) -> None:
+    """A motion that nothing watches, with plausible fingers, and otherwise as it is."""
     from bodysense.estimators.finger_synthesis import synthesize
     from bodysense.estimators.point_model import load_point_model
     from bodysense.export.motion_files import write_motion
 
-    clip = synthesize(load_clip(file, height), load_point_model("fingers", model))
+    clip = synthesize(load_clip(file, reading), load_point_model("fingers", model))
     write_motion(out, replace(clip, name=out.stem))
     print(f"wrote {out}: {len(clip)} frames with synthesized fingers")
 

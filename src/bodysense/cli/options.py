@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from bodysense.io.rigs.options import ReadingOptions
+
+Reading = Annotated[ReadingOptions, tyro.conf.arg(name="")]  # of a motion file: --unit, --up, --floor …
 
 if TYPE_CHECKING:
     from bodysense.estimators.ik_tracker import IkTrackerSettings

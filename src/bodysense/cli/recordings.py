@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from bodysense.cli.markers import NO_OPTIONS, MarkerOptions, check_gloves_of, recording_of_markers
 from bodysense.errors import BodysenseError
+from bodysense.io.rigs.options import ReadingOptions
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
@@ -14,13 +15,14 @@ if TYPE_CHECKING:
     from bodysense.data.clip import Clip
 
 
-def load_clip(file: Path, height: float | None) -> Clip:
-    """A user's motion in canonical form, scaled where they say how tall it is."""
-    from bodysense.data.augment import at_height
-    from bodysense.data.sources import Source, read_source
+def load_clip(file: Path, reading: ReadingOptions) -> Clip:
+    """A user's motion in canonical form; prints what was recognised of its rig."""
+    from bodysense.data.sources import Source, read_with_rig
 
-    clip = read_source(Source(file, person="", split="test"))
-    return clip if height is None else at_height(clip, height)
+    clip, rig = read_with_rig(Source(file, person="", split="test"), reading)
+    if rig is not None:
+        print(f"read {file}: {rig.line()}")
+    return clip
 
 
 def person_of(file: Path | None, height: float | None) -> Person | None:
@@ -32,8 +34,10 @@ def person_of(file: Path | None, height: float | None) -> Person | None:
     return None if file is None else Person.load(file)
 
 
-def source_of(file: Path, markers: MarkerOptions, height: float | None, fingers: bool = False) -> Path | Recording:
-    """What `bodysense.track` takes: a file, or a recording of markers that a user says more about.
+def source_of(
+    file: Path, markers: MarkerOptions, reading: ReadingOptions, fingers: bool = False
+) -> Path | Clip | Recording:
+    """What `bodysense.track` takes: a recording's file, a motion, or markers that a user says more about.
 
     `fingers` are to be made up, which those of gloves are not.
     """
@@ -45,14 +49,17 @@ def source_of(file: Path, markers: MarkerOptions, height: float | None, fingers:
         raise BodysenseError(f"{file}: no such file")
     if is_marker_file(file):
         _check_fingers(file, fingers)
-        return recording_of_markers(file, markers, height)
+        return recording_of_markers(file, markers, reading)
     if markers != NO_OPTIONS:
-        raise BodysenseError(f"{file}: --names, --unit, --up and their like are for marker files, .csv and .c3d")
-    if is_recording(file):
-        recording = read_recording(file)
-        if has_gloves(recording.observation):
-            _check_fingers(file, fingers)
-            check_gloves_of(recording.observation, file)
+        raise BodysenseError(f"{file}: --names, --unlabelled and their like are for marker files, .csv and .c3d")
+    if not is_recording(file):
+        return load_clip(file, reading)
+    if reading != ReadingOptions(floor=reading.floor, height=reading.height):
+        raise BodysenseError(f"{file}: --unit, --up, --joints and --figure are for motions and marker files")
+    recording = read_recording(file)
+    if has_gloves(recording.observation):
+        _check_fingers(file, fingers)
+        check_gloves_of(recording.observation, file)
     return file
 
 

@@ -7,7 +7,9 @@ from typing import Annotated, Literal
 
 import tyro
 
+from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
+from bodysense.io.rigs.options import AS_FOUND
 
 
 def render(
@@ -16,8 +18,9 @@ def render(
     videos: int = 24,
     seconds: float = 6.0,
     split: Literal["train", "val", "test", "all"] = "test",
-    height: int = 480,
+    pixels: int = 480,
     seed: int = 1,
+    reading: Reading = AS_FOUND,
 ) -> None:
     """Draw videos of a skinned, dressed and lit body from motion with fingers; each with its truth beside it.
 
@@ -30,8 +33,9 @@ def render(
         videos: How many, spread over the clips.
         seconds: Of each, at most.
         split: Which people.
-        height: Of the pictures, pixels; they are 4:3.
+        pixels: Height of the pictures; they are 4:3.
         seed: Of everything that is drawn at random.
+        reading: What the motion files do not say of themselves.
     """
     import numpy as np
     from rich.console import Console
@@ -41,15 +45,15 @@ def render(
     from bodysense.data.clips import count_clips, open_clips
     from bodysense.export.render.take import RATE, film, plan_takes
 
-    if videos < 1 or not seconds >= 1 or height < 64 or height % 2:
+    if videos < 1 or not seconds >= 1 or pixels < 64 or pixels % 2:
         raise BodysenseError(
-            f"render: {videos} videos of {seconds:g} s, {height} pixels high; "
+            f"render: {videos} videos of {seconds:g} s, {pixels} pixels high; "
             "give at least 1 video, 1 s, and an even height from 64 on"
         )
     if motion.is_file():
-        clips = [load_clip(motion, None)]
+        clips = [load_clip(motion, reading)]
     else:
-        clips = track(open_clips(motion, split), "reading", count_clips(motion, split))
+        clips = track(open_clips(motion, split, options=reading), "reading", count_clips(motion, split))
     fingered = [clip for clip in clips if clip.has_fingers and clip.seconds >= min(2.0, seconds)]
     if not fingered:
         raise BodysenseError(
@@ -75,7 +79,7 @@ def render(
             if (out / f"{take.name}.mp4").is_file() and (out / f"{take.name}.npz").is_file():
                 progress.update(bar, advance=len(take.time))
                 continue
-            film(take, scene, out, height, lambda: progress.update(bar, advance=1))
+            film(take, scene, out, pixels, lambda: progress.update(bar, advance=1))
     length = sum(len(take.time) / RATE for take, _ in planned)
     said = "" if len(planned) == videos else f"; no more of {videos}: the motion has no more in which hands move"
     Console().print(f"{out}: videos: {len(planned)}, {length:.0f} s{said}", highlight=False)

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from bodysense.cli.options import Reading
 from bodysense.devices.simulated import DeviceName
 from bodysense.errors import BodysenseError
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
@@ -27,7 +29,6 @@ def serve(
     origin: Addresses = (),
     replay: Path | None = None,
     device: DeviceName | None = None,
-    height: float | None = None,
     person: Path | None = None,
     vmc_in: int | None = None,
     vmc_names: Path | None = None,
@@ -37,6 +38,7 @@ def serve(
     allow_record: Path | None = None,
     sessions: int = 64,
     workers: int = 1,
+    reading: Reading = AS_FOUND,
 ) -> None:
     """Serve the page and the WebSocket for live tracking; avatars by VMC and VRChat (docs/serve.md).
 
@@ -47,7 +49,6 @@ def serve(
         origin: Origin of a page elsewhere that may connect, as http://localhost:5173. Repeatable.
         replay: A recording (.npz, .jsonl), or with --device a motion (.bvh, AMASS .npz), played in real time.
         device: What watches the body, where the replay is a motion; the page then shows the truth, too.
-        height: wearers' height in metres; inferred from what is tracked if omitted. A replayed motion is scaled to it.
         person: wearers' proportions and how trackers are worn, a person's file (.json).
         vmc_in: UDP port on which headset, controllers and trackers come in by VMC (its own is 39539).
         vmc_names: Which point each device of VMC is, a .json table by serial (docs/avatars.md).
@@ -57,6 +58,7 @@ def serve(
         allow_record: Folder for recordings that clients ask for; without it none are made.
         sessions: At most so many at a time, in each process.
         workers: Processes that share the port.
+        reading: what a replayed motion does not say of itself; --height is the wearers', inferred if omitted.
     """
     from rich.console import Console
 
@@ -76,12 +78,12 @@ def serve(
         raise BodysenseError("--vmc-names is for devices that come in by VMC; give their port with --vmc-in")
     if token is None and not is_loopback(host):
         token = secrets.token_urlsafe(16)
-    wearer = person_of(person, height) or Person(height=height)
+    wearer = person_of(person, reading.height) or Person(height=reading.height)
     settings = ServerSettings(
         access=Access(host, token, origin),
         limits=replace(Limits(), sessions=sessions),
         allow_record=None if allow_record is None else _folder(allow_record),
-        playable=_playable(replay, device, height, wearer),
+        playable=_playable(replay, device, reading, wearer),
         person=wearer,
         vmc_in=vmc_in,
         vmc_trackers=VmcTrackers() if vmc_names is None else VmcTrackers(read_device_names(vmc_names)),
@@ -123,7 +125,7 @@ def _receiver(protocol: Literal["vmc", "vrchat"], address: str) -> Receiver:
     return Receiver(protocol, host.strip("[]"), int(port))
 
 
-def _playable(file: Path | None, device: str | None, height: float | None, wearer: Person) -> Playable | None:
+def _playable(file: Path | None, device: str | None, reading: ReadingOptions, wearer: Person) -> Playable | None:
     """What is replayed: a recording, or what a device tracks of a motion, with its truth."""
     from bodysense.body.person import Person
     from bodysense.capture.recording import is_recording, read_recording
@@ -141,12 +143,12 @@ def _playable(file: Path | None, device: str | None, height: float | None, weare
         if device is not None:
             raise BodysenseError(f"--replay {file}: a recording; leave --device out")
         recording = read_recording(file)
-        told = recording.told and height is None
+        told = recording.told and reading.height is None
         return Playable(recording.observation, Person(recording.skeleton) if told else wearer)
     if device is None:
         raise BodysenseError(
             f"--replay {file}: not a recording; if it is a motion, say what watches it: --device headset_camera "
             f"or another of {', '.join(DEVICES)}"
         )
-    clip = load_clip(file, height)
+    clip = load_clip(file, reading)
     return Playable(simulate(clip, device), Person(clip.pose.skeleton), clip.pose)

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 from tyro.extras import SubcommandApp
 
-from bodysense.cli.options import tracker_settings
+from bodysense.cli.options import Reading, tracker_settings
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
+from bodysense.io.rigs.options import AS_FOUND
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -39,9 +40,9 @@ def build(
     model: Path | None = None,
     last_known: Literal["world", "head", "heading"] = "heading",
     half_life: float | None = None,
-    height: float | None = None,
     seed: int = 0,
     jobs: int | None = None,
+    reading: Reading = AS_FOUND,
 ) -> None:
     """Make a study: the pages that raters see, and the key to them (docs/study.md).
 
@@ -53,9 +54,9 @@ def build(
         model: A network written by `bodysense train`; the packaged one by default.
         last_known: Where the baseline keeps a hidden joint: in the world, or with the head, or turning with it.
         half_life: Of the tracker's smoother, seconds; the tracker's own by default; for network and baseline alike.
-        height: Metres; scales the bodies, for files that do not say how tall they are.
         seed: Of the names, the scenes drawn, and each rater's order.
         jobs: Processes; all processors by default.
+        reading: What the motion files do not say of themselves.
     """
     import os
 
@@ -79,7 +80,7 @@ def build(
         tracker=tracker_settings(half_life),
     )
     check_place(out / "key.json" if out.is_dir() else out)
-    loaded = [replace(load_clip(file, height), name=file.stem) for file in clips] or [packaged_performance()]
+    loaded = [replace(load_clip(file, reading), name=file.stem) for file in clips] or [packaged_performance()]
     with Progress() as progress:
         bar = progress.add_task("completing the body", total=None)
         key, motions = build_study(

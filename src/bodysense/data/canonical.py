@@ -75,6 +75,8 @@ def canonical(
     for name in (joints or {}).values():
         ours.index(name)  # raises for a name that is not ours
     match = _match_points(source, _recognised(clip) if joints is None else joints)
+    if "pelvis" not in match:
+        raise BodysenseError(f"{clip.name}: no joint is its pelvis, which carries the legs and the trunk")
     parents = _matched_parents(ours, match)
     standing = rest_pose(source) if rest is None else _facing_forward(rest, match)
     align, unknown = _alignment(ours, _places(standing, match), parents)

@@ -10,7 +10,7 @@ import numpy as np
 
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_canonical, quaternion_rotate
-from bodysense.body.skeleton import Skeleton
+from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.data.augment import at_height
 from bodysense.data.canonical import canonical
 from bodysense.data.clip import Clip
@@ -44,7 +44,9 @@ def read_rigged(data: bytes, path: Path, options: ReadingOptions = AS_FOUND, *, 
     Raises BodysenseError, naming the file and the fix, where it holds no body, or several and none was chosen.
     """
     file = parse_bvh(data, path)
-    figure = _chosen(bodies_of([file.figure(root) for root in file.roots], options), path, options)
+    if must_stand and options.floor is None:  # a published set has its floor
+        options = replace(options, floor=0.0)
+    figure = _chosen(file, options)
     rig = recognise(figure, options)
     clip = _clip(figure, rig, must_stand)
     if options.height is not None:
@@ -54,8 +56,14 @@ def read_rigged(data: bytes, path: Path, options: ReadingOptions = AS_FOUND, *, 
     return Rigged(file, figure, rig, clip)
 
 
-def _chosen(figures: list[Figure], path: Path, options: ReadingOptions) -> Figure:
+def figure_of_file(data: bytes, path: Path, options: ReadingOptions = AS_FOUND) -> Figure:
+    """The figure of a BVH file's bytes that is read, whether or not it is recognised. Raises as `read_rigged`."""
+    return _chosen(parse_bvh(data, path), options)
+
+
+def _chosen(file: BvhFile, options: ReadingOptions) -> Figure:
     """The body that the options choose."""
+    path, figures = file.path, bodies_of([file.figure(root) for root in file.roots], options)
     names = ", ".join(f"{rank} ({figure.joints[0]})" for rank, figure in enumerate(figures, start=1))
     if options.figure is None and len(figures) > 1:
         raise BodysenseError(f"{path}: {len(figures)} bodies in it: {names}; choose one with --figure 1")
@@ -66,7 +74,10 @@ def _chosen(figures: list[Figure], path: Path, options: ReadingOptions) -> Figur
 
 def _clip(figure: Figure, rig: Rig, must_stand: bool) -> Clip:
     """The motion of a recognised figure in canonical form."""
-    figure = _of_body(figure, rig)
+    sites = [
+        given for ours, given in rig.joints.items() if given in figure.end_sites and ours in default_skeleton().joints
+    ]
+    figure = _of_body(figure.with_joints(sites) if sites else figure, rig)
     source, place = _placed(figure, rig)
     joints = {given: ours for ours, given in rig.joints.items()}
     if "pelvis" not in rig.joints:

@@ -29,6 +29,7 @@ from bodysense.data.resample import resample
 from bodysense.data.sources import Source, list_sources, read_source
 from bodysense.data.splits import Split
 from bodysense.errors import BodysenseError
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 
 FORMAT = "bodysense-motion-1"
 CHUNK = 512  # frames that are compressed together: a random window reads one or two chunks
@@ -100,25 +101,28 @@ def prepare(
     workers: int | None = None,
     scheduler: str | None = None,
     layout: Layout | None = None,
+    options: ReadingOptions = AS_FOUND,
 ) -> Store:
     """Turn a folder of motion files into a store at `rate` Hz, in parallel, and say what was skipped and why.
 
     `workers` processes of this machine do it (None: one for each processor; 1: this process alone), or, where
     `scheduler` is its address ('tcp://host:8786'), a Dask cluster that sees the same folders. A stopped run goes on
     where it was when it is run again; a finished one is left as it is. `layout` None recognises the folder's
-    (`data.layouts`). Raises BodysenseError where the folder has no motion, where nothing in it can be read, and where
-    `store_path` was made from other files or at another rate.
+    (`data.layouts`); `options` say what the files do not. Raises BodysenseError where the folder has no motion, where
+    nothing in it can be read, and where `store_path` was made from other files, with other options or at another rate.
     """
     directory, store_path = Path(directory), Path(store_path)
     sources = {source.key(directory): source for source in list_sources(directory, layout)}
     if is_store(store_path):
         store = read_store(store_path)
+        _check_read_alike(store_path, options)
         _check_same(store_path, store.table, rate, sources, whole=True)
         return store
     if store_path.exists():
         raise BodysenseError(f"{store_path} exists and is no store; give another place or remove it")
     part = store_path.with_name(f"{store_path.name}.part")
-    group = _open_part(part, rate)
+    group = _open_part(part, rate, options)
+    _check_read_alike(part, options)
     table = _read_table(group)
     _check_same(part, table, rate, sources, whole=False)
     done = {row.source for row in (*table.clips, *table.skipped)}
@@ -130,7 +134,7 @@ def prepare(
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns) as progress:
         task = progress.add_task(f"preparing {directory.name}", total=len(sources), completed=len(done))
-        for batch in _computed(todo, rate, workers, scheduler):
+        for batch in _computed(todo, rate, workers, scheduler, options):
             table = _append(group, table, batch)
             progress.advance(task, len(batch))
     if not table.clips:
@@ -169,13 +173,14 @@ def is_store(path: str | Path) -> bool:
     return (Path(path) / "zarr.json").is_file()
 
 
-def _open_part(part: Path, rate: float) -> Any:
+def _open_part(part: Path, rate: float, options: ReadingOptions) -> Any:
     """The unfinished store, begun if need be."""
     zarr = _zarr()
     if not (np.isfinite(rate) and rate > 0):
         raise BodysenseError(f"frame rate {rate:g} Hz cannot be; give a positive number, e.g. 30")
     ours = default_skeleton()
     about = {"format": FORMAT, "rate": rate, "joints": ours.joints, "end_sites": ours.end_sites}
+    about["reading"] = _told(options)
     try:
         if not is_store(part):
             zarr.create_group(part, zarr_format=3, attributes={**about, "clips": [], "skipped": []})
@@ -188,6 +193,19 @@ def _open_part(part: Path, rate: float) -> Any:
     except (ValueError, OSError) as error:
         raise BodysenseError(f"{part}: cannot be written ({error}); choose another place, or remove it") from None
     return group
+
+
+def _told(options: ReadingOptions) -> dict[str, str]:
+    """What was said of the files, as a store keeps it."""
+    return {name: str(value) for name, value in asdict(options).items() if value is not None}
+
+
+def _check_read_alike(path: Path, options: ReadingOptions) -> None:
+    """Raise unless a store was made with these options."""
+    before = _zarr().open_group(path, mode="r").attrs.get("reading", {})
+    if before != _told(options):
+        said = " ".join(f"--{name} {value}" for name, value in before.items()) or "none"
+        raise BodysenseError(f"{path} was made with other options ({said}); give another place or remove it")
 
 
 def _read_table(group: Any) -> Table:
@@ -211,11 +229,11 @@ def _check_same(path: Path, table: Table, rate: float, sources: Mapping[str, Sou
         )
 
 
-def _prepared(source: Source, rate: float) -> tuple[Clip | str, str]:
+def _prepared(source: Source, rate: float, options: ReadingOptions) -> tuple[Clip | str, str]:
     """The clip at `rate`, or why there is none; and the hash of its file. Runs in the workers."""
     sha256 = source.file.sha256()
     try:
-        clip = resample(read_source(source), rate)
+        clip = resample(read_source(source, options), rate)
     except BodysenseError as error:
         return str(error), sha256
     pose = clip.pose
@@ -224,7 +242,7 @@ def _prepared(source: Source, rate: float) -> tuple[Clip | str, str]:
 
 
 def _computed(
-    sources: Mapping[str, Source], rate: float, workers: int | None, scheduler: str | None
+    sources: Mapping[str, Source], rate: float, workers: int | None, scheduler: str | None, options: ReadingOptions
 ) -> Iterator[list[tuple[str, Source, Clip | str, str]]]:
     """What `_prepared` makes of the sources, computed by Dask: batches of (key, source, clip or reason, hash)."""
     from dask.base import compute
@@ -233,7 +251,7 @@ def _computed(
 
     def batches(size: int) -> Iterator[list[tuple[str, Source, Clip | str, str]]]:
         for some in (list(sources.items())[start : start + size] for start in range(0, len(sources), size)):
-            results = compute(*(delayed(_prepared, pure=False)(source, rate) for _, source in some))
+            results = compute(*(delayed(_prepared, pure=False)(source, rate, options) for _, source in some))
             yield [(key, source, *result) for (key, source), result in zip(some, results, strict=True)]
 
     if scheduler is not None:

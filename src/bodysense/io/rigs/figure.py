@@ -46,7 +46,8 @@ class Figure:
         """(P, 3) place of each point in its parent at rest, file units: the median of a place that varies."""
         bone = self.offset.copy()
         for joint, place in self.position.items():
-            bone[joint] = np.median(place, axis=0)
+            if joint:
+                bone[joint] = np.median(place, axis=0)
         return bone
 
     def above(self, point: int) -> list[int]:
@@ -90,6 +91,24 @@ class Figure:
             position=position | {0: place[:, 0]},
             frame_rate=self.frame_rate,
             nodes=tuple(self.nodes[point] for point in keep),
+        )
+
+    def with_joints(self, names: list[str]) -> Figure:
+        """The figure with some end sites as joints that do not turn: a hand or foot that is an end site."""
+        count = len(self.joints)
+        turned = [point for point in range(count, len(self.parents)) if self.points[point] in names]
+        order = [*range(count), *turned, *(p for p in range(count, len(self.parents)) if p not in turned)]
+        index = {point: new for new, point in enumerate(order)}
+        still = np.zeros((len(self), len(turned), 4))
+        still[..., 0] = 1
+        return replace(
+            self,
+            joints=self.joints + tuple(self.points[point] for point in turned),
+            end_sites=tuple(self.points[point] for point in order[count + len(turned) :]),
+            parents=tuple(-1 if self.parents[p] < 0 else index[self.parents[p]] for p in order),
+            offset=self.offset[order],
+            rotation=np.concatenate([self.rotation, still], axis=1),
+            nodes=tuple(self.nodes[point] for point in order),
         )
 
     def world(self, points: list[int] | None = None) -> tuple[np.ndarray, np.ndarray]:

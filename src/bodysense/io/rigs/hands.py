@@ -72,13 +72,21 @@ def _which(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[in
     apart = np.median((ways * rest).sum(-1), axis=1)  # the thumb points elsewhere
     thumb = chains[int(np.argmin(apart))]
     others = [chain for chain in chains if chain is not thumb]
-    others.sort(key=lambda chain: tree.distance(thumb[-1], chain[len(chain) // 2]))
+    knuckles = np.stack([tree.place[:, chain[0]] - tree.place[:, wrist] for chain in others])
+    along = knuckles.mean(axis=0)
+    base = tree.place[:, thumb[0]] - tree.place[:, wrist]
+    share = (base * along).sum(-1) / np.maximum((along * along).sum(-1), 1e-12)
+    across = base - share[:, None] * along  # over the palm, towards the thumb
+    ranks = -np.median((knuckles * across).sum(-1), axis=1)
+    others = [others[k] for k in np.argsort(ranks)]
     return dict(zip(FINGERS, [thumb, *others], strict=False))
 
 
 def _without_metacarpal(tree: Tree, wrist: int, finger: str, chain: list[int], joints: list[int]) -> list[int]:
     """The three joints that bend: without a bone inside the palm, named so or too near to the wrist."""
     names = tree.figure.points
+    if len(joints) > 3 and len(chain) > len(joints):  # four that bend and a tip: the first is inside the palm
+        return joints[1:]
     if finger == "thumb" or len(joints) < 3:
         return joints
     if "carpal" in "".join(words.words(names[joints[0]])) or (names[joints[0]].endswith("MC")):

@@ -56,11 +56,16 @@ def read_joint_map(path: Path, figure: Figure) -> dict[str, int]:
 
 
 def write_joint_map(path: Path, figure: Figure, joints: Mapping[str, str]) -> None:
-    """Write a draft: every point of a figure, with our name for it or ''."""
+    """Write a draft of such a file."""
+    with written_beside(path) as beside:
+        beside.write_text(joint_map_text(figure, joints), encoding="utf-8")
+
+
+def joint_map_text(figure: Figure, joints: Mapping[str, str]) -> str:
+    """A draft: every point of a figure, with our name for it or ''."""
     ours = {given: name for name, given in joints.items()}
     table = {name: ours.get(name, "") for name in figure.points}
-    with written_beside(path) as beside:
-        beside.write_text(json.dumps(table, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    return json.dumps(table, indent=1, ensure_ascii=False) + "\n"
 
 
 def _near(name: str, names: tuple[str, ...]) -> str:

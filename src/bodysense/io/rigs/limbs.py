@@ -22,6 +22,7 @@ _LONGEST_CHAIN = 18  # points of a limb
 _HINT, _CONTRADICTION, _HELPER = 1.5, 1.5, 4.0  # of names
 
 Kind = Literal["leg", "arm"]
+NARROWEST: dict[Kind, float] = {"leg": 0.08, "arm": 0.3}  # of a limb's length: how far apart both begin
 ROLES: dict[Kind, tuple[str, str, str]] = {"leg": ("hip", "knee", "ankle"), "arm": ("shoulder", "elbow", "wrist")}
 
 
@@ -54,6 +55,11 @@ class Tree:
     def distance(self, a: int, b: int) -> float:
         """Median distance of two points."""
         return float(np.median(np.linalg.norm(self.place[:, a] - self.place[:, b], axis=-1)))
+
+    def is_straight(self, a: int, b: int, c: int) -> bool:
+        """Whether three points that hang one on another stay in one line."""
+        straight = np.linalg.norm(self.place[:, a] - self.place[:, c], axis=-1).min()
+        return bool(straight > 0.97 * (self.length[b] + self.length[c]))
 
     def branches(self, point: int) -> list[int]:
         """The longest branches below a point."""
@@ -113,12 +119,12 @@ def _mirrored(tree: Tree, hub: int, a: int, b: int) -> tuple[tuple[int, ...], tu
     other: list[int] = []
     choices = [(a, b)]
     while choices and len(one) < _LONGEST_CHAIN:
-        fitting = []
-        for x, y in choices:
-            p, q = tree.length[x], tree.length[y]
-            if abs(p - q) <= ALIKE * max(p, q) + 0.01 * scale:
-                unlike = abs(p - q) + 0.3 * abs(tree.reach[x] - tree.reach[y])
-                fitting.append((min(p + tree.reach[x], q + tree.reach[y]) - 2 * unlike, x, y))
+        above = (one[-1], other[-1]) if one else (hub, hub)
+        fitting = _alike(tree, above, choices, scale)
+        if not fitting and one:  # one side may have a joint more that does not bend, a twist
+            more = [(c, y) for x, y in choices for c in tree.branches(x) if tree.is_straight(above[0], x, c)]
+            more += [(x, d) for x, y in choices for d in tree.branches(y) if tree.is_straight(above[1], y, d)]
+            fitting = _alike(tree, above, more, scale)
         if not fitting:
             break
         _, x, y = max(fitting)
@@ -126,6 +132,19 @@ def _mirrored(tree: Tree, hub: int, a: int, b: int) -> tuple[tuple[int, ...], tu
         other.append(y)
         choices = [(c, d) for c in tree.branches(x) for d in tree.branches(y)]
     return tuple(one), tuple(other)
+
+
+def _alike(
+    tree: Tree, above: tuple[int, int], choices: list[tuple[int, int]], scale: float
+) -> list[tuple[float, int, int]]:
+    """Of pairs of points those that are equally far from what they hang on, with how good a way on they are."""
+    fitting = []
+    for x, y in choices:
+        p, q = tree.distance(above[0], x), tree.distance(above[1], y)
+        if abs(p - q) <= ALIKE * max(p, q) + 0.01 * scale:
+            unlike = abs(p - q) + 0.3 * abs(tree.reach[x] - tree.reach[y])
+            fitting.append((min(p + tree.reach[x], q + tree.reach[y]) - 2 * unlike, x, y))
+    return fitting
 
 
 def as_limb(tree: Tree, hub: int, chains: tuple[tuple[int, ...], tuple[int, ...]], kind: Kind) -> Limb | None:
@@ -147,7 +166,8 @@ class _Straight:
 
     def __init__(self, tree: Tree, hub: int, chains: tuple[tuple[int, ...], tuple[int, ...]]) -> None:
         self._places = [tree.place[:, [hub, *chain]] for chain in chains]
-        lengths = np.mean([[tree.length[k] for k in chain] for chain in chains], axis=0)
+        pairs = [zip((hub, *chain), chain, strict=False) for chain in chains]
+        lengths = np.mean([[tree.distance(a, b) for a, b in pair] for pair in pairs], axis=0)
         self.way = np.concatenate([[0.0], np.cumsum(lengths)])  # from the hub
 
     @cached_property
@@ -177,11 +197,14 @@ def _fit(
     if min(upper, lower) < 0.08 * longest:
         return None
     before, after = straight.median(0, first), straight.way[-1] - straight.way[third]
+    apart = tree.distance(chains[0][picks[0]], chains[1][picks[0]]) / (upper + lower)
+    narrowest = NARROWEST[kind]
+    penalty = 5 * max(0.0, 1 - apart / narrowest)  # limbs do not begin in one point
     if kind == "leg":
-        penalty = (np.log(upper / lower) / 0.25) ** 2 + 4 * max(0.0, before / upper - 0.6)
+        penalty += (np.log(upper / lower) / 0.25) ** 2 + 4 * max(0.0, before / upper - 0.6)
         penalty += 5 * max(0.0, after / lower - 0.8)
     else:
-        penalty = (np.log(upper / lower / 1.05) / 0.3) ** 2 + 3 * max(0.0, before / upper - 1.2)
+        penalty += (np.log(upper / lower / 1.05) / 0.3) ** 2 + 3 * max(0.0, before / upper - 1.2)
         penalty += 5 * max(0.0, after / lower - 1.2)
     for a, b in ((first, second), (second, third)):  # a joint between two of the three should not bend
         if b - a > 1:

@@ -17,27 +17,31 @@ class ReadingOptions:
     """What a motion file does not say of itself, or says wrongly."""
 
     unit: str | None = None
-    """length unit of the file: m, cm, mm, in, ft, or metres, as 0.056444; found from the body if omitted."""
+    """length unit of the file: m, cm, mm, in, ft, or metres, as 0.056444; if omitted, what the file says, or what
+    makes the body of a motion as tall as a person."""
     up: UpAxis | None = None
-    """upward axis of the file; found from the motion if omitted."""
+    """upward axis of the file; if omitted, what the file says, or the one along which the body stands."""
     floor: float | None = None
-    """height of the floor in the file, metres along the upward axis; found from the feet if omitted."""
+    """height of the floor in the file, metres along the upward axis; if omitted, where the feet of a motion stand, and
+    0 in a recording."""
     height: float | None = None
-    """height of the body in metres, to which the motion is scaled; the file's if omitted."""
+    """height of the body in metres, to which a motion is scaled; the file's, or inferred, if omitted."""
     joints: Path | None = None
-    """which joint is which: a JSON file, drafted by `bodysense data joints`; found from the skeleton if omitted."""
+    """which joint of a motion is which: a JSON file, drafted by `bodysense data joints`; if omitted, recognised."""
     figure: int | None = None
-    """which body of a file of several, counted from 1."""
+    """which body of a motion of several, counted from 1."""
 
     def __post_init__(self) -> None:
         if self.unit is not None:
             _ = self.metres
         if self.figure is not None and self.figure < 1:
             raise BodysenseError(f"--figure {self.figure}: bodies are counted from 1")
-        if self.height is not None and not 0.3 <= self.height <= 3.0:
-            raise BodysenseError(f"--height {self.height:g}: not a person's; give metres between 0.3 and 3.0")
         if self.floor is not None and not abs(self.floor) <= 1000:
-            raise BodysenseError(f"--floor {self.floor:g}: give metres between -1000 and 1000")
+            raise BodysenseError(f"floor {self.floor:g} m; give the floor's height in metres")
+
+    def for_motions(self) -> list[str]:
+        """Options given that only motions have."""
+        return [f"--{name}" for name in ("joints", "figure") if getattr(self, name) is not None]
 
     @property
     def metres(self) -> float | None:

@@ -39,6 +39,7 @@ class Rig:
     confidence: float  # 0 to 1
     frame_rate: float
     count: int  # joints of the figure
+    used: int  # of them, those that are ours
     notes: tuple[str, ...] = ()
     turn: np.ndarray = field(init=False, repr=False)  # (4,) our world ← the file's
 
@@ -54,6 +55,11 @@ class Rig:
     def missing(self) -> tuple[str, ...]:
         """Joints of our body (fingers not counted) that the figure lacks; they are filled in."""
         return tuple(name for name in BODY if name not in self.joints)
+
+    @property
+    def lacking(self) -> list[str]:
+        """What is missing, without sides, each once."""
+        return list(dict.fromkeys(name.removeprefix("left_").removeprefix("right_") for name in self.missing))
 
     @property
     def has_fingers(self) -> bool:
@@ -85,7 +91,7 @@ class Rig:
         unit = self.unit_name or f"unknown unit, scaled to {self.height:.2f} m"
         floor = "floor at 0" if self.lift == 0 else f"floor at {-self.lift:.2f} m"
         up = {"y": "y up", "-y": "upside down (-y up)"}.get(self.up, f"{self.up} up")
-        lacking = f", without {', '.join(_short(self.missing))}" if self.missing else ""
+        lacking = f", without {', '.join(self.lacking)}" if self.missing else ""
         fingers = "fingers" if self.has_fingers else "no fingers"
         return (
             f"{self.family}, {self.count} joints, {unit}, {self.height:.2f} m tall, {up}, {floor}, "
@@ -136,6 +142,7 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
         confidence=float(np.clip(1 - max(0.0, penalty) / WORST, 0, 1) * np.clip(0.5 + upright / 2, 0, 1)),
         frame_rate=figure.frame_rate,
         count=len(figure.joints),
+        used=sum(point < len(figure.joints) for point in points.values()),
         notes=remarks,
     )
 
@@ -143,8 +150,3 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
 def sampled(figure: Figure) -> Figure:
     """Frames of a figure that it is recognised by."""
     return figure.at(np.unique(np.linspace(0, len(figure) - 1, SAMPLE).astype(int)))
-
-
-def _short(names: tuple[str, ...]) -> list[str]:
-    """Names without their sides, each once."""
-    return list(dict.fromkeys(name.removeprefix("left_").removeprefix("right_") for name in names))

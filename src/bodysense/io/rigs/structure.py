@@ -180,14 +180,14 @@ def _left(tree: Tree, leg: Limb, arm: Limb) -> tuple[int, int, str, tuple[str, .
     hips, shoulders = (tree.place[:, limb.joints(0)[0]] - tree.place[:, limb.joints(1)[0]] for limb in (leg, arm))
     crossed = float(_cosine(hips, shoulders).mean()) < 0
     named = [words.side(*([tree.figure.points[k] for k in chain] for chain in limb.chains)) for limb in (leg, arm)]
+    if all(named):
+        return int(named[0] < 0), int(named[1] < 0), "names", ()
     seen, sure = _anatomical(tree, leg, arm)
-    votes = named[0] + (-named[1] if crossed else named[1])
-    told = (votes > 0) - (votes < 0)
+    told = named[0] or (-named[1] if crossed else named[1])
     remarks: tuple[str, ...] = ()
     if told and sure and told != seen:
         remarks = ("left and right are as its names say, though its feet point backward",)
-    first = told or seen or 1
-    left_leg = 0 if first > 0 else 1
+    left_leg = int((told or seen) < 0)
     return left_leg, 1 - left_leg if crossed else left_leg, "names" if told else "the feet", remarks
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from bodysense.io.rigs import words
 from bodysense.io.rigs.limbs import Limb, Tree
 
-HEAD_HEIGHT = 0.36  # of the trunk's length: how far over the shoulders the joint of a head is
+HEAD_HEIGHT = 0.40  # of the trunk's length: how far over the shoulders the joint of a head is
 _TOP_HEIGHT = 0.55  # a last joint that is higher is the top of the head
 _BESIDE = 0.35  # of the trunk's length: what is farther beside the middle is no head
 

@@ -1,0 +1,91 @@
+"""What a user is told of a motion file, and what they may say of it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.body.pose import Pose
+from bodysense.data.bvh import read_bvh, write_bvh
+from bodysense.data.clip import Clip
+
+
+@pytest.fixture
+def inches(tmp_path: Path, short_clip: Clip) -> Path:
+    """A motion in inches whose floor lies 20 inches too low, under names that say nothing of the left elbow."""
+    pose = short_clip.pose
+    low = Clip("low", Pose(pose.skeleton, pose.root_position - [0.0, 0.508, 0.0], pose.rotation), short_clip.frame_rate)
+    path = tmp_path / "inches.bvh"
+    write_bvh(path, low, unit=0.0254)
+    path.write_text(path.read_text().replace("left_elbow", "Gelenk"))
+    return path
+
+
+def test_info_says_what_was_recognised(inches: Path, tmp_path: Path, run) -> None:
+    said = run("data", "info", inches, "--picture", tmp_path / "figures.png", "--json", tmp_path / "numbers.json")
+    assert "inches.bvh: SMPL, 52 joints, inches, 1.6" in said and "y up, floor at -0.5" in said and "confidence" in said
+    assert (tmp_path / "figures.png").read_bytes().startswith(b"\x89PNG")
+    assert json.loads((tmp_path / "numbers.json").read_text())["clips"] == 1
+
+
+def test_info_of_a_folder_skips_and_counts_what_it_cannot_read(inches: Path, tmp_path: Path, run, refused) -> None:
+    (tmp_path / "torn.bvh").write_text(inches.read_text()[:500])
+    said = " ".join(run("data", "info", tmp_path).split())
+    assert "inches" in said and "skipped 1 of 2 files" in said and "torn.bvh: there is no MOTION section" in said
+    inches.unlink()
+    assert "none of its 1 files can be read; the first: " in refused("data", "info", tmp_path)
+
+
+def test_options_of_every_command_that_reads_motion(inches: Path, tmp_path: Path, run, refused) -> None:
+    out = tmp_path / "out.bvh"
+    said = run("track", inches, "--device", "head", "-o", out)
+    assert "read " in said and "inches, " in said
+    run(
+        "simulate",
+        inches,
+        "-o",
+        tmp_path / "seen.npz",
+        "--unit",
+        "in",
+        "--up",
+        "y",
+        "--floor",
+        "-0.508",
+        "--height",
+        1.9,
+    )
+    assert "--unit, --up, --joints and --figure are for motions" in refused(
+        "track", tmp_path / "seen.npz", "-o", out, "--unit", "mm"
+    )
+    assert "--unit mile: give m, cm" in refused("simulate", inches, "-o", out.with_suffix(".npz"), "--unit", "mile")
+
+
+def test_a_table_of_joints_is_drafted_edited_and_read(inches: Path, tmp_path: Path, run, refused) -> None:
+    table, seen = tmp_path / "joints.json", tmp_path / "seen.npz"
+    said = run("data", "joints", inches, "-o", table)
+    drafted = json.loads(table.read_text())
+    assert "65 of 65 joints and end sites named" in said and drafted["Gelenk"] == "left_elbow"
+    table.write_text(json.dumps(drafted | {"left_index1": ""}))
+    run("simulate", inches, "-o", seen, "--joints", table)
+    for change, message in (
+        ({"Gelenk": ""}, "it names no left_elbow; a body needs 14 joints"),
+        ({"Gelenk": "left_elbo"}, "no joint of ours is 'left_elbo'; near are left_elbow"),
+        ({"Gelenkk": "left_elbow"}, "the file has no joint 'Gelenkk'; near are Gelenk"),
+        ({"Gelenk": "left_knee"}, "'left_knee' stands twice"),
+    ):
+        table.write_text(json.dumps(drafted | change))
+        assert message in refused("simulate", inches, "-o", seen, "--joints", table)
+    table.write_text("[")
+    assert "not JSON" in refused("simulate", inches, "-o", seen, "--joints", table)
+
+
+def test_the_front_door_takes_the_same_options(inches: Path) -> None:
+    import bodysense
+    from bodysense.io.rigs.options import ReadingOptions
+
+    clip = bodysense.read(inches, ReadingOptions(height=1.9))
+    assert isinstance(clip, Clip) and clip.pose.skeleton.height == pytest.approx(1.9)
+    assert np.abs(read_bvh(inches, unit=0.0254).pose.root_position).max() < 2
