@@ -27,6 +27,7 @@ FLOORS = {
     "tracker": 4,
     "export": 4,
     "reading": 5,
+    "filling": 5,
     "training": 5,
     "evaluation": 5,
     "take": 6,

@@ -5,7 +5,7 @@ There is one way through: a source becomes an Observation, `Tracker.step` makes 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,15 +13,21 @@ import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.capture.recording import Recording
+from bodysense.capture.markers import is_marker_file
+from bodysense.capture.recording import Recording, is_recording
 from bodysense.capture.video import is_video, open_video
 from bodysense.completion.model import CompletionModel
+from bodysense.data.bvh_lines import BvhLines
 from bodysense.data.clip import Clip
+from bodysense.data.holes import missing_items
 from bodysense.data.resample import at_constant_rate
 from bodysense.devices.gloves import glove_device, gloved_sides, has_gloves
 from bodysense.devices.simulated import DEVICES, simulate
 from bodysense.errors import BodysenseError
 from bodysense.export.motion_files import write_motion
+from bodysense.export.rig_file import write_on_rig_of
+from bodysense.export.rigs import OWN, SOURCE, check_rig, is_rig_file
+from bodysense.filling import Holed, filled, observed, open_holed, over_floor, pose_of
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.observation import Estimate, Observation, check_observation
 from bodysense.reading import read
@@ -42,11 +48,34 @@ class Take:
     estimate: Estimate  # of every frame that was tracked, as shown when it came
     person: Person  # the wearer, as believed at the end
     time: np.ndarray  # (T,) s of the estimate's frames
+    holed: Holed | None = None  # the motion whose holes were filled, if it was one
+    source: Path | None = None  # the BVH file that was tracked, if it was one
+    reading: ReadingOptions = AS_FOUND  # what was told of it
+    file: BvhLines | None = None  # the same with its holes filled
 
-    def save(self, path: str | Path) -> None:
-        """Write the motion: .bvh, .glb (animated glTF), .vrma (for VRM avatars) or .mcap (for robots' tools)."""
+    def save(self, path: str | Path, rig: str | Path | None = None) -> None:
+        """Write the motion: .bvh, .glb (animated glTF), .vrma (for VRM avatars) or .mcap (for robots' tools).
+
+        Args:
+            path: where to, its format chosen by its ending.
+            rig: whose joints it is written on: one of `RIGS`, or a BVH file. 'source' is the rig of the BVH file that
+                was tracked; if that was filled, the file itself with its holes filled. If omitted, 'source' where a BVH
+                file was filled and is written as BVH, else our own.
+
+        Raises BodysenseError for a rig that there is not.
+        """
         path = Path(path)
-        write_motion(path, replace(self.clip, name=path.stem))
+        if rig is None:
+            rig = SOURCE if self.file is not None and path.suffix.lower() == ".bvh" else OWN
+        check_rig(path, rig, self.source)
+        if rig == SOURCE and self.file is not None:
+            self.file.write(path)
+        elif rig == SOURCE and self.source is not None:
+            write_on_rig_of(path, self.clip, self.source, self.reading)
+        elif is_rig_file(rig):
+            write_on_rig_of(path, self.clip, Path(rig))
+        else:
+            write_motion(path, replace(self.clip, name=path.stem), str(rig))
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +92,7 @@ def track(
     source: Source,
     *,
     device: str | None = None,
+    missing: str | Sequence[str] = (),
     person: Person | None = None,
     height: float | None = None,
     noise: int | None = None,
@@ -76,7 +106,12 @@ def track(
     Args:
         source: a file (a recording, a motion, markers of gloves, a video), a folder of images, or a Clip, Observation
             or Recording in memory.
-        device: where the source is a motion: the simulated device that watches it, one of `DEVICES`.
+        device: where the source is a motion: the simulated device that watches it, one of `DEVICES`. A motion without
+            one is filled where it has holes; what is there stays as it is.
+        missing: joints of a motion that are missing, by its own names or ours: "left_hand", with all that hangs on it
+            "LeftForeArm+", in some frames "left_hand:100-240" (counted from 0, both ends included). What has no number
+            is missing, too. If omitted, so are limbs of a BVH file that are held still to the last digit for half a
+            second while the body moves.
         person: what is known of the wearer. If omitted, the body of the recording or motion; where that is not told,
             the likeliest adult, whose proportions are inferred.
         height: the wearer's height in metres, in place of a person; the other proportions are inferred.
@@ -88,9 +123,14 @@ def track(
 
     Raises BodysenseError, naming the source and the fix, for what cannot be tracked.
     """
+    holed = _holed(source, device, missing, reading)
+    if holed is not None:
+        kind = "a motion whose holes are filled, which has a body of its own"
+        _refuse(_called(source), kind, person=person, height=height, noise=noise)
+        return replace(_filled(holed, settings, network, advance), source=_bvh_of(source), reading=reading)
     signal = signal_of(source, device=device, person=person, height=height, noise=noise, reading=reading)
     try:
-        return _tracked(signal, settings, network, advance)
+        return replace(_tracked(signal, settings, network, advance), source=_bvh_of(source), reading=reading)
     except BodysenseError as error:
         text = str(error)
         raise error if signal.name in text else BodysenseError(f"{signal.name}: {text}") from None
@@ -108,9 +148,9 @@ def signal_of(
     """What a source tracks, and of whom; arguments as those of `track`."""
     if person is not None and height is not None:
         raise BodysenseError(f"both a person and a height of {height:g} m were given; give one of them")
-    name = str(source) if isinstance(source, (str, Path)) else _name_of(source)
+    name = _called(source)
     if is_video(name) and isinstance(source, (str, Path)):
-        _refuse(name, "a video", device=device, noise=noise)
+        _refuse(name, "a video, not a motion", device=device, noise=noise)
         wearer = Person(height=height) if person is None else person
         return Signal(name, _filmed(name, wearer), wearer, infer=False)
     content = read(source, reading) if isinstance(source, (str, Path)) else source
@@ -122,7 +162,7 @@ def signal_of(
             )
         observation, skeleton = simulate(content, device, noise), content.pose.skeleton
     else:
-        _refuse(name, "a recording", device=device, noise=noise)
+        _refuse(name, "a recording, not a motion", device=device, noise=noise)
         observation = content.observation if isinstance(content, Recording) else content
         skeleton = content.skeleton if isinstance(content, Recording) and content.told else None
     try:
@@ -135,10 +175,51 @@ def signal_of(
 
 
 def _refuse(name: str, kind: str, **options: object) -> None:
-    """Refuse options that are for motions."""
+    """Refuse options that a kind of source cannot have."""
     for option, value in options.items():
         if value is not None:
-            raise BodysenseError(f"{name}: {kind}, not a motion; leave --{option} out")
+            raise BodysenseError(f"{name}: {kind}; leave --{option} out")
+
+
+def _holed(source: Source, device: str | None, missing: str | Sequence[str], reading: ReadingOptions) -> Holed | None:
+    """The motion that a source is, with its holes; None where it is watched by a device, or no motion."""
+    told = missing_items(missing) if missing else ()
+    if device is not None or not _is_motion(source):
+        if told:
+            other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
+            raise BodysenseError(f"{_called(source)}: --missing is for a motion that no device watches; {other}")
+        return None
+    holed = open_holed(source if isinstance(source, Clip) else Path(str(source)), told, reading)
+    if not holed.holes.any():
+        raise BodysenseError(
+            f"{_called(source)}: nothing is missing in this motion; say what is, such as --missing left_hand, or what "
+            f"watches it, such as --device headset_camera; valid are {', '.join(DEVICES)}"
+        )
+    return holed
+
+
+def _bvh_of(source: Source) -> Path | None:
+    """The BVH file that a source is."""
+    path = Path(source) if isinstance(source, (str, Path)) else None
+    return path if path is not None and path.suffix.lower() == ".bvh" else None
+
+
+def _is_motion(source: Source) -> bool:
+    if not isinstance(source, (str, Path)):
+        return isinstance(source, Clip)
+    path = Path(source)
+    return path.is_file() and not (is_video(str(path)) or is_marker_file(path) or is_recording(path))
+
+
+def _filled(
+    holed: Holed, settings: TrackerSettings, network: CompletionModel | None, advance: Callable[[int, int], None]
+) -> Take:
+    """A motion whose holes are filled."""
+    clip = holed.clip
+    take = _tracked(Signal(clip.name, observed(holed), Person(clip.pose.skeleton)), settings, network, advance)
+    rotation = over_floor(holed, filled(holed, take.estimate.pose), settings.floor)
+    file = None if holed.file is None else holed.file.with_rotation(rotation, holed.missing)
+    return replace(take, clip=replace(clip, pose=pose_of(holed, rotation)), holed=holed, file=file)
 
 
 def _filmed(source: str, person: Person) -> Observation:
@@ -162,7 +243,10 @@ def _filmed(source: str, person: Person) -> Observation:
     return Observation(parts[0].points, **whole)
 
 
-def _name_of(source: Clip | Observation | Recording) -> str:
+def _called(source: Source) -> str:
+    """What messages call a source."""
+    if isinstance(source, (str, Path)):
+        return str(source)
     return source.name or "clip" if isinstance(source, Clip) else type(source).__name__.lower()
 
 

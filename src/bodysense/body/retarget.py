@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 from array_api_compat import array_namespace
 
 from bodysense.body.pose import Pose, as_like, forward_kinematics
+from bodysense.body.reach import reaching
 from bodysense.body.rotation import Array
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
@@ -39,6 +41,30 @@ def retargeted(clip_pose: Pose, skeleton: Skeleton) -> Pose:
     return Pose(skeleton, moved.root_position + rise[..., None] * as_like([0.0, 1.0, 0.0], rise), clip_pose.rotation)
 
 
+def on_body(pose: Pose, skeleton: Skeleton) -> Pose:
+    """The same motion on another body of the same tree, its feet on the floor and its hands where they were.
+
+    The world is scaled with the length of the legs. In it ankles and wrists (poses (..., T), NumPy) come to the places
+    that they had, as far as legs and arms reach, so that hands that met still meet; feet and hands keep their rotation.
+    """
+    scale = leg_length(skeleton) / leg_length(pose.skeleton)
+    place = scale * forward_kinematics(pose)[0]
+    moved = retargeted(pose, skeleton)
+    # An ankle is as high over the floor as its own foot is thick.
+    thicker = _ankle_height(skeleton) - scale * _ankle_height(pose.skeleton)
+    for part, rise in (("ankle", thicker), ("wrist", 0.0)):
+        for end in (f"left_{part}", f"right_{part}"):
+            target = place[..., skeleton.index(end), :] + np.array([0.0, rise, 0.0])
+            moved = reaching(moved, end, target)
+    return moved
+
+
+def _ankle_height(skeleton: Skeleton) -> float:
+    """Height of the ankles over the floor in the rest pose, metres."""
+    height = skeleton.rest_offset[0, 1] + (skeleton.path @ skeleton.rest_offset)[:, 1]
+    return float(height[skeleton.indices(["left_ankle", "right_ankle"])].mean())
+
+
 def sole_clearance(position: Array, skeleton: Skeleton) -> Array:
     """Height (...) m of the lowest sole above the floor y = 0, from points (..., P, 3) m of a body; below it negative.
 
@@ -46,7 +72,13 @@ def sole_clearance(position: Array, skeleton: Skeleton) -> Array:
     soles on the floor.
     """
     xp = array_namespace(position)
-    soles = skeleton.indices(SOLE_POINTS)
+    return xp.minimum(side_clearance(position, skeleton, "left"), side_clearance(position, skeleton, "right"))
+
+
+def side_clearance(position: Array, skeleton: Skeleton, side: str) -> Array:
+    """The same (...) of one foot, 'left' or 'right'."""
+    xp = array_namespace(position)
+    soles = skeleton.indices([name for name in SOLE_POINTS if name.startswith(side)])
     resting = skeleton.rest_offset[0, 1] + (skeleton.path @ skeleton.rest_offset)[soles, 1]
     height = position[..., 1][..., list(soles)] - as_like(resting, position)
     return xp.min(height, axis=-1)

@@ -7,7 +7,16 @@ from typing import Literal
 
 from tyro.extras import SubcommandApp
 
-from bodysense.cli import arms, completion_fingers, evaluate_completion, evaluate_more, gloves, render, unoc
+from bodysense.cli import (
+    arms,
+    completion_fingers,
+    evaluate_completion,
+    evaluate_holes,
+    evaluate_more,
+    gloves,
+    render,
+    unoc,
+)
 from bodysense.cli.options import tracker_settings
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
@@ -19,6 +28,7 @@ def commands() -> SubcommandApp:
     group.command(evaluate_completion.completion)
     group.command(completion_fingers.fingers)
     group.command(headset)
+    group.command(evaluate_holes.holes)
     group.command(evaluate_more.finger_synthesis)
     group.command(evaluate_more.hmd_vae)
     group.command(arms.pahmt_table1)

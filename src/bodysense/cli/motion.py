@@ -20,6 +20,8 @@ from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
+    from bodysense.filling import Holed
+    from bodysense.take import Take
 
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 MotionFile = Annotated[Path, tyro.conf.Positional]
@@ -61,6 +63,8 @@ def track(
     file: MotionFile,
     out: Output,
     device: DeviceName | None = None,
+    missing: str | None = None,
+    rig: str | None = None,
     person: Path | None = None,
     save_person: Path | None = None,
     hold_feet: bool = True,
@@ -74,14 +78,22 @@ def track(
     video: Annotated[VideoOptions, tyro.conf.arg(name="")] = NO_VIDEO,
     reading: Reading = AS_FOUND,
 ) -> None:
-    """Complete a recording, a video, or a motion seen by a simulated device; write it as BVH, glTF or VRMA.
+    """Complete a recording, a video, a motion with holes, or one seen by a simulated device; write BVH, glTF or VRMA.
 
     Args:
         file: recording (.npz, .jsonl), markers of gloves (.csv, .c3d), video (a file, a folder of images, or a webcam's
-            index), or with --device a motion (.bvh, AMASS .npz).
+            index), or a motion (.bvh, AMASS .npz) with holes, or with --device any motion.
         out: completed motion: .bvh, .glb (glTF with an animated skeleton), .vrma (an animation for VRM avatars) or
             .mcap (a take that robots' tools read).
-        device: what watches the body, where the file is a motion.
+        device: what watches the body, where the file is a motion. Without it the motion's holes are filled, and what is
+            there stays as it is.
+        missing: joints of a motion that are missing, by its names or ours: left_forearm,left_hand. LeftForeArm+ is with
+            all that hangs on it, left_hand:100-240 in these frames (from 0, both included). If omitted: what has no
+            number, and limbs that are held still to the last digit while the body moves.
+        rig: joints to write on: 'bodysense' and 'smplh' are our 52 joints, 'mixamo' and 'vrm' the same under these
+            names; 'source' is the rig of FILE, with its holes filled if it has any, and NAME.bvh that of another BVH
+            file, to whose body the motion is fitted. If omitted, 'source' where a .bvh with holes is written as .bvh,
+            else 'bodysense'.
         person: wearer's file, written by --save-person.
         save_person: JSON file for the wearer, as believed at the end.
         hold_feet: hold feet that stand, and keep them over the floor.
@@ -104,14 +116,11 @@ def track(
     from bodysense.completion.model import load_completion
     from bodysense.data.clip import Clip
     from bodysense.estimators.finger_synthesis import synthesize
-    from bodysense.export.motion_files import check_ending, write_motion
     from bodysense.take import signal_of
     from bodysense.take import track as complete
     from bodysense.tracker import TrackerSettings
 
-    check_ending(out)
-    if save_person is not None:
-        check_place(save_person)
+    _check_outputs(file, out, rig, save_person)
     if is_video(str(file)):
         if device is not None or fingers == "synthesize" or samples is not None or gloves != NO_OPTIONS:
             raise BodysenseError(f"{file}: --device, --fingers, --samples and options of markers are not for videos")
@@ -123,12 +132,15 @@ def track(
     if samples is not None and fingers == "synthesize":
         raise BodysenseError(f"--samples {samples} draws bodies as they are; leave --fingers synthesize out")
     wearer, seeded = person_of(person, reading.height), seed if noise else None
-    if device is None and file.is_file() and not is_recording(file) and not is_marker_file(file):
-        _write_with_fingers(file, out, fingers, reading, model)
+    is_motion = file.is_file() and not is_recording(file) and not is_marker_file(file)
+    if device is None and missing is None and fingers == "synthesize" and is_motion:
+        _write_with_fingers(file, out, reading, model)
         return
-    source = source_of(file, gloves, reading, fingers=fingers == "synthesize")
-    told = None if isinstance(source, Recording) else reading.height  # markers were put on a body so tall already
-    floor = 0.0 if isinstance(source, Clip) else reading.floor or 0.0  # of a motion it was put to 0
+    has_holes = device is None and is_motion
+    source = file if has_holes else source_of(file, gloves, reading, fingers=fingers == "synthesize")
+    # Markers were put on a body so tall already, and a motion was scaled so.
+    told = None if has_holes or isinstance(source, Recording) else reading.height
+    floor = 0.0 if has_holes or isinstance(source, Clip) else reading.floor or 0.0  # of a motion it was put to 0
     if samples is not None:
         from bodysense.cli.samples import write_samples
 
@@ -145,6 +157,8 @@ def track(
         take = complete(
             source,
             device=device,
+            missing=missing or (),
+            reading=reading,
             person=wearer,
             height=told,
             noise=seeded,
@@ -153,14 +167,34 @@ def track(
             advance=lambda done, frames: progress.update(bar, completed=done, total=frames),
         )
     rate = len(take.time) / (time.perf_counter() - begun)
-    clip = replace(take.clip, name=out.stem)
-    write_motion(out, synthesize(clip) if fingers == "synthesize" else clip)
+    if fingers == "synthesize":
+        take = replace(take, clip=synthesize(take.clip), file=None)
+    replace(take, source=file if file.suffix.lower() == ".bvh" else None).save(out, rig)
     print(f"wrote {out}: {len(take.time)} frames at {rate:.0f} frames/s")
-    if take.person.bone_deviation.any():
-        print(inferred_line(take.person))
+    _say(take)
     if save_person is not None:
         take.person.save(save_person)
         print(f"wrote {save_person}")
+
+
+def _check_outputs(file: Path, out: Path, rig: str | None, save_person: Path | None) -> None:
+    """Refuse, before any work, what cannot be written."""
+    from bodysense.export.motion_files import check_ending
+    from bodysense.export.rigs import check_rig
+
+    check_ending(out)
+    if rig is not None:
+        check_rig(out, rig, file if file.suffix.lower() == ".bvh" else None)
+    if save_person is not None:
+        check_place(save_person)
+
+
+def _say(take: Take) -> None:
+    """Print what was found out of a recording."""
+    if take.holed is not None:
+        print(holes_line(take.holed))
+    if take.person.bone_deviation.any():
+        print(inferred_line(take.person))
 
 
 def _check_video_options(file: Path, reading: ReadingOptions) -> None:
@@ -169,15 +203,8 @@ def _check_video_options(file: Path, reading: ReadingOptions) -> None:
         raise BodysenseError(f"{file}: a video; of --unit, --up, --floor, --joints and --figure it has none")
 
 
-def _write_with_fingers(
-    file: Path, out: Path, fingers: Literal["tracked", "synthesize"], reading: ReadingOptions, model: Path | None
-) -> None:
+def _write_with_fingers(file: Path, out: Path, reading: ReadingOptions, model: Path | None) -> None:
     """A motion that nothing watches, with plausible fingers, and otherwise as it is."""
-    if fingers != "synthesize":
-        raise BodysenseError(
-            f"{file}: not a recording; if it is a motion, say what watches it: --device headset_camera, or --fingers "
-            "synthesize to give it fingers"
-        )
     from bodysense.estimators.finger_synthesis import synthesize
     from bodysense.estimators.point_model import load_point_model
     from bodysense.export.motion_files import write_motion
@@ -185,6 +212,14 @@ def _write_with_fingers(
     clip = synthesize(load_clip(file, reading), load_point_model("fingers", model))
     write_motion(out, replace(clip, name=out.stem))
     print(f"wrote {out}: {len(clip)} frames with synthesized fingers")
+
+
+def holes_line(holed: Holed) -> str:
+    """What was missing of a motion."""
+    count, share = int(holed.holes.any(axis=1).sum()), holed.holes.sum(axis=0)
+    names = [holed.rig.joints[joint] for joint in share.argsort(kind="stable")[::-1] if share[joint]]
+    shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more joints" if len(names) > 6 else "")
+    return f"filled {shown}, in {count} of {len(holed.holes)} frames"
 
 
 def inferred_line(person: Person) -> str:

@@ -52,8 +52,8 @@ class Arrays:
         return self.add(values, target, min=columns.min(axis=0).tolist(), max=columns.max(axis=0).tolist())
 
 
-def write_glb(path: str | Path, clip: Clip) -> None:
-    """Write a clip as an animated, skinned skeleton of its own joints and end sites.
+def write_glb(path: str | Path, clip: Clip, names: tuple[str, ...] | None = None) -> None:
+    """Write a clip as an animated, skinned skeleton of its own joints and end sites, under `names` if they are given.
 
     The file appears whole or not at all. Raises BodysenseError for a clip that is not one finite motion, for a skeleton
     that is not of the default's tree, and for a folder that cannot be written.
@@ -61,7 +61,7 @@ def write_glb(path: str | Path, clip: Clip) -> None:
     check_motion(path, clip)
     skeleton, arrays = clip.pose.skeleton, Arrays()
     count = len(skeleton.points)
-    nodes = skeleton_nodes(skeleton, skeleton.points)
+    nodes = skeleton_nodes(skeleton, names or skeleton.points)
     mesh = skin_mesh(skeleton)
     bind = np.tile(np.eye(4, dtype="<f4"), (count, 1, 1))
     bind[:, 3, :3] = -(skeleton.path @ skeleton.rest_offset + skeleton.rest_offset[0])  # columns lie one after another

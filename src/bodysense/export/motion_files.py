@@ -15,17 +15,17 @@ from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.export.gltf import write_glb
 from bodysense.export.mcap_take import write_mcap
+from bodysense.export.rigs import OWN, check_rig, on_rig, renamed
 from bodysense.export.vrma import write_vrma
 from bodysense.files import check_place
 
-_WRITERS = {".bvh": write_bvh, ".glb": write_glb, ".vrma": write_vrma, ".mcap": write_mcap}
-ENDINGS = tuple(_WRITERS)
+ENDINGS = (".bvh", ".glb", ".vrma", ".mcap")
 
 
 def check_ending(path: Path) -> Path:
     """Return the path of a motion to be written; raise BodysenseError, before any work, for one that cannot be."""
     check_place(path)
-    if path.suffix.lower() not in _WRITERS:
+    if path.suffix.lower() not in ENDINGS:
         raise BodysenseError(
             f"{path}: the output ends in {path.suffix or 'nothing'!r}; give a name that ends in .bvh, .glb, "
             ".vrma or .mcap"
@@ -33,9 +33,24 @@ def check_ending(path: Path) -> Path:
     return path
 
 
-def write_motion(path: Path, clip: Clip) -> None:
-    """Write a clip as BVH, glTF (.glb), VRM animation (.vrma) or MCAP take (.mcap); raises as their writers do."""
-    _WRITERS[check_ending(path).suffix.lower()](path, clip)
+def write_motion(path: Path, clip: Clip, rig: str = OWN) -> None:
+    """Write a clip as BVH, glTF (.glb), VRM animation (.vrma) or MCAP take (.mcap), its joints under a rig's names.
+
+    Raises BodysenseError as the writers do, and for a rig that is unknown or that this kind of file cannot have.
+    """
+    ending = check_ending(path).suffix.lower()
+    check_rig(path, rig, None)
+    if ending == ".vrma":
+        write_vrma(path, clip)
+        return
+    if ending == ".mcap":
+        write_mcap(path, clip)
+        return
+    clip, names = on_rig(clip, rig)
+    if ending == ".glb":
+        write_glb(path, clip, names)
+    else:
+        write_bvh(path, renamed(clip, names))
 
 
 @contextmanager

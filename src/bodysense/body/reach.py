@@ -1,0 +1,65 @@
+"""Reaching: two bones bend so that what they carry comes to a place; an arm to its hand's, a leg to its foot's."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import (
+    quaternion_canonical,
+    quaternion_conjugate,
+    quaternion_exp,
+    quaternion_multiply,
+    quaternion_rotate,
+    shortest_arc,
+)
+
+STRAIGHT = 0.9999  # share of both bones' length that a limb is stretched to at most
+_FLAT = 0.02  # sine below which two bones lie in no plane
+# About which axis of the middle joint a limb flexes, in the T-pose.
+_HINGES = {"knee": (1.0, 0.0, 0.0), "left_elbow": (0.0, -1.0, 0.0), "right_elbow": (0.0, 1.0, 0.0)}
+
+
+def reaching(pose: Pose, end: str, target: np.ndarray) -> Pose:
+    """The pose (...) with the wrist or ankle `end` at `target` (..., 3) m, world, or as near as its bones let it.
+
+    The limb bends in the plane in which it lies; where it is straight, as its elbow or knee does. The hand or foot
+    keeps its rotation in the world.
+    """
+    skeleton = pose.skeleton
+    tip = skeleton.index(end)
+    middle = skeleton.parents[tip]
+    first = skeleton.parents[middle]
+    position, world = (np.asarray(part) for part in forward_kinematics(pose))
+    upper, lower = position[..., middle, :] - position[..., first, :], position[..., tip, :] - position[..., middle, :]
+    a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
+    way = target - position[..., first, :]
+    distance = np.clip(np.linalg.norm(way, axis=-1), np.abs(a - b) + 1e-6, STRAIGHT * (a + b))
+    wanted = np.arccos(np.clip((distance**2 - a**2 - b**2) / (2 * a * b), -1, 1))
+    axis, bend = _plane(upper, lower, _hinge(skeleton.joints[middle], world[..., middle, :]))
+    flexed = quaternion_exp((wanted - bend)[..., None] * axis)
+    swung = shortest_arc(upper + quaternion_rotate(flexed, lower), way)
+    above = quaternion_multiply(swung, world[..., first, :])
+    below = quaternion_multiply(swung, quaternion_multiply(flexed, world[..., middle, :]))
+    rotation = np.array(pose.rotation)
+    parent = world[..., skeleton.parents[first], :]
+    chain = ((first, parent, above), (middle, above, below), (tip, below, world[..., tip, :]))
+    for joint, base, turned in chain:
+        rotation[..., joint, :] = quaternion_canonical(quaternion_multiply(quaternion_conjugate(base), turned))
+    return Pose(skeleton, pose.root_position, rotation)
+
+
+def _plane(upper: np.ndarray, lower: np.ndarray, hinge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The axis (..., 3) about which a limb bends, and how much (...) it is bent, radians."""
+    normal = np.cross(upper, lower)
+    size = np.linalg.norm(normal, axis=-1)
+    along = (upper * lower).sum(axis=-1)
+    flat = size < _FLAT * np.hypot(size, along)
+    axis = np.where(flat[..., None], hinge, normal / np.maximum(size, 1e-12)[..., None])
+    return axis, np.where(flat, 0.0, np.arctan2(size, along))
+
+
+def _hinge(middle: str, world: np.ndarray) -> np.ndarray:
+    """The axis (..., 3), world, about which an elbow or knee flexes."""
+    axis = np.array(_HINGES.get(middle, _HINGES["knee"]))
+    return np.asarray(quaternion_rotate(world, np.broadcast_to(axis, (*world.shape[:-1], 3))))

@@ -1,0 +1,200 @@
+"""Motions with holes: what is there is observed, what is missing is completed, and the rest stays bit for bit.
+
+Joints that are known, and whose place in the world is known, become exact points of an Observation; the one tracker
+completes the others. Its guess fills the gaps (`body.gaps`) in the turns of joints against their parents, so that bones
+keep their lengths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body import gaps
+from bodysense.body.pose import Pose, forward_kinematics, local_rotation
+from bodysense.body.reach import reaching
+from bodysense.body.retarget import side_clearance
+from bodysense.body.rotation import (
+    quaternion_canonical,
+    quaternion_conjugate,
+    quaternion_multiply,
+)
+from bodysense.data.bvh_lines import BvhLines, open_bvh
+from bodysense.data.clip import Clip
+from bodysense.data.fingers import is_finger
+from bodysense.data.holes import Missing, flat_lined, told_missing
+from bodysense.data.rigged import read_rigged
+from bodysense.data.source_joints import SourceJoints, joints_of_file, own_joints
+from bodysense.data.sources import Source, read_source
+from bodysense.errors import BodysenseError
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.observation import EXACT_ACCURACY, Observation
+
+Array = np.ndarray
+# s away from known frames where the tracker's guess counts as much as the turn between them: legs follow from the
+# rest of a body and its floor, arms little, hands least. Fitted on validation people of CMU and Rocketbox.
+TRUSTED = {**dict.fromkeys(("hip", "knee", "ankle", "foot"), 0.4), "wrist": 4.0, "hand": 4.0, "body": 1.0}
+
+
+@dataclass(frozen=True, eq=False)
+class Holed:
+    """A motion of which something is missing."""
+
+    clip: Clip  # on our joints; anything where it is missing
+    rig: SourceJoints  # its own joints
+    rotation: Array  # (T, J, 4) of these, parent ← joint; anything where it is missing
+    holes: Array  # (T, J) bool: missing in the source
+    missing: Array  # (T, J) bool: the same without joints on which the whole body hangs, turned over their gaps
+    file: BvhLines | None = None  # where it is from
+
+
+def open_holed(source: Path | Clip, missing: Sequence[Missing], options: ReadingOptions = AS_FOUND) -> Holed:
+    """A motion without what is told to be missing, or has no number in its BVH file.
+
+    Where nothing is told, limbs are missing that are flat-lined there.
+
+    Raises BodysenseError for what is told wrongly, and where that is missing in all frames on which the body hangs.
+    """
+    if isinstance(source, Path) and source.suffix.lower() == ".bvh":
+        return _holed_file(source, missing, options)
+    clip = source if isinstance(source, Clip) else read_source(Source(source, person="", split="test"), options)
+    rig, whole = own_joints(clip.pose.skeleton), np.asarray(clip.pose.rotation, dtype=float)
+    holes = told_missing(missing, rig.joints, rig.parents, len(clip), rig.ours)
+    rotation, rest = _rooted(clip.name, rig, whole, holes, 1 / clip.frame_rate)
+    return Holed(replace(clip, pose=replace(clip.pose, rotation=rotation)), rig, rotation, holes, rest)
+
+
+def _holed_file(path: Path, missing: Sequence[Missing], options: ReadingOptions) -> Holed:
+    file = open_bvh(path)
+    clip, rig = _read(file, options)
+    holes = told_missing(missing, file.joints, file.parents, len(file.lines), rig.ours) | ~file.has_number
+    if not missing:
+        holes |= flat_lined(file, rig)
+    rotation, rest = _rooted(str(path), rig, file.rotation, holes, file.interval)
+    rooted = holes & ~rest
+    if rooted.any():
+        file = file.without_places(rooted).mended.with_rotation(rotation, rooted)
+        clip, rig = _read(file, options)
+    return Holed(clip, rig, rotation, holes, rest, file)
+
+
+def _read(file: BvhLines, options: ReadingOptions) -> tuple[Clip, SourceJoints]:
+    """The motion of a file on our joints, and its own joints."""
+    rigged = read_rigged(file.mended.text(), file.path, options)
+    return rigged.clip, joints_of_file(file, rigged)
+
+
+def _rooted(name: str, rig: SourceJoints, rotation: Array, holes: Array, seconds: float) -> tuple[Array, Array]:
+    """Rotations and holes after those were turned over their gaps on which the whole body hangs."""
+    rotation, holes = rotation.copy(), holes.copy()
+    for joint in rig.trunk:
+        if holes[:, joint].all():
+            raise BodysenseError(
+                f"{name}: {rig.joints[joint]!r} is missing in every frame, and everything hangs on it; "
+                f"give the frames in which it is, as {rig.joints[joint]}:10-40"
+            )
+        rotation[:, joint] = gaps.filled(rotation[:, joint], holes[:, joint], seconds)
+        holes[:, joint] = False
+    return rotation, holes
+
+
+def observed(holed: Holed) -> Observation:
+    """What is there, as exact points of our skeleton."""
+    clip, skeleton = holed.clip, holed.clip.pose.skeleton
+    position, rotation = (np.asarray(part) for part in forward_kinematics(clip.pose))
+    has_position, turned = holed.rig.seen(~holed.missing)
+    has_rotation = np.zeros_like(has_position)
+    has_rotation[:, : len(skeleton.joints)] = turned
+    rotation = np.concatenate([rotation, np.full((len(clip), len(skeleton.end_sites), 4), np.nan)], axis=1)
+    return Observation(
+        points=skeleton.points,
+        position=np.where(has_position[..., None], position, np.nan),
+        rotation=np.where(has_rotation[..., None], rotation, np.nan),
+        has_position=has_position,
+        has_rotation=has_rotation,
+        accuracy=np.full(has_position.shape, EXACT_ACCURACY),
+        time=clip.time,
+    )
+
+
+def filled(holed: Holed, estimate: Pose) -> Array:
+    """Local rotations (T, J, 4) of the motion's joints: as they were where they are known, else filled.
+
+    `estimate` (T,) is the completed body on our joints. A joint that we do not have is turned from one side of the gap
+    to the other.
+    """
+    rig, missing, seconds = holed.rig, holed.missing, 1 / holed.clip.frame_rate
+    guessed, local = rig.world(estimate), np.array(holed.rotation)
+    world = np.zeros_like(local)
+    for joint, parent in enumerate(rig.parents):
+        above = world[:, parent] if parent >= 0 else np.broadcast_to([1.0, 0.0, 0.0, 0.0], world[:, joint].shape)
+        if missing[:, joint].any():
+            guess = np.asarray(quaternion_multiply(quaternion_conjugate(above), guessed[:, joint]))
+            given = guess if np.isfinite(guess).all() else None
+            trusted = _trusted_after(rig.ours, joint)
+            local[:, joint] = gaps.filled(local[:, joint], missing[:, joint], seconds, given, trusted)
+        world[:, joint] = quaternion_multiply(above, local[:, joint])
+    return local
+
+
+def over_floor(holed: Holed, rotation: Array, floor: float) -> Array:
+    """The filled motion (T, J, 4), legs that were filled bent so that no sole is lower than it is where it is known.
+
+    Soles are over the floor, height `floor` m, where they are known in no frame.
+    """
+    rig, pose, skeleton = holed.rig, pose_of(holed, rotation), holed.clip.pose.skeleton
+    bent = np.zeros_like(holed.missing)
+    for side in ("left", "right"):
+        leg = [rig.ours.get(f"{side}_{part}", -1) for part in ("hip", "knee", "ankle")]
+        gone = holed.missing[:, leg].all(axis=1) & (min(leg) >= 0)
+        if not gone.any():
+            continue
+        position = np.asarray(forward_kinematics(pose)[0])
+        clearance = side_clearance(position, skeleton, side) - floor
+        lowest = min(0.0, clearance[~gone].min(initial=0.0))
+        rise = np.where(gone, np.maximum(0.0, lowest - clearance), 0.0)
+        target = position[:, skeleton.index(f"{side}_ankle")] + rise[:, None] * np.array([0.0, 1.0, 0.0])
+        pose = reaching(pose, f"{side}_ankle", target)
+        bent[:, leg] |= (rise > 0)[:, None]
+    return _turned_to(rig, rotation, rig.world(pose), bent)
+
+
+def _turned_to(rig: SourceJoints, rotation: Array, wanted: Array, where: Array) -> Array:
+    """Local rotations (T, J, 4) that give joints their `wanted` rotations (T, J, 4) in the world `where` (T, J)."""
+    local, world = np.array(rotation), np.zeros_like(rotation)
+    for joint, parent in enumerate(rig.parents):
+        own = local[:, joint]
+        if parent >= 0:
+            turned = quaternion_multiply(quaternion_conjugate(world[:, parent]), wanted[:, joint])
+            own = local[:, joint] = np.where(where[:, [joint]], quaternion_canonical(turned), own)
+            own = quaternion_multiply(world[:, parent], own)
+        world[:, joint] = own
+    return local
+
+
+def _trusted_after(ours: Mapping[str, int], joint: int) -> float:
+    """The time in `TRUSTED` of a joint; of one that we do not have, any."""
+    name = next((name for name, place in ours.items() if place == joint), "")
+    return TRUSTED.get(name.rpartition("_")[2], TRUSTED["hand"] if is_finger(name) else TRUSTED["body"])
+
+
+def pose_of(holed: Holed, rotation: Array) -> Pose:
+    """The filled motion (T, J, 4) on our joints."""
+    clip, rig = holed.clip, holed.rig
+    skeleton = clip.pose.skeleton
+    if holed.file is None:  # the motion is on our joints
+        return Pose(skeleton, clip.pose.root_position, rotation)
+    own = np.asarray(forward_kinematics(clip.pose)[1])
+    seen = rig.seen(~holed.missing)[1]
+    found = rig.ours_world(rotation)
+    world = np.zeros_like(own)
+    for joint, name in enumerate(skeleton.joints):
+        parent = skeleton.parents[joint]
+        if name in found:
+            world[:, joint] = np.where(seen[:, [joint]], own[:, joint], found[name])
+        else:  # a joint that the motion does not have keeps its turn
+            world[:, joint] = quaternion_multiply(world[:, parent], np.asarray(clip.pose.rotation)[:, joint])
+    return Pose(skeleton, clip.pose.root_position, quaternion_canonical(local_rotation(skeleton, world)))

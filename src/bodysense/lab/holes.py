@@ -1,0 +1,135 @@
+"""How well holes are filled: limbs of test clips are taken away for some seconds and compared with the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bodysense.body.gaps import runs
+from bodysense.body.person import Person
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import slerp
+from bodysense.data.clip import Clip
+from bodysense.data.holes import Missing
+from bodysense.data.resample import resample
+from bodysense.evaluation.report import Report, finite
+from bodysense.export.chart import BarPanel, plain_bars
+from bodysense.filling import Holed, filled, observed, open_holed, over_floor, pose_of
+from bodysense.tracker import Tracker
+
+RATE, LONGEST, LEAD = 30.0, 12.0, 1.0  # Hz; s of a clip that are used; s before a gap
+SECONDS = (1.0, 2.0, 3.0)
+# What is taken away with all that hangs on it, and the points that are scored.
+LIMBS = {
+    "left arm": ("left_shoulder", ("left_elbow", "left_wrist")),
+    "left leg": ("left_hip", ("left_knee", "left_ankle", "left_foot")),
+    "left hand": ("left_wrist", ("left_index1", "left_pinky1", "left_index_tip", "left_thumb_tip")),
+}
+METHODS = ("slerp", "filled")
+
+
+@dataclass(frozen=True)
+class Gap:
+    """One gap, filled."""
+
+    limb: str
+    seconds: float
+    method: str
+    error: float  # m, mean of the points over the gap
+    speed: float  # m/s, of the fastest point from one side of the gap to the other
+    truth_speed: float  # m/s, the same of the truth
+
+
+def score_holes(clips: Iterable[Clip], seed: int = 1, advance: Callable[[Clip], None] = lambda clip: None) -> list[Gap]:
+    """Fill a gap of each limb and length in every clip that is long enough; where it lies is drawn."""
+    found: list[Gap] = []
+    rng = np.random.default_rng(seed)
+    for clip in clips:
+        short = resample(clip, RATE)
+        short = replace(short, pose=short.pose[: int(LONGEST * RATE)])
+        for limb, (root, points) in LIMBS.items():
+            for seconds in SECONDS:
+                count, lead = int(seconds * RATE), int(LEAD * RATE)
+                if len(short) < count + 2 * lead or (limb == "left hand" and not clip.has_fingers):
+                    continue
+                first = int(rng.integers(lead, len(short) - count - lead + 1))
+                found += _gap(short, limb, seconds, Missing(root, True, (first, first + count - 1)), points)
+        advance(clip)
+    return found
+
+
+def report_of(gaps: list[Gap], name: str) -> Report:
+    """The table: a row a limb and length."""
+    rows, numbers, keys = [], {}, []
+    for limb in LIMBS:
+        for seconds in SECONDS:
+            those = {m: [g for g in gaps if (g.limb, g.seconds, g.method) == (limb, seconds, m)] for m in METHODS}
+            if not those["filled"]:
+                continue
+            errors = [100 * float(np.mean([gap.error for gap in those[method]])) for method in METHODS]
+            speeds = [float(np.mean([gap.speed for gap in those[method]])) for method in METHODS]
+            truth = float(np.mean([gap.truth_speed for gap in those["filled"]]))
+            rows.append((limb, f"{seconds:g} s", len(those["filled"]), *errors, *speeds, truth))
+            key = f"{limb.replace(' ', '_')}_{seconds:g}s"
+            keys.append(key)
+            numbers |= {f"{key}_{method}_cm": value for method, value in zip(METHODS, errors, strict=True)}
+            numbers[f"{key}_peak_speed"], numbers[f"{key}_truth_peak_speed"] = speeds[1], truth
+    return Report(
+        name="holes",
+        title=f"Limbs missing in {name}",
+        columns=("limb", "gap", "gaps", "slerp cm", "filled cm", "slerp m/s", "filled m/s", "truth m/s"),
+        rows=tuple(rows),
+        numbers=finite(numbers),
+        caption="Mean error of the limb's points in the gap; mean over gaps of the fastest point's greatest speed.",
+        digits=2,
+        panels=(
+            BarPanel(
+                "error, cm",
+                tuple(f"{row[0]} {row[1]}" for row in rows),
+                tuple(plain_bars(method, [numbers[f"{key}_{method}_cm"] for key in keys]) for method in METHODS),
+                "cm",
+            ),
+        ),
+    )
+
+
+def _gap(clip: Clip, limb: str, seconds: float, missing: Missing, points: tuple[str, ...]) -> list[Gap]:
+    holed = open_holed(clip, [missing])
+    tracker = Tracker(Person(clip.pose.skeleton))
+    estimate, _ = tracker.step(observed(holed), tracker.start())
+    ours = over_floor(holed, filled(holed, estimate.pose), 0.0)
+    first, last = missing.frames or (0, len(clip) - 1)
+    places = clip.pose.skeleton.indices(points)
+    window = slice(first - 1, last + 2)
+
+    def seen(rotation: np.ndarray) -> np.ndarray:
+        pose = Pose(clip.pose.skeleton, clip.pose.root_position, rotation)
+        return np.asarray(forward_kinematics(pose)[0])[window][:, places]
+
+    truth = seen(np.asarray(clip.pose.rotation))
+    found = {"slerp": seen(_slerped(holed)), "filled": seen(np.asarray(pose_of(holed, ours).rotation))}
+    return [
+        Gap(limb, seconds, method, _distance(place[1:-1] - truth[1:-1]).mean(), _speed(place), _speed(truth))
+        for method, place in found.items()
+    ]
+
+
+def _slerped(holed: Holed) -> np.ndarray:
+    """Every joint turned at constant speed from one side of its gap to the other."""
+    rotation = np.array(holed.rotation)
+    for joint in np.flatnonzero(holed.missing.any(axis=0)):
+        for first, end in runs(holed.missing[:, joint]):
+            share = np.arange(1, end - first + 1) / (end - first + 1)
+            before, after = (np.repeat(rotation[k : k + 1, joint], end - first, axis=0) for k in (first - 1, end))
+            rotation[first:end, joint] = slerp(before, after, share)
+    return rotation
+
+
+def _distance(vector: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(vector, axis=-1)
+
+
+def _speed(place: np.ndarray) -> float:
+    return float(_distance(np.diff(place, axis=0)).max() * RATE)

@@ -1,0 +1,72 @@
+"""Filling gaps: what is known stays, nothing jumps, and the ends of a gap are met."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bodysense.body.gaps import filled, runs
+from bodysense.body.rotation import geodesic_angle, quaternion_canonical, quaternion_exp, quaternion_multiply
+
+RATE = 60.0
+
+
+def swing(frames: int, seed: int) -> np.ndarray:
+    """A joint (T, 4) that swings smoothly, up to about 3 rad/s."""
+    rng, time = np.random.default_rng(seed), np.arange(frames)[:, None] / RATE
+    waves = sum(rng.normal(scale=0.4, size=3) * np.sin(time * rng.uniform(1, 5) + rng.uniform(0, 6)) for _ in range(3))
+    return np.asarray(quaternion_canonical(quaternion_exp(waves)))
+
+
+def speed(rotation: np.ndarray) -> np.ndarray:
+    return np.asarray(geodesic_angle(rotation[:-1], rotation[1:])) * RATE
+
+
+@given(st.integers(2, 90), st.lists(st.tuples(st.integers(0, 89), st.integers(1, 60)), max_size=4), st.booleans())
+@settings(max_examples=60, deadline=None)
+def test_what_is_known_stays_bit_for_bit(frames: int, gaps: list[tuple[int, int]], guessing: bool) -> None:
+    rotation, missing = swing(frames, 1), np.zeros(frames, dtype=bool)
+    for first, count in gaps:
+        missing[first : first + count] = True
+    spoilt = np.where(missing[:, None], [0.0, 1.0, 0.0, 0.0], rotation)
+    found = filled(spoilt, missing, 1 / RATE, swing(frames, 2) if guessing else None)
+    np.testing.assert_array_equal(found[~missing], rotation[~missing])
+    np.testing.assert_allclose(np.linalg.norm(found, axis=-1), 1, atol=1e-9)
+
+
+def test_seams_are_no_jumps() -> None:
+    """Across a gap of a second, with a guess that is half a radian off, no frame is faster than the true motion's."""
+    for seed in range(12):
+        truth = swing(180, seed)
+        missing = np.zeros(180, dtype=bool)
+        missing[60:120] = True
+        off = quaternion_exp(0.5 * np.random.default_rng(seed).normal(size=3))
+        guess = np.asarray(quaternion_multiply(truth, np.broadcast_to(off, truth.shape)))
+        found = filled(truth, missing, 1 / RATE, guess)
+        bound = 1.3 * speed(truth).max() + 0.3
+        assert speed(found)[58:121].max() < bound, seed
+
+
+def test_a_short_gap_goes_on_as_it_was() -> None:
+    truth = swing(90, 3)
+    missing = np.zeros(90, dtype=bool)
+    missing[40:44] = True
+    spoilt = np.where(missing[:, None], [0.0, 0.0, 1.0, 0.0], truth)
+    assert geodesic_angle(filled(spoilt, missing, 1 / RATE), truth).max() < np.deg2rad(0.5)
+
+
+def test_a_gap_with_one_side_or_none() -> None:
+    truth, guess = swing(60, 4), swing(60, 5)
+    missing = np.zeros(60, dtype=bool)
+    missing[:50] = True
+    found = filled(truth, missing, 1 / RATE, guess)
+    assert speed(found).max() < 6
+    missing[:] = True
+    assert geodesic_angle(filled(truth, missing, 1 / RATE, guess), guess).max() < 1e-7
+    np.testing.assert_array_equal(filled(truth, missing, 1 / RATE), truth)
+
+
+def test_runs() -> None:
+    assert runs(np.array([1, 1, 0, 0, 1, 0, 1], dtype=bool)) == [(0, 2), (4, 5), (6, 7)]
+    assert runs(np.zeros(3, dtype=bool)) == []

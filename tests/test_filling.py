@@ -1,0 +1,156 @@
+"""Motions with holes: what is there stays bit for bit, what is missing comes back, without jumps, over the floor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bodysense
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.retarget import side_clearance
+from bodysense.body.rotation import geodesic_angle
+from bodysense.data.bvh import read_bvh, write_bvh
+from bodysense.data.bvh_lines import BvhLines, open_bvh
+from bodysense.data.clip import Clip
+from bodysense.data.holes import missing_items
+from bodysense.demo import packaged_performance
+from bodysense.errors import BodysenseError
+from bodysense.filling import observed, open_holed
+from bodysense.take import track
+
+
+@pytest.fixture(scope="module")
+def steps() -> Clip:
+    """Two seconds of the packaged performance with steps and gestures."""
+    clip = packaged_performance()
+    return Clip("steps", clip.pose[-100:-20], clip.frame_rate)
+
+
+@pytest.fixture(scope="module")
+def take(steps: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("takes") / "take.bvh"
+    write_bvh(path, steps)
+    return path
+
+
+def points(clip: Clip) -> np.ndarray:
+    return np.asarray(forward_kinematics(clip.pose)[0])
+
+
+def changed_channels(before: BvhLines, after: BvhLines) -> np.ndarray:
+    """(T, J) bool: some number of a joint stands otherwise."""
+    words = [np.array([line.split() for line in file.lines]) for file in (before, after)]
+    differs = words[0] != words[1]
+    return np.stack([differs[:, list(columns)].any(axis=1) for columns in before.columns], axis=1)
+
+
+@pytest.mark.parametrize("missing", ["left_elbow+:20-59", "right_hip+:30-60,left_wrist:0-10", "right_thumb1+", "head"])
+def test_the_rest_is_kept_bit_for_bit(take: Path, tmp_path: Path, missing: str) -> None:
+    done = track(take, missing=missing)
+    done.save(tmp_path / "out.bvh")
+    before, after = open_bvh(take), open_bvh(tmp_path / "out.bvh")
+    assert done.holed is not None
+    assert before.head == after.head
+    assert not (changed_channels(before, after) & ~done.holed.holes).any()
+    for old, new, touched in zip(before.lines, after.lines, done.holed.holes.any(axis=1), strict=True):
+        assert touched or old == new
+    np.testing.assert_allclose(points(bodysense.read(tmp_path / "out.bvh")), points(done.clip), atol=2e-4)
+
+
+def test_a_filled_limb_is_near_does_not_jump_and_keeps_its_bones(take: Path, steps: Clip) -> None:
+    done, skeleton = track(take, missing="left_shoulder+:25-55,right_hip+:30-60"), steps.pose.skeleton
+    truth, found = points(steps), points(done.clip)
+    for name, frames in (("left_wrist", slice(25, 56)), ("right_ankle", slice(30, 61))):
+        k = skeleton.index(name)
+        assert np.linalg.norm(truth - found, axis=-1)[frames, k].mean() < 0.2
+        speed, real = (np.linalg.norm(np.diff(x[:, k], axis=0), axis=-1) * 30 for x in (found, truth))
+        assert speed.max() < 1.2 * real.max() + 0.3
+    others = [k for k, name in enumerate(skeleton.points) if not name.startswith(("left_", "right_"))]
+    np.testing.assert_allclose(found[:, others], truth[:, others], atol=1e-6)
+    bones = np.linalg.norm(found[:, 1:] - found[:, list(skeleton.parents[1:])], axis=-1)
+    np.testing.assert_allclose(bones, np.broadcast_to(skeleton.bone_length[1:], bones.shape), atol=1e-5)
+    lowest = side_clearance(truth, skeleton, "right").min()
+    assert side_clearance(found, skeleton, "right").min() > min(0.0, lowest) - 0.01
+
+
+def test_what_is_there_is_observed_exactly(take: Path, steps: Clip) -> None:
+    seen = observed(open_holed(take, missing_items("left_elbow:10-20")))
+    skeleton = steps.pose.skeleton
+    hidden = {name for name, has in zip(seen.points, seen.has_position[15], strict=True) if not has}
+    assert {"left_wrist", "left_index1", "left_thumb_tip"} <= hidden
+    assert "left_elbow" not in hidden and not any(name.startswith("right") for name in hidden)
+    assert not seen.has_rotation[15, skeleton.index("left_elbow")] and seen.has_rotation[9].sum() == 52
+    assert (seen.accuracy == 0.001).all()
+    np.testing.assert_allclose(seen.position[15, skeleton.index("left_elbow")], points(steps)[15, 18], atol=1e-5)
+
+
+def test_holes_are_found_in_the_file(take: Path, tmp_path: Path) -> None:
+    """Numbers that are none, and an arm that is held still."""
+    file = open_bvh(take)
+    values, changed = file.values.copy(), np.zeros(file.values.shape, dtype=bool)
+    arm = [c for j in ("left_shoulder", "left_elbow", "left_wrist") for c in file.columns[file.joints.index(j)]]
+    values[20:50, arm] = values[20, arm]
+    changed[20:50, arm] = True
+    text = file.with_values(values, changed).text().decode().splitlines()
+    start, knee = len(text) - len(file.lines), file.columns[file.joints.index("right_knee")][0]
+    for row in range(start + 60, start + 65):
+        words = text[row].split()
+        text[row] = " ".join([*words[:knee], "nan", *words[knee + 1 :]])
+    holed = tmp_path / "holed.bvh"
+    holed.write_text("\n".join(text) + "\n")
+    done = track(holed)
+    assert done.holed is not None
+    missing = {(file.joints[j], int(t)) for t, j in np.argwhere(done.holed.holes)}
+    assert {("left_elbow", 30), ("right_knee", 62)} <= missing
+    done.save(tmp_path / "out.bvh")
+    truth, found = open_bvh(take), open_bvh(tmp_path / "out.bvh")
+    knee_joint = file.joints.index("right_knee")
+    assert np.rad2deg(geodesic_angle(truth.rotation, found.rotation))[60:65, knee_joint].max() < 5
+    assert not np.isnan(found.values).any()
+    with pytest.raises(BodysenseError, match="nothing is missing in this motion"):
+        track(tmp_path / "out.bvh")
+
+
+def test_the_root_comes_back_between_what_is_known(take: Path, steps: Clip, tmp_path: Path) -> None:
+    track(take, missing="pelvis:30-34").save(tmp_path / "out.bvh")
+    found = read_bvh(tmp_path / "out.bvh")
+    error = np.linalg.norm(found.pose.root_position - steps.pose.root_position, axis=-1)
+    assert 0 < error[30:35].max() < 0.02 and np.delete(error, range(30, 35)).max() < 1e-6
+
+
+def test_a_motion_in_memory_and_the_front_door(steps: Clip, tmp_path: Path) -> None:
+    done = bodysense.track(steps, missing=("left_hand", "right_forearm+:10-20"))
+    kept = np.ones(done.clip.pose.rotation.shape[:2], dtype=bool)
+    assert done.holed is not None and done.file is None
+    kept &= ~done.holed.holes
+    np.testing.assert_array_equal(done.clip.pose.rotation[kept], steps.pose.rotation[kept])
+    done.save(tmp_path / "out.bvh")
+    assert len(bodysense.read(tmp_path / "out.bvh")) == len(steps)
+
+
+@pytest.mark.parametrize(
+    ("missing", "said"),
+    [
+        ("left_han", "valid are pelvis, left_hip"),
+        ("pelvis", "'pelvis' is missing in every frame, and everything hangs on it"),
+        ("pelvis+", "everything hangs on it"),
+        ("left_wrist:70-90", "frames 0 to 79"),
+    ],
+)
+def test_what_cannot_be_filled(take: Path, missing: str, said: str) -> None:
+    with pytest.raises(BodysenseError, match=said):
+        track(take, missing=missing)
+
+
+def test_missing_is_for_motions(take: Path, steps: Clip) -> None:
+    with pytest.raises(BodysenseError, match="leave --device three_point out"):
+        track(take, device="three_point", missing="left_hand")
+    with pytest.raises(BodysenseError, match="leave --height out"):
+        track(take, missing="left_hand", height=1.8)
+    recording = bodysense.track(steps, device="three_point")
+    with pytest.raises(BodysenseError, match=r"only a \.bvh file has a rig"):
+        recording.save("out.bvh", "source")
+    assert replace(recording, source=take).source == take
