@@ -5,19 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.capture.markers import is_marker_file, read_markers, with_hands_of
 from bodysense.capture.recording import Recording, is_recording, read_recording, write_recording
 from bodysense.capture.video import is_video
 from bodysense.data.clip import Clip
 from bodysense.data.sources import Source, read_source
 from bodysense.errors import BodysenseError
 from bodysense.export.motion_files import ENDINGS, write_motion
+from bodysense.io.markers.files import is_marker_file
+from bodysense.io.markers.recording import read_markers, with_hands_of
 
 RECORDING_ENDINGS = (".npz", ".jsonl")
 
 
 def read(path: str | Path) -> Clip | Recording:
-    """Read a motion (.bvh, AMASS .npz) as a Clip, a recording or gloves' markers (.csv, .c3d) as a Recording.
+    """Read a motion (.bvh, AMASS .npz) as a Clip, a recording or markers (.c3d, .csv, .trc, .tsv) as a Recording.
 
     A clip is in canonical form: metres, +Y up, the skeleton of 65 points. Raises BodysenseError, naming the file and
     the fix, for every other file.
@@ -29,7 +30,7 @@ def read(path: str | Path) -> Clip | Recording:
         raise BodysenseError(f"{path}: no such file")
     if is_marker_file(path):
         found = read_markers(path)
-        return Recording(found.observation, with_hands_of(default_skeleton(), found.sizes))
+        return Recording(found.observation, with_hands_of(default_skeleton(), found.sizes), told=not found.has_body)
     if is_recording(path):
         return read_recording(path)
     return read_source(Source(path, person="", split="test"))

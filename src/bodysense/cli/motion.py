@@ -75,8 +75,8 @@ def track(
     """Complete a recording, a video, or a motion seen by a simulated device; write it as BVH, glTF or VRMA.
 
     Args:
-        file: recording (.npz, .jsonl), markers of gloves (.csv, .c3d), video (a file, a folder of images, or a webcam's
-            index), or with --device a motion (.bvh, AMASS .npz).
+        file: recording (.npz, .jsonl), markers of a body or of gloves (.c3d, .csv, .trc, .tsv), video (a file, a folder
+            of images, or a webcam's index), or with --device a motion (.bvh, AMASS .npz).
         out: completed motion: .bvh, .glb (glTF with an animated skeleton) or .vrma (an animation for VRM avatars).
         device: what watches the body, where the file is a motion.
         height: wearer's height in metres; other proportions are inferred. If omitted, the body is the recording's, and
@@ -95,12 +95,12 @@ def track(
     """
     from rich.progress import Progress
 
-    from bodysense.capture.markers import is_marker_file
     from bodysense.capture.recording import Recording, is_recording
     from bodysense.capture.video import is_video
     from bodysense.completion.model import load_completion
     from bodysense.estimators.finger_synthesis import synthesize
     from bodysense.export.motion_files import check_ending, write_motion
+    from bodysense.io.markers.files import is_marker_file
     from bodysense.take import signal_of
     from bodysense.take import track as complete
     from bodysense.tracker import TrackerSettings
@@ -127,8 +127,9 @@ def track(
             f"{file}: not a recording; if it is a motion, say what watches it: --device headset_camera, or --fingers "
             "synthesize to give it fingers"
         )
-    source = source_of(file, gloves, height, fingers=fingers == "synthesize")
-    told = height if isinstance(source, Path) else None  # markers were put on a body of this height already
+    source = source_of(file, gloves, height, floor or None, fingers=fingers == "synthesize")
+    # Gloves were put on a body of this height already.
+    told = None if isinstance(source, Recording) and source.told else height
     if samples is not None:
         from bodysense.cli.samples import write_samples
 

@@ -32,22 +32,26 @@ def person_of(file: Path | None, height: float | None) -> Person | None:
     return None if file is None else Person.load(file)
 
 
-def source_of(file: Path, markers: MarkerOptions, height: float | None, fingers: bool = False) -> Path | Recording:
+def source_of(
+    file: Path, markers: MarkerOptions, height: float | None, floor: float | None = None, fingers: bool = False
+) -> Path | Recording:
     """What `bodysense.track` takes: a file, or a recording of markers that a user says more about.
 
     `fingers` are to be made up, which those of gloves are not.
     """
-    from bodysense.capture.markers import is_marker_file
     from bodysense.capture.recording import is_recording, read_recording
     from bodysense.devices.gloves import has_gloves
+    from bodysense.io.markers.files import ENDINGS, is_marker_file
 
     if not file.is_file():
         raise BodysenseError(f"{file}: no such file")
     if is_marker_file(file):
-        _check_fingers(file, fingers)
-        return recording_of_markers(file, markers, height)
+        recording = recording_of_markers(file, markers, height, floor)
+        if has_gloves(recording.observation):
+            _check_fingers(file, fingers)
+        return recording
     if markers != NO_OPTIONS:
-        raise BodysenseError(f"{file}: --names, --unit, --up and their like are for marker files, .csv and .c3d")
+        raise BodysenseError(f"{file}: --names, --unit, --up and their like are for marker files, {', '.join(ENDINGS)}")
     if is_recording(file):
         recording = read_recording(file)
         if has_gloves(recording.observation):

@@ -1,0 +1,1 @@
+"""Files of other programs: markers, results of video tools, glTF."""
