@@ -15,6 +15,7 @@ from bodysense.errors import BodysenseError
 FREE = 256 << 20  # bytes that any archive may unpack to
 RATIO = 50  # beyond them: how many times its own size
 LARGEST = 16 << 30  # bytes of all arrays together
+_HEADER = 1 << 16  # bytes within which an array begins
 _MAGIC = b"\x93NUMPY"
 
 
@@ -29,7 +30,7 @@ def read_arrays(path: str | Path, keys: Sequence[str] | None = None) -> dict[str
         with zipfile.ZipFile(path) as archive:
             entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
             wanted = {key: entries[key] for key in (entries if keys is None else keys) if key in entries}
-            check_sizes(path, sum(entry.file_size for entry in wanted.values()))
+            check_sizes(path, sum(entry.file_size for entry in wanted.values()), path.stat().st_size)
             arrays = {}
             for key, entry in wanted.items():
                 with archive.open(entry) as stream:
@@ -57,37 +58,42 @@ def read_array(path: str | Path) -> np.ndarray:
         raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
 
 
-def array_names(path: str | Path) -> frozenset[str]:
-    """Names of the arrays of an .npz file; none where it is no such file."""
+def array_shapes(path: str | Path) -> dict[str, tuple[int, ...]]:
+    """Names and announced shapes of the arrays of an .npz file; none where it is no such file."""
+    shapes: dict[str, tuple[int, ...]] = {}
     try:
         with zipfile.ZipFile(path) as archive:
-            return frozenset(name.removesuffix(".npy") for name in archive.namelist())
-    except (OSError, ValueError, zipfile.BadZipFile):
-        return frozenset()
+            for entry in archive.infolist():
+                with archive.open(entry) as stream:
+                    shapes[entry.filename.removesuffix(".npy")] = _header(stream.read(_HEADER))[0]
+    except Exception:  # as a damaged file raises; reading it says what is wrong
+        return shapes
+    return shapes
 
 
-def check_sizes(path: Path, unpacked: int) -> None:
-    """Raise BodysenseError for an archive at `path` whose wanted parts unpack to far more than it is."""
-    packed = path.stat().st_size
+def check_sizes(place: Path, unpacked: int, packed: int) -> None:
+    """Raise BodysenseError for what unpacks to far more than it is, bytes."""
     if unpacked > LARGEST or unpacked > max(FREE, RATIO * packed):
         raise BodysenseError(
-            f"{path}: {_size(packed)} that unpack to {_size(unpacked)}; more than {RATIO} times are not unpacked "
-            f"beyond {_size(FREE)}, nor any beyond {_size(LARGEST)}: was it made to fill memory? Export it again"
+            f"{place}: {_size(packed)} that unpack to {_size(unpacked)}; beyond {_size(FREE)} no more than {RATIO} "
+            f"times is unpacked, and {_size(LARGEST)} at most: was it made to fill memory? Export it again"
         )
+
+
+def check_member(place: Path, entry: zipfile.ZipInfo) -> None:
+    """Raise BodysenseError for a file in a zip file that unpacks to far more than it is."""
+    check_sizes(place, entry.file_size, entry.compress_size)
 
 
 def _read(stream: IO[bytes], size: int, what: str, path: Path) -> np.ndarray:
     """One array of the .npy format of `size` bytes, its header checked against them before memory is taken."""
     if size > LARGEST:
         raise BodysenseError(f"{what} has {_size(size)}; at most {_size(LARGEST)} are read: cut it in parts")
-    head = stream.read(min(size, 1 << 16))
+    head = stream.read(min(size, _HEADER))
     if not head.startswith(_MAGIC):
         raise BodysenseError(f"{what} is no array of NumPy's; export it again")
-    start = io.BytesIO(head)
     try:
-        version = np.lib.format.read_magic(start)
-        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, fortran, dtype = read_header(start)
+        shape, fortran, dtype, at = _header(head)
     except Exception as error:  # the header is text that is evaluated with care; it raises what it likes
         reason = " ".join(str(error).split())[:80]
         raise BodysenseError(f"{what} has a damaged header ({reason}); export it again") from None
@@ -99,8 +105,8 @@ def _read(stream: IO[bytes], size: int, what: str, path: Path) -> np.ndarray:
     count = 1
     for length in shape:
         count *= length
-    data = head[start.tell() :]
-    announced, there = count * dtype.itemsize, size - start.tell()
+    data = head[at:]
+    announced, there = count * dtype.itemsize, size - at
     if announced != there:
         raise BodysenseError(
             f"{what} announces {shape} of {dtype}, {_size(announced)}, but has {_size(there)}; export it again"
@@ -110,6 +116,15 @@ def _read(stream: IO[bytes], size: int, what: str, path: Path) -> np.ndarray:
         raise BodysenseError(f"{what} is cut short; copy it again")
     values = np.frombuffer(bytearray(data), dtype=dtype, count=count)
     return values.reshape(shape[::-1]).T if fortran else values.reshape(shape)
+
+
+def _header(head: bytes) -> tuple[tuple[int, ...], bool, np.dtype, int]:
+    """Shape, order, type and begin of the data of an array in the .npy format."""
+    start = io.BytesIO(head)
+    version = np.lib.format.read_magic(start)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, fortran, dtype = read(start)
+    return shape, fortran, dtype, start.tell()
 
 
 def conversion(path: Path) -> str:

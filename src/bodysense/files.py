@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import re
 import shutil
 from collections.abc import Iterator
@@ -12,7 +13,8 @@ from pathlib import Path
 from bodysense.errors import BodysenseError
 
 LARGEST_TEXT = 1 << 30  # bytes of a text that is read whole
-_PART = re.compile(r"\..*\.(?P<process>\d+)\.bodysense-part(\.[^.]*)?")
+_MACHINE = re.sub(r"[^A-Za-z0-9]", "-", platform.node())
+_PART = re.compile(rf"\..*\.{_MACHINE}\.(?P<process>\d+)\.bodysense-part(\.[^.]*)?")
 _GZIP = b"\x1f\x8b"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 _ZIP = b"PK\x03\x04"
@@ -29,7 +31,10 @@ def check_place(path: str | Path) -> Path:
 
 
 def part_beside(path: Path) -> Path:
-    """The hidden name beside `path` under which this process writes it. What killed processes left is removed."""
+    """The hidden name beside `path` under which this process writes it.
+
+    What killed processes of this machine left in the folder is removed.
+    """
     for left in path.parent.glob(".*.bodysense-part*"):
         match = _PART.fullmatch(left.name)
         if match and not _is_running(int(match["process"])):
@@ -39,7 +44,7 @@ def part_beside(path: Path) -> Path:
                 else:
                     left.unlink()
     # The ending stays last: writers choose their format by it.
-    return path.with_name(f".{path.stem}.{os.getpid()}.bodysense-part{path.suffix}")
+    return path.with_name(f".{path.stem}.{_MACHINE}.{os.getpid()}.bodysense-part{path.suffix}")
 
 
 @contextmanager

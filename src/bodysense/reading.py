@@ -11,14 +11,18 @@ from bodysense.data.clip import Clip
 from bodysense.data.sources import Source, read_source
 from bodysense.errors import BodysenseError
 from bodysense.export.motion_files import ENDINGS, write_motion
+from bodysense.io import gltf as io_gltf
 from bodysense.io.markers.files import is_marker_file
 from bodysense.io.markers.recording import read_markers, with_hands_of
+from bodysense.io.smpl import is_smpl, read_smpl
 
 RECORDING_ENDINGS = (".npz", ".jsonl")
 
 
 def read(path: str | Path) -> Clip | Recording:
-    """Read a motion (.bvh, AMASS .npz) as a Clip, a recording or markers (.c3d, .csv, .trc, .tsv) as a Recording.
+    """Read a motion (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma) as a Clip.
+
+    A recording or markers (.c3d, .csv, .trc, .tsv) are read as a Recording.
 
     A clip is in canonical form: metres, +Y up, the skeleton of 65 points. Raises BodysenseError, naming the file and
     the fix, for every other file.
@@ -33,7 +37,41 @@ def read(path: str | Path) -> Clip | Recording:
         return Recording(found.observation, with_hands_of(default_skeleton(), found.sizes), told=not found.has_body)
     if is_recording(path):
         return read_recording(path)
-    return read_source(Source(path, person="", split="test"))
+    return read_clip(path)[0]
+
+
+def read_clip(path: str | Path, rate: float | None = None) -> tuple[Clip, tuple[str, ...]]:
+    """Read a motion in canonical form, and remarks on what its file does not say; `rate` Hz where that is its rate.
+
+    Raises BodysenseError, naming the file and the fix, for every other file.
+    """
+    path = Path(path)
+    ending = path.suffix.lower()
+    if not path.is_file():
+        raise BodysenseError(f"{path}: no such file")
+    if ending in (".fbx", ".gz"):
+        raise BodysenseError(f"{path}: {_way_on(path)}")
+    if ending in io_gltf.ENDINGS:
+        return io_gltf.read_gltf(path)
+    if is_smpl(path):
+        return read_smpl(path, rate)
+    return read_source(Source(path, person="", split="test")), ()
+
+
+def says_little(path: str | Path) -> bool:
+    """Whether a file is a motion that leaves something to be found, which is said: glTF, results of SMPL."""
+    return Path(path).suffix.lower() in (*io_gltf.ENDINGS, ".fbx", ".gz") or is_smpl(path)
+
+
+def _way_on(path: Path) -> str:
+    """What to do with a file that is not read."""
+    if path.suffix.lower() == ".gz":
+        return f"compressed by gzip; unpack it: gunzip -k {path.name}"
+    load = f"import bpy; bpy.ops.import_scene.fbx(filepath='{path.name}')"
+    return (
+        "FBX is not read; convert it with Blender: "
+        f"blender -b --python-expr \"{load}; bpy.ops.export_scene.gltf(filepath='{path.stem}.glb')\""
+    )
 
 
 def write(path: str | Path, content: Clip | Recording) -> None:

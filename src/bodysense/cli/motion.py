@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from bodysense.cli.markers import NO_OPTIONS, MarkerOptions
+from bodysense.cli.overwriting import check_apart
 from bodysense.cli.recordings import load_clip, person_of, source_of
 from bodysense.cli.video import NO_VIDEO, VideoOptions, track_video
 from bodysense.devices.simulated import DeviceName
@@ -34,7 +35,7 @@ def simulate(
     """Record what a device would track of a motion.
 
     Args:
-        file: motion, .bvh or AMASS .npz.
+        file: motion: .bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma.
         out: recording, .npz or .jsonl (docs/recording.md); of gloves also .csv or .c3d (docs/gloves.md).
         device: what watches the body.
         height: metres to which the body is scaled, for files that do not say how tall it is.
@@ -55,7 +56,7 @@ def simulate(
     Console().print(f"wrote {out}: {len(observation)} frames, {tracked:.0%} of points tracked", highlight=False)
 
 
-def track(
+def track(  # noqa: PLR0915
     file: MotionFile,
     out: Output,
     device: DeviceName | None = None,
@@ -76,7 +77,8 @@ def track(
 
     Args:
         file: recording (.npz, .jsonl), markers of a body or of gloves (.c3d, .csv, .trc, .tsv), video (a file, a folder
-            of images, or a webcam's index), or with --device a motion (.bvh, AMASS .npz).
+            of images, or a webcam's index), or with --device a motion (.bvh, AMASS or SMPL
+            .npz, .npy, .glb, .gltf, .vrma).
         out: completed motion: .bvh, .glb (glTF with an animated skeleton) or .vrma (an animation for VRM avatars).
         device: what watches the body, where the file is a motion.
         height: wearer's height in metres; other proportions are inferred. If omitted, the body is the recording's, and
@@ -120,7 +122,7 @@ def track(
     wearer, seeded = person_of(person, height), seed if noise else None
     is_motion = file.is_file() and not is_recording(file) and not is_marker_file(file)
     if device is None and fingers == "synthesize" and is_motion:
-        _write_with_fingers(file, out, height, model)
+        _write_with_fingers(file, out, height, gloves.rate, model)
         return
     if device is None and is_motion:
         raise BodysenseError(
@@ -131,8 +133,9 @@ def track(
     # Gloves were put on a body of this height already.
     told = None if isinstance(source, Recording) and source.told else height
     if samples is not None:
-        from bodysense.cli.samples import write_samples
+        from bodysense.cli.samples import sample_paths, write_samples
 
+        check_apart(sample_paths(out, samples), file)
         signal = signal_of(source, device=device, person=wearer, height=told, noise=seeded)
         recording = Recording(signal.observation, signal.person.skeleton)
         for path in write_samples(recording, out, samples, seed, model):
@@ -164,13 +167,13 @@ def track(
         print(f"wrote {save_person}")
 
 
-def _write_with_fingers(file: Path, out: Path, height: float | None, model: Path | None) -> None:
+def _write_with_fingers(file: Path, out: Path, height: float | None, rate: float | None, model: Path | None) -> None:
     """A motion with plausible fingers, and otherwise as it is."""
     from bodysense.estimators.finger_synthesis import synthesize
     from bodysense.estimators.point_model import load_point_model
     from bodysense.export.motion_files import write_motion
 
-    clip = synthesize(load_clip(file, height), load_point_model("fingers", model))
+    clip = synthesize(load_clip(file, height, rate), load_point_model("fingers", model))
     write_motion(out, replace(clip, name=out.stem))
     print(f"wrote {out}: {len(clip)} frames with synthesized fingers")
 

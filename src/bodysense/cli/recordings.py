@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,12 +15,17 @@ if TYPE_CHECKING:
     from bodysense.data.clip import Clip
 
 
-def load_clip(file: Path, height: float | None) -> Clip:
-    """A user's motion in canonical form, scaled where they say how tall it is."""
-    from bodysense.data.augment import at_height
-    from bodysense.data.sources import Source, read_source
+def load_clip(file: Path, height: float | None, rate: float | None = None) -> Clip:
+    """A user's motion in canonical form, scaled where they say how tall it is; `rate` Hz where it does not say.
 
-    clip = read_source(Source(file, person="", split="test"))
+    Prints what was found of files that do not say all.
+    """
+    from bodysense.data.augment import at_height
+    from bodysense.reading import read_clip
+
+    clip, remarks = read_clip(file, rate)
+    for remark in remarks:
+        print(f"note: {remark}")
     return clip if height is None else at_height(clip, height)
 
 
@@ -34,14 +40,15 @@ def person_of(file: Path | None, height: float | None) -> Person | None:
 
 def source_of(
     file: Path, markers: MarkerOptions, height: float | None, floor: float | None = None, fingers: bool = False
-) -> Path | Recording:
-    """What `bodysense.track` takes: a file, or a recording of markers that a user says more about.
+) -> Path | Recording | Clip:
+    """What `bodysense.track` takes: a file, a recording of markers, or a motion that a user may say more about.
 
     `fingers` are to be made up, which those of gloves are not.
     """
     from bodysense.capture.recording import is_recording, read_recording
     from bodysense.devices.gloves import has_gloves
     from bodysense.io.markers.files import ENDINGS, is_marker_file
+    from bodysense.reading import says_little
 
     if not file.is_file():
         raise BodysenseError(f"{file}: no such file")
@@ -50,6 +57,10 @@ def source_of(
         if has_gloves(recording.observation):
             _check_fingers(file, fingers)
         return recording
+    if says_little(file):
+        if replace(markers, rate=None) != NO_OPTIONS:
+            raise BodysenseError(f"{file}: a motion; --names, --unit, --up and their like are for marker files")
+        return load_clip(file, None, markers.rate)
     if markers != NO_OPTIONS:
         raise BodysenseError(f"{file}: --names, --unit, --up and their like are for marker files, {', '.join(ENDINGS)}")
     if is_recording(file):

@@ -21,6 +21,7 @@ from bodysense.data.layouts import Layout, labelled, layout_of
 from bodysense.data.splits import SPLITS, Split
 from bodysense.data.stance import standing_rest
 from bodysense.errors import BodysenseError
+from bodysense.files import check_plain
 
 
 @dataclass(frozen=True)
@@ -153,4 +154,6 @@ def _read(file: MotionFile) -> Clip:
         raise BodysenseError(f"{file.path}: the file is empty; copy or export it again")
     if suffix.lower() == ".npz":
         return read_amass(file.path)
-    return parse_bvh(file.read(), file.place)
+    data = file.read()
+    check_plain(data[:64], file.place)
+    return parse_bvh(data, file.place)

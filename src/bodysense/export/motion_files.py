@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +15,7 @@ from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.export.gltf import write_glb
 from bodysense.export.vrma import write_vrma
-from bodysense.files import check_place
+from bodysense.files import check_place, part_beside
 
 _WRITERS = {".bvh": write_bvh, ".glb": write_glb, ".vrma": write_vrma}
 ENDINGS = tuple(_WRITERS)
@@ -46,8 +46,8 @@ def motion_stream(path: Path, skeleton: Skeleton, frame_rate: float) -> Iterator
         with BvhStream(path, skeleton, frame_rate) as motion:
             yield motion
         return
-    with tempfile.TemporaryDirectory(prefix=f".{path.stem}-", dir=path.parent) as folder:
-        whole = Path(folder) / f"{path.stem}.bvh"
+    with _folder_beside(path) as folder:
+        whole = folder / f"{path.stem}.bvh"
         with BvhStream(whole, skeleton, frame_rate) as motion:
             yield motion
         if motion.frames:
@@ -56,3 +56,14 @@ def motion_stream(path: Path, skeleton: Skeleton, frame_rate: float) -> Iterator
             # A BVH file does not name the ends of fingers and toes.
             pose = Pose(skeleton, read.pose.root_position, read.pose.rotation[:, order])
             write_motion(path, Clip(path.stem, pose, frame_rate))
+
+
+@contextmanager
+def _folder_beside(path: Path) -> Iterator[Path]:
+    """A hidden folder beside a file that is being written; it is removed in the end."""
+    folder = part_beside(path.with_suffix(""))
+    folder.mkdir()
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -5,6 +5,8 @@ The body carries them; how joints follow from markers is not asked here, so that
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
@@ -106,31 +108,29 @@ def _right(label: str) -> str:
 
 def _spot(skeleton: Skeleton, spot: str) -> tuple[str, np.ndarray]:
     """The joint that carries a spot, and where it is in that joint's frame: larger bodies have larger skins."""
-    body = default_skeleton()
-    size = skeleton.height / body.height
+    size = skeleton.height / default_skeleton().height
     real = (skeleton.path @ skeleton.rest_offset) + skeleton.rest_offset[0]
-    if spot in BONES:
-        joint, start, offset = BONES[spot]
-        return joint, real[skeleton.index(start)] - real[skeleton.index(joint)] + size * np.array(offset)
+    joint, start = BONES[spot][:2] if spot in BONES else SPOTS[spot][:2]
+    beside = np.array(BONES[spot][2]) if spot in BONES else _skin(spot)
+    return joint, real[skeleton.index(start)] - real[skeleton.index(joint)] + size * beside
+
+
+@cache
+def _skin(spot: str) -> np.ndarray:
+    """Where a spot is beside the joint from which its way outward begins: the outermost skin on that way."""
     joint, start, offset, way = SPOTS[spot]
+    body = default_skeleton()
     place = (body.path @ body.rest_offset) + body.rest_offset[0]
-    at, step = place[body.index(start)] + offset, np.array(way) / np.linalg.norm(way)
-    inside = at.copy()
-    for _ in range(2000):  # the outermost skin on the way
-        inside = inside + 0.0005 * step
-        if _distance(inside, joint, place, body) < RADIUS:
-            at = inside
-        if np.linalg.norm(inside - place[body.index(start)]) > 0.2:
-            break
-    own = place[body.index(joint)]
-    beside = np.array(place[body.index(start)] - own)
-    return joint, real[skeleton.index(start)] - real[skeleton.index(joint)] + size * (at - own - beside)
+    begin, step = place[body.index(start)] + offset, np.array(way) / np.linalg.norm(way)
+    along = begin + np.arange(0, 0.2, 0.0005)[:, None] * step
+    inside = np.flatnonzero(_distance(along, joint, place, body) < RADIUS)
+    return along[inside[-1]] - place[body.index(start)]
 
 
-def _distance(point: np.ndarray, joint: str, place: np.ndarray, body: Skeleton) -> float:
-    """From the skin of the segments around a joint, negative within."""
+def _distance(points: np.ndarray, joint: str, place: np.ndarray, body: Skeleton) -> np.ndarray:
+    """(N,) m from the skin of the segments around a joint, negative within."""
     trunk = ("pelvis", "spine1", "spine2", "spine3", "neck")
-    least = 1.0
+    least = np.full(len(points), 1.0)
     for row in default_body()["primitives"]:
         near = row["joint"] in trunk if joint in trunk else _part(row["joint"]) == _part(joint)
         if not near:
@@ -138,11 +138,12 @@ def _distance(point: np.ndarray, joint: str, place: np.ndarray, body: Skeleton) 
         own = place[body.index(row["joint"])]
         if row["kind"] == "capsule":
             a, b = own + row["start"], own + row["end"]
-            share = np.clip((point - a) @ (b - a) / max((b - a) @ (b - a), 1e-12), 0, 1)
-            least = min(least, float(np.linalg.norm(point - a - share * (b - a))) - row["radius"])
+            share = np.clip((points - a) @ (b - a) / max((b - a) @ (b - a), 1e-12), 0, 1)
+            apart = np.linalg.norm(points - a - share[:, None] * (b - a), axis=-1) - row["radius"]
         else:
-            q = np.abs(point - own - row["center"]) - row["half_size"]
-            least = min(least, float(np.linalg.norm(np.maximum(q, 0)) + min(q.max(), 0)))
+            q = np.abs(points - own - row["center"]) - row["half_size"]
+            apart = np.linalg.norm(np.maximum(q, 0), axis=-1) + np.minimum(q.max(axis=-1), 0)
+        least = np.minimum(least, apart)
     return least
 
 
