@@ -75,9 +75,7 @@ def check_plain(head: bytes, place: str | Path) -> None:
             f"{place}: a zip file (or a spreadsheet, .xlsx), not text; unpack it, or export it as text"
         )
     if head.startswith(_UTF16) or (len(head) > 3 and head[1::2].count(0) > 0.8 * len(head[1::2])):
-        raise BodysenseError(
-            f"{place}: text in UTF-16; save it as UTF-8: iconv -f UTF-16 -t UTF-8 {name} > utf8_{name}"
-        )
+        raise BodysenseError(f"{place}: UTF-16; save it as UTF-8: iconv -f UTF-16 -t UTF-8 {name} > utf8_{name}")
 
 
 def read_text(path: str | Path) -> str:

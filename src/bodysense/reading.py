@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bodysense.arrays import conversion
 from bodysense.body.skeleton import default_skeleton
 from bodysense.capture.recording import Recording, is_recording, read_recording, write_recording
 from bodysense.capture.video import is_video
@@ -14,7 +15,7 @@ from bodysense.export.motion_files import ENDINGS, write_motion
 from bodysense.io import gltf as io_gltf
 from bodysense.io.markers.files import is_marker_file
 from bodysense.io.markers.recording import read_markers, with_hands_of
-from bodysense.io.smpl import is_smpl, read_smpl
+from bodysense.io.smpl import PICKLES, is_smpl, read_smpl
 
 RECORDING_ENDINGS = (".npz", ".jsonl")
 
@@ -49,8 +50,7 @@ def read_clip(path: str | Path, rate: float | None = None) -> tuple[Clip, tuple[
     ending = path.suffix.lower()
     if not path.is_file():
         raise BodysenseError(f"{path}: no such file")
-    if ending in (".fbx", ".gz"):
-        raise BodysenseError(f"{path}: {_way_on(path)}")
+    check_kind(path)
     if ending in io_gltf.ENDINGS:
         return io_gltf.read_gltf(path)
     if is_smpl(path):
@@ -60,18 +60,23 @@ def read_clip(path: str | Path, rate: float | None = None) -> tuple[Clip, tuple[
 
 def says_little(path: str | Path) -> bool:
     """Whether a file is a motion that leaves something to be found, which is said: glTF, results of SMPL."""
-    return Path(path).suffix.lower() in (*io_gltf.ENDINGS, ".fbx", ".gz") or is_smpl(path)
+    return Path(path).suffix.lower() in io_gltf.ENDINGS or is_smpl(path)
 
 
-def _way_on(path: Path) -> str:
-    """What to do with a file that is not read."""
-    if path.suffix.lower() == ".gz":
-        return f"compressed by gzip; unpack it: gunzip -k {path.name}"
-    load = f"import bpy; bpy.ops.import_scene.fbx(filepath='{path.name}')"
-    return (
-        "FBX is not read; convert it with Blender: "
-        f"blender -b --python-expr \"{load}; bpy.ops.export_scene.gltf(filepath='{path.stem}.glb')\""
-    )
+def check_kind(path: str | Path) -> None:
+    """Raise BodysenseError, with what to do, for kinds of files that are never read: FBX, gzip, pickles."""
+    path = Path(path)
+    ending = path.suffix.lower()
+    if ending == ".gz":
+        raise BodysenseError(f"{path}: compressed by gzip; unpack it: gunzip -k {path.name}")
+    if ending in PICKLES:
+        raise BodysenseError(f"{path}: a pickle may run any code when it is read; {conversion(path)}")
+    if ending == ".fbx":
+        load = f"import bpy; bpy.ops.import_scene.fbx(filepath='{path.name}')"
+        raise BodysenseError(
+            f"{path}: FBX is not read; convert it with Blender: "
+            f"blender -b --python-expr \"{load}; bpy.ops.export_scene.gltf(filepath='{path.stem}.glb')\""
+        )
 
 
 def write(path: str | Path, content: Clip | Recording) -> None:

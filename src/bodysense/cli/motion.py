@@ -103,11 +103,13 @@ def track(  # noqa: PLR0915
     from bodysense.estimators.finger_synthesis import synthesize
     from bodysense.export.motion_files import check_ending, write_motion
     from bodysense.io.markers.files import is_marker_file
+    from bodysense.reading import check_kind
     from bodysense.take import signal_of
     from bodysense.take import track as complete
     from bodysense.tracker import TrackerSettings
 
     check_ending(out)
+    check_kind(file)
     if save_person is not None:
         check_place(save_person)
     if is_video(str(file)):

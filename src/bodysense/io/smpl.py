@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.arrays import array_shapes, conversion, read_array, read_arrays
+from bodysense.arrays import array_shapes, read_array, read_arrays
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import (
     matrix_to_quaternion,
@@ -49,9 +49,9 @@ _TURNS = {  # the file's axis that points up → the rotation (4,) that makes it
 
 
 def is_smpl(path: str | Path) -> bool:
-    """Whether a file is one of SMPL that is no motion of AMASS: an .npy, a pickle, or an .npz with such arrays."""
+    """Whether a file is one of SMPL that is no motion of AMASS: an .npy, or an .npz with such arrays."""
     path = Path(path)
-    if path.suffix.lower() in (".npy", *PICKLES):
+    if path.suffix.lower() == ".npy":
         return True
     if path.suffix.lower() != ".npz":
         return False
@@ -67,11 +67,9 @@ def is_smpl(path: str | Path) -> bool:
 def read_smpl(path: str | Path, rate: float | None = None) -> tuple[Clip, tuple[str, ...]]:
     """The motion of a file in canonical form, and remarks; `rate` Hz where it does not say.
 
-    Raises BodysenseError, naming the file and the fix, for what is no such motion; pickles are refused.
+    Raises BodysenseError, naming the file and the fix, for what is no such motion.
     """
     path = Path(path)
-    if path.suffix.lower() in PICKLES:
-        raise BodysenseError(f"{path}: a pickle may run any code when it is read; {conversion(path)}")
     arrays = {"poses": read_array(path)} if path.suffix.lower() == ".npy" else read_arrays(path, _keys())
     remarks: list[str] = []
     turns, rows = _rotations(path, arrays)
@@ -133,9 +131,7 @@ def _rotations(path: Path, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray
             parts.append(_turns(path, *hand, counts=(15,)))  # others are coefficients of a basis that is not here
             rows = [*rows, *hands[15 * k : 15 * k + 15]]
     if len({len(part) for part in parts}) != 1:
-        raise BodysenseError(
-            f"{path}: its poses have {', '.join(str(len(part)) for part in parts)} frames; give as many"
-        )
+        raise BodysenseError(f"{path}: parts of its poses have {', '.join(str(len(part)) for part in parts)} frames")
     return np.concatenate(parts, axis=1), rows
 
 
