@@ -66,7 +66,8 @@ def layouts(v: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
 def test_layouts(tmp_path: Path, waving_clip: Clip, vectors: np.ndarray, layout: str) -> None:
     path = tmp_path / "a.npz"
     arrays = layouts(vectors)[layout]
-    np.savez(path, transl=waving_clip.pose.root_position, fps=30, betas=np.zeros(10), **arrays)
+    everything = {"transl": waving_clip.pose.root_position, "fps": np.array(30), "betas": np.zeros(10), **arrays}
+    np.savez(path, **everything)  # type: ignore[arg-type]
     assert is_smpl(path)
     clip, remarks = read_smpl(path)
     assert remarks == () and clip.frame_rate == 30

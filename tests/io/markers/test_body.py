@@ -50,7 +50,7 @@ def errors(raw: RawMarkers, clip: Clip, form: MarkerFormat = MarkerFormat()) -> 
     """Mean error of each joint, m."""
     seen, truth = found(raw, form).observation, np.asarray(forward_kinematics(clip.pose)[0])
     apart = np.linalg.norm(seen.position - truth[:, clip.pose.skeleton.indices(seen.points)], axis=-1)
-    known = seen.has_position.any(axis=0)
+    known = np.asarray(seen.has_position.any(axis=0))
     return {name: float(np.nanmean(apart[:, k])) for k, name in enumerate(seen.points) if known[k]}
 
 
