@@ -131,6 +131,16 @@ def test_hidden_markers_hide_what_needs_them(stranger: Clip) -> None:
     assert seen.has_position[:, seen.points.index("right_wrist")].all()
 
 
+@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("hidden", [0.5, 0.85, 0.95])
+def test_most_markers_may_be_hidden(stranger: Clip, name: str, hidden: float) -> None:
+    raw, rng = raw_of(stranger, SETS[name]), np.random.default_rng(int(100 * hidden))
+    gone = rng.random(raw.position.shape[:2]) < hidden
+    seen = found(replace(raw, position=np.where(gone[..., None], np.nan, raw.position))).observation
+    assert np.isfinite(seen.position[seen.has_position]).all()
+    np.testing.assert_allclose(np.linalg.norm(seen.rotation[seen.has_rotation], axis=-1), 1, atol=1e-9)
+
+
 def test_medial_markers_of_a_static_trial_are_used_where_they_stay(stranger: Clip) -> None:
     both = PLUG_IN_GAIT | {"knee_in": "LKNM", "elbow_in": "LELM", "ankle_in": "LANM"}
     far = errors(raw_of(stranger, both), stranger)

@@ -151,22 +151,28 @@ def _bones(
     turned = {
         name: quaternion_multiply(quaternion_multiply(turn, raw.rotation[:, k]), back) for name, k in here.items()
     }
-    worst = []
+    off = []
     for side, x in (("L", 1.0), ("R", -1.0)):
         for bone, end, rest in (
             ("UArm", "FArm", (x, 0, 0)),
             ("Thigh", "Shin", (0, -1, 0)),
             ("Shin", "Foot", (0, -1, 0)),
         ):
-            a, b = f"{side}{bone}", f"{side}{end}"
-            if a in turned and b in places:
-                way = places[b] - places[a]
-                cosine = (quaternion_rotate(turned[a], np.broadcast_to(rest, way.shape)) * way).sum(axis=-1)
-                worst.append(np.nanmedian(np.arccos(np.clip(cosine / np.linalg.norm(way, axis=-1), -1, 1))))
-    if not worst or not np.median(worst) < AGREES:
+            start, beyond = f"{side}{bone}", f"{side}{end}"
+            if start in turned and beyond in places:
+                off += _angles(turned[start], np.array(rest, dtype=float), places[beyond] - places[start])
+    if not off or not np.median(off) < AGREES:
         remarks.append("rotations of its bones are left out: they are not from a T-pose that faces +Z")
         return {}
     return {joint: turned[bone] for bone, joint in known.markers.bones.items() if bone in turned}
+
+
+def _angles(rotation: np.ndarray, rest: np.ndarray, way: np.ndarray) -> list[float]:
+    """Radians between where rotations (T, 4) take a resting bone (3,) and where it points (T, 3), where both are seen."""
+    seen = np.isfinite(way).all(axis=-1) & np.isfinite(rotation).all(axis=-1)
+    way = way[seen]
+    cosine = (quaternion_rotate(rotation[seen], np.broadcast_to(rest, way.shape)) * way).sum(axis=-1)
+    return np.arccos(np.clip(cosine / np.linalg.norm(way, axis=-1), -1, 1)).tolist()
 
 
 def _frames(markers: MarkerSet, places: Places) -> dict[str, np.ndarray]:
