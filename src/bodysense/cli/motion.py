@@ -29,6 +29,7 @@ def simulate(
     out: Output,
     device: DeviceName = "headset_camera",
     height: float | None = None,
+    rate: float | None = None,
     noise: bool = False,
     seed: int = 1,
 ) -> None:
@@ -39,6 +40,7 @@ def simulate(
         out: recording, .npz or .jsonl (docs/recording.md); of gloves also .csv or .c3d (docs/gloves.md).
         device: what watches the body.
         height: metres to which the body is scaled, for files that do not say how tall it is.
+        rate: frames a second, for files that do not say it.
         noise: errors as real devices have them.
         seed: random seed of the noise.
     """
@@ -49,7 +51,7 @@ def simulate(
     from bodysense.devices.simulated import simulate as simulated
 
     check_place(out)
-    clip = load_clip(file, height)
+    clip = load_clip(file, height, rate)
     observation = simulated(clip, device, seed if noise else None)
     write_seen(out, Recording(observation, clip.pose.skeleton), clip.frame_rate)
     tracked = (observation.has_position | observation.has_rotation).mean()

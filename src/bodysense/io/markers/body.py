@@ -168,7 +168,7 @@ def _bones(
 
 
 def _angles(rotation: np.ndarray, rest: np.ndarray, way: np.ndarray) -> list[float]:
-    """Radians between where rotations (T, 4) take a resting bone (3,) and where it points (T, 3), where both are seen."""
+    """Radians between where rotations (T, 4) take a resting bone (3,) and where it points (T, 3); of seen frames."""
     seen = np.isfinite(way).all(axis=-1) & np.isfinite(rotation).all(axis=-1)
     way = way[seen]
     cosine = (quaternion_rotate(rotation[seen], np.broadcast_to(rest, way.shape)) * way).sum(axis=-1)
