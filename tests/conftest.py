@@ -14,6 +14,9 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.model import CompletionModel, packaged_model
 from bodysense.data.clip import Clip
+from bodysense.observation import Observation
+from bodysense.occlusion.dropout import hide
+from bodysense.occlusion.glove import observe
 
 
 @pytest.fixture(scope="session")
@@ -51,6 +54,20 @@ def waving_clip() -> Clip:
         rotation[:, place] = quaternion_multiply(rotation[:, place], turn)
     root = standing.root_position + 0.05 * np.stack([np.sin(time), 0.2 * np.sin(3 * time), np.cos(time)], axis=-1)
     return Clip("waving", Pose(skeleton, root, rotation), 30.0)
+
+
+@pytest.fixture(scope="session")
+def gloves(waving_clip: Clip) -> Observation:
+    """Both gloves of somebody who waves, every marker seen."""
+    return observe(waving_clip.pose, waving_clip.time)
+
+
+@pytest.fixture(scope="session")
+def hidden_gloves(gloves: Observation) -> Observation:
+    """The same with a fifth of the markers hidden at random, and one frame with none."""
+    hidden = np.random.default_rng(0).random(gloves.has_position.shape) < 0.2
+    hidden[7] = True
+    return hide(gloves, hidden)
 
 
 @pytest.fixture(scope="session")

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import gzip
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
+from bodysense.files import part_beside, read_text, written_beside
 
 
 def test_a_file_appears_when_the_block_ends(tmp_path: Path) -> None:
@@ -53,3 +56,40 @@ def test_a_full_disk_is_said_in_words(tmp_path: Path) -> None:
         beside.write_text("half")
         raise OSError(28, "No space left on device")
     assert not list(tmp_path.iterdir())
+
+
+def test_what_a_killed_writer_left_is_removed_by_the_next(tmp_path: Path) -> None:
+    code = (
+        "import sys, os, signal\nfrom bodysense.files import part_beside, read_text, written_beside\n"
+        "with written_beside(sys.argv[1]) as beside:\n"
+        "    beside.write_text('half'); os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.txt")], check=False)
+    assert len(list(tmp_path.iterdir())) == 1  # hidden, half
+    mine = part_beside(tmp_path / "c.txt")
+    mine.write_text("of a process that runs")
+    (tmp_path / ".somebody.else.part").write_text("x")
+    with written_beside(tmp_path / "b.txt") as beside:
+        beside.write_text("whole")
+    assert {path.name for path in tmp_path.iterdir()} == {"b.txt", mine.name, ".somebody.else.part"}
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ("a,b\n1,2".encode("utf-16"), r"a\.csv: UTF-16; save it as UTF-8: iconv -f UTF-16 -t UTF-8 a\.csv"),
+        ("a,b\n1,2".encode("utf-16-le"), "UTF-16"),
+        (gzip.compress(b"a"), r"compressed by gzip; unpack it: gunzip"),
+        (b"PK\x03\x04" + bytes(40), "a zip file"),
+        (b"\xff\xff\xff", "not text in UTF-8; export it again"),
+    ],
+)
+def test_texts_that_are_none_are_named(tmp_path: Path, data: bytes, message: str) -> None:
+    (tmp_path / "a.csv").write_bytes(data)
+    with pytest.raises(BodysenseError, match=message):
+        read_text(tmp_path / "a.csv")
+
+
+def test_a_mark_at_the_begin_is_no_text(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("Zoë", encoding="utf-8-sig")
+    assert read_text(tmp_path / "a.csv") == "Zoë"

@@ -9,13 +9,14 @@ from functools import cache
 from pathlib import Path
 
 SOURCE = Path(__file__).parents[1] / "src"
-FLOORS = {
+FLOORS: dict[str, float] = {
     "errors": -2,
     "files": -1,
+    "arrays": -0.5,
     "weights": -1,  # data, read by name
     "body": 0,
     "observation": 1,
-    "io": 1,
+    "rigs": 1,
     "capture": 2,
     "completion": 2,
     "data": 2,
@@ -26,6 +27,7 @@ FLOORS = {
     "devices": 4,
     "tracker": 4,
     "export": 4,
+    "io": 4.5,
     "reading": 5,
     "filling": 5,
     "training": 5,
@@ -100,7 +102,7 @@ def test_modules_import_from_lower_floors_only() -> None:
     assert not offenders
 
 
-def floor(module: str) -> int:
+def floor(module: str) -> float:
     return FLOORS[room(module)]
 
 

@@ -1,13 +1,23 @@
-"""Writing files so that they appear whole or not at all."""
+"""Files: written so that they appear whole or not at all, and looked at before they are read."""
 
 from __future__ import annotations
 
 import os
+import platform
+import re
+import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from bodysense.errors import BodysenseError
+
+LARGEST_TEXT = 1 << 30  # bytes of a text that is read whole
+_MACHINE = re.sub(r"[^A-Za-z0-9]", "-", platform.node())
+_PART = re.compile(rf"\..*\.{_MACHINE}\.(?P<process>\d+)\.bodysense-part(\.[^.]*)?")
+_GZIP = b"\x1f\x8b"
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+_ZIP = b"PK\x03\x04"
 
 
 def check_place(path: str | Path) -> Path:
@@ -20,6 +30,23 @@ def check_place(path: str | Path) -> Path:
     return path
 
 
+def part_beside(path: Path) -> Path:
+    """The hidden name beside `path` under which this process writes it.
+
+    What killed processes of this machine left in the folder is removed.
+    """
+    for left in path.parent.glob(".*.bodysense-part*"):
+        match = _PART.fullmatch(left.name)
+        if match and not _is_running(int(match["process"])):
+            with suppress(OSError):  # somebody else's, or open
+                if left.is_dir():
+                    shutil.rmtree(left)
+                else:
+                    left.unlink()
+    # The ending stays last: writers choose their format by it.
+    return path.with_name(f".{path.stem}.{_MACHINE}.{os.getpid()}.bodysense-part{path.suffix}")
+
+
 @contextmanager
 def written_beside(path: str | Path) -> Iterator[Path]:
     """Give a path beside `path` to write to; it takes the name when the block ends well, and is removed when not.
@@ -27,8 +54,7 @@ def written_beside(path: str | Path) -> Iterator[Path]:
     Raises BodysenseError where the folder does not exist or cannot be written to.
     """
     path = check_place(path)
-    # The ending stays last: writers choose their format by it.
-    beside = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    beside = part_beside(path)
     try:
         yield beside
         os.replace(beside, path)
@@ -36,3 +62,54 @@ def written_beside(path: str | Path) -> Iterator[Path]:
         raise BodysenseError(f"{path} cannot be written ({error.strerror}); choose a place that can") from None
     finally:
         beside.unlink(missing_ok=True)
+
+
+def check_plain(head: bytes, place: str | Path) -> None:
+    """Raise BodysenseError, with the fix, for the first bytes of a file that is compressed or in UTF-16."""
+    name = Path(place).name
+    plain = Path(name).stem if name.endswith(".gz") else name
+    if head.startswith(_GZIP):
+        raise BodysenseError(f"{place}: compressed by gzip; unpack it: gunzip -c {name} > unpacked_{plain}")
+    if head.startswith(_ZIP):
+        raise BodysenseError(
+            f"{place}: a zip file (or a spreadsheet, .xlsx), not text; unpack it, or export it as text"
+        )
+    if head.startswith(_UTF16) or (len(head) > 3 and head[1::2].count(0) > 0.8 * len(head[1::2])):
+        raise BodysenseError(f"{place}: UTF-16; save it as UTF-8: iconv -f UTF-16 -t UTF-8 {name} > utf8_{name}")
+
+
+def read_text(path: str | Path) -> str:
+    """The whole of a text file in UTF-8 or ASCII, with or without a mark at its begin; names keep odd characters.
+
+    Raises BodysenseError, naming the fix, for what is no such text, compressed, or larger than `LARGEST_TEXT`.
+    """
+    path = Path(path)
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_TEXT:
+            raise BodysenseError(
+                f"{path}: {size / 2**30:.1f} GiB of text; at most {LARGEST_TEXT >> 30} GiB are read: cut it in parts"
+            )
+        data = path.read_bytes()
+    except OSError as error:
+        raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
+    check_plain(data[:64], path)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise BodysenseError(f"{path}: not text in UTF-8; export it again") from None
+
+
+def _is_running(process: int) -> bool:
+    """Whether a process of this machine has a number."""
+    if process == os.getpid():
+        return True
+    if os.name == "nt":  # what is open cannot be removed there, and signals end processes
+        return False
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True
+    return True

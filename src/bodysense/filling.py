@@ -30,8 +30,8 @@ from bodysense.data.rigged import read_rigged
 from bodysense.data.source_joints import SourceJoints, joints_of_file, own_joints
 from bodysense.data.sources import Source, read_source
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.observation import EXACT_ACCURACY, Observation
+from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
 Array = np.ndarray
 # s away from known frames where the tracker's guess counts as much as the turn between them: legs follow from the

@@ -4,21 +4,27 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bodysense.arrays import conversion
 from bodysense.body.skeleton import default_skeleton
-from bodysense.capture.markers import is_marker_file, read_markers, with_hands_of
 from bodysense.capture.recording import Recording, is_recording, read_recording, write_recording
 from bodysense.capture.video import is_video
 from bodysense.data.clip import Clip
-from bodysense.data.sources import Source, read_source
+from bodysense.data.sources import Source, as_told, read_with_rig
 from bodysense.errors import BodysenseError
 from bodysense.export.motion_files import ENDINGS, write_motion
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io import gltf as io_gltf
+from bodysense.io.markers.files import is_marker_file
+from bodysense.io.markers.recording import read_markers, with_hands_of
+from bodysense.io.smpl import PICKLES, is_smpl, read_smpl
+from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
 RECORDING_ENDINGS = (".npz", ".jsonl")
 
 
 def read(path: str | Path, options: ReadingOptions = AS_FOUND) -> Clip | Recording:
-    """Read a motion (.bvh, AMASS .npz) as a Clip, a recording or gloves' markers (.csv, .c3d) as a Recording.
+    """Read a motion (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma) as a Clip.
+
+    A recording or markers (.c3d, .csv, .trc, .tsv) are read as a Recording.
 
     A clip is in canonical form: metres, +Y up, the skeleton of 65 points. Of a motion, `options` say what the file does
     not or says wrongly: unit, upward axis, floor, height, joints, which body. Raises BodysenseError, naming the file
@@ -31,10 +37,49 @@ def read(path: str | Path, options: ReadingOptions = AS_FOUND) -> Clip | Recordi
         raise BodysenseError(f"{path}: no such file")
     if is_marker_file(path):
         found = read_markers(path)
-        return Recording(found.observation, with_hands_of(default_skeleton(), found.sizes))
+        return Recording(found.observation, with_hands_of(default_skeleton(), found.sizes), told=not found.has_body)
     if is_recording(path):
         return read_recording(path)
-    return read_source(Source(path, person="", split="test"), options)
+    return read_clip(path, options)[0]
+
+
+def read_clip(
+    path: str | Path, options: ReadingOptions = AS_FOUND, rate: float | None = None
+) -> tuple[Clip, tuple[str, ...]]:
+    """Read a motion in canonical form, and lines on what was recognised; `rate` Hz where its file does not say it.
+
+    Raises BodysenseError, naming the file and the fix, for every other file.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise BodysenseError(f"{path}: no such file")
+    check_kind(path)
+    if is_smpl(path):
+        clip, remarks = read_smpl(path, rate)
+        return as_told(clip, options, "results of SMPL", "y"), tuple(f"note: {remark}" for remark in remarks)
+    if rate is not None:
+        raise BodysenseError(f"{path}: the file says its frame rate; leave --rate {rate:g} out")
+    if path.suffix.lower() in io_gltf.ENDINGS:
+        clip, remarks = io_gltf.read_gltf(path)
+        return as_told(clip, options, "glTF files", "y"), tuple(f"note: {remark}" for remark in remarks)
+    clip, rig = read_with_rig(Source(path, person="", split="test"), options)
+    return clip, () if rig is None else (f"read {path}: {rig.line()}",)
+
+
+def check_kind(path: str | Path) -> None:
+    """Raise BodysenseError, with what to do, for kinds of files that are never read: FBX, gzip, pickles."""
+    path = Path(path)
+    ending = path.suffix.lower()
+    if ending == ".gz":
+        raise BodysenseError(f"{path}: compressed by gzip; unpack it: gunzip -k {path.name}")
+    if ending in PICKLES:
+        raise BodysenseError(f"{path}: a pickle may run any code when it is read; {conversion(path)}")
+    if ending == ".fbx":
+        load = f"import bpy; bpy.ops.import_scene.fbx(filepath='{path.name}')"
+        raise BodysenseError(
+            f"{path}: FBX is not read; convert it with Blender: "
+            f"blender -b --python-expr \"{load}; bpy.ops.export_scene.gltf(filepath='{path.stem}.glb')\""
+        )
 
 
 def write(path: str | Path, content: Clip | Recording) -> None:

@@ -13,7 +13,6 @@ import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.capture.markers import is_marker_file
 from bodysense.capture.recording import Recording, is_recording
 from bodysense.capture.video import is_video, open_video
 from bodysense.completion.model import CompletionModel
@@ -28,9 +27,10 @@ from bodysense.export.motion_files import write_motion
 from bodysense.export.rig_file import write_on_rig_of
 from bodysense.export.rigs import OWN, SOURCE, check_rig, is_rig_file
 from bodysense.filling import Holed, filled, observed, open_holed, over_floor, pose_of
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.markers.files import is_marker_file
 from bodysense.observation import Estimate, Observation, check_observation
-from bodysense.reading import read
+from bodysense.reading import read, read_clip
+from bodysense.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.tracker import Tracker, TrackerSettings
 
 ANCHORS = ("head", "pelvis")  # what stays where it was measured, on whatever proportions; else what is measured most
@@ -189,6 +189,8 @@ def _holed(source: Source, device: str | None, missing: str | Sequence[str], rea
             other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
             raise BodysenseError(f"{_called(source)}: --missing is for a motion that no device watches; {other}")
         return None
+    if isinstance(source, (str, Path)) and _bvh_of(source) is None:
+        source = read_clip(source, reading)[0]
     holed = open_holed(source if isinstance(source, Clip) else Path(str(source)), told, reading)
     if not holed.holes.any():
         raise BodysenseError(

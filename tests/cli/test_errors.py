@@ -91,7 +91,7 @@ WRONG = {
     "poses that are NaN": (SIMULATE, "nan.npz", "'poses' is not finite in row 0"),
     "text for an archive": (SIMULATE, "text.npz", "cannot be read as an .npz file"),
     "another kind of file": (SIMULATE, "motion.csv", r"unknown kind of file '\.csv'; valid are \.bvh, \.npz"),
-    "a missing motion": (SIMULATE, "missing.bvh", "No such file"),
+    "a missing motion": (SIMULATE, "missing.bvh", "[Nn]o such file"),
     "a missing archive": (SIMULATE, "missing.npz", "no such file"),
     "the same, to be tracked": (MOTION, "cut.bvh", "announces .* values"),
     "the same, to be shown": (DEMO, "nan.bvh", "frame 0 is not finite"),

@@ -12,12 +12,13 @@ import pytest
 
 from bodysense.body.glove import glove_points
 from bodysense.body.pose import forward_kinematics
-from bodysense.capture.markers import read_markers, write_markers
 from bodysense.capture.recording import Recording, read_recording, write_recording
 from bodysense.data.bvh import read_bvh
 from bodysense.data.clip import Clip
 from bodysense.devices import gloves as device
 from bodysense.estimators.gloves import hands
+from bodysense.io.markers.files import write_markers
+from bodysense.io.markers.recording import read_markers
 from bodysense.observation import Observation, chosen_points
 from bodysense.occlusion import three_point
 from bodysense.occlusion.glove import observe
@@ -112,7 +113,7 @@ def test_names_units_and_axes(files: Path, gloves: Observation, run: Command, re
     theirs = tuple(f"M{k}" for k in range(18))
     # As of another program: millimetres, +Z up, left-handed, names of its own.
     other = gloves.position[..., [0, 2, 1]] * [-1, -1, 1] * 1000
-    from bodysense.capture.markers_csv import write_csv
+    from bodysense.io.markers.columns import write_csv
 
     write_csv(files / "other.csv", replace(gloves, points=theirs, position=other))
     (files / "names.json").write_text(json.dumps(dict(zip(theirs, gloves.points, strict=True))))
@@ -133,7 +134,7 @@ def test_what_goes_wrong_is_one_line(files: Path, motion: Path, refused: Command
     assert "leave --fingers synthesize out" in refused(*arguments, "--fingers", "synthesize")
     assert "--samples draws from head and hands" in refused(*arguments, "--samples", 2)
     assert "no such model file" in refused(*arguments, "--model", files / "a.onnx")
-    assert "0 Hz is no frame rate" in refused(*arguments, "--marker-rate", 0)
+    assert "0 Hz is no frame rate" in refused(*arguments, "--rate", 0)
     assert "cannot be read" in refused(*arguments, "--names", files / "missing.json")
     assert "are for marker files" in refused("track", files / "gloves.npz", "-o", out, "--unit", "mm")
     assert "no such file" in refused("track", files / "missing.c3d", "-o", out)

@@ -84,7 +84,7 @@ def test_a_table_of_joints_is_drafted_edited_and_read(inches: Path, tmp_path: Pa
 
 def test_the_front_door_takes_the_same_options(inches: Path) -> None:
     import bodysense
-    from bodysense.io.rigs.options import ReadingOptions
+    from bodysense.rigs.options import ReadingOptions
 
     clip = bodysense.read(inches, ReadingOptions(height=1.9))
     assert isinstance(clip, Clip) and clip.pose.skeleton.height == pytest.approx(1.9)

@@ -14,7 +14,7 @@ from bodysense.data.clips import open_clips
 from bodysense.data.resample import resample
 from bodysense.data.store import is_store, prepare, read_store
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.options import ReadingOptions
+from bodysense.rigs.options import ReadingOptions
 
 pytest.importorskip("zarr", reason="needs bodysense[train]")
 pytest.importorskip("dask", reason="needs bodysense[train]")

@@ -19,7 +19,7 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.data.clip import Clip
 from bodysense.data.rigged import Rigged, read_rigged
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.options import ReadingOptions
+from bodysense.rigs.options import ReadingOptions
 
 NEEDED = ["pelvis", "head"] + [
     f"{side}_{part}" for side in ("left", "right") for part in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")

@@ -12,7 +12,9 @@ from typing import Literal
 import numpy as np
 
 from bodysense.body.glove import MARKERS, glove_marker, glove_points, side_of
+from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.files import read_text
 from bodysense.observation import OPTICAL_ACCURACY, Observation, accuracy_like
 
 Unit = Literal["m", "cm", "mm"]
@@ -35,6 +37,8 @@ class RawMarkers:
     unit: Unit = "m"
     # (3, 3): our axes, rows, in the file's. None: it does not say, and +Y is up.
     axes: np.ndarray | None = field(default=None, repr=False)
+    # (T, M, 4) wxyz, the file's world ← the marker, of what turns: rigid bodies and bones; NaN where unknown.
+    rotation: np.ndarray | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,8 @@ class MarkerFormat:
     unit: Unit | None = None
     up: Up | None = None
     left_handed: bool = False  # axes as Unity's and Unreal's: the world is mirrored
-    rate: float | None = None  # Hz, of a CSV file without times
+    rate: float | None = None  # Hz, of a file that does not say it
+    floor: float | None = None  # m, its height in our world; None: it is looked for under a body's feet
 
     def __post_init__(self) -> None:
         if self.rate is not None and not 0 < self.rate < float("inf"):
@@ -53,16 +58,12 @@ class MarkerFormat:
 
 
 def read_names(path: str | Path) -> dict[str, str]:
-    """A table of names: JSON, {"LEHAR": "left_glove_pinky_base", …}, or CSV, one pair a line.
+    """A table of names: JSON, {"LEHAR": "left_glove_pinky_base", "M7": "left_elbow", …}, or CSV, one pair a line.
 
     Raises BodysenseError for what is no such table, for a name that is no marker's and for one that stands twice.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not text in UTF-8"
-        raise BodysenseError(f"{path}: cannot be read ({reason}); give a table of names, .json or .csv") from None
+    text = read_text(path)
     if path.suffix.lower() == ".json":
         try:
             pairs = json.loads(text, object_pairs_hook=list)
@@ -77,16 +78,21 @@ def read_names(path: str | Path) -> dict[str, str]:
     if not well_formed or not pairs:
         raise BodysenseError(f"{path}: a table of names has pairs: the marker's name in the file, and ours")
     for theirs, ours in pairs:
-        if glove_marker(ours) is None:
+        if glove_marker(ours) is None and ours not in default_skeleton().points:
             raise BodysenseError(
-                f"{path}: {ours!r} (for {theirs!r}) is no marker; say '<hand>_glove_<marker>' with the hand 'left' or "
-                f"'right' and one of {', '.join(MARKERS)}"
+                f"{path}: {ours!r} (for {theirs!r}) is no marker; say a joint, such as 'left_elbow', or "
+                f"'<hand>_glove_<marker>' with the hand 'left' or 'right' and one of {', '.join(MARKERS)}"
             )
     for column in zip(*pairs, strict=True):
         twice = [name for name in column if column.count(name) > 1]
         if twice:
             raise BodysenseError(f"{path}: {twice[0]!r} stands twice; every marker has one name")
     return dict(pairs)
+
+
+def has_glove(raw: RawMarkers, form: MarkerFormat) -> bool:
+    """Whether any marker of a file is one of a glove by its name."""
+    return any(_our_name(name, form.names or {}) for name in raw.names)
 
 
 def observed_markers(raw: RawMarkers, form: MarkerFormat, place: str) -> tuple[Observation, list[str]]:
@@ -99,12 +105,12 @@ def observed_markers(raw: RawMarkers, form: MarkerFormat, place: str) -> tuple[O
     remarks = []
     others = [name for name, known in zip(raw.names, ours, strict=True) if known is None]
     if others:
-        remarks.append(f"left out {_listed(others)}: no markers of a glove by name")
+        remarks.append(f"left out {listed(others)}: no markers of a glove by name")
     points = tuple(name for name in ours if name is not None)
     for hand in dict.fromkeys(point.partition("_glove_")[0] for point in points):
         missing = [name for name in glove_points(hand) if name not in points]
         if missing:
-            remarks.append(f"the {hand} glove lacks {_listed([name.partition('_glove_')[2] for name in missing])}")
+            remarks.append(f"the {hand} glove lacks {listed([name.partition('_glove_')[2] for name in missing])}")
     return points_alone(points, in_our_world(raw.position[:, here], raw, form), raw.time), remarks
 
 
@@ -145,30 +151,33 @@ def _our_names(raw: RawMarkers, form: MarkerFormat, place: str) -> list[str | No
         if absent:
             raise BodysenseError(
                 f"{place}: no marker is named {absent[0]!r}, which the table of names has; "
-                f"there are {_listed(raw.names)}"
+                f"there are {listed(raw.names)}"
             )
     ours = [_our_name(name, form.names or {}) for name in raw.names]
     known = [name for name in ours if name is not None]
     if not known:
         raise BodysenseError(
-            f"{place}: no marker of a glove among {_listed(raw.names)}; "
+            f"{place}: no marker of a glove among {listed(raw.names)}; "
             "give a table of names with --names (docs/gloves.md)"
         )
     twice = [name for name in known if known.count(name) > 1]
     if twice:
         pair = [theirs for theirs, name in zip(raw.names, ours, strict=True) if name == twice[0]]
-        raise BodysenseError(f"{place}: {_listed(pair)} are both {twice[0]!r}; every marker has one name")
+        raise BodysenseError(f"{place}: {listed(pair)} are both {twice[0]!r}; every marker has one name")
     for name in known:
         side_of(name)
     return ours
 
 
 def _our_name(name: str, table: Mapping[str, str]) -> str | None:
-    """By the table that is given, by its own sense, or as the paper's release calls it; 'Subject:' in front is off."""
+    """By the table that is given, by its own sense, or as the paper's release calls it; 'Subject:' in front is off.
+
+    None for what is no marker of a glove.
+    """
     bare = name.rpartition(":")[2].strip()
     for candidate in (name, bare):
         if candidate in table:
-            return table[candidate]
+            return table[candidate] if glove_marker(table[candidate]) else None
     if table:
         return name if glove_marker(name) and name not in table.values() else None
     for candidate in (bare, bare.lower()):
@@ -177,7 +186,7 @@ def _our_name(name: str, table: Mapping[str, str]) -> str | None:
     return RELEASE_NAMES.get(bare)
 
 
-def _listed(names: tuple[str, ...] | list[str]) -> str:
+def listed(names: tuple[str, ...] | list[str]) -> str:
     """Names in a sentence; of many the first."""
     shown = ", ".join(repr(name) for name in names[:_SHOWN])
     return shown if len(names) <= _SHOWN else f"{shown} and {len(names) - _SHOWN} more"

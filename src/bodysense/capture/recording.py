@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from bodysense.arrays import read_arrays
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
+from bodysense.files import read_text, written_beside
 from bodysense.observation import Observation, check_observation, check_shapes, usual_accuracy, without_gloves
 
 FORMAT = "bodysense recording 1"
@@ -125,12 +126,7 @@ def _write_npz(path: Path, recording: Recording) -> None:
 
 def _read_npz(path: Path) -> Recording:
     wanted = ("format", "points", "position", "rotation", "has_position", "has_rotation", "time")
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in (*wanted, "accuracy", *_SKELETON) if name in archive.files}
-    except Exception as error:  # a damaged zip file raises what it likes: zlib, struct, zipfile, Value, Memory errors
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise BodysenseError(f"{path}: not a readable .npz ({reason}); record it again") from None
+    arrays = read_arrays(path, (*wanted, "accuracy", *_SKELETON))
     missing = [name for name in wanted if name not in arrays]
     if missing:
         raise BodysenseError(f"{path}: not a recording, it has no {missing[0]!r}; see docs/recording.md for the layout")
@@ -227,10 +223,7 @@ def _rounded(metres: float) -> float:
 
 
 def _read_jsonl(path: Path) -> Recording:
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except UnicodeDecodeError:
-        raise BodysenseError(f"{path}: not text in UTF-8; a .jsonl recording has one JSON object a line") from None
+    lines = read_text(path).splitlines()
     rows = [_object(path, number, line) for number, line in enumerate(lines, start=1) if line.strip()]
     if not rows or rows[0].get("format") != FORMAT:
         found = rows[0].get("format") if rows else None

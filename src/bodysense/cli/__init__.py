@@ -11,9 +11,11 @@ from bodysense.errors import BodysenseError
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line. Returns the exit status: a command's own, or 2 for what the user gave wrong."""
     from bodysense.cli.application import application
+    from bodysense.cli.overwriting import checked_arguments
 
     try:
-        status = application().cli(prog="bodysense", description=_description(), args=arguments)
+        given = checked_arguments(sys.argv[1:] if arguments is None else arguments)
+        status = application().cli(prog="bodysense", description=_description(), args=given)
     except BodysenseError as error:
         print("bodysense:", " ".join(str(error).splitlines()), file=sys.stderr)
         return 2
@@ -29,7 +31,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _description() -> str:
     from bodysense import __version__
 
-    return f"Completes a human body, hands included, from partial tracking. Version {__version__}."
+    return (
+        f"Completes a human body, hands included, from partial tracking. Version {__version__}. "
+        "With any command, --overwrite lets an output take the place of an input."
+    )
 
 
 def entry_point() -> None:

@@ -12,7 +12,7 @@ from bodysense.cli.data_info import info, joints
 from bodysense.cli.options import Reading
 from bodysense.cli.render import render
 from bodysense.data.layouts import Layout
-from bodysense.io.rigs.options import AS_FOUND
+from bodysense.rigs.options import AS_FOUND
 
 Folder = Annotated[Path, tyro.conf.Positional]
 

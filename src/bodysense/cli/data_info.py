@@ -14,14 +14,14 @@ from bodysense.cli.data_occlusion import occlusion_table
 from bodysense.cli.options import Reading
 from bodysense.data.layouts import Layout
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.occlusion.headset_camera import HeadsetCamera
+from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from bodysense.data.clip import Clip
-    from bodysense.io.rigs.rig import Rig
+    from bodysense.rigs.rig import Rig
 
 Split = Literal["train", "val", "test", "all"]
 PICTURED = 6  # frames of a picture
@@ -117,8 +117,8 @@ def joints(
     """
     from bodysense.data.archive import MotionFile
     from bodysense.data.rigged import figure_of_file
-    from bodysense.io.rigs.joint_map import joint_map_text, write_joint_map
-    from bodysense.io.rigs.rig import recognise
+    from bodysense.rigs.joint_map import joint_map_text, write_joint_map
+    from bodysense.rigs.rig import recognise
 
     if file.suffix.lower() != ".bvh":
         raise BodysenseError(f"{file}: joints are named in .bvh files only; give one")

@@ -1,4 +1,4 @@
-"""Gloves on the command line: marker files to recordings, and recordings to marker files."""
+"""Markers on the command line: marker files to recordings, and recordings to marker files."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.options import ReadingOptions
+from bodysense.rigs.options import ReadingOptions
 
 if TYPE_CHECKING:
     from bodysense.capture.raw_markers import MarkerFormat
@@ -19,14 +19,14 @@ SIDES = ("left", "right")
 
 @dataclass(frozen=True)
 class MarkerOptions:
-    """What a marker file (.csv, .c3d) does not say of itself, or says wrongly."""
+    """What a marker file (.c3d, .csv, .trc, .tsv) does not say of itself, or says wrongly."""
 
     names: Path | None = None
-    """Of a marker file: a table of its names and ours, .json or .csv (docs/gloves.md)."""
+    """Of a marker file: a table of its names and ours, .json or .csv (docs/markers.md)."""
     left_handed: bool = False
     """Of a marker file: its axes are left-handed, as in Unity and Unreal."""
-    marker_rate: float | None = None
-    """Of a CSV file without times: frames a second."""
+    rate: float | None = None
+    """Of a file that does not say it: frames a second."""
     unlabelled: Literal["left", "right", "both"] | None = None
     """Of a marker file: its points are not told apart (passive markers); these gloves are found among them."""
 
@@ -40,20 +40,21 @@ class MarkerOptions:
             raise BodysenseError(f"{', '.join(more)}: for motions, not for marker files; leave it out")
         names = None if self.names is None else read_names(self.names)
         unit, up = cast("Unit | None", reading.unit), cast("Up | None", reading.up)
-        return MarkerFormat(names, unit, up, self.left_handed, self.marker_rate)
+        return MarkerFormat(names, unit, up, self.left_handed, self.rate, reading.floor)
 
 
 NO_OPTIONS = MarkerOptions()
 
 
 def recording_of_markers(file: Path, options: MarkerOptions, reading: ReadingOptions) -> Recording:
-    """What the gloves of a marker file show, on the default body, as tall as told, with hands of the gloves' size.
+    """What the markers of a file show: a body, gloves, or both.
 
-    Prints what is doubtful. Raises BodysenseError for a file that is no recording of gloves.
+    Gloves alone are put on the default body, as tall as told, with hands of the gloves' size; the proportions of a body
+    are inferred. Prints what was recognised and what is doubtful. Raises BodysenseError for a file that shows neither.
     """
     from bodysense.body.skeleton import default_skeleton
-    from bodysense.capture.markers import read_markers, with_hands_of
     from bodysense.capture.recording import Recording
+    from bodysense.io.markers.recording import read_markers, with_hands_of
 
     height = reading.height
     body = default_skeleton() if height is None else default_skeleton().scaled(height)
@@ -65,10 +66,10 @@ def recording_of_markers(file: Path, options: MarkerOptions, reading: ReadingOpt
         print(f"note: {remark}")
     for hand, size in found.sizes.items():
         print(f"the {hand} hand is {size:.2f} times the size of the default body's")
-    if height is not None:  # sizes are factors of the unscaled hand
-        ratio = default_skeleton().height / body.height
-        return Recording(found.observation, with_hands_of(body, {k: size * ratio for k, size in found.sizes.items()}))
-    return Recording(found.observation, with_hands_of(body, found.sizes))
+    # Sizes are factors of the unscaled hand.
+    ratio = default_skeleton().height / body.height
+    hands = {hand: size * ratio for hand, size in found.sizes.items()}
+    return Recording(found.observation, with_hands_of(body, hands), told=not found.has_body)
 
 
 def check_gloves_of(observation: Observation, place: Path) -> None:
@@ -85,8 +86,8 @@ def check_gloves_of(observation: Observation, place: Path) -> None:
 
 def write_seen(out: Path, recording: Recording, frame_rate: float) -> None:
     """Write a recording, or, by the ending of its name, the markers of its gloves."""
-    from bodysense.capture.markers import is_marker_file, write_markers
     from bodysense.capture.recording import write_recording
+    from bodysense.io.markers.files import is_marker_file, write_markers
 
     if is_marker_file(out):
         write_markers(out, recording.observation, frame_rate)
@@ -99,7 +100,7 @@ def _labelled(file: Path, options: MarkerOptions, reading: ReadingOptions) -> Ob
     from bodysense.body.hand import Side, hand_skeleton
     from bodysense.body.skeleton import default_skeleton
     from bodysense.capture.labelling import Labeller
-    from bodysense.capture.markers import read_unlabelled
+    from bodysense.io.markers.files import read_unlabelled
 
     if options.names is not None:
         raise BodysenseError(f"--names {options.names}: --unlabelled takes no names; leave one of both out")

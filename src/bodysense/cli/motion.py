@@ -11,12 +11,13 @@ import tyro
 
 from bodysense.cli.markers import NO_OPTIONS, MarkerOptions
 from bodysense.cli.options import Reading
+from bodysense.cli.overwriting import check_apart
 from bodysense.cli.recordings import load_clip, person_of, source_of
 from bodysense.cli.video import NO_VIDEO, VideoOptions, track_video
 from bodysense.devices.simulated import DeviceName
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
@@ -31,6 +32,7 @@ def simulate(
     file: MotionFile,
     out: Output,
     device: DeviceName = "headset_camera",
+    rate: float | None = None,
     noise: bool = False,
     seed: int = 1,
     reading: Reading = AS_FOUND,
@@ -38,9 +40,10 @@ def simulate(
     """Record what a device would track of a motion.
 
     Args:
-        file: motion, .bvh or AMASS .npz.
+        file: motion: .bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma.
         out: recording, .npz or .jsonl (docs/recording.md); of gloves also .csv or .c3d (docs/gloves.md).
         device: what watches the body.
+        rate: frames a second, for files that do not say it.
         noise: errors as real devices have them.
         seed: random seed of the noise.
         reading: what the file does not say of itself.
@@ -52,14 +55,14 @@ def simulate(
     from bodysense.devices.simulated import simulate as simulated
 
     check_place(out)
-    clip = load_clip(file, reading)
+    clip = load_clip(file, reading, rate)
     observation = simulated(clip, device, seed if noise else None)
     write_seen(out, Recording(observation, clip.pose.skeleton), clip.frame_rate)
     tracked = (observation.has_position | observation.has_rotation).mean()
     Console().print(f"wrote {out}: {len(observation)} frames, {tracked:.0%} of points tracked", highlight=False)
 
 
-def track(
+def track(  # noqa: PLR0915
     file: MotionFile,
     out: Output,
     device: DeviceName | None = None,
@@ -81,8 +84,9 @@ def track(
     """Complete a recording, a video, a motion with holes, or one seen by a simulated device; write BVH, glTF or VRMA.
 
     Args:
-        file: recording (.npz, .jsonl), markers of gloves (.csv, .c3d), video (a file, a folder of images, or a webcam's
-            index), or a motion (.bvh, AMASS .npz) with holes, or with --device any motion.
+        file: recording (.npz, .jsonl), markers of a body or of gloves (.c3d, .csv, .trc, .tsv), video (a file, a folder
+            of images, or a webcam's index), or a motion (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma) with
+            holes, or with --device any motion.
         out: completed motion: .bvh, .glb (glTF with an animated skeleton), .vrma (an animation for VRM avatars) or
             .mcap (a take that robots' tools read).
         device: what watches the body, where the file is a motion. Without it the motion's holes are filled, and what is
@@ -110,17 +114,19 @@ def track(
     """
     from rich.progress import Progress
 
-    from bodysense.capture.markers import is_marker_file
     from bodysense.capture.recording import Recording, is_recording
     from bodysense.capture.video import is_video
     from bodysense.completion.model import load_completion
     from bodysense.data.clip import Clip
     from bodysense.estimators.finger_synthesis import synthesize
+    from bodysense.io.markers.files import is_marker_file
+    from bodysense.reading import check_kind
     from bodysense.take import signal_of
     from bodysense.take import track as complete
     from bodysense.tracker import TrackerSettings
 
     _check_outputs(file, out, rig, save_person)
+    check_kind(file)
     if is_video(str(file)):
         if device is not None or fingers == "synthesize" or samples is not None or gloves != NO_OPTIONS:
             raise BodysenseError(f"{file}: --device, --fingers, --samples and options of markers are not for videos")
@@ -134,16 +140,17 @@ def track(
     wearer, seeded = person_of(person, reading.height), seed if noise else None
     is_motion = file.is_file() and not is_recording(file) and not is_marker_file(file)
     if device is None and missing is None and fingers == "synthesize" and is_motion:
-        _write_with_fingers(file, out, reading, model)
+        _write_with_fingers(file, out, reading, gloves.rate, model)
         return
     has_holes = device is None and is_motion
     source = file if has_holes else source_of(file, gloves, reading, fingers=fingers == "synthesize")
-    # Markers were put on a body so tall already, and a motion was scaled so.
-    told = None if has_holes or isinstance(source, Recording) else reading.height
+    # Gloves were put on a body so tall already, and a motion was scaled so.
+    told = None if has_holes or (isinstance(source, Recording) and source.told) else reading.height
     floor = 0.0 if has_holes or isinstance(source, Clip) else reading.floor or 0.0  # of a motion it was put to 0
     if samples is not None:
-        from bodysense.cli.samples import write_samples
+        from bodysense.cli.samples import sample_paths, write_samples
 
+        check_apart(sample_paths(out, samples), file)
         signal = signal_of(source, device=device, person=wearer, height=told, noise=seeded)
         recording = Recording(signal.observation, signal.person.skeleton)
         for path in write_samples(recording, out, samples, seed, model):
@@ -203,13 +210,13 @@ def _check_video_options(file: Path, reading: ReadingOptions) -> None:
         raise BodysenseError(f"{file}: a video; of --unit, --up, --floor, --joints and --figure it has none")
 
 
-def _write_with_fingers(file: Path, out: Path, reading: ReadingOptions, model: Path | None) -> None:
+def _write_with_fingers(file: Path, out: Path, reading: ReadingOptions, rate: float | None, model: Path | None) -> None:
     """A motion that nothing watches, with plausible fingers, and otherwise as it is."""
     from bodysense.estimators.finger_synthesis import synthesize
     from bodysense.estimators.point_model import load_point_model
     from bodysense.export.motion_files import write_motion
 
-    clip = synthesize(load_clip(file, reading), load_point_model("fingers", model))
+    clip = synthesize(load_clip(file, reading, rate), load_point_model("fingers", model))
     write_motion(out, replace(clip, name=out.stem))
     print(f"wrote {out}: {len(clip)} frames with synthesized fingers")
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from bodysense.io.rigs.options import ReadingOptions
+from bodysense.rigs.options import ReadingOptions
 
 Reading = Annotated[ReadingOptions, tyro.conf.arg(name="")]  # of a motion file: --unit, --up, --floor …
 

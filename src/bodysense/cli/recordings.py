@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bodysense.cli.markers import NO_OPTIONS, MarkerOptions, check_gloves_of, recording_of_markers
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.options import ReadingOptions
+from bodysense.rigs.options import ReadingOptions
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
@@ -15,13 +16,13 @@ if TYPE_CHECKING:
     from bodysense.data.clip import Clip
 
 
-def load_clip(file: Path, reading: ReadingOptions) -> Clip:
-    """A user's motion in canonical form; prints what was recognised of its rig."""
-    from bodysense.data.sources import Source, read_with_rig
+def load_clip(file: Path, reading: ReadingOptions, rate: float | None = None) -> Clip:
+    """A user's motion in canonical form, at `rate` Hz where the file does not say it; prints what was recognised."""
+    from bodysense.reading import read_clip
 
-    clip, rig = read_with_rig(Source(file, person="", split="test"), reading)
-    if rig is not None:
-        print(f"read {file}: {rig.line()}")
+    clip, said = read_clip(file, reading, rate)
+    for line in said:
+        print(line)
     return clip
 
 
@@ -41,19 +42,24 @@ def source_of(
 
     `fingers` are to be made up, which those of gloves are not.
     """
-    from bodysense.capture.markers import is_marker_file
     from bodysense.capture.recording import is_recording, read_recording
     from bodysense.devices.gloves import has_gloves
+    from bodysense.io.markers.files import ENDINGS, is_marker_file
 
     if not file.is_file():
         raise BodysenseError(f"{file}: no such file")
     if is_marker_file(file):
-        _check_fingers(file, fingers)
-        return recording_of_markers(file, markers, reading)
-    if markers != NO_OPTIONS:
-        raise BodysenseError(f"{file}: --names, --unlabelled and their like are for marker files, .csv and .c3d")
+        found = recording_of_markers(file, markers, reading)
+        if has_gloves(found.observation):
+            _check_fingers(file, fingers)
+        return found
+    kinds = ", ".join(ENDINGS)
     if not is_recording(file):
-        return load_clip(file, reading)
+        if replace(markers, rate=None) != NO_OPTIONS:
+            raise BodysenseError(f"{file}: a motion; --names, --unlabelled and their like are for markers, {kinds}")
+        return load_clip(file, reading, markers.rate)
+    if markers != NO_OPTIONS:
+        raise BodysenseError(f"{file}: --names, --unlabelled and their like are for marker files, {kinds}")
     if reading != ReadingOptions(floor=reading.floor, height=reading.height):
         raise BodysenseError(f"{file}: --unit, --up, --joints and --figure are for motions and marker files")
     recording = read_recording(file)

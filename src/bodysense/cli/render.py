@@ -9,7 +9,7 @@ import tyro
 
 from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.options import AS_FOUND
+from bodysense.rigs.options import AS_FOUND
 
 
 def render(

@@ -49,6 +49,11 @@ def generate(
     print(f"wrote {out}: {count} bodies")
 
 
+def sample_paths(out: Path, count: int) -> list[Path]:
+    """Names of the files that `write_samples` writes."""
+    return [out.with_name(f"{out.stem}_{k}{out.suffix}") for k in range(1, count + 1)]
+
+
 def write_samples(recording: Recording, out: Path, count: int, seed: int, model: Path | None = None) -> list[Path]:
     """Track one recording `count` times, each with its own draw of what was not tracked: OUT_1.bvh, OUT_2.bvh, …
 
@@ -77,7 +82,7 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
         raise BodysenseError("--samples: 'head' is tracked in none of its frames; record it with a headset")
     network = load_body_vae(model)
     noises = sample_noise(network, count, np.random.default_rng(seed))
-    paths = [out.with_name(f"{out.stem}_{k}{out.suffix}") for k in range(1, count + 1)]
+    paths = sample_paths(out, count)
     interval = np.diff(observation.time)
     rate = 1 / float(np.median(interval)) if len(interval) else 30.0
     for path, noise in progress(list(zip(paths, noises, strict=True)), description="drawing bodies"):

@@ -12,7 +12,7 @@ import tyro
 from bodysense.cli.options import Reading
 from bodysense.devices.simulated import DeviceName
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person

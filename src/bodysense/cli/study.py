@@ -12,7 +12,7 @@ from tyro.extras import SubcommandApp
 from bodysense.cli.options import Reading, tracker_settings
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
-from bodysense.io.rigs.options import AS_FOUND
+from bodysense.rigs.options import AS_FOUND
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from bodysense.arrays import read_arrays
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
@@ -129,13 +130,7 @@ def _frame_rate(path: Path, arrays: Mapping[str, np.ndarray]) -> float:
 
 def _read_arrays(path: Path, keys: Sequence[str]) -> dict[str, np.ndarray]:
     """Those of the arrays `keys` that an .npz file holds. Nothing is unpickled."""
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            return {key: np.asarray(file[key]) for key in keys if key in file}
-    except FileNotFoundError:
-        raise BodysenseError(f"{path}: no such file") from None
-    except Exception as error:  # a damaged zip file raises what it likes: zlib, struct, zipfile, Value, Memory errors
-        raise BodysenseError(f"{path}: cannot be read as an .npz file ({error}); copy or export it again") from error
+    return read_arrays(path, keys)
 
 
 def _array(path: Path, arrays: Mapping[str, np.ndarray], key: str, shape: tuple[int | None, ...]) -> np.ndarray:

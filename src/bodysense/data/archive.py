@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath, PurePosixPath
 from typing import IO
 
+from bodysense.arrays import check_member
 from bodysense.errors import BodysenseError
 
 SUFFIXES = (".bvh", ".npz")  # of files on disk; in a zip file only .bvh is looked for
@@ -70,6 +71,7 @@ class MotionFile:
         try:
             if self.member:
                 with zipfile.ZipFile(self.path) as archive, archive.open(self.member) as stream:
+                    check_member(self.place, archive.getinfo(self.member))
                     yield stream
             else:
                 with self.path.open("rb") as stream:

@@ -16,8 +16,8 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
-from bodysense.io.bvh_text import parse_bvh
-from bodysense.io.rigs.figure import Figure
+from bodysense.rigs.bvh_text import parse_bvh
+from bodysense.rigs.figure import Figure
 
 _BLOCK = 256  # frames that are written at once
 

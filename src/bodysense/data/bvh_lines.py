@@ -19,7 +19,7 @@ from bodysense.body.rotation import euler_to_quaternion, quaternion_canonical, s
 from bodysense.data.euler import euler_near
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
-from bodysense.io.bvh_text import parse_bvh
+from bodysense.rigs.bvh_text import parse_bvh
 
 _NOT_A_NUMBER = re.compile(rb"(?<![^\s])[-+]?1\.#\w+")  # how some compilers write NaN and infinity
 _TIMING = re.compile(rb"Frames\s*:\s*(\d{1,12})\s+Frame\s+Time\s*:\s*(\S+)\s+", re.IGNORECASE)

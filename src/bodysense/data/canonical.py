@@ -40,9 +40,9 @@ from bodysense.data.clip import Clip
 from bodysense.data.fingers import FINGERS, is_finger, with_fingers
 from bodysense.data.hinges import twisted_by_hinges
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.figure import Figure
-from bodysense.io.rigs.options import ReadingOptions
-from bodysense.io.rigs.rig import recognise
+from bodysense.rigs.figure import Figure
+from bodysense.rigs.options import ReadingOptions
+from bodysense.rigs.rig import recognise
 
 LIMB_TOLERANCE = np.deg2rad(15.0)
 OTHER_TOLERANCE = np.deg2rad(45.0)

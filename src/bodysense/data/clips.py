@@ -12,7 +12,7 @@ from bodysense.data.sources import list_sources, read_source
 from bodysense.data.splits import SPLITS, Split
 from bodysense.data.store import read_store
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
 
 def open_clips(

@@ -16,11 +16,11 @@ from bodysense.data.canonical import canonical
 from bodysense.data.clip import Clip
 from bodysense.data.stance import UPRIGHT, standing_rest
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh_text import BvhFile, parse_bvh
-from bodysense.io.rigs.bodies import bodies_of
-from bodysense.io.rigs.figure import Figure
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
-from bodysense.io.rigs.rig import Rig, recognise
+from bodysense.rigs.bodies import bodies_of
+from bodysense.rigs.bvh_text import BvhFile, parse_bvh
+from bodysense.rigs.figure import Figure
+from bodysense.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.rigs.rig import Rig, recognise
 
 MOST_POINTS = 400  # of a figure, that are all kept; of a larger one only those that lie between a body's
 PELVIS = "pelvis, made of the hips"

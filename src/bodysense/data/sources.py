@@ -22,8 +22,9 @@ from bodysense.data.layouts import Layout, labelled, layout_of
 from bodysense.data.rigged import read_rigged
 from bodysense.data.splits import SPLITS, Split
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
-from bodysense.io.rigs.rig import Rig
+from bodysense.files import check_plain
+from bodysense.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.rigs.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -66,9 +67,11 @@ def read_with_rig(source: Source, options: ReadingOptions = AS_FOUND) -> tuple[C
         raise BodysenseError(f"{file.path}: the file is empty; copy or export it again")
     rig = None
     if suffix.lower() == ".npz":
-        clip = _as_told(read_amass(file.path, source.skeleton), options)
+        clip = as_told(read_amass(file.path, source.skeleton), options, "AMASS files", "z")
     else:
-        rigged = read_rigged(file.read(), file.place, options, must_stand=source.rest == "found")
+        data = file.read()
+        check_plain(data[:64], file.place)
+        rigged = read_rigged(data, file.place, options, must_stand=source.rest == "found")
         clip, rig = rigged.clip, rigged.rig
     return replace(clip, person=source.person, category=source.category), rig
 
@@ -154,13 +157,13 @@ def _described_sources(directory: Path) -> list[Source]:
     return sources
 
 
-def _as_told(clip: Clip, options: ReadingOptions) -> Clip:
-    """An AMASS motion, which says all of itself but the floor and the body's height."""
+def as_told(clip: Clip, options: ReadingOptions, kind: str, up: str) -> Clip:
+    """A motion of a `kind` of files that say all but the floor and the body's height, and have one axis `up`."""
     for option, value in (("unit", options.unit), ("joints", options.joints), ("figure", options.figure)):
         if value is not None:
-            raise BodysenseError(f"{clip.name}: AMASS files are metres on joints of one body; leave --{option} out")
-    if options.up not in (None, "z"):
-        raise BodysenseError(f"{clip.name}: AMASS files are z up; leave --up {options.up} out")
+            raise BodysenseError(f"{clip.name}: {kind} are metres on joints of one body; leave --{option} out")
+    if options.up not in (None, up):
+        raise BodysenseError(f"{clip.name}: {kind} are {up} up; leave --up {options.up} out")
     if options.floor is not None:
         pose = clip.pose
         root = pose.root_position - np.array([0.0, options.floor, 0.0])

@@ -29,7 +29,7 @@ from bodysense.data.resample import resample
 from bodysense.data.sources import Source, list_sources, read_source
 from bodysense.data.splits import Split
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
 FORMAT = "bodysense-motion-1"
 CHUNK = 512  # frames that are compressed together: a random window reads one or two chunks

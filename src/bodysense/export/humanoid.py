@@ -13,8 +13,8 @@ from functools import lru_cache
 import numpy as np
 
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, shortest_arc
-from bodysense.body.skeleton import Skeleton
+from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate, shortest_arc
+from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 
 _MIDDLE = {
@@ -95,3 +95,25 @@ def _t_pose(skeleton: Skeleton) -> tuple[Skeleton, np.ndarray]:
             turn[joint] = shortest_arc(outward, skeleton.rest_offset[beyond[0]])
             offset[beyond[0]] = outward * skeleton.bone_length[beyond[0]]
     return skeleton.with_offsets(offset), turn
+
+
+def from_t_posed(pose: Pose) -> Pose:
+    """The same posture of some of our joints, from a rest pose with thumbs as our default body's: `t_posed` undone.
+
+    Of a body with thumbs that rest elsewhere, joints still stand where they stood.
+    """
+    ours, skeleton = default_skeleton(), pose.skeleton
+    known = _t_pose(ours)[1]
+    turn = np.zeros((len(skeleton.joints), 4))
+    turn[:, 0] = 1
+    for k, joint in enumerate(skeleton.joints):
+        if joint in ours.joints:
+            turn[k] = known[ours.index(joint)]
+    above = np.concatenate([turn[:1], turn[list(skeleton.parents[1:])]])  # of every point
+    above[0] = [1, 0, 0, 0]
+    offset = quaternion_rotate(above, skeleton.rest_offset)
+    rotation = np.asarray(pose.rotation, dtype=float)
+    local = quaternion_multiply(
+        quaternion_multiply(above[: len(skeleton.joints)], rotation), quaternion_conjugate(turn)
+    )
+    return Pose(skeleton.with_offsets(offset), pose.root_position, local)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,7 +17,7 @@ from bodysense.export.gltf import write_glb
 from bodysense.export.mcap_take import write_mcap
 from bodysense.export.rigs import OWN, check_rig, on_rig, renamed
 from bodysense.export.vrma import write_vrma
-from bodysense.files import check_place
+from bodysense.files import check_place, part_beside
 
 ENDINGS = (".bvh", ".glb", ".vrma", ".mcap")
 
@@ -63,8 +63,8 @@ def motion_stream(path: Path, skeleton: Skeleton, frame_rate: float) -> Iterator
         with BvhStream(path, skeleton, frame_rate) as motion:
             yield motion
         return
-    with tempfile.TemporaryDirectory(prefix=f".{path.stem}-", dir=path.parent) as folder:
-        whole = Path(folder) / f"{path.stem}.bvh"
+    with _folder_beside(path) as folder:
+        whole = folder / f"{path.stem}.bvh"
         with BvhStream(whole, skeleton, frame_rate) as motion:
             yield motion
         if motion.frames:
@@ -73,3 +73,14 @@ def motion_stream(path: Path, skeleton: Skeleton, frame_rate: float) -> Iterator
             # A BVH file does not name the ends of fingers and toes.
             pose = Pose(skeleton, read.pose.root_position, read.pose.rotation[:, order])
             write_motion(path, Clip(path.stem, pose, frame_rate))
+
+
+@contextmanager
+def _folder_beside(path: Path) -> Iterator[Path]:
+    """A hidden folder beside a file that is being written; it is removed in the end."""
+    folder = part_beside(path.with_suffix(""))
+    folder.mkdir()
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -22,8 +22,8 @@ from bodysense.data.clip import Clip
 from bodysense.data.rigged import Rigged, read_rigged
 from bodysense.data.source_joints import joints_of_file
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.figure import placed
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.rigs.figure import placed
+from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
 
 def write_on_rig_of(path: Path, clip: Clip, source: Path, options: ReadingOptions = AS_FOUND) -> None:

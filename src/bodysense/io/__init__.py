@@ -1,1 +1,1 @@
-"""Formats of files, and the rigs that they come in."""
+"""Files of other programs and the rigs that they come in: BVH, markers, results of video tools, glTF."""

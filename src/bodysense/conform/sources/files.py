@@ -10,15 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.body.skeleton import default_skeleton
 from bodysense.capture.recording import is_recording, parse_recording
 from bodysense.conform.sources.gltf import read_gltf
 from bodysense.conform.sources.mcap_take import read_mcap
 from bodysense.conform.subject import Subject, is_finger, ordered
-from bodysense.data.canonical import canonical
 from bodysense.data.clip import Clip
-from bodysense.data.names import recognise
-from bodysense.data.sources import Source, read_motion, read_source
+from bodysense.data.rigged import read_rigged
+from bodysense.data.sources import Source, read_source
 from bodysense.errors import BodysenseError
 
 ENDINGS = (".bvh", ".npz", ".jsonl", ".glb", ".gltf", ".vrma", ".mcap")
@@ -51,10 +50,9 @@ def motion_subject(source: Source) -> Subject:
     if place.suffix.lower() != ".bvh":
         clip = read_source(source)
         return clip_subject(clip, "AMASS", () if clip.has_fingers else _fingers())
-    raw = replace(read_motion(place), name=str(place))
-    whole = replace(canonical(raw), name=place.stem)
-    present = matched(raw.pose.skeleton, str(place))
-    return clip_subject(whole, "BVH", set(default_skeleton().points) - set(present))
+    rigged = read_rigged(source.file.read(), place)
+    whole = replace(rigged.clip, name=place.stem)
+    return clip_subject(whole, "BVH", set(default_skeleton().points) - set(rigged.rig.joints))
 
 
 def clip_subject(clip: Clip, form: str, without: Collection[str] = ()) -> Subject:
@@ -88,15 +86,6 @@ def pose_subject(
         rotated=keep < joints,
         valid=np.ones((len(time), len(points)), dtype=bool),
     )
-
-
-def matched(skeleton: Skeleton, name: str) -> tuple[str, ...]:
-    """Our points that a skeleton has, by its names, and the end sites that hang on them."""
-    ours = default_skeleton()
-    joints = {mine: skeleton.index(given) for given, mine in recognise(skeleton.joints, name).items()}
-    carried = set(skeleton.parents[len(skeleton.joints) :])
-    sites = [site for site in ours.end_sites if joints.get(ours.joints[ours.parents[ours.index(site)]]) in carried]
-    return ordered([*joints, *sites])
 
 
 def _recording(path: Path) -> Subject:

@@ -17,9 +17,9 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.conform.subject import Subject, ordered
 from bodysense.data.canonical import canonical
 from bodysense.data.clip import Clip
-from bodysense.data.names import recognise
 from bodysense.errors import BodysenseError
 from bodysense.export.humanoid import VRM_BONES
+from bodysense.rigs.namings import recognise
 
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}

@@ -12,8 +12,8 @@ from typing import Literal
 
 import numpy as np
 
-from bodysense.io.rigs import words
-from bodysense.io.rigs.figure import Figure
+from bodysense.rigs import words
+from bodysense.rigs.figure import Figure
 
 ALIKE = 0.25  # by which share the bones of a left and a right limb may differ
 SHORTEST = 0.12  # of the longest way down from the root: what is shorter is no limb

@@ -10,7 +10,7 @@ from pathlib import Path
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
-from bodysense.io.rigs.figure import Figure
+from bodysense.rigs.figure import Figure
 
 NEEDED = (
     "pelvis",

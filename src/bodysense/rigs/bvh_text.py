@@ -12,7 +12,7 @@ import numpy as np
 
 from bodysense.body.rotation import euler_to_quaternion, quaternion_canonical
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.figure import Figure, placed
+from bodysense.rigs.figure import Figure, placed
 
 _BLOCK = 256  # frames that are converted at once
 MOST_NODES = 20_000  # joints and end sites; no body has a tenth of them

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.figure import Figure
-from bodysense.io.rigs.limbs import Tree
-from bodysense.io.rigs.options import ReadingOptions
-from bodysense.io.rigs.rig import sampled
-from bodysense.io.rigs.structure import find_body
+from bodysense.rigs.figure import Figure
+from bodysense.rigs.limbs import Tree
+from bodysense.rigs.options import ReadingOptions
+from bodysense.rigs.rig import sampled
+from bodysense.rigs.structure import find_body
 
 _FEWEST = 14  # joints of a body
 _DEEPEST = 3  # joints above several bodies

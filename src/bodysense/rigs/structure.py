@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs import words
-from bodysense.io.rigs.hands import fingers_of
-from bodysense.io.rigs.limbs import Limb, Tree, as_limb, pairs_of
-from bodysense.io.rigs.trunk import head_of, spine_of
+from bodysense.rigs import words
+from bodysense.rigs.hands import fingers_of
+from bodysense.rigs.limbs import Limb, Tree, as_limb, pairs_of
+from bodysense.rigs.trunk import head_of, spine_of
 
 NO_BODY = "not a humanoid: two legs and two arms were not found"
 WORST = 16.0  # penalty of what is still taken for a body

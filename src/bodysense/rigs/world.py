@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.body.rotation import quaternion_rotate
-from bodysense.io.rigs.limbs import Tree
-from bodysense.io.rigs.options import UpAxis
+from bodysense.rigs.limbs import Tree
+from bodysense.rigs.options import UpAxis
 
 PERSON = (1.3, 2.3)  # m: how tall a person is
 CHILD = 0.9  # m: in metres, centimetres or millimetres a smaller person is believed, too

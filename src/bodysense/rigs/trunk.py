@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bodysense.io.rigs import words
-from bodysense.io.rigs.limbs import Limb, Tree
+from bodysense.rigs import words
+from bodysense.rigs.limbs import Limb, Tree
 
 HEAD_HEIGHT = 0.40  # of the trunk's length: how far over the shoulders the joint of a head is
 _TOP_HEIGHT = 0.55  # a last joint that is higher is the top of the head

@@ -10,13 +10,13 @@ import numpy as np
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.families import family_of
-from bodysense.io.rigs.figure import Figure
-from bodysense.io.rigs.joint_map import read_joint_map
-from bodysense.io.rigs.limbs import Tree
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions, UpAxis
-from bodysense.io.rigs.structure import WORST, find_body
-from bodysense.io.rigs.world import FLOOR_TOLERANCE, TURNS, find_floor, find_unit, find_up, stature
+from bodysense.rigs.families import family_of
+from bodysense.rigs.figure import Figure
+from bodysense.rigs.joint_map import read_joint_map
+from bodysense.rigs.limbs import Tree
+from bodysense.rigs.options import AS_FOUND, ReadingOptions, UpAxis
+from bodysense.rigs.structure import WORST, find_body
+from bodysense.rigs.world import FLOOR_TOLERANCE, TURNS, find_floor, find_unit, find_up, stature
 
 SAMPLE = 120  # frames, evenly spaced, that a rig is recognised by
 _UNIT_NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.io.rigs import words
-from bodysense.io.rigs.limbs import Tree
+from bodysense.rigs import words
+from bodysense.rigs.limbs import Tree
 
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 _METACARPAL = 0.75  # of the next bone: a first one that begins nearer to the wrist is inside the palm

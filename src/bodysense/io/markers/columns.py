@@ -16,7 +16,7 @@ import numpy as np
 
 from bodysense.capture.raw_markers import RawMarkers
 from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
+from bodysense.files import read_text, written_beside
 from bodysense.observation import Observation
 
 _COORDINATE = re.compile(r"(?P<name>.*\S)(?:[ ._:/(-]+pos(?:ition)?)?[ ._:/(-]+(?P<axis>[xyz])\)?", re.IGNORECASE)
@@ -28,12 +28,7 @@ _MISSING = {"", "nan", "null", "none", "-"}
 
 def read_csv(path: Path, rate: float | None = None) -> RawMarkers:
     """Read markers; `rate` Hz is for a file without times. Raises BodysenseError naming line, column and the fix."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise BodysenseError(f"{path}: not text in UTF-8; export it as CSV again") from None
+    text = read_text(path)
     lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
     if not lines:
         raise BodysenseError(f"{path}: the file is empty; its first line names the columns")
@@ -54,7 +49,7 @@ def read_csv(path: Path, rate: float | None = None) -> RawMarkers:
             number = lines[1 + int(np.argmin(np.isfinite(moments)))][0]
             raise BodysenseError(f"{path}: line {number} has no time; give seconds in every line")
     elif rate is None:
-        raise BodysenseError(f"{path}: no column of times; say how many frames a second there are with --marker-rate")
+        raise BodysenseError(f"{path}: no column of times; say how many frames a second there are with --rate")
     else:
         moments = np.arange(len(rows)) / rate
     steps = np.diff(moments)

@@ -1,0 +1,224 @@
+"""A body from the markers on it: their set is recognised, unit, up and floor are looked for, joints follow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bodysense.body.rotation import matrix_to_quaternion, quaternion_multiply, quaternion_rotate
+from bodysense.body.skeleton import default_skeleton
+from bodysense.capture.raw_markers import METRES, MarkerFormat, RawMarkers, Unit, in_our_world, listed
+from bodysense.errors import BodysenseError
+from bodysense.io.markers.centres import Places, axes_of, centre_of, turns_of
+from bodysense.io.markers.marker_sets import MarkerSet, Recipe, Recognised
+from bodysense.observation import Observation
+
+SIZES = (0.55, 1.45)  # of an adult: what a person's may be
+SEEN = 0.1  # share of the frames in which a marker must be seen
+CLEAR = 0.7  # cosine to an axis of the world from which on a body stands along it
+FLOOR = 0.08  # m: a floor that is nearer to 0 is 0
+AGREES = np.deg2rad(25.0)  # bones whose rotations turn our rest pose so near to where they point are as ours
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A body's points, and what was found of the file."""
+
+    observation: Observation
+    remarks: tuple[str, ...]
+
+
+def body_of(raw: RawMarkers, form: MarkerFormat, known: Recognised, place: str) -> Found:
+    """The points of the body that wears the markers of a set. Raises BodysenseError, naming `place`, for no body."""
+    markers, columns = known.markers, known.columns
+    share = np.isfinite(raw.position[..., 0]).mean(axis=0)
+    here = {name: k for name, k in columns.items() if share[k] >= SEEN}
+    file = {name: raw.position[:, k] for name, k in here.items()}
+    remarks = [_recognised(raw, known, here)]
+    unit, size = _unit(markers, file, raw, form, place, remarks)
+    raw = replace(raw, unit=unit, axes=_axes(markers, file, raw, form, remarks))
+    places: Places = {name: in_our_world(position, raw, form) for name, position in file.items()}
+    _settle(markers, places, form, remarks)
+    rotations = _bones(raw, known, here, places, remarks)
+    accuracy: dict[str, float] = {}
+    with np.errstate(invalid="ignore"):
+        frames = _frames(markers, places)
+        _check_mirror(markers, places, frames, place)
+        for recipe in markers.points:
+            if recipe.name in accuracy or not _can(recipe, places, frames):
+                continue
+            places[recipe.name] = centre_of(recipe, places, frames, size)
+            accuracy[recipe.name] = recipe.accuracy * max(size, 0.5)
+        for frame in markers.frames:
+            if frame.joint is not None and frame.name in frames and frame.joint not in rotations:
+                rotations[frame.joint] = turns_of(frames[frame.name])
+    return Found(_observed(raw, places, rotations, accuracy), tuple(remarks))
+
+
+def _recognised(raw: RawMarkers, known: Recognised, here: Mapping[str, int]) -> str:
+    """What was recognised, in a line."""
+    others = [name for k, name in enumerate(raw.names) if k not in known.columns.values()]
+    rarely = [name for name in known.columns if name not in here]
+    text = f"{known.markers.name}: {len(here)} markers at {raw.frame_rate:g} Hz"
+    text += f"; hardly seen: {listed(rarely)}" if rarely else ""
+    return text + (f"; left out: {listed(others)}" if others else "")
+
+
+def _unit(
+    markers: MarkerSet,
+    file: Places,
+    raw: RawMarkers,
+    form: MarkerFormat,
+    place: str,
+    remarks: list[str],
+) -> tuple[Unit, float]:
+    """The unit in which the markers are as far apart as on a person, and the size as a factor of an adult's."""
+    ratios = []
+    for a, b, usual in markers.spans:
+        if a in file and b in file:
+            apart = np.linalg.norm(file[a] - file[b], axis=-1)
+            if np.isfinite(apart).any():
+                ratios.append(float(np.nanmedian(apart)) / usual)
+    declared: Unit = form.unit or raw.unit
+    if not ratios:
+        return declared, 1.0
+    ratio = float(np.median(ratios))
+    fits: list[Unit] = [unit for unit, metres in METRES.items() if SIZES[0] <= ratio * metres <= SIZES[1]]  # type: ignore[misc]
+    if declared in fits:
+        return declared, ratio * METRES[declared]
+    if not fits or form.unit is not None:
+        told = f" read as {declared}" if fits else ""
+        fix = f"the numbers are {fits[0]}: give --unit {fits[0]}" if fits else "see that the labels are right (--names)"
+        raise BodysenseError(
+            f"{place}: the markers of {markers.name}{told} are {ratio * METRES[declared]:.3g} times as far apart as "
+            f"on a person; {fix}"
+        )
+    remarks.append(f"the numbers are {fits[0]}, not {declared} as the file says")
+    return fits[0], ratio * METRES[fits[0]]
+
+
+def _axes(
+    markers: MarkerSet, file: Mapping[str, np.ndarray], raw: RawMarkers, form: MarkerFormat, remarks: list[str]
+) -> np.ndarray:
+    """(3, 3) our axes in the file's: as the file says, unless the body stands along another one."""
+    declared = np.eye(3) if raw.axes is None else raw.axes
+    if form.up is not None:
+        return declared
+    ends = [[file[name] for name in names if name in file] for names in (markers.low, markers.high)]
+    if not all(ends):
+        return declared
+    low, high = (np.nanmedian(np.concatenate(end), axis=0) for end in ends)
+    way = (high - low) / np.linalg.norm(high - low)
+    if not np.isfinite(way).all() or way @ declared[1] >= CLEAR:
+        return declared
+    axis = int(np.argmax(np.abs(way)))
+    if abs(way[axis]) < CLEAR:
+        remarks.append("the body lies or bends most of the time: its up axis is taken as the file has it (--up)")
+        return declared
+    up = np.sign(way[axis]) * np.eye(3)[axis]
+    along = np.eye(3)[(axis + 1) % 3]
+    remarks.append(f"{'+' if way[axis] > 0 else '-'}{'XYZ'[axis]} is up: there the body stands (--up says otherwise)")
+    return np.stack([along, up, np.cross(along, up)])
+
+
+def _settle(markers: MarkerSet, places: Places, form: MarkerFormat, remarks: list[str]) -> None:
+    """Move the body so that the floor under its feet is y = 0, if it is elsewhere and nobody said where."""
+    feet = [places[name][:, 1] - high for name, high in markers.floor if name in places]
+    if form.floor is not None or not feet:
+        return
+    lowest = np.stack(feet)
+    known = np.isfinite(lowest).any(axis=0)
+    if not known.any():
+        return
+    floor = float(np.percentile(np.nanmin(lowest[:, known], axis=0), 10))
+    if abs(floor) > FLOOR:
+        remarks.append(f"the feet stand at y = {floor:.2f} m: the floor was moved from there to 0 (--floor keeps it)")
+        for name in places:
+            places[name] = places[name] - [0.0, floor, 0.0]
+
+
+def _bones(
+    raw: RawMarkers, known: Recognised, here: Mapping[str, int], places: Places, remarks: list[str]
+) -> dict[str, np.ndarray]:
+    """Rotations (T, 4) of bones whose rest pose is ours: their rotations take our bones to where theirs point."""
+    if raw.rotation is None or not known.markers.bones:
+        return {}
+    file = np.eye(3) if raw.axes is None else raw.axes
+    turn = matrix_to_quaternion(file)
+    back = turn * np.array([1.0, -1.0, -1.0, -1.0])
+    turned = {
+        name: quaternion_multiply(quaternion_multiply(turn, raw.rotation[:, k]), back) for name, k in here.items()
+    }
+    off = []
+    for side, x in (("L", 1.0), ("R", -1.0)):
+        for bone, end, rest in (
+            ("UArm", "FArm", (x, 0, 0)),
+            ("Thigh", "Shin", (0, -1, 0)),
+            ("Shin", "Foot", (0, -1, 0)),
+        ):
+            start, beyond = f"{side}{bone}", f"{side}{end}"
+            if start in turned and beyond in places:
+                off += _angles(turned[start], np.array(rest, dtype=float), places[beyond] - places[start])
+    if not off or not np.median(off) < AGREES:
+        remarks.append("rotations of its bones are left out: they are not from a T-pose that faces +Z")
+        return {}
+    return {joint: turned[bone] for bone, joint in known.markers.bones.items() if bone in turned}
+
+
+def _angles(rotation: np.ndarray, rest: np.ndarray, way: np.ndarray) -> list[float]:
+    """Radians between where rotations (T, 4) take a resting bone (3,) and where it points (T, 3); of seen frames."""
+    seen = np.isfinite(way).all(axis=-1) & np.isfinite(rotation).all(axis=-1)
+    way = way[seen]
+    cosine = (quaternion_rotate(rotation[seen], np.broadcast_to(rest, way.shape)) * way).sum(axis=-1)
+    return np.arccos(np.clip(cosine / np.linalg.norm(way, axis=-1), -1, 1)).tolist()
+
+
+def _frames(markers: MarkerSet, places: Places) -> dict[str, np.ndarray]:
+    """The axes of every segment whose markers are there, by the first way that is."""
+    frames: dict[str, np.ndarray] = {}
+    for frame in markers.frames:
+        needed = [name for _, start, end in frame.axes for name in (*start, *end)]
+        if frame.name not in frames and all(name in places for name in needed):
+            frames[frame.name] = axes_of(frame, places, frames)
+    return frames
+
+
+def _can(recipe: Recipe, places: Places, frames: Mapping[str, np.ndarray]) -> bool:
+    """Whether a recipe has its markers and its frame; a hinge does without."""
+    has_frame = recipe.how == "hinge" or all(name in frames for name in recipe.frames)
+    return has_frame and all(name in places for name in recipe.markers)
+
+
+def _check_mirror(markers: MarkerSet, places: Places, frames: Mapping[str, np.ndarray], place: str) -> None:
+    """Refuse a body whose pelvis is upside down while it stands: left is right there, or the world is mirrored."""
+    pelvis = next((frame for frame in markers.frames if frame.name == "pelvis" and frame.name in frames), None)
+    ends = [[places[name] for name in names if name in places] for names in (markers.low, markers.high)]
+    if pelvis is None or not all(ends):
+        return
+    low, high = (np.nanmedian(np.concatenate(end), axis=0) for end in ends)
+    upright = (frames["pelvis"][..., 1] * (high - low)).sum(axis=-1)
+    if np.isfinite(upright).any() and np.nanmedian(upright) < 0:
+        raise BodysenseError(
+            f"{place}: the body is a body only in a mirror: if the axes are left-handed (Unity, Unreal), give "
+            "--left-handed; otherwise the labels take left for right (--names)"
+        )
+
+
+def _observed(
+    raw: RawMarkers, places: Places, rotations: Mapping[str, np.ndarray], accuracy: Mapping[str, float]
+) -> Observation:
+    """The points that were made, in the order of the skeleton."""
+    points = tuple(name for name in default_skeleton().points if name in accuracy or name in rotations)
+    frames = len(raw.time)
+    position, rotation = np.full((frames, len(points), 3), np.nan), np.full((frames, len(points), 4), np.nan)
+    for k, name in enumerate(points):
+        if name in accuracy:
+            position[:, k] = places[name]
+        if name in rotations:
+            rotation[:, k] = rotations[name]
+    seen, turned = (np.asarray(np.isfinite(values).all(axis=-1)) for values in (position, rotation))
+    position[~seen], rotation[~turned] = np.nan, np.nan
+    error = np.array([accuracy.get(name, 1.0) for name in points])
+    return Observation(points, position, rotation, seen, turned, np.broadcast_to(error, seen.shape).copy(), raw.time)

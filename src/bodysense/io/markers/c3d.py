@@ -1,0 +1,154 @@
+"""Markers as C3D (c3d.org), read and written here: what a file announces is checked against what is there.
+
+A missing marker has a negative residual, as the format says, or coordinates that are NaN or all zero, as some write it.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.capture.raw_markers import RawMarkers, Unit
+from bodysense.errors import BodysenseError
+from bodysense.files import written_beside
+from bodysense.io.markers.c3d_parameters import (
+    BLOCK,
+    BYTE_ORDERS,
+    DEC,
+    Parameters,
+    from_dec,
+    parameter_blocks,
+    read_parameters,
+)
+from bodysense.observation import Observation
+
+_KEY = 0x50  # second byte of every C3D file
+_LARGEST = 4 << 30  # bytes
+_UNITS: dict[str, Unit] = {"": "mm", "mm": "mm", "cm": "cm", "m": "m", "millimeters": "mm", "meters": "m"}
+_Z_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")  # points that are no places
+
+
+def read_c3d(path: Path) -> RawMarkers:
+    """Read the points of a C3D file: unit by POINT:UNITS, axes by X_SCREEN and Y_SCREEN, +Z up where those are missing.
+
+    What a model computed (angles, moments …) is left out. Raises BodysenseError for a file that is none, or without
+    points, or cut short, or whose unit is not a length.
+    """
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise BodysenseError(f"{path}: larger than {_LARGEST >> 30} GiB; export the trajectories alone")
+        data = path.read_bytes()
+    except OSError as error:
+        raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
+    if len(data) < BLOCK or data[1] != _KEY:
+        raise BodysenseError(f"{path}: not a C3D file; export it again")
+    parameters, order = read_parameters(path, data)
+    position, residual, rate = _points(path, data, order, parameters)
+    if not 0 < rate < np.inf:
+        raise BodysenseError(f"{path}: its frame rate is {rate:g} Hz; export it with the rate of the recording")
+    names = _labels(parameters, position.shape[1])
+    written = parameters.text("POINT", "UNITS").lower()
+    if written not in _UNITS:
+        raise BodysenseError(f"{path}: its unit is {written!r}; m, cm and mm are read")
+    missing = (residual < 0) | ~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)
+    position[missing] = np.nan
+    outputs = {name for kind in _OUTPUTS for name in parameters.texts("POINT", kind)}
+    kept = [k for k, name in enumerate(names) if name not in outputs]
+    time = np.arange(len(position)) / rate
+    chosen = tuple(names[k] for k in kept)
+    return RawMarkers(chosen, position[:, kept], time, rate, _UNITS[written], _axes(path, parameters))
+
+
+def write_c3d(path: Path, observation: Observation, rate: float) -> None:
+    """Write every point of an observation at `rate` Hz, millimetres and +Y up; missing ones have the residual −1.
+
+    Frames are taken at a constant rate: C3D has no times.
+    """
+    frames, count = len(observation), len(observation.points)
+    if count > 255 or frames > 65535:
+        raise BodysenseError(
+            f"{path}: {count} points in {frames} frames; a C3D file of ours holds 255 points in 65535 frames, "
+            "write .csv"
+        )
+    values = np.zeros((frames, count, 4), dtype="<f4")
+    values[..., :3] = np.where(observation.has_position[..., None], observation.position * 1000, np.nan)
+    values[..., 3] = np.where(observation.has_position, 0.0, -1.0)
+    point: Mapping[str, object] = {
+        "USED": count,
+        "SCALE": -1.0,
+        "RATE": float(rate),
+        "DATA_START": 0,
+        "FRAMES": frames,
+        "UNITS": ["mm"],
+        "LABELS": list(observation.points),
+        "X_SCREEN": ["+X"],
+        "Y_SCREEN": ["+Y"],
+    }
+    analog: Mapping[str, object] = {"USED": 0, "RATE": float(rate), "GEN_SCALE": 1.0}
+    start = 2 + len(parameter_blocks({"POINT": point, "ANALOG": analog})) // BLOCK
+    blocks = parameter_blocks({"POINT": {**point, "DATA_START": start}, "ANALOG": analog})
+    header = struct.pack("<BBHHHHHfHHf", 2, _KEY, count, 0, 1, frames, 0, -1.0, start, 0, rate)
+    body = values.tobytes()
+    with written_beside(path) as beside:
+        beside.write_bytes(header.ljust(BLOCK, b"\0") + blocks + body + bytes(-len(body) % BLOCK))
+
+
+def _points(path: Path, data: bytes, order: int, parameters: Parameters) -> tuple[np.ndarray, np.ndarray, float]:
+    """Positions (T, M, 3) in the file's unit, residuals (T, M), and the rate, Hz."""
+    mark = BYTE_ORDERS[order]
+    count, analog, first, last = struct.unpack(f"{mark}4H", data[2:10])
+    block, _ = struct.unpack(f"{mark}2H", data[16:20])
+    scale, rate = (_real(data[at : at + 4], order) for at in (12, 20))
+    if not 0 < rate < np.inf:
+        rate = parameters.number("POINT", "RATE")
+    frames = max(last - first + 1, parameters.frames())
+    if not count or frames <= 0:
+        raise BodysenseError(f"{path}: it holds no points; export the trajectories of the markers")
+    if not np.isfinite(scale) or not scale:
+        raise BodysenseError(f"{path}: cannot be read as C3D (its scale is {scale:g}); export it again")
+    width = 4 if scale < 0 else 2
+    row = (4 * count + analog) * width
+    start = BLOCK * (max(block, 1) - 1)
+    there = max(len(data) - start, 0) // row
+    if there < frames:
+        raise BodysenseError(f"{path}: {frames} frames are announced, but there are {there}; was the file cut short?")
+    raw = np.frombuffer(data, dtype="u1", count=frames * row, offset=start).reshape(frames, row)
+    raw = np.ascontiguousarray(raw[:, : 4 * count * width])
+    if width == 4:
+        values = from_dec(raw) if order == DEC else raw.view(f"{mark}f4").astype(np.float64)
+    else:
+        values = raw.view(f"{mark}i2").astype(np.float64)
+    values = values.reshape(frames, count, 4)
+    return values[..., :3] * (1.0 if width == 4 else scale), np.nan_to_num(values[..., 3], nan=-1.0), rate
+
+
+def _real(data: bytes, order: int) -> float:
+    if order == DEC:
+        return float(from_dec(np.frombuffer(data, dtype="u1")[None])[0, 0])
+    return float(struct.unpack(f"{BYTE_ORDERS[order]}f", data)[0])
+
+
+def _labels(parameters: Parameters, count: int) -> list[str]:
+    names = parameters.texts("POINT", "LABELS")
+    for k in range(2, 100):  # more than 255 labels go on in LABELS2, LABELS3 …
+        names += parameters.texts("POINT", f"LABELS{k}")
+    names = names[:count]
+    return names + [f"unlabelled {k + 1}" for k in range(len(names), count)]
+
+
+def _axes(path: Path, parameters: Parameters) -> np.ndarray:
+    """(3, 3) our axes, rows, in the file's: x along the screen, y up it; +Z up where the file does not say."""
+    screens = [parameters.text("POINT", name).upper() for name in ("X_SCREEN", "Y_SCREEN")]
+    if not all(screens):
+        return _Z_UP
+    try:
+        along, up = ((1.0 if text[0] == "+" else -1.0) * np.eye(3)["XYZ".index(text[1])] for text in screens)
+    except (IndexError, ValueError):
+        raise BodysenseError(f"{path}: X_SCREEN and Y_SCREEN are {screens}; say the axes with --up") from None
+    if along @ up != 0:
+        raise BodysenseError(f"{path}: X_SCREEN and Y_SCREEN are {screens}; say the axes with --up")
+    return np.stack([along, up, np.cross(along, up)])

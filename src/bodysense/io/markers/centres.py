@@ -1,0 +1,150 @@
+"""Joint centres from markers on the skin: regressions of the literature, offsets in a segment's frame, hinges.
+
+Sources: hips by Harrington et al. 2007 (Journal of Biomechanics 40, 595-602), from the width and the depth of the
+pelvis; shoulders by Rab et al. 2002 (Gait & Posture 15, 113-119), below the acromion by 17 % of the way between both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from bodysense.body.rotation import matrix_to_quaternion, quaternion_exp, quaternion_to_matrix
+from bodysense.io.markers.marker_sets import Frame, Recipe
+
+AXES = ("left", "up", "forward")  # of a body that faces +Z: X, Y, Z
+SHOULDER_DROP = 0.17  # of the distance between both acromia
+STRAIGHT, BENT = np.deg2rad(20.0), np.deg2rad(50.0)  # of a hinge: below, its axis is where the marker sticks out
+
+Places = dict[str, np.ndarray]  # (T, 3) m of every marker and point, NaN where hidden
+Axes = Sequence[np.ndarray]  # (T, 3, 3) of the segments that a recipe names, columns left, up, forward
+
+
+def axes_of(frame: Frame, places: Mapping[str, np.ndarray], frames: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Axes (T, 3, 3), columns left, up, forward, of a segment as a standing body has them; NaN where hidden."""
+    if not frame.standing:
+        lift = -frame.lift if frame.name.startswith("right_") else frame.lift
+        standing = quaternion_to_matrix(quaternion_exp(np.deg2rad([frame.pitch, 0.0, lift])))
+        return _axes(frame, places) @ standing.T
+    usual = {name: np.array(place) for name, place in frame.standing.items()}
+    if frame.either_side_of is not None and frame.either_side_of in frames:
+        toward = _left_of(frame, places, frames[frame.either_side_of])
+        if np.nanmedian(np.r_[toward, 0.0]) < 0:
+            usual = {name: place * [-1, 1, 1] for name, place in usual.items()}
+    return _axes(frame, places) @ _axes(frame, usual).T
+
+
+def _axes(frame: Frame, places: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Axes (..., 3, 3) from two directions between markers: the first is kept."""
+    directions: list[tuple[int, np.ndarray]] = []
+    for axis, start, end in frame.axes:
+        way = _mean(places, end) - _mean(places, start)
+        if axis == "out" and frame.name.startswith("right_"):
+            way = -way
+        directions.append((AXES.index("left" if axis == "out" else axis), way))
+    (first, kept), (second, other) = directions
+    third = 3 - first - second
+    sign = 1.0 if (first + 1) % 3 == second else -1.0
+    axes = np.empty((*kept.shape[:-1], 3, 3))
+    axes[..., first] = _unit(kept)
+    axes[..., third] = _unit(sign * np.cross(kept, other))
+    axes[..., second] = sign * np.cross(axes[..., third], axes[..., first])
+    return axes
+
+
+def _left_of(frame: Frame, places: Mapping[str, np.ndarray], beside: np.ndarray) -> np.ndarray:
+    """m (T,) by which the marker that is worn on either side is left of the others, by the axes of another segment."""
+    _, start, end = next(row for row in frame.axes if row[0] == "left")
+    return ((_mean(places, end) - _mean(places, start)) * beside[..., 0]).sum(axis=-1)
+
+
+def turns_of(axes: np.ndarray) -> np.ndarray:
+    """Axes (T, 3, 3) as rotations (T, 4) wxyz; NaN where hidden."""
+    known = np.isfinite(axes).all(axis=(-2, -1))
+    rotation = np.full((*axes.shape[:-2], 4), np.nan)
+    rotation[known] = matrix_to_quaternion(axes[known])
+    return rotation
+
+
+def centre_of(
+    recipe: Recipe, places: Mapping[str, np.ndarray], frames: Mapping[str, np.ndarray], size: float
+) -> np.ndarray:
+    """Where a point is (T, 3) m; `frames` are axes of segments, `size` is the body's as a factor of an adult's."""
+    axes = [frames[name] for name in recipe.frames if name in frames]
+    return CENTRES[recipe.how](recipe, [places[name] for name in recipe.markers], axes, size)
+
+
+def _mean_centre(recipe: Recipe, at: Sequence[np.ndarray], axes: Axes, size: float) -> np.ndarray:
+    """The mean of markers, and from there an offset."""
+    centre = np.mean(at, axis=0)
+    return centre if not axes else centre + _placed(axes[0], size * np.array(recipe.offset), recipe.side)
+
+
+def _hip(recipe: Recipe, at: Sequence[np.ndarray], axes: Axes, size: float) -> np.ndarray:
+    """Harrington et al. 2007: from the spines of the pelvis in front, own and other, and behind (or the sacrum)."""
+    own, other, *behind = at
+    front = (own + other) / 2
+    width = _steady(np.linalg.norm(own - other, axis=-1))
+    depth = _steady(np.linalg.norm(front - np.mean(behind, axis=0), axis=-1))
+    offset = np.array([0.33 * width + 0.0073, -0.30 * width - 0.0109, -0.24 * depth - 0.0099])
+    # The paper's axes are the pelvis's own: its forward axis runs from the spines behind to those in front.
+    left = axes[0][..., 0]
+    ahead = front - np.mean(behind, axis=0)
+    ahead = _unit(ahead - left * (ahead * left).sum(axis=-1, keepdims=True))
+    return front + _placed(np.stack([left, np.cross(ahead, left), ahead], axis=-1), offset, recipe.side)
+
+
+def _shoulder(recipe: Recipe, at: Sequence[np.ndarray], axes: Axes, size: float) -> np.ndarray:
+    """Rab et al. 2002: below the own acromion, along the trunk."""
+    own, other = at
+    drop = SHOULDER_DROP * _steady(np.linalg.norm(own - other, axis=-1))
+    return own - drop * axes[0][..., 1]
+
+
+def _hinge(recipe: Recipe, at: Sequence[np.ndarray], axes: Axes, size: float) -> np.ndarray:
+    """The centre of a knee or an elbow under the marker on its outer side, toward the axis that it bends about.
+
+    Bent, that axis is square to both bones. Straight, it is the outward one of segments beside, or without them the
+    way in which the marker sticks out.
+    """
+    skin, above, below = at
+    outward = recipe.side * (1.0 if recipe.bends == "forward" else -1.0)
+    centre = skin
+    for _ in range(3):
+        along = _unit(below - above)
+        beside = recipe.side * np.sum([one[..., 0] for one in axes], axis=0) if axes else skin - above
+        straight = _unit(beside - along * (beside * along).sum(axis=-1, keepdims=True))
+        square = outward * _unit(np.cross(above - centre, below - centre))
+        bent = np.arccos(np.clip((_unit(centre - above) * _unit(below - centre)).sum(axis=-1), -1, 1))
+        share = np.clip((bent - STRAIGHT) / (BENT - STRAIGHT), 0, 1)[:, None]
+        centre = skin - size * recipe.depth * _unit(share * square + (1 - share) * straight)
+    return centre
+
+
+CENTRES: dict[str, Callable[[Recipe, Sequence[np.ndarray], Axes, float], np.ndarray]] = {
+    "mean": _mean_centre,
+    "hip": _hip,
+    "shoulder": _shoulder,
+    "hinge": _hinge,
+}
+
+
+def _placed(axes: np.ndarray, offset: np.ndarray, side: float) -> np.ndarray:
+    """An offset (out, up, forward) of a side in the world."""
+    return axes @ (offset * np.array([side, 1.0, 1.0]))
+
+
+def _steady(length: np.ndarray) -> float:
+    """The median of a length that does not change."""
+    known = length[np.isfinite(length)]
+    return float(np.median(known)) if known.size else float("nan")
+
+
+def _mean(places: Mapping[str, np.ndarray], names: Sequence[str]) -> np.ndarray:
+    return np.mean([places[name] for name in names], axis=0)
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return vector / np.linalg.norm(vector, axis=-1, keepdims=True)

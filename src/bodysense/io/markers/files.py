@@ -1,0 +1,76 @@
+"""Marker files by their ending and content, all as `RawMarkers`; and their writers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bodysense.body.glove import glove_marker
+from bodysense.capture.raw_markers import MarkerFormat, RawMarkers, in_our_world, points_alone
+from bodysense.errors import BodysenseError
+from bodysense.files import check_plain
+from bodysense.io.markers.c3d import read_c3d, write_c3d
+from bodysense.io.markers.columns import read_csv, write_csv
+from bodysense.io.markers.motive import is_motive, read_motive
+from bodysense.io.markers.nexus import is_nexus, read_nexus
+from bodysense.io.markers.qualisys import read_tsv
+from bodysense.io.markers.trc import read_trc
+from bodysense.observation import Observation, chosen_points
+
+ENDINGS = (".c3d", ".csv", ".trc", ".tsv")
+WRITTEN = (".csv", ".c3d")
+
+
+def is_marker_file(path: str | Path) -> bool:
+    """Whether a file is one of markers, by its ending."""
+    return Path(path).suffix.lower() in ENDINGS
+
+
+def read_raw(path: str | Path, rate: float | None = None) -> RawMarkers:
+    """The points of a marker file under their own names, in its own unit and axes; `rate` Hz where it does not say."""
+    path = Path(path)
+    if not is_marker_file(path):
+        raise BodysenseError(f"{path}: marker files end in {', '.join(ENDINGS)}, not in {path.suffix or 'nothing'!r}")
+    if not path.is_file():
+        raise BodysenseError(f"{path}: no such file")
+    ending = path.suffix.lower()
+    if ending == ".c3d":
+        return read_c3d(path)
+    if ending == ".trc":
+        return read_trc(path, rate)
+    if ending == ".tsv":
+        return read_tsv(path, rate)
+    head = _head(path)
+    if is_motive(head):
+        return read_motive(path, rate)
+    return read_nexus(path, rate) if is_nexus(head) else read_csv(path, rate)
+
+
+def read_unlabelled(path: str | Path, form: MarkerFormat = MarkerFormat()) -> tuple[Observation, float]:
+    """All points of a marker file, whatever they are called, in our world, and the rate in Hz: passive markers."""
+    raw = read_raw(path, form.rate)
+    return points_alone(raw.names, in_our_world(raw.position, raw, form), raw.time), raw.frame_rate
+
+
+def write_markers(path: str | Path, observation: Observation, rate: float) -> None:
+    """Write the markers of gloves among the points of an observation, CSV or C3D by the ending; `rate` is for C3D."""
+    path = Path(path)
+    if path.suffix.lower() not in WRITTEN:
+        raise BodysenseError(f"{path}: markers are written as .csv or .c3d, not as {path.suffix or 'nothing'!r}")
+    here = [k for k, name in enumerate(observation.points) if glove_marker(name)]
+    if not here:
+        raise BodysenseError(f"{path}: the observation has no markers of a glove; a recording (.npz) holds any points")
+    gloves = chosen_points(observation, here)
+    if path.suffix.lower() == ".csv":
+        write_csv(path, gloves)
+    else:
+        write_c3d(path, gloves, rate)
+
+
+def _head(path: Path) -> str:
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(4096)
+    except OSError as error:
+        raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
+    check_plain(head, path)
+    return head.decode("utf-8-sig", "replace")

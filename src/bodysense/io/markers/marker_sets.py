@@ -1,0 +1,280 @@
+"""Marker sets: which labels a set has, and how points of the body follow from them. A set is one file in `sets/`."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from importlib.resources import files
+from typing import Any
+
+from bodysense.body.skeleton import default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.rigs.namings import recognise
+
+FEWEST = 4  # points that a body of markers has at least
+JOINT_ACCURACY = 0.02  # m, of a marker that is named as a joint: its centre, or a spot on the skin near it
+_SIDES = {"left": ("L", "R"), "right": ("R", "L")}
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Axes of a segment from two directions, each from the mean of some markers to the mean of others."""
+
+    name: str
+    axes: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...]  # the first is kept, the second made square to it
+    joint: str | None = None  # whose rotation it is
+    pitch: float = 0.0  # degrees by which its forward axis points below a standing body's
+    lift: float = 0.0  # degrees by which its outward axis points above
+    standing: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)  # m, usual places, for both angles
+    either_side_of: str | None = None  # the frame whose left tells on which side the marker of 'left' is worn
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a point follows from markers and from points before it."""
+
+    name: str
+    how: str  # mean, hip, hinge, shoulder: `centres`
+    markers: tuple[str, ...]
+    accuracy: float  # m
+    frames: tuple[str, ...] = ()  # the segment whose axes the offset is in; of a hinge, those beside it
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m: out (left, of the right side right), up, forward
+    depth: float = 0.0  # m from the skin to the centre
+    bends: str = ""  # forward, backward: of a hinge
+    side: float = 1.0  # -1 on the right
+
+
+@dataclass(frozen=True)
+class MarkerSet:
+    """A marker set, its sides written out."""
+
+    name: str
+    labels: Mapping[str, str]  # as `plain` has them → the set's own
+    frames: tuple[Frame, ...] = ()
+    points: tuple[Recipe, ...] = ()
+    spans: tuple[tuple[str, str, float], ...] = ()  # usual distances, m
+    low: tuple[str, ...] = ()
+    high: tuple[str, ...] = ()
+    floor: tuple[tuple[str, float], ...] = ()  # usual heights of a standing body's, m
+    bones: Mapping[str, str] = field(default_factory=dict)  # label → the joint whose rotation it has
+
+
+@dataclass(frozen=True)
+class Recognised:
+    """Which markers of a file are which of a set."""
+
+    markers: MarkerSet
+    columns: Mapping[str, int]  # the set's label → the marker's place in the file
+
+
+@lru_cache(maxsize=1)
+def marker_sets() -> tuple[MarkerSet, ...]:
+    """The sets that come with the package."""
+    folder = files("bodysense.io.markers.sets")
+    found = sorted(entry.name for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    return tuple(_parsed(tomllib.loads(folder.joinpath(name).read_text(encoding="utf-8"))) for name in found)
+
+
+def recognised(names: Sequence[str], table: Mapping[str, str] | None = None) -> Recognised | None:
+    """The set that most points follow from, of the packaged ones and of markers that are named as joints; or None.
+
+    `table` names joints by hand, and goes before everything.
+    """
+    if table:
+        joints = {ours: k for k, name in enumerate(names) if (ours := table.get(name)) in default_skeleton().points}
+        return (
+            Recognised(_named(tuple(map(str, joints))), {str(ours): k for ours, k in joints.items()})
+            if joints
+            else None
+        )
+    best, most = None, FEWEST - 1
+    for one in (*marker_sets(), None):
+        found = _joints(names) if one is None else _columns(one, names)
+        chosen = _named(tuple(found)) if one is None else one
+        count = len({recipe.name for recipe in chosen.points if follows(recipe, chosen, found)})
+        if count > most:
+            best, most = Recognised(chosen, found), count
+    return best
+
+
+def follows(recipe: Recipe, markers: MarkerSet, found: Mapping[str, int]) -> bool:
+    """Whether a point can be made of the markers found: those it needs, or points that do."""
+    return all(
+        name in found or any(other.name == name and follows(other, markers, found) for other in markers.points)
+        for name in recipe.markers
+    )
+
+
+def nearest(names: Sequence[str]) -> str:
+    """What is to be said of labels that are no set: which set is nearest, and how many of its markers are there."""
+    counts = {one.name: len(_columns(one, names)) for one in marker_sets()}
+    name = max(counts, key=lambda key: counts[key])
+    return f"{counts[name]} of them are of {name}" if counts[name] else "none is of a marker set that is known"
+
+
+def plain(label: str) -> str:
+    """What counts of a label: 'Anna:L_IAS' → 'lias'."""
+    return re.sub(r"[^a-z0-9]", "", label.rpartition(":")[2].lower())
+
+
+def _columns(one: MarkerSet, names: Sequence[str]) -> dict[str, int]:
+    """The first marker of each label; what stands before a '_' may be the subject's name."""
+    found: dict[str, int] = {}
+    for k, name in enumerate(names):
+        tail = name.rpartition(":")[2]
+        for candidate in (tail, *(tail[at.end() :] for at in re.finditer("[_ .]", tail))):
+            label = one.labels.get(plain(candidate))
+            if label is not None:
+                found.setdefault(label, k)
+                break
+    return found
+
+
+_ROLES = {
+    "hip": r"hip|hjc|hip ?joint|hip ?(joint ?)?cent(er|re)",
+    "knee": r"knee|kjc|knee ?(joint ?)?cent(er|re)",
+    "ankle": r"ankle|ajc|ankle ?(joint ?)?cent(er|re)",
+    "foot": r"foot|toe|toes|big ?toe",
+    "shoulder": r"shoulder|sjc|shoulder ?(joint ?)?cent(er|re)",
+    "elbow": r"elbow|ejc|elbow ?(joint ?)?cent(er|re)",
+    "wrist": r"wrist|wjc|hand|wrist ?(joint ?)?cent(er|re)",
+}
+_MIDDLE = {"pelvis": r"pelvis|hips|root|mid ?hip", "neck": r"neck", "head": r"head", "spine3": r"chest|thorax"}
+
+
+def _joints(names: Sequence[str]) -> dict[str, int]:
+    """Markers that are named as joints: by a program's whole naming, or one by one: 'LeftElbow', 'l_knee', 'RHJC'."""
+    try:
+        naming = recognise(list(dict.fromkeys(name.rpartition(":")[2] for name in names)))
+    except BodysenseError:
+        naming = {}
+    if naming:
+        tails = [name.rpartition(":")[2] for name in names]
+        return {ours: tails.index(given) for given, ours in naming.items()}
+    found: dict[str, int] = {}
+    for k, name in enumerate(names):
+        point = _joint(name.rpartition(":")[2])
+        if point is not None:
+            found.setdefault(point, k)
+    return found
+
+
+def _joint(name: str) -> str | None:
+    """The point that a marker is named as; None for any other name."""
+    if name.lower() in default_skeleton().points:
+        return name.lower()
+    words = re.sub(r"[^a-z]+", " ", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower()).strip()
+    for point, pattern in _MIDDLE.items():
+        if re.fullmatch(pattern, words):
+            return point
+    side = re.fullmatch(r"(?P<a>left|right|l|r) ?(?P<b>.+)|(?P<c>.+) (?P<d>left|right|l|r)", words)
+    if side is None:
+        return None
+    hand, rest = (side["a"] or side["d"])[0], side["b"] or side["c"]
+    for role, pattern in _ROLES.items():
+        if re.fullmatch(pattern, rest):
+            return f"{'left' if hand == 'l' else 'right'}_{role}"
+    return None
+
+
+def _named(points: tuple[str, ...]) -> MarkerSet:
+    """The set of markers that are joints themselves."""
+    spans = [("hip", "knee", 0.41), ("knee", "ankle", 0.41), ("shoulder", "elbow", 0.27), ("elbow", "wrist", 0.24)]
+    return MarkerSet(
+        name="markers named as joints",
+        labels={plain(name): name for name in points},
+        points=tuple(Recipe(name, "mean", (name,), JOINT_ACCURACY) for name in points),
+        spans=tuple((f"{side}_{a}", f"{side}_{b}", d) for side in _SIDES for a, b, d in spans),
+        low=("left_ankle", "right_ankle", "left_foot", "right_foot"),
+        high=("pelvis", "left_hip", "right_hip", "left_shoulder", "right_shoulder", "neck", "head"),
+        floor=tuple((f"{side}_{name}", high) for side in _SIDES for name, high in (("ankle", 0.08), ("foot", 0.03))),
+    )
+
+
+def _parsed(stored: dict[str, Any]) -> MarkerSet:
+    """A set's file, its sides written out."""
+    labels = {plain(label): label for written in stored["labels"] for label in _both(written)}
+    for theirs, ours in stored.get("other_labels", {}).items():
+        for label, own in zip(_both(theirs), _both(ours), strict=True):
+            labels.setdefault(plain(label), own)
+    frames = [
+        Frame(
+            name=_point(row["name"], side),
+            joint=_point(row["joint"], side) if "joint" in row else None,
+            axes=tuple(
+                (axis, _ends(row[axis][0], side), _ends(row[axis][1], side))
+                for axis in row
+                if axis in ("left", "up", "forward", "out")
+            ),
+            pitch=row.get("pitch", 0.0),
+            lift=row.get("lift", 0.0),
+            standing={name: tuple(place) for name, place in row.get("standing", {}).items()},
+            either_side_of=row.get("either_side_of"),
+        )
+        for row in stored.get("frame", ())
+        for side in _sides_of(row["name"])
+    ]
+    points = [
+        Recipe(
+            name=_point(row["name"], side),
+            how=row["how"],
+            markers=tuple(_label(name, side) for name in row["from"]),
+            accuracy=row["accuracy"],
+            frames=tuple(_point(name, side) for name in row.get("frames", ())),
+            offset=tuple(row.get("offset", (0.0, 0.0, 0.0))),
+            depth=row.get("depth", 0.0),
+            bends=row.get("bends", ""),
+            side=-1.0 if side == "right" else 1.0,
+        )
+        for row in stored["point"]
+        for side in _sides_of(row["name"])
+    ]
+    return MarkerSet(
+        name=stored["name"],
+        labels=labels,
+        frames=tuple(frames),
+        points=tuple(points),
+        spans=tuple(
+            (own, other, far)
+            for a, b, far in stored["spans"]
+            for own, other in dict.fromkeys(zip(_both(a), _both(b), strict=True))
+        ),
+        low=tuple(label for name in stored["low"] for label in _both(name)),
+        high=tuple(label for name in stored["high"] for label in _both(name)),
+        floor=tuple((label, high) for name, high in stored["floor"] for label in _both(name)),
+        bones={
+            _label(name, side): _point(joint, side)
+            for name, joint in stored.get("bones", {}).items()
+            for side in _sides_of(name)
+        },
+    )
+
+
+def _ends(names: Sequence[str], side: str) -> tuple[str, ...]:
+    return tuple(_label(name, side) for name in names)
+
+
+def _sides_of(name: str) -> tuple[str, ...]:
+    return tuple(_SIDES) if "*" in name else ("",)
+
+
+def _both(name: str) -> tuple[str, ...]:
+    """A label of both sides; of the middle twice the same."""
+    return tuple(name.replace("*", own) for own, _ in _SIDES.values())
+
+
+def _label(name: str, side: str) -> str:
+    """A label, or a point, on a side; '~' is the other one."""
+    if not side:
+        return name
+    if name.startswith("*_") and name[2:3].islower():
+        return _point(name, side)
+    own, other = _SIDES[side]
+    return name.replace("*", own).replace("~", other)
+
+
+def _point(name: str, side: str) -> str:
+    return name.replace("*", side)

@@ -1,0 +1,95 @@
+"""What the markers of a file show: gloves, a body, or both, as an Observation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.hand import FINGERS
+from bodysense.body.skeleton import Skeleton
+from bodysense.capture.marker_checks import check_gloves
+from bodysense.capture.raw_markers import MarkerFormat, RawMarkers, Unit, has_glove, listed, observed_markers
+from bodysense.errors import BodysenseError
+from bodysense.io.markers.body import body_of
+from bodysense.io.markers.files import read_raw
+from bodysense.io.markers.marker_sets import nearest, recognised
+from bodysense.observation import Observation, check_observation
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerRecording:
+    """What the markers of a file show."""
+
+    observation: Observation  # (T, …) joints of a body, and points '<hand>_glove_<marker>'; world
+    frame_rate: float  # Hz
+    sizes: dict[str, float]  # of every gloved hand that was seen well, as a factor of the default skeleton's
+    remarks: tuple[str, ...]  # what was recognised, is doubtful or was left out, a sentence each
+    has_body: bool = False  # whose proportions can be inferred
+
+
+def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> MarkerRecording:
+    """Read a marker file; names, unit and axes become ours, and it is checked that what they show can be.
+
+    Raises BodysenseError naming the file, what is wrong, and the fix.
+    """
+    path = Path(path)
+    raw = read_raw(path, form.rate)
+    _check_table(raw, form, str(path))
+    gloves = _gloves(raw, form, str(path)) if has_glove(raw, form) else None
+    known = recognised(raw.names, form.names)
+    if known is None:
+        if gloves is None:
+            raise BodysenseError(
+                f"{path}: no marker of a glove and no marker set of a body among {listed(raw.names)}: "
+                f"{nearest(raw.names)}; give a table of names with --names (docs/markers.md)"
+            )
+        return gloves
+    found = body_of(raw, form, known, str(path))
+    if not found.observation.points:
+        raise BodysenseError(f"{path}: no joint follows from what is seen of {known.markers.name}; label more markers")
+    check_observation(found.observation, str(path))
+    if gloves is None:
+        return MarkerRecording(found.observation, raw.frame_rate, {}, found.remarks, has_body=True)
+    both = _joined(found.observation, gloves.observation)
+    remarks = (*found.remarks, *(remark for remark in gloves.remarks if not remark.startswith("left out")))
+    return MarkerRecording(both, raw.frame_rate, gloves.sizes, remarks, has_body=True)
+
+
+def with_hands_of(skeleton: Skeleton, sizes: dict[str, float]) -> Skeleton:
+    """A body whose hands have the size that its gloves showed, the mean of those that were seen.
+
+    `sizes` are factors of the default skeleton's hand.
+    """
+    if not sizes:
+        return skeleton
+    size = float(np.mean(list(sizes.values())))
+    fingers = [name.partition("_")[2].startswith(FINGERS) for name in skeleton.points]
+    return skeleton.with_offsets(np.where(np.array(fingers)[:, None], size, 1.0) * skeleton.rest_offset)
+
+
+def _gloves(raw: RawMarkers, form: MarkerFormat, place: str) -> MarkerRecording:
+    """What the gloves of a file show."""
+    observation, remarks = observed_markers(raw, form, place)
+    check_observation(observation, place, farthest=np.inf)  # a wrong unit has a better message below
+    unit: Unit = form.unit or raw.unit
+    check = check_gloves(observation, place, unit)
+    check_observation(observation, place)
+    return MarkerRecording(observation, raw.frame_rate, check.sizes, (*remarks, *check.remarks))
+
+
+def _check_table(raw: RawMarkers, form: MarkerFormat, place: str) -> None:
+    """Refuse a table of names that are not in the file."""
+    absent = [theirs for theirs in form.names or {} if theirs not in raw.names]
+    if absent:
+        raise BodysenseError(
+            f"{place}: no marker is named {absent[0]!r}, which the table of names has; there are {listed(raw.names)}"
+        )
+
+
+def _joined(body: Observation, gloves: Observation) -> Observation:
+    """The points of both."""
+    names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
+    parts = {name: np.concatenate([getattr(body, name), getattr(gloves, name)], axis=1) for name in names}
+    return Observation(points=(*body.points, *gloves.points), time=body.time, **parts)

@@ -1,0 +1,1 @@
+"""Marker sets, one file each (docs/markers.md)."""

@@ -1,0 +1,206 @@
+"""Results of SMPL, SMPL-H and SMPL-X as video tools write them, .npz or .npy: which way is up, where the floor is.
+
+Read are whole poses (`poses`, `pose`, `smpl_poses` …: 22, 24, 52 or 55 joints) or parts (`global_orient` with
+`body_pose`, `left_hand_pose`, `right_hand_pose`), as axis-angle or matrices; `transl` or `trans`; `fps`. The body is
+the default one: `betas` name a shape of the model's, which is not here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.arrays import array_shapes, read_array, read_arrays
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import (
+    matrix_to_quaternion,
+    quaternion_canonical,
+    quaternion_exp,
+    quaternion_multiply,
+    quaternion_rotate,
+)
+from bodysense.body.skeleton import default_skeleton
+from bodysense.data.clip import Clip
+from bodysense.data.fingers import is_finger, with_fingers
+from bodysense.errors import BodysenseError
+
+PICKLES = (".pkl", ".pickle", ".pt", ".pth", ".joblib")
+USUAL_RATE = 30.0  # Hz, of a file that does not say it
+WHOLE = ("poses", "pose", "smpl_poses", "fullpose", "full_pose", "poses_body", "pose_world", "pose_aa")
+ORIENT = ("global_orient", "root_orient", "root_pose", "global_orient_world")
+BODY = ("body_pose", "pose_body")
+HANDS = {"left": ("left_hand_pose", "lhand_pose"), "right": ("right_hand_pose", "rhand_pose")}
+PLACE = ("transl", "trans", "smpl_trans", "trans_world", "translation", "root_trans", "global_transl")
+RATE = ("fps", "mocap_framerate", "mocap_frame_rate", "frame_rate", "framerate")
+_AMASS = {156, 165}  # widths of `poses` that `data.amass` reads
+_UPRIGHT = 0.5  # cosine from which on a body stands along an axis on average
+_FLOOR = 0.1  # m: a floor that is nearer to 0 is 0
+_SQUARE = 0.05  # how far from a rotation a matrix may be
+_TURNS = {  # the file's axis that points up → the rotation (4,) that makes it +Y
+    "+Y": [1.0, 0.0, 0.0, 0.0],
+    "-Y": [0.0, 1.0, 0.0, 0.0],
+    "+Z": [np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0],
+    "-Z": [np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0],
+    "+X": [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)],
+    "-X": [np.sqrt(0.5), 0.0, 0.0, -np.sqrt(0.5)],
+}
+
+
+def is_smpl(path: str | Path) -> bool:
+    """Whether a file is one of SMPL that is no motion of AMASS: an .npy, or an .npz with such arrays."""
+    path = Path(path)
+    if path.suffix.lower() == ".npy":
+        return True
+    if path.suffix.lower() != ".npz":
+        return False
+    shapes = array_shapes(path)
+    names = set(shapes)
+    if not names & {*WHOLE, *ORIENT, *BODY} or "has_position" in names:
+        return False
+    rated = bool(names & {"mocap_framerate", "mocap_frame_rate"}) and "trans" in names
+    whole = "poses" in shapes and shapes["poses"][1:] in {(width,) for width in _AMASS}
+    return not (rated and (whole or {"root_orient", "pose_body", "pose_hand"} <= names))
+
+
+def read_smpl(path: str | Path, rate: float | None = None) -> tuple[Clip, tuple[str, ...]]:
+    """The motion of a file in canonical form, and remarks; `rate` Hz where it does not say.
+
+    Raises BodysenseError, naming the file and the fix, for what is no such motion.
+    """
+    path = Path(path)
+    arrays = {"poses": read_array(path)} if path.suffix.lower() == ".npy" else read_arrays(path, _keys())
+    remarks: list[str] = []
+    turns, rows = _rotations(path, arrays)
+    skeleton = default_skeleton()
+    rotation = np.zeros((len(turns), len(skeleton.joints), 4))
+    rotation[..., 0] = 1
+    rotation[:, rows] = turns
+    up = _up(rotation[:, 0])
+    if up is None:
+        up = "+Y"
+        remarks.append("the body lies most of the time: +Y is taken as up")
+    elif up != "+Y":
+        camera = ", as in a camera's axes" if up == "-Y" else ""
+        remarks.append(f"{up} is up{camera}: turned to +Y")
+    turn = np.array(_TURNS[up])
+    rotation[:, 0] = quaternion_multiply(turn, rotation[:, 0])
+    place = _first(arrays, PLACE)
+    root = (
+        np.zeros((len(rotation), 3)) if place is None else quaternion_rotate(turn, _place(path, place, len(rotation)))
+    )
+    missing = [name for name in skeleton.joints if is_finger(name) and skeleton.index(name) not in rows]
+    pose, has_fingers = with_fingers(Pose(skeleton, root, quaternion_canonical(rotation)), missing)
+    root = root + _lifted(pose, place is not None, remarks)
+    clip = Clip(
+        path.stem, Pose(skeleton, root, pose.rotation), _rate(path, arrays, rate, remarks), has_fingers=has_fingers
+    )
+    return clip, tuple(remarks)
+
+
+def _keys() -> tuple[str, ...]:
+    return (*WHOLE, *ORIENT, *BODY, *HANDS["left"], *HANDS["right"], *PLACE, *RATE)
+
+
+def _first(arrays: Mapping[str, np.ndarray], names: tuple[str, ...]) -> tuple[str, np.ndarray] | None:
+    return next(((name, arrays[name]) for name in names if name in arrays), None)
+
+
+def _rotations(path: Path, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[int]]:
+    """Rotations (T, N, 4), and which of our joints they are of."""
+    body = list(range(22))
+    hands = list(range(22, 52))
+    whole = _first(arrays, WHOLE)
+    if whole is not None:
+        turns = _turns(path, *whole, counts=(22, 24, 52, 55))
+        count = turns.shape[1]
+        if count == 52:
+            return turns, [*body, *hands]
+        return (turns[:, [*body, *range(25, 55)]], [*body, *hands]) if count == 55 else (turns[:, :22], body)
+    orient, rest = _first(arrays, ORIENT), _first(arrays, BODY)
+    if orient is None or rest is None:
+        raise BodysenseError(
+            f"{path}: no poses in it; give 'poses' (T, 72), or 'global_orient' (T, 3) and 'body_pose' (T, 63 or 69)"
+        )
+    parts = [_turns(path, *orient, counts=(1,)), _turns(path, *rest, counts=(21, 23))[:, :21]]
+    rows = body
+    for k, names in enumerate(HANDS.values()):
+        hand = _first(arrays, names)
+        if hand is not None and hand[1].size == len(parts[0]) * 45 * (3 if hand[1].shape[-2:] == (3, 3) else 1):
+            parts.append(_turns(path, *hand, counts=(15,)))  # others are coefficients of a basis that is not here
+            rows = [*rows, *hands[15 * k : 15 * k + 15]]
+    if len({len(part) for part in parts}) != 1:
+        raise BodysenseError(f"{path}: parts of its poses have {', '.join(str(len(part)) for part in parts)} frames")
+    return np.concatenate(parts, axis=1), rows
+
+
+def _turns(path: Path, name: str, values: np.ndarray, counts: tuple[int, ...]) -> np.ndarray:
+    """Rotations (T, N, 4) from axis-angle (T, 3 N), (T, N, 3) or matrices (T, N, 3, 3)."""
+    values = _numbers(path, name, values)
+    shape = values.shape
+    if shape[-2:] == (3, 3) and values.size in {len(values) * count * 9 for count in counts}:
+        matrices = values.reshape(len(values), -1, 3, 3)
+        if not np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(initial=0) < _SQUARE:
+            raise BodysenseError(f"{path}: {name!r} has shape {shape}, but holds no rotation matrices; export it again")
+        return matrix_to_quaternion(matrices)
+    if values.ndim < 2 or values.size not in {len(values) * count * 3 for count in counts}:
+        widths = " or ".join(str(3 * count) for count in counts)
+        raise BodysenseError(
+            f"{path}: {name!r} has shape {shape}; give one person's, (T, {widths}) axis-angle or (T, joints, 3, 3)"
+        )
+    return quaternion_exp(values.reshape(len(values), -1, 3))
+
+
+def _place(path: Path, place: tuple[str, np.ndarray], frames: int) -> np.ndarray:
+    name, values = place
+    values = _numbers(path, name, values)
+    if values.size != frames * 3:
+        raise BodysenseError(f"{path}: {name!r} has shape {values.shape}; {frames} frames need ({frames}, 3)")
+    return values.reshape(frames, 3)
+
+
+def _numbers(path: Path, name: str, values: np.ndarray) -> np.ndarray:
+    if values.dtype.kind not in "fiu" or not values.size:
+        raise BodysenseError(f"{path}: {name!r} is {values.shape} of {values.dtype}; it must be numbers, a row a frame")
+    values = values.astype(np.float64)
+    if not np.isfinite(values).all():
+        row = int(np.argwhere(~np.isfinite(values))[0][0]) if values.ndim else 0
+        raise BodysenseError(f"{path}: {name!r} is not finite in frame {row}; cut or mend that frame")
+    return values
+
+
+def _up(orient: np.ndarray) -> str | None:
+    """The axis of the file along which a body stands whose pelvis turns (T, 4); None for one that lies."""
+    way = quaternion_rotate(orient, np.broadcast_to([0.0, 1.0, 0.0], (len(orient), 3))).mean(axis=0)
+    axis = int(np.argmax(np.abs(way)))
+    return ("+" if way[axis] > 0 else "-") + "XYZ"[axis] if abs(way[axis]) >= _UPRIGHT else None
+
+
+def _lifted(pose: Pose, is_placed: bool, remarks: list[str]) -> np.ndarray:
+    """(3,) or (T, 3) m by which a body has to be moved so that its feet stand on y = 0."""
+    skeleton = pose.skeleton
+    feet = skeleton.indices([f"{side}_{name}" for side in ("left", "right") for name in ("ankle", "foot", "toe")])
+    usual = (skeleton.path @ skeleton.rest_offset)[feet, 1] + skeleton.rest_offset[0, 1]
+    lowest = (np.asarray(forward_kinematics(pose)[0])[:, feet, 1] - usual).min(axis=1)
+    if not is_placed:
+        remarks.append("no translation in it: the body stays at its place, its lower foot on the floor")
+        return np.stack([0 * lowest, -lowest, 0 * lowest], axis=-1)
+    floor = float(np.percentile(lowest, 5))
+    if abs(floor) <= _FLOOR:
+        return np.zeros(3)
+    remarks.append(f"the feet stand at y = {floor:.2f} m: moved to 0")
+    return np.array([0.0, -floor, 0.0])
+
+
+def _rate(path: Path, arrays: Mapping[str, np.ndarray], told: float | None, remarks: list[str]) -> float:
+    if told is not None:
+        return told
+    given = _first(arrays, RATE)
+    if given is None:
+        remarks.append(f"no frame rate in it: {USUAL_RATE:g} Hz is taken (--rate)")
+        return USUAL_RATE
+    name, value = given
+    if value.size != 1 or value.dtype.kind not in "fiu" or not 0 < float(value.item()) < 1e5:
+        raise BodysenseError(f"{path}: {name!r} is {str(value)[:40]}; it must be a positive number of Hz: give --rate")
+    return float(value.item())

@@ -1,0 +1,77 @@
+"""An input is never overwritten, unless the user says so."""
+
+from __future__ import annotations
+
+import gzip
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from bodysense.cli.overwriting import check_apart, checked_arguments
+from bodysense.errors import BodysenseError
+
+Command = Callable[..., str]
+
+
+@pytest.mark.parametrize("link", ["same", "dots", "symbolic", "hard"])
+def test_the_input_is_kept(tmp_path: Path, motion: Path, refused: Command, link: str) -> None:
+    out = tmp_path / "out.bvh"
+    if link == "same":
+        out = motion
+    elif link == "dots":
+        (tmp_path / "folder").mkdir()
+        out = tmp_path / "folder" / ".." / motion.name
+    elif link == "symbolic":
+        out.symlink_to(motion)
+    else:
+        os.link(motion, out)
+    before = motion.read_bytes()
+    said = refused("track", motion, "--device", "head", "-o", out)
+    assert "both read and written; give the output another name, or say --overwrite" in said
+    assert "both read and written" in refused("track", motion, "--device=head", f"--out={out}")
+    assert motion.read_bytes() == before
+
+
+def test_it_is_overwritten_where_the_user_says_so(motion: Path, run: Command) -> None:
+    before = motion.read_bytes()
+    run("track", motion, "--fingers", "synthesize", "-o", motion, "--overwrite")
+    assert motion.read_bytes() != before
+
+
+def test_names_that_follow_from_others(tmp_path: Path, motion: Path) -> None:
+    os.link(motion, tmp_path / "a_2.bvh")
+    with pytest.raises(BodysenseError, match=r"a_2\.bvh: would be written over .*motion\.bvh, which is read"):
+        check_apart([tmp_path / f"a_{k}.bvh" for k in (1, 2, 3)], motion)
+    check_apart([tmp_path / "b_1.bvh"], motion)
+
+
+def test_what_is_no_file_is_left_alone(tmp_path: Path) -> None:
+    given = ["track", "0", "0", str(tmp_path), str(tmp_path), "a\0.b", "--height", "1.7", "--height=1.7"]
+    assert checked_arguments(given) == given
+
+
+def test_files_that_are_not_read_are_named_with_the_way_on(tmp_path: Path, motion: Path, refused: Command) -> None:
+    out = tmp_path / "out.bvh"
+    (tmp_path / "a.fbx").write_bytes(b"Kaydara FBX Binary  \x00")
+    assert "convert it with Blender: blender -b --python-expr" in refused("track", tmp_path / "a.fbx", "-o", out)
+    (tmp_path / "a.bvh.gz").write_bytes(gzip.compress(motion.read_bytes()))
+    assert "gunzip -k a.bvh.gz" in refused("track", tmp_path / "a.bvh.gz", "-o", out)
+    (tmp_path / "b.bvh").write_bytes(gzip.compress(motion.read_bytes()))
+    assert "b.bvh: compressed by gzip" in refused("simulate", tmp_path / "b.bvh", "-o", tmp_path / "b.npz")
+    (tmp_path / "c.bvh").write_text(motion.read_text(), encoding="utf-16")
+    assert "c.bvh: UTF-16" in refused("simulate", tmp_path / "c.bvh", "-o", tmp_path / "c.npz")
+    (tmp_path / "d.csv").write_text("time,a.x,a.y,a.z\n0,1,2,3")
+    said = refused("track", tmp_path / "d.csv", "-o", out)
+    assert "no marker of a glove and no marker set of a body among 'a'" in said and "--names" in said
+
+
+def test_other_motions_are_taken(tmp_path: Path, motion: Path, run: Command) -> None:
+    import numpy as np
+
+    run("track", motion, "--fingers", "synthesize", "-o", tmp_path / "a.glb")
+    assert "20 frames" in run("simulate", tmp_path / "a.glb", "--device", "three_point", "-o", tmp_path / "b.npz")
+    np.savez(tmp_path / "video.npz", poses=np.zeros((12, 72)), transl=np.zeros((12, 3)))
+    said = run("track", tmp_path / "video.npz", "--device", "head", "--rate", "25", "-o", tmp_path / "c.bvh")
+    assert "note: the feet stand at y" in said and "12 frames" in said

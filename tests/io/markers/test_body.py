@@ -1,0 +1,221 @@
+"""A body from markers on the skin of ours: their set is recognised, joints are found, units and axes too."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from virtual import BASELINE, PLUG_IN_GAIT, RIZZOLI, worn
+
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.rotation import geodesic_angle
+from bodysense.body.skeleton import BODY
+from bodysense.capture.raw_markers import MarkerFormat, RawMarkers, points_alone, read_names
+from bodysense.data.clip import Clip
+from bodysense.demo import performance_of_stranger
+from bodysense.errors import BodysenseError
+from bodysense.io.markers.body import body_of
+from bodysense.io.markers.c3d import write_c3d
+from bodysense.io.markers.marker_sets import marker_sets, recognised
+from bodysense.io.markers.recording import read_markers
+from bodysense.take import track
+
+SETS = {"Plug-in Gait": PLUG_IN_GAIT, "Rizzoli (IOR)": RIZZOLI, "OptiTrack Baseline": BASELINE}
+HARDEST = {"foot": 0.03, "neck": 0.03, "elbow": 0.025}  # m; other joints 1.5 cm
+Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # our axes → those of most laboratories
+
+
+@pytest.fixture(scope="module")
+def stranger() -> Clip:
+    """Somebody on proportions that nothing was fitted to, 60 frames of standing, sitting and steps."""
+    clip = performance_of_stranger()
+    return replace(clip, pose=clip.pose[:: len(clip) // 60], frame_rate=10.0)
+
+
+def raw_of(clip: Clip, names: dict[str, str], scale: float = 1.0, unit: str = "m") -> RawMarkers:
+    places = worn(clip.pose, names)
+    position = np.stack(list(places.values()), axis=1) * scale
+    return RawMarkers(tuple(places), position, clip.time, clip.frame_rate, unit)  # type: ignore[arg-type]
+
+
+def found(raw: RawMarkers, form: MarkerFormat = MarkerFormat()):
+    known = recognised(raw.names)
+    assert known is not None
+    return body_of(raw, form, known, "walk.c3d")
+
+
+def errors(raw: RawMarkers, clip: Clip, form: MarkerFormat = MarkerFormat()) -> dict[str, float]:
+    """Mean error of each joint, m."""
+    seen, truth = found(raw, form).observation, np.asarray(forward_kinematics(clip.pose)[0])
+    apart = np.linalg.norm(seen.position - truth[:, clip.pose.skeleton.indices(seen.points)], axis=-1)
+    known = np.asarray(seen.has_position.any(axis=0))
+    return {name: float(np.nanmean(apart[:, k])) for k, name in enumerate(seen.points) if known[k]}
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_joints_are_where_they_are(stranger: Clip, name: str) -> None:
+    raw = raw_of(stranger, SETS[name])
+    known = recognised(raw.names)
+    assert known is not None and known.markers.name == name
+    far = errors(raw, stranger)
+    wanted = {f"{side}_{part}" for side in ("left", "right") for part in ("hip", "knee", "ankle", "foot", "shoulder")}
+    assert wanted | {"left_elbow", "right_wrist", "head", "neck", "pelvis"} <= set(far)
+    for joint, error in far.items():
+        assert error < HARDEST.get(joint.rpartition("_")[2], 0.018), joint
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_rotations_are_the_joints(stranger: Clip, name: str) -> None:
+    seen = found(raw_of(stranger, SETS[name])).observation
+    truth = np.asarray(forward_kinematics(stranger.pose)[1])
+    assert {"head", "pelvis", "spine3", "left_wrist", "right_wrist"} <= {
+        point for k, point in enumerate(seen.points) if seen.has_rotation[:, k].any()
+    }
+    for k, joint in enumerate(seen.points):
+        if seen.has_rotation[:, k].any():
+            angle = geodesic_angle(seen.rotation[:, k], truth[:, stranger.pose.skeleton.index(joint)])
+            assert np.rad2deg(np.mean(angle)) < 6, joint
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(1000.0, "mm"), (100.0, "cm")])
+@pytest.mark.parametrize("turn", [np.eye(3), Z_UP, np.diag([1.0, -1.0, -1.0]), np.roll(np.eye(3), 1, axis=0)])
+def test_unit_and_up_are_found(stranger: Clip, scale: float, unit: str, turn: np.ndarray) -> None:
+    raw = raw_of(stranger, PLUG_IN_GAIT, scale)
+    raw = replace(raw, position=raw.position @ turn.T)
+    seen, truth = found(raw), found(raw_of(stranger, PLUG_IN_GAIT)).observation
+    assert any(f"the numbers are {unit}" in remark for remark in seen.remarks)
+    assert any("is up" in remark for remark in seen.remarks) == bool((turn != np.eye(3)).any())
+    both = (seen.observation, truth)
+    ends = [[one.position[:, one.points.index(name)] for name in ("head", "left_foot")] for one in both]
+    apart = [np.linalg.norm(head - foot, axis=-1) for head, foot in ends]
+    np.testing.assert_allclose(apart[0], apart[1], atol=1e-6)
+    heights = [one.position[..., 1] for one in (seen.observation, truth)]
+    np.testing.assert_allclose(heights[0], heights[1], atol=1e-6)
+
+
+def test_the_floor_is_moved_to_zero(stranger: Clip) -> None:
+    raw = raw_of(stranger, PLUG_IN_GAIT)
+    high = replace(raw, position=raw.position + np.array([0, 0.5, 0]))
+    moved = found(high)
+    assert any("the floor was moved" in remark for remark in moved.remarks)
+    low, kept = (np.nanmin(one.observation.position[..., 1]) for one in (moved, found(high, MarkerFormat(floor=0.5))))
+    assert abs(low) < 0.08 and kept == pytest.approx(low + 0.5, abs=0.08)
+
+
+def test_a_mirrored_body_is_refused(stranger: Clip) -> None:
+    raw = raw_of(stranger, PLUG_IN_GAIT)
+    with pytest.raises(BodysenseError, match=r"walk\.c3d: the body is a body only in a mirror: .* --left-handed"):
+        found(replace(raw, position=raw.position * [-1, 1, 1]))
+    seen = found(replace(raw, position=raw.position * [-1, 1, 1]), MarkerFormat(left_handed=True))
+    np.testing.assert_allclose(seen.observation.position, found(raw).observation.position, atol=1e-9)
+
+
+def test_a_wrong_unit_is_told(stranger: Clip) -> None:
+    raw = raw_of(stranger, PLUG_IN_GAIT, 1000.0, "mm")
+    with pytest.raises(BodysenseError, match="the numbers are mm: give --unit mm"):
+        found(raw, MarkerFormat(unit="m"))
+    with pytest.raises(BodysenseError, match="times as far apart as on a person; see that the labels are right"):
+        found(replace(raw, position=raw.position * 30))
+
+
+def test_hidden_markers_hide_what_needs_them(stranger: Clip) -> None:
+    raw = raw_of(stranger, PLUG_IN_GAIT)
+    position = raw.position.copy()
+    position[5:9, raw.names.index("LWRA")] = np.nan
+    seen = found(replace(raw, position=position)).observation
+    wrist = seen.points.index("left_wrist")
+    np.testing.assert_array_equal(np.flatnonzero(~seen.has_position[:, wrist]), [5, 6, 7, 8])
+    assert not seen.has_rotation[5:9, wrist].any() and seen.has_rotation[9:, wrist].all()
+    assert seen.has_position[:, seen.points.index("right_wrist")].all()
+
+
+@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("hidden", [0.5, 0.85, 0.95])
+def test_most_markers_may_be_hidden(stranger: Clip, name: str, hidden: float) -> None:
+    raw, rng = raw_of(stranger, SETS[name]), np.random.default_rng(int(100 * hidden))
+    gone = rng.random(raw.position.shape[:2]) < hidden
+    seen = found(replace(raw, position=np.where(gone[..., None], np.nan, raw.position))).observation
+    assert np.isfinite(seen.position[seen.has_position]).all()
+    np.testing.assert_allclose(np.linalg.norm(seen.rotation[seen.has_rotation], axis=-1), 1, atol=1e-9)
+
+
+def test_medial_markers_of_a_static_trial_are_used_where_they_stay(stranger: Clip) -> None:
+    both = PLUG_IN_GAIT | {"knee_in": "LKNM", "elbow_in": "LELM", "ankle_in": "LANM"}
+    far = errors(raw_of(stranger, both), stranger)
+    assert far["left_knee"] < 0.015 and far["left_elbow"] < 0.01
+    gone = raw_of(stranger, both)
+    hidden = [gone.names.index(name) for name in ("LKNM", "RKNM")]
+    position = gone.position.copy()
+    position[3:, hidden] = np.nan
+    assert errors(replace(gone, position=position), stranger)["left_knee"] < 0.018
+
+
+@pytest.mark.parametrize("style", ["Anna:{}", "Skeleton 001_{}", "x_{}", "{}"])
+def test_labels_may_have_a_subject(style: str) -> None:
+    known = recognised([style.format(name) for name in PLUG_IN_GAIT.values()])
+    assert known is not None and known.markers.name == "Plug-in Gait" and len(known.columns) == len(PLUG_IN_GAIT)
+
+
+NAMED = {
+    "words": ["LeftElbow", "LeftWrist", "LeftShoulder", "Head", "RightHip", "LeftKnee"],
+    "short": ["l_elbow", "l_wrist", "l_shoulder", "head", "r_hip", "l_knee"],
+    "centres": ["LEJC", "LWJC", "LSJC", "Head", "RHJC", "LKJC"],
+    "behind": ["elbow_l", "wrist_l", "shoulder_l", "head", "hip_r", "knee_l"],
+    "ours": ["left_elbow", "left_wrist", "left_shoulder", "head", "right_hip", "left_knee"],
+}
+
+
+@pytest.mark.parametrize("style", NAMED)
+def test_markers_that_are_named_as_joints(style: str) -> None:
+    known = recognised([f"A:{name}" for name in NAMED[style]])
+    assert known is not None and known.markers.name == "markers named as joints"
+    assert list(known.columns) == NAMED["ours"] and list(known.columns.values()) == list(range(6))
+
+
+def test_a_table_names_joints(tmp_path: Path, stranger: Clip) -> None:
+    truth = np.asarray(forward_kinematics(stranger.pose)[0])
+    joints = [name for name in BODY if "spine" not in name]
+    position = truth[:, stranger.pose.skeleton.indices(joints)]
+    names = {f"M{k}": name for k, name in enumerate(joints)}
+    write_c3d(tmp_path / "a.c3d", points_alone(tuple(names), position, stranger.time), 10.0)
+    (tmp_path / "names.csv").write_text("\n".join(f"{a},{b}" for a, b in names.items()))
+    with pytest.raises(BodysenseError, match=r"no marker set of a body among 'M0', .*: none is of a marker set"):
+        read_markers(tmp_path / "a.c3d")
+    seen = read_markers(tmp_path / "a.c3d", MarkerFormat(names=read_names(tmp_path / "names.csv"), up="y"))
+    order = [seen.observation.points.index(name) for name in joints]
+    np.testing.assert_allclose(seen.observation.position[:, order], position, atol=1e-5)
+    assert seen.has_body
+
+
+def test_the_sets_hold_together() -> None:
+    points = set().union(*({recipe.name for recipe in one.points} for one in marker_sets()))
+    assert len(marker_sets()) == 4 and {"left_hip", "right_wrist", "head"} <= points
+    for one in marker_sets():
+        labels = set(one.labels.values())
+        made = {recipe.name for recipe in one.points}
+        frames = {frame.name for frame in one.frames}
+        for recipe in one.points:
+            assert set(recipe.markers) <= labels | made, recipe
+            assert set(recipe.frames) <= frames and 0 < recipe.accuracy < 0.05
+        for frame in one.frames:
+            assert {name for _, start, end in frame.axes for name in (*start, *end)} <= labels
+        assert {name for span in one.spans for name in span[:2]} <= labels
+        assert {*one.low, *one.high, *(name for name, _ in one.floor)} <= labels
+
+
+@pytest.mark.parametrize("name", ["Plug-in Gait", *(pytest.param(n, marks=pytest.mark.slow) for n in list(SETS)[1:])])
+def test_a_body_is_tracked_from_markers(tmp_path: Path, name: str) -> None:
+    """The whole way: a file of somebody of unknown size, with trembling markers, becomes a body to 3 cm on average."""
+    clip = performance_of_stranger()
+    clip = replace(clip, pose=clip.pose[300:510:3], frame_rate=10.0)
+    places = worn(clip.pose, SETS[name])
+    position = np.stack(list(places.values()), axis=1)
+    position = position + np.random.default_rng(0).normal(0, 0.002, position.shape)
+    write_c3d(tmp_path / "walk.c3d", points_alone(tuple(places), position, clip.time), 10.0)
+    take = track(tmp_path / "walk.c3d")
+    truth = np.asarray(forward_kinematics(clip.pose)[0])[:, clip.pose.skeleton.indices(BODY)]
+    far = np.linalg.norm(take.estimate.points[:, clip.pose.skeleton.indices(BODY)] - truth, axis=-1)[20:]
+    assert far.mean() < 0.03
+    assert take.person.skeleton.height == pytest.approx(clip.pose.skeleton.height, abs=0.06)

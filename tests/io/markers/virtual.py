@@ -1,0 +1,159 @@
+"""Markers on the skin of our body: spots found by going from inside outward until the body's primitives end.
+
+The body carries them; how joints follow from markers is not asked here, so that the recipes can be held against it.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import quaternion_rotate
+from bodysense.body.skeleton import Skeleton, default_body, default_skeleton
+
+RADIUS = 0.007  # m, of a marker
+
+# Spot: the joint that carries it, the joint from which the way outward begins, an offset from there, the way. Left.
+SPOTS = {
+    "thigh": ("left_hip", "left_hip", (0.0, -0.2, 0.0), (1.0, 0.0, 0.2)),
+    "knee": ("left_hip", "left_knee", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
+    "knee_in": ("left_hip", "left_knee", (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0)),
+    "shin": ("left_knee", "left_knee", (0.0, -0.2, 0.0), (1.0, 0.0, 0.1)),
+    "ankle": ("left_knee", "left_ankle", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
+    "ankle_in": ("left_knee", "left_ankle", (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0)),
+    "heel": ("left_ankle", "left_ankle", (0.0, -0.035, 0.0), (0.0, 0.0, -1.0)),
+    "second_metatarsal": ("left_ankle", "left_foot", (0.005, 0.0, -0.01), (0.0, 1.0, 0.0)),
+    "first_metatarsal": ("left_ankle", "left_foot", (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0)),
+    "fifth_metatarsal": ("left_ankle", "left_foot", (0.0, 0.0, -0.02), (1.0, 0.0, 0.0)),
+    "toe_tip": ("left_foot", "left_toe", (0.0, 0.0, -0.02), (0.0, 1.0, 0.0)),
+    "acromion": ("left_collar", "left_shoulder", (-0.01, 0.0, 0.0), (0.0, 1.0, 0.0)),
+    "shoulder_back": ("left_collar", "left_shoulder", (-0.03, 0.0, 0.0), (0.0, 0.0, -1.0)),
+    "upper_arm": ("left_shoulder", "left_shoulder", (0.13, 0.0, 0.0), (0.0, 1.0, -0.5)),
+    "elbow": ("left_shoulder", "left_elbow", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+    "elbow_in": ("left_shoulder", "left_elbow", (0.0, 0.0, 0.0), (0.0, -1.0, 0.0)),
+    "forearm": ("left_elbow", "left_elbow", (0.1, 0.0, 0.0), (0.0, 1.0, 0.3)),
+    "wrist_thumb": ("left_wrist", "left_wrist", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+    "wrist_pinky": ("left_wrist", "left_wrist", (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)),
+    "hand": ("left_wrist", "left_middle1", (-0.01, 0.0, 0.0), (0.0, 1.0, 0.0)),
+    "hand_pinky": ("left_wrist", "left_pinky1", (-0.015, 0.0, 0.0), (0.0, 1.0, 0.0)),
+    "head_front": ("head", "head", (0.055, 0.08, 0.0), (0.2, 0.0, 1.0)),
+    "head_back": ("head", "head", (0.045, 0.08, 0.0), (0.2, 0.0, -1.0)),
+    "head_side": ("head", "head", (0.0, 0.06, 0.0), (1.0, 0.0, 0.0)),
+    "c7": ("spine3", "neck", (0.0, 0.0, 0.0), (0.0, 0.2, -1.0)),
+    "t10": ("spine3", "spine3", (0.0, -0.06, 0.05), (0.0, 0.0, -1.0)),
+    "clavicle": ("spine3", "spine3", (0.0, 0.09, 0.03), (0.0, 0.0, 1.0)),
+    "sternum": ("spine3", "spine3", (0.0, -0.04, 0.03), (0.0, 0.0, 1.0)),
+    "back_side": ("spine3", "spine3", (0.09, -0.05, 0.04), (0.0, 0.0, -1.0)),
+    "head_top": ("head", "head", (0.0, 0.05, 0.0), (0.0, 1.0, 0.0)),
+    "forehead": ("head", "head", (0.0, 0.08, 0.0), (0.0, 0.0, 1.0)),
+}
+
+PLUG_IN_GAIT = {
+    "asis": "LASI", "psis": "LPSI", "thigh": "LTHI", "knee": "LKNE", "shin": "LTIB", "ankle": "LANK", "heel": "LHEE",
+    "second_metatarsal": "LTOE", "acromion": "LSHO", "upper_arm": "LUPA", "elbow": "LELB", "forearm": "LFRM",
+    "wrist_thumb": "LWRA", "wrist_pinky": "LWRB", "hand": "LFIN", "head_front": "LFHD", "head_back": "LBHD",
+    "c7": "C7", "t10": "T10", "clavicle": "CLAV", "sternum": "STRN",
+}  # fmt: skip
+RIZZOLI = {
+    "asis": "L_IAS", "psis": "L_IPS", "thigh": "L_FTC", "knee": "L_FLE", "knee_in": "L_FME", "ankle": "L_FAL",
+    "ankle_in": "L_TAM", "heel": "L_FCC", "first_metatarsal": "L_FM1", "second_metatarsal": "L_FM2",
+    "fifth_metatarsal": "L_FM5", "acromion": "L_SAE", "elbow": "L_HLE", "elbow_in": "L_HME", "wrist_thumb": "L_RSP",
+    "wrist_pinky": "L_USP", "hand": "L_HM2", "hand_pinky": "L_HM5", "head_front": "LFHD", "head_back": "LBHD",
+    "c7": "CV7", "t10": "TV10", "clavicle": "SJN", "sternum": "SXS",
+}  # fmt: skip
+BASELINE = {
+    "asis": "WaistLFront", "psis": "WaistLBack", "thigh": "LThigh", "knee": "LKneeOut", "shin": "LShin",
+    "ankle": "LAnkleOut", "heel": "LHeel", "fifth_metatarsal": "LToeOut", "first_metatarsal": "LToeIn",
+    "toe_tip": "LToeTip", "acromion": "LShoulderTop", "shoulder_back": "LShoulderBack", "upper_arm": "LUArmHigh",
+    "elbow": "LElbowOut", "wrist_thumb": "LWristOut", "wrist_pinky": "LWristIn", "hand_pinky": "LHandOut",
+    "head_top": "HeadTop", "forehead": "HeadFront", "head_side": "HeadSide", "c7": "BackTop", "clavicle": "Chest",
+    "back_side": "BackLeft",
+}  # fmt: skip
+MIDDLE = ("c7", "t10", "clavicle", "sternum", "head_top", "forehead")
+ONE_SIDE = ("head_side",)
+
+
+# The spines of the pelvis are felt as bone: in front by Bell et al. 1990 (Journal of Biomechanics 23, 617-621), whose
+# hip is 14 % of the pelvis's width inward, 30 % below and 22 % behind; behind so that the pelvis is 15.5 cm deep.
+WIDTH = 2 * 0.1056 / (1 - 2 * 0.14)
+BONES = {
+    "asis": ("pelvis", "left_hip", (0.14 * WIDTH, 0.30 * WIDTH, 0.22 * WIDTH)),
+    "psis": ("pelvis", "left_hip", (0.045 - 0.1056, 0.30 * WIDTH + 0.027, 0.22 * WIDTH - 0.153)),
+}
+
+
+def worn(pose: Pose, names: dict[str, str]) -> dict[str, np.ndarray]:
+    """Where the markers of a set are on a posed body, (T, 3) m each."""
+    position, rotation = forward_kinematics(pose)
+    places: dict[str, np.ndarray] = {}
+    for spot, label in names.items():
+        joint, local = _spot(pose.skeleton, spot)
+        sides = ((1.0, "left"),) if spot in (*MIDDLE, *ONE_SIDE) else ((1.0, "left"), (-1.0, "right"))
+        for sign, side in sides:
+            k = pose.skeleton.index(joint.replace("left", side))
+            offset = np.broadcast_to(local * [sign, 1, 1], position[:, k].shape)
+            places[label if side == "left" else _right(label)] = position[:, k] + quaternion_rotate(
+                rotation[:, k], offset
+            )
+    return places
+
+
+def _right(label: str) -> str:
+    if label.startswith("Waist"):
+        return label.replace("WaistL", "WaistR")
+    return "BackRight" if label == "BackLeft" else "R" + label[1:]
+
+
+def _spot(skeleton: Skeleton, spot: str) -> tuple[str, np.ndarray]:
+    """The joint that carries a spot, and where it is in that joint's frame: larger bodies have larger skins."""
+    size = skeleton.height / default_skeleton().height
+    real = (skeleton.path @ skeleton.rest_offset) + skeleton.rest_offset[0]
+    joint, start = BONES[spot][:2] if spot in BONES else SPOTS[spot][:2]
+    beside = np.array(BONES[spot][2]) if spot in BONES else _skin(spot)
+    return joint, real[skeleton.index(start)] - real[skeleton.index(joint)] + size * beside
+
+
+@cache
+def _skin(spot: str) -> np.ndarray:
+    """Where a spot is beside the joint from which its way outward begins: the outermost skin on that way."""
+    joint, start, offset, way = SPOTS[spot]
+    body = default_skeleton()
+    place = (body.path @ body.rest_offset) + body.rest_offset[0]
+    begin, step = place[body.index(start)] + offset, np.array(way) / np.linalg.norm(way)
+    along = begin + np.arange(0, 0.2, 0.0005)[:, None] * step
+    inside = np.flatnonzero(_distance(along, joint, place, body) < RADIUS)
+    return along[inside[-1]] - place[body.index(start)]
+
+
+def _distance(points: np.ndarray, joint: str, place: np.ndarray, body: Skeleton) -> np.ndarray:
+    """(N,) m from the skin of the segments around a joint, negative within."""
+    trunk = ("pelvis", "spine1", "spine2", "spine3", "neck")
+    least = np.full(len(points), 1.0)
+    for row in default_body()["primitives"]:
+        near = row["joint"] in trunk if joint in trunk else _part(row["joint"]) == _part(joint)
+        if not near:
+            continue
+        own = place[body.index(row["joint"])]
+        if row["kind"] == "capsule":
+            a, b = own + row["start"], own + row["end"]
+            share = np.clip((points - a) @ (b - a) / max((b - a) @ (b - a), 1e-12), 0, 1)
+            apart = np.linalg.norm(points - a - share[:, None] * (b - a), axis=-1) - row["radius"]
+        else:
+            q = np.abs(points - own - row["center"]) - row["half_size"]
+            apart = np.linalg.norm(np.maximum(q, 0), axis=-1) + np.minimum(q.max(axis=-1), 0)
+        least = np.minimum(least, apart)
+    return least
+
+
+def _part(joint: str) -> str:
+    for part, names in {
+        "arm": ("collar", "shoulder", "elbow", "wrist"),
+        "leg": ("hip", "knee"),
+        "foot": ("ankle", "foot"),
+        "head": ("head",),
+    }.items():
+        if joint.removeprefix("left_") in names:
+            return part
+    return joint

@@ -1,0 +1,212 @@
+"""glTF and VRM animations: what is written is read again, other programs' files stand where they stand."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.rotation import geodesic_angle
+from bodysense.body.skeleton import BODY
+from bodysense.data.bvh import read_bvh
+from bodysense.data.canonical import canonical
+from bodysense.data.clip import Clip
+from bodysense.demo import performance_of_stranger
+from bodysense.errors import BodysenseError
+from bodysense.export.motion_files import write_motion
+from bodysense.io.gltf import read_gltf
+from bodysense.reading import read
+
+MIXAMO = {
+    "pelvis": "mixamorig:Hips", "spine1": "mixamorig:Spine", "spine2": "mixamorig:Spine1", "spine3": "mixamorig:Spine2",
+    "neck": "mixamorig:Neck", "head": "mixamorig:Head",
+} | {
+    f"{side.lower()}_{ours}": f"mixamorig:{side}{theirs}"
+    for side in ("Left", "Right")
+    for ours, theirs in (
+        ("collar", "Shoulder"), ("shoulder", "Arm"), ("elbow", "ForeArm"), ("wrist", "Hand"),
+        ("hip", "UpLeg"), ("knee", "Leg"), ("ankle", "Foot"), ("foot", "ToeBase"),
+    )
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def stranger() -> Clip:
+    clip = performance_of_stranger()
+    return replace(clip, pose=clip.pose[300:340], name="walk")
+
+
+@pytest.mark.parametrize("ending", [".glb", ".vrma"])
+def test_what_is_written_is_read(tmp_path: Path, waving_clip: Clip, ending: str) -> None:
+    write_motion(tmp_path / f"a{ending}", waving_clip)
+    clip = read(tmp_path / f"a{ending}")
+    assert isinstance(clip, Clip) and clip.frame_rate == waving_clip.frame_rate and len(clip) == len(waving_clip)
+    assert clip.pose.skeleton.points == waving_clip.pose.skeleton.points
+    np.testing.assert_allclose(clip.pose.skeleton.rest_offset, waving_clip.pose.skeleton.rest_offset, atol=1e-6)
+    np.testing.assert_allclose(clip.pose.root_position, waving_clip.pose.root_position, atol=1e-6)
+    assert geodesic_angle(clip.pose.rotation, waving_clip.pose.rotation).max() < 1e-5
+
+
+@pytest.mark.parametrize("ending", [".glb", ".vrma"])
+def test_bodies_of_other_proportions_stand_where_they_stood(tmp_path: Path, stranger: Clip, ending: str) -> None:
+    write_motion(tmp_path / f"a{ending}", stranger)
+    clip, remarks = read_gltf(tmp_path / f"a{ending}")
+    joints = len(clip.pose.skeleton.joints)  # a VRM animation has no end sites
+    kept = slice(joints if ending == ".vrma" else None)
+    places = [np.asarray(forward_kinematics(one.pose)[0])[:, kept] for one in (clip, stranger)]
+    np.testing.assert_allclose(places[0], places[1], atol=1e-6)
+    assert remarks == ()
+
+
+def test_bvh_to_gltf_and_back(tmp_path: Path, stranger: Clip) -> None:
+    write_motion(tmp_path / "a.bvh", stranger)
+    first = canonical(read_bvh(tmp_path / "a.bvh"))
+    write_motion(tmp_path / "b.glb", first)
+    write_motion(tmp_path / "c.bvh", read_gltf(tmp_path / "b.glb")[0])
+    again = canonical(read_bvh(tmp_path / "c.bvh"))
+    places = [np.asarray(forward_kinematics(one.pose)[0]) for one in (first, again)]
+    np.testing.assert_allclose(places[0], places[1], atol=2e-5)  # BVH has six digits of degrees
+
+
+def foreign(path: Path, clip: Clip, kind: str = "LINEAR") -> None:
+    """As another program writes it: Mixamo's names, every node turned at rest, centimetres under a scaled root."""
+    skeleton, rng = clip.pose.skeleton, np.random.default_rng(3)
+    rows = [skeleton.index(name) for name in BODY]
+    place, turn = (np.asarray(part)[:, rows] for part in forward_kinematics(clip.pose))
+    rest_place = (skeleton.path @ skeleton.rest_offset + skeleton.rest_offset[0])[rows]
+    own = Rotation.random(len(BODY), rng=rng)  # axes of every node at rest
+    above_of = {name: skeleton.points[skeleton.parents[skeleton.index(name)]] for name in BODY}
+    parents = [-1 if name == "pelvis" else BODY.index(above_of[name]) for name in BODY]
+    root = Rotation.from_euler("x", -90, degrees=True)
+    nodes: list[dict[str, Any]] = []
+    data, views, accessors, samplers, channels = bytearray(), [], [], [], []
+
+    def add(values: np.ndarray, shape: str) -> int:
+        values = np.ascontiguousarray(values, dtype="<f4")
+        views.append({"buffer": 0, "byteOffset": len(data), "byteLength": values.nbytes})
+        accessors.append({"bufferView": len(views) - 1, "componentType": 5126, "count": len(values), "type": shape})
+        data.extend(values.tobytes())
+        return len(accessors) - 1
+
+    times = add(clip.time, "SCALAR")
+    for k, name in enumerate(BODY):
+        above = root if parents[k] < 0 else own[parents[k]]
+        way = rest_place[k] - (rest_place[parents[k]] if parents[k] >= 0 else 0)
+        node = {"name": MIXAMO[name], "translation": (above.inv().apply(way) * 100).tolist()}
+        node["rotation"] = (above.inv() * own[k]).as_quat().tolist()
+        nodes.append(node)
+        world = Rotation.from_quat(turn[:, k][:, [1, 2, 3, 0]]) * own[k]
+        if parents[k] >= 0:
+            nodes[parents[k]].setdefault("children", []).append(k)
+            over = Rotation.from_quat(turn[:, parents[k]][:, [1, 2, 3, 0]]) * own[parents[k]]
+        else:
+            over = root
+            samplers.append({"input": times, "output": add(root.inv().apply(place[:, k]) * 100, "VEC3")})
+            channels.append({"sampler": len(samplers) - 1, "target": {"node": k, "path": "translation"}})
+        values = (over.inv() * world).as_quat()
+        if kind == "CUBICSPLINE":
+            values = np.stack([np.zeros_like(values), values, np.zeros_like(values)], axis=1).reshape(-1, 4)
+        samplers.append({"input": times, "output": add(values, "VEC4"), "interpolation": kind})
+        channels.append({"sampler": len(samplers) - 1, "target": {"node": k, "path": "rotation"}})
+    nodes.append({"name": "Armature", "children": [0], "rotation": root.as_quat().tolist(), "scale": [0.01] * 3})
+    document = {
+        "asset": {"version": "2.0"},
+        "nodes": nodes,
+        "animations": [{"samplers": samplers, "channels": channels}],
+        "buffers": [{"byteLength": len(data), "uri": "data:;base64," + base64.b64encode(data).decode()}],
+        "bufferViews": views,
+        "accessors": accessors,
+    }
+    path.write_text(json.dumps(document))
+
+
+@pytest.mark.parametrize("kind", ["LINEAR", "STEP", "CUBICSPLINE"])
+def test_files_of_other_programs(tmp_path: Path, stranger: Clip, kind: str) -> None:
+    foreign(tmp_path / "a.gltf", stranger, kind)
+    clip, remarks = read_gltf(tmp_path / "a.gltf")
+    assert remarks == () and clip.frame_rate == stranger.frame_rate
+    rows = clip.pose.skeleton.indices(BODY)
+    places = [np.asarray(forward_kinematics(one.pose)[0])[:, rows] for one in (clip, stranger)]
+    np.testing.assert_allclose(places[0], places[1], atol=1e-5)
+
+
+def test_frames_at_odd_times_are_resampled(tmp_path: Path, stranger: Clip) -> None:
+    foreign(tmp_path / "a.gltf", stranger)
+    document = json.loads((tmp_path / "a.gltf").read_text())
+    data = bytearray(base64.b64decode(document["buffers"][0]["uri"].partition(",")[2]))
+    times = np.frombuffer(bytes(data[: 4 * len(stranger)]), "<f4").copy()
+    times[20:] += 0.5  # a gap
+    data[: times.nbytes] = times.tobytes()
+    document["buffers"][0]["uri"] = "data:;base64," + base64.b64encode(data).decode()
+    (tmp_path / "a.gltf").write_text(json.dumps(document))
+    clip, _ = read_gltf(tmp_path / "a.gltf")
+    assert len(clip) == len(stranger) + 15 and clip.frame_rate == 30
+
+
+def changed(tmp_path: Path, clip: Clip, change: Any) -> Path:
+    foreign(tmp_path / "a.gltf", clip)
+    document = json.loads((tmp_path / "a.gltf").read_text())
+    change(document)
+    (tmp_path / "a.gltf").write_text(json.dumps(document))
+    return tmp_path / "a.gltf"
+
+
+WRONG = {
+    "no animation": (lambda d: d.pop("animations"), "nothing in it is animated"),
+    "old": (lambda d: d["asset"].update(version="1.0"), "not glTF 2.0"),
+    "no human": (lambda d: [node.pop("name") for node in d["nodes"]], "no joint here is"),
+    "a circle": (lambda d: d["nodes"][0]["children"].append(22), "in a circle"),
+    "two parents": (lambda d: d["nodes"][22]["children"].append(5), "has two parents"),
+    "an array too long": (lambda d: d["accessors"][3].update(count=10**9), "array 3 cannot be read .beyond the end"),
+    "elsewhere": (lambda d: d["buffers"][0].update(uri="../secret.bin"), "needs the file '../secret.bin' beside it"),
+    "scaled to nothing": (lambda d: d["nodes"][22].update(scale=[0, 0, 0]), "scaled to nothing or mirrored"),
+    "mirrored": (lambda d: d["nodes"][22].update(scale=[-0.01, 0.01, 0.01]), "scaled to nothing or mirrored"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_what_is_wrong_is_said(tmp_path: Path, stranger: Clip, what: str) -> None:
+    change, message = WRONG[what]
+    path = changed(tmp_path, stranger, change)
+    with pytest.raises(BodysenseError, match=message) as caught:
+        read_gltf(path)
+    assert "a.gltf" in str(caught.value) and "\n" not in str(caught.value)
+
+
+@given(
+    changes=st.lists(st.tuples(st.integers(0, 12000), st.integers(0, 255)), max_size=5),
+    cut=st.one_of(st.none(), st.integers(0, 60000)),
+)
+@settings(max_examples=60, deadline=None)
+def test_damaged_files_are_read_or_refused_in_one_line(
+    tmp_path_factory: pytest.TempPathFactory, changes: list[tuple[int, int]], cut: int | None
+) -> None:
+    folder = tmp_path_factory.getbasetemp()
+    whole = folder / "whole.vrma"
+    if not whole.is_file():
+        clip = performance_of_stranger()
+        write_motion(whole, replace(clip, pose=clip.pose[:3]))
+    data = bytearray(whole.read_bytes())
+    for place, value in changes:
+        data[place % len(data)] = value
+    (folder / "damaged.vrma").write_bytes(data[:cut])
+    try:
+        read_gltf(folder / "damaged.vrma")
+    except BodysenseError as error:
+        assert "damaged.vrma" in str(error) and "\n" not in str(error)
+
+
+def test_a_glb_that_lies_about_its_length(tmp_path: Path) -> None:
+    (tmp_path / "a.glb").write_bytes(struct.pack("<4sII", b"glTF", 2, 100) + struct.pack("<II", 1 << 31, 0x4E4F534A))
+    with pytest.raises(BodysenseError, match="it ends within a part of 2147483648 bytes"):
+        read_gltf(tmp_path / "a.glb")

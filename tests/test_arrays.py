@@ -1,0 +1,78 @@
+"""Arrays are measured before they are unpacked."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense import arrays
+from bodysense.arrays import array_shapes, read_array, read_arrays
+from bodysense.data.archive import MotionFile
+from bodysense.errors import BodysenseError
+from bodysense.reading import read
+
+
+def header(shape: tuple[int, ...], kind: str = "<f4") -> bytes:
+    text = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}}}".ljust(117) + "\n"
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text.encode()
+
+
+def bomb(path: Path, name: str, size: int, begin: bytes = b"") -> None:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open(name, "w") as stream:
+        stream.write(begin)
+        block = bytes(1 << 20)
+        for _ in range(size >> 20):
+            stream.write(block)
+
+
+@pytest.mark.parametrize("fortran", [False, True])
+@pytest.mark.parametrize("kind", ["<f4", ">f8", "?", "<U5", "<i8"])
+def test_arrays_are_as_numpy_reads_them(tmp_path: Path, fortran: bool, kind: str) -> None:
+    values = np.arange(24).reshape(2, 3, 4).astype(kind)
+    values = np.asfortranarray(values) if fortran else values
+    np.savez_compressed(tmp_path / "a.npz", a=values, b=np.array(3))
+    np.save(tmp_path / "a.npy", values)
+    found = read_arrays(tmp_path / "a.npz", ["a", "b", "c"])
+    assert set(found) == {"a", "b"} and found["b"] == 3 and found["a"].dtype == values.dtype
+    np.testing.assert_array_equal(found["a"], values)
+    np.testing.assert_array_equal(read_array(tmp_path / "a.npy"), values)
+    assert array_shapes(tmp_path / "a.npz") == {"a": (2, 3, 4), "b": ()}
+
+
+def test_an_archive_that_fills_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thousand times its size, by the rule that stops 4 MB which become 8 GB."""
+    assert max(arrays.FREE, arrays.RATIO * (4 << 20)) < 8 << 30
+    monkeypatch.setattr(arrays, "FREE", 8 << 20)
+    size = 16 << 20
+    bomb(tmp_path / "a.npz", "poses.npy", size, header((size // 288, 72)))
+    with pytest.raises(BodysenseError, match=r"a\.npz: 1\d\.\d KiB that unpack to 16 MiB; .* made to fill memory"):
+        read(tmp_path / "a.npz")
+    bomb(tmp_path / "b.zip", "walk.bvh", size)
+    with pytest.raises(BodysenseError, match=r"b\.zip/walk\.bvh: 1\d\.?\d* KiB that unpack to 16 MiB"):
+        MotionFile(tmp_path / "b.zip", "walk.bvh").read()
+
+
+def test_a_header_may_not_lie(tmp_path: Path) -> None:
+    (tmp_path / "a.npy").write_bytes(header((10**9, 72)) + bytes(288))
+    with pytest.raises(BodysenseError, match=r"announces \(1000000000, 72\) of float32, 268 GiB, but has 288 bytes"):
+        read_array(tmp_path / "a.npy")
+    with zipfile.ZipFile(tmp_path / "b.npz", "w") as archive:
+        archive.writestr("poses.npy", header((10**9, 72)) + bytes(288))
+    with pytest.raises(BodysenseError, match=r"b\.npz: 'poses' announces"):
+        read_arrays(tmp_path / "b.npz")
+    (tmp_path / "c.npy").write_bytes(header((1, 72))[:60])
+    with pytest.raises(BodysenseError, match="damaged header"):
+        read_array(tmp_path / "c.npy")
+    (tmp_path / "d.npy").write_text("hello")
+    with pytest.raises(BodysenseError, match="no array of NumPy's"):
+        read_array(tmp_path / "d.npy")
+
+
+def test_what_is_not_there(tmp_path: Path) -> None:
+    for call in (read_array, read_arrays):
+        with pytest.raises(BodysenseError, match="no such file"):
+            call(tmp_path / "missing.npz")
+    assert array_shapes(tmp_path / "missing.npz") == {}
