@@ -169,7 +169,7 @@ def given_out(pose: Pose, steps: Sequence[Step]) -> Subject:
         log_time=time + 0.02,
         available=time + 0.02,
         device_time=time + 7.0,
-        all_tracked=valid[:, [name in BODY for name in subject.points]].all(axis=1),
+        all_tracked=np.asarray(valid[:, [name in BODY for name in subject.points]].all(axis=1)),
     )
     return replace(
         subject, steps=tuple(steps), valid=valid, measured=measured, floor=0.0, transport=transport, sha256="0" * 64

@@ -79,7 +79,7 @@ def _(kit: Kit) -> Subject:
     one = kit.columns(*(f"left_middle{k}" for k in ("1", "2", "3", "_tip")))
     two = kit.columns(*(f"left_ring{k}" for k in ("1", "2", "3", "_tip")))
     position = kit.clean.position.copy()
-    position[:, one + two] = position[:, two + one]
+    position[:, [*one, *two]] = position[:, [*two, *one]]
     return replace(kit.clean, position=position)
 
 

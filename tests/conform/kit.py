@@ -27,8 +27,8 @@ class Kit:
     def during(self, label: str, share: float = 1.0) -> np.ndarray:
         return np.any([self.clean.during(step, share) for step in self.clean.labelled(label)], axis=0)
 
-    def columns(self, *names: str) -> list[int]:
-        return [self.clean.points.index(name) for name in names]
+    def columns(self, *names: str) -> np.ndarray:
+        return np.array([self.clean.points.index(name) for name in names], dtype=np.int64)
 
     def moved(self, names: tuple[str, ...], by: Any, frames: Any = slice(None)) -> Subject:
         """Points put elsewhere."""

@@ -188,7 +188,7 @@ class Subject:
         if frames < 8 or len(self) <= frames or not body:
             return None
         speed = self.speed[:, body]
-        whole = np.isfinite(speed).all(axis=1)
+        whole = np.asarray(np.isfinite(speed).all(axis=1))
         moving = np.where(whole, np.where(whole[:, None], speed, 0).mean(axis=1), np.inf)
         moving = np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(moving), moving, 1e6))])
         total = moving[frames - 1 :] - moving[: len(moving) - frames + 1]

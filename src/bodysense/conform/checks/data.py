@@ -59,7 +59,7 @@ def finite(subject: Subject) -> Value:
 
 def no_zero_positions(subject: Subject) -> Value:
     """Share of valid points at exactly (0, 0, 0): what unset memory looks like."""
-    zero = subject.known & (subject.position == 0).all(axis=-1)
+    zero = np.asarray(subject.known & (subject.position == 0).all(axis=-1))
     zero[:, [name == "pelvis" for name in subject.points]] = False  # a motion file may begin at the origin
     return Value(100 * float(zero.sum()) / max(int(subject.known.sum()), 1), *_worst(subject, zero))
 

@@ -98,5 +98,13 @@ CHECKS = (
     ),
     Check("motion.drift", drift, "cm/s", "How calm the calmest second is.", after=TIMED),
     Check("motion.jitter", jitter, "10² m/s³", "Third derivative, to compare with papers.", after=TIMED),
-    Check("motion.dead", dead, "m/s", "A script was performed and nothing moved.", least=0.05, after=TIMED),
+    Check(
+        "motion.dead",
+        dead,
+        "m/s",
+        "A script was performed and nothing moved.",
+        least=0.05,
+        blame="performer",
+        after=TIMED,
+    ),
 )

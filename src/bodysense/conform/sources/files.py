@@ -83,7 +83,7 @@ def pose_subject(
         time=np.asarray(time, dtype=float),
         position=np.asarray(position, dtype=float)[:, keep],
         rotation=turns[:, keep],
-        rotated=keep < joints,
+        rotated=np.asarray(keep < joints),
         valid=np.ones((len(time), len(points)), dtype=bool),
     )
 

@@ -38,7 +38,16 @@ def read_gltf(path: Path) -> Subject:
         moving = _world(nodes, parents, tracks, len(time))
     except OSError as error:
         raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
-    except (KeyError, IndexError, TypeError, ValueError, RecursionError, struct.error, binascii.Error) as error:
+    except (
+        AttributeError,
+        KeyError,
+        IndexError,
+        TypeError,
+        ValueError,
+        RecursionError,
+        struct.error,
+        binascii.Error,
+    ) as error:
         raise BodysenseError(
             f"{path}: no animated glTF 2.0 ({error!r:.80}); export a skeleton with an animation"
         ) from None

@@ -78,7 +78,7 @@ def messages_subject(messages: Sequence[str | bytes], name: str) -> Subject:
                 skeleton = skeleton.with_offsets(np.array(text["rest_offset"], dtype=float))
         elif message[:1] == bytes([POSE]) and skeleton is not None:
             try:
-                rows.append((read_pose(message, len(skeleton.joints), len(skeleton.points)), skeleton.rest_offset))
+                rows.append((read_pose(message, len(skeleton.points)), skeleton.rest_offset))
             except BodysenseError:
                 malformed += 1
     if welcome is None or skeleton is None or not rows:
