@@ -146,9 +146,10 @@ def _files(place: Path, split: Split, layout: Layout | None, reading: ReadingOpt
         return count_clips(place, split), (Found(clip.name, clip) for clip in clips)
     if place.is_file():
         return 1, (_read(place.name, Source(place, person="", split="test"), reading) for _ in range(1))
-    sources = [source for source in list_sources(place, layout) if split in ("all", source.split)]
+    every = list_sources(place, layout)
+    sources = [source for source in every if split in ("all", source.split)]
     if not sources:
-        raise BodysenseError(f"{place}: none of its files is of split {split!r}")
+        raise BodysenseError(f"{place}: none of its {len(every)} clips is of split {split!r}")
     return len(sources), (_read(source.key(place), source, reading) for source in sources)
 
 
