@@ -92,13 +92,13 @@ def presence(subject: Subject) -> Value:
     counted = np.ones(len(subject), dtype=bool)
     for step in subject.labelled("remount"):
         counted &= ~subject.during(step)
-    present = subject.valid.any(axis=1)
+    present = np.asarray(subject.valid.any(axis=1))
     return Value(100 * float(present[counted].mean()) if counted.any() else 0.0)
 
 
 def coverage(subject: Subject) -> Value:
     """Share of frames with any point in which the least seen needed joint is valid."""
-    present = subject.valid.any(axis=1)
+    present = np.asarray(subject.valid.any(axis=1))
     shares = {
         name: float(subject.valid[present, subject.points.index(name)].mean())
         for name in NEEDED
