@@ -41,7 +41,7 @@ def broken(tmp_path: Path, motion: Path, short_clip: Clip) -> Path:
     (tmp_path / "text.npz").write_text("hello")
     (tmp_path / "motion.csv").write_text("1,2,3")
 
-    recording = Recording(observe(short_clip.pose, short_clip.time), skeleton)
+    recording = Recording(observe(short_clip.pose, short_clip.time), short_clip.pose.skeleton)
     write_recording(tmp_path / "seen.npz", recording)
     with np.load(tmp_path / "seen.npz") as archive:
         arrays = dict(archive)
