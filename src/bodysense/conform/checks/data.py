@@ -92,7 +92,7 @@ def presence(subject: Subject) -> Value:
     counted = np.ones(len(subject), dtype=bool)
     for step in subject.labelled("remount"):
         counted &= ~subject.during(step)
-    present = subject.valid.any(axis=1)
+    present = np.asarray(subject.valid.any(axis=1))
     return Value(100 * float(present[counted].mean()) if counted.any() else 0.0)
 
 

@@ -116,7 +116,7 @@ def _recording(path: Path) -> Subject:
         time=seen.time,
         position=seen.position[:, keep],
         rotation=seen.rotation[:, keep],
-        rotated=seen.has_rotation[:, keep].any(axis=0),
+        rotated=np.asarray(seen.has_rotation[:, keep].any(axis=0)),
         valid=seen.has_position[:, keep],
     )
 
