@@ -21,6 +21,7 @@ from bodysense.conform.script import read_script
 from bodysense.conform.sources.files import clip_subject, read_subject
 from bodysense.conform.sources.mcap_take import read_record
 from bodysense.conform.sources.vmc import vmc_subject
+from bodysense.conform.sources.websocket import messages_subject
 from bodysense.conform.subject import Step, Subject
 from bodysense.conform.verdict import judge
 from bodysense.data.clip import Clip
@@ -28,6 +29,7 @@ from bodysense.errors import BodysenseError
 from bodysense.export.mcap_take import BODY_JOINTS, BODY_LAYOUT
 from bodysense.export.mcap_take import record as mcap_record
 from bodysense.export.motion_files import write_motion
+from bodysense.serve.protocol import PoseFrame, write_pose
 from bodysense.serve.vmc import vmc_packets
 
 from .conftest import RATE
@@ -143,3 +145,30 @@ def test_scripts_of_others_are_read(tmp_path: Path) -> None:
     path = tmp_path / "s.json"
     path.write_text(json.dumps({"steps": [{"label": "squat_x2", "start_ns": 10**9, "end_ns": 3 * 10**9}]}))
     assert read_script(path) == (Step("squat", 1.0, 3.0),)
+
+
+def test_the_server_gives_the_same_body_and_says_what_it_completes(clip: Clip) -> None:
+    skeleton, count = clip.pose.skeleton, len(clip.pose.skeleton.points)
+    welcome = {
+        "type": "welcome",
+        "joints": skeleton.joints,
+        "points": skeleton.points,
+        "parents": skeleton.parents,
+        "rest_offset": skeleton.rest_offset.tolist(),
+        "settings": {"floor": 0.0},
+    }
+    hidden = np.zeros(count)
+    hidden[skeleton.index("left_wrist")] = 1.0
+    frames = [
+        write_pose(
+            PoseFrame(k, k / RATE, clip.pose.root_position[k], clip.pose.rotation[k], hidden, hidden, np.zeros(4))
+        )
+        for k in range(60)
+    ]
+    subject = messages_subject([json.dumps(welcome), *frames, b"\x02cut off"], "ws://here")
+    assert np.abs(subject.position - clip_subject(clip, "").position[:60]).max() < 1e-5
+    assert subject.measured is not None
+    assert not subject.measured[:, subject.points.index("left_wrist")].any() and subject.measured[:, 0].all()
+    assert subject.transport.malformed == 1
+    with pytest.raises(BodysenseError, match="no pose"):
+        messages_subject([json.dumps(welcome)], "ws://here")
