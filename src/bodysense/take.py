@@ -191,7 +191,11 @@ def _holed(source: Source, device: str | None, missing: str | Sequence[str], rea
         return None
     if isinstance(source, (str, Path)) and _bvh_of(source) is None:
         source = read_clip(source, reading)[0]
-    holed = open_holed(source if isinstance(source, Clip) else Path(str(source)), told, reading)
+    try:
+        holed = open_holed(source if isinstance(source, Clip) else Path(str(source)), told, reading)
+    except BodysenseError as error:
+        name = _called(source)
+        raise error if name in str(error) else BodysenseError(f"{name}: {error}") from None
     if not holed.holes.any():
         raise BodysenseError(
             f"{_called(source)}: nothing is missing in this motion; say what is, such as --missing left_hand, or what "

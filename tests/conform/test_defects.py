@@ -20,6 +20,7 @@ def kit(clean: Subject, performed: tuple[Pose, list[Step]]) -> Kit:
     return Kit(clean, *performed)
 
 
+PERFORMED = ("poses.squat_symmetry",)  # whose defect the performer may have: a knee that bends less lifts its ankle
 LIMITED = [check for check in TABLE if check.most is not None or check.least is not None]
 
 
@@ -35,4 +36,4 @@ def test_a_defect_fails_exactly_what_is_named_for_it(check: str, kit: Kit) -> No
     assert set(failed) == expected, failed
     blamed = {one.check.id: one.outcome for one in verdict.of("fail", "retake")}[check]
     row = next(one for one in TABLE if one.id == check)
-    assert blamed == ("retake" if row.blame == "performer" else "fail")
+    assert blamed == ("retake" if row.blame == "performer" or check in PERFORMED else "fail")

@@ -1,4 +1,4 @@
-"""People before a camera, and the device that watches them."""
+"""People before a camera, the device that watches them, and gloves' networks that were never trained."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from bodysense.capture.landmarks import BODY_LANDMARKS
 from bodysense.capture.person import PersonLandmarks
 from bodysense.devices.video import POINTS, VideoDevice, VideoFrames, VideoSettings
 from bodysense.estimators.arms import Arms, ArmSettings, load_arms
+from bodysense.estimators.gloves.hands import GloveModels
 from bodysense.observation import Observation, check_observation
 
 SKELETON = default_skeleton()
@@ -35,6 +36,23 @@ def make_device(small_arms: Path) -> Any:
         return VideoDevice(SKELETON, arms, 16 / 9, VideoSettings(look_ahead=look_ahead, tilt=tilt))
 
     return make
+
+
+class Untrained:
+    """A network of gloves with weights by chance: what holds of every network holds of it."""
+
+    def __init__(self, outputs: int, scale: float) -> None:
+        rng = np.random.default_rng(outputs)
+        self.first, self.second = rng.normal(size=(47, 16)), scale * rng.normal(size=(16, outputs))
+
+    def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
+        hidden = np.maximum(np.concatenate([markers, hand], axis=1) @ self.first, 0.0)
+        return (hidden @ self.second).astype(np.float32)
+
+
+@pytest.fixture(scope="session")
+def small_gloves() -> GloveModels:
+    return GloveModels(Untrained(27, 0.1), Untrained(26, 0.3))
 
 
 def walking(frames: int = 45) -> Pose:

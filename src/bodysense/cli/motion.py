@@ -191,7 +191,10 @@ def _check_outputs(file: Path, out: Path, rig: str | None, save_person: Path | N
 
     check_ending(out)
     if rig is not None:
-        check_rig(out, rig, file if file.suffix.lower() == ".bvh" else None)
+        try:
+            check_rig(out, rig, file if file.suffix.lower() == ".bvh" else None)
+        except BodysenseError as error:
+            raise BodysenseError(f"{file}: {error}") from None
     if save_person is not None:
         check_place(save_person)
 

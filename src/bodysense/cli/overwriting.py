@@ -9,26 +9,29 @@ from pathlib import Path
 from bodysense.errors import BodysenseError
 
 FLAG = "--overwrite"
+# Options whose value a command writes; every other file that it is given is read.
+WRITTEN = ("-o", "--out", "--json", "--csv", "--picture", "--overlay", "--html", "--junit", "--save-person")
 
 
 def checked_arguments(arguments: Sequence[str]) -> list[str]:
     """The arguments of a command without `--overwrite`.
 
-    Raises BodysenseError where two of them are one file, by its name, by a symbolic or by a hard link, and that was not
-    said: one is read, and the other would be written.
+    Raises BodysenseError where a file that would be written is another one of them as well, by its name, by a symbolic
+    or by a hard link, and that was not said.
     """
     if FLAG in arguments:
         return [argument for argument in arguments if argument != FLAG]
-    seen: dict[tuple[int, int], str] = {}
-    for argument in arguments:
-        name = argument.partition("=")[2] if argument.startswith("--") else argument
+    seen: dict[tuple[int, int], tuple[str, bool]] = {}
+    for before, argument in zip(["", *arguments], arguments, strict=False):
+        option, equals, value = argument.partition("=") if argument.startswith("--") else (before, "", argument)
+        name, written = value if equals or not argument.startswith("--") else argument, option in WRITTEN
         identity = _identity(name)
         if identity is None:
             continue
-        if identity in seen:
-            other = "" if seen[identity] == name else f" the same file as {seen[identity]},"
+        if identity in seen and (written or seen[identity][1]):
+            other = "" if seen[identity][0] == name else f" the same file as {seen[identity][0]},"
             raise BodysenseError(f"{name}:{other} both read and written; give the output another name, or say {FLAG}")
-        seen[identity] = name
+        seen[identity] = (name, written or seen.get(identity, ("", False))[1])
     return list(arguments)
 
 

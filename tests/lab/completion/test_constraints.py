@@ -26,6 +26,7 @@ from bodysense.lab.completion.places import skeleton_tables
 from bodysense.lab.completion.vectors import axes_of, carried, spread
 
 SKELETON = default_skeleton()
+NONE = torch.zeros(1, 1, 4, 3)  # nothing says about what limbs bend
 TABLES = skeleton_tables()
 REST = spread(torch.tensor(SKELETON.rest_offset.copy(), dtype=torch.float32)[None, None])
 
@@ -71,7 +72,9 @@ def bend(seed: int, target: torch.Tensor | None = None, free: float = 1.0, kick:
     axes, bones, points = random_body(seed, 15.0)
     start, end = points[:, :, STARTS], points[:, :, ENDS]
     target = end + kick * vectors(4, seed) if target is None else start + target
-    limbs = Limbs()(axes, bones, start, target, bones[:, :, MIDDLES], torch.full((1, 1, 4, 1), free), torch.ones(1))
+    limbs = Limbs()(
+        axes, bones, start, target, bones[:, :, MIDDLES], NONE, torch.full((1, 1, 4, 1), free), torch.ones(1)
+    )
     return axes, bones, start, target, limbs
 
 
@@ -106,7 +109,9 @@ def test_knees_bend_forward(way: tuple[float, float, float]) -> None:
     start = points[:, :, STARTS]
     target = start + torch.tensor(way)
     backward = torch.tensor([[0.0, -0.3, -0.3]])  # where a wrong prediction has the knee
-    limbs = Limbs()(axes, bones, start, target, backward.expand(1, 1, 4, 3), torch.ones(1, 1, 4, 1), torch.ones(1))
+    limbs = Limbs()(
+        axes, bones, start, target, backward.expand(1, 1, 4, 3), NONE, torch.ones(1, 1, 4, 1), torch.ones(1)
+    )
     upper, lower = limbs.after[0, 0, 6:8], limbs.after[0, 0, 10:12]
     # The knee's axis points to the wearer's left: the shank bends back about it.
     assert (torch.linalg.cross(upper, lower)[:, 0] > -1e-4).all()
@@ -116,8 +121,25 @@ def test_a_measured_knee_is_followed() -> None:
     axes, bones, points = random_body(4, 5.0)
     pole = torch.tensor([[[[0.0, -0.3, -0.2]]]]).expand(1, 1, 4, 3)
     target = points[:, :, STARTS] + torch.tensor([0.0, -0.6, 0.0])
-    limbs = Limbs()(axes, bones, points[:, :, STARTS], target, pole, torch.zeros(1, 1, 4, 1), torch.ones(1))
+    limbs = Limbs()(axes, bones, points[:, :, STARTS], target, pole, NONE, torch.zeros(1, 1, 4, 1), torch.ones(1))
     assert (limbs.after[0, 0, 6:8, 2] < -0.1).all()
+
+
+def test_a_knee_bends_about_a_measured_foot() -> None:
+    """Feet turned outward by 40° take knees with them that the network has ahead."""
+    axes, bones, points = random_body(5, 1.0)
+    start = points[:, :, STARTS]
+    target = start + torch.tensor([0.0, -0.6, 0.0])
+    ahead = torch.tensor([[[[0.0, -0.4, 0.2]]]]).expand(1, 1, 4, 3)
+    out = math.radians(40)
+    left = torch.tensor([[math.cos(out), 0, -math.sin(out)], [math.cos(out), 0, math.sin(out)]])
+    hinge = torch.cat([torch.zeros(2, 3), left])[None, None]
+    free, drawn = torch.ones(1, 1, 4, 1), torch.ones(1)
+    told, untold = (Limbs()(axes, bones, start, target, ahead, one, free, drawn).after for one in (hinge, NONE))
+    knees = [torch.atan2(after[0, 0, 6:8, 0].abs(), after[0, 0, 6:8, 2]) for after in (told, untold)]
+    assert (knees[1] < math.radians(10)).all()
+    assert (knees[0] > math.radians(20)).all() and (knees[0] < out).all()
+    assert torch.allclose(told[:, :, :6], untold[:, :, :6])  # arms are as they were
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -82,7 +82,7 @@ def _subject(
     pose = Pose(skeleton, moving[..., :3, 3][:, kept[0]], local_rotation(skeleton, world))
     known = {name: ours for name, ours in _ends(skeleton.joints).items()}
     found = recognise(skeleton.joints, str(path), known)
-    whole = canonical(Clip(str(path), pose, 1 / float(np.median(np.diff(time)))), joints=known)
+    whole = canonical(Clip(str(path), pose, 1 / float(np.median(np.diff(time)))), joints=found)
     rotation = np.asarray(forward_kinematics(whole.pose)[1])
     ours, points = default_skeleton(), ordered(list(found.values()))
     places = {mine: skeleton.index(given) for given, mine in found.items()}

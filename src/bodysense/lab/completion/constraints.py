@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from bodysense.body.skeleton import default_skeleton
 from bodysense.lab.completion.points import JOINTS
 from bodysense.lab.completion.state import POINT_COUNT
-from bodysense.lab.completion.vectors import ASIDE, TINY, across, dot, length, reflected, turned_onto, unit
+from bodysense.lab.completion.vectors import ASIDE, TINY, across, cross, dot, length, reflected, turned_onto, unit
 
 _SKELETON = default_skeleton()
 _AT = _SKELETON.index
@@ -108,6 +108,9 @@ class BentLimbs(NamedTuple):
     after: Tensor  # (B, 1, 12, 3) m
 
 
+HINGE = 2.0  # how much more a measured foot or pelvis says of where a knee goes than the network does
+
+
 class Limbs(nn.Module):
     """Bend arms and legs so that their ends come to where they should be; a collar gives an arm that is too short."""
 
@@ -139,7 +142,15 @@ class Limbs(nn.Module):
             self.register_buffer(name, values.contiguous(), persistent=False)
 
     def forward(
-        self, axes: Tensor, bones: Tensor, start: Tensor, target: Tensor, pole: Tensor, free: Tensor, drawn: Tensor
+        self,
+        axes: Tensor,
+        bones: Tensor,
+        start: Tensor,
+        target: Tensor,
+        pole: Tensor,
+        hinge: Tensor,
+        free: Tensor,
+        drawn: Tensor,
     ) -> BentLimbs:
         """How to turn the limbs.
 
@@ -149,6 +160,7 @@ class Limbs(nn.Module):
             start: (B, 1, 4, 3) m.
             target: (B, 1, 4, 3) m; out of reach, the limb points at it.
             pole: (B, 1, 4, 3) m, where the middle joint would be, from the start.
+            hinge: (B, 1, 4, 3) about what limbs bend as measured rotations tell, toward the left; 0 where none does.
             free: (B, 1, 4, 1) 1 where the middle joint is not measured: it then goes to its natural side.
             drawn: (B, 1, 1, 1) how much it is drawn there, 0 to 1.
         """
@@ -169,7 +181,8 @@ class Limbs(nn.Module):
         side = pole - given
         wrong = torch.relu(dot(side, unnatural)) * self.one_sided
         side = side - unnatural * ((wrong + self.bent * longest * drawn) * free)
-        middle = to.direction * to.along + unit(across(side, to.direction)) * to.aside
+        aside = unit(across(side, to.direction)) + cross(to.direction, hinge) * (HINGE * free)
+        middle = to.direction * to.along + unit(aside) * to.aside
         return BentLimbs(before, torch.cat([reached, middle, to.reached - middle], dim=2))
 
 

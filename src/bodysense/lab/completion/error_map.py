@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from bodysense.lab.completion.points import BODY_POINTS
 
 MASKS = len(BODY_POINTS) + len(BODY)  # what is tracked: positions of 25 points, rotations of 22 joints
 POINTS = len(BODY_POINTS)
+LOG_TRACKED = math.log(0.001)  # stands for the expected error of points that are tracked
 KNOWN = POINTS + MASKS + POINTS  # log expected errors, what is tracked, certainty of the bones
 CERTAINTY_SCALE = 20.0  # 1/m
 HIDDEN = 48

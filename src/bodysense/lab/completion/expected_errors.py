@@ -7,12 +7,13 @@ import torch
 from torch import Tensor, nn
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.lab.completion.error_map import CERTAINTY_SCALE, HIDDEN, KNOWN, ErrorMap
+from bodysense.lab.completion.error_map import CERTAINTY_SCALE, HIDDEN, KNOWN, LOG_TRACKED, ErrorMap
 from bodysense.lab.completion.fingers import HAND_POINTS
 from bodysense.lab.completion.fingers import SMALLEST_ERROR as SMALLEST_FINGER_ERROR
 from bodysense.lab.completion.network import SMALLEST_ERROR
 from bodysense.lab.completion.points import JOINTS, PLACED, body_places
 from bodysense.lab.completion.state import JOINT_COUNT, POINT_COUNT
+from bodysense.lab.completion.vectors import replaced
 
 NORMAL_BOUND = 1.567  # 90 % quantile of the length of normal errors in space, by their mean
 _SPREADS = (1.0, NORMAL_BOUND)
@@ -28,6 +29,8 @@ class ExpectedErrors(nn.Module):
     inward: Tensor
     offset: Tensor
     inward_offset: Tensor
+    points: Tensor
+    log_tracked: Tensor
     counting: Tensor
     body_places: Tensor
     hand_places: Tensor
@@ -60,6 +63,8 @@ class ExpectedErrors(nn.Module):
                 "inward_offset",
                 torch.tensor(np.concatenate([mean.inward_offset, bound.inward_offset]), dtype=torch.float32),
             ),
+            ("points", torch.tensor(body_places())),
+            ("log_tracked", torch.tensor([LOG_TRACKED])),
             ("counting", torch.tensor(counting)),
             ("body_places", torch.tensor([*places, *(PLACED + place for place in places)])),
             ("hand_places", torch.tensor(fingers * 2)),
@@ -89,6 +94,7 @@ class ExpectedErrors(nn.Module):
             accuracy: (B, 65) m.
         """
         expected = torch.log((nn.functional.softplus(body) + SMALLEST_ERROR) * size)
+        expected = replaced(expected, self.log_tracked, masks.index_select(1, self.points))
         known = torch.cat([expected, masks, certainty], dim=1).index_select(1, self.counting)
         inside = torch.tanh(nn.functional.linear(known, self.inward, self.inward_offset))
         log = nn.functional.linear(torch.cat([known, inside], dim=1), self.weight, self.offset)

@@ -22,7 +22,7 @@ from bodysense.lab.completion.rewriting import bare, row_step, shortened, stored
 from bodysense.lab.completion.state import JOINT_COUNT, POINT_COUNT, Inputs, Outputs, State
 
 # Whose weights are stored in bytes: what judges, and fingers. The body's rotations keep half precision.
-_IN_BYTES = ("body.judge_branch.0.weight", "finger_network")
+_IN_BYTES = ("body.judge_branch", "finger_network")
 _OPSET = 18
 
 
@@ -61,16 +61,22 @@ def as_stored(step: CompletionStep) -> CompletionStep:
     step = copy.deepcopy(step).eval()
     with torch.no_grad():
         for name, parameter in step.named_parameters():
-            values = parameter.detach().numpy()
-            if name.startswith(_IN_BYTES) and values.ndim > 1:
-                unit = row_step(values)
-                values = np.round(values / unit) * unit
+            if name.startswith(_IN_BYTES) and parameter.ndim > 1:
+                parameter.copy_(_in_bytes(parameter))
             else:
-                values = values.astype(np.float16).astype(np.float32)
-            parameter.copy_(torch.from_numpy(values))
-        for table in (step.expected_errors.weight, step.expected_errors.inward):
-            table.copy_(table.half())
+                parameter.copy_(parameter.half())
+        table = step.expected_errors.weight
+        table.copy_(table.half())
+        table = step.expected_errors.inward
+        table.copy_(_in_bytes(table))
     return step
+
+
+def _in_bytes(table: Tensor) -> Tensor:
+    """A table whose rows are whole multiples of what each counts in."""
+    values = table.detach().numpy()
+    unit = row_step(values)
+    return torch.from_numpy(np.round(values / unit) * unit)
 
 
 def write_completion(step: CompletionStep, path: Path, card: dict[str, Any]) -> None:

@@ -62,7 +62,8 @@ _PARTS = [JOINTS, JOINT_COUNT - JOINTS]  # joints of the body and of both hands
 class Tracked(NamedTuple):
     """What is tracked, rotations that points imply among it; what is not has a value that does no harm."""
 
-    masks: Tensor  # (B, 117) 1 or 0 of positions and rotations
+    told: Tensor  # (B, 117) 1 or 0 of positions and rotations that are tracked
+    masks: Tensor  # (B, 117) the same, with rotations that points imply
     turned: Tensor  # (B, 1, 52, 3) the latter, thrice
     holds: dict[str, Tensor]  # (B, n) `conditions`
     means: dict[str, Tensor]  # (B, 1, n, 65) `means`
@@ -111,6 +112,7 @@ class CompletionStep(nn.Module):
     starts: Tensor
     middles: Tensor
     ends: Tensor
+    hinges: Tensor
     feet: Tensor
     legs: Tensor
     turned: Tensor
@@ -150,8 +152,13 @@ class CompletionStep(nn.Module):
         target, pole, ends, feet = self._targets(inputs, body, contact, tracked, frame, blend, shown, numbers)
         start = body.points.index_select(2, self.starts)
         free = holds["free_middles"].reshape(-1, 1, len(LIMBS), 1)
+        # A knee between a tracked hip and foot bends about what their rotations have to the left.
+        hinge = self.hinges @ (tracked.axes[:, :1] * tracked.turned)
+        hinge = (
+            hinge * tracked.turned.index_select(2, self.ends) * (1 - holds["free_ends"].reshape(-1, 1, len(LIMBS), 1))
+        )
         # What was shown was drawn to natural sides already.
-        limbs = self.limbs(axes, body.bones, start, target, pole, free, 1 - blend.fade)
+        limbs = self.limbs(axes, body.bones, start, target, pole, hinge, free, 1 - blend.fade)
         fingers = self.hands(
             axes,
             target[:, :, :ARMS],
@@ -179,7 +186,7 @@ class CompletionStep(nn.Module):
             answer.error,
             fingers.error,
             reading.size,
-            tracked.masks,
+            tracked.told,
             inputs.certainty,
             inputs.has_position,
             inputs.accuracy,
@@ -217,7 +224,7 @@ class CompletionStep(nn.Module):
         axes = self.branches(axes_of(inputs.rotation), measured, offset, near)
         accuracy = torch.where(inputs.has_position, inputs.accuracy, UNTRACKED).clamp(min=_FINEST)
         rows = axes.reshape(-1, 1, 3 * JOINT_COUNT, 3)
-        return Tracked(masks, turned, self.conditions(masks), means, base, near, before, axes, rows, accuracy)
+        return Tracked(told, masks, turned, self.conditions(masks), means, base, near, before, axes, rows, accuracy)
 
     def _reading(
         self, inputs: Inputs, tracked: Tracked, frame: Frame, memory: Memory, numbers: Numbers, interval: Tensor

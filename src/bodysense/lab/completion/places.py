@@ -111,6 +111,9 @@ def skeleton_tables() -> dict[str, Tensor]:
     wrists = torch.tensor(_SKELETON.wrist_of)
     legs = torch.zeros(len(LIMBS), 2)
     legs[2, 0] = legs[3, 1] = 1
+    hinges = torch.zeros(len(LIMBS), JOINT_COUNT)
+    for leg in (2, 3):
+        hinges[leg, [_AT("pelvis"), ENDS[leg]]] = 1
     root = (torch.arange(JOINT_COUNT) == 0).float()[:, None].expand(3, -1, 3)
     collars = [_SKELETON.parents[start] for start in STARTS]
     turned = [*collars, *STARTS, *MIDDLES]
@@ -130,6 +133,7 @@ def skeleton_tables() -> dict[str, Tensor]:
         "ends": torch.tensor(ENDS),
         "feet": torch.tensor([_AT(f"{side}_{part}") for part in ("ankle", "foot", "toe") for side in SIDES]),
         "legs": legs,
+        "hinges": hinges,
         "turned": torch.tensor(turned),
         "with_turned": torch.tensor([*world, *fingers]),
     }

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from bodysense.body.skeleton import BODY
 from bodysense.completion.model import CompletionModel
-from bodysense.lab.completion.error_map import CERTAINTY_SCALE, ErrorMap, unchanged_errors
+from bodysense.lab.completion.error_map import CERTAINTY_SCALE, LOG_TRACKED, ErrorMap, unchanged_errors
 from bodysense.lab.completion.points import body_places
 from bodysense.lab.completion.scenes import BODIES, TRUTH_OF, Body, Scene, Truth, person_of, stacked
 from bodysense.occlusion.sensors import SENSOR_SETS, TABLE_SETS, SensorSet, random_edges
@@ -80,7 +80,8 @@ def _sampled(
         for k, name in enumerate(observation.points):
             if name in BODY:
                 turned[:, BODY.index(name)] = observation.has_rotation[frames, k]
-        known = np.concatenate([np.log(expected), measured, turned, CERTAINTY_SCALE * deviation], axis=1)
+        log = np.where(measured, LOG_TRACKED, np.log(expected))
+        known = np.concatenate([log, measured, turned, CERTAINTY_SCALE * deviation], axis=1)
         error = np.linalg.norm(position - truth, axis=-1)
         rows.append((known.astype(np.float32), error.astype(np.float32), ~measured))
     columns = [np.concatenate(column) for column in zip(*rows, strict=True)]
