@@ -29,7 +29,7 @@ def read(path: str | Path) -> Clip | Recording:
         raise BodysenseError(f"{path}: no such file")
     if is_marker_file(path):
         found = read_markers(path)
-        return Recording(found.observation, with_hands_of(default_skeleton(), found.sizes))
+        return Recording(found.observation, with_hands_of(default_skeleton(), found.sizes), hands_shown=True)
     if is_recording(path):
         return read_recording(path)
     return read_source(Source(path, person="", split="test"))

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bodysense.body.glove import MARKERS, Glove, default_glove, hand_size
-from bodysense.body.hand import FINGERS, FINGERTIPS, HAND_JOINTS, hand_skeleton
+from bodysense.body.hand import FINGERS, FINGERTIPS, HAND_JOINTS, Side, hand_skeleton, mirrored_vectors
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import (
     quaternion_canonical,
@@ -25,6 +25,7 @@ from bodysense.body.rotation import (
     quaternion_rotate,
 )
 from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.errors import BodysenseError
 
 FARTHEST = 2.5  # standard deviations: the largest parameter that is drawn
 _POINTS = (*HAND_JOINTS, *FINGERTIPS)
@@ -41,7 +42,7 @@ class _Block(NamedTuple):
     """Parameters of one kind: how many, and their standard deviation."""
 
     name: str
-    count: int
+    length: int
     deviation: float
 
 
@@ -61,7 +62,7 @@ _BLOCKS = (
     _Block("along", 6, 0.35),  # cm toward the base: where on its segment a finger's marker sits
     _Block("back", 9, 0.4),  # cm, of the markers on the back of the hand, beside
 )
-COUNT = sum(block.count for block in _BLOCKS)
+COUNT = sum(block.length for block in _BLOCKS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,13 +99,39 @@ def plain_hand(skeleton: Skeleton) -> GlovedHand:
     return GlovedHand(skeleton, axes, default_glove())
 
 
+def body_with(skeleton: Skeleton, side: Side, hand: GlovedHand) -> Skeleton:
+    """A body with another hand on one side: the wrist stays, what hangs on it is the hand's."""
+    offset = np.array(skeleton.rest_offset)
+    points = skeleton.indices([f"{side}_{name}" for name in _POINTS[1:]])
+    offset[points] = mirrored_vectors(hand.skeleton.rest_offset[1:], side)
+    return skeleton.with_offsets(offset)
+
+
+def hand_from_rows(rest: np.ndarray, axes: np.ndarray, worn: np.ndarray) -> GlovedHand:
+    """A hand from its resting offsets (21, 3) m, the turns of its axes (15, 4) and offsets of markers (9, 3) m.
+
+    Raises BodysenseError for numbers of which no hand is made.
+    """
+    sizes = (("points", rest, (21, 3)), ("axes", axes, (15, 4)), ("markers", worn, (9, 3)))
+    for name, values, shape in sizes:
+        if values.shape != shape or not np.isfinite(values).all():
+            raise BodysenseError(f"a hand's {name} are {values.shape} numbers; they must be {shape}, all finite")
+    if not 0.04 < np.linalg.norm(rest[1:], axis=-1).max() < 0.25:
+        raise BodysenseError("a hand's points: its longest bone is not that of a hand; give metres")
+    glove, hand = default_glove(), hand_skeleton(default_skeleton(), "left").with_offsets(rest)
+    return GlovedHand(hand, axes, Glove(glove.markers, glove.points, glove.carried_by, worn, hand_size(hand)))
+
+
+def rows_of(hand: GlovedHand) -> dict[str, np.ndarray]:
+    """What `hand_from_rows` makes the hand of."""
+    worn = hand.glove.offset * (hand_size(hand.skeleton) / hand.glove.size)
+    return {"points": hand.skeleton.rest_offset, "axes": hand.axes, "markers": worn}
+
+
 def hand_of(parameters: np.ndarray) -> GlovedHand:
     """The hand of parameters (COUNT,)."""
-    shapes, glove = shapes_of(parameters), default_glove()
-    hand = hand_skeleton(default_skeleton(), "left").with_offsets(shapes.rest)
-    return GlovedHand(
-        hand, shapes.axes, Glove(glove.markers, glove.points, glove.carried_by, shapes.worn, hand_size(hand))
-    )
+    shapes = shapes_of(parameters)
+    return hand_from_rows(shapes.rest, shapes.axes, shapes.worn)
 
 
 def shapes_of(parameters: np.ndarray) -> HandShapes:
@@ -137,8 +164,8 @@ def _parts(parameters: np.ndarray) -> dict[str, np.ndarray]:
     """Of every block its values (..., n), angles in radians."""
     parts, start = {}, 0
     for block in _BLOCKS:
-        parts[block.name] = block.deviation * parameters[..., start : start + block.count]
-        start += block.count
+        parts[block.name] = block.deviation * parameters[..., start : start + block.length]
+        start += block.length
     for name in ("tilt", "spread", "raise", "thumb", "thumb_bones"):
         parts[name] = np.radians(parts[name])
     return parts

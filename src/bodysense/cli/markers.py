@@ -64,8 +64,9 @@ def recording_of_markers(file: Path, options: MarkerOptions, height: float | Non
         print(f"the {hand} hand is {size:.2f} times the size of the default body's")
     if height is not None:  # sizes are factors of the unscaled hand
         ratio = default_skeleton().height / body.height
-        return Recording(found.observation, with_hands_of(body, {k: size * ratio for k, size in found.sizes.items()}))
-    return Recording(found.observation, with_hands_of(body, found.sizes))
+        body = with_hands_of(body, {k: size * ratio for k, size in found.sizes.items()})
+        return Recording(found.observation, body, hands_shown=True)
+    return Recording(found.observation, with_hands_of(body, found.sizes), hands_shown=True)
 
 
 def check_gloves_of(observation: Observation, place: Path) -> None:

@@ -123,7 +123,7 @@ class Proportions:
         one = self.people[k]
         skeleton = one.skeleton.with_offsets(self.believed[k])
         known = {} if not one.bone_deviation.any() else {"height": one.height, "lengths": one.lengths}
-        return Person(skeleton, bone_deviation=self.deviation[k], mounts=one.mounts, **known)
+        return Person(skeleton, bone_deviation=self.deviation[k], mounts=one.mounts, hands=one.hands, **known)
 
 
 def proportions_of(people: tuple[Person, ...]) -> Proportions:

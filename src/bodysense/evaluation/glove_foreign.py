@@ -65,11 +65,10 @@ class ForeignModels:
 def foreign_markers(motions: list[HandMotion], person: str, models: ForeignModels, stride: int) -> Means:
     """Errors of hidden markers, cm, under (place, way, hidden, duration)."""
     means = Means()
-    for place, files, trials, ways in _settings(motions, person, models, stride):
+    for place, files, trials, ways in _settings(motions, person, models, stride, calibrate=False):
         network = load_marker_network(files[0])
         fillers: dict[str, Filler] = {
-            way: Continuous(NetworkFiller(network, taken.hands, taken.gloves, told=way != "untold"))
-            for way, taken in ways.items()
+            way: Continuous(NetworkFiller(network, taken.hands, taken.gloves)) for way, taken in ways.items()
         }
         fillers[ALONE] = NetworkFiller(network, trials.hands, trials.gloves)
         for count in FEW_MANY:
@@ -85,13 +84,13 @@ def foreign_fingers(
 ) -> Means:
     """Errors of the joints of fingers, cm, under (place, way, hidden, duration); nothing hidden: (…, 0, 0.0)."""
     means = Means()
-    for place, files, trials, ways in _settings(motions, person, models, stride):
+    for place, files, trials, ways in _settings(motions, person, models, stride, calibrate=True):
         loaded = GloveModels(load_marker_network(files[0]), load_joint_network(files[1]))
         for count in FEW_MANY:
             hidden = hide_some(len(trials), count, np.random.default_rng(count))
             for way, taken in ways.items():
                 told = replace(taken, markers=trials.markers, points=trials.points)
-                still, *errors = finger_error(told, hidden, loaded, settings, told=way != "untold")
+                still, *errors = finger_error(told, hidden, loaded, settings)
                 means.add((place, way, 0, 0.0), still)
                 for duration, error in zip(DURATIONS, errors, strict=True):
                     means.add((place, way, count, duration), error)
@@ -114,7 +113,7 @@ def foreign_numbers(means: Means) -> dict[str, float]:
 
 
 def _settings(
-    motions: list[HandMotion], person: str, models: ForeignModels, stride: int
+    motions: list[HandMotion], person: str, models: ForeignModels, stride: int, calibrate: bool
 ) -> Iterator[tuple[str, tuple[Path | None, Path | None], Trials, dict[str, Trials]]]:
     """Every place: its networks, its trials, and what each way takes their hands for."""
     for place in PLACES:
@@ -127,8 +126,10 @@ def _settings(
             trials = cut([motion], stride, rng, hand)
             if trials is None:
                 continue
-            taken = {"nn": hand, "untold": _sized(hand), "calibrated": _calibrated(motion, hand, rng)}
-            ways = {way: replace(trials, worn=(one,) * len(trials)) for way, one in taken.items() if one is not None}
+            taken = {"nn": hand, "untold": _sized(hand)}
+            if calibrate and (found := _calibrated(motion, hand, rng)) is not None:
+                taken["calibrated"] = found
+            ways = {way: replace(trials, worn=(one,) * len(trials)) for way, one in taken.items()}
             yield place, files, trials, ways
 
 

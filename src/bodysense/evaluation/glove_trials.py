@@ -138,23 +138,19 @@ def marker_error(trials: Trials, hidden: np.ndarray, filler: Filler) -> np.ndarr
     return np.stack(errors)
 
 
-def finger_error(
-    trials: Trials, hidden: np.ndarray, models: GloveModels, settings: HandsSettings, told: bool = True
-) -> np.ndarray:
+def finger_error(trials: Trials, hidden: np.ndarray, models: GloveModels, settings: HandsSettings) -> np.ndarray:
     """Mean error of the joints of fingers through the whole run time, cm: (6, H).
 
     On the frame before markers are hidden, and on the last of each duration. NaN where the motion ends before.
     """
     parts = [
-        _finger_error(trials.part(k, k + _AT_ONCE), hidden[k : k + _AT_ONCE], models, settings, told)
+        _finger_error(trials.part(k, k + _AT_ONCE), hidden[k : k + _AT_ONCE], models, settings)
         for k in range(0, len(trials), _AT_ONCE)
     ]
     return np.concatenate(parts, axis=1)
 
 
-def _finger_error(
-    trials: Trials, hidden: np.ndarray, models: GloveModels, settings: HandsSettings, told: bool
-) -> np.ndarray:
+def _finger_error(trials: Trials, hidden: np.ndarray, models: GloveModels, settings: HandsSettings) -> np.ndarray:
     """Every trial is a hand of its own, so that all go through the run time at once."""
     names = [f"left{k}" for k in range(len(trials))]
     hands = Hands(
@@ -163,7 +159,6 @@ def _finger_error(
         settings,
         gloves=dict(zip(names, trials.gloves, strict=True)),
         axes=np.stack([hand.axes for hand in trials.worn]),
-        told=told,
     )
     answers, _ = hands.step(_observation(names, trials.markers, hidden), hands.start())
     points = trials.hands[0].indices(FINGER_POINTS)

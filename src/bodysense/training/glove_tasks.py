@@ -219,7 +219,8 @@ def in_hand(markers: np.ndarray, points: np.ndarray, template: np.ndarray) -> tu
     """Markers (n, 9, 3) and points (n, 21, 3) m as a hand is placed by the markers on its back."""
     elsewhere = np.ones(markers.shape[:-1], dtype=bool)
     elsewhere[:, list(ALIGNMENT)] = False
-    return tuple(_on_template(one, markers, elsewhere, template) for one in (markers, points))
+    own, of = (_on_template(one, markers, elsewhere, template) for one in (markers, points))
+    return own, of
 
 
 def finger_points(angles: Tensor, rest: Tensor, axes: Tensor) -> Tensor:

@@ -73,10 +73,20 @@ def _refined(
     return theta, pose, cost
 
 
+def enough_frames(markers: np.ndarray) -> bool:
+    """Whether `fit_hand` has enough of markers (T, 9, 3) to look at."""
+    return len(_good(markers)) >= FEWEST
+
+
+def _good(markers: np.ndarray) -> np.ndarray:
+    """The frames that show a hand well."""
+    known = ~np.isnan(markers[..., 0])
+    return np.flatnonzero(known[:, list(ALIGNMENT)].all(axis=1) & (known.sum(axis=1) >= SEEN))
+
+
 def _different(markers: np.ndarray) -> np.ndarray:
     """(K, 9, 3) the frames that differ most in shape, among those that show enough."""
-    known = ~np.isnan(markers[..., 0])
-    good = np.flatnonzero(known[:, list(ALIGNMENT)].all(axis=1) & (known.sum(axis=1) >= SEEN))
+    good = _good(markers)
     if len(good) < FEWEST:
         raise BodysenseError(
             f"gloves: {len(good)} frames show {SEEN} markers of a hand and its back; calibrating needs {FEWEST}: "

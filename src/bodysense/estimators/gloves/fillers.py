@@ -64,15 +64,13 @@ class NetworkFiller:
     """A network tells all markers of the registered hand from the known ones (4.6, section 3.2.2).
 
     `hands` are left-model hands, as many as there are in a batch, or one for all, and `gloves` what they wear, the
-    default one where none is given. Where hands are not `told`, the network is not shown their shapes. Fills hands with
-    at least `fewest` known markers.
+    default one where none is given. Fills hands with at least `fewest` known markers.
     """
 
     model: HandNetwork
     hands: Sequence[Skeleton]
     gloves: Sequence[Glove] = ()
     fewest: int = 3
-    told: bool = True
 
     def __post_init__(self) -> None:
         if not 1 <= self.fewest <= 4:
@@ -98,8 +96,7 @@ class NetworkFiller:
 
     @cached_property
     def _shapes(self) -> np.ndarray:
-        shapes = known_shapes(self.hands, self._gloves)
-        return shapes if self.told else np.zeros_like(shapes)
+        return known_shapes(self.hands, self._gloves)
 
     def start(self, hands: int) -> NetworkState:
         """Registered nowhere. Raises BodysenseError where there are other hands than told."""

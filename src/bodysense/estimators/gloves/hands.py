@@ -116,7 +116,6 @@ class Hands:
     filler: Filler | None = None
     calibration: np.ndarray | None = None  # (H, 15, 4)
     axes: np.ndarray | None = None  # (H, 15, 4) by which joints' axes are turned from the default hand's
-    told: bool = True  # whether the skeletons are these hands'; else networks are not shown their shapes
 
     def __post_init__(self) -> None:
         if not self.hands:
@@ -158,7 +157,6 @@ class Hands:
             settings.restraint,
             self.calibration,
             self.axes,
-            self.told,
         )
 
     @cached_property
@@ -168,7 +166,7 @@ class Hands:
         hands = tuple(self.hands.values())
         natural = np.stack([natural_markers(glove, hand) for glove, hand in zip(self._gloves, hands, strict=True)])
         last = LastShape(natural, self.settings.hold, self.settings.relaxing)
-        network = NetworkFiller(self.models.markers, hands, self._gloves, told=self.told)
+        network = NetworkFiller(self.models.markers, hands, self._gloves)
         return Remembered(Stack((network, last)), self.settings.fading)
 
     @cached_property

@@ -43,8 +43,7 @@ class JointReader:
     """Poses of H hands from all their markers.
 
     Every hand wears one of `gloves`; its joints turn about the default hand's axes turned by `axes` (H, 15, 4), and
-    `calibration` (H, 15, 4) follows every local rotation. Where hands are not `told`, the network is not shown their
-    shapes.
+    `calibration` (H, 15, 4) follows every local rotation.
     """
 
     model: HandNetwork
@@ -54,7 +53,6 @@ class JointReader:
     restraint: float = 0.0  # of fingers' large turns to their markers
     calibration: np.ndarray | None = None
     axes: np.ndarray | None = None
-    told: bool = True
 
     @cached_property
     def shape(self) -> HandShape:
@@ -67,8 +65,7 @@ class JointReader:
 
     @cached_property
     def _shapes(self) -> np.ndarray:
-        shapes = known_shapes(self.hands, self.gloves)
-        return shapes if self.told else np.zeros_like(shapes)
+        return known_shapes(self.hands, self.gloves)
 
     @cached_property
     def _ratio(self) -> np.ndarray:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
 from bodysense.body.glove import Glove, default_glove, hand_size, template
-from bodysense.body.skeleton import Skeleton
+from bodysense.body.hand import hand_skeleton
+from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.completion.network import Network, NetworkFormat
 from bodysense.estimators.gloves.dense import DenseLayers, read_dense
 
@@ -19,6 +21,7 @@ JOINT_FORMAT = "bodysense glove joints 2"
 MARKER_NETWORK = "glove_markers.onnx"
 JOINT_NETWORK = "glove_joints.onnx"
 _COMMAND = "bodysense train gloves"
+_ALIKE = 1e-4  # m by which two hands differ that are the same one
 
 
 class HandNetwork(Protocol):
@@ -97,9 +100,21 @@ def size_ratios(hands: Sequence[Skeleton]) -> np.ndarray:
 
 
 def known_shapes(hands: Sequence[Skeleton], gloves: Sequence[Glove]) -> np.ndarray:
-    """(H, 87) single precision: what networks know of each hand, resting offsets and template, at one size."""
-    rows = [
-        np.concatenate([hand.rest_offset[1:].ravel(), template(glove, hand).ravel()])
-        for hand, glove in zip(hands, gloves, strict=True)
-    ]
-    return (np.stack(rows) / size_ratios(hands)[:, None]).astype(np.float32)
+    """(H, 87) single precision: what networks know of each hand, resting offsets and template, at one size.
+
+    Zeros, nothing, of the default hand at whatever size: it stands in for hands that nobody has measured.
+    """
+    shapes = np.stack([_shape(*worn) for worn in zip(hands, gloves, strict=True)])
+    unmeasured = (abs(shapes - _default_shape()) < _ALIKE).all(axis=1, keepdims=True)
+    return np.where(unmeasured, 0.0, shapes).astype(np.float32)
+
+
+def _shape(hand: Skeleton, glove: Glove) -> np.ndarray:
+    """(87,) m."""
+    values = np.concatenate([hand.rest_offset[1:].ravel(), template(glove, hand).ravel()])
+    return values / size_ratios([hand])
+
+
+@lru_cache(maxsize=1)
+def _default_shape() -> np.ndarray:
+    return _shape(hand_skeleton(default_skeleton(), "left"), default_glove())
