@@ -95,7 +95,7 @@ def _different(markers: np.ndarray) -> np.ndarray:
     some = markers[good[np.unique(np.linspace(0, len(good) - 1, 2000).astype(int))]]
     back = np.zeros(some.shape[:2], dtype=bool)
     back[:, list(ALIGNMENT)] = True
-    own = np.nan_to_num(brought_back(some, *register(some[0], some, back))).reshape(len(some), -1)
+    own = np.nan_to_num(brought_back(some, *register(np.nan_to_num(some[0]), some, back))).reshape(len(some), -1)
     chosen = sorted(set(np.nanargmax(_reach(some), axis=0).tolist()))
     far = np.min([np.linalg.norm(own - own[one], axis=1) for one in chosen], axis=0)
     while len(chosen) < min(FRAMES, len(some)):
