@@ -106,7 +106,7 @@ def test_hands_apart_are_completed_as_if_alone(
 def test_the_hand_is_placed_by_its_alignment_markers_and_fingers_point_at_theirs(
     hand: Skeleton, motion: HandMotion, markers: np.ndarray, observe_gloves
 ) -> None:
-    """Without any network: angles 0, and yet each fingertip lies on the line from its base to its marker, the thumb's from joint 2."""
+    """Without any network: angles 0, yet tips lie on the lines from bases (the thumb: joint 2) to their markers."""
     models = GloveModels(Straight(np.zeros(27)), Straight(np.zeros(26)))
     whole = replace(FREE, restraint=0.0)
     said = track(Hands({"left": hand}, models, whole), observe_gloves(left=markers[:50]))["left"]

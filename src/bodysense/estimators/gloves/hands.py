@@ -150,13 +150,7 @@ class Hands:
     def _reader(self) -> JointReader:
         hands, settings = tuple(self.hands.values()), self.settings
         return JointReader(
-            self.models.joints,
-            hands,
-            self._gloves,
-            settings.aim,
-            settings.restraint,
-            self.calibration,
-            self.axes,
+            self.models.joints, hands, self._gloves, settings.aim, settings.restraint, self.calibration, self.axes
         )
 
     @cached_property
