@@ -21,6 +21,8 @@ from pathlib import Path
 from readme_figures import markdown, put
 
 from bodysense.cli.show import processor
+from bodysense.evaluation.glove_foreign import FEW_MANY, WAYS
+from bodysense.evaluation.glove_foreign import PLACES as FOREIGN_PLACES
 from bodysense.evaluation.glove_limits_report import LINES
 from bodysense.evaluation.glove_tables import PUBLISHED_MARKERS, PUBLISHED_POINTS, PUBLISHED_STILL
 from bodysense.evaluation.glove_trials import DURATIONS, HIDDEN
@@ -57,21 +59,40 @@ def summary(read: dict[str, Numbers]) -> str:
     rows = []
     for hidden in (HIDDEN[0], HIDDEN[-1]):
         rows.append([f"a hidden marker, {hidden} hidden, after 0.1 and 2 s, cm"])
-        rows[-1] += [_ends(table3, hidden, suffix) for suffix in PLACES]
+        rows[-1] += _row(table3, hidden)
         rows[-1].append(_outer(PUBLISHED_MARKERS["nn", hidden]))
-    still = [f"{table4[f'nn_0_cm{suffix}']:.2f}" for suffix in PLACES]
+    still = [f"{table4[key]:.2f}" for key in ("nn_0_cm", "foreign_nn_0_cm", "nn_0_cm_synthesised")]
     rows.append(["finger joints, nothing hidden, cm", *still, f"{PUBLISHED_STILL['nn']:.2f}"])
     for hidden in (HIDDEN[0], HIDDEN[-1]):
         rows.append([f"finger joints, {hidden} hidden, after 0.1 and 2 s, cm"])
-        rows[-1] += [_ends(table4, hidden, suffix) for suffix in PLACES]
+        rows[-1] += _row(table4, hidden)
         rows[-1].append(_outer(PUBLISHED_POINTS[hidden]))
     times = f"{frame['one_hand_p50_ms']:.2f}, {frame['two_hands_p50_ms']:.2f}"
-    rows.append(["a frame of one hand, of two, p50, ms", "", times, "1.2, 2.2"])
-    return markdown(["", "recorded", "synthesised", "published"], rows)
+    rows.append(["a frame of one hand, of two, p50, ms", "", "", times, "1.2, 2.2"])
+    return markdown(["", "recorded", "left-out hand", "synthesised", "published"], rows)
 
 
-def _ends(numbers: Numbers, hidden: int, suffix: str) -> str:
-    return ", ".join(f"{numbers[f'nn_{hidden}_{duration:.1f}_cm{suffix}']:.2f}" for duration in DURATIONS[::4])
+def _row(numbers: Numbers, hidden: int) -> list[str]:
+    """After the first duration and the last: recorded, a hand that was left out of training, synthesised."""
+    keys = (("", ""), ("foreign_", ""), ("", "_synthesised"))
+    return [
+        ", ".join(f"{numbers[f'{before}nn_{hidden}_{duration:.1f}_cm{after}']:.2f}" for duration in DURATIONS[::4])
+        for before, after in keys
+    ]
+
+
+def _foreign(numbers: Numbers) -> list[list[str]]:
+    """Rows of hands that no network has learned."""
+    rows = []
+    for place, label in FOREIGN_PLACES.items():
+        for way, name in WAYS.items():
+            if f"{place}_{way}_0_cm" in numbers:
+                rows.append([label, name, "0", f"{numbers[f'{place}_{way}_0_cm']:.2f}", *["–"] * (len(DURATIONS) - 1)])
+            for hidden in FEW_MANY:
+                cells = [numbers.get(f"{place}_{way}_{hidden}_{duration:.1f}_cm") for duration in DURATIONS]
+                if all(value is not None for value in cells):
+                    rows.append([label, name, str(hidden), *(f"{value:.2f}" for value in cells if value is not None)])
+    return rows
 
 
 def _outer(values: Sequence[float]) -> str:
@@ -87,6 +108,7 @@ def markers(numbers: Numbers) -> str:
                 cells = [numbers.get(f"{method}_{hidden}_{duration:.1f}_cm{suffix}") for duration in DURATIONS]
                 if all(value is not None for value in cells):
                     rows.append([motion, label, str(hidden), *(f"{value:.2f}" for value in cells if value is not None)])
+    rows += _foreign(numbers)
     for method, label in METHODS.items():
         for hidden in (HIDDEN[0], HIDDEN[-1]):
             published = PUBLISHED_MARKERS.get((method, hidden))
@@ -106,6 +128,7 @@ def points(numbers: Numbers) -> str:
             cells = [numbers.get(f"nn_{hidden}_{duration:.1f}_cm{suffix}") for duration in DURATIONS]
             if all(value is not None for value in cells):
                 rows.append([motion, "network", str(hidden), *(f"{value:.2f}" for value in cells if value is not None)])
+    rows += _foreign(numbers)
     for key, label in (("ik", "CCD, no limits"), ("ik_tuned", "CCD, tuned limits"), ("nn", "network")):
         rows.append(["published", label, "0", f"{PUBLISHED_STILL[key]:.2f}", *["–"] * (len(DURATIONS) - 1)])
     for hidden in HIDDEN:

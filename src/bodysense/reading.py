@@ -37,7 +37,8 @@ def read(path: str | Path, options: ReadingOptions = AS_FOUND) -> Clip | Recordi
         raise BodysenseError(f"{path}: no such file")
     if is_marker_file(path):
         found = read_markers(path)
-        return Recording(found.observation, with_hands_of(default_skeleton(), found.sizes), told=not found.has_body)
+        body = with_hands_of(default_skeleton(), found.sizes)
+        return Recording(found.observation, body, told=not found.has_body, hands_shown=bool(found.sizes))
     if is_recording(path):
         return read_recording(path)
     return read_clip(path, options)[0]

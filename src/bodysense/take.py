@@ -20,7 +20,7 @@ from bodysense.data.bvh_lines import BvhLines
 from bodysense.data.clip import Clip
 from bodysense.data.holes import missing_items
 from bodysense.data.resample import at_constant_rate
-from bodysense.devices.gloves import glove_device, gloved_sides, has_gloves
+from bodysense.devices.gloves import calibrated_hands, glove_device, gloved_sides, has_gloves
 from bodysense.devices.simulated import DEVICES, simulate
 from bodysense.errors import BodysenseError
 from bodysense.export.motion_files import write_motion
@@ -167,7 +167,9 @@ def signal_of(
         skeleton = content.skeleton if isinstance(content, Recording) and content.told else None
     try:
         if person is None:
-            person = Person(height=height) if height is not None or skeleton is None else Person(skeleton)
+            hands = calibrated_hands(observation) if isinstance(content, Recording) and content.hands_shown else None
+            measured = height is not None or skeleton is None
+            person = Person(height=height, hands=hands) if measured else Person(skeleton, hands=hands)
         _check(observation)
     except BodysenseError as error:
         raise BodysenseError(f"{name}: {str(error).removeprefix('observation: ')}") from None
@@ -298,7 +300,7 @@ def _body_points(observation: Observation, person: Person) -> Iterator[Observati
     if not has_gloves(observation):
         yield from parts
         return
-    gloves = glove_device(person.skeleton, gloved_sides(observation.points))
+    gloves = glove_device(person.skeleton, gloved_sides(observation.points), calibrated=person.hands)
     state = gloves.start()
     for part in parts:
         joints, state = gloves.step(part, state)

@@ -9,6 +9,7 @@ import pytest
 
 from bodysense.body.glove import default_glove, glove_points, marker_positions
 from bodysense.body.hand import FINGERTIPS, HAND_JOINTS, hand_skeleton
+from bodysense.body.hand_family import body_with, draw_hand
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle
@@ -186,8 +187,10 @@ def test_another_device_s_hand_stays_where_the_glove_is_lost(small_gloves: Glove
 
 def test_accuracy_is_about_the_error() -> None:
     """Synthesised hands, markers hidden at random: by how much is expected, points are off by about as much."""
-    rng, hand = np.random.default_rng(8), hand_skeleton(SKELETON, "left")
-    device = replace(glove_device(SKELETON, ("left",), load_glove_models()), wearer=None)
+    rng = np.random.default_rng(8)
+    body = body_with(SKELETON, "left", draw_hand(rng))  # of the default hand nothing is known
+    hand = hand_skeleton(body, "left")
+    device = replace(glove_device(body, ("left",), load_glove_models()), wearer=None)
     expected, missed = [], []
     for _ in range(2):
         motion = synthesize_hand(hand, 8.0, rng)

@@ -20,7 +20,7 @@ from bodysense.estimators.gloves.hands import GloveModels
 from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
 from bodysense.evaluation.datasets import Census
 from bodysense.evaluation.glove_networks import compare_memory, compare_two_hands
-from bodysense.evaluation.glove_scores import ALONE, GloveTable, measure_fingers, measure_markers
+from bodysense.evaluation.glove_scores import ALONE, GloveTable, Task, measure_fingers, measure_markers
 from bodysense.evaluation.glove_tables import finger_report, marker_report, published_ratio
 from bodysense.evaluation.glove_trials import (
     BEFORE,
@@ -125,7 +125,7 @@ def test_nothing_is_missed_of_fingers_by_a_network_that_knows_them(motion: HandM
 
 
 def test_reports_hold_the_figures_and_the_published_ones(networks: Path, motion: HandMotion) -> None:
-    task = ([motion], "main")
+    task = Task([motion], "main")
     markers, joints = networks / "glove_markers.onnx", networks / "glove_joints.onnx"
     table = GloveTable(measure_markers(task, markers, stride=60), Census(), None, 1)
     report = marker_report(table)

@@ -23,12 +23,14 @@ MARKERS = {"ours": MarkerNetworkConfig((16, 8)), "paper": PAPER_MARKERS, "two ha
 
 @pytest.fixture
 def read() -> tuple[Tensor, Tensor]:
-    """Markers (4, 27), some hidden, and lengths of bones (4, 20)."""
+    """Markers (4, 27), some hidden, and shapes of hands (4, 87), of which one is not known."""
     torch.manual_seed(1)
-    shape, lengths = typical_hand()
+    shape, hand = typical_hand()
     markers = (shape + 0.02 * torch.randn(4, 9, 3)).flatten(-2)
     markers[1, 3:6] = 0.0
-    return markers, lengths * (1 + 0.1 * torch.randn(4, 20))
+    hands = hand + 0.005 * torch.randn(4, 87)
+    hands[2] = 0.0
+    return markers, hands
 
 
 def test_the_paper_s_layers_have_the_size_of_its_tables() -> None:
@@ -69,11 +71,18 @@ def test_a_hidden_marker_is_read_as_such_and_not_as_one_at_the_template(read: tu
     assert features[1, 28] == 0
 
 
-def test_the_default_hand_on_the_template_reads_as_zeros() -> None:
-    shape, lengths = typical_hand()
-    features = MarkerNetwork(MarkerNetworkConfig((16,))).features(shape.flatten()[None], lengths[None])
+def test_the_typical_hand_on_the_template_reads_as_zeros() -> None:
+    shape, hand = typical_hand()
+    features = MarkerNetwork(MarkerNetworkConfig((16,))).features(shape.flatten()[None], hand[None])
     assert torch.allclose(features[:, :27], torch.zeros(1, 27), atol=1e-5)
-    assert torch.allclose(features[:, 36:], torch.zeros(1, 20), atol=1e-5)
+    assert torch.allclose(features[:, 36:-1], torch.zeros(1, 87), atol=1e-5)
+    assert features[0, -1] == 1
+
+
+def test_a_hand_that_is_not_known_reads_as_none(read: tuple[Tensor, Tensor]) -> None:
+    features = MarkerNetwork(MarkerNetworkConfig((16,))).features(*read)
+    assert not features[2, 36:].any()
+    assert features[[0, 1, 3], -1].all()
 
 
 def test_without_the_other_hand_none_of_its_markers_is_known(read: tuple[Tensor, Tensor]) -> None:

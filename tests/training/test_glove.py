@@ -12,13 +12,14 @@ import torch
 
 from bodysense.body.glove import default_glove, marker_positions, template
 from bodysense.body.hand import hand_skeleton
+from bodysense.body.hand_family import draw_hand
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.data.hand_motion import HandMotion
-from bodysense.data.hand_synthesis import synthesize_hand, varied_hand
+from bodysense.data.hand_synthesis import synthesize_hand
 from bodysense.data.pair_synthesis import synthesize_pair
 from bodysense.errors import BodysenseError
-from bodysense.estimators.gloves.networks import bone_lengths, load_joint_network, load_marker_network, size_ratios
+from bodysense.estimators.gloves.networks import known_shapes, load_joint_network, load_marker_network, size_ratios
 from bodysense.models.glove import (
     PAPER_JOINTS,
     PAPER_MARKERS,
@@ -30,7 +31,7 @@ from bodysense.models.glove import (
 )
 from bodysense.training.body_network import Progress
 from bodysense.training.glove import GloveSchedule, Task, train_glove
-from bodysense.training.glove_frames import AS_RECORDED, GloveFrames, HandVariation, frames_of, join
+from bodysense.training.glove_frames import GloveFrames, frames_of, join
 from bodysense.training.glove_onnx import write_glove_network
 from bodysense.training.glove_run import GloveRun, run_gloves
 from bodysense.training.glove_tasks import (
@@ -45,13 +46,14 @@ from bodysense.training.glove_tasks import (
     registered,
     turned_to,
 )
+from bodysense.training.glove_told import EXACT, UNTOLD, draw_told
 
 SMALL = GloveSchedule(steps=60, batch=64, learning_rate=4e-3, check_every=30, warm_up=5, average_decay=0.8)
 
 
 @pytest.fixture(scope="module")
 def hand() -> Skeleton:
-    return varied_hand(hand_skeleton(default_skeleton(), "left"), 0.1, np.random.default_rng(3))
+    return draw_hand(np.random.default_rng(3)).skeleton
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +63,7 @@ def motion(hand: Skeleton) -> HandMotion:
 
 @pytest.fixture(scope="module")
 def frames(motion: HandMotion) -> GloveFrames:
-    return frames_of(motion, HandVariation(), np.random.default_rng(5))
+    return frames_of(motion)
 
 
 def test_frames_are_the_motion_from_the_wrist_at_one_size(
@@ -75,28 +77,27 @@ def test_frames_are_the_motion_from_the_wrist_at_one_size(
         between = np.linalg.norm(true[:, 3:] - true[:, :-3], axis=-1) / ratio
         assert np.allclose(np.linalg.norm(ours[:, 3:] - ours[:, :-3], axis=-1), between, atol=1e-6)
     assert np.abs(frames.points[:, 0]).max() == 0
-    assert np.allclose(frames.hand, bone_lengths([hand]))
     assert np.isnan(frames.other).all()
 
 
 def test_the_other_hand_stands_where_it_is_for_this_one(hand: Skeleton) -> None:
     left, right = synthesize_pair(hand, 3.0, np.random.default_rng(6), 30.0)
-    made = frames_of(left, HandVariation(), np.random.default_rng(7), right)
+    made = frames_of(left, None, right)
     # Distances between markers of both hands, in the world: the right hand is mirrored at x = 0 there.
     ours, theirs = (np.asarray(marker_positions(default_glove(), one.pose)) for one in (left, right))
     theirs = theirs * [-1, 1, 1]
     true = np.linalg.norm(ours[:, :, None] - theirs[:, None], axis=-1) / size_ratios([hand])[0]
     assert np.allclose(np.linalg.norm(made.markers[:, :, None] - made.other[:, None], axis=-1), true, atol=1e-6)
     with pytest.raises(BodysenseError, match="both need the same times"):
-        frames_of(left, HandVariation(), np.random.default_rng(7), replace(right, pose=right.pose[:5]))
+        frames_of(left, None, replace(right, pose=right.pose[:5]))
 
 
 def test_joined_motions_keep_their_own_hands(frames: GloveFrames, motion: HandMotion) -> None:
-    other = frames_of(motion, HandVariation(hand=0.1), np.random.default_rng(8))
+    other = frames_of(motion, draw_hand(np.random.default_rng(8)))
     both = join([frames, other])
     assert len(both) == 2 * len(frames)
-    assert np.array_equal(both.hand[both.motion[-1]], other.hand[0])
-    assert np.array_equal(both.hand[both.motion[0]], frames.hand[0])
+    assert np.array_equal(both.rest[both.motion[-1]], other.rest[0])
+    assert np.array_equal(both.rest[both.motion[0]], frames.rest[0])
     rows = np.zeros(len(both), dtype=bool)
     rows[len(frames) :] = True
     assert np.array_equal(both.only(rows).markers, other.markers)
@@ -118,7 +119,7 @@ def test_markers_are_registered_by_those_that_are_known_as_scipy_does(frames: Gl
     hidden = np.zeros((2, 9), dtype=bool)
     hidden[:, [1, 5]] = True
     goal = np.broadcast_to(frames.template[0], markers.shape)
-    made = registered(markers, hidden, np.repeat(frames.hand, 2, axis=0), goal)
+    made = registered(markers, hidden, np.zeros((2, 87)), goal)
     assert np.allclose(frames.template[0], template(default_glove(), hand) / size_ratios([hand])[0])
     for row in range(2):
         known = ~hidden[row]
@@ -141,7 +142,7 @@ def test_drawn_frames_are_of_one_motion_with_the_same_markers_hidden(frames: Glo
 
 def test_true_angles_put_fingers_where_they_are(frames: GloveFrames) -> None:
     """Of synthesised hands angles tell all, and the finger rotation has nothing to do."""
-    points = finger_points(torch.from_numpy(frames.angles), torch.from_numpy(frames.rest[frames.motion]))
+    points = finger_points(torch.from_numpy(frames.angles), *_of(frames))
     assert np.allclose(points, frames.points, atol=1e-5)
     turned = turned_to(points, torch.from_numpy(frames.markers))
     places = default_hand().indices(FINGER_POINTS)
@@ -149,8 +150,7 @@ def test_true_angles_put_fingers_where_they_are(frames: GloveFrames) -> None:
 
 
 def test_a_turned_finger_points_at_its_marker(frames: GloveFrames) -> None:
-    rest = torch.from_numpy(frames.rest[frames.motion])
-    points = finger_points(torch.from_numpy(frames.angles) + 0.1, rest)
+    points = finger_points(torch.from_numpy(frames.angles) + 0.1, *_of(frames))
     turned = turned_to(points, torch.from_numpy(frames.markers)).numpy()
     glove, hand = default_glove(), default_hand()
     for place, finger in enumerate(("thumb", "index", "middle", "ring", "pinky")):
@@ -163,11 +163,30 @@ def test_a_turned_finger_points_at_its_marker(frames: GloveFrames) -> None:
 
 def test_what_the_joint_network_reads_does_not_depend_on_where_the_hand_is(frames: GloveFrames) -> None:
     rows = np.arange(20)
-    here, _ = in_hand(frames, rows, frames.markers[rows])
-    assert np.allclose(here.reshape(-1, 9, 3), frames.markers[rows], atol=1e-6)  # it is at its wrist already
-    turned = frames.markers[rows] @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]) + 0.3
-    there, _ = in_hand(frames, rows, turned)
-    assert torch.allclose(here, there, atol=1e-5)
+    markers, points, flat = frames.markers[rows], frames.points[rows], frames.template[frames.motion[rows]]
+    here, joints = in_hand(markers, points, flat)
+    assert np.allclose(here, markers, atol=1e-6)  # it is at its wrist already
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    there, moved = in_hand(markers @ turn + 0.3, points @ turn + 0.3, flat)
+    assert np.allclose(here, there, atol=1e-5)
+    assert np.allclose(joints, moved, atol=1e-5)
+
+
+def _of(frames: GloveFrames) -> tuple[torch.Tensor, torch.Tensor]:
+    """Resting offsets and axes of every frame."""
+    return torch.from_numpy(frames.rest[frames.motion]), torch.from_numpy(frames.axes[frames.motion])
+
+
+def test_shapes_are_told_exactly_with_an_error_or_not_at_all(motion: HandMotion) -> None:
+    worn = draw_hand(np.random.default_rng(8))
+    frames = frames_of(motion, worn)
+    told = draw_told(frames, np.zeros(4000, dtype=int), np.random.default_rng(1))
+    exact = np.abs(told.rest - frames.rest).max(axis=(1, 2)) < 1e-6
+    nothing = ~told.shape.any(axis=1)
+    assert exact.mean() == pytest.approx(EXACT, abs=0.03)
+    assert nothing.mean() == pytest.approx(UNTOLD, abs=0.03)
+    assert np.allclose(told.shape[exact], known_shapes([worn.skeleton], [worn.glove])[0], atol=1e-6)
+    assert np.allclose(told.scale[exact], 1.0)
 
 
 @pytest.mark.parametrize("name", ["markers", "paper markers", "two hands", "recurrent", "joints", "paper joints"])
@@ -190,7 +209,7 @@ def _small(name: str, frames: GloveFrames, hand: Skeleton) -> tuple[MarkerNetwor
     squared = replace(SMALL, squared=True, average_decay=0.0, patience=2)
     if name == "two hands":
         left, right = synthesize_pair(hand, 4.0, np.random.default_rng(6), 30.0)
-        frames = frames_of(left, AS_RECORDED[0], np.random.default_rng(7), right)
+        frames = frames_of(left, None, right)
         return MarkerNetwork(replace(TWO_HANDS, layers=(32,))), MarkerTask(frames, frames, SMALL, 30.0)
     if name == "recurrent":
         few = replace(SMALL, batch=8)
@@ -263,7 +282,8 @@ def test_the_file_answers_as_the_network_for_any_number_of_hands(
     for count in (1, 2, 17):
         markers = torch.from_numpy(frames.markers[:count]).flatten(-2)
         markers[0, :3] = 0.0
-        hand = torch.from_numpy(np.repeat(frames.hand, count, axis=0))
+        shape = draw_told(frames, np.zeros(count, dtype=int), np.random.default_rng(count)).shape
+        hand = torch.from_numpy(shape)
         with torch.no_grad():
             expected = network.eval()(markers, hand).numpy()
         told = loaded.run(markers.numpy(), hand.numpy())

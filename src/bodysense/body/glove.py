@@ -24,7 +24,7 @@ ALIGNMENT = (0, 1, 2)
 _TEMPLATE = (
     *((-0.0059, -0.0796, -0.0325), (-0.0300, 0.0, 0.0), (-0.0155, -0.0869, 0.0319)),
     *((-0.0006, -0.1787, -0.0125), (0.0037, -0.1562, -0.0293), (-0.0013, -0.1761, 0.0250)),
-    *((-0.0015, -0.1889, 0.0067), (-0.0014, -0.0512, 0.0558), (0.0116, -0.1038, 0.0948)),
+    *((-0.0052, -0.1889, 0.0067), (-0.0014, -0.0512, 0.0558), (0.0116, -0.1038, 0.0948)),
 )
 
 
@@ -60,11 +60,16 @@ def default_glove() -> Glove:
     hand = hand_skeleton(default_skeleton(), "left")
     points = ("pinky1", "wrist", "index1", "ring_tip", "pinky_tip", "index_tip", "middle_tip", "thumb2", "thumb_tip")
     carried_by = ("wrist", "wrist", "wrist", "ring3", "pinky3", "index3", "middle3", "thumb2", "thumb3")
-    template = np.array(_TEMPLATE)[:, [1, 0, 2]] * [-1, -1, 1]
+    template = paper_template()
     offset = np.zeros((len(MARKERS), 3))
     back = list(ALIGNMENT)
     offset[back] = template[back] - (hand.path @ hand.rest_offset)[hand.indices([points[k] for k in back])]
     return Glove(MARKERS, points, carried_by, offset, hand_size(hand))
+
+
+def paper_template() -> np.ndarray:
+    """(9, 3) m, the markers of the release's glove on a flat left hand, in our axes."""
+    return np.array(_TEMPLATE)[:, [1, 0, 2]] * [-1, -1, 1]
 
 
 def hand_size(hand: Skeleton) -> float:

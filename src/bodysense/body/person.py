@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from bodysense.body.hand_family import GlovedHand, body_with, hand_from_rows, rows_of
 from bodysense.body.rigid import RigidTransform
 from bodysense.body.shape import SHORTEST as SHORTEST_ADULT
 from bodysense.body.shape import TALLEST as TALLEST_ADULT
@@ -41,6 +42,7 @@ class Person:
     # What the guess rests on, and what a tracker adds its own measurements to while it runs.
     height: Measured | None
     lengths: Mapping[tuple[str, str], Measured]
+    hands: Mapping[str, GlovedHand]  # 'left' and 'right', of which gloves were calibrated
 
     def __init__(
         self,
@@ -50,6 +52,7 @@ class Person:
         bone_deviation: np.ndarray | None = None,
         mounts: Mapping[str, RigidTransform] | None = None,
         lengths: Mapping[tuple[str, str], Measured | float] | None = None,
+        hands: Mapping[str, GlovedHand] | None = None,
     ) -> None:
         """Make a person from a skeleton that is told, or from a height, or from nothing.
 
@@ -61,6 +64,7 @@ class Person:
                 0.43}`, metres, as for `height`.
             bone_deviation: standard deviation (P,), metres, of the length of every point's bone; 0 for all points
                 of a skeleton that is told.
+            hands: 'left' and 'right', as a calibration of their gloves found them; the skeleton gets them.
             mounts: how trackers are worn, by the joint that carries each: T_joint_tracker.
         """
         stature = None if height is None else _measured(height, "height")
@@ -75,6 +79,10 @@ class Person:
                 "person: both a skeleton and a height or lengths were given; give one of them, "
                 "or skeleton.scaled(height)"
             )
+        for side, hand in (hands or {}).items():
+            if side not in ("left", "right"):
+                raise BodysenseError(f"person: the hand {side!r}; it is 'left' or 'right'")
+            skeleton = body_with(skeleton, side, hand)
         if not SHORTEST - SOLE <= skeleton.height <= TALLEST:
             raise BodysenseError(
                 f"person: a skeleton {skeleton.height:g} m high; people are {SHORTEST} to {TALLEST} m, "
@@ -99,6 +107,7 @@ class Person:
         object.__setattr__(self, "mounts", dict(mounts or {}))
         object.__setattr__(self, "height", stature)
         object.__setattr__(self, "lengths", known)
+        object.__setattr__(self, "hands", dict(hands or {}))
 
     @cached_property
     def is_told(self) -> bool:
@@ -145,7 +154,12 @@ class Person:
             known.append(
                 {"start": CROWN, "end": FLOOR, "length": self.height.value, "deviation": self.height.deviation}
             )
+        hands = [
+            {"side": side} | {name: values.ravel().tolist() for name, values in rows_of(hand).items()}
+            for side, hand in self.hands.items()
+        ]
         tables = {"joints": rows[:joints], "end_sites": rows[joints:], "known": known, "mounts": mounts}
+        tables |= {"hands": hands} if hands else {}
         parts = [f'"format": "{FORMAT}"', '"units": "metres; quaternions w, x, y, z"']
         parts += [f'"{name}": {_one_row_a_line(table)}' for name, table in tables.items()]
         with written_beside(path) as beside:
@@ -189,7 +203,14 @@ class Person:
             worn[row["joint"]] = RigidTransform(np.array(row["translation"]), np.array(row["rotation"]))
         deviation = np.array([row["deviation"] for row in joints + end_sites], dtype=np.float64)
         skeleton = skeleton_from_table(joints, end_sites)
-        return cls(skeleton, height=height, bone_deviation=deviation, mounts=worn, lengths=lengths)
+        hands: dict[str, GlovedHand] = {}
+        columns = {"side": 0, "points": 63, "axes": 60, "markers": 27}
+        for row in _rows(stored, "hands", columns) if "hands" in stored else []:
+            numbers = (
+                np.array(row[name]).reshape(-1, size) for name, size in (("points", 3), ("axes", 4), ("markers", 3))
+            )
+            hands[row["side"]] = hand_from_rows(*numbers)
+        return cls(skeleton, height=height, bone_deviation=deviation, mounts=worn, lengths=lengths, hands=hands)
 
 
 def _measured(value: Measured | float, what: str) -> Measured:

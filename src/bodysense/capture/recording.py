@@ -29,6 +29,7 @@ class Recording:
     observation: Observation
     skeleton: Skeleton
     told: bool = True  # False: nobody said what the wearer's proportions are, and the skeleton is the default one
+    hands_shown: bool = False  # True: of the hands nothing is known but what their gloves show
 
 
 def write_recording(path: str | Path, recording: Recording) -> None:

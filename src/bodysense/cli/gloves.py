@@ -66,7 +66,9 @@ def gloves_occlusion(data: str | None = None, cameras: int = 12, seed: int = 1, 
     finish(occlusion_report(counted, ring, None, Census()), common)
 
 
-def gloves_table3(data: str | None = None, model: Path | None = None, common: Flat = Common()) -> None:
+def gloves_table3(
+    data: str | None = None, model: Path | None = None, left_out: Path | None = None, common: Flat = Common()
+) -> None:
     """Two hands, Table 3: hidden markers filled by the last known position, mean velocity, affine weights, the network.
 
     One to four markers are hidden for 0.1 to 2 s. Synthesised hands are scored beside the recorded ones.
@@ -75,6 +77,8 @@ def gloves_table3(data: str | None = None, model: Path | None = None, common: Fl
         data: A folder of motion files with fingers or a prepared store; NAME=FOLDER names it. Synthesised hands alone
             by default.
         model: A network written by `bodysense train gloves`; the packaged one by default.
+        left_out: A folder written by `bodysense train gloves --leave-one-out`: each person's clips are scored by the
+            network that was trained without them, too.
         common: Common options.
     """
     from bodysense.evaluation.datasets import named_data
@@ -83,12 +87,16 @@ def gloves_table3(data: str | None = None, model: Path | None = None, common: Fl
     jobs, chosen = checked(common), None if data is None else named_data(data, common.split, common.quick)
     synthesised = _synthesised(common)
     with _progress(chosen, synthesised) as advance:
-        report = table3(chosen, synthesised, model, jobs, advance)
+        report = table3(chosen, synthesised, model, jobs, advance, left_out)
     finish(report, common)
 
 
 def gloves_table4(
-    data: str | None = None, markers: Path | None = None, joints: Path | None = None, common: Flat = Common()
+    data: str | None = None,
+    markers: Path | None = None,
+    joints: Path | None = None,
+    left_out: Path | None = None,
+    common: Flat = Common(),
 ) -> None:
     """Two hands, Table 4: the joints of fingers by cyclic coordinate descent, and by the run time with hidden markers.
 
@@ -97,6 +105,7 @@ def gloves_table4(
             by default.
         markers: A network for hidden markers, written by `bodysense train gloves`; the packaged one by default.
         joints: One for angles, likewise.
+        left_out: As for Table 3.
         common: Common options.
     """
     from bodysense.evaluation.datasets import named_data
@@ -105,7 +114,7 @@ def gloves_table4(
     jobs, chosen = checked(common), None if data is None else named_data(data, common.split, common.quick)
     synthesised = _synthesised(common)
     with _progress(chosen, synthesised) as advance:
-        report = table4(chosen, synthesised, markers, joints, jobs, advance)
+        report = table4(chosen, synthesised, markers, joints, jobs, advance, left_out)
     finish(report, common)
 
 

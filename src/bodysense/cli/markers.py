@@ -69,7 +69,7 @@ def recording_of_markers(file: Path, options: MarkerOptions, reading: ReadingOpt
     # Sizes are factors of the unscaled hand.
     ratio = default_skeleton().height / body.height
     hands = {hand: size * ratio for hand, size in found.sizes.items()}
-    return Recording(found.observation, with_hands_of(body, hands), told=not found.has_body)
+    return Recording(found.observation, with_hands_of(body, hands), told=not found.has_body, hands_shown=bool(hands))
 
 
 def check_gloves_of(observation: Observation, place: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -22,6 +23,7 @@ def gloves(
     threads: int | None = None,
     licence: str = "Apache-2.0",
     data_note: str = "",
+    leave_one_out: bool = False,
 ) -> None:
     """Train the networks of a glove (two-hands, 3.2) and write each as an .onnx. Run it again to go on after a stop.
 
@@ -41,12 +43,17 @@ def gloves(
         threads: Of PyTorch; its own choice by default.
         licence: Of the networks, for their cards.
         data_note: What they were trained on, for their cards.
+        leave_one_out: Train as often as there are people in the data, each time without one of them, in a folder
+            `without-PERSON` each, for `bodysense evaluate gloves-table3 --left-out`.
     """
-    from bodysense.training.glove_run import GloveRun, run_gloves
+    from bodysense.training.glove_run import GloveRun, people_with_fingers, run_gloves
 
     if out.suffix == ".onnx":
         raise BodysenseError(f"{out}: several networks are written; give a folder")
     networks = ("markers", "joints") if network == "both" else (network,)
-    run_gloves(
-        GloveRun(networks, data, out, form, steps, hand_minutes, pair_minutes, seed, threads, licence, data_note)
-    )
+    run = GloveRun(networks, data, out, form, steps, hand_minutes, pair_minutes, seed, threads, licence, data_note)
+    if not leave_one_out:
+        run_gloves(run)
+        return
+    for person in people_with_fingers(data):
+        run_gloves(replace(run, out=out / f"without-{person}", without=(person,)))

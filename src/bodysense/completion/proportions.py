@@ -136,7 +136,7 @@ class Proportions:
         one = self.people[k]
         skeleton = one.skeleton.with_offsets(self.believed[k])
         known = {} if one.is_told else {"height": one.height, "lengths": one.lengths}
-        return Person(skeleton, bone_deviation=self.deviation[k], mounts=mounts, **known)
+        return Person(skeleton, bone_deviation=self.deviation[k], mounts=mounts, hands=one.hands, **known)
 
 
 def proportions_of(people: tuple[Person, ...]) -> Proportions:

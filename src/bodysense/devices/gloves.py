@@ -8,19 +8,21 @@ completes it. Where nothing but gloves is tracked a head is assumed (`standing_h
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.glove import glove_hands, side_of
-from bodysense.body.hand import FINGERTIPS, HAND_JOINTS, Side, hand_skeleton
+from bodysense.body.glove import MARKERS, glove_hands, glove_points, side_of
+from bodysense.body.hand import FINGERTIPS, HAND_JOINTS, Side, hand_skeleton, mirrored_vectors
+from bodysense.body.hand_family import GlovedHand, plain_hand
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.standing_head import ACCURACY, StandingHead, StandingHeadState
 from bodysense.errors import BodysenseError
+from bodysense.estimators.gloves.calibration import enough_frames, fit_hand
 from bodysense.estimators.gloves.hands import GloveModels, Hands, HandsSettings, HandsState, load_glove_models
 from bodysense.observation import OPTICAL_ACCURACY, Observation, without_gloves
 
@@ -134,6 +136,7 @@ def glove_device(
     sides: Iterable[Side] = SIDES,
     models: GloveModels | None = None,
     settings: HandsSettings = HandsSettings(),
+    calibrated: Mapping[str, GlovedHand] | None = None,
 ) -> GloveDevice:
     """Gloves of a wearer.
 
@@ -142,10 +145,32 @@ def glove_device(
         sides: which hands wear one.
         models: the solver's networks; the packaged ones if omitted.
         settings: of the solver.
+        calibrated: hands as a calibration found them (`calibrated_hands`), by their sides.
     """
-    hands = {side: hand_skeleton(skeleton, side_of(side)) for side in sides}
-    solver = Hands(hands, load_glove_models() if models is None else models, settings)
+    worn = {side: plain_hand(hand_skeleton(skeleton, side_of(side))) for side in sides}
+    worn |= {side: hand for side, hand in (calibrated or {}).items() if side in worn}
+    solver = Hands(
+        {side: hand.skeleton for side, hand in worn.items()},
+        load_glove_models() if models is None else models,
+        settings,
+        gloves={side: hand.glove for side, hand in worn.items()},
+        axes=np.stack([hand.axes for hand in worn.values()]),
+    )
     return GloveDevice(solver, wearer=StandingHead(skeleton))
+
+
+def calibrated_hands(observation: Observation) -> dict[str, GlovedHand]:
+    """The hands of a body as their gloves show them; none of a hand that is not seen well enough (`fit_hand`)."""
+    found = {}
+    for side in gloved_sides(observation.points):
+        names = [name for name in glove_points(side) if name in observation.points]
+        place = [observation.points.index(name) for name in names]
+        markers = np.full((len(observation), len(MARKERS), 3), np.nan)
+        seen = np.where(observation.has_position[:, place, None], observation.position[:, place], np.nan)
+        markers[:, [glove_points(side).index(name) for name in names]] = mirrored_vectors(seen, side)
+        if enough_frames(markers):
+            found[side] = fit_hand(markers).hand
+    return found
 
 
 def _widened(observation: Observation, points: tuple[str, ...]) -> Observation:

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.hand import FINGERS, hand_skeleton
+from bodysense.body.hand import FINGERS
+from bodysense.body.hand_family import draw_hand
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.skeleton import default_skeleton
 from bodysense.data.clip import Clip
 from bodysense.data.hand_motion import HandMotion, hand_motions
-from bodysense.data.hand_synthesis import synthesize_hand, varied_hand
+from bodysense.data.hand_synthesis import synthesize_hand
 from bodysense.estimators.gloves.baselines import AffineCombination, LastKnown, MovingAverage
 from bodysense.estimators.gloves.continuity import Continuous
 from bodysense.estimators.gloves.fillers import LastShape, NetworkFiller
@@ -21,6 +22,7 @@ from bodysense.estimators.gloves.hands import GloveModels, HandsSettings
 from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
 from bodysense.evaluation.cyclic_descent import FingerLimits, solve_fingers
 from bodysense.evaluation.datasets import Census, DataSet, census_of
+from bodysense.evaluation.glove_foreign import ForeignModels, foreign_fingers, foreign_markers
 from bodysense.evaluation.glove_trials import (
     DURATIONS,
     FINGER_POINTS,
@@ -38,10 +40,20 @@ from bodysense.evaluation.metrics import joint_error
 from bodysense.evaluation.spread import spread
 
 SEEDS = 5
-Task = tuple[list[HandMotion], str]  # motions, and the group with which they are scored
+
+
+class Task(NamedTuple):
+    """Motions that are scored together."""
+
+    motions: list[HandMotion]
+    group: str  # with which they are scored
+    person: str = ""  # whose they are, where known
+
+
 # No marker of a trial is wrong, and every trial is a hand by itself, whose neighbours are not there.
 ALONE = HandsSettings(rejection=None, contact=None)
 SYNTHESISED = "synthesised"
+FOREIGN_STRIDE = 60  # frames from one trial to the next, on hands that were not learned
 STRIDE = 30  # frames at 60 Hz from one trial to the next, at each seed from another one on
 SYNTHETIC_SECONDS, SYNTHETIC_SEED = 12.0, 2019
 
@@ -88,7 +100,7 @@ def measure(
             else:
                 advance()
         for number in range(synthesised):
-            yield [synthetic_hand(number)], SYNTHESISED
+            yield Task([synthetic_hand(number)], SYNTHESISED)
 
     for _, told in spread(work, tasks(), jobs):
         means.merge(told)
@@ -98,19 +110,18 @@ def measure(
 
 def both_hands(clip: Clip) -> Task:
     """The hands of a clip at 60 Hz, and its group."""
-    return list(hand_motions([clip])), group_of(clip)
+    return Task(list(hand_motions([clip])), group_of(clip), clip.person)
 
 
 def synthetic_hand(number: int) -> HandMotion:
     """One of the synthesised hands, none of which a network has learned from: another seed, another hand."""
     rng = np.random.default_rng([SYNTHETIC_SEED, number])
-    hand = varied_hand(hand_skeleton(default_skeleton(), "left"), 0.05, rng)
-    return synthesize_hand(hand, SYNTHETIC_SECONDS, rng)
+    return synthesize_hand(draw_hand(rng).skeleton, SYNTHETIC_SECONDS, rng)
 
 
-def measure_markers(task: Task, model: Path | None = None, stride: int = STRIDE) -> Means:
+def measure_markers(task: Task, model: Path | None = None, stride: int = STRIDE, left_out: Path | None = None) -> Means:
     """Table 3 of some motions: errors of hidden markers, cm, under (group, method, hidden, duration)."""
-    motions, group = task
+    motions, group, person = task
     network, means = load_marker_network(model), Means()
     for trials, count, hidden in _all_trials(motions, stride):
         fillers = {
@@ -123,6 +134,8 @@ def measure_markers(task: Task, model: Path | None = None, stride: int = STRIDE)
         for method, filler in fillers.items():
             for duration, error in zip(DURATIONS, marker_error(trials, hidden, filler), strict=True):
                 means.add((group, method, count, duration), error)
+    if group == GROUPS[0]:
+        means.merge(foreign_markers(motions, person, ForeignModels(model, left_out=left_out), FOREIGN_STRIDE))
     return means
 
 
@@ -132,9 +145,10 @@ def measure_fingers(
     joints: Path | None = None,
     settings: HandsSettings = ALONE,
     stride: int = STRIDE,
+    left_out: Path | None = None,
 ) -> Means:
     """Table 4 of some motions: errors of the joints of fingers, cm, under (group, method, hidden, duration)."""
-    motions, group = task
+    motions, group, person = task
     models, means = GloveModels(load_marker_network(markers), load_joint_network(joints)), Means()
     for method, limits in (("ik", None), ("ik_tuned", FingerLimits())):
         for motion in motions:
@@ -144,6 +158,9 @@ def measure_fingers(
         means.add((group, "nn", 0, 0.0), still)
         for duration, error in zip(DURATIONS, errors, strict=True):
             means.add((group, "nn", count, duration), error)
+    if group == GROUPS[0]:
+        foreign = ForeignModels(markers, joints, left_out)
+        means.merge(foreign_fingers(motions, person, foreign, settings, FOREIGN_STRIDE))
     return means
 
 

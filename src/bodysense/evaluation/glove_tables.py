@@ -9,6 +9,7 @@ from pathlib import Path
 
 from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
 from bodysense.evaluation.datasets import DataSet, describe
+from bodysense.evaluation.glove_foreign import ALONE, FEW_MANY, PLACES, WAYS, foreign_numbers
 from bodysense.evaluation.glove_scores import (
     SEEDS,
     STRIDE,
@@ -53,14 +54,21 @@ _STILL = {"ik": "CCD, no limits", "ik_tuned": "CCD, tuned limits", "nn": "networ
 
 
 def table3(
-    data: DataSet | None, synthesised: int, model: Path | None, jobs: int, advance: Callable[[], None]
+    data: DataSet | None,
+    synthesised: int,
+    model: Path | None,
+    jobs: int,
+    advance: Callable[[], None],
+    left_out: Path | None = None,
 ) -> Report:
     """Measure Table 3 and report it, of recorded and of so many synthesised hands.
 
-    Raises BodysenseError for a file that is no marker network.
+    `left_out` is a folder of networks that were trained without somebody (`glove_foreign`). Raises BodysenseError for a
+    file that is no marker network.
     """
     load_marker_network(model)
-    return marker_report(measure(partial(measure_markers, model=model), data, synthesised, jobs, advance))
+    work = partial(measure_markers, model=model, left_out=left_out)
+    return marker_report(measure(work, data, synthesised, jobs, advance))
 
 
 def table4(
@@ -70,14 +78,15 @@ def table4(
     joints: Path | None,
     jobs: int,
     advance: Callable[[], None],
+    left_out: Path | None = None,
 ) -> Report:
     """Measure Table 4 and report it, of recorded and of so many synthesised hands.
 
-    Raises BodysenseError for files that are not these networks.
+    `left_out` as for Table 3. Raises BodysenseError for files that are not these networks.
     """
     load_marker_network(markers)
     load_joint_network(joints)
-    work = partial(measure_fingers, markers=markers, joints=joints)
+    work = partial(measure_fingers, markers=markers, joints=joints, left_out=left_out)
     return finger_report(measure(work, data, synthesised, jobs, advance))
 
 
@@ -88,7 +97,7 @@ def marker_report(table: GloveTable) -> Report:
         title="Two hands, Table 3: hidden markers of a glove on the last frame before they return",
         columns=("motion", "method", "hidden", *_columns()),
         rows=tuple(_marker_rows(table)),
-        numbers=finite(_marker_numbers(table)) | table.census.numbers(),
+        numbers=finite(_marker_numbers(table) | foreign_numbers(table.means)) | table.census.numbers(),
         data=_data(table),
         remarks=tuple(_marker_remarks(table)),
         caption=f"Mean error of hidden markers, cm; {SEEDS} seeds, a trial every {STRIDE / 60:g} s each. Last known is "
@@ -105,7 +114,7 @@ def finger_report(table: GloveTable) -> Report:
         title="Two hands, Table 4: joints of fingers",
         columns=("motion", "method", "hidden", *_columns()),
         rows=tuple(_finger_rows(table)),
-        numbers=finite(_finger_numbers(table)) | table.census.numbers(),
+        numbers=finite(_finger_numbers(table) | foreign_numbers(table.means)) | table.census.numbers(),
         data=_data(table),
         remarks=tuple(_finger_remarks(table)),
         caption="Mean error of the second and third joint and the tip of every finger (p1, p2, p3), in the world, cm; "
@@ -148,6 +157,20 @@ def _marker_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
             ours = (cell(_ratio(table, hidden, duration, group)) for duration in DURATIONS)
             theirs = (published_ratio(hidden, duration) for duration in DURATIONS)
             yield (_motion(table, group), "network ÷ last known", str(hidden), *ours, *theirs)
+    yield from _foreign_rows(table)
+
+
+def _foreign_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
+    """Hands that no network has learned, beside the trained ones."""
+    blank = (None,) * len(DURATIONS)
+    for place, label in PLACES.items():
+        for way, name in (*WAYS.items(), (ALONE, "hand told, network alone")):
+            if math.isfinite(still := table.get(way, 0, 0.0, place)):
+                yield (label, name, "0", cell(still), *blank[1:], *blank)
+            for hidden in FEW_MANY:
+                row = [table.get(way, hidden, duration, place) for duration in DURATIONS]
+                if any(map(math.isfinite, row)):
+                    yield (label, name, str(hidden), *map(cell, row), *blank)
 
 
 def _marker_numbers(table: GloveTable) -> dict[str, float]:
@@ -207,6 +230,7 @@ def _finger_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
         for hidden in HIDDEN:
             row = (cell(table.get("nn", hidden, duration, group)) for duration in DURATIONS)
             yield (_motion(table, group), "network", str(hidden), *row, *PUBLISHED_POINTS[hidden])
+    yield from _foreign_rows(table)
 
 
 def _finger_numbers(table: GloveTable) -> dict[str, float]:

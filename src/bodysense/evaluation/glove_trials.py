@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bodysense.body.glove import MARKERS, default_glove, glove_points, marker_positions
+from bodysense.body.glove import MARKERS, Glove, glove_points, marker_positions
 from bodysense.body.hand import FINGERS
+from bodysense.body.hand_family import GlovedHand, carried_over, plain_hand
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.data.hand_motion import RATE, HandMotion
@@ -33,24 +34,34 @@ _AT_ONCE = 400  # trials
 class Trials:
     """H stretches of motion of T frames at 60 Hz; after its end a motion's last frame repeats."""
 
-    hands: tuple[Skeleton, ...]
+    worn: tuple[GlovedHand, ...]
     markers: np.ndarray  # (T, H, 9, 3) m
     points: np.ndarray  # (T, H, 21, 3) m
     frames: np.ndarray  # (H,) that are of the motion
 
     def __len__(self) -> int:
-        return len(self.hands)
+        return len(self.worn)
+
+    @property
+    def hands(self) -> tuple[Skeleton, ...]:
+        """Their skeletons."""
+        return tuple(hand.skeleton for hand in self.worn)
+
+    @property
+    def gloves(self) -> tuple[Glove, ...]:
+        """What they wear."""
+        return tuple(hand.glove for hand in self.worn)
 
     def part(self, start: int, stop: int) -> Trials:
         """Some of them."""
         rows = slice(start, stop)
-        return Trials(self.hands[rows], self.markers[:, rows], self.points[:, rows], self.frames[rows])
+        return Trials(self.worn[rows], self.markers[:, rows], self.points[:, rows], self.frames[rows])
 
 
 def together(several: Sequence[Trials]) -> Trials:
     """Trials of several parts, in order."""
     return Trials(
-        tuple(hand for part in several for hand in part.hands),
+        tuple(hand for part in several for hand in part.worn),
         np.concatenate([part.markers for part in several], axis=1),
         np.concatenate([part.points for part in several], axis=1),
         np.concatenate([part.frames for part in several]),
@@ -81,18 +92,24 @@ class Means:
         return total / count if count else float("nan")
 
 
-def cut(motions: Iterable[HandMotion], stride: int, rng: np.random.Generator) -> Trials | None:
-    """A trial at every `stride` frames of every motion at 60 Hz, from a random one on; None of motions too short."""
-    glove, length = default_glove(), LAST[-1] + 1
-    hands: list[Skeleton] = []
+def cut(
+    motions: Iterable[HandMotion], stride: int, rng: np.random.Generator, hand: GlovedHand | None = None
+) -> Trials | None:
+    """A trial at every `stride` frames of every motion at 60 Hz, from a random one on; None of motions too short.
+
+    On the motions' own hands, in default gloves, or on another one.
+    """
+    length, hands = LAST[-1] + 1, []
     markers, points, frames = [], [], []
     for motion in motions:
         begins = np.arange(int(rng.integers(stride)), len(motion) - LAST[0], stride)
         rows = np.minimum(begins + np.arange(length)[:, None], len(motion) - 1)
-        markers.append(np.asarray(marker_positions(glove, motion.pose))[rows])
-        points.append(forward_kinematics(motion.pose)[0][rows])
+        worn = plain_hand(motion.pose.skeleton) if hand is None else hand
+        pose = carried_over(motion.pose, worn)
+        markers.append(np.asarray(marker_positions(worn.glove, pose))[rows])
+        points.append(forward_kinematics(pose)[0][rows])
         frames.append(len(motion) - begins)
-        hands += [motion.pose.skeleton] * len(begins)
+        hands += [worn] * len(begins)
     if not hands:
         return None
     return Trials(tuple(hands), np.concatenate(markers, 1), np.concatenate(points, 1), np.concatenate(frames))
@@ -136,7 +153,13 @@ def finger_error(trials: Trials, hidden: np.ndarray, models: GloveModels, settin
 def _finger_error(trials: Trials, hidden: np.ndarray, models: GloveModels, settings: HandsSettings) -> np.ndarray:
     """Every trial is a hand of its own, so that all go through the run time at once."""
     names = [f"left{k}" for k in range(len(trials))]
-    hands = Hands(dict(zip(names, trials.hands, strict=True)), models, settings)
+    hands = Hands(
+        dict(zip(names, trials.hands, strict=True)),
+        models,
+        settings,
+        gloves=dict(zip(names, trials.gloves, strict=True)),
+        axes=np.stack([hand.axes for hand in trials.worn]),
+    )
     answers, _ = hands.step(_observation(names, trials.markers, hidden), hands.start())
     points = trials.hands[0].indices(FINGER_POINTS)
     told = np.stack([answers[name].position for name in names], axis=1)

@@ -2,6 +2,7 @@
 
 Both read markers of a left hand, at the default hand's size: the first registered onto the template by all that are
 known, hidden ones exactly 0 (section 3.2.2), the second, in which none is missing, by those on the back of the hand.
+Both read the hand's shape, its resting offsets and the markers on it when it is flat; zeros where it is not known.
 What scales them is inside, and linear, so that an exported network has it in its first and last layer.
 """
 
@@ -9,18 +10,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
-from bodysense.body.glove import MARKERS, default_glove, template
-from bodysense.body.hand import FINGERTIPS, FREEDOMS, HAND_JOINTS, hand_skeleton
-from bodysense.body.skeleton import default_skeleton
+from bodysense.body.glove import MARKERS, template
+from bodysense.body.hand import FINGERTIPS, FREEDOMS, HAND_JOINTS
+from bodysense.body.hand_family import COUNT, hand_of
 from bodysense.models.recurrent import Recurrent
 
 MARKER_VALUES = 3 * len(MARKERS)
 BONES = len(HAND_JOINTS) - 1 + len(FINGERTIPS)
+SHAPE_VALUES = 3 * BONES + MARKER_VALUES
 _REACH = 0.03  # m: by about so much markers of fingers move
-_SPREAD = 0.1  # of the length of a bone: by about so much hands differ
+_SHAPE = 0.006  # m: by about so much hands at one size differ
 _TURN = 0.5  # rad: by about so much joints turn
 
 
@@ -30,7 +33,7 @@ class MarkerNetworkConfig:
 
     layers: tuple[int, ...] = (256, 200, 256)
     reads_mask: bool = True  # and markers from the template; without, a hidden marker is a zero and nothing else
-    reads_hand: bool = True  # the lengths of its bones
+    reads_hand: bool = True  # its shape
     reads_other: bool = False  # the markers of the person's other hand, in this one's frame
     memory: int = 0  # of a recurrent layer (GRU) before the others; 0: it has none
 
@@ -62,9 +65,9 @@ class MarkerNetwork(nn.Module):
     def __init__(self, config: MarkerNetworkConfig) -> None:
         super().__init__()
         self.config = config
-        shape, lengths = typical_hand()
+        shape, hand = typical_hand()
         blocks = [_seen_scale(shape) if config.reads_mask else (torch.eye(MARKER_VALUES) / _REACH, None)]
-        blocks += [_seen_scale(shape)] * config.reads_other + [_hand_scale(lengths)] * config.reads_hand
+        blocks += [_seen_scale(shape)] * config.reads_other + [_hand_scale(hand)] * config.reads_hand
         _register_scale(self, blocks)
         self.register_buffer("typical", shape.flatten(), persistent=False)
         features = len(self.scale)
@@ -72,7 +75,7 @@ class MarkerNetwork(nn.Module):
         self.layers = _layers(features + config.memory, config.layers, MARKER_VALUES, 0.0)
 
     def forward(self, markers: Tensor, hand: Tensor, other: Tensor | None = None) -> Tensor:
-        """Markers (..., 27) m and lengths of bones (..., 20) m → (..., 27) m.
+        """Markers (..., 27) m and the hand's shape (..., 87) m → (..., 27) m.
 
         `other` (..., 27) are the markers of the other hand in the same frame, hidden ones 0; none are known without it.
         Not for a network with memory.
@@ -80,7 +83,7 @@ class MarkerNetwork(nn.Module):
         return self.answer(self.features(markers, hand, other))
 
     def step(self, markers: Tensor, hand: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
-        """The same of a network with memory: (B, T, 27), (B, T, 20) and memory (B, M) → (B, T, 27) and memory."""
+        """The same of a network with memory: (B, T, 27), (B, T, 87) and memory (B, M) → (B, T, 27) and memory."""
         assert self.recurrent is not None, "this network has no memory: call it instead"
         features = self.features(markers, hand)
         hidden, memory = self.recurrent(features, memory)
@@ -98,7 +101,7 @@ class MarkerNetwork(nn.Module):
         if config.reads_other:
             parts.append(_with_mask(torch.zeros_like(markers) if other is None else other))
         if config.reads_hand:
-            parts.append(hand)
+            parts.append(_with_flag(hand))
         return torch.cat(parts, dim=-1)
 
     def features(self, markers: Tensor, hand: Tensor, other: Tensor | None = None) -> Tensor:
@@ -123,18 +126,18 @@ class JointNetwork(nn.Module):
     def __init__(self, config: JointNetworkConfig) -> None:
         super().__init__()
         self.config = config
-        shape, lengths = typical_hand()
+        shape, hand = typical_hand()
         markers = (torch.eye(MARKER_VALUES) / _REACH, -shape.flatten() / _REACH)
-        _register_scale(self, [markers] + [_hand_scale(lengths)] * config.reads_hand)
+        _register_scale(self, [markers] + [_hand_scale(hand)] * config.reads_hand)
         self.layers = _layers(len(self.scale), config.layers, len(FREEDOMS), config.dropout)
 
     def forward(self, markers: Tensor, hand: Tensor) -> Tensor:
-        """Markers (..., 27) m and lengths of bones (..., 20) m → angles (..., 26) rad."""
+        """Markers (..., 27) m and the hand's shape (..., 87) m → angles (..., 26) rad."""
         return _TURN * self.layers(nn.functional.linear(self.raw(markers, hand), self.scale, self.shift))
 
     def raw(self, markers: Tensor, hand: Tensor) -> Tensor:
         """What is read, not yet scaled."""
-        return torch.cat([markers, hand], dim=-1) if self.config.reads_hand else markers
+        return torch.cat([markers, _with_flag(hand)], dim=-1) if self.config.reads_hand else markers
 
     def folded(self) -> nn.Sequential:
         """From `raw` to the angles, in as few layers as there are."""
@@ -142,16 +145,22 @@ class JointNetwork(nn.Module):
 
 
 def typical_hand() -> tuple[Tensor, Tensor]:
-    """The default glove's template (9, 3) m and the default hand's lengths of bones (20,) m."""
-    hand = hand_skeleton(default_skeleton(), "left")
-    shape = torch.tensor(template(default_glove(), hand), dtype=torch.float32)
-    return shape, torch.tensor(hand.bone_length[1:], dtype=torch.float32)
+    """The template (9, 3) m of the middle of the family of hands, and its shape (87,) m."""
+    hand = hand_of(np.zeros(COUNT))
+    flat = template(hand.glove, hand.skeleton)
+    shape = np.concatenate([hand.skeleton.rest_offset[1:].ravel(), flat.ravel()])
+    return torch.tensor(flat, dtype=torch.float32), torch.tensor(shape, dtype=torch.float32)
 
 
 def _with_mask(markers: Tensor) -> Tensor:
     """Markers (..., 27) and which of them are known (..., 9): (..., 36)."""
     known = markers.unflatten(-1, (len(MARKERS), 3)).abs().sum(dim=-1) > 0
     return torch.cat([markers, known.to(markers.dtype)], dim=-1)
+
+
+def _with_flag(hand: Tensor) -> Tensor:
+    """A hand's shape (..., 87) and whether it is known (..., 1)."""
+    return torch.cat([hand, (hand.abs().sum(dim=-1, keepdim=True) > 0).to(hand.dtype)], dim=-1)
 
 
 Scale = tuple[Tensor, Tensor | None]  # (F, R) from what is read to features, and what is added (F,), if anything
@@ -166,9 +175,12 @@ def _seen_scale(shape: Tensor) -> Scale:
     return scale, None
 
 
-def _hand_scale(lengths: Tensor) -> Scale:
-    """Of lengths of bones: how they differ from the default hand's."""
-    return torch.diag(1 / (lengths * _SPREAD)), torch.full_like(lengths, -1 / _SPREAD)
+def _hand_scale(typical: Tensor) -> Scale:
+    """Of a hand's shape and its flag: how it differs from the typical one, where it is known."""
+    scale = torch.eye(SHAPE_VALUES + 1)
+    scale[:SHAPE_VALUES] /= _SHAPE
+    scale[:SHAPE_VALUES, SHAPE_VALUES] = -typical / _SHAPE
+    return scale, None
 
 
 def _register_scale(network: nn.Module, blocks: list[Scale]) -> None:

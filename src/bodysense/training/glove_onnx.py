@@ -13,7 +13,7 @@ from bodysense.body.glove import MARKERS
 from bodysense.body.hand import FREEDOMS
 from bodysense.estimators.gloves.networks import JOINT_FORMAT, MARKER_FORMAT
 from bodysense.estimators.gloves.variants import MEMORY_FORMAT, TWO_HANDS_FORMAT
-from bodysense.models.glove import BONES, MARKER_VALUES, JointNetwork, MarkerNetwork
+from bodysense.models.glove import MARKER_VALUES, SHAPE_VALUES, JointNetwork, MarkerNetwork
 from bodysense.training.onnx_writing import export
 
 
@@ -45,13 +45,13 @@ class _OneStep(nn.Module):
 def write_glove_network(network: MarkerNetwork | JointNetwork, path: Path, card: dict[str, Any]) -> None:
     """Export a network for any number of hands at once, with its metadata. The file appears whole or not at all.
 
-    Its inputs are `markers` (H, 27) m, registered and at the default hand's size, `hand` (H, 20) m, and, where it reads
+    Its inputs are `markers` (H, 27) m, registered and at the default hand's size, `hand` (H, 87) m, and, where it reads
     them, `other` (H, 27) or `state_memory` (H, M); its outputs `filled` (H, 27) m, with `next_memory`, or `angles`
     (H, 26) rad.
     """
     network = network.eval()
     inputs, outputs, format = ["markers", "hand"], ["filled"], MARKER_FORMAT
-    example = [torch.full((2, MARKER_VALUES), 0.01), torch.full((2, BONES), 0.03)]
+    example = [torch.full((2, MARKER_VALUES), 0.01), torch.full((2, SHAPE_VALUES), 0.03)]
     step: nn.Module
     if isinstance(network, JointNetwork):
         step, outputs, format = _Folded(network), ["angles"], JOINT_FORMAT

@@ -13,11 +13,10 @@ import numpy as np
 import torch
 from rich.console import Console
 
-from bodysense.body.hand import hand_skeleton
-from bodysense.body.skeleton import default_skeleton
+from bodysense.body.hand_family import draw_hand
 from bodysense.data.clips import open_clips
 from bodysense.data.hand_motion import HandMotion, hand_pairs
-from bodysense.data.hand_synthesis import synthesize_hand, varied_hand
+from bodysense.data.hand_synthesis import synthesize_hand
 from bodysense.data.pair_synthesis import synthesize_pair
 from bodysense.errors import BodysenseError
 from bodysense.models.glove import (
@@ -38,14 +37,7 @@ from bodysense.training.glove import (
     Task,
     train_glove,
 )
-from bodysense.training.glove_frames import (
-    AS_RECORDED,
-    VARIATIONS,
-    GloveFrames,
-    HandVariation,
-    frames_of,
-    join,
-)
+from bodysense.training.glove_frames import GloveFrames, frames_of, join
 from bodysense.training.glove_onnx import write_glove_network
 from bodysense.training.glove_tasks import JointTask, MarkerTask, MemoryTask
 
@@ -62,7 +54,8 @@ SCHEDULES: dict[tuple[Network, Form], GloveSchedule] = {
     ("two-hands", "shipped"): GloveSchedule(steps=5_000),
     ("recurrent", "shipped"): GloveSchedule(steps=2_500, batch=64, check_every=500),
 }
-_HAND_SPREAD = 0.1  # of the sizes of synthesised hands
+_OWN, _DRAWN = 2, 6  # how often a recorded motion is learned on its own hand, and on hands of the family
+_DRAWN_TOO = 2  # likewise, of a synthesised one beside once on its own
 _TRAIN, _VALIDATION = 1, 2  # of the generators of synthesised hands
 
 
@@ -81,6 +74,7 @@ class GloveRun:
     threads: int | None
     licence: str
     data_note: str
+    without: tuple[str, ...] = ()  # people of the data that are left out
 
     def __post_init__(self) -> None:
         if self.steps is not None and self.steps < 1:
@@ -109,10 +103,21 @@ def run_gloves(run: GloveRun) -> None:
         console.print("preparing hands", highlight=False)
         frames, validation = prepare(run, "train", rate), prepare(run, "val", rate)
         minutes = len(frames) / rate / 60
-        console.print(f"{len(frames.hand)} hands, {minutes:.0f} minutes at {rate:g} Hz", highlight=False)
+        console.print(f"{len(frames.rest)} hands, {minutes:.0f} minutes at {rate:g} Hz", highlight=False)
         for name in run.networks:
             if _rate(name) == rate:
                 _train(run, name, frames, validation, rate, console)
+
+
+def people_with_fingers(data: Path | None) -> tuple[str, ...]:
+    """Whose fingers were recorded, among the train split. Raises BodysenseError for fewer than two."""
+    clips = () if data is None else open_clips(data, "train")
+    people = tuple(sorted({clip.person for clip in clips if clip.has_fingers and clip.person}))
+    if len(people) < 2:
+        raise BodysenseError(
+            f"--leave-one-out: {len(people)} people with recorded fingers; give --data with two or more"
+        )
+    return people
 
 
 def prepare(run: GloveRun, split: Literal["train", "val"], rate: float) -> GloveFrames:
@@ -123,32 +128,33 @@ def prepare(run: GloveRun, split: Literal["train", "val"], rate: float) -> Glove
 def _recorded(run: GloveRun, split: Literal["train", "val"], rate: float) -> Iterator[GloveFrames]:
     if run.data is None:
         return
-    variations = VARIATIONS if split == "train" and run.form == "shipped" else AS_RECORDED
-    for index, (left, right) in enumerate(hand_pairs(open_clips(run.data, split), rate)):
-        yield from _both(left, right, variations, [run.seed, index])
+    own, drawn = (1, 0) if run.form == "paper" else (_OWN, _DRAWN) if split == "train" else (1, 1)
+    clips = (clip for clip in open_clips(run.data, split) if clip.person not in run.without)
+    for index, (left, right) in enumerate(hand_pairs(clips, rate)):
+        yield from _both(left, right, own, drawn, [run.seed, index])
 
 
 def _synthesised(run: GloveRun, split: Literal["train", "val"], rate: float) -> Iterator[GloveFrames]:
-    """Half-minute motions of hands of all sizes; those of validation are a tenth, and of another generator."""
-    part, stream = (1.0, _TRAIN) if split == "train" else (0.1, _VALIDATION)
-    default = hand_skeleton(default_skeleton(), "left")
+    """Half-minute motions of hands of the family; those of validation are a tenth, and of another generator."""
+    part, stream, drawn = (1.0, _TRAIN, _DRAWN_TOO) if split == "train" else (0.1, _VALIDATION, 1)
     for number in range(math.ceil(2 * part * run.hand_minutes)):
         rng = np.random.default_rng([run.seed, stream, 0, number])
-        motion = synthesize_hand(varied_hand(default, _HAND_SPREAD, rng), 30.0, rng, rate)
-        yield frames_of(motion, VARIATIONS[1] if split == "train" else AS_RECORDED[0], rng)
+        motion = synthesize_hand(draw_hand(rng).skeleton, 30.0, rng, rate)
+        yield frames_of(motion)
+        for _ in range(drawn):
+            yield frames_of(motion, draw_hand(rng))
     for number in range(math.ceil(2 * part * run.pair_minutes)):
         rng = np.random.default_rng([run.seed, stream, 1, number])
-        left, right = synthesize_pair(varied_hand(default, _HAND_SPREAD, rng), 30.0, rng, rate)
-        yield from _both(left, right, AS_RECORDED, [run.seed, stream, 2, number])
+        left, right = synthesize_pair(draw_hand(rng).skeleton, 30.0, rng, rate)
+        yield from _both(left, right, 1, 1, [run.seed, stream, 2, number])
 
 
-def _both(
-    left: HandMotion, right: HandMotion, variations: tuple[HandVariation, ...], seed: list[int]
-) -> Iterator[GloveFrames]:
-    """Each hand of a person beside the other, in every variation, each with a generator of its own."""
-    for number, variation in enumerate(variations):
+def _both(left: HandMotion, right: HandMotion, own: int, drawn: int, seed: list[int]) -> Iterator[GloveFrames]:
+    """Each hand of a person beside the other, some times on their own hands and some on hands of the family."""
+    for number in range(own + drawn):
         for side, (hand, other) in enumerate(((left, right), (right, left))):
-            yield frames_of(hand, variation, np.random.default_rng([*seed, number, side]), other)
+            worn = None if number < own else draw_hand(np.random.default_rng([*seed, number, side]))
+            yield frames_of(hand, worn, other)
 
 
 def _train(
@@ -172,7 +178,12 @@ def _train(
             highlight=False,
         )
 
-    source: dict[str, Any] = {"frames": len(frames), "hands": len(frames.hand), "rate": rate}
+    source: dict[str, Any] = {
+        "frames": len(frames),
+        "without": list(run.without),
+        "hands": len(frames.rest),
+        "rate": rate,
+    }
     _, score = train_glove(network, task, schedule, source, out.with_suffix(".ckpt"), report)
     made = f"{run.hand_minutes:g} minutes of synthesised hands and {run.pair_minutes:g} of pairs"
     recorded = "" if run.data is None else f"{run.data.name}, train split, left and right hands; "
@@ -182,6 +193,7 @@ def _train(
         "form": run.form,
         "rate": 60.0,
         "seed": run.seed,
+        "without": list(run.without),
         "validation": {"error_cm": round(score, 3)},
     }
     write_glove_network(network, out, card)

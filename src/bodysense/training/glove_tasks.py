@@ -14,11 +14,12 @@ from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove
 from bodysense.body.hand import FINGERS, hand_skeleton, rotations_of
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.registration import brought_back, register
-from bodysense.body.rotation import quaternion_rotate, shortest_arc
+from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate, shortest_arc
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.models.glove import JointNetwork, MarkerNetwork
 from bodysense.training.glove import GloveSchedule
 from bodysense.training.glove_frames import GloveFrames
+from bodysense.training.glove_told import draw_told
 
 _ROUND = 1e-3  # m: below, distances count squared
 _BASES = tuple(f"{finger}1" for finger in FINGERS)
@@ -32,7 +33,7 @@ class Registered(NamedTuple):
     seen: Tensor  # (..., 27) hidden ones 0
     all: Tensor  # (..., 27)
     hidden: Tensor  # (..., 9) bool
-    hand: Tensor  # (..., 20)
+    hand: Tensor  # (..., 87)
     other: Tensor | None  # (..., 27) of the other hand in the same frame, hidden ones 0
 
 
@@ -116,8 +117,9 @@ class MemoryTask:
         hidden = np.repeat(hide(count, share, rng)[:, None], self.length, axis=1)
         hidden[:, : self.before] = False
         markers = frames.markers[rows] + rng.normal(0.0, noise, (*rows.shape, len(MARKERS), 3))
-        of = frames.motion[rows]
-        return registered(markers, hidden, frames.hand[of], frames.template[of])
+        told = draw_told(frames, frames.motion[rows[:, 0]], rng)
+        flat, shape = (np.repeat(part[:, None], self.length, axis=1) for part in (told.template, told.shape))
+        return registered(markers * told.scale[:, None], hidden, shape, flat)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,14 +134,11 @@ class JointTask:
         """Of the joints of fingers after the finger rotation, and a little of those before it and of the angles."""
         schedule, frames = self.schedule, self.frames
         rows = rng.integers(len(frames), size=schedule.batch)
-        markers = frames.markers[rows] + rng.normal(0.0, schedule.noise, (len(rows), len(MARKERS), 3))
-        angles = network(*in_hand(frames, rows, markers))
+        noise = rng.normal(0.0, schedule.noise, (len(rows), len(MARKERS), 3))
+        before, after, true, angles = self._answer(network, frames, rows, noise, rng)
         turned = (angles - torch.from_numpy(frames.angles[rows])).square().mean()
         if schedule.squared:
             return {"loss": turned}
-        true = fingers_of(torch.from_numpy(frames.points[rows]))
-        before = finger_points(angles, torch.from_numpy(frames.rest[frames.motion[rows]]))
-        after = turned_to(before, torch.from_numpy(markers.astype(np.float32)))
         position, raw = (_rounded(points - true).mean() for points in (after, fingers_of(before)))
         return {"loss": 100 * (position + 0.3 * raw) + 0.3 * turned, "position": position, "turned": turned}
 
@@ -147,11 +146,24 @@ class JointTask:
     def validate(self, network: JointNetwork) -> float:
         """Mean distance of the joints of fingers after the finger rotation, cm."""
         rows = np.linspace(0, len(self.validation) - 1, 8192).astype(int)
-        frames = self.validation
-        angles = network(*in_hand(frames, rows, frames.markers[rows]))
-        points = finger_points(angles, torch.from_numpy(frames.rest[frames.motion[rows]]))
-        points = turned_to(points, torch.from_numpy(frames.markers[rows]))
-        return 100 * float((points - fingers_of(torch.from_numpy(frames.points[rows]))).norm(dim=-1).mean())
+        _, after, true, _ = self._answer(network, self.validation, rows, 0.0, np.random.default_rng(0))
+        return 100 * float((after - true).norm(dim=-1).mean())
+
+    @staticmethod
+    def _answer(
+        network: JointNetwork,
+        frames: GloveFrames,
+        rows: np.ndarray,
+        noise: np.ndarray | float,
+        rng: np.random.Generator,
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """All points before the finger rotation, those of fingers after it, where these are in truth, and angles."""
+        told = draw_told(frames, frames.motion[rows], rng)
+        markers = (frames.markers[rows] + noise) * told.scale
+        own, points = in_hand(markers, frames.points[rows] * told.scale, told.template)
+        angles = network(_flat(own), torch.from_numpy(told.shape))
+        before = finger_points(angles, torch.from_numpy(told.rest.astype(np.float32)), _tensor(told.axes))
+        return before, turned_to(before, _tensor(own)), fingers_of(_tensor(points)), angles
 
 
 def draw_markers(
@@ -173,8 +185,10 @@ def draw_markers(
     both, hidden = np.stack([rows, later]), hide(count, share, rng)
     other = np.where(hide(count, share, rng)[:, :, None], np.nan, frames.other[both]) if beside else None
     markers = frames.markers[both] + rng.normal(0.0, noise, (2, count, len(MARKERS), 3))
-    of = frames.motion[both]
-    return registered(markers, np.stack([hidden, hidden]), frames.hand[of], frames.template[of], other)
+    told = draw_told(frames, frames.motion[rows], rng)
+    flat, shape = (np.stack([part, part]) for part in (told.template, told.shape))
+    beside_it = None if other is None else other * told.scale
+    return registered(markers * told.scale, np.stack([hidden, hidden]), shape, flat, beside_it)
 
 
 def hide(count: int, share: tuple[float, ...], rng: np.random.Generator) -> np.ndarray:
@@ -189,7 +203,7 @@ def registered(
 ) -> Registered:
     """Markers (..., 9, 3) m on `template` (..., 9, 3) by those that are not `hidden` (..., 9), as at run time.
 
-    `hand` (..., 20) m; `other` (..., 9, 3) m, the markers of the other hand beside them, NaN where hidden.
+    `hand` (..., 87) m; `other` (..., 9, 3) m, the markers of the other hand beside them, NaN where hidden.
     """
     aligned = _on_template(markers, markers, hidden, template)
     return Registered(
@@ -201,17 +215,20 @@ def registered(
     )
 
 
-def in_hand(frames: GloveFrames, rows: np.ndarray, markers: np.ndarray) -> tuple[Tensor, Tensor]:
-    """What the joint network reads of frames: their `markers` (n, 9, 3) by those on the back, and the hands."""
-    of = frames.motion[rows]
+def in_hand(markers: np.ndarray, points: np.ndarray, template: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Markers (n, 9, 3) and points (n, 21, 3) m as a hand is placed by the markers on its back."""
     elsewhere = np.ones(markers.shape[:-1], dtype=bool)
     elsewhere[:, list(ALIGNMENT)] = False
-    return _flat(_on_template(markers, markers, elsewhere, frames.template[of])), torch.from_numpy(frames.hand[of])
+    own, of = (_on_template(one, markers, elsewhere, template) for one in (markers, points))
+    return own, of
 
 
-def finger_points(angles: Tensor, rest: Tensor) -> Tensor:
-    """Points (n, 21, 3) m of hands with angles (n, 26) and resting offsets (n, 21, 3), from the wrist in its axes."""
-    turns = rotations_of(angles)
+def finger_points(angles: Tensor, rest: Tensor, axes: Tensor) -> Tensor:
+    """Points (n, 21, 3) m of hands with angles (n, 26) about `axes` (n, 15, 4) and resting offsets (n, 21, 3).
+
+    From the wrist in its axes.
+    """
+    turns = quaternion_multiply(quaternion_multiply(axes, rotations_of(angles)), quaternion_conjugate(axes))
     upright = torch.zeros_like(turns[:, :1])
     upright[..., 0] = 1.0
     pose = Pose(_hand(), torch.zeros_like(rest[:, 0]), torch.cat([upright, turns], dim=1))
@@ -237,7 +254,7 @@ def turned_to(points: Tensor, markers: Tensor) -> Tensor:
 
 def _within(frames: GloveFrames, rows: np.ndarray, gap: np.ndarray) -> np.ndarray:
     """The rows at a distance, moved to the ends of their motions where they lie beyond."""
-    first = np.searchsorted(frames.motion, np.arange(len(frames.hand)))
+    first = np.searchsorted(frames.motion, np.arange(len(frames.rest)))
     last = np.append(first[1:], len(frames)) - 1
     of = frames.motion[rows]
     return np.clip(rows + gap, first[of], last[of])
@@ -259,6 +276,10 @@ def _hand() -> Skeleton:
 @lru_cache(maxsize=16)
 def _places(names: tuple[str, ...]) -> list[int]:
     return _hand().indices(names).tolist()
+
+
+def _tensor(values: np.ndarray) -> Tensor:
+    return torch.from_numpy(values.astype(np.float32))
 
 
 def _flat(points: np.ndarray) -> Tensor:

@@ -56,7 +56,7 @@ class Untrained:
 
     def __init__(self, outputs: int, scale: float) -> None:
         rng = np.random.default_rng(outputs)
-        self.first, self.second = rng.normal(size=(47, 16)), scale * rng.normal(size=(16, outputs))
+        self.first, self.second = rng.normal(size=(114, 16)), scale * rng.normal(size=(16, outputs))
 
     def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
         hidden = np.maximum(np.concatenate([markers, hand], axis=1) @ self.first, 0.0)

@@ -113,7 +113,7 @@ class Told:
 
     def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
         assert markers.dtype == hand.dtype == np.float32
-        assert markers.shape == (len(markers), 27) and hand.shape == (len(markers), 20)
+        assert markers.shape == (len(markers), 27) and hand.shape == (len(markers), 87)
         self.seen.append(markers)
         return np.tile(self.shape.reshape(-1), (len(markers), 1)).astype(np.float32)
 

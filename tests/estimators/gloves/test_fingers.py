@@ -6,7 +6,13 @@ import pytest
 from bodysense.body.glove import default_glove, marker_positions
 from bodysense.body.hand import FINGERS, FREEDOMS, rotations_of
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_canonical, quaternion_multiply, quaternion_rotate, shortest_arc
+from bodysense.body.rotation import (
+    quaternion_canonical,
+    quaternion_conjugate,
+    quaternion_multiply,
+    quaternion_rotate,
+    shortest_arc,
+)
 from bodysense.body.skeleton import Skeleton
 from bodysense.data.hand_synthesis import varied_hand
 from bodysense.errors import BodysenseError
@@ -64,7 +70,7 @@ def test_fingers_point_at_markers_as_the_slow_way_says(hand: Skeleton, aim: Aim)
     angles = rng.normal(scale=0.3, size=(3, 26))
     markers = np.stack([np.asarray(marker_positions(glove, _posed(one, angles[k]))) for k, one in enumerate(hands)])
     markers += rng.normal(scale=0.01, size=markers.shape)
-    local, ways = pointed(local_rotations(angles, turning()), markers, hand_shape(hands, glove, aim))
+    local, ways = pointed(local_rotations(angles, turning()), markers, hand_shape(hands, [glove] * 3, aim))
     identity, nowhere = np.tile(np.eye(3), (3, 1, 1)), np.zeros((3, 3))
     points = in_order(ways, identity, nowhere)
     for k, one in enumerate(hands):
@@ -74,8 +80,20 @@ def test_fingers_point_at_markers_as_the_slow_way_says(hand: Skeleton, aim: Aim)
             base = position[one.index(f"{finger}1")]
             last, tip = position[one.index(f"{finger}3")], position[one.index(f"{finger}_tip")]
             marker = markers[k, glove.markers.index(f"{finger}_tip")]
-            arc = shortest_arc((tip if aim == "marker" else (last + tip) / 2) - base, marker - base)
             place = one.index(f"{finger}1")
+            if finger == "thumb":  # its middle marker, which the default glove wears at joint 2, then its tip's
+                joint, middle = position[one.index("thumb2")], markers[k, glove.markers.index("thumb_middle")]
+                turned[place] = quaternion_multiply(shortest_arc(joint - base, middle - base), turned[place])
+                position, world = forward_kinematics(Pose(one, np.zeros(3), turned))
+                base, place = position[one.index("thumb2")], one.index("thumb2")
+                last, tip = position[one.index("thumb3")], position[one.index("thumb_tip")]
+                arc = shortest_arc((tip if aim == "marker" else (last + tip) / 2) - base, marker - base)
+                turned[place] = quaternion_multiply(
+                    quaternion_conjugate(world[place - 1]),
+                    quaternion_multiply(arc, quaternion_multiply(world[place - 1], turned[place])),
+                )
+                continue
+            arc = shortest_arc((tip if aim == "marker" else (last + tip) / 2) - base, marker - base)
             turned[place] = quaternion_multiply(arc, turned[place])
         wanted, _ = forward_kinematics(Pose(one, np.zeros(3), turned))
         np.testing.assert_allclose(points[k], wanted, atol=1e-12)
@@ -90,7 +108,7 @@ def test_points_are_placed_in_the_world(hand: Skeleton) -> None:
     world[0] = wrist
     position, _ = forward_kinematics(Pose(hand, np.array([1.0, 2.0, 3.0]), world))
     markers = np.asarray(marker_positions(default_glove(), pose))[None]
-    _, ways = pointed(local_rotations(angles, turning()), markers, hand_shape([hand], default_glove()))
+    _, ways = pointed(local_rotations(angles, turning()), markers, hand_shape([hand], [default_glove()]))
     rotation = np.stack([quaternion_rotate(wrist, axis) for axis in np.eye(3)], axis=-1)[None]
     np.testing.assert_allclose(in_order(ways, rotation, np.array([[1.0, 2.0, 3.0]]))[0], position, atol=1e-12)
 
@@ -99,11 +117,11 @@ def test_errors(hand: Skeleton) -> None:
     from dataclasses import replace
 
     with pytest.raises(BodysenseError, match="aim 'tip'; it is 'marker' or 'last segment'"):
-        hand_shape([hand], default_glove(), "tip")  # type: ignore[arg-type]
+        hand_shape([hand], [default_glove()], "tip")  # type: ignore[arg-type]
     glove = default_glove()
     elsewhere = replace(glove, points=tuple("ring3" if point == "ring_tip" else point for point in glove.points))
     with pytest.raises(BodysenseError, match="'ring_tip' is worn at 'ring3'"):
-        hand_shape([hand], elsewhere)
+        hand_shape([hand], [elsewhere])
 
 
 def _posed(hand: Skeleton, angles: np.ndarray) -> Pose:

@@ -106,7 +106,7 @@ def test_hands_apart_are_completed_as_if_alone(
 def test_the_hand_is_placed_by_its_alignment_markers_and_fingers_point_at_theirs(
     hand: Skeleton, motion: HandMotion, markers: np.ndarray, observe_gloves
 ) -> None:
-    """Without any network: angles 0, and yet each fingertip lies on the line from its base to its marker."""
+    """Without any network: angles 0, yet tips lie on the lines from bases (the thumb: joint 2) to their markers."""
     models = GloveModels(Straight(np.zeros(27)), Straight(np.zeros(26)))
     whole = replace(FREE, restraint=0.0)
     said = track(Hands({"left": hand}, models, whole), observe_gloves(left=markers[:50]))["left"]
@@ -115,7 +115,7 @@ def test_the_hand_is_placed_by_its_alignment_markers_and_fingers_point_at_theirs
     assert said.pose is not None
     assert geodesic_angle(np.asarray(said.pose.rotation)[:, 0], world[:, 0]).max() < 1e-4
     for finger in ("index", "pinky", "thumb"):
-        base = said.position[:, hand.index(f"{finger}1")]
+        base = said.position[:, hand.index("thumb2" if finger == "thumb" else f"{finger}1")]
         tip = said.position[:, hand.index(f"{finger}_tip")] - base
         to_marker = markers[:50, MARKERS.index(f"{finger}_tip")] - base
         cosine = (tip * to_marker).sum(axis=-1) / np.linalg.norm(tip, axis=-1) / np.linalg.norm(to_marker, axis=-1)

@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bodysense.body.glove import default_glove
+from bodysense.body.hand_family import COUNT, hand_of
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.estimators.gloves.dense import read_dense
 from bodysense.estimators.gloves.hands import load_glove_models
-from bodysense.estimators.gloves.networks import bone_lengths, load_joint_network, load_marker_network, size_ratios
+from bodysense.estimators.gloves.networks import known_shapes, load_joint_network, load_marker_network, size_ratios
 
 OTHER = Path(str(files("bodysense.weights").joinpath("body_vae.onnx")))
 
@@ -22,10 +24,11 @@ def test_layers_answer_as_onnx_runtime_does(hands: int) -> None:
     rng = np.random.default_rng(hands)
     markers = rng.normal(scale=0.1, size=(hands, 9, 3)).astype(np.float32)
     markers[rng.random((hands, 9)) < 0.3] = 0.0
-    lengths = rng.uniform(0.02, 0.1, size=(hands, 20)).astype(np.float32)
+    shapes = rng.uniform(0.02, 0.1, size=(hands, 87)).astype(np.float32)
+    shapes[0] = 0.0
     for network in (models.markers, models.joints):
         assert network.layers is not None  # type: ignore[attr-defined]
-        given = markers.reshape(hands, 27), lengths
+        given = markers.reshape(hands, 27), shapes
         slow = replace(network, layers=None).run(*given)  # type: ignore[type-var]
         fast = network.run(*given)
         assert fast.shape == (hands, 27 if network is models.markers else 26)
@@ -52,4 +55,13 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
 def test_networks_see_hands_at_one_size(hand: Skeleton) -> None:
     bigger = hand.with_offsets(1.3 * hand.rest_offset)
     np.testing.assert_allclose(size_ratios([hand, bigger]), [1.0, 1.3])
-    np.testing.assert_allclose(bone_lengths([bigger])[0], bone_lengths([hand])[0], rtol=1e-6)
+    worn = hand_of(np.random.default_rng(1).standard_normal(COUNT))
+    twice = worn.skeleton.with_offsets(2 * worn.skeleton.rest_offset)
+    shapes = known_shapes([worn.skeleton, twice], [worn.glove] * 2)
+    np.testing.assert_allclose(shapes[0], shapes[1], atol=1e-7)
+    assert shapes.all(axis=1).sum() == 0 and shapes.any(axis=1).all()  # straight fingers have zeros, too
+
+
+def test_nothing_is_known_of_the_default_hand(hand: Skeleton) -> None:
+    bigger = hand.with_offsets(1.3 * hand.rest_offset)
+    assert not known_shapes([hand, bigger], [default_glove()] * 2).any()

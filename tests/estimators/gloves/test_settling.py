@@ -28,7 +28,7 @@ def placed(hand: Skeleton, root: np.ndarray, rotation: np.ndarray) -> HandPoses:
 
 
 def settling(hand: Skeleton, count: int, speed: float = 0.25, longest: float = 0.5) -> Settling:
-    return Settling(hand_shape([hand] * count, default_glove()), default_glove(), speed, speed, longest)
+    return Settling(hand_shape([hand] * count, [default_glove()] * count), default_glove(), speed, speed, longest)
 
 
 def found(settler: Settling, shown: HandPoses, told: HandPoses) -> tuple[HandPoses, SettlingState]:
@@ -40,7 +40,7 @@ def found(settler: Settling, shown: HandPoses, told: HandPoses) -> tuple[HandPos
 
 def test_what_is_away_is_shown_where_it_was_and_partly_or_not_at_all(hand: Skeleton) -> None:
     shown, told = posed(hand, 3, 0), posed(hand, 3, 1)
-    shape = hand_shape([hand] * 3, default_glove())
+    shape = hand_shape([hand] * 3, [default_glove()] * 3)
     away = between(shown, told)
     np.testing.assert_allclose(displaced(told, away, shape).position, shown.position, atol=1e-9)
     nothing = displaced(told, left(away, np.zeros((1, 1)), np.zeros((1, 5))), shape)

@@ -17,7 +17,7 @@ from bodysense.body.glove import Glove, default_glove, template
 from bodysense.body.registration import Levers, brought_back, fit, levers, moved, register
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
-from bodysense.estimators.gloves.networks import HandNetwork, bone_lengths, size_ratios
+from bodysense.estimators.gloves.networks import HandNetwork, known_shapes, size_ratios
 
 MARKER_COUNT = 9
 
@@ -63,24 +63,31 @@ class NetworkState(NamedTuple):
 class NetworkFiller:
     """A network tells all markers of the registered hand from the known ones (4.6, section 3.2.2).
 
-    `hands` are left-model hands, as many as there are in a batch, or one for all. Fills hands with at least `fewest`
-    known markers.
+    `hands` are left-model hands, as many as there are in a batch, or one for all, and `gloves` what they wear, the
+    default one where none is given. Fills hands with at least `fewest` known markers.
     """
 
     model: HandNetwork
     hands: Sequence[Skeleton]
-    glove: Glove | None = None  # the default one
+    gloves: Sequence[Glove] = ()
     fewest: int = 3
 
     def __post_init__(self) -> None:
         if not 1 <= self.fewest <= 4:
             raise BodysenseError(f"network filler: fewest is {self.fewest}; give 1, 2, 3 or 4 markers")
+        if len(self.gloves) not in (0, len(self.hands)):
+            raise BodysenseError(
+                f"network filler: {len(self.hands)} hands and {len(self.gloves)} gloves; give each hand one, or none"
+            )
+
+    @cached_property
+    def _gloves(self) -> Sequence[Glove]:
+        return self.gloves or (default_glove(),) * len(self.hands)
 
     @cached_property
     def _template(self) -> np.ndarray:
         """(H, 9, 3) m."""
-        glove = default_glove() if self.glove is None else self.glove
-        return np.stack([template(glove, hand) for hand in self.hands])
+        return np.stack([template(glove, hand) for glove, hand in zip(self._gloves, self.hands, strict=True)])
 
     @cached_property
     def _ratio(self) -> np.ndarray:
@@ -88,8 +95,8 @@ class NetworkFiller:
         return size_ratios(self.hands)[:, None, None]
 
     @cached_property
-    def _lengths(self) -> np.ndarray:
-        return bone_lengths(self.hands)
+    def _shapes(self) -> np.ndarray:
+        return known_shapes(self.hands, self._gloves)
 
     def start(self, hands: int) -> NetworkState:
         """Registered nowhere. Raises BodysenseError where there are other hands than told."""
@@ -109,8 +116,8 @@ class NetworkFiller:
         seen, hands = np.where(there, markers, 0.0), len(markers)
         _, rotation, translation = fit(used, seen, state[:2])
         local = brought_back(seen, rotation, translation) * scale
-        lengths = self._lengths if len(self._lengths) == hands else self._lengths.repeat(hands, axis=0)
-        answer = self.model.run(local.reshape(hands, -1).astype(np.float32), lengths)
+        shapes = self._shapes if len(self._shapes) == hands else self._shapes.repeat(hands, axis=0)
+        answer = self.model.run(local.reshape(hands, -1).astype(np.float32), shapes)
         guess = moved(answer.reshape(hands, MARKER_COUNT, 3) * self._ratio, rotation, translation)
         if used.loose:
             guess[known.sum(axis=1) < self.fewest] = np.nan

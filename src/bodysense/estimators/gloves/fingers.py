@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from bodysense.body.glove import Glove, hand_size
+from bodysense.body.glove import MARKERS, Glove, hand_size
 from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, joint_bases
 from bodysense.body.products import LEFT
 from bodysense.body.registration import to_matrix
@@ -36,21 +36,23 @@ class HandShape:
     last: np.ndarray = field(repr=False)  # (H, 5, 3, 2) m
     middle: np.ndarray = field(repr=False)  # (H, 5, 3, 1) m
     first: np.ndarray = field(repr=False)  # (H, 5, 3, 1) m
+    thumb: np.ndarray = field(repr=False)  # (H, 3, 1) m, the thumb's middle marker, from joint 2
     markers: np.ndarray = field(repr=False)  # (5,) the marker that each finger points at
 
 
-def hand_shape(hands: Sequence[Skeleton], glove: Glove, aim: Aim = "marker") -> HandShape:
-    """The shape of hands that wear a glove.
+def hand_shape(hands: Sequence[Skeleton], gloves: Sequence[Glove], aim: Aim = "marker") -> HandShape:
+    """The shape of hands, each of which wears a glove.
 
     What points at a fingertip's marker is where the glove wears it ('marker'), or the middle of the last segment
     ('last segment'; two-hands, section 2.2).
     """
     if aim not in ("marker", "last segment"):
         raise BodysenseError(f"gloves: aim {aim!r}; it is 'marker' or 'last segment'")
-    markers = np.array([glove.markers.index(f"{finger}_tip") for finger in FINGERS])
-    bones = np.zeros((len(hands), 5, 3, 5))
-    for place, hand in enumerate(hands):
+    markers = np.array([gloves[0].markers.index(f"{finger}_tip") for finger in FINGERS])
+    bones, thumb = np.zeros((len(hands), 5, 3, 5)), np.zeros((len(hands), 3, 1))
+    for place, (hand, glove) in enumerate(zip(hands, gloves, strict=True)):
         scale = hand_size(hand) / glove.size
+        thumb[place, :, 0] = glove.offset[glove.markers.index("thumb_middle")] * scale
         for row, finger in enumerate(FINGERS):
             names = [f"{finger}1", f"{finger}2", f"{finger}3", f"{finger}_tip"]
             bones[place, row, :, :4] = hand.rest_offset[hand.indices(names)].T
@@ -61,7 +63,8 @@ def hand_shape(hands: Sequence[Skeleton], glove: Glove, aim: Aim = "marker") -> 
                     f"{glove.carried_by[marker]!r}; it must be at {names[3]!r}, carried by {names[2]!r}"
                 )
             bones[place, row, :, 4] = tip + glove.offset[marker] * scale if aim == "marker" else tip / 2
-    return HandShape(bones[..., :1], bones[..., 3:].copy(), bones[..., 2:3].copy(), bones[..., 1:2].copy(), markers)
+    first, middle, last = bones[..., 1:2].copy(), bones[..., 2:3].copy(), bones[..., 3:].copy()
+    return HandShape(bones[..., :1], last, middle, first, thumb, markers)
 
 
 @lru_cache(maxsize=1)
@@ -85,12 +88,15 @@ _EULER = np.array([  # of cos or sin of z, y and x, multiplied: the quaternion o
 # fmt: on
 
 
-def turning(calibration: np.ndarray | None = None) -> np.ndarray:
-    """(15, 8, 4), or (H, 15, 8, 4) with a calibration (H, 15, 4): from products of sines to local rotations.
+def turning(calibration: np.ndarray | None = None, axes: np.ndarray | None = None) -> np.ndarray:
+    """(15, 8, 4), or (H, 15, 8, 4) with a calibration or axes (H, 15, 4): from products of sines to local rotations.
 
     A joint's rotation is about · Rz · Ry · Rx · about⁻¹ (`body.hand`), then · calibration: linear in the products.
+    `axes` turn the joints' own axes at rest.
     """
     about = np.array(joint_bases())[:, None]
+    if axes is not None:
+        about = np.asarray(quaternion_multiply(axes[..., None, :], about))
     turned = quaternion_multiply(quaternion_multiply(about, _EULER), quaternion_conjugate(about))
     return turned if calibration is None else quaternion_multiply(turned, calibration[..., None, :])
 
@@ -122,6 +128,8 @@ def pointed(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Every finger turned at its base by the shortest arc to point at its marker (two-hands, section 2.2; 4.3).
 
+    The thumb turns at its base to point at its middle marker, then at its second joint to point at that of its tip.
+
     Args:
         local: (H, 15, 4) rotations of finger joints, changed in place.
         markers: (H, 9, 3) m in the hand's axes, from the wrist.
@@ -132,10 +140,20 @@ def pointed(
     axes, from the wrist.
     """
     ways = reached(local, shape)
-    toward = markers.take(shape.markers, axis=1) - shape.base[..., 0]
-    arc = shortest_arcs(ways[..., 4], toward, restraint)
+    turn = to_matrix(local[:, :2])
+    points, toward = ways[..., 4].copy(), markers.take(shape.markers, axis=1) - shape.base[..., 0]
+    tip = toward[:, :1].copy()
+    points[:, 0] = ways[:, 0, :, 1] + (turn[:, 0] @ turn[:, 1] @ shape.thumb)[..., 0]
+    toward[:, 0] = markers[:, _THUMB_MIDDLE] - shape.base[:, 0, :, 0]
+    arc = shortest_arcs(points, toward, restraint)
     local[:, 0::3] = product(arc, local[:, 0::3])
-    return local, to_matrix(arc) @ ways[..., :4] + shape.base
+    ways = to_matrix(arc) @ ways
+    joint = ways[:, :1, :, 1]
+    arc = shortest_arcs(ways[:, :1, :, 4] - joint, tip - joint, restraint)
+    base = local[:, :1]
+    local[:, 1:2] = product(product(base * _BACK, arc), product(base, local[:, 1:2]))
+    ways[:, :1, :, 2:] = to_matrix(arc) @ (ways[:, :1, :, 2:] - joint[..., None]) + joint[..., None]
+    return local, ways[..., :4] + shape.base
 
 
 def in_order(ways: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
@@ -155,6 +173,8 @@ def _order() -> np.ndarray:
 
 
 _ORDER = _order()
+_THUMB_MIDDLE = MARKERS.index("thumb_middle")
+_BACK = np.array([1.0, -1.0, -1.0, -1.0])  # of a rotation
 _HAMILTON = LEFT.reshape(4, 4, 4).swapaxes(1, 2).reshape(16, 4)  # (16, 4): a · b from a ⊗ b, row by row
 
 

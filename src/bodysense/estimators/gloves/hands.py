@@ -36,7 +36,7 @@ from bodysense.data.fingers import relaxed_rotation
 from bodysense.errors import BodysenseError
 from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.gloves.contact import Contact, ContactSettings, ContactState
-from bodysense.estimators.gloves.continuity import Remembered
+from bodysense.estimators.gloves.continuity import FADING, Remembered
 from bodysense.estimators.gloves.expectation import expected_error, influence
 from bodysense.estimators.gloves.fillers import Filler, LastShape, NetworkFiller, Stack, any_of, missing
 from bodysense.estimators.gloves.fingers import POINT_COUNT, Aim
@@ -71,7 +71,7 @@ class HandsSettings:
     rejection: RejectionSettings | None = field(default_factory=RejectionSettings)  # None believes every marker
     speed: float = 0.24  # m/s at which hands settle where markers are found again (`settling`); the paper: 0.25 (4.7)
     unseen_speed: float = 0.12  # m/s, of points whose markers are not seen
-    fading: float | None = 1.0  # s, half-life of a hidden marker's offset (`continuity`); None keeps it
+    fading: float | None = FADING  # s, half-life of a hidden marker's offset (`continuity`); None keeps it
     hold: float = 0.5  # s for which a hand of which nothing is seen stays as it was
     relaxing: float = 1.0  # s within which it then relaxes
     aim: Aim = "marker"  # what of a finger points at its marker
@@ -112,8 +112,10 @@ class Hands:
     models: GloveModels
     settings: HandsSettings = HandsSettings()
     glove: Glove = field(default_factory=default_glove)
+    gloves: Mapping[str, Glove] = field(default_factory=dict)  # of hands that do not wear `glove`
     filler: Filler | None = None
     calibration: np.ndarray | None = None  # (H, 15, 4)
+    axes: np.ndarray | None = None  # (H, 15, 4) by which joints' axes are turned from the default hand's
 
     def __post_init__(self) -> None:
         if not self.hands:
@@ -140,18 +142,25 @@ class Hands:
         return np.concatenate([np.ones_like(self._flip[..., :1]), self._flip[..., :1] * self._flip], axis=-1)
 
     @cached_property
+    def _gloves(self) -> tuple[Glove, ...]:
+        """Of every hand."""
+        return tuple(self.gloves.get(name, self.glove) for name in self.hands)
+
+    @cached_property
     def _reader(self) -> JointReader:
         hands, settings = tuple(self.hands.values()), self.settings
-        return JointReader(self.models.joints, hands, self.glove, settings.aim, settings.restraint, self.calibration)
+        return JointReader(
+            self.models.joints, hands, self._gloves, settings.aim, settings.restraint, self.calibration, self.axes
+        )
 
     @cached_property
     def _filler(self) -> Filler:
         if self.filler is not None:
             return self.filler
         hands = tuple(self.hands.values())
-        natural = np.stack([natural_markers(self.glove, hand) for hand in hands])
+        natural = np.stack([natural_markers(glove, hand) for glove, hand in zip(self._gloves, hands, strict=True)])
         last = LastShape(natural, self.settings.hold, self.settings.relaxing)
-        network = NetworkFiller(self.models.markers, hands, self.glove)
+        network = NetworkFiller(self.models.markers, hands, self._gloves)
         return Remembered(Stack((network, last)), self.settings.fading)
 
     @cached_property

@@ -27,7 +27,7 @@ from bodysense.estimators.gloves.fingers import (
     pointed,
     turning,
 )
-from bodysense.estimators.gloves.networks import HandNetwork, bone_lengths, size_ratios
+from bodysense.estimators.gloves.networks import HandNetwork, known_shapes, size_ratios
 
 
 class HandPoses(NamedTuple):
@@ -40,27 +40,32 @@ class HandPoses(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class JointReader:
-    """Poses of H hands from all their markers. `calibration` (H, 15, 4) follows every local rotation."""
+    """Poses of H hands from all their markers.
+
+    Every hand wears one of `gloves`; its joints turn about the default hand's axes turned by `axes` (H, 15, 4), and
+    `calibration` (H, 15, 4) follows every local rotation.
+    """
 
     model: HandNetwork
     hands: Sequence[Skeleton]
-    glove: Glove
+    gloves: Sequence[Glove]
     aim: Aim = "marker"
     restraint: float = 0.0  # of fingers' large turns to their markers
     calibration: np.ndarray | None = None
+    axes: np.ndarray | None = None
 
     @cached_property
     def shape(self) -> HandShape:
         """Of the hands."""
-        return hand_shape(self.hands, self.glove, self.aim)
+        return hand_shape(self.hands, self.gloves, self.aim)
 
     @cached_property
     def _turning(self) -> np.ndarray:
-        return turning(self.calibration)
+        return turning(self.calibration, self.axes)
 
     @cached_property
-    def _lengths(self) -> np.ndarray:
-        return bone_lengths(self.hands)
+    def _shapes(self) -> np.ndarray:
+        return known_shapes(self.hands, self.gloves)
 
     @cached_property
     def _ratio(self) -> np.ndarray:
@@ -69,9 +74,9 @@ class JointReader:
     @cached_property
     def _levers(self) -> Levers:
         """Of the hands by their alignment markers."""
-        known = np.zeros((len(self.hands), len(self.glove.markers)), dtype=bool)
+        known = np.zeros((len(self.hands), len(self.gloves[0].markers)), dtype=bool)
         known[:, list(ALIGNMENT)] = True
-        return levers(np.stack([template(self.glove, hand) for hand in self.hands]), known)
+        return levers(np.stack([template(*worn) for worn in zip(self.gloves, self.hands, strict=True)]), known)
 
     def read(self, markers: np.ndarray) -> HandPoses:
         """Poses from markers (H, 9, 3) m, none missing."""
@@ -91,7 +96,7 @@ class JointReader:
     def _local(self, own: np.ndarray) -> np.ndarray:
         """Local rotations (H, 15, 4) that the network tells of markers (H, 9, 3) m in the hands' axes, calibrated."""
         single = (own / self._ratio).astype(np.float32)
-        angles = self.model.run(single.reshape(len(single), -1), self._lengths)
+        angles = self.model.run(single.reshape(len(single), -1), self._shapes)
         return local_rotations(angles.astype(float), self._turning)
 
 
@@ -112,6 +117,6 @@ def fuse(flexion: np.ndarray, markers: np.ndarray, hand: Skeleton, glove: Glove,
     known[:, list(ALIGNMENT)] = True
     quaternion, rotation, translation = fit(levers(template(glove, hand), known), np.nan_to_num(markers))
     own = brought_back(markers, rotation, translation)
-    local, _ = pointed(np.array(flexion, dtype=float), own, hand_shape([hand], glove, aim))
+    local, _ = pointed(np.array(flexion, dtype=float), own, hand_shape([hand], [glove], aim))
     turned = np.concatenate([quaternion[:, None], local], axis=1)
     return Pose(hand, translation, quaternion_canonical(turned))

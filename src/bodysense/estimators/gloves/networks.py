@@ -4,25 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
-from bodysense.body.glove import default_glove, hand_size
-from bodysense.body.skeleton import Skeleton
+from bodysense.body.glove import Glove, default_glove, hand_size, template
+from bodysense.body.hand import hand_skeleton
+from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.completion.network import Network, NetworkFormat
 from bodysense.estimators.gloves.dense import DenseLayers, read_dense
 
-MARKER_FORMAT = "bodysense glove markers 1"
-JOINT_FORMAT = "bodysense glove joints 1"
+MARKER_FORMAT = "bodysense glove markers 2"
+JOINT_FORMAT = "bodysense glove joints 2"
 MARKER_NETWORK = "glove_markers.onnx"
 JOINT_NETWORK = "glove_joints.onnx"
 _COMMAND = "bodysense train gloves"
+_ALIKE = 1e-4  # m by which two hands differ that are the same one
 
 
 class HandNetwork(Protocol):
-    """What answers for hands: markers (H, 27) and bone lengths (H, 20) in, markers (H, 27) or angles (H, 26) out."""
+    """What answers for hands: markers (H, 27) and shapes (H, 87) in, markers (H, 27) or angles (H, 26) out."""
 
     def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
         """Answer for H hands at the default size.
@@ -56,10 +59,10 @@ class GloveNetwork:
             (answer,) = self.network.run({"markers": markers, "hand": hand}).values()
             return answer
         read = [markers]
-        if self.layers.width in (36, 56):  # also which markers are known, as in models/glove.py
+        if self.layers.width in (36, 124):  # also which markers are known, as in models/glove.py
             read.append(np.logical_or.reduce(markers.reshape(len(markers), 9, 3), axis=2).astype(np.float32))
-        if self.layers.width in (47, 56):
-            read.append(hand)
+        if self.layers.width in (115, 124):
+            read += [hand, hand.any(axis=1, keepdims=True).astype(np.float32)]
         return self.layers.run(np.concatenate(read, axis=1))
 
 
@@ -82,10 +85,11 @@ def _load(path: str | Path | None, format: NetworkFormat) -> GloveNetwork:
 def _agree(fast: GloveNetwork, slow: GloveNetwork) -> bool:
     """Whether both answer the same, whatever the file is: of hands with all markers and with some hidden."""
     rng = np.random.default_rng(0)
-    markers, hand = rng.normal(scale=0.1, size=(8, 27)), rng.uniform(0.02, 0.1, size=(8, 20))
+    markers, hand = rng.normal(scale=0.1, size=(8, 27)), rng.uniform(0.02, 0.1, size=(8, 87))
     markers.reshape(8, 9, 3)[rng.random((8, 9)) < 0.3] = 0.0
+    hand[:2] = 0.0
     given = markers.astype(np.float32), hand.astype(np.float32)
-    if fast.layers is None or fast.layers.width not in (27, 36, 47, 56):
+    if fast.layers is None or fast.layers.width not in (27, 36, 115, 124):
         return False
     return bool(np.allclose(fast.run(*given), slow.run(*given), rtol=1e-4, atol=1e-4))
 
@@ -95,7 +99,22 @@ def size_ratios(hands: Sequence[Skeleton]) -> np.ndarray:
     return np.array([hand_size(hand) for hand in hands]) / default_glove().size
 
 
-def bone_lengths(hands: Sequence[Skeleton]) -> np.ndarray:
-    """(H, 20) single precision: what networks know of each hand, at one size."""
-    lengths = np.stack([hand.bone_length[1:] for hand in hands]) / size_ratios(hands)[:, None]
-    return lengths.astype(np.float32)
+def known_shapes(hands: Sequence[Skeleton], gloves: Sequence[Glove]) -> np.ndarray:
+    """(H, 87) single precision: what networks know of each hand, resting offsets and template, at one size.
+
+    Zeros, nothing, of the default hand at whatever size: it stands in for hands that nobody has measured.
+    """
+    shapes = np.stack([_shape(*worn) for worn in zip(hands, gloves, strict=True)])
+    unmeasured = (abs(shapes - _default_shape()) < _ALIKE).all(axis=1, keepdims=True)
+    return np.where(unmeasured, 0.0, shapes).astype(np.float32)
+
+
+def _shape(hand: Skeleton, glove: Glove) -> np.ndarray:
+    """(87,) m."""
+    values = np.concatenate([hand.rest_offset[1:].ravel(), template(glove, hand).ravel()])
+    return values / size_ratios([hand])
+
+
+@lru_cache(maxsize=1)
+def _default_shape() -> np.ndarray:
+    return _shape(hand_skeleton(default_skeleton(), "left"), default_glove())

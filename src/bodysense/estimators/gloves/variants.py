@@ -19,7 +19,7 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.completion.network import Network, NetworkFormat
 from bodysense.errors import BodysenseError
 from bodysense.estimators.gloves.fillers import MARKER_COUNT, missing
-from bodysense.estimators.gloves.networks import bone_lengths, size_ratios
+from bodysense.estimators.gloves.networks import known_shapes, size_ratios
 
 TWO_HANDS_FORMAT = "bodysense glove two hands 1"
 MEMORY_FORMAT = "bodysense glove memory 1"
@@ -52,8 +52,8 @@ class _Registered:
         return size_ratios(self.hands)[:, None, None]
 
     @cached_property
-    def _lengths(self) -> np.ndarray:
-        return bone_lengths(self.hands)
+    def _shapes(self) -> np.ndarray:
+        return known_shapes(self.hands, [default_glove()] * len(self.hands))
 
     def start(self, hands: int) -> Placed:
         """Registered nowhere, nothing remembered."""
@@ -90,7 +90,7 @@ class TwoHandsFiller(_Registered):
         rotation, translation = self._placed(markers, state)
         beside = _MIRROR * markers.reshape(-1, 2, MARKER_COUNT, 3)[:, ::-1].reshape(markers.shape)
         own, other = (self._own(points, rotation, translation) for points in (markers, beside))
-        (told,) = self.network.run({"markers": own, "hand": self._lengths, "other": other}).values()
+        (told,) = self.network.run({"markers": own, "hand": self._shapes, "other": other}).values()
         return self._world(markers, told, rotation, translation), Placed(rotation, translation, state.memory)
 
 
@@ -101,7 +101,7 @@ class MemoryFiller(_Registered):
         """See `Filler`."""
         rotation, translation = self._placed(markers, state)
         own = self._own(markers, rotation, translation)
-        outputs, memory = self.network.step({"markers": own, "hand": self._lengths}, state.memory)
+        outputs, memory = self.network.step({"markers": own, "hand": self._shapes}, state.memory)
         (told,) = outputs.values()
         return self._world(markers, told, rotation, translation), Placed(rotation, translation, memory)
 

@@ -1,0 +1,218 @@
+"""A family of hands: what differs between adults' hands and the gloves on them, as standard normal parameters.
+
+One vector of `COUNT` parameters makes a hand: its size, where its knuckles are, the lengths of its bones, where every
+finger points at rest, how its hinges are tilted, how its thumb is built, and where the markers of a glove sit. Zeros
+are the middle of the family. It is wide on purpose: rigs for animation, two recorded avatars and the template of the
+two-hands paper's glove differ more among each other than adults do, and all of them are within.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from bodysense.body.glove import MARKERS, Glove, default_glove, hand_size
+from bodysense.body.hand import FINGERS, FINGERTIPS, HAND_JOINTS, Side, hand_skeleton, mirrored_vectors
+from bodysense.body.pose import Pose
+from bodysense.body.rotation import (
+    quaternion_canonical,
+    quaternion_conjugate,
+    quaternion_exp,
+    quaternion_multiply,
+    quaternion_rotate,
+)
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.errors import BodysenseError
+
+FARTHEST = 2.5  # standard deviations: the largest parameter that is drawn
+_POINTS = (*HAND_JOINTS, *FINGERTIPS)
+# Where bones of the middle of the family lead, cm, on a hand of 19.5 cm: halfway between the default body's hand and
+# that of Buchholz, Armstrong and Goldstein (Anthropometric data for describing the kinematics of the human hand, 1992).
+_BASE = ((3.2, -0.9, 2.7), (9.8, -0.4, 2.45), (9.65, 0.0, 0.1), (9.05, 0.0, -2.0), (8.2, -0.5, -3.9))
+_LENGTH = ((3.3, 3.6, 2.9), (3.7, 2.6, 2.3), (4.3, 3.0, 2.4), (3.85, 2.8, 2.4), (3.05, 1.95, 1.95))
+_THUMB = ((0.64, -0.58, 0.50), (0.79, -0.49, 0.37), (0.86, -0.49, 0.14))  # where the thumb's bones point at rest
+# Where markers are, cm from the points that they belong to, in the axes of the hand at rest.
+_WORN = {"pinky_base": (-0.7, 1.2, 0.3), "wrist": (0.0, 2.8, 0.0), "index_base": (-1.2, 2.0, 0.5)}
+
+
+class _Block(NamedTuple):
+    """Parameters of one kind: how many, and their standard deviation."""
+
+    name: str
+    length: int
+    deviation: float
+
+
+_BLOCKS = (
+    _Block("size", 1, 0.08),  # log, of the whole hand
+    _Block("knuckles", 1, 0.6),  # cm, toward the fingertips; the first bones of the fingers are as much shorter
+    _Block("breadth", 1, 0.07),  # log, of the palm
+    _Block("base", 15, 0.3),  # cm, of every finger's base
+    _Block("finger", 5, 0.05),  # log, of all bones of a finger
+    _Block("length", 15, 0.09),  # log, of a bone
+    _Block("tilt", 5, 7.0),  # degrees about the finger: its hinges
+    _Block("spread", 5, 4.0),  # degrees to the side: where the finger points at rest
+    _Block("raise", 5, 4.0),  # degrees up
+    _Block("thumb", 3, 10.0),  # degrees: how the thumb as a whole is turned
+    _Block("thumb_bones", 6, 8.0),  # degrees: how its second and last bone are, from where they point otherwise
+    _Block("worn", 27, 0.35),  # cm, of every marker
+    _Block("along", 6, 0.35),  # cm toward the base: where on its segment a finger's marker sits
+    _Block("back", 9, 0.4),  # cm, of the markers on the back of the hand, beside
+)
+COUNT = sum(block.length for block in _BLOCKS)
+
+
+@dataclass(frozen=True, eq=False)
+class GlovedHand:
+    """A hand (a left one, the wrist at the origin), how its joints' axes are turned, and the glove on it."""
+
+    skeleton: Skeleton
+    axes: np.ndarray = field(repr=False)  # (15, 4) wxyz, from the axes of `hand.joint_bases` to this hand's, at rest
+    glove: Glove
+
+
+class HandShapes(NamedTuple):
+    """Shapes (..., P) of the family as numbers."""
+
+    rest: np.ndarray  # (..., 21, 3) m, resting offsets
+    axes: np.ndarray  # (..., 15, 4) wxyz
+    worn: np.ndarray  # (..., 9, 3) m, offsets of markers
+
+
+def draw_parameters(rng: np.random.Generator) -> np.ndarray:
+    """(COUNT,) of somebody."""
+    return np.clip(rng.standard_normal(COUNT), -FARTHEST, FARTHEST)
+
+
+def draw_hand(rng: np.random.Generator) -> GlovedHand:
+    """Somebody's hand."""
+    return hand_of(draw_parameters(rng))
+
+
+def plain_hand(skeleton: Skeleton) -> GlovedHand:
+    """A hand whose joints turn as the default hand's do and whose glove is the default one."""
+    axes = np.zeros((len(HAND_JOINTS) - 1, 4))
+    axes[:, 0] = 1.0
+    return GlovedHand(skeleton, axes, default_glove())
+
+
+def body_with(skeleton: Skeleton, side: Side, hand: GlovedHand) -> Skeleton:
+    """A body with another hand on one side: the wrist stays, what hangs on it is the hand's."""
+    offset = np.array(skeleton.rest_offset)
+    points = skeleton.indices([f"{side}_{name}" for name in _POINTS[1:]])
+    offset[points] = mirrored_vectors(hand.skeleton.rest_offset[1:], side)
+    return skeleton.with_offsets(offset)
+
+
+def hand_from_rows(rest: np.ndarray, axes: np.ndarray, worn: np.ndarray) -> GlovedHand:
+    """A hand from its resting offsets (21, 3) m, the turns of its axes (15, 4) and offsets of markers (9, 3) m.
+
+    Raises BodysenseError for numbers of which no hand is made.
+    """
+    sizes = (("points", rest, (21, 3)), ("axes", axes, (15, 4)), ("markers", worn, (9, 3)))
+    for name, values, shape in sizes:
+        if values.shape != shape or not np.isfinite(values).all():
+            raise BodysenseError(f"a hand's {name} are {values.shape} numbers; they must be {shape}, all finite")
+    if not 0.04 < np.linalg.norm(rest[1:], axis=-1).max() < 0.25:
+        raise BodysenseError("a hand's points: its longest bone is not that of a hand; give metres")
+    glove, hand = default_glove(), hand_skeleton(default_skeleton(), "left").with_offsets(rest)
+    return GlovedHand(hand, axes, Glove(glove.markers, glove.points, glove.carried_by, worn, hand_size(hand)))
+
+
+def rows_of(hand: GlovedHand) -> dict[str, np.ndarray]:
+    """What `hand_from_rows` makes the hand of."""
+    worn = hand.glove.offset * (hand_size(hand.skeleton) / hand.glove.size)
+    return {"points": hand.skeleton.rest_offset, "axes": hand.axes, "markers": worn}
+
+
+def hand_of(parameters: np.ndarray) -> GlovedHand:
+    """The hand of parameters (COUNT,)."""
+    shapes = shapes_of(parameters)
+    return hand_from_rows(shapes.rest, shapes.axes, shapes.worn)
+
+
+def shapes_of(parameters: np.ndarray) -> HandShapes:
+    """The shapes of parameters (..., COUNT), many at once."""
+    part, batch = _parts(parameters), parameters.shape[:-1]
+    size = np.exp(part["size"])[..., None]
+    base = np.array(_BASE) + part["base"].reshape(*batch, 5, 3)
+    base[..., 1:, 0] += part["knuckles"]
+    base[..., 2] *= np.exp(part["breadth"])
+    length = np.array(_LENGTH) * np.exp(part["length"].reshape(*batch, 5, 3) + part["finger"][..., None])
+    length[..., 1:, 0] = np.maximum(length[..., 1:, 0] - part["knuckles"], 0.4 * length[..., 1:, 0])
+    turn = _turns(part)
+    bones = length[..., None] * quaternion_rotate(turn[..., None, :], _directions(part))
+    rest = np.zeros((*batch, len(_POINTS), 3))
+    first, rows = _rows()
+    rest[..., first, :], rest[..., rows, :] = base, bones
+    axes = np.repeat(turn, 3, axis=-2)
+    return HandShapes(0.01 * size * rest, axes, 0.01 * size * _worn(part, turn))
+
+
+def carried_over(pose: Pose, hand: GlovedHand) -> Pose:
+    """The motion of a hand with the default axes, on another one: its joints turn as far, about their own axes."""
+    rotation = np.array(pose.rotation, dtype=float)
+    turned = quaternion_multiply(quaternion_multiply(hand.axes, rotation[..., 1:, :]), quaternion_conjugate(hand.axes))
+    rotation[..., 1:, :] = quaternion_canonical(turned)
+    return Pose(hand.skeleton, pose.root_position, rotation)
+
+
+def _parts(parameters: np.ndarray) -> dict[str, np.ndarray]:
+    """Of every block its values (..., n), angles in radians."""
+    parts, start = {}, 0
+    for block in _BLOCKS:
+        parts[block.name] = block.deviation * parameters[..., start : start + block.length]
+        start += block.length
+    for name in ("tilt", "spread", "raise", "thumb", "thumb_bones"):
+        parts[name] = np.radians(parts[name])
+    return parts
+
+
+def _turns(part: dict[str, np.ndarray]) -> np.ndarray:
+    """(..., 5, 4) how every finger as a whole is turned at rest."""
+    vector = np.stack([part["tilt"], part["spread"], part["raise"]], axis=-1)
+    vector[..., 0, 1:] = 0.0  # the thumb has turns of its own
+    about = np.asarray(quaternion_exp(vector * [1.0, 0.0, 0.0]))
+    turn = np.asarray(quaternion_multiply(quaternion_exp(vector * [0.0, 1.0, 1.0]), about))
+    tilted = quaternion_exp(part["tilt"][..., :1] * _unit(np.array(_THUMB[0])))
+    turn[..., 0, :] = quaternion_multiply(quaternion_exp(part["thumb"]), tilted)
+    return turn
+
+
+def _directions(part: dict[str, np.ndarray]) -> np.ndarray:
+    """(..., 5, 3, 3) where bones point, but for the turn of the whole finger."""
+    batch = part["size"].shape[:-1]
+    directions = np.broadcast_to([1.0, 0.0, 0.0], (*batch, 5, 3, 3)).copy()
+    bent = np.asarray(quaternion_exp(part["thumb_bones"].reshape(*batch, 2, 3)))
+    thumb = _unit(np.array(_THUMB))
+    directions[..., 0, 0, :] = thumb[0]
+    directions[..., 0, 1:, :] = quaternion_rotate(bent, thumb[1:])
+    return directions
+
+
+def _worn(part: dict[str, np.ndarray], turn: np.ndarray) -> np.ndarray:
+    """(..., 9, 3) cm, offsets of markers in the axes of the hand at rest."""
+    batch = part["size"].shape[:-1]
+    worn = part["worn"].reshape(*batch, len(MARKERS), 3).copy()
+    for row, name in enumerate(MARKERS[:3]):
+        worn[..., row, :] += np.array(_WORN[name]) + part["back"].reshape(*batch, 3, 3)[..., row, :]
+    for row, name in enumerate(MARKERS[3:]):
+        finger = FINGERS.index(name.partition("_")[0])
+        along = _unit(np.array(_THUMB[1 if name == "thumb_middle" else 2])) if finger == 0 else np.array([1.0, 0, 0])
+        worn[..., 3 + row, :] -= part["along"][..., row, None] * quaternion_rotate(turn[..., finger, :], along)
+    return worn
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+@lru_cache(maxsize=1)
+def _rows() -> tuple[list[int], list[list[int]]]:
+    """Which points are the bases (5,) of fingers, and which end their bones (5, 3)."""
+    bases = [_POINTS.index(f"{finger}1") for finger in FINGERS]
+    ends = [[_POINTS.index(f"{finger}{k}") for k in ("2", "3", "_tip")] for finger in FINGERS]
+    return bases, ends
