@@ -72,7 +72,8 @@ def test_only_what_changes_is_written(tmp_path_factory: pytest.TempPathFactory, 
     file = opened(tmp_path_factory.mktemp("bvh"))
     changed = np.zeros((3, 3), dtype=bool)
     changed[tuple(np.array(sorted(places)).T)] = True
-    turned = Rotation.random(9, random_state=seed).as_quat(scalar_first=True).reshape(3, 3, 4)
+    turned = np.random.default_rng(seed).normal(size=(3, 3, 4))
+    turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
     result = file.mended.with_rotation(turned, changed)
     for before, after, row in zip(file.mended.lines, result.lines, changed, strict=True):
         fresh = {c for joint in np.flatnonzero(row).tolist() for c in file.columns_of(joint, "rotation")}
