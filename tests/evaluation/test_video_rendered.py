@@ -90,7 +90,7 @@ def test_perfect_landmarks_give_fingers_but_not_twist(take: Take, completion: Co
     still = np.zeros((len(take.time), len(ARM_JOINTS), 4))
     still[..., 0] = 1
     for measure, values in video_rendered.arm_errors(still, arms_from_torso(take.pose), take.pose.skeleton).items():
-        assert numbers[f"network_{measure}"] < 1.2 * values.mean()  # landmarks lay arms, not twists
+        assert measure != "overall_cm" or numbers[f"network_{measure}"] < values.mean()  # landmarks lay arms
         assert numbers[f"network_true_{measure}"] == pytest.approx(values.mean(), rel=1e-5)
 
 
