@@ -11,6 +11,7 @@ import pytest
 from bodysense.body.pose import Pose
 from bodysense.data.bvh import read_bvh, write_bvh
 from bodysense.data.clip import Clip
+from bodysense.export.motion_files import write_motion
 
 
 @pytest.fixture
@@ -37,6 +38,27 @@ def test_info_of_a_folder_skips_and_counts_what_it_cannot_read(inches: Path, tmp
     assert "inches" in said and "skipped 1 of 2 files" in said and "torn.bvh: there is no MOTION section" in said
     inches.rename(tmp_path / "also_torn.bvh").write_text("HIERARCHY")
     assert "none of its 2 files can be read; the first: " in refused("data", "info", tmp_path)
+
+
+def test_info_knows_files_without_a_rig(tmp_path: Path, short_clip: Clip, run, refused) -> None:
+    """glTF, VRM animations, results of SMPL, recordings and markers; what is refused says what to do."""
+    write_motion(tmp_path / "body.glb", short_clip)
+    write_motion(tmp_path / "body.vrma", short_clip)
+    np.savez(tmp_path / "video.npz", poses=np.zeros((5, 72)), trans=np.tile([0.0, 0.9, 0.0], (5, 1)))
+    run("simulate", tmp_path / "body.glb", "-o", tmp_path / "seen.jsonl")
+    run("simulate", tmp_path / "body.glb", "--device", "gloves", "-o", tmp_path / "gloves.csv")
+    for name, kind in (
+        ("body.glb", "glTF, "),
+        ("body.vrma", "VRM animation, "),
+        ("video.npz", "SMPL, 30 Hz; no frame rate"),
+        ("seen.jsonl", "recording, "),
+        ("gloves.csv", "markers, "),
+    ):
+        assert kind in run("data", "info", tmp_path / name)
+    (tmp_path / "take.fbx").write_bytes(b"Kaydara")
+    assert "convert it with Blender" in refused("data", "info", tmp_path / "take.fbx")
+    said = run("data", "info", tmp_path)
+    assert "take.fbx: FBX is not read" in said and "skipped 1 of 6 files" in said
 
 
 def test_options_of_every_command_that_reads_motion(inches: Path, tmp_path: Path, run, refused) -> None:

@@ -33,7 +33,7 @@ def address(waving_clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Iter
     command += ["--replay", str(motion), "--device", "three_point"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
-        found = re.search(r"http://\S+", server.stdout.readline())
+        found = next(filter(None, (re.search(r"http://\S+", line) for line in server.stdout)), None)
         assert found is not None
         yield found.group()
         server.terminate()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -21,11 +21,17 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from bodysense.data.clip import Clip
+    from bodysense.data.sources import Source
     from bodysense.rigs.rig import Rig
 
 Split = Literal["train", "val", "test", "all"]
 PICTURED = 6  # frames of a picture
 LISTED = 40  # files of a folder that are listed one by one; of more, those alike are counted
+OTHERS = (
+    *(".glb", ".gltf", ".vrma", ".npy", ".c3d", ".trc", ".tsv", ".csv", ".jsonl"),
+    *(".fbx", ".pkl", ".pickle", ".gz"),  # with what to do about them
+)
+KINDS = {".glb": "glTF", ".gltf": "glTF", ".vrma": "VRM animation", ".npy": "SMPL"}
 REASONS = 20  # of files that cannot be read, that are printed
 
 
@@ -34,9 +40,12 @@ class Found:
     """A file and what it holds, or why it cannot be read."""
 
     key: str
-    clip: Clip | None
+    clip: Clip | None = None
     rig: Rig | None = None
-    reason: str = ""
+    kind: str = "AMASS or store"  # what it is, where it has no rig
+    said: str = ""  # what was found of it, where it has no rig
+    rate: float = 0.0  # Hz
+    reason: str = ""  # why it cannot be read
 
 
 def info(
@@ -55,8 +64,8 @@ def info(
     skipped, counted and given with the reason.
 
     Args:
-        place: a motion file (.bvh, AMASS .npz), a folder of them, also .bvh in .zip, or a store written by
-            `bodysense data prepare`.
+        place: a motion file (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma), markers (.c3d, .trc, .tsv, .csv), a
+            recording, a folder of them, also .bvh in .zip, or a store written by `bodysense data prepare`.
         occlusion: simulate the headset's cameras and print the statistics of UNOC, Table 1, beside the published ones.
         split: which people.
         layout: which published data set the folder is; recognised by what is in it if omitted.
@@ -85,12 +94,12 @@ def info(
             if picture is not None and counts.clips == 1:
                 _draw(picture, clip)
         numbers = counts.numbers()
-        if total == 1 and found[0].clip is not None:
-            print(_line(found[0]))
+        if total == 1:
+            print(*(_line(one) for one in found if not one.reason), end="" if found[0].reason else "\n")
         else:
             Console().print(_rigs(found))
             Console().print(counts.table(f"{place} ({split})"))
-    skipped = [one for one in found if one.clip is None]
+    skipped = [one for one in found if one.reason]
     if len(skipped) == len(found):
         raise BodysenseError(skipped[0].reason if total == 1 else _none_of(place, skipped))
     for one in skipped[:REASONS]:
@@ -146,21 +155,62 @@ def _files(place: Path, split: Split, layout: Layout | None, reading: ReadingOpt
         return count_clips(place, split), (Found(clip.name, clip) for clip in clips)
     if place.is_file():
         return 1, (_read(place.name, Source(place, person="", split="test"), reading) for _ in range(1))
-    every = list_sources(place, layout)
+    others = _others(place) if place.is_dir() and split == "all" else []
+    every = [] if others and not _has_motion(place) else list_sources(place, layout)
     sources = [source for source in every if split in ("all", source.split)]
-    if not sources:
+    if not sources and not others:
         raise BodysenseError(f"{place}: none of its {len(every)} clips is of split {split!r}")
+    sources += [Source(path, person="", split="test") for path in others]
     return len(sources), (_read(source.key(place), source, reading) for source in sources)
 
 
-def _read(key: str, source, reading: ReadingOptions) -> Found:
+def _has_motion(folder: Path) -> bool:
+    from bodysense.data.archive import motion_files
+
+    return bool(motion_files(folder))
+
+
+def _others(folder: Path) -> list[Path]:
+    """Files of a folder that are no part of a data set: markers, glTF, recordings, and what is refused by name."""
+    if (folder / "splits.json").exists():
+        return []
+    return sorted(path for path in folder.rglob("*") if path.suffix.lower() in OTHERS and path.is_file())
+
+
+def _read(key: str, source: Source, reading: ReadingOptions) -> Found:
     from bodysense.data.sources import read_with_rig
 
+    alone = source.skeleton is None and not source.member
     try:
+        if alone and source.path.suffix.lower() not in (".bvh", ".zip"):
+            return _read_other(key, source, reading)
         clip, rig = read_with_rig(source, reading)
     except BodysenseError as error:
-        return Found(key, None, reason=str(error))
-    return Found(key, clip, rig)
+        return Found(key, reason=str(error))
+    return Found(key, clip, rig, rate=clip.frame_rate)
+
+
+def _read_other(key: str, source: Source, reading: ReadingOptions) -> Found:
+    """A file that has no rig: AMASS, results of SMPL, glTF; markers and recordings, which are no motion yet."""
+    from bodysense.capture.recording import is_recording, read_recording
+    from bodysense.io.markers.files import is_marker_file
+    from bodysense.io.markers.recording import read_markers
+    from bodysense.reading import check_kind, read_clip
+
+    path = source.path
+    check_kind(path)
+    if is_marker_file(path):
+        markers = read_markers(path)
+        said = f"{len(markers.observation.points)} points of {'a body' if markers.has_body else 'gloves'}"
+        return Found(key, kind="markers", said="; ".join((said, *markers.remarks)), rate=markers.frame_rate)
+    if is_recording(path):
+        seen = read_recording(path).observation
+        rate = (len(seen) - 1) / max(float(seen.time[-1] - seen.time[0]), 1e-9)
+        return Found(key, kind="recording", said=f"{len(seen.points)} points, {len(seen)} frames", rate=rate)
+    clip, lines = read_clip(path, reading)
+    clip = replace(clip, person=source.person, category=source.category)
+    said = "; ".join(line.removeprefix("note: ") for line in lines)
+    return Found(key, clip, kind=KINDS.get(path.suffix.lower(), "AMASS or SMPL"), said=said, rate=clip.frame_rate)
 
 
 def _readable(every: Iterable[Found], found: list[Found]) -> Iterator[Clip]:
@@ -168,21 +218,17 @@ def _readable(every: Iterable[Found], found: list[Found]) -> Iterator[Clip]:
     for one in every:
         if one.clip is not None:
             yield one.clip
-        still = None if one.clip is None else _without_motion(one.clip)
-        found.append(Found(one.key, still, one.rig, one.reason))
+        found.append(one if one.clip is None else replace(one, clip=_without_motion(one.clip)))
 
 
 def _without_motion(clip: Clip) -> Clip:
-    from dataclasses import replace
-
     return replace(clip, pose=clip.pose[:1])
 
 
 def _line(one: Found) -> str:
     """What one file holds."""
     if one.rig is None:
-        assert one.clip is not None
-        return f"{one.key}: AMASS, {one.clip.frame_rate:g} Hz"
+        return f"{one.key}: {one.kind}, {one.rate:g} Hz" + (f"; {one.said}" if one.said else "")
     sure = f"confidence {one.rig.confidence:.0%}"
     left_out = (
         f"; of its {one.rig.count} joints {one.rig.count - one.rig.used} are left out"
@@ -204,19 +250,19 @@ def _rigs(found: list[Found]) -> Table:
         shown.add_column(column, overflow="fold")
     rows: dict[tuple[str, ...], list[Found]] = {}
     for one in found:
-        if one.clip is not None:
+        if not one.reason:
             rows.setdefault((one.key,) if alone else _alike(one), []).append(one)
     for alike in rows.values():
-        least = min((one.rig.confidence for one in alike if one.rig is not None), default=1.0)
-        shown.add_row(alike[0].key if alone else str(len(alike)), *_alike(alike[0]), f"{least:.0%}")
+        least = [one.rig.confidence for one in alike if one.rig is not None]
+        sure = f"{min(least):.0%}" if least else ""
+        shown.add_row(alike[0].key if alone else str(len(alike)), *_alike(alike[0]), sure)
     return shown
 
 
 def _alike(one: Found) -> tuple[str, ...]:
     """What is said of a file but its name and confidence."""
     if one.rig is None:
-        rate = one.clip.frame_rate if one.clip is not None else 0
-        return ("AMASS or store", "52", "metres", "z", "0", f"{rate:g}", "")
+        return (one.kind, "", "", "", "", f"{one.rate:g}", "")
     rig = one.rig
     unit = rig.unit_name or f"unknown, scaled to {rig.height:.2f} m"
     return (rig.family, str(rig.count), unit, rig.up, f"{-rig.lift:.2f}", f"{rig.frame_rate:g}", ", ".join(rig.lacking))
