@@ -28,6 +28,7 @@ def test_every_check_with_a_limit_has_its_defect() -> None:
     assert {check.id for check in LIMITED} - {"data.long_enough"} == set(DEFECTS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("check", sorted(DEFECTS))
 def test_a_defect_fails_exactly_what_is_named_for_it(check: str, kit: Kit) -> None:
     spoil, expected = DEFECTS[check]

@@ -72,6 +72,7 @@ WORLDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_no_spoilt_world_is_taken_as_it_is(name: str) -> None:
     layout = LAYOUTS[name]

@@ -8,7 +8,7 @@ from pathlib import Path
 import ezc3d
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bodysense.capture.raw_markers import points_alone
@@ -232,6 +232,8 @@ def test_gzip_is_named(tmp_path: Path) -> None:
 TEXTS = [(name, write().encode()) for name, write in LAYOUTS.values()]
 
 
+@example(which=11, changes=[(1931, 10)], cut=None)
+@example(which=11, changes=[(1913, 10)], cut=None)
 @given(
     which=st.integers(0, len(TEXTS)),
     changes=st.lists(st.tuples(st.integers(0, 4000), st.integers(0, 255)), max_size=6),

@@ -76,5 +76,8 @@ def _columns(
     columns: dict[str, dict[str, list[int]]] = {}
     for (name, _), parts in sorted(found.items(), key=lambda item: order[item[0][1]]):
         if all(axis in parts.get("position", {}) for axis in "xyz"):
-            columns.setdefault(name, {part: [at[axis] for axis in _AXES if axis in at] for part, at in parts.items()})
+            axes_of = {"position": "xyz", "rotation": _AXES}
+            columns.setdefault(
+                name, {part: [at[axis] for axis in axes_of[part] if axis in at] for part, at in parts.items()}
+            )
     return columns
