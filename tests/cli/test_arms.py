@@ -25,6 +25,7 @@ def people(tmp_path: Path, waving_clip: Clip) -> Path:
     return tmp_path / "data"
 
 
+@pytest.mark.slow
 def test_a_network_is_trained_written_and_timed(people: Path, tmp_path: Path, run) -> None:
     out = tmp_path / "arms.onnx"
     said = run("train", "arms", "--data", people, "-o", out, *SMALL, "--more-inputs", "--rotation", "6d")
@@ -34,6 +35,7 @@ def test_a_network_is_trained_written_and_timed(people: Path, tmp_path: Path, ru
     assert numbers["p50_ms"] > 0 and numbers["live_frame_p50_ms"] > 0
 
 
+@pytest.mark.slow
 def test_the_table_is_trained_and_scored(people: Path, tmp_path: Path, run) -> None:
     table, out = tmp_path / "table", tmp_path / "out"
     run("train", "arms-table", "--data", people, "-o", table, *SMALL, "--networks", "cnn-hands", "cnn", "pahmt")

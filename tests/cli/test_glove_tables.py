@@ -10,6 +10,7 @@ import pytest
 from bodysense.cli import main
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("table", "key"), [("gloves-table3", "nn_4_2.0_cm"), ("gloves-table4", "nn_0_cm")])
 def test_a_table_of_synthesised_hands(table: str, key: str, tmp_path: Path) -> None:
     out, figures = tmp_path / "tables", tmp_path / "figures.json"
@@ -28,6 +29,7 @@ def test_another_network_is_refused_before_anything_is_computed(
         )
 
 
+@pytest.mark.slow
 def test_training_writes_into_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     few = ("--steps", "1", "--hand-minutes", "0.1", "--pair-minutes", "0.1", "--threads", "1")
     assert main(["train", "gloves", "-o", str(tmp_path / "out"), "--network", "recurrent", *few]) == 0

@@ -124,6 +124,7 @@ def test_nothing_is_missed_of_fingers_by_a_network_that_knows_them(motion: HandM
     assert np.nanmax(errors) < 1e-3
 
 
+@pytest.mark.slow
 def test_reports_hold_the_figures_and_the_published_ones(networks: Path, motion: HandMotion) -> None:
     task = Task([motion], "main")
     markers, joints = networks / "glove_markers.onnx", networks / "glove_joints.onnx"

@@ -117,6 +117,7 @@ def test_batches_are_those_of_their_step(recordings: ArmRecordings) -> None:
     assert len(torch.unique(first.abs().sort(dim=1).values.round(decimals=4), dim=0)) == 12
 
 
+@pytest.mark.slow
 def test_a_run_learns_and_goes_on_as_if_it_had_not_stopped(recordings: ArmRecordings, tmp_path: Path) -> None:
     schedule = ArmSchedule(epochs=12, batch=4, halve_every=6, learning_rate=5e-3, check_every=12, average_decay=0.5)
     rows: list[Progress] = []

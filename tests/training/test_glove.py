@@ -292,6 +292,7 @@ def test_the_file_answers_as_the_network_for_any_number_of_hands(
         assert np.abs(told - expected).max() < (2e-4 if name == "markers" else 4e-3)
 
 
+@pytest.mark.slow
 def test_a_run_without_data_writes_both_networks(tmp_path: Path) -> None:
     run = GloveRun(("markers", "joints"), None, tmp_path / "out", "shipped", 2, 0.1, 0.1, 1, 1, "none", "")
     run_gloves(run)

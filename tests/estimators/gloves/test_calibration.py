@@ -69,6 +69,7 @@ def test_a_person_keeps_the_hands(worn: GlovedHand, tmp_path: Path) -> None:
         Person(hands={"middle": worn})
 
 
+@pytest.mark.slow
 def test_hands_of_an_observation() -> None:
     from bodysense.demo import packaged_performance
 
