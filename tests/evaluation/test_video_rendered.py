@@ -90,7 +90,9 @@ def test_perfect_landmarks_give_fingers_but_not_twist(take: Take, completion: Co
     still = np.zeros((len(take.time), len(ARM_JOINTS), 4))
     still[..., 0] = 1
     for measure, values in video_rendered.arm_errors(still, arms_from_torso(take.pose), take.pose.skeleton).items():
-        assert measure != "overall_cm" or numbers[f"network_{measure}"] < values.mean()  # landmarks lay arms
+        # Landmarks lay arms where a network knows nothing; how far joints turn they do not tell.
+        share = numbers[f"network_{measure}"] / values.mean()
+        assert {"overall_cm": share < 0.7, "hands_cm": 0.9 < share < 1.1, "arms_deg": share < 1.15}.get(measure, True)
         assert numbers[f"network_true_{measure}"] == pytest.approx(values.mean(), rel=1e-5)
 
 
