@@ -12,19 +12,21 @@ from bodysense.lab.completion.points import BODY_POINTS, INPUT_POINTS, KNUCKLES
 HEAD, WRISTS = "head", ("left_wrist", "right_wrist")
 # Kinds of sequences and how often each is drawn.
 KINDS = {
-    "three_point": 0.30,
+    "three_point": 0.27,
     "head": 0.08,
-    "trackers": 0.16,  # head and hands, and worn trackers
+    "trackers": 0.14,  # head and hands, and worn trackers
     "imus": 0.15,  # head and hands, and sensors of rotation only
-    "camera": 0.20,  # what a headset's cameras see
-    "random": 0.06,  # any subset of points, each with a position, a rotation or both
-    "headless": 0.05,  # recordings with holes, positions only, worn trackers without a headset
+    "camera": 0.21,  # what a headset's cameras see
+    "mixed": 0.08,  # head, mostly hands, and a few parts, on one side or both, each with a sensor of its own kind
+    "random": 0.04,  # any subset of points, each with a position, a rotation or both
+    "headless": 0.03,  # recordings with holes, positions only, worn trackers without a headset
 }
 _GAPS = 0.35  # share of sequences with hands in which these are lost for 0.2-3 s, now and then
 _ONE_HAND, _NO_TURN = 0.12, 0.04  # share of three-point sequences with one hand only, and with hands without rotation
 _CHANGES = 0.2  # share of sequences with other sensors in which those come and go
 _PAIRS = ("ankle", "knee", "elbow", "hip", "shoulder", "foot")
 _IMU_JOINTS = ("knee", "ankle", "hip", "elbow", "shoulder")
+_WHAT = ("both", "position", "rotation")
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +51,7 @@ def draw_tracked(visible: np.ndarray, interval: float, rng: np.random.Generator)
             rotation[BODY.index(name)] = True
 
     add(HEAD)
-    if kind not in ("head", "headless", "random"):
+    if kind not in ("head", "headless", "random") and not (kind == "mixed" and rng.uniform() < 0.2):
         for wrist in WRISTS:
             add(wrist)
     if kind == "three_point" and rng.uniform() < _ONE_HAND:
@@ -60,11 +62,13 @@ def draw_tracked(visible: np.ndarray, interval: float, rng: np.random.Generator)
         _add_trackers(add, rng)
     if kind == "imus":
         _add_imus(add, rng)
+    if kind == "mixed":
+        _add_mixed(add, rng)
     if kind == "random":
         share = rng.uniform(0.05, 0.8)
         for name in INPUT_POINTS:
             if rng.uniform() < share:
-                add(name, str(rng.choice(["both", "position", "rotation"])))
+                add(name, str(rng.choice(_WHAT)))
     if kind == "headless":
         _headless(position, rotation, add, rng)
     has_position, has_rotation = np.tile(position, (frames, 1)), np.tile(rotation, (frames, 1))
@@ -128,6 +132,17 @@ def _add_imus(add, rng: np.random.Generator) -> None:
             add(name, "rotation")
     if rng.uniform() < 0.1:
         add("pelvis")
+
+
+def _add_mixed(add, rng: np.random.Generator) -> None:
+    """A few parts of the body, each with a sensor of its own kind, as often on one side as on both."""
+    share = rng.uniform(0.05, 0.5)
+    for part in ("pelvis", "spine3", *_PAIRS):
+        if rng.uniform() < share:
+            what = str(rng.choice(_WHAT))
+            sides = ("left", "right") if rng.uniform() < 0.5 else (str(rng.choice(["left", "right"])),)
+            for name in (part,) if part in BODY else tuple(f"{side}_{part}" for side in sides):
+                add(name, what)
 
 
 def _headless(position: np.ndarray, rotation: np.ndarray, add, rng: np.random.Generator) -> None:
