@@ -5,9 +5,11 @@ import math
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.lab.completion.constraints import (
+    ARMS,
     DRAG,
     ENDS,
     FADE,
@@ -73,7 +75,7 @@ def bend(seed: int, target: torch.Tensor | None = None, free: float = 1.0, kick:
     start, end = points[:, :, STARTS], points[:, :, ENDS]
     target = end + kick * vectors(4, seed) if target is None else start + target
     limbs = Limbs()(
-        axes, bones, start, target, bones[:, :, MIDDLES], NONE, torch.full((1, 1, 4, 1), free), torch.ones(1)
+        axes, bones, start, NONE, target, bones[:, :, MIDDLES], NONE, torch.full((1, 1, 4, 1), free), torch.ones(1)
     )
     return axes, bones, start, target, limbs
 
@@ -102,6 +104,20 @@ def test_a_collar_gives_an_arm_that_is_too_short(way: tuple[float, float, float]
     assert (upper + lower)[:, :, :2].norm(dim=-1).max() < 0.504
 
 
+def test_an_arm_hangs_from_a_measured_shoulder() -> None:
+    axes, bones, points = random_body(6, 15.0)
+    start, root = points[:, :, STARTS], bones[:, :, STARTS]
+    raised = torch.tensor(Rotation.from_euler("y", 12, degrees=True).as_matrix(), dtype=torch.float32)
+    turned = torch.cat([root[:, :, :ARMS] @ raised, root[:, :, ARMS:]], dim=2)
+    target = start + torch.tensor([0.0, -0.3, 0.2])
+    limbs = Limbs()(
+        axes, bones, start, turned - root, target, bones[:, :, MIDDLES], NONE, torch.ones(1, 1, 4, 1), torch.ones(1)
+    )
+    given, upper, lower = limbs.after.split(len(LIMBS), dim=2)
+    assert torch.allclose(given, turned, atol=1e-6)
+    assert torch.allclose(start - root + given + upper + lower, target, atol=1e-4)
+
+
 @pytest.mark.parametrize("way", [(0, -0.7, 0), (0, -0.3, 0.5), (0, 0.1, 0.6), (0, -0.4, -0.4), (0.3, -0.5, 0.3)])
 def test_knees_bend_forward(way: tuple[float, float, float]) -> None:
     """A kick forward bends the knee upward, a heel behind the body bends it downward and forward."""
@@ -110,7 +126,7 @@ def test_knees_bend_forward(way: tuple[float, float, float]) -> None:
     target = start + torch.tensor(way)
     backward = torch.tensor([[0.0, -0.3, -0.3]])  # where a wrong prediction has the knee
     limbs = Limbs()(
-        axes, bones, start, target, backward.expand(1, 1, 4, 3), NONE, torch.ones(1, 1, 4, 1), torch.ones(1)
+        axes, bones, start, NONE, target, backward.expand(1, 1, 4, 3), NONE, torch.ones(1, 1, 4, 1), torch.ones(1)
     )
     upper, lower = limbs.after[0, 0, 6:8], limbs.after[0, 0, 10:12]
     # The knee's axis points to the wearer's left: the shank bends back about it.
@@ -121,7 +137,8 @@ def test_a_measured_knee_is_followed() -> None:
     axes, bones, points = random_body(4, 5.0)
     pole = torch.tensor([[[[0.0, -0.3, -0.2]]]]).expand(1, 1, 4, 3)
     target = points[:, :, STARTS] + torch.tensor([0.0, -0.6, 0.0])
-    limbs = Limbs()(axes, bones, points[:, :, STARTS], target, pole, NONE, torch.zeros(1, 1, 4, 1), torch.ones(1))
+    start = points[:, :, STARTS]
+    limbs = Limbs()(axes, bones, start, NONE, target, pole, NONE, torch.zeros(1, 1, 4, 1), torch.ones(1))
     assert (limbs.after[0, 0, 6:8, 2] < -0.1).all()
 
 
@@ -135,7 +152,7 @@ def test_a_knee_bends_about_a_measured_foot() -> None:
     left = torch.tensor([[math.cos(out), 0, -math.sin(out)], [math.cos(out), 0, math.sin(out)]])
     hinge = torch.cat([torch.zeros(2, 3), left])[None, None]
     free, drawn = torch.ones(1, 1, 4, 1), torch.ones(1)
-    told, untold = (Limbs()(axes, bones, start, target, ahead, one, free, drawn).after for one in (hinge, NONE))
+    told, untold = (Limbs()(axes, bones, start, NONE, target, ahead, one, free, drawn).after for one in (hinge, NONE))
     knees = [torch.atan2(after[0, 0, 6:8, 0].abs(), after[0, 0, 6:8, 2]) for after in (told, untold)]
     assert (knees[1] < math.radians(10)).all()
     assert (knees[0] > math.radians(20)).all() and (knees[0] < out).all()

@@ -1,5 +1,6 @@
 """The whole step: exact where measured, rigid, symmetric, steady where sensors come and go, the same as a file."""
 
+import math
 from functools import lru_cache
 from pathlib import Path
 
@@ -312,7 +313,7 @@ def standing_still(step: CompletionStep, motion: Motion, names: list[str], found
     position, rotation, offset = motion
     still = (position[:1].expand(80, -1, -1), rotation[:1].expand(80, -1, -1), offset)
     every = ["head", "pelvis", "left_wrist", "right_wrist", "left_ankle", "right_ankle", "left_elbow"]
-    seen, turned = masks_of(every, 80)
+    seen, turned = masks_of([*every, *(name for name in names if name not in every)], 80)
     places = [AT(name) for name in names]
     change = slice(0, 40) if found else slice(40, 80)
     seen[change, :, places] = turned[change, :, places] = False
@@ -336,6 +337,7 @@ def test_nothing_jumps_where_sensors_are_lost(step: CompletionStep, motion: Moti
         (["left_wrist", "right_wrist"], ["left_knee", "right_ankle", "spine2"]),
         (["left_ankle"], ["right_knee", "right_ankle", "left_elbow", "right_elbow", "spine2"]),
         (["left_elbow"], ["right_elbow", "left_knee", "right_knee", "spine2"]),
+        (["left_shoulder"], ["right_elbow", "left_knee", "right_knee", "spine2"]),
     ],
 )
 def test_what_is_found_moves_its_limb_alone(
@@ -346,6 +348,21 @@ def test_what_is_found_moves_its_limb_alone(
     assert moved[[AT(name) for name in apart]].max() < 3e-3
     others = [AT(name) for name in ("left_ankle", "right_ankle", "left_wrist", "right_wrist") if name not in found]
     assert moved[others].max() < 2e-3
+
+
+def test_a_measured_shoulder_and_a_measured_forearm_are_followed(step: CompletionStep, motion: Motion) -> None:
+    """A shoulder goes to where it is, as far as its collar reaches; a forearm's rotation says where the elbow is."""
+    position, rotation, offset = motion
+    names = ["head", "pelvis", "left_wrist", "right_wrist", "left_collar", "left_shoulder", "spine3"]
+    seen, turned = masks_of(names, len(position))
+    turned[:, :, AT("left_elbow")] = True
+    outputs = run(step, seen_as(motion, seen, turned))
+    placed = points_of(outputs)[:, 0]
+    lower = placed[:, AT("left_wrist")] - placed[:, AT("left_elbow")]
+    true = position[:, AT("left_wrist")] - position[:, AT("left_elbow")]
+    cosine = (lower * true).sum(-1) / lower.norm(dim=-1) / true.norm(dim=-1)
+    assert cosine.min() > math.cos(math.radians(10))
+    assert (placed - position)[:, AT("left_shoulder")].norm(dim=-1).max() < 0.02
 
 
 @pytest.mark.slow

@@ -146,6 +146,7 @@ class Limbs(nn.Module):
         axes: Tensor,
         bones: Tensor,
         start: Tensor,
+        shifted: Tensor,
         target: Tensor,
         pole: Tensor,
         hinge: Tensor,
@@ -158,6 +159,7 @@ class Limbs(nn.Module):
             axes: (B, 3, 22, 3).
             bones: (B, 1, 65, 3) m.
             start: (B, 1, 4, 3) m.
+            shifted: (B, 1, 4, 3) m, by how much measured shoulders are off it.
             target: (B, 1, 4, 3) m; out of reach, the limb points at it.
             pole: (B, 1, 4, 3) m, where the middle joint would be, from the start.
             hinge: (B, 1, 4, 3) about what limbs bend as measured rotations tell, toward the left; 0 where none does.
@@ -169,12 +171,14 @@ class Limbs(nn.Module):
         base, longest = (self.lengths @ size).split(len(LIMBS), dim=2)
         square, excess = (self.squares @ (size * size)).split(len(LIMBS), dim=2)
         root = before[:, :, : len(LIMBS)]
-        toward = target - start
+        measured = unit(root + shifted) * base
+        wanted = target - (start - root)
+        toward = wanted - measured
         far = length(toward).clamp(min=TINY)
         lacking = torch.minimum(torch.relu(far - longest), self.most_given * base)
-        reached = unit(root + toward / far * lacking) * base
+        reached = unit(measured + toward / far * lacking) * base
         given = reached - root
-        to = triangle(toward - given, longest, square, excess)
+        to = triangle(wanted - reached, longest, square, excess)
         # The side to which the middle joint does not go turns with the limb, so that a leg kicked forward bends upward.
         halfway = unit(unit(before[:, :, len(LIMBS) : 2 * len(LIMBS)]) @ ASIDE + to.direction)
         unnatural = reflected(self.unnatural @ axes[:, 2:], halfway)

@@ -149,16 +149,16 @@ class CompletionStep(nn.Module):
 
         axes, head, body = self._hung(axes, head * size + frame.floor, rest, tracked)
         contact = torch.sigmoid(answer.contact_logit)
-        target, pole, ends, feet = self._targets(inputs, body, contact, tracked, frame, blend, shown, numbers)
         start = body.points.index_select(2, self.starts)
-        free = holds["free_middles"].reshape(-1, 1, len(LIMBS), 1)
+        free_end, free, led = holds["limbs"].reshape(-1, 1, 3 * len(LIMBS), 1).split(len(LIMBS), dim=2)
+        shifted, target, pole, ends, feet = self._targets(
+            inputs, body, start, free_end, led, contact, tracked, frame, blend, shown, numbers
+        )
         # A knee between a tracked hip and foot bends about what their rotations have to the left.
         hinge = self.hinges @ (tracked.axes[:, :1] * tracked.turned)
-        hinge = (
-            hinge * tracked.turned.index_select(2, self.ends) * (1 - holds["free_ends"].reshape(-1, 1, len(LIMBS), 1))
-        )
+        hinge = hinge * tracked.turned.index_select(2, self.ends) * (1 - free_end)
         # What was shown was drawn to natural sides already.
-        limbs = self.limbs(axes, body.bones, start, target, pole, hinge, free, 1 - blend.fade)
+        limbs = self.limbs(axes, body.bones, start, shifted, target, pole, hinge, free, 1 - blend.fade)
         fingers = self.hands(
             axes,
             target[:, :, :ARMS],
@@ -265,20 +265,22 @@ class CompletionStep(nn.Module):
         self,
         inputs: Inputs,
         body: Body,
+        start: Tensor,
+        free: Tensor,
+        led: Tensor,
         contact: Tensor,
         tracked: Tracked,
         frame: Frame,
         blend: Blend,
         shown: Rows,
         numbers: Numbers,
-    ) -> tuple[Tensor, Tensor, Tensor, FootState]:
-        """Where limbs go: their ends, measured or predicted with feet held; and from their starts their middles.
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor, FootState]:
+        """Where limbs go: how far off shoulders are, ends, measured or predicted with feet held, middles from starts.
 
-        Returns those (B, 1, 4, 3) m both, what is left of where ends were shown when sensors changed, and the feet.
+        Returns those (B, 1, 4, 3) m each, what is left of where ends were shown when sensors changed, and the feet.
         """
         count = len(LIMBS)
-        to_end, to_middle = (tracked.means["limbs"] @ (tracked.near - body.points)).split(count, dim=2)
-        free = tracked.holds["free_ends"].reshape(-1, 1, count, 1)
+        to_end, to_middle, to_start = (tracked.means["limbs"] @ (tracked.near - body.points)).split(count, dim=2)
         end = body.points.index_select(2, self.ends)
         left = tracked.before.index_select(2, self.ends) - end - to_middle - self.legs @ shown.shift
         ends = torch.where(blend.changed, left, shown.ends)
@@ -293,4 +295,6 @@ class CompletionStep(nn.Module):
         )
         target = end + move + free * (self.legs @ step)
         pole = to_middle + body.bones.index_select(2, self.middles)
-        return target, pole, ends, feet._replace(anchor=feet.anchor + tracked.base)
+        # Between a measured end and the start, a lower bone of measured rotation tells where the middle joint is.
+        pole = pole + led * (target - start - body.bones.index_select(2, self.ends) - pole)
+        return to_start, target, pole, ends, feet._replace(anchor=feet.anchor + tracked.base)

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from bodysense.lab.completion.state import JOINT_COUNT, POINT_COUNT
 
-_LEAST = 1e-9  # what a point counts that counts only where no other does
+_LEAST = 2.0**-14  # what a point counts that counts only where no other does; exact in half precision
 FIRST, SECOND = 1e12, 1e6  # how much more a point counts that others only stand in for
 
 

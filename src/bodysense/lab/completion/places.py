@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.lab.completion.constraints import ENDS, LIMBS, MIDDLES, STARTS, replacing
+from bodysense.lab.completion.constraints import ARMS, ENDS, LIMBS, MIDDLES, STARTS, replacing
 from bodysense.lab.completion.fingers import HAND_JOINTS, HAND_POINTS, SIDES
 from bodysense.lab.completion.frame import PAIRS
 from bodysense.lab.completion.hands import WRISTS
@@ -59,11 +59,19 @@ def conditions() -> dict[str, list[Condition]]:
         ],
         "axes": [Condition(joints=[joint]) for _ in range(2) for joint in range(JOINTS)],
         "lines": [Condition(points=[_AT(left), _AT(right)]) for left, right in PAIRS],
-        "free_ends": [Condition(without_points=[end, *others]) for end, others in zip(ENDS, _stand_ins(), strict=True)],
-        # A limb whose upper bone is measured, by its rotation or by its ends, bends as that says.
-        "free_middles": [
-            Condition(without_points=[middle], without_joints=[start])
-            for start, middle in zip(STARTS, MIDDLES, strict=True)
+        # Limbs whose end is not tracked; whose middle joint goes to its natural side; whose lower bone leads there.
+        "limbs": [
+            *(Condition(without_points=[end, *others]) for end, others in zip(ENDS, _stand_ins(), strict=True)),
+            # A limb whose upper bone is measured, by its rotation or by its ends, bends as that says, an arm also as
+            # its lower bone does; a knee stays forward.
+            *(
+                Condition(without_points=[MIDDLES[k]], without_joints=[STARTS[k], MIDDLES[k]][: 2 if k < ARMS else 1])
+                for k in range(len(LIMBS))
+            ),
+            *(
+                Condition(points=[end], joints=[middle], without_points=[middle])
+                for middle, end in zip(MIDDLES, ENDS, strict=True)
+            ),
         ],
         "hands": hands,
     }
@@ -73,12 +81,15 @@ def means() -> dict[str, list[dict[int, float]]]:
     """What a step takes means of."""
     pelvis = _AT("pelvis")
     ends = [{**dict.fromkeys(others, 1.0), end: SECOND} for end, others in zip(ENDS, _stand_ins(), strict=True)]
+    # An arm goes with its shoulder; a leg with its hip, which moves the pelvis.
+    middles = [{STARTS[k]: 1.0, MIDDLES[k]: SECOND} if k < ARMS else {MIDDLES[k]: 1.0} for k in range(len(LIMBS))]
+    starts = [{STARTS[k]: 1.0} if k < ARMS else {} for k in range(len(LIMBS))]
     every = dict.fromkeys(range(POINT_COUNT), 1.0)
     return {
         "frame": [{**every, HEAD: FIRST}],
         "body": [{**every, pelvis: SECOND, HEAD: FIRST}],
         "pelvis": [{_AT("left_hip"): 1.0, _AT("right_hip"): 1.0, pelvis: SECOND}],
-        "limbs": [*ends, *({middle: 1.0} for middle in MIDDLES)],
+        "limbs": [*ends, *middles, *starts],
     }
 
 
