@@ -352,7 +352,7 @@ def test_what_is_found_moves_its_limb_alone(
 
 def test_a_measured_shoulder_and_a_measured_forearm_are_followed(step: CompletionStep, motion: Motion) -> None:
     """A shoulder goes to where it is, as far as its collar reaches; a forearm's rotation says where the elbow is."""
-    position, rotation, offset = motion
+    position = motion[0]
     names = ["head", "pelvis", "left_wrist", "right_wrist", "left_collar", "left_shoulder", "spine3"]
     seen, turned = masks_of(names, len(position))
     turned[:, :, AT("left_elbow")] = True
@@ -384,7 +384,7 @@ def test_the_file_equals_pytorch(tmp_path: Path, motion: Motion) -> None:
     assert [opset.version for opset in model.opset_import] == [18]
     kinds = [node.op_type for node in model.graph.node]
     assert kinds.count("GRU") == 3  # the body's two layers and the fingers'
-    assert len(kinds) < 680
+    assert len([kind for kind in kinds if kind != "Cast"]) < 600  # those unpack stored tables when a file is opened
 
 
 @pytest.mark.slow
