@@ -384,7 +384,7 @@ def test_the_file_equals_pytorch(tmp_path: Path, motion: Motion) -> None:
     assert [opset.version for opset in model.opset_import] == [18]
     kinds = [node.op_type for node in model.graph.node]
     assert kinds.count("GRU") == 3  # the body's two layers and the fingers'
-    assert len([kind for kind in kinds if kind != "Cast"]) < 600  # those unpack stored tables when a file is opened
+    assert len([kind for kind in kinds if kind != "Cast"]) < 655  # those unpack stored tables when a file is opened
 
 
 @pytest.mark.slow
