@@ -6,24 +6,14 @@ import bodysense as bs
 
 tracker = bs.Tracker(bs.Person(height=1.80))  # or bs.Person(): the height is inferred, too
 state = tracker.start()
-points = ("head", "left_wrist", "right_wrist")
 
 for frame in range(90):  # 90 Hz, one second
-    position = np.array([[[0.0, 1.65, 0.0], [0.25, 1.0, 0.2], [-0.25, 1.0, 0.2 + 0.001 * frame]]])
-    rotation = np.full((1, 3, 4), np.nan)
-    rotation[0, 0] = 1.0, 0.0, 0.0, 0.0
-    seen = np.array([[True, frame < 60, True]])  # the left hand gets lost
-    position[~seen] = np.nan
-    observation = bs.Observation(
-        points=points,
-        position=position,
-        rotation=rotation,
-        has_position=seen,
-        has_rotation=np.array([[True, False, False]]),
-        accuracy=np.full((1, 3), 0.001),  # m: headset and controllers
-        time=np.array([frame / 90]),
-    )
-    estimate, state = tracker.step(observation, state)
+    poses = {  # position, m, and rotation, wxyz, in the world
+        "head": ([0.0, 1.65, 0.0], [1.0, 0.0, 0.0, 0.0]),
+        "left_wrist": ([0.25, 1.0, 0.2] if frame < 60 else None, None),  # it gets lost
+        "right_wrist": ([-0.25, 1.0, 0.2 + 0.001 * frame], None),
+    }
+    estimate, state = tracker.step(bs.observe(frame / 90, poses), state)
     if frame % 30 == 29:
         lost = estimate.pose.skeleton.index("left_wrist")
         place, doubt = estimate.points[0, lost], estimate.confidence[0, lost]

@@ -20,6 +20,7 @@ from bodysense.observation import (
     accuracy_like,
     check_observation,
     check_order,
+    observe,
     observed_points,
     usual_accuracy,
 )
@@ -180,3 +181,33 @@ def test_the_estimate_of_one_of_several_people() -> None:
 def test_a_point_that_the_skeleton_lacks_is_refused() -> None:
     with pytest.raises(BodysenseError, match=r"unknown joint 'left_wirst'; this skeleton has left_wrist"):
         observed_points(replace(example(), points=("head", "left_wirst")), SKELETON)
+
+
+def test_a_frame_of_named_poses_is_an_observation() -> None:
+    poses = {
+        "head": ([0.0, 1.6, 0.0], [1.0, 0.0, 0.0, 0.0]),
+        "left_wrist": (None, None),
+        "left_knee": (None, np.array([0.0, 1.0, 0.0, 0.0])),
+        "pelvis": ((0.0, 1.0, 0.0), None),
+    }
+    seen = observe(2.0, poses)
+    assert seen.points == tuple(poses)
+    assert seen.has_position.tolist() == [[True, False, False, True]]
+    assert seen.has_rotation.tolist() == [[True, False, True, False]]
+    assert seen.accuracy.tolist() == [[HEADSET_ACCURACY, HEADSET_ACCURACY, TRACKER_ACCURACY, TRACKER_ACCURACY]]
+    assert observe(2.0, poses, accuracy=0.02).accuracy.tolist() == [[0.02] * 4]
+    assert len(observe(0.0, {})) == 1
+
+
+@pytest.mark.parametrize(
+    ("pose", "said"),
+    [
+        (([0.0, 1.6], None), r"head: its position has shape \(2,\); give 3 numbers, or None"),
+        ((None, [1.0, 0.0, 0.0]), r"head: its rotation has shape \(3,\); give 4 numbers, or None"),
+        (([0.0, np.nan, 0.0], None), "its position is not finite"),
+        ((None, [1.0, 1.0, 0.0, 0.0]), "give unit quaternions"),
+    ],
+)
+def test_what_is_no_pose_is_refused(pose: tuple, said: str) -> None:
+    with pytest.raises(BodysenseError, match=said):
+        observe(0.0, {"head": pose})

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from bodysense.body.pose import Pose
     from bodysense.body.skeleton import Skeleton
     from bodysense.data.clip import Clip
-    from bodysense.observation import Estimate, Observation
+    from bodysense.observation import Estimate, Observation, observe
     from bodysense.reading import read, write
     from bodysense.take import Take, track
     from bodysense.tracker import Tracker
@@ -30,6 +30,7 @@ __all__ = [
     "Skeleton",
     "Take",
     "Tracker",
+    "observe",
     "read",
     "track",
     "write",
@@ -45,6 +46,7 @@ _HOMES = {
     "Skeleton": "body.skeleton",
     "Take": "take",
     "Tracker": "tracker",
+    "observe": "observation",
     "read": "reading",
     "track": "take",
     "write": "reading",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -86,6 +86,39 @@ class Estimate:
             contact=self.contact[person],
             rest_offset=offset,
         )
+
+
+def observe(
+    time: float,
+    poses: Mapping[str, tuple[np.ndarray | Sequence[float] | None, np.ndarray | Sequence[float] | None]],
+    accuracy: float | None = None,
+) -> Observation:
+    """One frame of named points, as a device tells them.
+
+    Args:
+        time: s, from any origin.
+        poses: by name, as a joint's 'left_wrist': position (3,) m and rotation (4,) wxyz, both in the world; None for
+            what is not tracked.
+        accuracy: m, expected error of the positions; the usual one of each point if omitted.
+
+    Raises BodysenseError for what is no position or rotation.
+    """
+    count = len(poses)
+    position, rotation = np.full((1, count, 3), np.nan), np.full((1, count, 4), np.nan)
+    placed, turned = np.zeros((1, count), dtype=bool), np.zeros((1, count), dtype=bool)
+    wanted = (("position", position, placed), ("rotation", rotation, turned))
+    for place, (name, pose) in enumerate(poses.items()):
+        for value, (what, values, has) in zip(pose, wanted, strict=True):
+            if value is None:
+                continue
+            if np.shape(value) != values.shape[2:]:
+                raise BodysenseError(
+                    f"{name}: its {what} has shape {np.shape(value)}; give {values.shape[2]} numbers, or None"
+                )
+            values[0, place], has[0, place] = value, True
+    usual = usual_accuracy(tuple(poses)) if accuracy is None else np.full(count, accuracy)
+    observation = Observation(tuple(poses), position, rotation, placed, turned, usual[None], np.array([time]))
+    return check_observation(observation, "observe")
 
 
 def check_shapes(observation: Observation, name: str = "observation") -> None:

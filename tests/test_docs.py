@@ -1,0 +1,179 @@
+"""What README and docs show: every Python snippet runs, every command has those options."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import fields, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bodysense as bs
+from bodysense.body.keypoints import ArmKeypoints
+from bodysense.capture import marker_stream
+from bodysense.capture.landmarker_files import find_landmarkers
+from bodysense.capture.marker_stream import MarkerReceiver
+from bodysense.cli import main
+from bodysense.data.clip import Clip
+from bodysense.demo import packaged_performance
+from bodysense.devices.simulated import simulate
+from bodysense.occlusion.camera_view import FRONT, sample_cameras, view, view_points
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+FENCED = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
+GROUPS = ("data", "train", "evaluate", "bench", "study")
+INDENTED = re.compile(r"^    (bodysense .*(?:\\\n.*)*)$", re.MULTILINE)
+
+
+def snippets(page: Path) -> list[str]:
+    """The Python blocks of a page."""
+    return [code for language, code in FENCED.findall(page.read_text()) if language == "python"]
+
+
+def commands(page: Path) -> Iterator[list[str]]:
+    """The words of each `bodysense …` command that a page shows, without comments."""
+    text = page.read_text()
+    blocks = [code for language, code in FENCED.findall(text) if language in ("", "sh")]
+    for block in [*blocks, *INDENTED.findall(text)]:
+        for line in block.replace("\\\n", " ").splitlines():
+            if line.startswith("bodysense "):
+                yield shlex.split(line, comments=True)[1:]
+
+
+WITH_SNIPPETS = [page for page in PAGES if snippets(page)]
+
+
+def test_there_are_snippets_and_commands() -> None:
+    assert len(WITH_SNIPPETS) >= 5
+    assert sum(len(list(commands(page))) for page in PAGES) >= 40
+
+
+def beginning(frames: int) -> Clip:
+    clip = packaged_performance()
+    return replace(clip, pose=clip.pose[:frames])
+
+
+def in_readme(_: pytest.MonkeyPatch) -> dict[str, Any]:
+    seen = simulate(beginning(3), "three_point")
+    frames = [
+        (time, dict(zip(seen.points, zip(position, rotation, strict=True), strict=True)))
+        for time, position, rotation in zip(seen.time, seen.position, seen.rotation, strict=True)
+    ]
+    return {"frames": frames}
+
+
+def in_api(_: pytest.MonkeyPatch) -> dict[str, Any]:
+    bs.write("walk.bvh", beginning(60))
+    return {}
+
+
+def in_arms(_: pytest.MonkeyPatch) -> dict[str, Any]:
+    clip = beginning(60)
+    points = view_points(clip.pose)[None]
+    seen = view(points, clip.time, sample_cameras(points[:, 0], np.random.default_rng(0), FRONT))
+    first = {field.name: getattr(seen, field.name)[0] for field in fields(ArmKeypoints) if field.name != "time"}
+    return {"keypoints": ArmKeypoints(time=seen.time, **first)}
+
+
+def in_completion(_: pytest.MonkeyPatch) -> dict[str, Any]:
+    seen_by_headset(60)
+    return {}
+
+
+def in_files(_: pytest.MonkeyPatch) -> dict[str, Any]:
+    """A take on a rig with names of its own."""
+    seen_by_headset(260)
+    assert main(["track", "seen.npz", "--rig", "mixamo", "-o", "take.bvh"]) == 0
+    return {}
+
+
+def seen_by_headset(frames: int) -> None:
+    """Write seen.npz."""
+    bs.write("walk.bvh", beginning(frames))
+    assert main(["simulate", "walk.bvh", "--device", "three_point", "-o", "seen.npz"]) == 0
+
+
+def in_gloves(patch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """A sender of three frames, in millimetres, on a port that is free."""
+    clip = beginning(3)
+    markers = simulate(clip, "gloves")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        address = free.getsockname()
+    patch.setattr(marker_stream, "MarkerReceiver", partial(MarkerReceiver, port=address[1]))
+
+    def send() -> None:
+        for frame in range(len(markers)):
+            places = zip(markers.points, 1000 * markers.position[frame], strict=True)
+            marker_stream.send_frame(address, float(markers.time[frame]), dict(places))
+
+    threading.Timer(0.5, send).start()
+    return {}
+
+
+CONTEXTS: dict[str, Callable[[pytest.MonkeyPatch], dict[str, Any]]] = {
+    "README": in_readme,
+    "api": in_api,
+    "arms": in_arms,
+    "completion": in_completion,
+    "files": in_files,
+    "gloves": in_gloves,
+}
+
+
+@pytest.mark.parametrize("page", [page for page in WITH_SNIPPETS if page.stem != "video"], ids=lambda page: page.stem)
+def test_snippets_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the order in which the page shows them, in one namespace."""
+    monkeypatch.chdir(tmp_path)
+    names = CONTEXTS[page.stem](monkeypatch)
+    for number, code in enumerate(snippets(page), start=1):
+        exec(compile(code, f"{page.name}, snippet {number}", "exec"), names)
+
+
+@pytest.mark.slow
+def test_the_snippet_on_video_runs(
+    landmarkers: Path, filmed: tuple[np.ndarray, Clip], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    av = pytest.importorskip("av")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("bodysense.capture.landmarker_files.find_landmarkers", partial(find_landmarkers, landmarkers))
+    with av.open("video.mp4", "w") as container:
+        stream = container.add_stream("libx264", rate=15)
+        stream.height, stream.width, stream.pix_fmt = *filmed[0].shape[1:3], "yuv420p"
+        for picture in filmed[0]:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode())
+    for code in snippets(ROOT / "docs" / "video.md"):
+        exec(compile(code, "video.md", "exec"), {})
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_commands_have_their_options(page: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for words in commands(page):
+        named = words[: 2 if words[0] in GROUPS else 1]
+        with pytest.raises(SystemExit) as stop:
+            main([*named, "--help"])
+        known = set(re.findall(r"(?<![\w-])--?[a-zA-Z][\w-]*", capsys.readouterr().out))
+        assert stop.value.code == 0, words
+        given = {word for word in words if re.fullmatch(r"--?[a-zA-Z][\w-]*", word)} - {"--overwrite"}
+        assert given <= known, f"{page.name}: bodysense {' '.join(words)}: unknown {sorted(given - known)}"
+
+
+def test_the_api_page_has_every_public_name() -> None:
+    shown = set(re.findall(r"^::: bodysense\.(\w+)$", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE))
+    assert shown == set(bs.__all__)
+
+
+def test_links_lead_somewhere() -> None:
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text()):
+            if "://" not in target:
+                assert (page.parent / target).exists(), f"{page.name}: {target}"
