@@ -75,8 +75,8 @@ def small_network(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small network that was never trained, exported: what holds of every network holds of it."""
     import torch
 
-    from bodysense.models.body_network import BodyNetwork, BodyNetworkConfig
-    from bodysense.training.onnx_writing import write_onnx
+    from bodysense.lab.export import write_onnx
+    from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("network") / "small.onnx"
@@ -90,8 +90,8 @@ def small_vae(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """HMD-VAE's model 2, small and never trained, exported; its weights lie beside as .pt."""
     import torch
 
-    from bodysense.models.body_vae import BodyVae, BodyVaeConfig, write_vae
-    from bodysense.training.body_vae_onnx import write_vae_onnx
+    from bodysense.lab.hmd_vae.export import write_vae_onnx
+    from bodysense.lab.hmd_vae.network import BodyVae, BodyVaeConfig, write_vae
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("vae") / "model2.onnx"
@@ -111,9 +111,9 @@ def small_arms(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """PAHMT, small and never trained, exported; its weights lie beside as .pt."""
     import torch
 
-    from bodysense.models.arm_file import write_arms
-    from bodysense.models.arm_transformer import ArmNetwork, ArmNetworkConfig
-    from bodysense.training.arms_onnx import write_arms_onnx
+    from bodysense.lab.pahmt.export import write_arms_onnx
+    from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig
+    from bodysense.lab.pahmt.weights_file import write_arms
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("arms") / "arms.onnx"
@@ -146,8 +146,8 @@ def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     import torch
 
-    from bodysense.models.body_network import BodyNetwork, write_weights
-    from bodysense.models.variants import VARIANTS
+    from bodysense.lab.unoc.network import BodyNetwork, write_weights
+    from bodysense.lab.unoc.variants import VARIANTS
 
     folder = tmp_path_factory.mktemp("networks")
     torch.manual_seed(0)

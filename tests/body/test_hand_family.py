@@ -22,9 +22,9 @@ from bodysense.body.hand_family import (
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.shape import shape_space
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.data.hand_synthesis import synthesize_hand
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
+from bodysense.lab.synthesis.hands import synthesize_hand
 
 
 def test_many_shapes_are_single_ones() -> None:

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from bodysense.cli.bench import gloves
-from bodysense.cli.glove_stream import glove_stream
+from bodysense.lab.glove_stream import glove_stream
 
 
 def test_bench_gloves(tmp_path: Path) -> None:

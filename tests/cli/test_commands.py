@@ -19,7 +19,7 @@ from bodysense.cli import main
 from bodysense.data.bvh import read_bvh, write_bvh
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
-from bodysense.estimators.learned import load_model
+from bodysense.lab.unoc.learned import load_model
 
 WEIGHTS, DEMO = (Path(str(files(f"bodysense.{room}"))) for room in ("weights", "demo"))
 needs_network = pytest.mark.skipif(

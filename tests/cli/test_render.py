@@ -8,7 +8,7 @@ import pytest
 
 from bodysense.data.bvh import write_bvh
 from bodysense.data.clip import Clip
-from bodysense.export.render.take import list_takes, read_take
+from bodysense.lab.rendering.take import list_takes, read_take
 
 from .conftest import Command, Refused
 

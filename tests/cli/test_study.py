@@ -12,7 +12,7 @@ from PIL import Image
 
 from bodysense.data.bvh import write_bvh
 from bodysense.data.clip import Clip
-from bodysense.evaluation.study import draw_key, write_key
+from bodysense.lab.study.study import draw_key, write_key
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from bodysense.data.bvh import write_bvh
-from bodysense.data.clips import count_clips, open_clips
 from bodysense.errors import BodysenseError
+from bodysense.lab.clips import count_clips, open_clips
 
 
 @pytest.fixture

@@ -10,10 +10,10 @@ import pytest
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.data.bvh import write_bvh
-from bodysense.data.clips import open_clips
 from bodysense.data.sources import Source, list_sources, read_source, skeleton_from_entry
 from bodysense.data.splits import SPLITS, split_of
 from bodysense.errors import BodysenseError
+from bodysense.lab.clips import open_clips
 
 
 def save_amass(path: Path, frames: int = 5, seed: int = 0) -> Path:

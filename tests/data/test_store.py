@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from bodysense.body.rotation import geodesic_angle
-from bodysense.data import store as store_module
 from bodysense.data.bvh import write_bvh
-from bodysense.data.clips import open_clips
 from bodysense.data.resample import resample
-from bodysense.data.store import is_store, prepare, read_store
 from bodysense.errors import BodysenseError
+from bodysense.lab import store as store_module
+from bodysense.lab.clips import open_clips
+from bodysense.lab.store import is_store, prepare, read_store
 from bodysense.rigs.options import ReadingOptions
 
 pytest.importorskip("zarr", reason="needs bodysense[train]")

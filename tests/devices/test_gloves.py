@@ -16,7 +16,6 @@ from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.model import CompletionModel
 from bodysense.data.clip import Clip
-from bodysense.data.hand_synthesis import synthesize_hand
 from bodysense.data.resample import resample
 from bodysense.demo import packaged_performance
 from bodysense.devices.gloves import (
@@ -29,6 +28,7 @@ from bodysense.devices.gloves import (
 )
 from bodysense.errors import BodysenseError
 from bodysense.estimators.gloves.hands import GloveModels, Hands, load_glove_models
+from bodysense.lab.synthesis.hands import synthesize_hand
 from bodysense.observation import OPTICAL_ACCURACY, Observation, accuracy_like, check_observation, chosen_points
 from bodysense.occlusion import glove, three_point
 from bodysense.occlusion.dropout import hide

@@ -21,11 +21,11 @@ from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
 from bodysense.estimators.arms import ArmFrames, ArmModel, Arms, ArmSettings, load_arms
-from bodysense.models.arm_features import window_of
-from bodysense.models.arm_file import read_arms
+from bodysense.lab.pahmt.export import OneWindow
+from bodysense.lab.pahmt.features import window_of
+from bodysense.lab.pahmt.keypoint_noise import DetectorNoise, detect
+from bodysense.lab.pahmt.weights_file import read_arms
 from bodysense.occlusion.camera_view import FRONT, sample_cameras, view, view_points
-from bodysense.occlusion.keypoint_noise import DetectorNoise, detect
-from bodysense.training.arms_onnx import OneWindow
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,6 @@ import pytest
 
 from bodysense.cli import main
 from bodysense.data.clip import Clip
-from bodysense.evaluation.datasets import Census
 from bodysense.evaluation.glove_occlusion import (
     PUBLISHED_AT_ONCE,
     SETTINGS,
@@ -23,6 +22,7 @@ from bodysense.evaluation.glove_occlusion import (
     numbers_of,
     occlusion_report,
 )
+from bodysense.lab.datasets import Census
 from bodysense.occlusion.camera_ring import CameraRing
 
 RING = CameraRing(count=4)

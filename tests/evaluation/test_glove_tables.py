@@ -12,13 +12,9 @@ import torch
 from bodysense.body.glove import default_glove, marker_positions
 from bodysense.body.hand import hand_skeleton
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.data.hand_motion import HandMotion
-from bodysense.data.hand_synthesis import synthesize_hand
-from bodysense.data.pair_synthesis import synthesize_pair
 from bodysense.estimators.gloves.baselines import LastKnown
 from bodysense.estimators.gloves.hands import GloveModels
 from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
-from bodysense.evaluation.datasets import Census
 from bodysense.evaluation.glove_networks import compare_memory, compare_two_hands
 from bodysense.evaluation.glove_scores import ALONE, GloveTable, Task, measure_fingers, measure_markers
 from bodysense.evaluation.glove_tables import finger_report, marker_report, published_ratio
@@ -33,6 +29,10 @@ from bodysense.evaluation.glove_trials import (
     hide_some,
     marker_error,
 )
+from bodysense.lab.datasets import Census
+from bodysense.lab.synthesis.hand_motion import HandMotion
+from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense.lab.synthesis.pairs import synthesize_pair
 from bodysense.models.glove import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig
 from bodysense.training.glove_onnx import write_glove_network
 

@@ -15,11 +15,12 @@ from bodysense.body.hand import hand_skeleton
 from bodysense.body.hand_family import draw_hand
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.data.hand_motion import HandMotion
-from bodysense.data.hand_synthesis import synthesize_hand
-from bodysense.data.pair_synthesis import synthesize_pair
 from bodysense.errors import BodysenseError
 from bodysense.estimators.gloves.networks import known_shapes, load_joint_network, load_marker_network, size_ratios
+from bodysense.lab.synthesis.hand_motion import HandMotion
+from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense.lab.synthesis.pairs import synthesize_pair
+from bodysense.lab.unoc.training import Progress
 from bodysense.models.glove import (
     PAPER_JOINTS,
     PAPER_MARKERS,
@@ -29,7 +30,6 @@ from bodysense.models.glove import (
     MarkerNetwork,
     MarkerNetworkConfig,
 )
-from bodysense.training.body_network import Progress
 from bodysense.training.glove import GloveSchedule, Task, train_glove
 from bodysense.training.glove_frames import GloveFrames, frames_of, join
 from bodysense.training.glove_onnx import write_glove_network

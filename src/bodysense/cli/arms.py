@@ -12,8 +12,8 @@ from bodysense.cli.reporting import Common, Flat, checked, finish, progress_over
 from bodysense.errors import BodysenseError
 
 if TYPE_CHECKING:
-    from bodysense.models.arm_windows import Studio
-    from bodysense.training.arms_run import ArmRun
+    from bodysense.lab.pahmt.run import ArmRun
+    from bodysense.lab.pahmt.windows import Studio
 
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 Keypoints = Literal["detected", "perfect"]
@@ -108,7 +108,7 @@ def arms(
     if not 0 <= without_hands < 1:
         raise BodysenseError(f"--without-hands {without_hands:g}: give a share from 0 to below 1")
 
-    from bodysense.training.arms_run import run_arms
+    from bodysense.lab.pahmt.run import run_arms
 
     run = _run(data, out, schedule)
     config = replace(run.config, kind=model, input=input, rotation=rotation, more_inputs=more_inputs)
@@ -141,8 +141,8 @@ def arms_table(
         schedule: Size and schedule.
         data_note: What they were trained on, for their cards.
     """
-    from bodysense.models.arm_rows import TABLE_1
-    from bodysense.training.arms_run import run_table
+    from bodysense.lab.pahmt.rows import TABLE_1
+    from bodysense.lab.pahmt.run import run_table
 
     run_table(replace(_run(data, out, schedule), data_note=data_note), networks or tuple(TABLE_1))
 
@@ -167,8 +167,8 @@ def pahmt_table1(
         seed: Of cameras and the detector's errors.
         common: Common options; one process does it.
     """
-    from bodysense.evaluation.arm_table import arm_report, rows_in, score_arms
-    from bodysense.evaluation.datasets import named_data
+    from bodysense.lab.datasets import named_data
+    from bodysense.lab.pahmt.tables import arm_report, rows_in, score_arms
 
     checked(common, stride)
     chosen, rows = named_data(data, common.split, common.quick), rows_in(networks, model)
@@ -220,15 +220,15 @@ def bench_arms(frames: int = 2000, model: Path | None = None, json: Path | None 
 
 
 def _studio(keypoints: Keypoints) -> Studio:
-    from bodysense.models.arm_windows import Studio
+    from bodysense.lab.pahmt.windows import Studio
 
     return Studio(noise=None) if keypoints == "perfect" else Studio()
 
 
 def _run(data: Path, out: Path, chosen: Schedule) -> ArmRun:
-    from bodysense.models.arm_transformer import ArmNetworkConfig
-    from bodysense.training.arms import ArmSchedule
-    from bodysense.training.arms_run import ArmRun
+    from bodysense.lab.pahmt.network import ArmNetworkConfig
+    from bodysense.lab.pahmt.run import ArmRun
+    from bodysense.lab.pahmt.task import ArmSchedule
 
     for name in ("epochs", "batch", "halve_every", "bodies"):
         if getattr(chosen, name) < 1:

@@ -104,8 +104,8 @@ def gloves(frames: int = 3000, json: Path | None = None) -> None:
         frames: Frames to time of each, after 100 to warm up.
         json: Write the numbers here, as one flat object.
     """
-    from bodysense.cli.glove_stream import glove_stream
     from bodysense.estimators.gloves.hands import Hands, HandsSettings, load_glove_models
+    from bodysense.lab.glove_stream import glove_stream
 
     numbers, models = {}, load_glove_models()
     for name, hands in (("one_hand", ("left",)), ("two_hands", ("left", "right"))):
@@ -246,7 +246,7 @@ def training(steps: int = 6, threads: int = 1, json: Path | None = None) -> None
         json: Write the numbers here, as one flat object.
     """
     from bodysense.demo import packaged_performance
-    from bodysense.training.throughput import throughput
+    from bodysense.lab.unoc.throughput import throughput
 
     if steps < 1:
         raise BodysenseError(f"--steps {steps}: give at least 1")

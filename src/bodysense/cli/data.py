@@ -45,7 +45,7 @@ def prepare(
         layout: Of which published data set the folder is; recognised by what is in it if not given.
         reading: What the files do not say of themselves.
     """
-    from bodysense.data.store import prepare as prepare_store
+    from bodysense.lab.store import prepare as prepare_store
 
     prepare_store(directory, out, rate=rate, workers=workers, scheduler=scheduler, layout=layout, options=reading)
 

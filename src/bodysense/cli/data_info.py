@@ -146,9 +146,9 @@ def joints(
 
 def _files(place: Path, split: Split, layout: Layout | None, reading: ReadingOptions) -> tuple[int, Iterable[Found]]:
     """How many files a place has, and each of them when its turn comes."""
-    from bodysense.data.clips import count_clips, open_clips
     from bodysense.data.sources import Source, list_sources
-    from bodysense.data.store import is_store
+    from bodysense.lab.clips import count_clips, open_clips
+    from bodysense.lab.store import is_store
 
     if place.is_dir() and is_store(place):
         clips = open_clips(place, split, layout=layout, options=reading)

@@ -17,8 +17,8 @@ def occlusion_table(clips: Iterable[Clip], camera: HeadsetCamera = HeadsetCamera
     """UNOC, Table 1: a column a category, then all, then the published ones; and the numbers of ours."""
     from rich.table import Table
 
-    from bodysense.evaluation.occlusion_table import columns_of, count_clips, numbers_of
-    from bodysense.occlusion import statistics
+    from bodysense.lab.unoc import occlusion_statistics as statistics
+    from bodysense.lab.unoc.occlusion_table import columns_of, count_clips, numbers_of
 
     ours = columns_of(count_clips(clips, 1, lambda clip: None, camera)[0])
     header, rows = statistics.table([*ours, *statistics.PUBLISHED])

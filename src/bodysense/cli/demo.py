@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from bodysense.data.clip import Clip
-    from bodysense.evaluation.headset import Tallies
+    from bodysense.lab.unoc.headset import Tallies
 
 PICTURES = 10.0  # Hz of the animation, about
 LONGEST = 10.0  # s of it, from the middle of the motion
@@ -48,8 +48,8 @@ def demo(
     from bodysense.data.resample import resample
     from bodysense.demo import performance_of_stranger
     from bodysense.devices.simulated import simulate
-    from bodysense.evaluation.headset import RATE, Tracked, last_known, score
     from bodysense.export.comparison import View, write_comparison, write_moments
+    from bodysense.lab.unoc.headset import RATE, Tracked, last_known, score
     from bodysense.take import track
 
     console = Console()
@@ -90,7 +90,7 @@ def demo_table(tallies: Tallies, title: str) -> Table:
     from rich.table import Table
 
     from bodysense.cli.show import PARTS, SHARES
-    from bodysense.evaluation.headset import KNOWN
+    from bodysense.lab.unoc.headset import KNOWN
 
     caption = "RMSJPE / MPJPE, cm. Last known: the best of three ways to keep it."
     shown = Table(title=title, caption=caption, box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))

@@ -62,8 +62,8 @@ def headset(
     from rich.progress import Progress
 
     from bodysense.cli.show import headset_table, write_numbers
-    from bodysense.data.clips import open_clips
-    from bodysense.evaluation.headset import evaluate_headset
+    from bodysense.lab.clips import open_clips
+    from bodysense.lab.unoc.headset import evaluate_headset
 
     if json is not None:
         check_place(json)

@@ -45,14 +45,14 @@ def completion(
 
     from bodysense.cli.show import print_report, write_numbers
     from bodysense.completion.model import load_completion
-    from bodysense.data.clips import open_clips
-    from bodysense.evaluation.datasets import Census, census_of, named_data
-    from bodysense.evaluation.report import write_csv
+    from bodysense.lab.clips import open_clips
     from bodysense.lab.completion.baselines import cached_mean_body
     from bodysense.lab.completion.reliability_diagram import draw_reliability
     from bodysense.lab.completion.reports import completion_reports
     from bodysense.lab.completion.tables import CompletionSettings, evaluate_completion, work_of
     from bodysense.lab.completion.tracking import step_times, track_batch
+    from bodysense.lab.datasets import Census, census_of, named_data
+    from bodysense.lab.table import write_csv
     from bodysense.occlusion.sensors import TABLE_SETS
 
     for path in (json, csv, picture):

@@ -14,7 +14,7 @@ def holes(data: str, common: Flat = Common(), clips: int | None = None) -> None:
         data: folder of motion files or a prepared store; NAME=FOLDER names it.
         clips: so many clips, evenly spread; all if omitted.
     """
-    from bodysense.evaluation.datasets import named_data
+    from bodysense.lab.datasets import named_data
     from bodysense.lab.holes import report_of, score_holes
 
     checked(common)

@@ -31,9 +31,9 @@ def finger_synthesis(
     from rich.table import Table
 
     from bodysense.cli.show import write_numbers
-    from bodysense.estimators.point_model import load_point_model
-    from bodysense.evaluation.datasets import named_data
-    from bodysense.evaluation.finger_synthesis import evaluate_finger_synthesis, examples_of
+    from bodysense.lab.datasets import named_data
+    from bodysense.lab.unoc.finger_scores import evaluate_finger_synthesis, examples_of
+    from bodysense.lab.unoc.point_model import load_point_model
 
     if json is not None:
         check_place(json)
@@ -78,10 +78,10 @@ def hmd_vae(
     """
     from rich.progress import Progress, track
 
-    from bodysense.data.body_frames import read_split_file
-    from bodysense.evaluation.body_vae import read_test, score_vae, vaes_in
-    from bodysense.evaluation.body_vae_report import metrics_report, vae_report
-    from bodysense.evaluation.datasets import named_data
+    from bodysense.lab.datasets import named_data
+    from bodysense.lab.hmd_vae.frames import read_split_file
+    from bodysense.lab.hmd_vae.scores import read_test, score_vae, vaes_in
+    from bodysense.lab.hmd_vae.tables import metrics_report, vae_report
 
     if split_file is not None and (common.split != "test" or common.quick):
         raise BodysenseError("--split-file scores its own test motions; leave --split and --quick out")

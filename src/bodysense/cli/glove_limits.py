@@ -36,7 +36,6 @@ def gloves_limits(
     from rich.console import Console
     from rich.progress import Progress
 
-    from bodysense.evaluation.datasets import Census, named_data
     from bodysense.evaluation.glove_limits import (
         SYNTHESISED_PIECES,
         SYNTHESISED_SECONDS,
@@ -49,7 +48,8 @@ def gloves_limits(
         synthesised_pair,
     )
     from bodysense.evaluation.glove_limits_report import SYNTHESISED, limits_report
-    from bodysense.evaluation.headset import group_of
+    from bodysense.lab.datasets import Census, named_data
+    from bodysense.lab.unoc.headset import group_of
     from bodysense.occlusion.camera_ring import CameraRing
 
     jobs, ring, networks = checked(common), CameraRing(count=cameras), Networks(markers, joints)

@@ -16,7 +16,7 @@ from bodysense.errors import BodysenseError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bodysense.evaluation.datasets import DataSet
+    from bodysense.lab.datasets import DataSet
 
 
 def add_commands(group: SubcommandApp) -> None:
@@ -41,13 +41,13 @@ def gloves_occlusion(data: str | None = None, cameras: int = 12, seed: int = 1, 
     """
     from rich.progress import Progress
 
-    from bodysense.evaluation.datasets import Census, named_data
     from bodysense.evaluation.glove_occlusion import (
         SYNTHESISED_PIECES,
         count_clips,
         count_synthesised,
         occlusion_report,
     )
+    from bodysense.lab.datasets import Census, named_data
     from bodysense.occlusion.camera_ring import CameraRing
 
     jobs, ring = checked(common), CameraRing(count=cameras)
@@ -81,8 +81,8 @@ def gloves_table3(
             network that was trained without them, too.
         common: Common options.
     """
-    from bodysense.evaluation.datasets import named_data
     from bodysense.evaluation.glove_tables import table3
+    from bodysense.lab.datasets import named_data
 
     jobs, chosen = checked(common), None if data is None else named_data(data, common.split, common.quick)
     synthesised = _synthesised(common)
@@ -108,8 +108,8 @@ def gloves_table4(
         left_out: As for Table 3.
         common: Common options.
     """
-    from bodysense.evaluation.datasets import named_data
     from bodysense.evaluation.glove_tables import table4
+    from bodysense.lab.datasets import named_data
 
     jobs, chosen = checked(common), None if data is None else named_data(data, common.split, common.quick)
     synthesised = _synthesised(common)

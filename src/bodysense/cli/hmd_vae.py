@@ -87,9 +87,9 @@ def hmd_vae(
             "ends in .pt, or --origin head"
         )
 
-    from bodysense.models.body_vae import BodyVaeConfig
-    from bodysense.training.body_vae import VaeSchedule
-    from bodysense.training.body_vae_run import VaeRun, run_sweep, run_vae, sweep_configs
+    from bodysense.lab.hmd_vae.network import BodyVaeConfig
+    from bodysense.lab.hmd_vae.run import VaeRun, run_sweep, run_vae, sweep_configs
+    from bodysense.lab.hmd_vae.task import VaeSchedule
 
     chosen = given if model is None else {**given, "model": model}
     config = replace(BodyVaeConfig(samples=samples, origin=origin), **chosen)

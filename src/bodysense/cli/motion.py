@@ -118,8 +118,8 @@ def track(  # noqa: PLR0915
     from bodysense.capture.video import is_video
     from bodysense.completion.model import load_completion
     from bodysense.data.clip import Clip
-    from bodysense.estimators.finger_synthesis import synthesize
     from bodysense.io.markers.files import is_marker_file
+    from bodysense.lab.unoc.finger_synthesis import synthesize
     from bodysense.reading import check_kind
     from bodysense.take import signal_of
     from bodysense.take import track as complete
@@ -215,9 +215,9 @@ def _check_video_options(file: Path, reading: ReadingOptions) -> None:
 
 def _write_with_fingers(file: Path, out: Path, reading: ReadingOptions, rate: float | None, model: Path | None) -> None:
     """A motion that nothing watches, with plausible fingers, and otherwise as it is."""
-    from bodysense.estimators.finger_synthesis import synthesize
-    from bodysense.estimators.point_model import load_point_model
     from bodysense.export.motion_files import write_motion
+    from bodysense.lab.unoc.finger_synthesis import synthesize
+    from bodysense.lab.unoc.point_model import load_point_model
 
     clip = synthesize(load_clip(file, reading, rate), load_point_model("fingers", model))
     write_motion(out, replace(clip, name=out.stem))

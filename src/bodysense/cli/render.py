@@ -42,8 +42,8 @@ def render(
     from rich.progress import Progress, track
 
     from bodysense.cli.recordings import load_clip
-    from bodysense.data.clips import count_clips, open_clips
-    from bodysense.export.render.take import RATE, film, plan_takes
+    from bodysense.lab.clips import count_clips, open_clips
+    from bodysense.lab.rendering.take import RATE, film, plan_takes
 
     if videos < 1 or not seconds >= 1 or pixels < 64 or pixels % 2:
         raise BodysenseError(
@@ -106,8 +106,8 @@ def video_rendered(
     from bodysense.capture.landmarker_files import find_landmarkers
     from bodysense.cli.reporting import Common, checked, finish
     from bodysense.estimators.arms import load_arms
-    from bodysense.evaluation.video_rendered import score_videos, video_report
-    from bodysense.export.render.take import list_takes
+    from bodysense.lab.rendering.tables import score_videos, video_report
+    from bodysense.lab.rendering.take import list_takes
 
     common = Common(out=out, json=json)
     checked(common)

@@ -16,8 +16,8 @@ from bodysense.files import check_place
 
 if TYPE_CHECKING:
     from bodysense.data.clip import Clip
-    from bodysense.evaluation.datasets import DataSet
-    from bodysense.evaluation.report import Report
+    from bodysense.lab.datasets import DataSet
+    from bodysense.lab.table import Report
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,8 @@ def finish(report: Report, common: Common) -> None:
     from rich.console import Console
 
     from bodysense.cli.show import print_report, write_numbers
-    from bodysense.evaluation.report import write_csv
-    from bodysense.export.chart import draw_panels
+    from bodysense.lab.chart import draw_panels
+    from bodysense.lab.table import write_csv
 
     console = Console()
     if not console.is_terminal and "COLUMNS" not in os.environ:

@@ -34,8 +34,8 @@ def generate(
     from bodysense.body.skeleton import default_skeleton
     from bodysense.data.bvh import write_bvh
     from bodysense.data.clip import Clip
-    from bodysense.estimators.body_vae import load_body_vae, sample_prior
     from bodysense.export.picture import draw_sheet
+    from bodysense.lab.hmd_vae.estimator import load_body_vae, sample_prior
 
     check_place(out)
     if out.suffix.lower() not in (".bvh", ".png"):
@@ -66,9 +66,9 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
 
     from bodysense.data.clip import Clip
     from bodysense.data.resample import at_constant_rate
-    from bodysense.estimators.body_vae import BodyVae, load_body_vae, sample_noise
-    from bodysense.estimators.ik_tracker import IkTracker
     from bodysense.export.motion_files import write_motion
+    from bodysense.lab.hmd_vae.estimator import BodyVae, load_body_vae, sample_noise
+    from bodysense.lab.unoc.ik_tracker import IkTracker
     from bodysense.occlusion.three_point import POINTS
 
     observation = recording.observation

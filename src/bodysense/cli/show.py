@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from bodysense.evaluation.headset import HeadsetTable
-    from bodysense.evaluation.report import Cell, Report
+    from bodysense.lab.table import Cell, Report
+    from bodysense.lab.unoc.headset import HeadsetTable
 
 PARTS = {
     "body": "body",  # shoulders, elbows, hands, hips, knees, feet

@@ -17,8 +17,8 @@ from bodysense.rigs.options import AS_FOUND
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from bodysense.evaluation.study import Condition
-    from bodysense.evaluation.study_analysis import StudyResult
+    from bodysense.lab.study.analysis import StudyResult
+    from bodysense.lab.study.study import Condition
 
 KeyFile = Annotated[Path, tyro.conf.Positional]
 
@@ -66,7 +66,7 @@ def build(
 
     from bodysense.cli.recordings import load_clip
     from bodysense.demo import packaged_performance
-    from bodysense.evaluation.study_scenes import StudySettings, build_study
+    from bodysense.lab.study.scenes import StudySettings, build_study
 
     if jobs is not None and jobs < 1:
         raise BodysenseError(f"--jobs {jobs}: give at least 1")
@@ -119,9 +119,9 @@ def analyze(
     from rich.console import Console
 
     from bodysense.cli.show import write_numbers
-    from bodysense.evaluation.study import read_all_answers, read_key
-    from bodysense.evaluation.study_analysis import analyze as analyze_answers
-    from bodysense.evaluation.study_analysis import write_csv
+    from bodysense.lab.study.analysis import analyze as analyze_answers
+    from bodysense.lab.study.analysis import write_csv
+    from bodysense.lab.study.study import read_all_answers, read_key
 
     if json is not None:
         check_place(json)
@@ -159,8 +159,8 @@ def simulate(
     """
     import numpy as np
 
-    from bodysense.evaluation.study import read_key, write_answers
-    from bodysense.evaluation.study_analysis import simulate_answers
+    from bodysense.lab.study.analysis import simulate_answers
+    from bodysense.lab.study.study import read_key, write_answers
 
     if seed < 0:
         raise BodysenseError(f"--seed {seed}: give 0 or more")
@@ -174,7 +174,7 @@ def simulate(
 
 def parse_preference(text: str) -> dict[Condition, float]:
     """'truth=0.8,ours=0.6' as a mapping. Raises BodysenseError for an unknown name or what is no number."""
-    from bodysense.evaluation.study import CONDITIONS
+    from bodysense.lab.study.study import CONDITIONS
 
     result: dict[Condition, float] = {}
     for part in filter(None, (part.strip() for part in text.split(","))):
@@ -191,7 +191,7 @@ def parse_preference(text: str) -> dict[Condition, float]:
 
 def preference_table(result: StudyResult) -> Table:
     """The comparisons of every scene, then of all: mean vote, standard error, t-test."""
-    from bodysense.evaluation.study import COMPARISONS
+    from bodysense.lab.study.study import COMPARISONS
 
     columns = ("scene", "comparison", "mean", "± s. e.", "t", "p", "", "n")
     table = _table(f"{result.raters} raters, {len(result.scenes)} scenes", columns)
@@ -208,8 +208,8 @@ def draw_preferences(path: Path, result: StudyResult) -> None:
     """The bars of Fig. 6: every scene, then all."""
     import numpy as np
 
-    from bodysense.evaluation.study import COMPARISONS
-    from bodysense.export.chart import Bars, draw_bars
+    from bodysense.lab.chart import Bars, draw_bars
+    from bodysense.lab.study.study import COMPARISONS
 
     names = (*result.scenes, None)
     series = []

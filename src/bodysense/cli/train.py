@@ -72,7 +72,7 @@ def body_gru(
         licence: Of the network, for its card.
         data_note: What it was trained on, for its card.
     """
-    from bodysense.training.run import BodyRun, run_body
+    from bodysense.lab.unoc.run import BodyRun, run_body
 
     if out.suffix != ".onnx":
         raise BodysenseError(f"{out}: the network is written as .onnx; give a name that ends so")
@@ -132,7 +132,7 @@ def unoc_tables(
         devices: Accelerators, where there are any.
         nodes: Machines that share each network's training.
     """
-    from bodysense.training.tables import TablesRun, run_tables
+    from bodysense.lab.unoc.sweep import TablesRun, run_tables
 
     if jobs < 1:
         raise BodysenseError(f"--jobs {jobs}: give at least 1")
@@ -153,7 +153,7 @@ def card(network: Annotated[Path, tyro.conf.Positional], figures: Path) -> None:
     """
     import json
 
-    from bodysense.training.model_card import describe
+    from bodysense.lab.model_card import describe
 
     if not network.is_file():
         raise BodysenseError(f"{network}: no such model file; give the .onnx that `bodysense train` wrote")

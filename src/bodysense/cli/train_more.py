@@ -36,7 +36,7 @@ def fingers(
         licence: Of the network, for its card.
         data_note: What it was trained on, for its card.
     """
-    from bodysense.training.point_run import PointRun, run_points
+    from bodysense.lab.unoc.point_run import PointRun, run_points
 
     run_points(PointRun("fingers", data, _onnx(out), form, _positive(steps), seed, threads, licence, data_note))
 
@@ -67,7 +67,7 @@ def upper_body(
         licence: Of the network, for its card.
         data_note: What it was trained on, for its card.
     """
-    from bodysense.training.point_run import PointRun, run_points
+    from bodysense.lab.unoc.point_run import PointRun, run_points
 
     run_points(PointRun("upper-body", data, _onnx(out), form, _positive(steps), seed, threads, licence, data_note))
 

@@ -13,8 +13,8 @@ from bodysense.errors import BodysenseError
 
 if TYPE_CHECKING:
     from bodysense.data.clip import Clip
-    from bodysense.evaluation.network_tables import NetworkTable
-    from bodysense.evaluation.variants import Shipped
+    from bodysense.lab.unoc.network_tables import NetworkTable
+    from bodysense.lab.unoc.variant_scores import Shipped
 
 
 def add_commands(group: SubcommandApp) -> None:
@@ -33,8 +33,8 @@ def unoc_table1(data: tuple[str, ...], common: Flat = Common(split="all")) -> No
             several, a column each.
         common: Common options.
     """
-    from bodysense.evaluation.datasets import named_data
-    from bodysense.evaluation.occlusion_table import count_clips, occlusion_report
+    from bodysense.lab.datasets import named_data
+    from bodysense.lab.unoc.occlusion_table import count_clips, occlusion_report
 
     jobs = checked(common)
     sets = [named_data(one, common.split, common.quick) for one in data]
@@ -53,8 +53,8 @@ def unoc_table2(data: str, networks: Path, model: Path | None = None, stride: in
         stride: Score every n-th frame.
         common: Common options.
     """
-    from bodysense.evaluation.network_tables import TABLE_2
-    from bodysense.evaluation.variants import Shipped
+    from bodysense.lab.unoc.network_tables import TABLE_2
+    from bodysense.lab.unoc.variant_scores import Shipped
 
     _network_table(TABLE_2, data, networks, Shipped(model), stride, common)
 
@@ -68,7 +68,7 @@ def unoc_table3(data: str, networks: Path, stride: int = 1, common: Flat = Commo
         stride: Score every n-th frame.
         common: Common options.
     """
-    from bodysense.evaluation.network_tables import TABLE_3
+    from bodysense.lab.unoc.network_tables import TABLE_3
 
     _network_table(TABLE_3, data, networks, None, stride, common)
 
@@ -82,7 +82,7 @@ def unoc_table4(data: str, networks: Path, stride: int = 1, common: Flat = Commo
         stride: Score every n-th frame.
         common: Common options.
     """
-    from bodysense.evaluation.network_tables import TABLE_4
+    from bodysense.lab.unoc.network_tables import TABLE_4
 
     _network_table(TABLE_4, data, networks, None, stride, common)
 
@@ -103,10 +103,10 @@ def unoc_table5(
         stride: Score every n-th frame.
         common: Common options; scores are kept in its --out.
     """
-    from bodysense.estimators.point_model import load_point_model
-    from bodysense.evaluation.cross_table import cross_report, synthesis_errors
-    from bodysense.evaluation.datasets import named_data
-    from bodysense.evaluation.variants import networks_in, score_pairs
+    from bodysense.lab.datasets import named_data
+    from bodysense.lab.unoc.cross_table import cross_report, synthesis_errors
+    from bodysense.lab.unoc.point_model import load_point_model
+    from bodysense.lab.unoc.variant_scores import networks_in, score_pairs
 
     jobs = checked(common, stride)
     sets = [named_data(one, common.split, common.quick) for one in data]
@@ -126,11 +126,11 @@ def unoc_table6(data: str, model: Path | None = None, common: Flat = Common()) -
         model: A network written by `bodysense train upper-body`; the packaged one by default.
         common: Common options; one process does it.
     """
-    from bodysense.estimators.learned_upper_body import LearnedUpperBody
-    from bodysense.estimators.point_model import load_point_model
-    from bodysense.evaluation.datasets import Census, census_of, named_data
-    from bodysense.evaluation.upper_body import evaluate_upper_body
-    from bodysense.evaluation.upper_body_table import upper_body_report
+    from bodysense.lab.datasets import Census, census_of, named_data
+    from bodysense.lab.unoc.learned_upper_body import LearnedUpperBody
+    from bodysense.lab.unoc.point_model import load_point_model
+    from bodysense.lab.unoc.upper_body_scores import evaluate_upper_body
+    from bodysense.lab.unoc.upper_body_table import upper_body_report
 
     checked(common)
     chosen, network = named_data(data, common.split, common.quick), load_point_model("upper-body", model)
@@ -158,9 +158,9 @@ def unoc_smoothness(
         half_life: Of the tracker's smoother, seconds; the tracker's own by default.
         common: Common options.
     """
-    from bodysense.evaluation.datasets import named_data
-    from bodysense.evaluation.smoothness import NETWORKS, measure_smoothness, smoothness_report
-    from bodysense.evaluation.variants import networks_in
+    from bodysense.lab.datasets import named_data
+    from bodysense.lab.unoc.smoothness import NETWORKS, measure_smoothness, smoothness_report
+    from bodysense.lab.unoc.variant_scores import networks_in
 
     jobs, chosen = checked(common), named_data(data, common.split, common.quick)
     files, settings = networks_in(networks, NETWORKS), tracker_settings(half_life)
@@ -177,8 +177,8 @@ def reliability(data: str, model: Path | None = None, common: Flat = Common()) -
         model: A network written by `bodysense train body-gru`; the packaged one by default.
         common: Common options.
     """
-    from bodysense.evaluation.datasets import named_data
-    from bodysense.evaluation.reliability import measure_reliability, reliability_report
+    from bodysense.lab.datasets import named_data
+    from bodysense.lab.unoc.reliability import measure_reliability, reliability_report
 
     jobs, chosen = checked(common), named_data(data, common.split, common.quick)
     with progress_over([chosen]) as advance:
@@ -195,8 +195,8 @@ def transitions(data: str, model: Path | None = None, half_life: float | None = 
         half_life: Of the tracker's smoother, seconds; the tracker's own by default.
         common: Common options.
     """
-    from bodysense.evaluation.datasets import named_data
-    from bodysense.evaluation.transitions import measure_transitions, transitions_report
+    from bodysense.lab.datasets import named_data
+    from bodysense.lab.unoc.transitions import measure_transitions, transitions_report
 
     jobs, chosen = checked(common), named_data(data, common.split, common.quick)
     with progress_over([chosen]) as advance:
@@ -206,7 +206,7 @@ def transitions(data: str, model: Path | None = None, half_life: float | None = 
 
 def _named(pairs: tuple[str, ...], option: str) -> dict[str, Path]:
     """NAME=PATH, by name."""
-    from bodysense.evaluation.datasets import set_name
+    from bodysense.lab.datasets import set_name
 
     result = {}
     for pair in pairs:
@@ -221,9 +221,9 @@ def _network_table(
     table: NetworkTable, data: str, networks: Path, shipped: Shipped | None, stride: int, common: Common
 ) -> None:
     """Score what is not scored yet, and report."""
-    from bodysense.evaluation.datasets import named_data
-    from bodysense.evaluation.network_tables import OWN_NAMES, network_report
-    from bodysense.evaluation.variants import Work, networks_in, score
+    from bodysense.lab.datasets import named_data
+    from bodysense.lab.unoc.network_tables import OWN_NAMES, network_report
+    from bodysense.lab.unoc.variant_scores import Work, networks_in, score
 
     jobs = checked(common, stride)
     chosen = named_data(data, common.split, common.quick)

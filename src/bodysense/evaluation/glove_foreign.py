@@ -20,7 +20,6 @@ from bodysense.body.glove import Glove, default_glove, hand_size, marker_positio
 from bodysense.body.hand import FINGERS, hand_skeleton
 from bodysense.body.hand_family import COUNT, GlovedHand, carried_over, draw_hand, hand_of, plain_hand
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.hand_motion import HandMotion
 from bodysense.errors import BodysenseError
 from bodysense.estimators.gloves.calibration import FEWEST, fit_hand
 from bodysense.estimators.gloves.continuity import Continuous
@@ -33,6 +32,7 @@ from bodysense.estimators.gloves.networks import (
     load_marker_network,
 )
 from bodysense.evaluation.glove_trials import DURATIONS, Means, Trials, cut, finger_error, hide_some, marker_error
+from bodysense.lab.synthesis.hand_motion import HandMotion
 
 FOREIGN, STRANGER, TEMPLATE = "foreign", "stranger", "template"
 PLACES = {FOREIGN: "left-out hand", STRANGER: "strangers' hands", TEMPLATE: "the paper's hand"}

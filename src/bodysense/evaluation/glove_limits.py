@@ -20,19 +20,19 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.capture.label_score import label_accuracy
 from bodysense.data.clip import Clip
-from bodysense.data.hand_motion import RATE, HandMotion
-from bodysense.data.hand_synthesis import varied_hand
-from bodysense.data.pair_synthesis import synthesize_pair
 from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
 from bodysense.estimators.gloves.hands import GloveModels, Hands, HandsSettings
 from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
 from bodysense.estimators.gloves.variants import MEMORY_NETWORK, TWO_HANDS_NETWORK
-from bodysense.evaluation.datasets import Census, census_of
 from bodysense.evaluation.glove_networks import compare_memory, compare_two_hands
-from bodysense.evaluation.headset import group_of
-from bodysense.evaluation.metrics import joint_error
-from bodysense.evaluation.spread import spread
+from bodysense.lab.datasets import Census, census_of
+from bodysense.lab.metrics import joint_error
+from bodysense.lab.spread import spread
+from bodysense.lab.synthesis.hand_motion import RATE, HandMotion
+from bodysense.lab.synthesis.hands import varied_hand
+from bodysense.lab.synthesis.pairs import synthesize_pair
+from bodysense.lab.unoc.headset import group_of
 from bodysense.observation import Observation
 from bodysense.occlusion.camera_ring import CameraRing
 from bodysense.occlusion.glove import GloveCapture, observe_hands

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.glove import default_glove, marker_positions
-from bodysense.data.hand_motion import RATE, HandMotion
 from bodysense.estimators.gloves.continuity import Continuous
 from bodysense.estimators.gloves.fillers import Filler, LastShape, NetworkFiller, Stack
 from bodysense.estimators.gloves.hands import natural_markers
 from bodysense.estimators.gloves.networks import load_marker_network
 from bodysense.estimators.gloves.variants import MEMORY_NETWORK, TWO_HANDS_NETWORK, load_memory, load_two_hands
 from bodysense.evaluation.glove_trials import DURATIONS, HIDDEN, Means, cut, hide_some, marker_error
-from bodysense.evaluation.metrics import joint_error
+from bodysense.lab.metrics import joint_error
+from bodysense.lab.synthesis.hand_motion import RATE, HandMotion
 from bodysense.occlusion.camera_ring import CameraRing
 from bodysense.occlusion.glove import visible
 

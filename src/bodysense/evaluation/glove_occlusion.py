@@ -18,15 +18,15 @@ from bodysense.body.hand import hand_pose, hand_skeleton
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.data.clip import Clip
-from bodysense.data.hand_motion import RATE
-from bodysense.data.hand_synthesis import varied_hand
-from bodysense.data.pair_synthesis import synthesize_pair
 from bodysense.data.resample import resample
-from bodysense.evaluation.datasets import Census, DataSet, census_of, describe
-from bodysense.evaluation.headset import GROUPS, group_of
-from bodysense.evaluation.report import Cell, Report, cell, finite
-from bodysense.evaluation.spread import spread
-from bodysense.export.chart import BarPanel, plain_bars
+from bodysense.lab.chart import BarPanel, plain_bars
+from bodysense.lab.datasets import Census, DataSet, census_of, describe
+from bodysense.lab.spread import spread
+from bodysense.lab.synthesis.hand_motion import RATE
+from bodysense.lab.synthesis.hands import varied_hand
+from bodysense.lab.synthesis.pairs import synthesize_pair
+from bodysense.lab.table import Cell, Report, cell, finite
+from bodysense.lab.unoc.headset import GROUPS, group_of
 from bodysense.occlusion.camera_ring import CameraRing
 from bodysense.occlusion.glove import visible
 

@@ -13,15 +13,12 @@ from bodysense.body.hand import FINGERS
 from bodysense.body.hand_family import draw_hand
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.data.clip import Clip
-from bodysense.data.hand_motion import HandMotion, hand_motions
-from bodysense.data.hand_synthesis import synthesize_hand
 from bodysense.estimators.gloves.baselines import AffineCombination, LastKnown, MovingAverage
 from bodysense.estimators.gloves.continuity import Continuous
 from bodysense.estimators.gloves.fillers import LastShape, NetworkFiller
 from bodysense.estimators.gloves.hands import GloveModels, HandsSettings
 from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
 from bodysense.evaluation.cyclic_descent import FingerLimits, solve_fingers
-from bodysense.evaluation.datasets import Census, DataSet, census_of
 from bodysense.evaluation.glove_foreign import ForeignModels, foreign_fingers, foreign_markers
 from bodysense.evaluation.glove_trials import (
     DURATIONS,
@@ -35,9 +32,12 @@ from bodysense.evaluation.glove_trials import (
     marker_error,
     together,
 )
-from bodysense.evaluation.headset import GROUPS, group_of
-from bodysense.evaluation.metrics import joint_error
-from bodysense.evaluation.spread import spread
+from bodysense.lab.datasets import Census, DataSet, census_of
+from bodysense.lab.metrics import joint_error
+from bodysense.lab.spread import spread
+from bodysense.lab.synthesis.hand_motion import HandMotion, hand_motions
+from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense.lab.unoc.headset import GROUPS, group_of
 
 SEEDS = 5
 

@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 
 from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
-from bodysense.evaluation.datasets import DataSet, describe
 from bodysense.evaluation.glove_foreign import ALONE, FEW_MANY, PLACES, WAYS, foreign_numbers
 from bodysense.evaluation.glove_scores import (
     SEEDS,
@@ -21,8 +20,9 @@ from bodysense.evaluation.glove_scores import (
     measure_markers,
 )
 from bodysense.evaluation.glove_trials import DURATIONS, HIDDEN
-from bodysense.evaluation.report import Cell, Report, cell, finite
-from bodysense.export.chart import BarPanel, plain_bars
+from bodysense.lab.chart import BarPanel, plain_bars
+from bodysense.lab.datasets import DataSet, describe
+from bodysense.lab.table import Cell, Report, cell, finite
 
 METHODS = {
     "lk": "last known",

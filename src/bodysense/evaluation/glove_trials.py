@@ -16,10 +16,10 @@ from bodysense.body.hand import FINGERS
 from bodysense.body.hand_family import GlovedHand, carried_over, plain_hand
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton
-from bodysense.data.hand_motion import RATE, HandMotion
 from bodysense.estimators.gloves.fillers import Filler
 from bodysense.estimators.gloves.hands import GloveModels, Hands, HandsSettings
-from bodysense.evaluation.metrics import joint_error
+from bodysense.lab.metrics import joint_error
+from bodysense.lab.synthesis.hand_motion import RATE, HandMotion
 from bodysense.observation import EXACT_ACCURACY, Observation
 
 HIDDEN = (1, 2, 3, 4)  # markers at once

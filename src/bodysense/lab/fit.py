@@ -17,8 +17,8 @@ from rich.console import Console
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
-from bodysense.training.body_network import Progress, moving_average
-from bodysense.training.checkpoint import identity, load_checkpoint, save_checkpoint
+from bodysense.lab.checkpoint import identity, load_checkpoint, save_checkpoint
+from bodysense.lab.unoc.training import Progress, moving_average
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from bodysense.body.rotation import slerp
 from bodysense.data.clip import Clip
 from bodysense.data.holes import Missing
 from bodysense.data.resample import resample
-from bodysense.evaluation.report import Report, finite
-from bodysense.export.chart import BarPanel, plain_bars
 from bodysense.filling import Holed, filled, observed, open_holed, over_floor, pose_of
+from bodysense.lab.chart import BarPanel, plain_bars
+from bodysense.lab.table import Report, finite
 from bodysense.tracker import Tracker
 
 RATE, LONGEST, LEAD = 30.0, 12.0, 1.0  # Hz; s of a clip that are used; s before a gap

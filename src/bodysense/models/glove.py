@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from bodysense.body.glove import MARKERS, template
 from bodysense.body.hand import FINGERTIPS, FREEDOMS, HAND_JOINTS
 from bodysense.body.hand_family import COUNT, hand_of
-from bodysense.models.recurrent import Recurrent
+from bodysense.lab.recurrent import Recurrent
 
 MARKER_VALUES = 3 * len(MARKERS)
 BONES = len(HAND_JOINTS) - 1 + len(FINGERTIPS)

@@ -15,9 +15,9 @@ import torch
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
-from bodysense.training.body_network import Progress, moving_average
-from bodysense.training.checkpoint import identity, load_checkpoint, save_checkpoint
-from bodysense.training.regression import learning_rate
+from bodysense.lab.checkpoint import identity, load_checkpoint, save_checkpoint
+from bodysense.lab.unoc.regression import learning_rate
+from bodysense.lab.unoc.training import Progress, moving_average
 
 HIDDEN_SHARE = (0.70, 0.17, 0.08, 0.05)  # how often one to four markers are hidden (two-hands, Fig. 13)
 EVEN_SHARE = (0.4, 0.25, 0.2, 0.15)  # ours: so that four are learned, too

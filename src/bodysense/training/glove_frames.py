@@ -12,8 +12,8 @@ from bodysense.body.hand import angles_of
 from bodysense.body.hand_family import GlovedHand, carried_over, plain_hand
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_conjugate, quaternion_rotate
-from bodysense.data.hand_motion import HandMotion
 from bodysense.errors import BodysenseError
+from bodysense.lab.synthesis.hand_motion import HandMotion
 
 _MIRROR = np.array([-1.0, 1.0, 1.0])  # from one hand's world to the other's (`body.hand`)
 

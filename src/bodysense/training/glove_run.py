@@ -14,11 +14,12 @@ import torch
 from rich.console import Console
 
 from bodysense.body.hand_family import draw_hand
-from bodysense.data.clips import open_clips
-from bodysense.data.hand_motion import HandMotion, hand_pairs
-from bodysense.data.hand_synthesis import synthesize_hand
-from bodysense.data.pair_synthesis import synthesize_pair
 from bodysense.errors import BodysenseError
+from bodysense.lab.clips import open_clips
+from bodysense.lab.synthesis.hand_motion import HandMotion, hand_pairs
+from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense.lab.synthesis.pairs import synthesize_pair
+from bodysense.lab.unoc.training import Progress
 from bodysense.models.glove import (
     PAPER_JOINTS,
     PAPER_MARKERS,
@@ -29,7 +30,6 @@ from bodysense.models.glove import (
     MarkerNetwork,
     MarkerNetworkConfig,
 )
-from bodysense.training.body_network import Progress
 from bodysense.training.glove import (
     PAPER_JOINT_SCHEDULE,
     PAPER_MARKER_SCHEDULE,

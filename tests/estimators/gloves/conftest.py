@@ -10,9 +10,9 @@ import pytest
 from bodysense.body.glove import default_glove, glove_points, marker_positions, side_of
 from bodysense.body.hand import hand_skeleton, mirrored_vectors
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.data.hand_motion import HandMotion
-from bodysense.data.hand_synthesis import synthesize_hand
 from bodysense.estimators.gloves.hands import GloveModels
+from bodysense.lab.synthesis.hand_motion import HandMotion
+from bodysense.lab.synthesis.hands import synthesize_hand
 from bodysense.observation import Observation, accuracy_like, check_observation
 
 MakeGloves = Callable[..., Observation]

@@ -12,10 +12,10 @@ from bodysense.body.glove import hand_size, marker_positions
 from bodysense.body.hand import mirrored_vectors
 from bodysense.body.hand_family import COUNT, GlovedHand, carried_over, draw_hand, hand_of
 from bodysense.body.person import Person
-from bodysense.data.hand_synthesis import synthesize_hand
 from bodysense.devices.gloves import calibrated_hands, glove_device
 from bodysense.errors import BodysenseError
 from bodysense.estimators.gloves.calibration import fit_hand
+from bodysense.lab.synthesis.hands import synthesize_hand
 from bodysense.occlusion.glove import observe
 
 

@@ -14,7 +14,6 @@ from bodysense.body.rotation import (
     shortest_arc,
 )
 from bodysense.body.skeleton import Skeleton
-from bodysense.data.hand_synthesis import varied_hand
 from bodysense.errors import BodysenseError
 from bodysense.estimators.gloves.fingers import (
     Aim,
@@ -25,6 +24,7 @@ from bodysense.estimators.gloves.fingers import (
     shortest_arcs,
     turning,
 )
+from bodysense.lab.synthesis.hands import varied_hand
 
 
 def test_rotations_are_those_of_the_hand_model() -> None:

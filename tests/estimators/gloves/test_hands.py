@@ -13,12 +13,12 @@ from bodysense.body.hand import FREEDOMS, angles_of, mirrored_rotations, mirrore
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import Skeleton
-from bodysense.data.hand_motion import HandMotion
 from bodysense.errors import BodysenseError
 from bodysense.estimators.estimate import PointEstimate
 from bodysense.estimators.gloves.baselines import LastKnown
 from bodysense.estimators.gloves.hands import GloveModels, Hands, HandsSettings, natural_pose
 from bodysense.estimators.gloves.joints import fuse
+from bodysense.lab.synthesis.hand_motion import HandMotion
 from bodysense.observation import Observation
 
 FREE = HandsSettings(contact=None)

@@ -8,9 +8,9 @@ import pytest
 from bodysense.body.hand import HAND_JOINTS, angles_of, limits, mirrored_rotations, rotations_of
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY, default_skeleton
-from bodysense.data.hand_synthesis import FASTEST_FINGER
 from bodysense.errors import BodysenseError
 from bodysense.lab.completion.generated_fingers import RATE, generate_fingers, read_fingers, write_fingers
+from bodysense.lab.synthesis.hands import FASTEST_FINGER
 
 HOURS = 0.05
 

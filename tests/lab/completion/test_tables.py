@@ -16,9 +16,6 @@ from bodysense.body.skeleton import BODY, LOWER_BODY
 from bodysense.cli import main
 from bodysense.data.bvh import write_bvh
 from bodysense.data.clip import Clip
-from bodysense.evaluation.datasets import Census, DataSet
-from bodysense.evaluation.headset import scored_points
-from bodysense.evaluation.metrics import jitter
 from bodysense.lab.completion import tables
 from bodysense.lab.completion.lattice import choose_scenes
 from bodysense.lab.completion.measures import count_jumps
@@ -27,6 +24,9 @@ from bodysense.lab.completion.reports import completion_reports
 from bodysense.lab.completion.scenes import BODIES, Scene
 from bodysense.lab.completion.tables import CompletionSettings, CompletionTable, evaluate_completion
 from bodysense.lab.completion.tracking import TrackBatch, TrackedBatch
+from bodysense.lab.datasets import Census, DataSet
+from bodysense.lab.metrics import jitter
+from bodysense.lab.unoc.headset import scored_points
 from bodysense.observation import Observation
 from bodysense.occlusion.sensors import TABLE_SETS
 

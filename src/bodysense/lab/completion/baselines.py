@@ -17,10 +17,10 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.data.clip import Clip
-from bodysense.data.clips import count_clips, open_clips
 from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
+from bodysense.lab.clips import count_clips, open_clips
 
 FORMAT = "bodysense-mean-body-1"
 HEIGHTS = np.linspace(0.1, 1.3, 25)  # of the head, in shares of its height in the rest pose

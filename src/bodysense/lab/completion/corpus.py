@@ -11,10 +11,10 @@ from rich.progress import track
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import BODY
-from bodysense.data.clips import count_clips, open_clips
 from bodysense.data.splits import Split
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
+from bodysense.lab.clips import count_clips, open_clips
 from bodysense.occlusion.headset_camera import see
 
 FORMAT = "bodysense-corpus-1"

@@ -15,10 +15,10 @@ from rich.progress import track
 
 from bodysense.body.hand import HAND_JOINTS, Side, hand_skeleton, mirrored_rotations
 from bodysense.body.skeleton import BODY, default_skeleton
-from bodysense.data.hand_synthesis import synthesize_hand
-from bodysense.data.pair_synthesis import synthesize_pair
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
+from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense.lab.synthesis.pairs import synthesize_pair
 
 FORMAT = "bodysense-fingers-1"
 RATE = 30.0  # Hz

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodysense.body.skeleton import BODY
-from bodysense.evaluation.metrics import joint_error
 from bodysense.lab.completion.scenes import Scene, person_of, stacked
 from bodysense.lab.completion.tracking import TrackBatch
+from bodysense.lab.metrics import joint_error
 from bodysense.occlusion.sensors import Edge, SensorSet
 
 TOLERANCE = 0.01  # by so much of itself a mean error may grow

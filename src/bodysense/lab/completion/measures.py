@@ -12,8 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bodysense.body.skeleton import BODY, LOWER_BODY, Skeleton
-from bodysense.evaluation.headset import RATE, scored_points
-from bodysense.evaluation.metrics import (
+from bodysense.lab.completion.calibration import Calibration
+from bodysense.lab.completion.scenes import Scene
+from bodysense.lab.completion.tracking import TrackedBatch
+from bodysense.lab.metrics import (
     floor_penetration,
     foot_skate,
     jitter,
@@ -23,9 +25,7 @@ from bodysense.evaluation.metrics import (
     rotation_error,
     velocity_error,
 )
-from bodysense.lab.completion.calibration import Calibration
-from bodysense.lab.completion.scenes import Scene
-from bodysense.lab.completion.tracking import TrackedBatch
+from bodysense.lab.unoc.headset import RATE, scored_points
 from bodysense.observation import Observation, observed_points
 
 JUMP = 5.0  # cm in a frame, beyond the way of the truth

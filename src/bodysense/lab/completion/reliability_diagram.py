@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bodysense.export.chart import COLORS
 from bodysense.export.picture import INK, MUTED, load_pyplot
 from bodysense.files import written_beside
+from bodysense.lab.chart import COLORS
 from bodysense.lab.completion.calibration import REGIONS
 from bodysense.lab.completion.tables import CompletionTable
 

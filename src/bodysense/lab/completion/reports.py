@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bodysense.evaluation.datasets import Census, DataSet, describe
-from bodysense.evaluation.report import Cell, Report, cell, finite
 from bodysense.lab.completion.calibration import REGIONS
 from bodysense.lab.completion.lattice import CLIPS, FRAMES
 from bodysense.lab.completion.scenes import Truth
 from bodysense.lab.completion.tables import CompletionTable, groups_of
+from bodysense.lab.datasets import Census, DataSet, describe
+from bodysense.lab.table import Cell, Report, cell, finite
 
 BODY_WORDS = {
     "own": "the recording's body, told",

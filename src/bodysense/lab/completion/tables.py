@@ -10,7 +10,6 @@ import numpy as np
 
 from bodysense.data.clip import Clip
 from bodysense.data.splits import Split
-from bodysense.evaluation.headset import GROUPS, KNOWN, last_known
 from bodysense.lab.completion.baselines import MeanBody
 from bodysense.lab.completion.calibration import REGIONS, Calibration
 from bodysense.lab.completion.lattice import EdgeScore, choose_scenes, score_lattice
@@ -23,6 +22,7 @@ from bodysense.lab.completion.measures import (
 )
 from bodysense.lab.completion.scenes import BODIES, TRUTH_OF, Body, Scene, Truth, batches, person_of, scene_of, stacked
 from bodysense.lab.completion.tracking import StepTimes, TrackBatch, step_times, track_batch
+from bodysense.lab.unoc.headset import GROUPS, KNOWN, last_known
 from bodysense.observation import Observation
 from bodysense.occlusion.sensors import SENSOR_SETS, TABLE_SETS, random_edges
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import torch
 
+from bodysense.lab.checkpoint import best_weights
 from bodysense.lab.completion.corpus import read_corpus
 from bodysense.lab.completion.network import CompletionNetwork
 from bodysense.lab.completion.task import CompletionTask, CompletionTaskConfig
 from bodysense.lab.completion.validation import validation_batches
 from bodysense.lab.fit import Schedule, fit_and_print
-from bodysense.training.checkpoint import best_weights
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from bodysense.errors import BodysenseError
+from bodysense.lab.checkpoint import best_weights, checkpoint_identity
 from bodysense.lab.completion.corpus import Corpus, read_corpus
 from bodysense.lab.completion.finger_sequences import clips_with_fingers
 from bodysense.lab.completion.finger_task import FingerTask, FingerTaskConfig
@@ -16,7 +17,6 @@ from bodysense.lab.completion.finger_validation import finger_validation
 from bodysense.lab.completion.fingers import FingerConfig, FingerNetwork
 from bodysense.lab.completion.generated_fingers import generate_fingers, read_fingers, write_fingers
 from bodysense.lab.fit import Schedule, fit_and_print
-from bodysense.training.checkpoint import best_weights, checkpoint_identity
 
 
 @dataclass(frozen=True)

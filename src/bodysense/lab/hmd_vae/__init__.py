@@ -1,0 +1,1 @@
+"""HMD-VAE (Dittadi et al. 2021): networks, training, tables."""

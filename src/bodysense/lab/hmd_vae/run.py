@@ -1,0 +1,298 @@
+"""A whole training run of HMD-VAE: one network, or the paper's sweep over many (section 5.3), resumable."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import itertools
+import json
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from lightning_fabric import Fabric
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn, track
+
+from bodysense.data.clip import Clip
+from bodysense.errors import BodysenseError
+from bodysense.files import check_place, written_beside
+from bodysense.lab.checkpoint import differences, identity
+from bodysense.lab.clips import count_clips, open_clips
+from bodysense.lab.hmd_vae.export import write_vae_onnx
+from bodysense.lab.hmd_vae.frames import (
+    TRAIN_LENGTH,
+    BodyFrames,
+    held_out,
+    read_body_frames,
+    read_split_file,
+    split_clips,
+)
+from bodysense.lab.hmd_vae.network import MODELS, BodyVae, BodyVaeConfig, pretrained, read_vae, write_vae
+from bodysense.lab.hmd_vae.task import VaeSchedule, joint_errors, train_vae
+from bodysense.lab.unoc.training import Progress as Report
+from bodysense.lab.windows import Windows
+
+BETAS, LATENTS, BLOCKS = (0.0001, 0.01, 0.1, 1.0, 5.0), (15, 30, 60), (3, 6)  # the paper's 30 settings
+FEW_BETAS, FEW_LATENTS = (0.01, 1.0), (30,)  # of these, what a small machine trains: 4 settings
+Grid = Literal["one", "few", "all"]
+
+
+@dataclass(frozen=True)
+class VaeRun:
+    """What `bodysense train hmd-vae` was asked for."""
+
+    data: Path
+    out: Path  # NAME.onnx or NAME.pt; of a sweep, a folder
+    config: BodyVaeConfig = BodyVaeConfig()
+    schedule: VaeSchedule = VaeSchedule()
+    decoder: Path | None = None  # weights of a model 0, for models 3 and 4
+    split_file: Path | None = None
+    threads: int | None = None
+    devices: int = 1
+    nodes: int = 1  # machines, which share the folder of `out`
+    licence: str = "Apache-2.0"
+    data_note: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class VaeData:
+    """What a run learns from and is watched on."""
+
+    frames: BodyFrames
+    train: Windows
+    within: Windows  # of sequences of the training people that were held out
+    validation: tuple[BodyFrames, Windows]  # other people; with a split list, `within`
+
+    @property
+    def note(self) -> str:
+        """For a card."""
+        people = len(set(self.frames.person))
+        return f"{len(self.frames)} sequences of {people} people, {self.frames.minutes:.0f} minutes at 30 Hz"
+
+
+def read_data(run: VaeRun) -> VaeData:
+    """The training split, 5 % of its sequences held out, and the validation people."""
+    total = None if run.split_file is not None else count_clips(run.data, "train")
+    clips: Iterator[Clip] = split_clips(run.data, "train", run.split_file)
+    frames = read_body_frames(track(clips, total=total, description="reading the train split"))
+    kept_out = held_out(frames.person, np.random.default_rng(run.schedule.seed))
+    within = frames.windows(TRAIN_LENGTH, clips=np.flatnonzero(kept_out))
+    learned = frames.windows(TRAIN_LENGTH, clips=np.flatnonzero(~kept_out))
+    if run.split_file is not None:
+        if not len(within):
+            raise BodysenseError(f"{run.split_file}: one training sequence cannot also be held out; list more")
+        return VaeData(frames, learned, within, (frames, within))
+    others = read_body_frames(open_clips(run.data, "val"))
+    return VaeData(frames, learned, within, (others, others.windows(TRAIN_LENGTH)))
+
+
+def run_vae(run: VaeRun) -> None:
+    """Train one network; the weights (.pt), log (.jsonl) and checkpoint (.ckpt) lie beside `run.out`."""
+    check_place(run.out)
+    console, weights = Console(), run.out.with_suffix(".pt")
+    whole = whole_body(run)
+    if not is_trained(run, weights, whole):
+        data = read_data(run)
+        console.print(f"{data.note}; {len(data.train)} windows", highlight=False)
+
+        def report(progress: Report) -> None:
+            terms = ", ".join(f"{name} {value:.2f}" for name, value in progress.terms.items())
+            console.print(
+                f"step {progress.step}/{progress.steps}, {progress.seconds:.0f} s, {terms}; "
+                f"validation {progress.validation['position_cm']:.2f} cm",
+                highlight=False,
+            )
+
+        train_network(run, weights, whole, data, report)
+    network, card = read_vae(weights)
+    if run.out.suffix == ".onnx":
+        write_vae_onnx(network, run.out, card)
+    console.print(f"wrote {run.out} ({run.out.stat().st_size / 1e6:.1f} MB)", highlight=False)
+
+
+def whole_body(run: VaeRun) -> BodyVae | None:
+    """The model 0 whose decoder models 3 and 4 take. Raises BodysenseError where it is missing or of no use."""
+    if not run.config.pretrained:
+        if run.decoder is not None:
+            raise BodysenseError(f"--decoder is for models 3 and 4; model {run.config.model} trains its own")
+        return None
+    if run.decoder is None:
+        raise BodysenseError(
+            f"model {run.config.model} takes the decoder of a model 0: train that first "
+            "(`bodysense train hmd-vae --model 0 …`) and give its .pt as --decoder"
+        )
+    whole, _ = read_vae(run.decoder)
+    pretrained(run.config, whole)
+    return whole
+
+
+def train_network(
+    run: VaeRun, weights: Path, whole: BodyVae | None, data: VaeData, report: Callable[[Report], None]
+) -> None:
+    """Train one network and write its weights, with a card that says what they are."""
+    if run.threads is not None:
+        torch.set_num_threads(run.threads)
+    torch.manual_seed(run.schedule.seed)
+    network = BodyVae(run.config) if whole is None else pretrained(run.config, whole)
+    log, begun = weights.with_suffix(".jsonl"), time.monotonic()
+
+    def noted(progress: Report) -> None:
+        with log.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(vars(progress)) + "\n")
+        report(progress)
+
+    source = source_of(run, whole, data)
+    fabric = Fabric(accelerator="auto", devices=run.devices, num_nodes=run.nodes, precision="32-true")
+    fabric.launch()
+    checkpoint = weights.with_suffix(".ckpt")
+    network = train_vae(
+        network, run.schedule, data.frames, data.train, data.validation, checkpoint, noted, fabric, source
+    ).cpu()
+    error = joint_errors(network, *data.validation)
+    card = {
+        "identity": identity(network.config, run.schedule, source),
+        "model": run.config.model,
+        "licence": run.licence,
+        "training_data": run.data_note or data.note,
+        "seed": run.schedule.seed,
+        "steps": run.schedule.steps,
+        "seconds": round(time.monotonic() - begun, 1),
+        "validation_position_cm": round(100 * float(error.mean()), 3),
+        "within_position_cm": round(100 * float(joint_errors(network, data.frames, data.within).mean()), 3),
+        "expected_error": [round(float(value), 4) for value in error],
+    }
+    if fabric.is_global_zero:
+        write_vae(network, weights, card)
+    fabric.barrier()
+
+
+def source_of(run: VaeRun, whole: BodyVae | None, data: VaeData | None = None) -> dict[str, Any]:
+    """What a run learns from, for its identity; how much that is where its data have been read."""
+    source: dict[str, Any] = {"data": str(run.data.resolve()), "split_file": None, "decoder": None}
+    if run.split_file is not None:
+        source["split_file"] = _digest(json.dumps(read_split_file(run.split_file)).encode())
+    if whole is not None:
+        source["decoder"] = _digest(*(value.numpy().tobytes() for value in whole.decoder.state_dict().values()))
+    if data is not None:
+        source["learned"] = {"sequences": len(data.frames), "frames": int(data.frames.length.sum())}
+    return source
+
+
+def is_trained(run: VaeRun, weights: Path, whole: BodyVae | None, data: VaeData | None = None) -> bool:
+    """Whether the weights are there, trained as this run asks. Raises BodysenseError if trained otherwise.
+
+    How much was learned is compared where `data` is given.
+    """
+    if not weights.is_file():
+        return False
+    saved = json.loads(read_vae(weights)[1]["identity"])
+    if data is None:
+        saved.get("source", {}).pop("learned", None)
+    before, now = json.dumps(saved, sort_keys=True), identity(run.config, run.schedule, source_of(run, whole, data))
+    if before != now:
+        raise BodysenseError(
+            f"{weights} is of another configuration ({differences(before, now)}); give another --out, or those settings"
+        )
+    return True
+
+
+def sweep_name(config: BodyVaeConfig) -> str:
+    """Of a network's files in the folder of a sweep; what no grid sweeps is named where it is not the default."""
+    name = f"model{config.model}-beta{config.beta:g}-latent{config.latent}-blocks{config.blocks}"
+    name += f"-{config.origin}" if config.origin != BodyVaeConfig.origin else ""
+    return name + (f"-samples{config.samples}" if config.samples != BodyVaeConfig.samples else "")
+
+
+def swept(run: VaeRun, config: BodyVaeConfig) -> VaeRun:
+    """The run of one network of a sweep."""
+    decoder = run.out / f"{sweep_name(replace(config, model=0))}.pt" if config.pretrained else None
+    return replace(run, config=config, out=run.out / f"{sweep_name(config)}.pt", decoder=decoder)
+
+
+def sweep_configs(config: BodyVaeConfig, grid: Grid, models: Sequence[int] = MODELS) -> list[BodyVaeConfig]:
+    """The networks of a sweep, a setting's model 0 before its others; what is not swept is `config`'s."""
+    settings = {
+        "one": ((config.beta,), (config.latent,), (config.blocks,)),
+        "few": (FEW_BETAS, FEW_LATENTS, BLOCKS),
+        "all": (BETAS, LATENTS, BLOCKS),
+    }
+    return [
+        replace(config, model=model, beta=beta, latent=latent, blocks=blocks)
+        for beta, latent, blocks in itertools.product(*settings[grid])
+        for model in sorted({0, *models})
+    ]
+
+
+def run_sweep(run: VaeRun, configs: Sequence[BodyVaeConfig]) -> None:
+    """Train what is not trained yet into the folder `run.out`; the results of all in its results.csv."""
+    check_folder(run.out)
+    runs = [swept(run, config) for config in configs]
+    todo = [one for one in runs if not is_swept(one)]
+    console = Console()
+    if todo:
+        data = read_data(run)
+        todo = [one for one in runs if not is_swept(one, data)]
+        try:
+            run.out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise _no_folder(run.out, error.strerror) from None
+        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total} steps"))
+        with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console) as progress:
+            steps = run.schedule.steps
+            before = steps * (len(runs) - len(todo))
+            bar = progress.add_task("training", total=steps * len(runs), completed=before)
+            for place, one in enumerate(todo):
+                progress.update(bar, description=one.out.stem)
+
+                def report(now: Report, done: int = before + steps * place) -> None:
+                    progress.update(bar, completed=done + now.step)
+
+                if is_swept(one, data):  # it waited for its decoder, which came out as it was
+                    continue
+                train_network(one, one.out, whole_body(one), data, report)
+                write_results(run.out / "results.csv", [other.out for other in runs])
+                score = read_vae(one.out)[1]["validation_position_cm"]
+                console.print(f"trained {one.out.stem}: validation {score:.2f} cm", highlight=False)
+    write_results(run.out / "results.csv", [one.out for one in runs])
+    console.print(f"{len(runs)} networks in {run.out}, results in {run.out / 'results.csv'}", highlight=False)
+
+
+def is_swept(run: VaeRun, data: VaeData | None = None) -> bool:
+    """`is_trained` of a network of a sweep; not before its decoder is, on which it depends."""
+    if run.decoder is not None and not run.decoder.is_file():
+        return False
+    return is_trained(run, run.out, whole_body(run), data)
+
+
+def check_folder(path: Path) -> None:
+    """Raise BodysenseError where no folder can be, before any work; nothing is made."""
+    nearest = next(place for place in (path, *path.absolute().parents) if place.exists())
+    if not nearest.is_dir():
+        raise _no_folder(path, f"{nearest} is a file")
+
+
+def _no_folder(path: Path, reason: str | None) -> BodysenseError:
+    return BodysenseError(f"{path}: no folder can be made there ({reason}); choose another --out")
+
+
+def _digest(*parts: bytes) -> str:
+    return hashlib.sha256(b"".join(parts)).hexdigest()[:12]
+
+
+def write_results(path: Path, weights: Sequence[Path]) -> None:
+    """A row a network that is trained: its setting, time and errors."""
+    settings = ("model", "beta", "latent", "blocks", "samples", "origin")
+    figures = ("steps", "seconds", "validation_position_cm", "within_position_cm", "seed")
+    with written_beside(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(("network", *settings, *figures))
+        for one in weights:
+            if one.is_file():
+                network, card = read_vae(one)
+                values: dict[str, Any] = {**vars(network.config), **card}
+                writer.writerow((one.stem, *(values[name] for name in (*settings, *figures))))

@@ -1,0 +1,90 @@
+"""What networks of arms and hands read of key-points (PAHMT, section 3.4), made inside of them.
+
+Each hand minus its wrist, divided by the longer side of its bounding box; directions of the arms in the torso's axes
+("3D local location"); what was not found is as in the frame before, zeros if there was none.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from bodysense.body.keypoints import ArmKeypoints
+from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate, quaternion_to_matrix
+from bodysense.lab.pahmt.palm import palm_turns
+
+_BOX = 0.1  # of the picture's height: a hand of this size is of size 0 to the network
+
+
+class Window(NamedTuple):
+    """Key-points of B windows; any finite number where nothing was found."""
+
+    arm: Tensor  # (B, T, 2, 2, 3)
+    has_arm: Tensor  # (B, T, 2) bool
+    torso: Tensor  # (B, T, 4)
+    has_torso: Tensor  # (B, T) bool
+    hand: Tensor  # (B, T, 2, 21, 2)
+    has_hand: Tensor  # (B, T, 2) bool
+
+
+def window_of(keypoints: ArmKeypoints) -> Window:
+    """Key-points with a batch axis (B, T, …) as the network takes them."""
+    values = (getattr(keypoints, name) for name in Window._fields)
+    tensors = (torch.as_tensor(value) for value in values)
+    return Window(*(one if one.dtype == torch.bool else torch.nan_to_num(one.float()) for one in tensors))
+
+
+class Seen(NamedTuple):
+    """What was found, or last found, in every frame of B windows."""
+
+    shape: Tensor  # (B, T, 2, 21, 2) hands
+    box: Tensor  # (B, T, 2) longer side of a hand's bounding box in this frame
+    arms: Tensor  # (B, T, 2, 2, 3) directions in the camera's axes
+    directions: Tensor  # the same in the torso's
+    torso: Tensor  # (B, T, 4) its turn
+    palms: Tensor  # (B, T, 2, 2, 4) torso ← wrist, both answers (`palm_turns`)
+
+
+def seen_in(window: Window) -> Seen:
+    """Key-points with their gaps filled, in the axes that networks read."""
+    size = window.hand.amax(dim=-2) - window.hand.amin(dim=-2)
+    box = size.amax(dim=-1).clamp(min=1e-6)
+    shape = (window.hand - window.hand[..., :1, :]) / box[..., None, None]
+    shape = held(shape.flatten(-2), window.has_hand).unflatten(-1, (-1, 2))
+    upright = torch.zeros_like(window.torso[:, :1])
+    upright[..., 0] = 1.0
+    torso = held(window.torso[..., None, :], window.has_torso[..., None], upright[..., None, :])[..., 0, :]
+    arms = held(window.arm.flatten(-2), window.has_arm).unflatten(-1, (2, 3))
+    inverse = quaternion_conjugate(torso)[..., None, None, :].expand(*arms.shape[:-1], 4)
+    return Seen(
+        shape=shape,
+        box=box,
+        arms=arms,
+        directions=quaternion_rotate(inverse, arms),
+        torso=torso,
+        palms=quaternion_multiply(inverse, palm_turns(shape)),
+    )
+
+
+def more_points(window: Window, seen: Seen) -> Tensor:
+    """Ours (B, T, 10, 3): arms in the camera's axes, the torso's turn, hands' place and size, and what was found."""
+    place = torch.cat([window.hand[..., 0, :], torch.log(seen.box / _BOX)[..., None]], dim=-1)
+    found = torch.cat([window.has_arm, window.has_torso[..., None]], dim=-1)
+    found_hands = torch.cat([window.has_hand, torch.zeros_like(window.has_torso[..., None])], dim=-1)
+    flags = torch.stack([found, found_hands], dim=-2).to(place.dtype)
+    turned = quaternion_to_matrix(seen.torso).mT[..., :2, :]  # where its +x and +y point
+    return torch.cat([seen.arms.flatten(-3, -2), turned, held(place, window.has_hand), flags], dim=-2)
+
+
+def held(values: Tensor, known: Tensor, before: Tensor | None = None) -> Tensor:
+    """Values (B, T, N, C); where they are not known (B, T, N) the last that were, at first `before` (B, 1, N, C) or 0.
+
+    As in the frame before, and so on: the past of a window is in it.
+    """
+    first = torch.zeros_like(values[:, :1]) if before is None else before
+    frame = torch.arange(1, known.shape[1] + 1, device=known.device)
+    earlier = (frame[:, None] >= frame)[None, :, :, None] & known[:, None]  # (B, now, then, N)
+    last = torch.where(earlier, frame[:, None], 0).amax(dim=2)
+    return torch.take_along_dim(torch.cat([first, values], dim=1), last[..., None].expand_as(values), dim=1)

@@ -1,0 +1,262 @@
+"""PAHMT, Table 1: the errors of networks of arms and hands on filmed windows of a data set. Needs PyTorch.
+
+Every network is asked about the same windows, filmed by the same cameras with the same errors of a detector.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from bodysense.body.arms import ARM_JOINTS
+from bodysense.body.keypoints import arms_from_torso
+from bodysense.body.rotation import geodesic_angle, quaternion_canonical, quaternion_log
+from bodysense.data.clip import Clip
+from bodysense.data.resample import resample
+from bodysense.errors import BodysenseError
+from bodysense.lab.chart import BarPanel, Line, LinePanel, plain_bars
+from bodysense.lab.datasets import Census, DataSet, census_of, describe
+from bodysense.lab.pahmt.network import FINGERS, ArmNetwork
+from bodysense.lab.pahmt.rows import TABLE_1, Row
+from bodysense.lab.pahmt.twist import ARMS, solved_from_positions, twist_errors
+from bodysense.lab.pahmt.weights_file import read_arms
+from bodysense.lab.pahmt.windows import (
+    FRAMES,
+    RATE,
+    Studio,
+    arm_positions,
+    arms_alone,
+    film,
+    read_arm_recordings,
+    window_of,
+)
+from bodysense.lab.table import Cell, Named, Report, cell, finite, ordering
+from bodysense.lab.unoc.headset import GROUPS, Tally, group_named
+
+MEASURES = {
+    "hands_m": "hands, m",
+    "overall_m": "overall, m",
+    "arms": "arms, rad",
+    "arms_deg": "arms, °",
+    "fingers_deg": "fingers, °",
+    "upper_arm_twist_deg": "twist of upper arm, °",
+    "forearm_twist_deg": "of forearm, °",
+}
+_BATCH = 128  # windows that are computed together
+Tallies = dict[tuple[str, str], Tally]  # by category group and measure
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredRow:
+    """One row: what it is, and its figures."""
+
+    name: str
+    row: Row
+    network: ArmNetwork | None = field(repr=False)  # None: inverse kinematics on the true positions of all joints
+    tallies: Tallies = field(default_factory=dict, repr=False)
+    learned: tuple[Mapping[str, float], ...] = field(default=(), repr=False)  # on the validation split, by "step"
+
+    def get(self, measure: str, group: str = "main") -> float:
+        """A mean over frames and joints; NaN where nothing was counted."""
+        return self.tallies.get((group, measure), Tally()).mpjpe
+
+
+def rows_in(folder: Path, model: Path | None = None) -> list[ScoredRow]:
+    """The table's networks that are in a folder, and one more. Raises BodysenseError where there is none."""
+    found = [
+        ScoredRow(name, row, read_arms(folder / f"{name}.pt")[0], learned=_learned(folder / f"{name}.jsonl"))
+        for name, row in TABLE_1.items()
+        if (folder / f"{name}.pt").is_file()
+    ]
+    if not found:
+        raise BodysenseError(
+            f"{folder}: none of the table's networks in it; train them with `bodysense train arms-table` into it"
+        )
+    found.append(ScoredRow("ik", Row("inverse kinematics, true positions", losses=()), None))
+    if model is not None:
+        network = read_arms(model)[0]
+        config = network.config
+        row = Row(f"{config.kind.upper()}, {model.stem}", config.kind, config.input)
+        found.append(ScoredRow("shipped", row, network))
+    return found
+
+
+def _learned(log: Path) -> tuple[Mapping[str, float], ...]:
+    """What a training noted of its validation; nothing where its log is not there."""
+    if not log.is_file():
+        return ()
+    lines = (json.loads(line) for line in log.read_text(encoding="utf-8").splitlines())
+    return tuple({"step": line["step"], **line["validation"]} for line in lines)
+
+
+def score_arms(
+    rows: list[ScoredRow],
+    data: DataSet,
+    stride: int,
+    seed: int,
+    advance: Callable[[Clip], None],
+    studio: Studio = Studio(),
+) -> tuple[list[ScoredRow], Census]:
+    """The rows with their figures on clips with fingers, and how much motion that was.
+
+    `studio` says by which cameras and with which errors; no window is mirrored, and none is of a video's beginning.
+    """
+    studio = replace(studio, mirrored=False, begun=0.0)
+    census, tallies = Census(), {row.name: dict[tuple[str, str], Tally]() for row in rows}
+
+    def count(row: ScoredRow, clip: Clip, errors: dict[str, np.ndarray]) -> None:
+        for measure, values in errors.items():
+            tallies[row.name].setdefault((group_named(clip.category), measure), Tally()).add(values)
+
+    for number, clip in enumerate(data.clips()):
+        advance(clip)
+        if not clip.has_fingers or clip.seconds * RATE < FRAMES:
+            continue
+        census += census_of(clip)
+        recordings, pose = read_arm_recordings([clip]), resample(clip, RATE).pose
+        for row in rows:
+            if row.network is None:
+                both = (solved_from_positions(pose), arms_from_torso(pose))
+                solved, true = (torch.from_numpy(np.array(one)) for one in both)
+                count(row, clip, measures(solved, true, tuple(range(len(ARM_JOINTS)))))
+        windows, rng = recordings.windows(stride), np.random.default_rng([seed, number])
+        for first in range(0, len(windows), _BATCH):
+            which = np.arange(first, min(first + _BATCH, len(windows)))
+            keypoints, truth = film(recordings, windows, which, studio, rng)
+            window, wanted = window_of(keypoints), torch.from_numpy(truth.astype(np.float32))
+            for row in rows:
+                if row.network is None:
+                    continue
+                with torch.no_grad():
+                    said = row.network.quaternions(row.network(window))
+                count(row, clip, measures(said, wanted, row.network.config.joints))
+    if not census.clips:
+        raise BodysenseError(f"{data.path}: no clip with fingers of {FRAMES} frames; give motion with fingers")
+    return [replace(row, tallies=tallies[row.name]) for row in rows], census
+
+
+def measures(said: torch.Tensor, truth: torch.Tensor, joints: tuple[int, ...]) -> dict[str, np.ndarray]:
+    """Errors of estimated rotations (..., N, 4) of `joints` beside true ones (..., 38, 4), one value a frame and joint.
+
+    `hands_m` of finger joints and tips from their wrist, in its axes; `overall_m` of all joints from the chest, in
+    metres; `arms` the mean absolute difference of axis-angle components, radians (the paper's MPJRE), of collars,
+    upper arms, forearms and hands; angles in degrees are geodesic; twists are about the bone.
+    """
+    places, skeleton = list(joints), arms_alone()
+    wrist, fingers = np.maximum(skeleton.wrist_of, 0), skeleton.wrist_of >= 0
+    wanted = truth[..., places, :]
+    only = [places.index(k) for k in FINGERS]
+    hands = [arm_positions(one[..., only, :], FINGERS).numpy() for one in (said, wanted)]
+    from_wrist = [(one - one[..., wrist, :])[..., fingers, :] for one in hands]
+    angle = np.degrees(geodesic_angle(said, wanted).numpy())
+    result = {
+        "hands_m": np.linalg.norm(from_wrist[0] - from_wrist[1], axis=-1),
+        "fingers_deg": angle[..., only],
+    }
+    if len(places) < len(ARM_JOINTS):
+        return result
+    everywhere = [arm_positions(one, joints).numpy() for one in (said, wanted)]
+    result["overall_m"] = np.linalg.norm(everywhere[0] - everywhere[1], axis=-1)[..., 1:]
+    ours, true = (np.asarray(quaternion_log(quaternion_canonical(one[..., ARMS, :]))) for one in (said, wanted))
+    result["arms"] = np.abs(ours - true).mean(axis=-1)
+    result["arms_deg"] = angle[..., ARMS]
+    return result | twist_errors(said.numpy(), truth.numpy(), skeleton)
+
+
+def arm_report(scored: tuple[list[ScoredRow], Census], data: DataSet, perfect: bool = False) -> Report:
+    """The table as it is handed out; `perfect`: no detector erred."""
+    rows, census = scored
+    seen = "simulated cameras give them, without a detector's errors" if perfect else "simulated detectors give them"
+    return Report(
+        name="pahmt-table1",
+        title="PAHMT, Table 1: arms and hands from key-points",
+        columns=(
+            *("motion", "network", "smooth", "fk", *MEASURES.values()),
+            *("paper: hands, m", "paper: overall, m", "paper: arms, rad"),
+        ),
+        rows=tuple(_rows(rows)),
+        numbers=finite(_numbers(rows)) | census.numbers(),
+        data=(describe(data, census),),
+        remarks=tuple(_remarks({row.name: row for row in rows})),
+        caption=f"Windows of 32 frames as {seen}, averages over all frames. Hands: "
+        "finger joints and tips from their wrist, in its axes. Overall: all joints from the chest, on one character. "
+        "Arms: mean difference of axis-angle components (the paper's) and geodesic angle of collars, upper arms, "
+        "forearms and hands. The paper's figures are of its own motion, whose sizes and cameras are not published.",
+        digits=4,
+        panels=(_panel(rows, "overall_m", 1), _panel(rows, "hands_m", 0), *_curves(rows)),
+    )
+
+
+def _curves(rows: list[ScoredRow]) -> Iterator[LinePanel]:
+    """How the networks learned, where their logs are beside them."""
+    for measure, factor, unit in (("overall_m", 100, "cm"), ("arms_deg", 1, "°"), ("hands_m", 100, "cm")):
+        lines = []
+        for row in rows:
+            noted = [figures for figures in row.learned if measure in figures]
+            values = [[figures["step"] for figures in noted], [factor * figures[measure] for figures in noted]]
+            if noted:
+                lines.append(Line(row.name, *np.array(values)))
+        if lines:
+            yield LinePanel(
+                f"{MEASURES[measure].rpartition(',')[0]}, on the validation split", tuple(lines), "steps", unit
+            )
+
+
+def _panel(rows: list[ScoredRow], measure: str, place: int) -> BarPanel:
+    """Ours beside the paper's figures, cm."""
+    shown = [row for row in rows if cell(row.get(measure)) is not None]
+    ours = plain_bars("bodysense", [100 * row.get(measure) for row in shown])
+    published = [100 * row.row.published[place] if len(row.row.published) > place else None for row in shown]
+    groups = tuple(row.name for row in shown)
+    return BarPanel(
+        MEASURES[measure].rpartition(",")[0], groups, (ours, plain_bars("the paper", published)), "MPJPE, cm"
+    )
+
+
+def _rows(rows: list[ScoredRow]) -> Iterator[tuple[Cell, ...]]:
+    for group in GROUPS:
+        for row in rows:
+            figures = [cell(row.get(measure, group)) for measure in MEASURES]
+            if any(value is not None for value in figures):
+                marks = ("yes" if loss in row.row.losses else "" for loss in ("smooth", "fk"))
+                published = [*row.row.published, None, None, None][:3] if group == "main" else [None] * 3
+                yield (group, row.row.title, *marks, *figures, *published)
+
+
+def _numbers(rows: list[ScoredRow]) -> dict[str, float]:
+    """Keys without a group at their end are over the main categories."""
+    numbers: dict[str, float] = {}
+    for row in rows:
+        for group in GROUPS:
+            suffix = "" if group == "main" else f"_{group}"
+            for measure in MEASURES:
+                value = row.get(measure, group)
+                key = f"{row.name.replace('-', '_')}_{measure}{suffix}"
+                numbers[key] = value
+                if measure.endswith("_m"):
+                    numbers[f"{key[:-2] if not suffix else key[: -len(suffix) - 2]}_cm{suffix}"] = 100 * value
+    return numbers
+
+
+def _remarks(rows: Mapping[str, ScoredRow]) -> Iterator[str]:
+    claims = (
+        ("AHMT is below the CNN overall", "ahmt", "cnn", "overall_m"),
+        ("PAHMT is below AHMT overall", "pahmt", "ahmt", "overall_m"),
+        ("With the arms, hands are better than alone", "cnn-plain", "cnn-hands", "hands_m"),
+        ("The loss of positions helps", "cnn-fk", "cnn-plain", "overall_m"),
+        ("With it the loss of smoothness helps", "cnn", "cnn-fk", "overall_m"),
+        ("PAHMT has the best arms", "pahmt", "ahmt", "arms"),
+    )
+    for claim, better, worse, measure in claims:
+        if better in rows and worse in rows:
+            figures = [Named(rows[name].row.title, rows[name].get(measure)) for name in (better, worse)]
+            said = ordering(claim, figures[0], figures[1:], MEASURES[measure].rpartition(", ")[2], 4)
+            share = 1 - figures[0].value / figures[1].value
+            if said is not None and math.isfinite(share):
+                yield f"{said} {abs(share):.0%} {'less' if share > 0 else 'more'}."

@@ -1,0 +1,246 @@
+"""Training of the networks of arms and hands: losses and schedule of PAHMT (sections 3.4 and 4.2)."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import binary_cross_entropy_with_logits
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+
+from bodysense.body.arms import ARM_JOINTS, ARM_PARTS
+from bodysense.body.rotation import geodesic_angle
+from bodysense.lab.checkpoint import identity, load_checkpoint, save_checkpoint
+from bodysense.lab.pahmt.discriminator import Discriminator
+from bodysense.lab.pahmt.network import ArmNetwork
+from bodysense.lab.pahmt.rows import PAPER_LOSSES, Loss
+from bodysense.lab.pahmt.windows import ArmBatch, ArmRecordings, Studio, arm_positions, arms_alone, make_batch
+from bodysense.lab.unoc.training import Progress
+from bodysense.lab.windows import Windows
+
+_ARMS = [k for k, name in enumerate(ARM_JOINTS) if name.partition("_")[2] in ARM_PARTS]
+_VALIDATED = 192  # windows that are enough to see how a run goes
+
+
+@dataclass(frozen=True)
+class ArmSchedule:
+    """How long and on what; the defaults are the paper's (section 4.2)."""
+
+    epochs: int = 300
+    batch: int = 128  # windows
+    learning_rate: float = 1e-3
+    halve_every: int = 50  # epochs
+    weight_decay: float = 5e-4
+    momentum: float = 0.95  # of Adam
+    losses: tuple[Loss, ...] = PAPER_LOSSES
+    rotation: float = 1.0  # weights of the terms, each a mean over frames and joints: per radian
+    arms: float = 1.0  # how much more a joint of an arm, the wrist included, counts in it than one of a finger
+    smooth: float = 1.0  # γ, of the change from frame to frame
+    fk: float = 1.0  # β, per metre
+    gan: float = 0.05  # λ
+    motion: float = 0.0  # per metre, of the difference between estimated and true change; not the paper's
+    without_hands: float = 0.0  # share of windows from recordings without hands
+    average_decay: float = 0.99  # the kept weights are a moving average
+    check_every: int = 250  # steps between checkpoints, each of which measures the average and keeps it if it is best
+    studio: Studio = Studio()
+    seed: int = 1
+
+
+class Pair(nn.Module):
+    """The network and the discriminator that it plays against."""
+
+    def __init__(self, network: ArmNetwork) -> None:
+        super().__init__()
+        self.network, self.discriminator = network, Discriminator(network.config)
+
+
+def arm_loss(network: ArmNetwork, said: Tensor, batch: ArmBatch, schedule: ArmSchedule) -> dict[str, Tensor]:
+    """The weighted terms of eq. 18 and their sum, 'loss', of regressed rotations (B, T, joints, 3 or 6).
+
+    'rotation' is the L1 distance of what is regressed (eq. 15), 'smooth' the L1 norm of its change (eq. 16), 'fk' the
+    distance of joints on a character's arms, chest fixed (eq. 17); what is not known is left out.
+    """
+    joints = list(network.config.joints)
+    known, truth = batch.known[:, None, joints], batch.rotation[:, :, joints]
+    wanted, terms = network.regressed(truth), {}
+    if "rotation" in schedule.losses:
+        heavier = torch.tensor([schedule.arms if joint in _ARMS else 1.0 for joint in joints])
+        terms["rotation"] = schedule.rotation * _mean((said - wanted).abs().mean(dim=-1), known * heavier)
+    if "smooth" in schedule.losses:
+        terms["smooth"] = schedule.smooth * _mean((said[:, 1:] - said[:, :-1]).abs().mean(dim=-1), known)
+    if "fk" in schedule.losses or "motion" in schedule.losses:
+        missed = arm_positions(network.quaternions(said), joints) - arm_positions(truth, joints)
+        there = points_known(batch.known, joints)[:, None]
+        if "fk" in schedule.losses:
+            terms["fk"] = schedule.fk * _mean(_length(missed), there)
+        if "motion" in schedule.losses:
+            terms["motion"] = schedule.motion * _mean(_length(missed[:, 1:] - missed[:, :-1]), there)
+    return {"loss": torch.stack(list(terms.values())).sum(), **terms}
+
+
+def points_known(known: Tensor, joints: list[int]) -> Tensor:
+    """(B, 49) bool: points of `arms_alone` that a joint moves that is estimated and known (B, 38)."""
+    skeleton = arms_alone()
+    moved = torch.zeros(len(known), len(skeleton.points), dtype=torch.bool)
+    for point in range(1, len(skeleton.points)):
+        above = skeleton.parents[point] - 1  # `ARM_JOINTS` follow the chest
+        if above in joints:
+            moved[:, point] = known[:, above]
+    return moved
+
+
+def train_arms(
+    network: ArmNetwork,
+    schedule: ArmSchedule,
+    frames: ArmRecordings,
+    validation: ArmRecordings,
+    checkpoint: Path,
+    report: Callable[[Progress], None],
+    source: Mapping[str, Any] | None = None,
+) -> ArmNetwork:
+    """Train and return the network with the averaged weights that did best on `validation`, evaluating.
+
+    A run that was stopped goes on from `checkpoint` as if it had not been. Raises BodysenseError when that belongs to
+    another configuration or `source` (`identity`).
+    """
+    pair = Pair(network)
+    optimizer = torch.optim.Adam(
+        pair.parameters(),
+        lr=schedule.learning_rate,
+        betas=(schedule.momentum, 0.999),
+        weight_decay=schedule.weight_decay,
+    )
+    average = AveragedModel(pair, multi_avg_fn=get_ema_multi_avg_fn(schedule.average_decay), use_buffers=True)
+    kept = average.module
+    assert isinstance(kept, Pair)
+    run = identity(network.config, schedule, source)
+    done, before = load_checkpoint(checkpoint, run, pair, optimizer, average)
+    best = before or {"score": math.inf, "step": 0, "weights": network.state_dict()}
+    windows, epoch = frames.windows(), epoch_steps(frames, schedule)
+    steps, begun, recent = schedule.epochs * epoch, time.monotonic(), []
+    for step in range(done + 1, steps + 1):
+        for group in optimizer.param_groups:
+            group["lr"] = schedule.learning_rate * 0.5 ** ((step - 1) // epoch // schedule.halve_every)
+        batch = batch_of(frames, windows, schedule, step)
+        torch.manual_seed(schedule.seed * 1_000_003 + step)  # of dropout: a run that goes on is the run that it was
+        pair.train()
+        terms = learn(pair, optimizer, batch, schedule)
+        average.update_parameters(pair)
+        recent.append({name: float(value.detach()) for name, value in terms.items()})
+        if step % schedule.check_every == 0 or step == steps:
+            figures = validate_arms(kept.network, validation, schedule.studio)
+            if (score := figures[next(iter(figures))]) < best["score"]:
+                weights = {name: value.clone() for name, value in kept.network.state_dict().items()}
+                best = {"score": score, "step": step, "weights": weights}
+            save_checkpoint(checkpoint, run, step, pair, optimizer, average, best)
+            mean = {name: float(np.mean([row[name] for row in recent])) for name in recent[0]}
+            recent = []
+            report(Progress(step, steps, time.monotonic() - begun, mean, figures))
+    network.load_state_dict(best["weights"])
+    return network.eval()
+
+
+def learn(pair: Pair, optimizer: torch.optim.Optimizer, batch: ArmBatch, schedule: ArmSchedule) -> dict[str, Tensor]:
+    """One step of the network and, with 'gan', one of the discriminator (eqs. 13, 14)."""
+    # Half precision is for the layers alone: geometry needs the digits.
+    with torch.autocast("cpu", torch.bfloat16):
+        said = pair.network(batch.window).float()
+    terms = arm_loss(pair.network, said, batch, schedule)
+    loss = terms["loss"]
+    if "gan" in schedule.losses:
+        pair.discriminator.requires_grad_(False)
+        terms["gan"] = schedule.gan * _judged(pair.discriminator(said), 1.0)
+        loss = loss + terms["gan"]
+    optimizer.zero_grad()
+    loss.backward()
+    if "gan" in schedule.losses:
+        pair.discriminator.requires_grad_(True)
+        recorded = pair.network.regressed(batch.rotation[:, :, list(pair.network.config.joints)])
+        told = (_judged(pair.discriminator(recorded), 1.0) + _judged(pair.discriminator(said.detach()), 0.0)) / 2
+        told.backward()
+        terms["told"] = told
+    torch.nn.utils.clip_grad_norm_(pair.network.parameters(), 1.0)
+    optimizer.step()
+    return terms | {"loss": loss}
+
+
+def epoch_steps(frames: ArmRecordings, schedule: ArmSchedule) -> int:
+    """Steps in which every window with hands is seen once."""
+    return max(1, len(frames.windows()) // schedule.batch)
+
+
+def batch_of(frames: ArmRecordings, windows: Windows, schedule: ArmSchedule, step: int) -> ArmBatch:
+    """The batch of a step, the same for every network of this seed: "we fix the random seed for generating batches"."""
+    epoch, place = divmod(step - 1, max(1, len(windows) // schedule.batch))
+    order = np.random.default_rng([schedule.seed, epoch]).permutation(len(windows))
+    which = order[place * schedule.batch : (place + 1) * schedule.batch]
+    rng = np.random.default_rng([schedule.seed, step, 1])
+    stiff = round(schedule.without_hands * len(which))
+    if not stiff:
+        return make_batch(frames, windows, which, schedule.studio, rng)
+    others = frames.windows(fingers=False)
+    some = rng.integers(len(others), size=stiff)
+    both = replace(
+        windows,
+        start=np.concatenate([windows.start[which[stiff:]], others.start[some]]),
+        clip=np.concatenate([windows.clip[which[stiff:]], others.clip[some]]),
+    )
+    return make_batch(frames, both, np.arange(len(both)), schedule.studio, rng)
+
+
+def validation_batches(frames: ArmRecordings, studio: Studio, seed: int = 0) -> Iterator[ArmBatch]:
+    """The windows on which runs are watched, always filmed alike, not mirrored."""
+    studio = replace(studio, mirrored=False)
+    windows, rng = frames.windows(), np.random.default_rng(seed)
+    which = np.linspace(0, len(windows) - 1, min(_VALIDATED, len(windows))).astype(np.int64)
+    for some in np.array_split(which, max(1, len(which) // 64)):
+        yield make_batch(frames, windows, some, studio, rng)
+
+
+@torch.no_grad()
+def validate_arms(network: ArmNetwork, frames: ArmRecordings, studio: Studio = Studio()) -> dict[str, float]:
+    """Mean errors on validation windows: `overall_m` (not of hands alone), `hands_m`, `arms_deg`, `fingers_deg`."""
+    training, joints = network.training, list(network.config.joints)
+    network.eval()
+    rows: list[dict[str, float]] = []
+    points = arms_alone().points
+    wrist = torch.tensor(np.maximum(arms_alone().wrist_of, 0))
+    fingers = torch.tensor([k for k, name in enumerate(points) if arms_alone().wrist_of[k] >= 0])
+    for batch in validation_batches(frames, studio):
+        said = network.quaternions(network(batch.window))
+        truth = batch.rotation[:, :, joints]
+        apart = torch.rad2deg(geodesic_angle(said, truth)).mean(dim=(0, 1))
+        inside = list(network.config.joints)
+        row = {}
+        if network.config.input != "hands":
+            row["overall_m"] = float(_length(arm_positions(said, joints) - arm_positions(truth, joints)).mean())
+            row["arms_deg"] = float(apart[[inside.index(k) for k in _ARMS]].mean())
+        only = [k for k in inside if k not in _ARMS]
+        place = [inside.index(k) for k in only]
+        hands = [arm_positions(one[:, :, place], only) for one in (said, truth)]
+        from_wrist = [(one - one[:, :, wrist])[:, :, fingers] for one in hands]
+        row["hands_m"] = float(_length(from_wrist[0] - from_wrist[1]).mean())
+        row["fingers_deg"] = float(apart[place].mean())
+        rows.append(row)
+    network.train(training)
+    return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
+
+
+def _judged(logit: Tensor, target: float) -> Tensor:
+    return binary_cross_entropy_with_logits(logit, torch.full_like(logit, target))
+
+
+def _mean(values: Tensor, known: Tensor) -> Tensor:
+    """The mean of values (B, T, N) of what is known, (B, 1, N)."""
+    return (values * known).sum() / (known.expand_as(values).sum().clamp(min=1))
+
+
+def _length(vector: Tensor) -> Tensor:
+    return torch.sqrt((vector * vector).sum(dim=-1) + 1e-12)

@@ -1,0 +1,1 @@
+"""Rendered people on video, with their truth."""

@@ -1,0 +1,101 @@
+"""How a detector of key-points errs, in the terms of `occlusion/keypoint_noise.py`, which imitates it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bodysense.body.keypoints import ArmKeypoints
+from bodysense.body.rotation import quaternion_conjugate, quaternion_log, quaternion_multiply
+from bodysense.lab.pahmt.keypoint_noise import flattened
+
+BONES = ("upper_arm", "forearm")
+Errors = dict[str, list[np.ndarray]]  # by what errs: arrays (T, …) over time, NaN where nothing was found
+
+
+def keypoint_errors(found: ArmKeypoints, true: ArmKeypoints) -> Errors:
+    """Errors of key-points (T,) that were found beside true ones of the same frames.
+
+    `arm`, `arm_true` (T, 2, 2, 3) the directions themselves, found and true; `torso` (T, 3) rad; `shape` (T, 2, 4) of
+    hands: the linear map that takes a true hand about its middle to the found one, less the identity; `hand`
+    (T, 2, 21, 2) what that leaves, in shares of the longer side of the true hand's box; `missed`, `arm_missed` (T, 2)
+    1 where what could be seen was not found.
+    """
+    arms, hands = found.has_arm & true.has_arm, found.has_hand & true.has_hand
+    torso = quaternion_log(quaternion_multiply(found.torso, quaternion_conjugate(true.torso)))
+    around = [hand - hand.mean(axis=-2, keepdims=True) for hand in (found.hand, true.hand)]
+    around = [np.where(hands[..., None, None], one, np.nan) for one in around]
+    ours, actual = around
+    size = (actual.max(axis=-2) - actual.min(axis=-2)).max(axis=-1)
+    square = np.einsum("thpi,thpj->thij", actual, actual)
+    square[~hands] = np.eye(2)
+    shape = np.linalg.solve(square, np.einsum("thpi,thpj->thij", actual, ours))
+    return {
+        "arm": [np.where(arms[..., None, None], found.arm, np.nan)],
+        "arm_true": [np.where(arms[..., None, None], true.arm, np.nan)],
+        "torso": [np.where((found.has_torso & true.has_torso)[:, None], torso, np.nan)],
+        "shape": [(shape - np.eye(2)).reshape(len(shape), 2, 4)],
+        "hand": [(ours - actual @ shape) / size[..., None, None]],
+        "missed": [np.where(true.has_hand, ~found.has_hand, np.nan)],
+        "arm_missed": [np.where(true.has_arm, ~found.has_arm, np.nan)],
+    }
+
+
+def noise_figures(parts: Sequence[Errors]) -> dict[str, float]:
+    """Figures of several videos, named and measured as the fields of `DetectorNoise`; NaN where nothing was found.
+
+    Angles in degrees. Jitter is what differs from frame to frame as white noise would, from second differences;
+    drift is the rest. Directions are compared with true ones that are made as flat as the detector makes them:
+    `…_depth_kept` times their depth, and `…_nearer` to the camera; `depth` is by how much they still err more along
+    the camera's axis than across it.
+    """
+    errors = {name: [array for part in parts for array in part[name]] for name in parts[0]}
+    lines = [_line(errors["arm"], errors["arm_true"], bone) for bone in range(len(BONES))]
+    kept, nearer = np.array(lines).T
+    flat = [flattened(true, kept, nearer) for true in errors["arm_true"]]
+    wrong = [found - true for found, true in zip(errors["arm"], flat, strict=True)]
+    across, along = [array[..., :2] for array in wrong], [array[..., 2:] for array in wrong]
+    figures = {}
+    for bone, (share, shift) in zip(BONES, lines, strict=True):
+        figures |= {f"{bone}_depth_kept": share, f"{bone}_nearer": shift}
+    for name, arrays, scale in (
+        ("arm", across, np.degrees(1.0)),
+        ("torso", errors["torso"], np.degrees(1.0)),
+        ("hand", errors["hand"], 1.0),
+    ):
+        drift, jitter = _slow_and_fast(arrays)
+        figures |= {f"{name}_drift": drift * scale, f"{name}_jitter": jitter * scale}
+    return figures | {
+        "depth": _size(along) / (_size(across) or np.nan),
+        "hand_shape": _size(errors["shape"]),
+        "missed": _mean(errors["missed"]),
+        "arm_missed": _mean(errors["arm_missed"]),
+    }
+
+
+def _line(found: Sequence[np.ndarray], true: Sequence[np.ndarray], bone: int) -> tuple[float, float]:
+    """The line that found depths of a bone's directions lie along over true ones: its slope, and where it begins."""
+    y, x = (np.concatenate([array[..., bone, 2].ravel() for array in arrays]) for arrays in (found, true))
+    known = np.isfinite(x) & np.isfinite(y)
+    if not known.any():
+        return float("nan"), float("nan")
+    slope, begin = np.linalg.lstsq(np.stack([x, np.ones_like(x)], axis=-1)[known], y[known], rcond=None)[0].tolist()
+    return slope, begin
+
+
+def _slow_and_fast(arrays: Sequence[np.ndarray]) -> tuple[float, float]:
+    """Root mean squares of the slow and the fast part of errors over time."""
+    fast = _size([np.diff(array, 2, axis=0) for array in arrays]) / np.sqrt(6.0)  # of white noise, 1 − 2 + 1
+    return float(np.sqrt(np.maximum(_size(arrays) ** 2 - fast**2, 0.0))), fast
+
+
+def _size(arrays: Sequence[np.ndarray]) -> float:
+    """Root of the mean square of what is there."""
+    return float(np.sqrt(_mean([array**2 for array in arrays])))
+
+
+def _mean(arrays: Sequence[np.ndarray]) -> float:
+    values = np.concatenate([array.ravel() for array in arrays])
+    values = values[np.isfinite(values)]
+    return float(values.mean()) if values.size else float("nan")

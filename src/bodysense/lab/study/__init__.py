@@ -1,0 +1,1 @@
+"""User studies: clips, page, analysis."""

@@ -1,0 +1,1 @@
+"""Synthesised motion of hands."""

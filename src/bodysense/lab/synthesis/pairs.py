@@ -1,0 +1,196 @@
+"""Two hands that act on each other: palms meet, fingers interlace, one lies on the other, they clap or hold something.
+
+Hands are brought together until their flesh meets (`data.hand_meetings`); between meetings they are apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bodysense.body.hand import FREEDOMS, Side, limits, mirrored_rotations, mirrored_vectors
+from bodysense.body.hand_capsules import mutual_depth
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.rotation import (
+    geodesic_angle,
+    matrix_to_quaternion,
+    quaternion_exp,
+    quaternion_multiply,
+    quaternion_rotate,
+)
+from bodysense.body.skeleton import Skeleton
+from bodysense.lab.synthesis.gestures import NAMES, key_poses
+from bodysense.lab.synthesis.hand_motion import RATE, HandMotion
+from bodysense.lab.synthesis.hands import DIGIT, FASTEST_FINGER, FASTEST_TURN, FASTEST_WRIST, frame_times
+from bodysense.lab.synthesis.key_paths import Timing, along, along_rotations, draw_timing
+from bodysense.lab.synthesis.meetings import MEETINGS, Hold, Meeting
+from bodysense.lab.synthesis.touch import posed, settled
+
+SIDES: tuple[Side, Side] = ("left", "right")
+_SECONDS = 2.5  # a little less than a meeting lasts, so that there are enough of them
+_AWAY, _PART = (0.06, 0.25), (0.03, 0.10)  # m between hands before and after a meeting, and within one
+_FARTHEST, _CLOSE, _STEPS = 0.6, 0.0005, 40  # m; m; steps by which hands are brought together
+_TILT = 15.0  # rad/m: hands that slide little tilt little
+_CLOSURES = np.linspace(0, 1, 9)  # shares of closing that are tried
+_BEFORE, _ABOUT = np.array([0.0, 1.12, 0.36]), np.array([0.10, 0.10, 0.06])  # m: where hands meet before a body
+_WRIST = 5  # part of the timing, after five digits
+
+
+@dataclass(frozen=True, eq=False)
+class _Keys:
+    """K keys of both hands (2, K, …), left and right, in the frame of their meetings."""
+
+    angles: np.ndarray  # (2, K, 26) rad
+    root: np.ndarray  # (2, K, 3) m
+    turn: np.ndarray  # (2, K, 4)
+    held: np.ndarray  # (K,) bool: the hands meet
+
+
+def synthesize_pair(
+    hand: Skeleton, seconds: float, rng: np.random.Generator, rate: float = RATE
+) -> tuple[HandMotion, HandMotion]:
+    """Left and right hand of a person, alike, that meet again and again; the right one is mirrored at x = 0.
+
+    Where hands meet at a key pose they touch; on the way they may pass through each other a little. Raises
+    BodysenseError where `seconds` and `rate` make no frame.
+    """
+    time = frame_times(seconds, rate)
+    keys = _draw_keys(hand, int(np.ceil(seconds / _SECONDS)) + 1, rng)
+    timing = _draw_pair_timing(keys, rng)
+    wrists = replace(timing, start=timing.start[:, _WRIST:])
+    middle, facing = _carry(time, rng)
+
+    def motion(k: int, side: Side) -> HandMotion:
+        carried, turned = mirrored_vectors(middle, side), mirrored_rotations(facing, side)
+        wrist = along(time, wrists, keys.root[k], np.zeros(3, dtype=int))
+        turn = quaternion_multiply(turned, along_rotations(time, wrists, keys.turn[k]))
+        fingers = np.clip(along(time, timing, keys.angles[k], DIGIT), *limits())
+        pose = posed(hand, carried + quaternion_rotate(turned, wrist), turn, fingers)
+        return HandMotion("synthesised", pose, rate, "synthesised", side)
+
+    return motion(0, "left"), motion(1, "right")
+
+
+def _draw_keys(hand: Skeleton, count: int, rng: np.random.Generator) -> _Keys:
+    """The keys of `count` meetings: apart, together, perhaps again and again, apart."""
+    chance = np.array([meeting.often for meeting in MEETINGS])
+    meetings = [MEETINGS[int(m)] for m in rng.choice(len(MEETINGS), count, p=chance / chance.sum())]
+    owner, gap, held = _script(meetings, rng)
+    slide, rub = np.array([meeting.slide for meeting in meetings]), np.array([meeting.rub for meeting in meetings])
+    angles, root, turn = np.empty((2, count, len(FREEDOMS))), np.empty((2, count, 3)), np.empty((2, count, 4))
+    for k, side in enumerate(SIDES):
+        holds: list[Hold] = [getattr(meeting, side) for meeting in meetings]
+        gesture = [NAMES.index(hold.gestures[rng.integers(len(hold.gestures))]) for hold in holds]
+        angles[k] = settled(hand, key_poses(np.array(gesture), rng))
+        tilt = quaternion_exp(np.minimum(_TILT * slide, 0.12)[:, None] * rng.standard_normal((count, 3)))
+        turn[k] = quaternion_multiply(tilt, np.array([_turn(hold) for hold in holds]))
+        points = forward_kinematics(posed(hand, np.zeros(3), turn[k], angles[k]))[0]
+        root[k] = -points[np.arange(count), hand.indices([hold.point for hold in holds])]
+        beside = np.array([[0.0, 0.0, hold.beside] for hold in holds])
+        root[k] += quaternion_rotate(turn[k], beside)
+    come = np.array([meeting.comes for meeting in meetings])
+    # From the sides both come from +x, the right hand being mirrored; from above and below they come from opposite.
+    come = np.stack([come, come * [1.0, -1.0, -1.0]])
+    root[0] += slide[:, None] * rng.standard_normal((count, 3)) * (come[0] == 0)
+    root += come * _touching_distance(hand, angles, root, turn, come)[:, None]
+    closed = _closed(hand, angles, root, turn, meetings, rng)
+
+    shifted = root[:, owner] + come[:, owner] * gap[:, None] / 2
+    rubbed = (rub[owner] & held) * slide[owner]
+    shifted[0] += rubbed[:, None] * rng.standard_normal((len(owner), 3)) * (come[0, owner] == 0)
+    return _Keys(np.where(held[:, None], closed[:, owner], angles[:, owner]), shifted, turn[:, owner], held)
+
+
+def _script(meetings: Sequence[Meeting], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of every key which meeting it is of, how far apart the hands are, metres, and whether they meet."""
+    rows: list[tuple[int, float, bool]] = []
+    for which, meeting in enumerate(meetings):
+        rows.append((which, rng.uniform(*_AWAY), False))
+        for again in range(1 + rng.integers(meeting.again + 1)):
+            if again and not meeting.rub:
+                rows.append((which, rng.uniform(*_PART), False))
+            rows.append((which, rng.uniform(*meeting.gap), True))
+        rows.append((which, rng.uniform(*_AWAY), False))
+    owner, gap, held = zip(*rows, strict=True)
+    return np.array(owner), np.array(gap), np.array(held)
+
+
+def _touching_distance(
+    hand: Skeleton, angles: np.ndarray, root: np.ndarray, turn: np.ndarray, come: np.ndarray
+) -> np.ndarray:
+    """(K,) m by which both hands (2, K, …) are moved toward where they come from so that their flesh just meets.
+
+    From far away each step goes as far as the flesh is apart, so none can pass through (conservative advancement).
+    Hands that miss each other stay where they would be without.
+    """
+    away = np.full(root.shape[1], _FARTHEST / 2)
+    for _ in range(_STEPS):
+        left, right = (posed(hand, root[k] + come[k] * away[:, None], turn[k], angles[k]) for k in range(2))
+        gap = -mutual_depth(left, right).max(axis=(-2, -1))
+        away = np.maximum(away - gap * (gap > _CLOSE) / 2, 0.0)
+        if (gap <= _CLOSE).all():
+            break
+    return away
+
+
+def _closed(
+    hand: Skeleton,
+    angles: np.ndarray,
+    root: np.ndarray,
+    turn: np.ndarray,
+    meetings: Sequence[Meeting],
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Angles (2, K, 26) with the fingers closed in meetings that ask for it, as far as flesh lets them."""
+    closes = np.flatnonzero([meeting.closing is not None for meeting in meetings])
+    result = angles.copy()
+    if not len(closes):
+        return result
+    gesture = np.array([NAMES.index(meetings[int(k)].closing or "") for k in closes])
+    target = np.stack([key_poses(gesture, rng).angles for _ in SIDES])
+    target[..., :6] = angles[:, closes, :6]  # thumbs stay
+    share = _CLOSURES[:, None, None]
+    trial = [(1 - share) * angles[k, closes] + share * target[k] for k in range(2)]
+    left, right = (posed(hand, root[k, closes], turn[k, closes], trial[k]) for k in range(2))
+    depth = mutual_depth(left, right).max(axis=(-2, -1))
+    free = np.logical_and.accumulate(depth <= np.maximum(depth[:1], 0.0) + _CLOSE, axis=0)
+    best = free.sum(axis=0) - 1
+    for k in range(2):
+        result[k, closes] = trial[k][best, np.arange(len(closes))]
+    return result
+
+
+def _turn(hold: Hold) -> np.ndarray:
+    """Rotation (4,) of a hand whose fingers point, and whose back faces, as its hold says; fingers exactly."""
+    fingers = np.array(hold.fingers) / np.linalg.norm(hold.fingers)
+    thumb = np.cross(fingers, hold.back)
+    thumb /= np.linalg.norm(thumb)
+    return matrix_to_quaternion(np.stack([fingers, np.cross(thumb, fingers), thumb], axis=1))
+
+
+def _draw_pair_timing(keys: _Keys, rng: np.random.Generator) -> Timing:
+    """When the movements take place: no finger, wrist or turn is faster than one hand's."""
+    least = np.maximum.reduce(
+        [
+            np.abs(np.diff(keys.angles, axis=1)).max(axis=(0, 2)) / FASTEST_FINGER,
+            np.linalg.norm(np.diff(keys.root, axis=1), axis=2).max(axis=0) / FASTEST_WRIST,
+            geodesic_angle(keys.turn[:, :-1], keys.turn[:, 1:]).max(axis=0) / FASTEST_TURN,
+        ]
+    )
+    lag = np.zeros((len(least), _WRIST + 1))
+    # Fingers close when the hands have met, and open before they part; the wrists wait for them and go first.
+    lag[keys.held[1:], :_WRIST] = 0.4
+    lag[keys.held[:-1], _WRIST] = 0.4
+    return draw_timing(least, keys.held, lag, rng)
+
+
+def _carry(time: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Where the frame of the meetings is (T, 3) m and how it is turned (T, 4): both hands are carried about."""
+    count = int(np.ceil(time[-1])) + 4
+    place = _BEFORE + _ABOUT * rng.standard_normal((count, 3))
+    turn = quaternion_exp(np.array([0.35, 0.45, 0.25]) * rng.standard_normal((count, 3)))
+    least = np.linalg.norm(np.diff(place, axis=0), axis=1) / (FASTEST_WRIST / 2)
+    timing = draw_timing(np.maximum(least, 0.5), np.zeros(count, dtype=bool), np.zeros((count - 1, 1)), rng)
+    return along(time, timing, place, np.zeros(3, dtype=int)), along_rotations(time, timing, turn)

@@ -1,0 +1,1 @@
+"""UNOC (Parger et al. 2021): networks, training, tables."""

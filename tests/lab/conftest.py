@@ -1,0 +1,53 @@
+"""Observations written out by hand, and a folder of short motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.data.bvh import write_bvh
+from bodysense.data.clip import Clip
+from bodysense.lab.datasets import DataSet
+from bodysense.observation import Observation, check_observation
+
+Seen = Mapping[str, Sequence[float]]
+MakeObservation = Callable[..., Observation]
+
+
+@pytest.fixture(scope="session")
+def make_observation() -> MakeObservation:
+    """One dictionary a frame, point → position, and the head's rotation in each; what is not named is hidden."""
+
+    def make(
+        frames: Sequence[Seen], time: Sequence[float], turn: Sequence[Sequence[float]] | None = None
+    ) -> Observation:
+        points = tuple(dict.fromkeys(["head", *(name for frame in frames for name in frame)]))
+        position, rotation = (
+            np.full((len(frames), len(points), 3), np.nan),
+            np.full((len(frames), len(points), 4), np.nan),
+        )
+        for t, frame in enumerate(frames):
+            for name, place in frame.items():
+                position[t, points.index(name)] = place
+            if turn is not None:
+                rotation[t, 0] = turn[t]
+        seen, turned = np.isfinite(position[..., 0]), np.isfinite(rotation[..., 0])
+        accuracy = np.full(seen.shape, 0.001)
+        return check_observation(
+            Observation(points, position, rotation, seen, turned, accuracy, np.array(time, dtype=float))
+        )
+
+    return make
+
+
+@pytest.fixture
+def data(tmp_path: Path, waving_clip: Clip) -> DataSet:
+    """Two short clips of two people."""
+    for person, frames in (("anna", slice(0, 40)), ("ben", slice(30, 62))):
+        (tmp_path / "motion" / person).mkdir(parents=True)
+        write_bvh(tmp_path / "motion" / person / "a.bvh", replace(waving_clip, pose=waving_clip.pose[frames]))
+    return DataSet("motion", tmp_path / "motion", "all")

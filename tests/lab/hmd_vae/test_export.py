@@ -1,0 +1,110 @@
+"""The exported file is the network: the same bodies as PyTorch's, under the measured head."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+import torch
+
+from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply, quaternion_rotate
+from bodysense.body.skeleton import BODY
+from bodysense.data.clip import Clip
+from bodysense.errors import BodysenseError
+from bodysense.lab.hmd_vae.estimator import BodyVaeModel, load_body_vae
+from bodysense.lab.hmd_vae.export import InWorld, write_vae_onnx
+from bodysense.lab.hmd_vae.frames import BodyFrames, read_body_frames
+from bodysense.lab.hmd_vae.network import BodyVae, BodyVaeConfig, read_vae
+from bodysense.lab.hmd_vae.windows import make_batch
+
+Window = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def frames(waving_clip: Clip) -> BodyFrames:
+    return read_body_frames([waving_clip])
+
+
+def window(model: BodyVaeModel, frames: BodyFrames, last: int) -> Window:
+    """What the network reads, and the rest offsets."""
+    joints = [BODY.index(name) for name in model.card["reads"]]
+    part = slice(last + 1 - model.frames, last + 1)
+    return frames.position[part][:, joints], frames.rotation[part][:, joints], frames.rest_offset[0]
+
+
+@pytest.mark.parametrize("trust", [0.0, 0.4, 1.0])
+def test_the_file_is_the_network(small_vae: Path, frames: BodyFrames, trust: float) -> None:
+    agree(load_body_vae(small_vae), read_vae(small_vae.with_suffix(".pt"))[0], frames, trust)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("which", [0, 1])
+def test_the_other_models_files_are_theirs(tmp_path: Path, frames: BodyFrames, which: int) -> None:
+    torch.manual_seed(3)
+    network = BodyVae(BodyVaeConfig(model=which, latent=4, width=16)).eval()
+    write_vae_onnx(network, tmp_path / "net.onnx", {"expected_error": [0.05] * 22})
+    agree(load_body_vae(tmp_path / "net.onnx"), network, frames, 1.0)
+
+
+def agree(model: BodyVaeModel, network: BodyVae, frames: BodyFrames, trust: float) -> None:
+    """The same body of the same window and noise."""
+    position, rotation, offset = window(model, frames, 40)
+    noise = np.random.default_rng(0).standard_normal(model.latent)
+    root, local = model.body(position, rotation, trust, noise, offset)
+    given = (position, rotation, np.array([trust]), noise, offset)
+    with torch.no_grad():
+        wanted = InWorld(network)(*(torch.tensor(value[None], dtype=torch.float32) for value in given))
+    np.testing.assert_allclose(root, wanted[0][0].numpy(), atol=1e-4)
+    assert geodesic_angle(local, wanted[1][0].double().numpy()).max() < 1e-3
+
+
+def test_the_mean_is_what_training_measures(small_vae: Path, frames: BodyFrames) -> None:
+    model = load_body_vae(small_vae)
+    network, _ = read_vae(small_vae.with_suffix(".pt"))
+    windows = frames.windows(model.frames)
+    batch = make_batch(network.config, frames, windows, np.array([5]))
+    with torch.no_grad():
+        body = network.decode(network.posterior(batch.seen, batch.rest_offset)[0], batch.rest_offset)
+    last = int(windows.frames([5])[0, -1])
+    _, local = model.body(*window(model, frames, last)[:2], 1.0, np.zeros(model.latent), frames.rest_offset[0])
+    assert geodesic_angle(local[1:], body.local[0, 1:].double().numpy()).max() < 1e-3
+
+
+def test_the_head_is_where_it_was_measured(small_vae: Path, frames: BodyFrames) -> None:
+    network, _ = read_vae(small_vae.with_suffix(".pt"))
+    position, rotation, offset = window(load_body_vae(small_vae), frames, 50)
+    given = (position, rotation, np.ones(1), np.ones(network.config.latent), offset)
+    with torch.no_grad():
+        root, _, placed = InWorld(network)(*(torch.tensor(value[None], dtype=torch.float32) for value in given))
+    np.testing.assert_allclose(placed[0, BODY.index("head")].numpy(), position[-1, 0], atol=1e-5)
+    np.testing.assert_allclose(placed[0, 0].numpy(), root[0].numpy(), atol=1e-6)
+
+
+def test_the_world_may_turn(small_vae: Path, frames: BodyFrames) -> None:
+    model = load_body_vae(small_vae)
+    position, rotation, offset = (value.astype(float) for value in window(model, frames, 60))
+    turn, shift = quaternion_exp(np.array([0.0, 2.0, 0.0])), np.array([3.0, 0.0, -1.0])
+    noise = np.zeros(model.latent)
+    root, local = model.body(position, rotation, 1.0, noise, offset)
+    moved = quaternion_rotate(np.broadcast_to(turn, rotation.shape), position) + shift
+    turned = quaternion_multiply(np.broadcast_to(turn, rotation.shape), rotation)
+    other_root, other_local = model.body(moved, turned, 1.0, noise, offset)
+    np.testing.assert_allclose(other_root, quaternion_rotate(turn, root) + shift, atol=1e-4)
+    assert geodesic_angle(other_local[0], quaternion_multiply(turn, local[0])) < 1e-3
+    assert geodesic_angle(other_local[1:], local[1:]).max() < 1e-3
+
+
+def test_the_card(small_vae: Path) -> None:
+    fields = {row.key for row in onnx.load(str(small_vae)).metadata_props}
+    assert {"format", "reads", "frames", "latent", "rate", "licence", "training_data", "network"} <= fields
+    assert "identity" not in fields
+
+
+def test_a_pelvis_is_not_tracked_by_a_device(tmp_path: Path) -> None:
+    config = replace(BodyVaeConfig(latent=4, width=16, sequence_width=8), origin="pelvis")
+    with pytest.raises(BodysenseError, match="needs to know where the pelvis is, which no headset does"):
+        write_vae_onnx(BodyVae(config), tmp_path / "net.onnx", {})
+    assert not list(tmp_path.iterdir())

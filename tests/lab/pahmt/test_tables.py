@@ -1,0 +1,117 @@
+"""PAHMT's Table 1: its measures and its rows."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from bodysense.body.arms import ARM_JOINTS
+from bodysense.data.bvh import write_bvh
+from bodysense.data.clip import Clip
+from bodysense.errors import BodysenseError
+from bodysense.lab.chart import LinePanel
+from bodysense.lab.datasets import DataSet
+from bodysense.lab.pahmt.network import FINGERS
+from bodysense.lab.pahmt.tables import arm_report, measures, rows_in, score_arms
+
+EVERY = tuple(range(len(ARM_JOINTS)))
+
+
+def turns(seed: int = 0) -> Rotation:
+    return Rotation.from_rotvec(np.random.default_rng(seed).uniform(-0.9, 0.9, (6 * 38, 3)))
+
+
+def quaternions(rotation: Rotation) -> torch.Tensor:
+    return torch.tensor(rotation.as_quat(canonical=True, scalar_first=True).reshape(6, 38, 4))
+
+
+def test_the_truth_has_no_error() -> None:
+    truth = quaternions(turns())
+    for measure, values in measures(truth, truth, EVERY).items():
+        assert np.abs(values).max() < (1e-5 if "deg" in measure else 1e-9), measure
+
+
+def test_rotation_errors_are_scipys() -> None:
+    said, truth = turns(1), turns(2)
+    arms = [k for k, name in enumerate(ARM_JOINTS) if k not in FINGERS]
+    found = measures(quaternions(said), quaternions(truth), EVERY)
+    angle = np.degrees((truth.inv() * said).magnitude()).reshape(6, 38)
+    np.testing.assert_allclose(found["arms_deg"], angle[:, arms], atol=1e-6)
+    np.testing.assert_allclose(found["fingers_deg"], angle[:, list(FINGERS)], atol=1e-6)
+    component = np.abs(said.as_rotvec() - truth.as_rotvec()).mean(axis=-1).reshape(6, 38)
+    np.testing.assert_allclose(found["arms"], component[:, arms], atol=1e-9)
+
+
+def test_hands_are_measured_from_their_wrist() -> None:
+    """Turning an arm costs overall and nothing of the hands; turning a finger joint costs both."""
+    truth = quaternions(turns())
+    for name, moved in (("left_elbow", False), ("right_wrist", False), ("right_middle1", True)):
+        said = truth.clone()
+        said[:, ARM_JOINTS.index(name)] = torch.tensor([np.cos(0.1), 0.0, np.sin(0.1), 0.0])
+        found = measures(said, truth, EVERY)
+        assert found["overall_m"].max() > 0.005
+        assert (found["hands_m"].max() > 0.005) == moved
+
+
+def test_of_hands_alone_only_hands_are_measured() -> None:
+    truth = quaternions(turns())
+    whole = measures(quaternions(turns(3)), truth, EVERY)
+    alone = measures(quaternions(turns(3))[:, list(FINGERS)], truth, FINGERS)
+    assert set(alone) == {"hands_m", "fingers_deg"}
+    for name, values in alone.items():
+        np.testing.assert_allclose(values, whole[name], atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, waving_clip: Clip) -> Path:
+    path = tmp_path_factory.mktemp("motion")
+    (path / "somebody").mkdir()
+    write_bvh(path / "somebody" / "waving.bvh", replace(waving_clip, pose=waving_clip.pose[:50]))
+    return path
+
+
+def test_rows_are_scored_and_reported(folder: Path, small_arms: Path, tmp_path: Path) -> None:
+    for name in ("ahmt", "pahmt"):
+        shutil.copy(small_arms.with_suffix(".pt"), tmp_path / f"{name}.pt")
+    log = [{"step": step, "validation": {"overall_m": 1 / step, "hands_m": 0.01}} for step in (10, 20)]
+    (tmp_path / "ahmt.jsonl").write_text("".join(json.dumps(line) + "\n" for line in log))
+    rows, data = rows_in(tmp_path, small_arms.with_suffix(".pt")), DataSet("mine", folder, "all")
+    assert [row.name for row in rows] == ["ahmt", "pahmt", "ik", "shipped"]
+    scored, census = score_arms(rows, data, 5, 1, lambda clip: None)
+    assert census.clips == 1
+    report = arm_report((scored, census), data)
+    numbers = report.numbers
+    # The same weights see the same windows.
+    for measure in ("hands_m", "overall_m", "arms"):
+        assert numbers[f"ahmt_{measure}"] == numbers[f"pahmt_{measure}"] > 0
+    assert numbers["ahmt_overall_cm"] == pytest.approx(100 * numbers["ahmt_overall_m"])
+    assert numbers["ik_overall_m"] < 0.02 < numbers["ahmt_overall_m"]
+    *_, overall, hands = report.panels
+    assert isinstance(overall, LinePanel) and isinstance(hands, LinePanel)
+    assert [line.label for line in overall.lines] == ["ahmt"]  # the other has no log
+    np.testing.assert_allclose((overall.lines[0].x, overall.lines[0].y), ([10, 20], [10, 5]))
+    assert len(report.rows) == 4 and {len(row) for row in report.rows} == {len(report.columns)}
+
+
+def test_a_folder_without_networks(tmp_path: Path) -> None:
+    with pytest.raises(
+        BodysenseError, match="none of the table's networks in it; train them with `bodysense train arms-"
+    ):
+        rows_in(tmp_path)
+
+
+def test_motion_without_hands(small_arms: Path, waving_clip: Clip, tmp_path: Path) -> None:
+    still = np.array(waving_clip.pose.rotation)
+    still[:, 22:] = [1.0, 0, 0, 0]
+    (tmp_path / "a").mkdir()
+    write_bvh(tmp_path / "a" / "b.bvh", replace(waving_clip, pose=replace(waving_clip.pose, rotation=still)))
+    shutil.copy(small_arms.with_suffix(".pt"), tmp_path / "ahmt.pt")
+    with pytest.raises(BodysenseError, match="no clip with fingers of 32 frames"):
+        score_arms(rows_in(tmp_path), DataSet("mine", tmp_path, "all"), 5, 1, lambda clip: None)

@@ -1,0 +1,142 @@
+"""Preferences: against SciPy, by hand, and on simulated raters whose preference is known."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bodysense.errors import BodysenseError
+from bodysense.lab.study.analysis import (
+    analyze,
+    preference,
+    simulate_answers,
+    student_two_sided,
+    votes,
+    write_csv,
+)
+from bodysense.lab.study.study import COMPARISONS, Answers, Choice, Condition, StudyKey, draw_key, pairs_for
+
+
+@pytest.fixture(scope="module")
+def key() -> StudyKey:
+    return draw_key([f"scene{k}" for k in range(4)], np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("freedom", [1, 2, 3, 7, 38, 500, 100_000])
+def test_student_against_scipy(freedom: int) -> None:
+    t = np.array([0, 1e-3, 0.1, 0.7, 1, 1.5, 2, 3, 5, 9.74, 17.5, 29.07, 100, 1e8, -2.5])
+    ours = np.array([student_two_sided(value, freedom) for value in t])
+    np.testing.assert_allclose(ours, 2 * stats.t.sf(np.abs(t), freedom), rtol=1e-9, atol=1e-300)
+    assert student_two_sided(math.inf, freedom) == 0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_preference_against_scipy(seed: int) -> None:
+    values = np.random.default_rng(seed).choice([-1.0, 0.0, 1.0], 12, p=[0.2, 0.3, 0.5])
+    ours = preference(values)
+    t, p = stats.ttest_1samp(values, 0)
+    assert (ours.t, ours.p) == pytest.approx((t, p), rel=1e-12)
+    assert (ours.mean, ours.n) == (values.mean(), 12)
+    assert ours.standard_error == pytest.approx(stats.sem(values))
+
+
+def test_the_papers_own_figures() -> None:
+    """t(38) = -9.74, -17.50, -29.07, all p < .001 (UNOC, section 5.1); with mean and std as rounded there."""
+    for mean, deviation, t in ((0.46, 0.30, 9.74), (0.65, 0.23, 17.5), (0.76, 0.16, 29.07)):
+        values = np.random.default_rng(0).normal(size=39)
+        values = mean + deviation * (values - values.mean()) / values.std(ddof=1)
+        ours = preference(values)
+        low, high = (mean - 0.005) / (deviation + 0.005), (mean + 0.005) / (deviation - 0.005)
+        assert low < t / math.sqrt(39) < high and low < ours.t / math.sqrt(39) < high
+        assert ours.p < 0.001 and ours.stars == "**"
+
+
+def test_votes_without_spread() -> None:
+    agree, nobody, one = preference(np.ones(9)), preference(np.zeros(9)), preference(np.array([-1.0]))
+    assert (agree.mean, agree.standard_error, agree.t, agree.p) == (1, 0, math.inf, 0)
+    assert (nobody.mean, nobody.standard_error, nobody.p) == (0, 0, 1) and math.isnan(nobody.t)
+    assert one.mean == -1 and math.isnan(one.p) and one.stars == ""
+
+
+def test_a_vote_is_for_what_was_shown(key: StudyKey) -> None:
+    """Two raters by hand: one always takes the better condition, the other the right-hand picture."""
+    rank = {"truth": 2, "ours": 1, "baseline": 0}
+
+    def better(left: str, right: str) -> Choice:
+        return "left" if rank[key.condition_of(left)] > rank[key.condition_of(right)] else "right"
+
+    given = [
+        Answers(key.study, "knows", tuple((a, b, better(a, b)) for a, b in pairs_for(key, "knows"))),
+        Answers(key.study, "right", tuple((a, b, "right") for a, b in pairs_for(key, "right"))),
+        Answers(key.study, "none", tuple((a, b, "none") for a, b in pairs_for(key, "none"))),
+    ]
+    cast = votes(key, given)
+    assert cast.shape == (3, 4, 3)
+    assert (cast[0] == 1).all() and (cast[2] == 0).all()
+    assert (np.abs(cast[1]) == 1).all() and (cast[1].sum(axis=0) == 0).all(), "sides are balanced in each comparison"
+    result = analyze(key, given)
+    assert result.raters == 3 and result.preferences[None][0].n == 3
+    assert [one.mean for one in result.preferences[None]] == pytest.approx([1 / 3] * 3)
+    # In all scenes the paper's value is a rater's mean over scenes: 1, 0, 0.
+    _, p = stats.ttest_1samp([1, 0, 0], 0)
+    assert result.preferences[None][1].p == pytest.approx(p)
+
+
+def test_simulated_preference_is_recovered(key: StudyKey) -> None:
+    quality: dict[Condition, float] = {"truth": 0.7, "ours": 0.5}
+    expected = (0.2, 0.5, 0.7)
+    given = simulate_answers(key, 150, quality, np.random.default_rng(0))
+    result = analyze(key, given)
+    for name in (*result.scenes, None):
+        for one, mean in zip(result.preferences[name], expected, strict=True):
+            assert abs(one.mean - mean) < 3.5 * one.standard_error
+    assert all(one.p < 0.01 for one in result.preferences[None])
+    assert simulate_answers(key, 150, quality, np.random.default_rng(0)) == given
+    ties = np.mean([choice == "none" for one in given for *_, choice in one.given])
+    assert ties == pytest.approx(0.2 * np.mean([1 - mean for mean in expected]), abs=0.03)
+
+
+def test_without_preference_one_in_twenty_is_significant(key: StudyKey) -> None:
+    generator, tests, found = np.random.default_rng(1), 0, 0
+    for _ in range(100):
+        result = analyze(key, simulate_answers(key, 16, {}, generator))
+        tests += len(COMPARISONS)
+        found += sum(one.p < 0.05 for one in result.preferences[None])
+    low, high = stats.binom.interval(0.999, tests, 0.05)
+    assert low <= found <= high, f"{found} of {tests}"
+
+
+@pytest.mark.parametrize(
+    ("raters", "quality", "ties", "message"),
+    [
+        (0, {}, 0.2, "0 raters cannot answer"),
+        (3, {"truth": 0.8, "baseline": -0.5}, 0.2, r"quality of truth less that of baseline is 1\.3; mean votes lie"),
+        (3, {"ours": math.nan}, 0.2, "mean votes lie"),
+        (3, {}, 1.5, r"ties 1\.5 is no share"),
+    ],
+)
+def test_raters_that_cannot_be(key: StudyKey, raters: int, quality: dict, ties: float, message: str) -> None:
+    with pytest.raises(BodysenseError, match=message):
+        simulate_answers(key, raters, quality, np.random.default_rng(0), ties)
+
+
+def test_numbers_and_csv(tmp_path: Path, key: StudyKey) -> None:
+    result = analyze(key, simulate_answers(key, 10, {"truth": 1.0}, np.random.default_rng(2)))
+    numbers = result.numbers()
+    assert (numbers["raters"], numbers["scenes"]) == (10, 4)
+    assert numbers["truth_over_baseline_mean"] == 1 and numbers["truth_over_baseline_p"] == 0
+    assert "truth_over_baseline_t" not in numbers, "what is infinite is left out"
+    assert numbers["scene2_ours_over_baseline_p"] == result.preferences["scene2"][1].p
+    json.loads(json.dumps(numbers, allow_nan=False))
+    write_csv(tmp_path / "p.csv", result)
+    with (tmp_path / "p.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 3 * 5
+    assert [row["scene"] for row in rows[-3:]] == ["(all)"] * 3
+    assert float(rows[1]["mean"]) == result.preferences["scene0"][1].mean and rows[1]["n"] == "10"

@@ -1,0 +1,43 @@
+"""Hands cut from recordings: both of every clip with fingers, at the rate asked for, where the body has them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.body.hand import FINGERTIPS, HAND_JOINTS, angles_of, limits, mirrored_vectors
+from bodysense.body.pose import forward_kinematics
+from bodysense.data.clip import Clip
+from bodysense.lab.clips import open_clips
+from bodysense.lab.synthesis.hand_motion import hand_motions, hand_pairs
+
+
+def test_both_hands_stand_where_the_recording_has_them(waving_clip: Clip) -> None:
+    """At a multiple of the rate, every second frame is the recording's."""
+    clip = replace(waving_clip, category="everyday")
+    ((left, right),) = hand_pairs([clip], rate=60.0)
+    assert (left.side, right.side, left.name, right.category) == ("left", "right", "waving", "everyday")
+    skeleton = clip.pose.skeleton
+    position = forward_kinematics(clip.pose)[0]
+    for hand in (left, right):
+        assert hand.frame_rate == 60.0 and len(hand) == 2 * len(clip) - 1
+        assert hand.seconds == pytest.approx(len(hand) / 60)
+        points = skeleton.indices([f"{hand.side}_{name}" for name in (*HAND_JOINTS, *FINGERTIPS)])
+        found = mirrored_vectors(forward_kinematics(hand.pose)[0], hand.side)
+        np.testing.assert_allclose(found[::2], position[:, points], atol=1e-9)
+
+
+def test_clips_without_fingers_are_left_out(waving_clip: Clip) -> None:
+    clips = [waving_clip, replace(waving_clip, has_fingers=False), waving_clip]
+    assert [motion.side for motion in hand_motions(clips, 30.0)] == ["left", "right"] * 2
+
+
+def test_recorded_hands_keep_to_the_26_degrees_of_freedom(motion_data: Path) -> None:
+    """Of real hands the 26 angles leave little out, and nearly all lie within the limits."""
+    clips = open_clips(motion_data / "rocketbox", "test", at_most=3)
+    angles = np.concatenate([angles_of(motion.pose.rotation[:, 1:]) for motion in hand_motions(clips)])
+    low, high = limits()
+    assert ((angles >= low) & (angles <= high)).mean() > 0.99

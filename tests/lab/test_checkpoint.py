@@ -1,0 +1,27 @@
+"""Checkpoints: a second stage begins where a first one did best."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from bodysense.errors import BodysenseError
+from bodysense.lab.checkpoint import best_weights
+
+
+def test_a_second_stage_begins_with_the_best_weights_of_the_first(tmp_path: Path) -> None:
+    first, other = torch.nn.Linear(3, 2), torch.nn.Linear(4, 2)
+    weights = {name: value.clone() for name, value in first.state_dict().items()}
+    torch.save({"best": {"weights": weights}}, tmp_path / "one.ckpt")
+    second = torch.nn.Linear(3, 2)
+    second.load_state_dict(best_weights(tmp_path / "one.ckpt", second))
+    assert all(torch.equal(weights[name], value) for name, value in second.state_dict().items())
+    with pytest.raises(BodysenseError, match="of a network of another size"):
+        best_weights(tmp_path / "one.ckpt", other)
+    with pytest.raises(BodysenseError, match="no such checkpoint"):
+        best_weights(tmp_path / "none.ckpt", other)
+    (tmp_path / "text.ckpt").write_text("text")
+    with pytest.raises(BodysenseError, match="not a readable checkpoint"):
+        best_weights(tmp_path / "text.ckpt", other)

@@ -1,0 +1,61 @@
+"""Model cards: every kind of network file says what it is, how it did, and which figures it wants."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+import onnx
+import pytest
+
+from bodysense.errors import BodysenseError
+from bodysense.lab.model_card import KINDS, describe, fields_read, kind_of
+
+WEIGHTS = Path(str(files("bodysense.weights")))
+SHIPPED = sorted(WEIGHTS.glob("*.onnx"))
+
+
+class Every(dict[str, float]):
+    """Every figure that is asked for, each another."""
+
+    def __missing__(self, name: str) -> float:
+        self[name] = 1 + len(self) / 4
+        return self[name]
+
+
+def copied(path: Path, folder: Path) -> Path:
+    copy = folder / path.name
+    copy.write_bytes(path.read_bytes())
+    return copy
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_a_card_keeps_what_it_shows(path: Path, tmp_path: Path) -> None:
+    network = copied(path, tmp_path)
+    fields = {row.key: row.value for row in onnx.load(str(network)).metadata_props}
+    kind, figures = kind_of(network, fields), Every()
+    rows = kind.rows(figures, fields_read(fields))
+    text = describe(network, {**figures, "another": 7.0}).read_text(encoding="utf-8")
+    assert rows and all(f"| {' | '.join(row)} |" in text for row in rows)
+    assert kind.measured_by in text and "another" not in text
+    again = describe(network, figures).read_text(encoding="utf-8")
+    assert again == text
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_figures_of_another_command_are_refused(path: Path, tmp_path: Path) -> None:
+    network = copied(path, tmp_path)
+    with pytest.raises(
+        BodysenseError, match=r"the figures have no '.*'; write them with `bodysense evaluate .* --json"
+    ):
+        describe(network, {"seconds": 1.0})
+    assert network.read_bytes() == path.read_bytes() and not network.with_suffix(".md").exists()
+
+
+def test_files_without_a_card_are_named(tmp_path: Path) -> None:
+    (tmp_path / "text.onnx").write_text("nothing of the kind")
+    with pytest.raises(BodysenseError, match=r"text\.onnx: not a readable ONNX model"):
+        describe(tmp_path / "text.onnx", {})
+    with pytest.raises(BodysenseError, match="no card for a network of format 'none'; there are cards for "):
+        kind_of(tmp_path / "text.onnx", {})
+    assert {kind.measured_by for kind in KINDS.values()} >= {"bodysense evaluate headset"}

@@ -1,0 +1,47 @@
+"""Reports: what a CSV holds, and what is said of an ordering."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import pytest
+
+from bodysense.errors import BodysenseError
+from bodysense.lab.table import Named, Report, cell, finite, ordering, write_csv
+
+
+def test_a_csv_holds_what_the_report_does(tmp_path: Path) -> None:
+    report = Report("t", "T", ("a", "b", "c"), (("x, y", 1 / 3, None), ("z", 12, "w")), {})
+    write_csv(tmp_path / "t.csv", report)
+    with (tmp_path / "t.csv").open(newline="", encoding="utf-8") as file:
+        head, *rows = csv.reader(file)
+    assert head == ["a", "b", "c"]
+    assert rows[0][0] == "x, y" and float(rows[0][1]) == 1 / 3 and rows[0][2] == ""
+    assert rows[1] == ["z", "12", "w"]
+    assert [path.name for path in tmp_path.iterdir()] == ["t.csv"], "nothing is left beside"
+    with pytest.raises(BodysenseError, match="does not exist"):
+        write_csv(tmp_path / "none" / "t.csv", report)
+
+
+@pytest.mark.parametrize(
+    ("lower", "higher", "verdict"),
+    [
+        (1.0, (2.0, 3.0), "holds (A 1.00, B 2.00, C 3.00 cm)"),
+        (2.5, (2.0, 3.0), "does not hold against B (A 2.50, B 2.00, C 3.00 cm)"),
+        (3.0, (3.0, 3.5), "does not hold against B"),
+        (9.0, (2.0, 3.0), "does not hold against B, C"),
+    ],
+)
+def test_orderings(lower: float, higher: tuple[float, float], verdict: str) -> None:
+    said = ordering("A is best", Named("A", lower), [Named("B", higher[0]), Named("C", higher[1])], "cm")
+    assert said is not None and said.startswith("A is best: ") and verdict in said
+
+
+def test_nothing_is_said_where_a_figure_is_missing() -> None:
+    assert ordering("x", Named("A", math.nan), [Named("B", 1.0)], "cm") is None
+    assert ordering("x", Named("A", 1.0), [Named("B", math.nan)], "cm") is None
+    assert ordering("x", Named("A", 1.0), [], "cm") is None
+    assert finite({"a": 1.0, "b": math.nan, "c": math.inf}) == {"a": 1.0}
+    assert (cell(2.0), cell(math.nan)) == (2.0, None)

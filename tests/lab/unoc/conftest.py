@@ -1,0 +1,35 @@
+"""A network and motion small enough to train on in a test."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from bodysense.body.skeleton import default_skeleton
+from bodysense.data.clip import Clip
+from bodysense.lab.unoc.episodes import Episode, Variation, make_episode
+from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig
+
+# Without layers of the fingers' own and their dropout, so that few steps tell.
+SMALL = BodyNetworkConfig(hidden=16, branch=(16,), finger_branch=None, judge_branch=(16,))
+
+
+@pytest.fixture
+def network() -> BodyNetwork:
+    torch.manual_seed(3)
+    return BodyNetwork(SMALL, default_skeleton())
+
+
+@pytest.fixture(scope="session")
+def few_episodes(waving_clip: Clip) -> list[Episode]:
+    """The waving clip as it is, mirrored, and without fingers."""
+    rng, network = np.random.default_rng(0), BodyNetwork(SMALL, default_skeleton())
+    bare = replace(waving_clip, name="bare", has_fingers=False)
+    return [
+        make_episode(waving_clip, network, Variation(), rng),
+        make_episode(waving_clip, network, Variation(mirrored=True), rng),
+        make_episode(bare, network, Variation(limb_spread=0.05, hand_dropouts_per_minute=20), rng),
+    ]

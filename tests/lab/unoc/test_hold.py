@@ -1,0 +1,164 @@
+"""The baselines on examples made by hand: where a hidden point is said to be, and why."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bodysense.body.pose import forward_kinematics, standing_pose
+from bodysense.body.rotation import quaternion_exp
+from bodysense.body.skeleton import default_skeleton
+from bodysense.data.clip import Clip
+from bodysense.errors import BodysenseError
+from bodysense.lab.unoc.hold import Hold
+from bodysense.observation import Observation
+from bodysense.occlusion.headset_camera import observe
+
+SKELETON = default_skeleton()
+FORWARD = [1.0, 0.0, 0.0, 0.0]
+LEFT = quaternion_exp(np.array([0.0, np.pi / 2, 0.0])).tolist()  # a quarter turn about +Y: what was +Z is now +X
+HEAD, ELBOW, WRIST, TIP = (SKELETON.index(name) for name in ("head", "left_elbow", "left_wrist", "left_index_tip"))
+
+
+def positions(hold: Hold, observation: Observation) -> np.ndarray:
+    return hold.step(observation, hold.start())[0].position
+
+
+def test_kept_in_the_world_a_hidden_point_stays_in_its_place(make_observation) -> None:
+    seen = make_observation(
+        [{"head": [0, 1.6, 0], "left_elbow": [0.2, 1.1, 0.3]}, {"head": [1, 1.6, 2]}], [0, 0.1], [FORWARD, LEFT]
+    )
+    np.testing.assert_allclose(positions(Hold(SKELETON, "world"), seen)[:, ELBOW], [[0.2, 1.1, 0.3]] * 2)
+
+
+def test_kept_by_the_head_a_hidden_point_goes_and_turns_with_it(make_observation) -> None:
+    """30 cm in front of a head that steps aside and turns a quarter to its left: 30 cm along +X."""
+    seen = make_observation(
+        [{"head": [0, 1.6, 0], "left_elbow": [0.0, 1.1, 0.3]}, {"head": [1, 1.7, 2]}], [0, 0.1], [FORWARD, LEFT]
+    )
+    np.testing.assert_allclose(positions(Hold(SKELETON, "heading"), seen)[1, ELBOW], [1.3, 1.2, 2.0], atol=1e-12)
+
+
+def test_kept_by_the_head_alone_a_hidden_point_goes_with_it_and_does_not_turn(make_observation) -> None:
+    seen = make_observation(
+        [{"head": [0, 1.6, 0], "left_elbow": [0.0, 1.1, 0.3]}, {"head": [1, 1.7, 2]}], [0, 0.1], [FORWARD, LEFT]
+    )
+    np.testing.assert_allclose(positions(Hold(SKELETON, "head"), seen)[1, ELBOW], [1.0, 1.2, 2.3], atol=1e-12)
+
+
+def test_kept_by_the_head_while_it_looked_aside(make_observation) -> None:
+    """Seen 30 cm ahead of a head that looked to its left, and 10 cm to the side: still so once it looks forward."""
+    seen = make_observation(
+        [{"head": [0, 1.6, 0], "left_elbow": [0.3, 1.1, -0.1]}, {"head": [0, 1.6, 0]}], [0, 0.1], [LEFT, FORWARD]
+    )
+    np.testing.assert_allclose(positions(Hold(SKELETON, "heading"), seen)[1, ELBOW], [0.1, 1.1, 0.3], atol=1e-12)
+
+
+def test_nodding_does_not_move_what_is_kept_by_the_head(make_observation) -> None:
+    nod = quaternion_exp(np.array([0.6, 0.0, 0.0])).tolist()
+    seen = make_observation(
+        [{"head": [0, 1.6, 0], "left_elbow": [0.2, 1.1, 0.3]}, {"head": [0, 1.6, 0]}], [0, 0.1], [FORWARD, nod]
+    )
+    np.testing.assert_allclose(positions(Hold(SKELETON, "heading"), seen)[1, ELBOW], [0.2, 1.1, 0.3], atol=1e-12)
+
+
+@pytest.mark.parametrize("frame", ["world", "head", "heading"])
+def test_constant_velocity_goes_on_for_half_a_second(make_observation, frame) -> None:
+    head = {"head": [0, 1.6, 0]}
+    seen = make_observation(
+        [head | {"left_elbow": [0.2, 1.1, 0.3]}, head | {"left_elbow": [0.2, 1.1, 0.32]}, head, head, head],
+        [0, 0.1, 0.2, 0.6, 5.0],
+        [FORWARD] * 5,
+    )
+    depth = positions(Hold(SKELETON, frame, "constant velocity"), seen)[:, ELBOW, 2]
+    np.testing.assert_allclose(depth, [0.3, 0.32, 0.34, 0.42, 0.42], atol=1e-12)
+    assert positions(Hold(SKELETON, frame), seen)[-1, ELBOW, 2] == pytest.approx(0.32)
+
+
+def test_a_velocity_is_not_taken_across_a_long_gap(make_observation) -> None:
+    head = {"head": [0, 1.6, 0]}
+    seen = make_observation(
+        [head | {"left_elbow": [0.2, 1.1, 0.3]}, head | {"left_elbow": [0.2, 1.1, 0.4]}, head], [0, 2.0, 2.1]
+    )
+    assert positions(Hold(SKELETON, "world", "constant velocity"), seen)[-1, ELBOW, 2] == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize(
+    ("frame", "expected"), [("world", [0.5, 1.0, 0.3]), ("head", [0.5, 1.0, 0.3]), ("heading", [0.7, 1.0, 0.1])]
+)
+def test_hidden_fingers_hang_on_the_wrist(make_observation, frame, expected: list[float]) -> None:
+    """The fingertip was 20 cm in front of the wrist. The wrist moves on and the head turns to the left."""
+    head = {"head": [0, 1.6, 0]}
+    seen = make_observation(
+        [
+            head | {"left_wrist": [0.2, 1.0, 0.3], "left_index_tip": [0.2, 1.0, 0.5]},
+            head | {"left_wrist": [0.5, 1.0, 0.1]},
+        ],
+        [0, 0.1],
+        [FORWARD, LEFT],
+    )
+    hold = positions(Hold(SKELETON, frame), seen)
+    np.testing.assert_allclose(hold[1, TIP], expected, atol=1e-12)
+    np.testing.assert_allclose(hold[1, WRIST], [0.5, 1.0, 0.1])
+
+
+@pytest.mark.parametrize("frame", ["world", "head", "heading"])
+def test_a_finger_seen_without_its_wrist_is_shown_but_not_remembered(make_observation, frame) -> None:
+    head = {"head": [0, 1.6, 0]}
+    seen = make_observation([head | {"left_index_tip": [0.2, 1.0, 0.5]}, head], [0, 0.1], [FORWARD] * 2)
+    hold = positions(Hold(SKELETON, frame), seen)
+    np.testing.assert_allclose(hold[0, TIP], [0.2, 1.0, 0.5])
+    never = positions(Hold(SKELETON, frame), make_observation([head], [0], [FORWARD]))
+    np.testing.assert_allclose(hold[1], never[0])
+
+
+@pytest.mark.parametrize("frame", ["world", "head", "heading"])
+def test_what_was_never_seen_stands_under_the_head(make_observation, frame) -> None:
+    standing, _ = forward_kinematics(standing_pose(SKELETON))
+    seen = make_observation([{"head": [1, 1.2, 3]}, {"head": [1, 1.2, 3]}], [0, 0.1], [FORWARD, LEFT])
+    hold = positions(Hold(SKELETON, frame), seen)
+    offset = standing - standing[HEAD]
+    np.testing.assert_allclose(hold[0], np.array([1, 1.2, 3]) + offset, atol=1e-12)
+    turned = np.stack([offset[:, 2], offset[:, 1], -offset[:, 0]], axis=-1)
+    np.testing.assert_allclose(hold[1], np.array([1, 1.2, 3]) + turned, atol=1e-12)
+
+
+def test_without_a_head_the_body_stands_at_the_origin(make_observation) -> None:
+    standing, _ = forward_kinematics(standing_pose(SKELETON))
+    hold = positions(Hold(SKELETON), make_observation([{"left_elbow": [9, 9, 9]}], [0]))
+    others = np.arange(len(standing)) != ELBOW
+    np.testing.assert_allclose(hold[0, others], standing[others], atol=1e-12)
+
+
+@pytest.mark.parametrize("frame", ["world", "head", "heading"])
+@pytest.mark.parametrize("motion", ["still", "constant velocity"])
+def test_measured_points_pass_and_frames_are_calls(waving_clip: Clip, frame, motion) -> None:
+    observation = observe(waving_clip.pose, waving_clip.time)
+    hold = Hold(SKELETON, frame, motion)
+    whole, end = hold.step(observation, hold.start())
+    state, rows = hold.start(), []
+    for t in range(len(observation)):
+        estimate, state = hold.step(observation[t : t + 1], state)
+        rows.append(estimate)
+    for field in ("position", "occluded", "confidence"):
+        np.testing.assert_array_equal(getattr(whole, field), np.concatenate([getattr(row, field) for row in rows]))
+    for name, value in vars(end).items():
+        np.testing.assert_array_equal(value, vars(state)[name])
+    seen = observation.has_position
+    np.testing.assert_array_equal(whole.position[seen], observation.position[seen])
+    assert np.isfinite(whole.position).all()
+    assert not whole.occluded[seen].any() and whole.occluded[~seen].all()
+
+
+def test_the_truth_hidden_afterwards_does_not_matter(waving_clip: Clip) -> None:
+    """Nothing is taken from the future."""
+    observation = observe(waving_clip.pose, waving_clip.time)
+    np.testing.assert_array_equal(
+        positions(Hold(SKELETON), observation)[:30], positions(Hold(SKELETON), observation[:30])
+    )
+
+
+def test_an_unknown_point_is_refused(make_observation) -> None:
+    seen = make_observation([{"head": [0, 1.6, 0], "left_ellbow": [0, 1, 0]}], [0])
+    with pytest.raises(BodysenseError, match=r"unknown joint 'left_ellbow'; this skeleton has left_elbow"):
+        positions(Hold(SKELETON), seen)

@@ -1,0 +1,300 @@
+"""The tracker: rigid bones, smoothing that knows the time, and the same whether frames come one by one or together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bodysense.body.ik import IkSettings
+from bodysense.body.pose import Pose, forward_kinematics, rest_pose, standing_pose
+from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.data.clip import Clip
+from bodysense.errors import BodysenseError
+from bodysense.estimators.estimate import PointEstimate
+from bodysense.lab.unoc.hold import Hold
+from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings, IkTrackerState, smooth
+from bodysense.lab.unoc.learned import Learned, load_model
+from bodysense.observation import Observation, accuracy_like, observed_points
+from bodysense.occlusion.headset_camera import observe
+
+SKELETON = default_skeleton()
+HEAD = SKELETON.index("head")
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """An estimator that says what it is shown, everywhere."""
+
+    skeleton: Skeleton = SKELETON
+
+    def start(self) -> None:
+        return None
+
+    def step(self, observation: Observation, state: None) -> tuple[PointEstimate, None]:
+        position, _, seen, _ = observed_points(observation, self.skeleton)
+        return PointEstimate(self.skeleton, position, np.zeros(seen.shape), np.full(seen.shape, 0.001)), None
+
+
+def shown(pose: Pose, time: np.ndarray) -> Observation:
+    """Every point of poses (T, …), and the head's orientation."""
+    position, rotation = forward_kinematics(pose)
+    turned = np.full((*position.shape[:-1], 4), np.nan)
+    turned[:, HEAD] = rotation[:, HEAD]
+    everything = np.ones(position.shape[:-1], dtype=bool)
+    has_rotation = np.isfinite(turned[..., 0])
+    return Observation(
+        SKELETON.points, position, turned, everything, has_rotation, accuracy_like(everything, 0.001), time
+    )
+
+
+def still(pose: Pose, frames: int) -> Pose:
+    return Pose(SKELETON, np.tile(pose.root_position, (frames, 1)), np.tile(pose.rotation, (frames, 1, 1)))
+
+
+def bent(angle: float) -> Pose:
+    """Standing a little aside, the left elbow bent."""
+    pose = standing_pose(SKELETON)
+    elbow = SKELETON.index("left_elbow")
+    turn = quaternion_exp(np.array([0.0, -angle, 0.0]))
+    pose.rotation[elbow] = quaternion_multiply(pose.rotation[elbow], turn)
+    return replace(pose, root_position=pose.root_position + np.array([0.1 * angle, 0.0, 0.0]))
+
+
+def resting(pose: Pose) -> IkTrackerState:
+    """The state of a tracker whose body stands still."""
+    return IkTrackerState(
+        estimator=None,
+        time=0.0,
+        root_position=pose.root_position,
+        rotation=pose.rotation,
+        root_velocity=np.zeros(3),
+        spin=np.zeros((len(SKELETON.joints), 3)),
+    )
+
+
+def smoothed(state: IkTrackerState, target: Pose, intervals: list[float], half_life: float) -> IkTrackerState:
+    def one(before: IkTrackerState, interval: float) -> IkTrackerState:
+        root, velocity, rotation, spin = smooth(target, before, interval, half_life)
+        return replace(before, root_position=root, root_velocity=velocity, rotation=rotation, spin=spin)
+
+    return reduce(one, intervals, state)
+
+
+@pytest.mark.parametrize("half_life", [0.02, 0.1, 0.5])
+@pytest.mark.parametrize("rate", [30, 72, 90, 120, None])
+def test_half_of_a_jump_is_closed_after_the_half_life(half_life: float, rate: int | None) -> None:
+    """Whatever the frame rate: whole frames and the rest of the time, or irregular ones."""
+    start, target = bent(0.0), bent(1.0)
+    if rate is None:
+        shares = np.random.default_rng(0).dirichlet(np.ones(7))
+        intervals = (shares * half_life).tolist()
+    else:
+        frames = int(half_life * rate)
+        intervals = [1 / rate] * frames + [half_life - frames / rate]
+    after = smoothed(resting(start), target, intervals, half_life)
+    assert after.root_position is not None and after.rotation is not None
+    half = (start.root_position + target.root_position) / 2
+    np.testing.assert_allclose(after.root_position, half, atol=1e-12)
+    elbow = SKELETON.index("left_elbow")
+    assert geodesic_angle(after.rotation, start.rotation)[elbow] == pytest.approx(0.5, abs=1e-9)
+    assert geodesic_angle(after.rotation, target.rotation)[elbow] == pytest.approx(0.5, abs=1e-9)
+    others = np.arange(len(SKELETON.joints)) != elbow
+    np.testing.assert_allclose(after.rotation[others], target.rotation[others], atol=1e-12)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.lists(st.floats(1e-4, 0.2), min_size=1, max_size=8),
+    st.floats(0.005, 0.5),
+    st.tuples(st.floats(-2, 2), st.floats(-2, 2), st.floats(-2, 2)),
+)
+def test_the_same_time_gives_the_same_however_it_is_split(
+    intervals: list[float], half_life: float, velocity: tuple[float, float, float]
+) -> None:
+    """Also where the body already moves."""
+    start = replace(resting(bent(0.2)), root_velocity=np.array(velocity))
+    many, one = (smoothed(start, bent(1.0), steps, half_life) for steps in (intervals, [sum(intervals)]))
+    for field in ("root_position", "root_velocity", "rotation", "spin"):
+        np.testing.assert_allclose(getattr(many, field), getattr(one, field), atol=1e-9)
+
+
+def test_smoothing_never_overshoots_and_arrives() -> None:
+    state, target = resting(bent(0.0)), bent(1.0)
+    left = []
+    for _ in range(60):
+        state = smoothed(state, target, [1 / 60], 0.05)
+        assert state.root_position is not None
+        left.append(target.root_position[0] - state.root_position[0])
+    assert (np.diff(left) < 0).all() and min(left) >= 0 and left[-1] < 1e-6
+
+
+def test_the_tracker_smooths_a_jump_by_its_half_life() -> None:
+    """Frames at 100 Hz: two after a jump, with a half-life of 20 ms, half of it is left."""
+    settings = IkTrackerSettings(half_life=0.02, ik=IkSettings(tolerance=1e-7))
+    tracker = IkTracker(Repeat(), settings)
+    before, after = bent(0.0), bent(0.6)
+    start, _, state = tracker.step(shown(still(before, 30), np.arange(30) / 100), tracker.start())
+    poses, _, _ = tracker.step(shown(still(after, 60), 0.3 + np.arange(60) / 100), state)
+    begin, middle, end = start.root_position[-1], poses.root_position[1], poses.root_position[-1]
+    np.testing.assert_allclose(middle, (begin + end) / 2, atol=1e-4)
+    np.testing.assert_allclose(end, after.root_position, atol=1e-3)
+
+
+def test_a_half_life_of_zero_is_the_pose_of_ik(waving_clip: Clip) -> None:
+    observation, hold = observe(waving_clip.pose, waving_clip.time)[:20], Hold(SKELETON)
+    tracker = IkTracker(hold, IkTrackerSettings(half_life=0.0))
+    state = tracker.start()
+    for t in range(len(observation)):
+        pose, _, state = tracker.step(observation[t : t + 1], state)
+        assert state.ik is not None
+        np.testing.assert_array_equal(pose.rotation[0], state.ik.body.local_rotation)
+        np.testing.assert_array_equal(pose.root_position[0], state.ik.body.root_position)
+
+
+def test_whole_motion_comes_back_when_all_is_seen(waving_clip: Clip) -> None:
+    observation = shown(waving_clip.pose, waving_clip.time)
+    poses, _, _ = IkTracker(Repeat(), IkTrackerSettings(half_life=0.0)).step(observation, IkTrackerState(None))
+    error = np.linalg.norm(forward_kinematics(poses)[0] - observation.position, axis=-1)
+    assert error.max() < 2e-3
+
+
+@pytest.fixture(scope="module", params=["hold", "network"])
+def tracker(request: pytest.FixtureRequest, small_network: Path) -> IkTracker:
+    estimator = Hold(SKELETON) if request.param == "hold" else Learned(load_model(small_network), SKELETON)
+    return IkTracker(estimator)
+
+
+def test_frames_are_calls(tracker: IkTracker, waving_clip: Clip) -> None:
+    observation = observe(waving_clip.pose, waving_clip.time)[:25]
+    whole, estimate, _ = tracker.step(observation, tracker.start())
+    state = tracker.start()
+    for t in range(len(observation)):
+        pose, one, state = tracker.step(observation[t : t + 1], state)
+        np.testing.assert_array_equal(pose.rotation[0], whole.rotation[t])
+        np.testing.assert_array_equal(pose.root_position[0], whole.root_position[t])
+        np.testing.assert_array_equal(one.position[0], estimate.position[t])
+
+
+def test_bones_are_rigid_and_rotations_unit(tracker: IkTracker, waving_clip: Clip) -> None:
+    poses, _, _ = tracker.step(observe(waving_clip.pose, waving_clip.time)[:40], tracker.start())
+    position, _ = forward_kinematics(poses)
+    length = np.linalg.norm(position[:, 1:] - position[:, np.array(SKELETON.parents[1:])], axis=-1)
+    np.testing.assert_allclose(length, np.tile(SKELETON.bone_length[1:], (40, 1)), atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(poses.rotation, axis=-1), 1.0, atol=1e-9)
+    assert (poses.rotation[..., 0] >= 0).all()
+
+
+def test_the_state_is_an_argument(tracker: IkTracker, waving_clip: Clip) -> None:
+    """A state can be used twice: the step leaves no trace in it."""
+    observation = observe(waving_clip.pose, waving_clip.time)
+    _, _, state = tracker.step(observation[:5], tracker.start())
+    first, _, _ = tracker.step(observation[5:10], state)
+    tracker.step(observation[40:60], state)
+    second, _, _ = tracker.step(observation[5:10], state)
+    np.testing.assert_array_equal(first.rotation, second.rotation)
+
+
+def test_the_head_is_turned_as_measured(tracker: IkTracker, waving_clip: Clip) -> None:
+    observation = observe(waving_clip.pose, waving_clip.time)
+    poses, _, _ = replace(tracker, settings=IkTrackerSettings(half_life=0.0)).step(observation, tracker.start())
+    turned = forward_kinematics(poses)[1][:, HEAD]
+    angle = np.degrees(geodesic_angle(turned, observation.rotation[:, HEAD]))
+    assert angle.max() < 8, angle.max()  # the points of a network that was never trained pull elsewhere
+
+
+def test_a_head_without_rotation_is_tracked_too(waving_clip: Clip) -> None:
+    observation = shown(waving_clip.pose, waving_clip.time)[:3]
+    blind = replace(observation, has_rotation=np.zeros_like(observation.has_rotation))
+    poses, _, _ = IkTracker(Repeat()).step(blind, IkTrackerState(None))
+    assert np.isfinite(poses.rotation).all()
+
+
+@pytest.mark.parametrize(("first", "second"), [(1.0, 1.0), (1.0, 0.5), (1.0, np.nan)])
+def test_time_that_does_not_increase_is_refused(first: float, second: float) -> None:
+    tracker = IkTracker(Repeat())
+    pose = still(standing_pose(SKELETON), 1)
+    _, _, state = tracker.step(shown(pose, np.array([first])), tracker.start())
+    with pytest.raises(BodysenseError, match=rf"frame at {second:g} s came after one at {first:g} s; give frames in"):
+        tracker.step(shown(pose, np.array([second])), state)
+    with pytest.raises(BodysenseError, match="tracker: a frame at nan s; give frames in order of time, in seconds"):
+        tracker.step(shown(pose, np.array([np.nan])), tracker.start())
+
+
+def test_a_long_gap_starts_afresh() -> None:
+    """After more than a second without frames nothing of the old motion is left; after less, it is."""
+    tracker = IkTracker(Repeat())
+    before, after = still(bent(0.0), 2), still(bent(0.9), 1)
+    _, _, state = tracker.step(shown(before, np.array([0.0, 0.03])), tracker.start())
+    fresh, _, _ = tracker.step(shown(after, np.array([0.0])), tracker.start())
+    late, _, afterwards = tracker.step(shown(after, np.array([2.0])), state)
+    soon, _, _ = tracker.step(shown(after, np.array([0.06])), state)
+    np.testing.assert_array_equal(late.rotation, fresh.rotation)
+    np.testing.assert_array_equal(late.root_position, fresh.root_position)
+    assert afterwards.root_velocity is not None and not afterwards.root_velocity.any()
+    assert np.abs(soon.root_position - fresh.root_position).max() > 0.005
+
+
+@pytest.mark.parametrize(
+    ("setting", "value", "text"),
+    [
+        ("half_life", -0.1, r"half_life is -0\.1; it must be 0 or more"),
+        ("half_life", np.nan, r"half_life is nan; it must be 0 or more"),
+        ("doubt", 0.0, r"doubt is 0; it must be positive"),
+        ("measured_weight", 0.0, r"measured_weight is 0; it must be positive"),
+        ("head_weight", -1.0, r"head_weight is -1; it must be 0 or more"),
+        ("pose_weight", np.nan, r"pose_weight is nan; it must be 0 or more"),
+        ("longest_gap", 0.0, r"longest_gap is 0; it must be positive"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(setting: str, value: float, text: str) -> None:
+    with pytest.raises(BodysenseError, match=f"tracker settings: {text}"):
+        replace(IkTrackerSettings(), **{setting: value})
+
+
+@dataclass(frozen=True, eq=False)
+class Say:
+    """An estimator that always says the same."""
+
+    position: np.ndarray  # (P, 3) m
+    error: np.ndarray  # (P,) m
+    skeleton: Skeleton = SKELETON
+
+    def start(self) -> None:
+        return None
+
+    def step(self, observation: Observation, state: None) -> tuple[PointEstimate, None]:
+        position, _, seen, _ = observed_points(observation, self.skeleton)
+        said = np.where(seen[..., None], position, self.position)
+        return PointEstimate(self.skeleton, said, np.zeros(seen.shape), np.broadcast_to(self.error, seen.shape)), None
+
+
+def test_what_is_surer_pulls_more() -> None:
+    """The elbow is said to be 10 cm further out than the arm is long. Who gives way?"""
+    standing, _ = forward_kinematics(rest_pose(SKELETON))
+    elbow = SKELETON.index("left_elbow")
+    said = standing.copy()
+    said[elbow] += [0.1, 0.0, 0.0]
+
+    def reached(sure: Sequence[str], seen: Sequence[str] = ()) -> float:
+        error = np.full(len(standing), 0.1)
+        error[SKELETON.indices(sure)] = 0.001
+        tracked = np.isin(SKELETON.points, seen)[None]
+        position, rotation = np.where(tracked[..., None], said, np.nan), np.full((1, len(standing), 4), np.nan)
+        accuracy = accuracy_like(tracked, 0.001)
+        observation = Observation(
+            SKELETON.points, position, rotation, tracked, np.zeros_like(tracked), accuracy, np.zeros(1)
+        )
+        poses, _, _ = IkTracker(Say(said, error)).step(observation, IkTrackerState(None))
+        return forward_kinematics(poses)[0][0, elbow, 0] - standing[elbow, 0]
+
+    assert reached(["left_elbow"]) > 0.03
+    assert reached(["left_shoulder", "left_wrist"]) < 0.01
+    assert reached(SKELETON.points, seen=["left_elbow"]) > 2 * reached(SKELETON.points), "measured, it leads"

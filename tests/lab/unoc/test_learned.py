@@ -1,0 +1,217 @@
+"""A network at run time: any input rate, measured points untouched, and files that are not ours refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bodysense.body.pose import forward_kinematics, standing_pose
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.data.clip import Clip
+from bodysense.data.resample import resample
+from bodysense.errors import BodysenseError
+from bodysense.lab.unoc.learned import MEASURED_ERROR, Learned, LearnedState, load_model
+from bodysense.observation import Observation
+from bodysense.occlusion.headset_camera import observe
+
+SKELETON = default_skeleton()
+
+
+@pytest.fixture(scope="module")
+def learned(small_network: Path) -> Learned:
+    return Learned(load_model(small_network), SKELETON)
+
+
+def at_times(clip: Clip, time: np.ndarray) -> Observation:
+    """What a headset sees at some times; the clip's poses are taken frame by frame, over and over."""
+    return observe(clip.pose[np.arange(len(time)) % len(clip)], time)
+
+
+def steps(learned: Learned, observation: Observation) -> tuple[np.ndarray, list[float]]:
+    """Positions, frame by frame, and the times at which the network advanced."""
+    state, positions, advanced = learned.start(), [], []
+    for t in range(len(observation)):
+        before = state
+        estimate, state = learned.step(observation[t : t + 1], state)
+        positions.append(estimate.position[0])
+        if state.time != before.time:
+            assert state.time == observation.time[t]
+            advanced.append(state.time)
+        else:
+            assert all(state.network[name] is before.network[name] for name in state.network)
+    return np.stack(positions), advanced
+
+
+def test_measured_points_pass_through_unchanged(learned: Learned, waving_clip: Clip) -> None:
+    observation = observe(waving_clip.pose, waving_clip.time)
+    estimate, _ = learned.step(observation, learned.start())
+    seen = observation.has_position
+    assert seen.any() and not seen.all()
+    np.testing.assert_array_equal(estimate.position[seen], observation.position[seen])
+    assert (estimate.confidence[seen] == MEASURED_ERROR).all() and (estimate.confidence[~seen] > 0).all()
+    assert np.isfinite(estimate.position).all()
+    assert ((estimate.occluded >= 0) & (estimate.occluded <= 1)).all()
+
+
+def test_frames_are_calls(learned: Learned, waving_clip: Clip) -> None:
+    observation = at_times(resample(waving_clip, 90.0), np.arange(60) / 90)
+    whole, end = learned.step(observation, learned.start())
+    rows, _ = steps(learned, observation)
+    np.testing.assert_array_equal(whole.position, rows)
+    assert isinstance(end, LearnedState) and end.time is not None
+
+
+@settings(max_examples=12, deadline=None)
+@given(rate=st.floats(30, 120))
+def test_any_rate_is_answered_and_the_network_steps_about_30_times_a_second(
+    learned: Learned, waving_clip: Clip, rate: float
+) -> None:
+    observation = at_times(waving_clip, np.arange(round(rate)) / rate)
+    positions, advanced = steps(learned, observation)
+    assert positions.shape[0] == len(observation) and np.isfinite(positions).all()
+    gaps = np.diff(advanced)
+    assert gaps.min() >= 0.8 / 30 - 1e-9
+    assert gaps.max() <= 1 / 30 + 1 / rate
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.lists(st.floats(0.004, 0.2), min_size=2, max_size=60))
+def test_irregular_times_and_dropped_frames(learned: Learned, waving_clip: Clip, gaps: list[float]) -> None:
+    observation = at_times(waving_clip, np.cumsum(gaps))
+    positions, advanced = steps(learned, observation)
+    assert np.isfinite(positions).all()
+    expected, last = [], -1.0
+    for time in observation.time:
+        if last < 0 or time - last >= 0.8 / 30:
+            expected.append(time)
+            last = time
+    assert advanced == expected
+
+
+def test_frames_between_steps_do_not_change_what_comes_after(learned: Learned, waving_clip: Clip) -> None:
+    """At 120 Hz every fourth answer is that of 30 Hz."""
+    fast = resample(waving_clip, 120.0)
+    observation = observe(fast.pose, fast.time)
+    every = np.arange(0, len(fast), 4)
+    slow = observe(fast.pose[every], fast.time[every])
+    often, _ = steps(learned, observation)
+    seldom, _ = steps(learned, slow)
+    np.testing.assert_allclose(often[every], seldom, atol=1e-6)
+    between = np.setdiff1d(np.arange(len(fast)), every)
+    hidden = ~observation.has_position[between]
+    assert np.abs(np.diff(often, axis=0)).max(axis=(1, 2)).min() > 0, "in between the answer moves on"
+    assert hidden.any()
+
+
+def test_before_anything_is_seen_a_body_stands_there(learned: Learned) -> None:
+    state = learned.start()
+    standing, _ = forward_kinematics(standing_pose(SKELETON))
+    np.testing.assert_allclose(state.head_position, standing[SKELETON.index("head")])
+    nothing = np.zeros((1, 1), dtype=bool)
+    empty = Observation(
+        points=("head",),
+        position=np.full((1, 1, 3), np.nan),
+        rotation=np.full((1, 1, 4), np.nan),
+        has_position=nothing,
+        has_rotation=nothing,
+        accuracy=np.ones((1, 1)),
+        time=np.zeros(1),
+    )
+    estimate, _ = learned.step(empty, state)
+    assert np.isfinite(estimate.position).all()
+    np.testing.assert_allclose(estimate.position[0, SKELETON.index("head")], state.head_position, atol=1e-6)
+
+
+def test_a_head_that_is_lost_stays(learned: Learned, waving_clip: Clip) -> None:
+    observation = observe(waving_clip.pose, waving_clip.time)[:4]
+    head = SKELETON.index("head")
+    for field in ("position", "rotation"):
+        getattr(observation, field)[2:, head] = np.nan
+        getattr(observation, f"has_{field}")[2:, head] = False
+    estimate, state = learned.step(observation, learned.start())
+    np.testing.assert_allclose(estimate.position[2:, head], [observation.position[1, head]] * 2, atol=1e-6)
+    np.testing.assert_array_equal(state.head_rotation, observation.rotation[1, head])
+
+
+def test_a_body_of_another_size(small_network: Path, waving_clip: Clip) -> None:
+    """A body half as tall again in such a world: the same answer, half as large again."""
+    model, observation = load_model(small_network), observe(waving_clip.pose, waving_clip.time)
+    answers = []
+    for size in (1.0, 1.5):
+        learned = Learned(model, SKELETON.scaled(1.1 * size))
+        scaled = replace(observation, position=observation.position * size)
+        answers.append(learned.step(scaled, learned.start())[0].position / size)
+    np.testing.assert_allclose(answers[0], answers[1], atol=1e-4)
+
+
+# --- files that are not ours
+
+
+def test_what_is_no_onnx_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        BodysenseError, match=r"missing\.onnx: no such model file; give the \.onnx that `bodysense train body-gru`"
+    ):
+        load_model(tmp_path / "missing.onnx")
+    for content in (b"", b"hello", bytes(range(256))):
+        (tmp_path / "a.onnx").write_bytes(content)
+        with pytest.raises(BodysenseError, match=r"a\.onnx: not a") as raised:
+            load_model(tmp_path / "a.onnx")
+        assert "\n" not in str(raised.value)
+
+
+def foreign(path: Path, fields: dict[str, str]) -> Path:
+    """A whole ONNX model of somebody else."""
+    value = [onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [1]) for name in ("x", "y")]
+    graph = onnx.helper.make_graph([onnx.helper.make_node("Identity", ["x"], ["y"])], "g", value[:1], value[1:])
+    model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=9)
+    onnx.helper.set_model_props(model, fields)
+    onnx.save(model, str(path))
+    return path
+
+
+def test_somebody_elses_network_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        BodysenseError, match=r"a\.onnx: not a bodysense body network \(format 'not given', wanted 'body"
+    ):
+        load_model(foreign(tmp_path / "a.onnx", {}))
+    with pytest.raises(
+        BodysenseError, match=r"\(format 'bodysense body 9', wanted 'bodysense body 1'\); give the \.onnx"
+    ):
+        load_model(foreign(tmp_path / "a.onnx", {"format": "bodysense body 9"}))
+
+
+def test_a_network_without_its_card_is_refused(tmp_path: Path) -> None:
+    fields = {"format": "bodysense body 1", "points": "[]", "rate": "30.0", "fastest_rate": "60.0"}
+    with pytest.raises(BodysenseError, match=r"a\.onnx: its card has no 'state'; export the network again"):
+        load_model(foreign(tmp_path / "a.onnx", fields))
+
+
+def test_what_other_tools_write_into_the_file_is_let_be(tmp_path: Path) -> None:
+    fields = {
+        "format": "bodysense body 1",
+        "points": '["head"]',
+        "rate": "30.0",
+        "fastest_rate": "60.0",
+        "state": "{}",
+        "onnx.infer": "by tool",
+    }
+    assert load_model(foreign(tmp_path / "a.onnx", fields)).card["onnx.infer"] == "by tool"
+
+
+def test_a_skeleton_with_other_points_is_refused(small_network: Path) -> None:
+    model = load_model(small_network)
+    other = Skeleton(("head", "tail"), (), (-1, 0), np.zeros((2, 3)))
+    with pytest.raises(
+        BodysenseError, match=r"small\.onnx completes a skeleton of 65 points; .* has 2 \(differs in .*\)"
+    ):
+        Learned(model, other)
+    joints = (SKELETON.joints[0], SKELETON.joints[2], SKELETON.joints[1], *SKELETON.joints[3:])
+    swapped = Skeleton(joints, SKELETON.end_sites, SKELETON.parents, SKELETON.rest_offset)
+    with pytest.raises(BodysenseError, match=r"has 65 \(differs in their order\): bring the motion to the default"):
+        Learned(model, swapped)

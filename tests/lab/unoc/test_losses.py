@@ -1,0 +1,150 @@
+"""The losses against sums written out by hand, with the weights of UNOC, section 4.2."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from bodysense.body.skeleton import default_skeleton
+from bodysense.lab.unoc.losses import LossWeights, Truth, body_loss, bones
+from bodysense.lab.unoc.network import Answer, BodyNetwork, BodyNetworkConfig
+
+SKELETON = default_skeleton()
+POINTS = len(SKELETON.points)
+FINGERS = ("index", "middle", "pinky", "ring", "thumb")
+FINGER = np.array([any(f"_{finger}" in name for finger in FINGERS) for name in SKELETON.points])
+WRIST = {side: SKELETON.index(f"{side}_wrist") for side in ("left", "right")}
+
+
+@pytest.fixture(scope="module")
+def network() -> BodyNetwork:
+    torch.manual_seed(0)
+    return BodyNetwork(BodyNetworkConfig(hidden=4, branch=(4,)), SKELETON)
+
+
+def example(seed: int, frames: int = 3, batch: int = 2) -> tuple[Answer, Truth]:
+    generator = torch.Generator().manual_seed(seed)
+
+    def random(*shape: int) -> torch.Tensor:
+        return torch.randn(*shape, generator=generator)
+
+    offset = random(batch, frames, POINTS, 3)
+    answer = Answer(
+        offset + 0.1 * random(batch, frames, POINTS, 3),
+        random(batch, frames, POINTS),
+        torch.rand(batch, frames, POINTS, generator=generator) + 0.01,
+    )
+    visible = random(batch, frames, POINTS) > 0
+    return answer, Truth(
+        offset, visible, torch.ones(batch, frames, dtype=torch.bool), torch.ones(batch, dtype=torch.bool)
+    )
+
+
+def length(vector: np.ndarray) -> float:
+    return float(np.linalg.norm(vector))
+
+
+def by_hand(answer: Answer, truth: Truth) -> dict[str, float]:
+    """Point by point, with the numbers of papers.md 1.7 written out."""
+    terms = dict.fromkeys(("position", "parent", "bone", "occlusion", "expected"), 0.0)
+    count = 0
+    for b, t, p in np.ndindex(*truth.visible.shape):
+        name = SKELETON.points[p]
+        if name == "head" or not truth.valid[b, t] or (FINGER[p] and not truth.fingers[b]):
+            continue
+        count += 1
+        said, true = (part.offset[b, t].detach().numpy().astype(float) for part in (answer, truth))
+        hidden = not truth.visible[b, t, p]
+        more = 1.2 if hidden else 1.0
+        distance = length(said[p] - true[p])
+        terms["position"] += (100 if FINGER[p] else 10) * more * distance
+        parent = max(SKELETON.parents[p], 0)
+        # Fingers are offsets from the wrist, so that the wrist itself is their zero.
+        base = parent not in WRIST.values() or not FINGER[p]
+        bone, true_bone = ((x[p] - x[parent]) if base else x[p] for x in (said, true))
+        terms["parent"] += 3 * more * length(bone - true_bone)
+        terms["bone"] += (10 if FINGER[p] else 7) * abs(length(bone) - length(true_bone))
+        share = 1 / (1 + math.exp(-float(answer.hidden_logit[b, t, p])))
+        terms["occlusion"] += 0.025 * -math.log(share if hidden else 1 - share)
+        error = float(answer.error[b, t, p])
+        terms["expected"] += 0.01 * (distance / error + math.log(error))
+    return {name: value / count for name, value in terms.items()}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_against_sums_by_hand(network, seed: int) -> None:
+    answer, truth = example(seed)
+    truth = replace(truth, fingers=torch.tensor([True, False]), valid=torch.tensor([[True, True, False], [True] * 3]))
+    terms = body_loss(network, answer, truth, LossWeights())
+    expected = by_hand(answer, truth)
+    for name, value in expected.items():
+        # The expected error keeps clear of zero by 0.1 mm, so it is a little higher.
+        assert float(terms[name]) == pytest.approx(value, rel=1e-3 if name == "expected" else 1e-4, abs=1e-4), name
+    assert float(terms["loss"]) == pytest.approx(sum(expected.values()), rel=1e-3)
+
+
+def test_one_finger_point_off_by_a_centimetre(network) -> None:
+    """The whole arithmetic of one error: 1 cm at a hidden fingertip, of all points but the head."""
+    answer, truth = example(0, frames=1, batch=1)
+    tip = SKELETON.index("left_index_tip")
+    moved = truth.offset.clone()
+    bone = bones(network, truth.offset)[0, 0, tip]
+    moved[0, 0, tip] += 0.01 * bone / torch.linalg.norm(bone)  # along the bone: it grows by 1 cm
+    truth.visible[0, 0, tip] = False
+    terms = body_loss(network, answer._replace(offset=moved), truth, LossWeights())
+    counted = POINTS - 1
+    # The loss keeps clear of the root's infinite slope at zero by 1 µm a point.
+    assert float(terms["position"]) == pytest.approx(100 * 1.2 * 0.01 / counted, abs=1e-4)
+    assert float(terms["parent"]) == pytest.approx(3 * 1.2 * 0.01 / counted, abs=1e-5)
+    assert float(terms["bone"]) == pytest.approx(10 * 0.01 / counted, abs=1e-5)
+
+
+def test_what_is_not_valid_counts_nothing(network) -> None:
+    answer, truth = example(4, frames=4)
+    truth.valid[0, 2:] = False
+    truth.valid[1] = False
+    spoilt = answer._replace(offset=answer.offset.clone(), hidden_logit=answer.hidden_logit.clone())
+    spoilt.offset[0, 2:] += 5
+    spoilt.offset[1] -= 7
+    spoilt.hidden_logit[1] += 9
+    whole, other = (body_loss(network, said, truth, LossWeights()) for said in (answer, spoilt))
+    assert whole.keys() == other.keys()
+    for name, value in whole.items():
+        assert float(value) == float(other[name]), name
+
+
+def test_clips_without_fingers_teach_no_fingers(network) -> None:
+    answer, truth = example(5)
+    answer.offset.requires_grad_(True)
+    answer.hidden_logit.requires_grad_(True)
+    truth = replace(truth, fingers=torch.tensor([False, True]))
+    body_loss(network, answer, truth, LossWeights())["loss"].backward()
+    for leaf in (answer.offset, answer.hidden_logit):
+        assert leaf.grad is not None
+        assert not leaf.grad[0, :, FINGER].any() and leaf.grad[1, :, FINGER].any() and leaf.grad[0, :, ~FINGER].any()
+
+
+def test_the_expected_error_learns_the_mean_error_and_pulls_on_nothing_else(network) -> None:
+    answer, truth = example(6)
+    only = LossWeights(0, 0, 0, 0, 0, 1, 0, expected_error=1.0)
+    distance = torch.linalg.norm(answer.offset - truth.offset, dim=-1)
+    error = distance.mean().expand_as(distance).clone().requires_grad_(True)
+    offset = answer.offset.clone().requires_grad_(True)
+    body_loss(network, answer._replace(offset=offset, error=error), truth, only)["loss"].backward()
+    assert offset.grad is None or not offset.grad.any()
+    assert error.grad is not None
+    counted = torch.ones(POINTS, dtype=torch.bool)
+    counted[SKELETON.index("head")] = False
+    assert abs(float(error.grad[..., counted].sum())) < 0.02 / float(distance.mean())  # a minimum, but for the head
+
+
+def test_gradients_are_finite_at_the_truth(network) -> None:
+    """Distances have no slope at zero; the losses must have one."""
+    answer, truth = example(7)
+    offset = truth.offset.clone().requires_grad_(True)
+    body_loss(network, answer._replace(offset=offset), truth, LossWeights())["loss"].backward()
+    assert offset.grad is not None and torch.isfinite(offset.grad).all()

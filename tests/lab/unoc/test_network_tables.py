@@ -1,0 +1,129 @@
+"""Tables 2 to 4: ours and the published figures in their places, and what is said of the paper's orderings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from bodysense.lab.datasets import Census, DataSet
+from bodysense.lab.unoc.headset import KNOWN, Tally
+from bodysense.lab.unoc.network_tables import (
+    KEYS,
+    OWN_NAMES,
+    TABLE_2,
+    TABLE_3,
+    TABLE_4,
+    NetworkTable,
+    name_of,
+    network_report,
+    numbers_of,
+)
+from bodysense.lab.unoc.scores import Parts, Scores
+from bodysense.lab.unoc.variants import TABLES
+
+ALL = (TABLE_2, TABLE_3, TABLE_4)
+PARTS = ("body", "finger", "body_and_finger", "parent_body", "parent_all", "bone_body", "bone_all")
+
+
+def made(error: float, fingers: bool = True, groups: tuple[str, ...] = ("main", "sport")) -> Scores:
+    """A method whose errors are all alike; those of hidden joints twice as large, those of sport ten times."""
+    tallies: Parts = {}
+    for group in groups:
+        for part in PARTS if fingers else ("body", "parent_body", "bone_body"):
+            for share, factor in (("occluded", 2.0), ("all", 1.0)):
+                tally = tallies[group, part, share] = Tally()
+                tally.add(np.full(4, error * factor * (10 if group == "sport" else 1)))
+    return Scores(tallies, Census(3, frozenset("ab"), 60.0, int(fingers), 20.0))
+
+
+def scores_of(table: NetworkTable, errors: Mapping[str, float], fingers: bool = True) -> dict[str, Scores]:
+    methods = {name: made(errors.get(name, 5.0), fingers) for name in table.methods if name != "last_known"}
+    known = {"world": 9.0, "head": 8.0, "heading": errors.get("last_known", 7.0)}
+    return methods | {f"last_known_{frame}": made(known[frame], fingers) for frame in KNOWN}
+
+
+@pytest.mark.parametrize("table", ALL, ids=lambda table: table.name)
+def test_the_networks_are_those_that_are_trained(table: NetworkTable) -> None:
+    networks = {name for name in table.methods if name not in OWN_NAMES}
+    assert networks == set(TABLES[table.name[-1]])
+    assert len({name_of(method) for method in table.methods}) == len(table.methods)
+    for claim in table.claims:
+        assert {claim.lower, *claim.higher} <= set(table.methods) and claim.place in table.places
+
+
+@pytest.mark.parametrize("table", ALL, ids=lambda table: table.name)
+def test_the_published_figures_bear_out_what_is_claimed(table: NetworkTable) -> None:
+    """Every ordering that is said to be the paper's is in the paper's figures."""
+    for claim in table.claims:
+        if not claim.text.startswith("Not in the paper"):
+            which = ("rmsjpe", "mpjpe").index(claim.measure)
+            lower = table.published[claim.lower][claim.place][which]
+            for other in claim.higher:
+                assert lower < table.published[other][claim.place][which], claim
+
+
+def test_every_place_has_ours_beside_the_published(data: DataSet) -> None:
+    report = network_report(TABLE_2, scores_of(TABLE_2, {"gru": 3.0}), data)
+    columns = {name: k for k, name in enumerate(report.columns)}
+    rows = {(row[0], row[1]): row for row in report.rows}
+    assert len(rows) == len(TABLE_2.places) * len(TABLE_2.methods)
+    row = rows["body, occluded", "GRU"]
+    assert [row[columns[name]] for name in ("RMSJPE", "MPJPE", "UNOC's RMSJPE", "UNOC's MPJPE", "sport RMSJPE")] == [
+        6.0,
+        6.0,
+        5.9,
+        4.0,
+        60.0,
+    ]
+    assert rows["both, all", "TCN"][columns["UNOC's MPJPE"]] == 4.1
+    assert rows["fingers, occluded", "last known"][columns["RMSJPE"]] == 14.0, "the best of the three"
+    assert rows["body, all", "shipped"][columns["UNOC's RMSJPE"]] is None
+    assert "dance RMSJPE" not in columns
+
+
+def test_remarks_follow_the_figures(data: DataSet) -> None:
+    remarks = network_report(TABLE_2, scores_of(TABLE_2, {"gru": 3.0}), data).remarks
+    assert any(
+        text.startswith("The GRU is the best network at hidden joints") and ": holds (" in text for text in remarks
+    )
+    worse = network_report(TABLE_2, scores_of(TABLE_2, {"gru": 6.0, "rnn": 4.0}), data).remarks
+    assert any("does not hold against RNN, LSTM, TCN (GRU 12.00, RNN 8.00" in text for text in worse)
+    assert any("heading" in text for text in remarks)
+
+
+def test_keys(data: DataSet) -> None:
+    numbers = network_report(TABLE_2, scores_of(TABLE_2, {"gru": 3.0}), data).numbers
+    for method in ("gru", "rnn", "lstm", "tcn", "best", "tracker", "last_known"):
+        for part in ("body", "finger", "all"):
+            for share in ("occluded", "all"):
+                for measure in ("rmsjpe", "mpjpe"):
+                    assert math.isfinite(numbers[f"{method}_{part}_{share}_{measure}_cm"])
+    assert numbers["gru_body_all_rmsjpe_cm"] == 3.0 and numbers["gru_body_all_rmsjpe_cm_sport"] == 30.0
+    assert (numbers["clips"], numbers["people"], numbers["minutes"]) == (3, 2, 1.0)
+    four = network_report(TABLE_4, scores_of(TABLE_4, {}), data).numbers
+    assert four["gru_parent_body_rmsjpe_cm"] == 5.0 and four["no_bone_bone_all_mpjpe_cm"] == 5.0
+    assert set(KEYS) == set(PARTS)
+
+
+def test_changes_of_table_4(data: DataSet) -> None:
+    report = network_report(TABLE_4, scores_of(TABLE_4, {"gru": 4.0, "no_bone": 5.0}), data)
+    rows = {(row[0], row[1]): row for row in report.rows}
+    ours, theirs = (report.columns.index(name) for name in ("change, %", "UNOC's change, %"))
+    row = rows["bones, body", "w/o bone length"]
+    assert row[ours] == pytest.approx(25.0) and row[theirs] == pytest.approx(100 * (1.06 / 0.90 - 1))
+    assert rows["bones, both", "GRU"][ours] == 0.0
+
+
+def test_without_fingers_nothing_is_said_of_them(data: DataSet) -> None:
+    report = network_report(TABLE_2, scores_of(TABLE_2, {"gru": 3.0}, fingers=False), data)
+    assert {row[0] for row in report.rows} == {"body, occluded", "body, all"}
+    assert not [key for key in report.numbers if "finger" in key or "_all_occluded" in key]
+    assert not [text for text in report.remarks if "finger" in text] and len(report.panels) == 2
+
+
+def test_numbers_have_no_holes() -> None:
+    empty = Scores({("main", "body", "occluded"): Tally()}, Census())
+    assert numbers_of(empty, "gru") == {}

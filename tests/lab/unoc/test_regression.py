@@ -1,0 +1,188 @@
+"""Training of networks that place points: batches, losses, resuming, and keeping the best average."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from bodysense.body.skeleton import default_skeleton
+from bodysense.data.bvh import write_bvh
+from bodysense.data.clip import Clip
+from bodysense.data.splits import split_of
+from bodysense.errors import BodysenseError
+from bodysense.lab.unoc.finger_configs import FINGERS
+from bodysense.lab.unoc.point_episodes import (
+    PointEpisode,
+    PointVariation,
+    collate,
+    lanes,
+    make_point_episode,
+    windows,
+    with_bent_wrists,
+)
+from bodysense.lab.unoc.point_model import load_point_model
+from bodysense.lab.unoc.point_network import Answer, PointNetwork, PointNetworkConfig
+from bodysense.lab.unoc.point_run import PointRun, run_points
+from bodysense.lab.unoc.regression import PointSchedule, point_loss, train_points, validate_points
+from bodysense.lab.unoc.training import Progress
+from bodysense.lab.unoc.upper_body_configs import UPPER_BODY
+
+SMALL = replace(UPPER_BODY, hidden=8, branch=(8,), judge_branch=(8,))
+SMALL_FINGERS = replace(FINGERS, hidden=8, branch=(8,), dropout=0.0)
+SCHEDULE = PointSchedule(steps=12, batch=3, chunk=5, warm_up=2, check_every=4)
+
+
+def network(config: PointNetworkConfig = SMALL) -> PointNetwork:
+    torch.manual_seed(2)
+    return PointNetwork(config, default_skeleton())
+
+
+@pytest.fixture(scope="module")
+def episodes(waving_clip: Clip) -> list[PointEpisode]:
+    rng = np.random.default_rng(0)
+    varied = (PointVariation(), PointVariation(mirrored=True, limb_spread=0.05, wrist_bend=0.3))
+    return [make_point_episode(waving_clip, network(), variation, rng) for variation in varied]
+
+
+def quietly(_: Progress) -> None:
+    pass
+
+
+def test_lanes_play_whole_clips_and_say_where_they_begin(episodes: list[PointEpisode]) -> None:
+    """What a lane hands out is a clip from its first frame to its last, chunk after chunk, then another."""
+    source = lanes(episodes, 2, 7, np.random.default_rng(1))
+    chunks = [next(source) for _ in range(40)]
+    for lane in range(2):
+        begins = [k for k, batch in enumerate(chunks) if batch.begins[lane]]
+        assert begins[0] == 0 and len(begins) > 2
+        for first, after in pairwise(begins):
+            played = torch.cat([batch.features[lane][batch.valid[lane]] for batch in chunks[first:after]])
+            assert any(np.array_equal(played.numpy(), episode.features) for episode in episodes)
+
+
+def test_a_window_ends_at_its_frame_and_repeats_the_first_before_it(episodes: list[PointEpisode]) -> None:
+    batch = collate([(episodes[0], -3)], 5, np.ones(1, dtype=bool))
+    np.testing.assert_array_equal(batch.features[0].numpy(), episodes[0].features[[0, 0, 0, 0, 1]])
+    drawn = next(windows(episodes, 5, 64, np.random.default_rng(0)))
+    assert drawn.features.shape[:2] == (64, 5) and bool(drawn.valid[:, -1].all())
+
+
+def test_the_truth_costs_nothing_and_terms_add_up(episodes: list[PointEpisode]) -> None:
+    """By a loop over frames and joints, with the paper's weights."""
+    model, batch = network(), collate([(episodes[0], 84)], 10, np.ones(1, dtype=bool))
+    missed = torch.randn(batch.offset.shape, generator=torch.Generator().manual_seed(0)) * 0.02
+    answer = Answer(batch.offset + missed, torch.full(batch.offset.shape[:-1], 0.03))
+    terms = point_loss(model, answer, batch, SCHEDULE)
+    distance = [float(torch.linalg.norm(missed[0, t, k])) for t in range(6) for k in range(11)]  # 6 of 10 are valid
+    assert float(terms["position"]) == pytest.approx(10 * np.mean(distance), rel=1e-4)
+    expected = [d / 0.03 + np.log(0.03) for d in distance]
+    assert float(terms["expected"]) == pytest.approx(0.01 * np.mean(expected), rel=1e-2)
+    assert float(terms["loss"]) == pytest.approx(sum(float(v) for k, v in terms.items() if k != "loss"), rel=1e-5)
+    truth = point_loss(model, Answer(batch.offset, answer.error), batch, SCHEDULE)
+    for name in ("position", "parent", "bone"):
+        assert float(truth[name]) == pytest.approx(0, abs=1e-4)
+
+
+def test_a_squared_distance_has_the_mean_as_its_optimum(waving_clip: Clip) -> None:
+    """Of 0, 0 and 3 cm the best single answer is 1 cm; for the Euclidean one, 0."""
+    model = network(SMALL_FINGERS)
+    episode = make_point_episode(waving_clip, model, PointVariation(), np.random.default_rng(0))
+    batch = collate([(episode, 0)], 3, np.ones(1, dtype=bool))
+    truth = batch.offset[:, :1].expand_as(batch.offset).clone()
+    truth[0, 2] += 0.03
+    best = {}
+    for distance in ("squared", "euclidean"):
+        schedule = replace(SCHEDULE, distance=distance)
+        costs = {}
+        for shift in (0.0, 0.01, 0.02):
+            answer = Answer(truth[:, :1].expand_as(truth) + shift, torch.ones(truth.shape[:-1]))
+            costs[shift] = float(point_loss(model, answer, batch._replace(offset=truth), schedule)["position"])
+        best[distance] = min(costs, key=lambda shift: costs[shift])
+    assert best == {"squared": 0.01, "euclidean": 0.0}
+
+
+def test_training_learns_and_keeps_the_best(episodes: list[PointEpisode], tmp_path: Path) -> None:
+    reports: list[Progress] = []
+    model = network()
+    before = validate_points(model, episodes)
+    schedule = replace(SCHEDULE, steps=60, check_every=10, learning_rate=1e-2)
+    model, score = train_points(model, schedule, episodes, episodes, tmp_path / "a.ckpt", reports.append)
+    assert score == pytest.approx(validate_points(model, episodes)) and score < 0.7 * before
+    assert score == min(report.validation["rmsjpe_cm"] for report in reports)
+
+
+def test_a_windowed_network_trains_too(episodes: list[PointEpisode], tmp_path: Path) -> None:
+    model = network(replace(SMALL, window=4))
+    before = validate_points(model, episodes)
+    schedule = replace(SCHEDULE, steps=40, batch=16, learning_rate=1e-2)
+    assert train_points(model, schedule, episodes, episodes, tmp_path / "a.ckpt", quietly)[1] < before
+
+
+def test_a_stopped_run_goes_on_and_a_finished_one_is_not_trained_again(
+    episodes: list[PointEpisode], tmp_path: Path
+) -> None:
+    class Stopped(Exception):
+        pass
+
+    def stop(progress: Progress) -> None:
+        if progress.step == 8:
+            raise Stopped
+
+    path, steps = tmp_path / "a.ckpt", []
+    with pytest.raises(Stopped):
+        train_points(network(), SCHEDULE, episodes, episodes, path, stop)
+    first, _ = train_points(network(), SCHEDULE, episodes, episodes, path, lambda progress: steps.append(progress.step))
+    assert steps == [12]
+    second, _ = train_points(
+        network(), SCHEDULE, episodes, episodes, path, lambda progress: steps.append(progress.step)
+    )
+    assert steps == [12]
+    for name, value in first.state_dict().items():
+        assert torch.equal(value, second.state_dict()[name])
+
+
+def test_a_checkpoint_of_another_configuration_is_refused(episodes: list[PointEpisode], tmp_path: Path) -> None:
+    path = tmp_path / "a.ckpt"
+    train_points(network(), SCHEDULE, episodes, episodes, path, quietly)
+    with pytest.raises(BodysenseError, match=r"another configuration \(schedule\.seed: 1 → 2\); give another --out"):
+        train_points(network(), replace(SCHEDULE, seed=2), episodes, episodes, path, quietly)
+    path.write_bytes(b"nonsense")
+    with pytest.raises(BodysenseError, match=r"a\.ckpt: not a readable checkpoint .* take it away to begin anew"):
+        train_points(network(), SCHEDULE, episodes, episodes, path, quietly)
+
+
+def test_only_wrists_that_were_not_recorded_are_bent(waving_clip: Clip) -> None:
+    pose = waving_clip.pose
+    left, right = pose.skeleton.index("left_wrist"), pose.skeleton.index("right_wrist")
+    rotation = pose.rotation.copy()
+    swing = np.linspace(0, 0.5, len(waving_clip))[:, None] * [0, 0, 1]
+    rotation[:, right] = Rotation.from_rotvec(swing).as_quat(scalar_first=True)
+    clip = replace(waving_clip, pose=replace(pose, rotation=rotation))
+    bent = with_bent_wrists(clip, 0.3, np.random.default_rng(0)).pose.rotation
+    same = [joint for joint in range(rotation.shape[1]) if joint != left]
+    np.testing.assert_array_equal(bent[:, same], rotation[:, same])
+    turn = Rotation.from_quat(bent[:, left], scalar_first=True).as_rotvec()
+    assert 0.05 < np.linalg.norm(turn, axis=1).mean() < 1.0
+    assert np.abs(np.diff(turn, axis=0)).max() < 0.2, "slowly"
+
+
+@pytest.mark.slow
+def test_a_whole_run(waving_clip: Clip, tmp_path: Path) -> None:
+    """From files to a network that loads; one person of each split."""
+    for split in ("train", "val"):
+        person = next(name for k in range(100) if split_of(name := f"p{k}") == split)
+        (tmp_path / "data" / person).mkdir(parents=True)
+        write_bvh(tmp_path / "data" / person / "a.bvh", replace(waving_clip, pose=waving_clip.pose[:12]))
+    out = tmp_path / "net.onnx"
+    run_points(PointRun("fingers", tmp_path / "data", out, "shipped", 2, 1, 1, "CC0-1.0", "waving"))
+    card = load_point_model("fingers", out).card
+    assert (card["licence"], card["training_data"], card["form"]) == ("CC0-1.0", "waving", "shipped")
+    rows = [json.loads(line) for line in out.with_suffix(".jsonl").read_text().splitlines()]
+    assert rows[-1]["step"] == 2 and rows[-1]["validation"]["rmsjpe_cm"] > 0

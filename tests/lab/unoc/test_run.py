@@ -1,0 +1,87 @@
+"""The whole run of `bodysense train body-gru`, on a folder small enough for a test."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.data.augment import mirrored
+from bodysense.data.bvh import write_bvh
+from bodysense.data.clip import Clip
+from bodysense.data.splits import split_of
+from bodysense.errors import BodysenseError
+from bodysense.lab.unoc.learned import Learned, load_model
+from bodysense.lab.unoc.run import BodyRun, run_body, variation_of
+from bodysense.occlusion.headset_camera import observe
+
+PEOPLE = {which: next(f"person{k}" for k in range(99) if split_of(f"person{k}") == which) for which in ("train", "val")}
+
+
+@pytest.fixture
+def folder(tmp_path: Path, waving_clip: Clip) -> Path:
+    data = tmp_path / "data"
+    for which, person in PEOPLE.items():
+        (data / person).mkdir(parents=True)
+        write_bvh(data / person / f"{which}.bvh", waving_clip)
+    write_bvh(data / PEOPLE["train"] / "other.bvh", mirrored(waving_clip))
+    write_bvh(data / PEOPLE["train"] / "short.bvh", replace(waving_clip, pose=waving_clip.pose[:1]))
+    return data
+
+
+def asked(data: Path, out: Path) -> BodyRun:
+    return BodyRun(
+        data=data,
+        out=out,
+        form="shipped",
+        steps=2,
+        epochs=1,
+        window_stride=4,
+        lanes=3,
+        chunk=10,
+        finger_passes=0,
+        passes=2,
+        hidden=8,
+        finger_share=0.3,
+        seed=1,
+        threads=1,
+        devices=1,
+        licence="Apache-2.0",
+        data_note="somebody who waves",
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("form", ["shipped", "paper"])
+def test_a_run_writes_a_network_that_tracks(folder: Path, tmp_path: Path, waving_clip: Clip, form: str) -> None:
+    run = replace(asked(folder, tmp_path / "net.onnx"), form=form)
+    run_body(run)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "net.ckpt", "net.jsonl", "net.onnx"]
+    model = load_model(tmp_path / "net.onnx")
+    assert model.card["training_data"] == "somebody who waves"
+    assert (model.card["form"], model.card["seed"]) == (form, 1)
+    assert set(model.card["validation"]) == {
+        f"{part}_occluded_rmsjpe_cm" for part in ("body", "body_known", "finger", "finger_known")
+    }
+    log = [json.loads(line) for line in (tmp_path / "net.jsonl").read_text().splitlines()]
+    assert log[-1]["step"] == log[-1]["steps"]
+    learned = Learned(model, waving_clip.pose.skeleton)
+    estimate, _ = learned.step(observe(waving_clip.pose, waving_clip.time)[:5], learned.start())
+    assert np.isfinite(estimate.position).all()
+    # The same command once more has nothing left to learn; the file still says how good the network is.
+    run_body(run)
+    assert load_model(tmp_path / "net.onnx").card == model.card
+
+
+def test_a_missing_folder_is_said_before_the_work(tmp_path: Path) -> None:
+    with pytest.raises(BodysenseError, match=r"net\.onnx: the folder .*missing does not exist; create it"):
+        run_body(asked(tmp_path, tmp_path / "missing" / "net.onnx"))
+
+
+def test_variations_of_the_passes() -> None:
+    assert [variation_of(k, shipped=True).mirrored for k in range(4)] == [False, True, False, True]
+    assert variation_of(0, shipped=True).limb_spread == 0.0 < variation_of(1, shipped=True).limb_spread
+    assert variation_of(2, shipped=False).limb_spread == variation_of(2, shipped=False).hand_dropouts_per_minute == 0.0

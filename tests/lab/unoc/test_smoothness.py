@@ -1,0 +1,91 @@
+"""Strong accelerations: counted where they are, for the truth and every method, before and after the tracker."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.body.pose import forward_kinematics
+from bodysense.data.clip import Clip
+from bodysense.estimators.estimate import PointEstimate
+from bodysense.lab.datasets import DataSet
+from bodysense.lab.metrics import strong_acceleration_share
+from bodysense.lab.unoc.headset import scored_points
+from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
+from bodysense.lab.unoc.smoothness import (
+    METHODS,
+    NETWORKS,
+    Replay,
+    after_tracker,
+    measure_smoothness,
+    smoothness_of,
+    smoothness_report,
+)
+from bodysense.occlusion.headset_camera import observe
+
+
+def test_counts_are_those_of_the_metric(waving_clip: Clip) -> None:
+    rng = np.random.default_rng(0)
+    truth = np.asarray(forward_kinematics(waving_clip.pose)[0])
+    noisy = truth + rng.normal(scale=0.004, size=truth.shape)
+    hidden = rng.random(truth.shape[:2]) < 0.3
+    sums = smoothness_of({"truth": truth, "gru": noisy}, truth, hidden, waving_clip)
+    tested = scored_points(waving_clip.pose.skeleton)
+    for method, position in (("truth", truth), ("gru", noisy)):
+        one = sums["main", "body", method]
+        assert one.percent == pytest.approx(100 * strong_acceleration_share(position[:, tested], 30.0))
+    strong = [np.linalg.norm(np.diff(p[:, tested], 2, axis=0), axis=-1) * 900 > 9 for p in (truth, noisy)]
+    assert sums["main", "body", "gru"].added_percent == pytest.approx(100 * (strong[1] & ~strong[0]).mean())
+    assert sums["main", "body", "truth"].added == 0
+    error = 100 * np.linalg.norm((noisy - truth)[:, tested], axis=-1)[hidden[:, tested]]
+    assert sums["main", "body", "gru"].occluded.rmsjpe == pytest.approx(np.sqrt((error**2).mean()))
+    short = replace(waving_clip, has_fingers=False, category="other")
+    assert set(smoothness_of({"truth": truth[:2]}, truth[:2], hidden[:2], short)) == {("other", "body", "truth")}
+
+
+def test_a_replay_says_what_was_said(waving_clip: Clip) -> None:
+    """One call with all frames equals one call a frame."""
+    truth = np.asarray(forward_kinematics(waving_clip.pose)[0])[:12]
+    observation = observe(waving_clip.pose[:12], waving_clip.time[:12])
+    replay = Replay(
+        PointEstimate(waving_clip.pose.skeleton, truth, np.zeros(truth.shape[:2]), np.zeros(truth.shape[:2]))
+    )
+    whole, end = replay.step(observation, replay.start())
+    np.testing.assert_array_equal(whole.position, truth)
+    state, rows = replay.start(), []
+    for t in range(12):
+        estimate, state = replay.step(observation[t : t + 1], state)
+        rows.append(estimate.position[0])
+    assert state == end == 12
+    np.testing.assert_array_equal(np.stack(rows), truth)
+    tracker = IkTracker(replay)
+    pose, _, _ = tracker.step(observation, tracker.start())
+    np.testing.assert_allclose(forward_kinematics(pose)[0][:, 0], truth[:, 0], atol=0.03)
+
+
+def test_the_tracker_keeps_bones_and_calms(waving_clip: Clip) -> None:
+    skeleton = waving_clip.pose.skeleton
+    truth = np.asarray(forward_kinematics(waving_clip.pose)[0])[:40]
+    noisy = truth + np.random.default_rng(1).normal(scale=0.01, size=truth.shape)
+    observation = observe(waving_clip.pose[:40], waving_clip.time[:40])
+    out = after_tracker(noisy, observation, skeleton, IkTrackerSettings())
+    length = np.linalg.norm(out[:, 1:] - out[:, list(skeleton.parents[1:])], axis=-1)
+    np.testing.assert_allclose(length, np.broadcast_to(skeleton.bone_length[1:], length.shape), atol=1e-9)
+    tested = scored_points(skeleton)
+    assert strong_acceleration_share(out[:, tested], 30.0) < strong_acceleration_share(noisy[:, tested], 30.0)
+
+
+def test_the_table_of_a_data_set(untrained: Path, data: DataSet, small_network: Path) -> None:
+    networks = {name: untrained / f"{name}.pt" for name in NETWORKS}
+    sums, census = measure_smoothness(data, networks, small_network, IkTrackerSettings(), 1, lambda clip: None)
+    report = smoothness_report(sums, census, data)
+    assert [row[1] for row in report.rows] == list(METHODS.values()) * 2, "body, then with fingers"
+    rows = {row[1]: row for row in report.rows if row[0] == "body"}
+    assert rows["mask predicted"][3] == 3.5 and rows["mask given"][3] == 6.1 and rows["truth"][3] == 0.2
+    assert rows["truth"][5:7] == (0.0, 0.0)
+    for method in METHODS:
+        assert 0 <= report.numbers[f"{method}_strong_acceleration_percent"] <= 100
+    assert any("-0.04" in text for text in report.remarks)
