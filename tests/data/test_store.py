@@ -165,7 +165,7 @@ def test_without_the_extra(folder: Path, tmp_path: Path, monkeypatch) -> None:
     import sys
 
     monkeypatch.setitem(sys.modules, "zarr", None)
-    with pytest.raises(BodysenseError, match=r"needs zarr and dask; pip install 'bodysense\[train\]'"):
+    with pytest.raises(BodysenseError, match=r"needs the package zarr: pip install 'bodysense\[train\]'"):
         prepare(folder, tmp_path / "a.zarr")
 
 

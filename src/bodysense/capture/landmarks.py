@@ -15,7 +15,7 @@ import numpy as np
 from bodysense.capture.landmarker_files import LandmarkerFiles
 from bodysense.capture.silence import silence
 from bodysense.capture.video import Picture
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, missing_package
 
 # fmt: off
 BODY_LANDMARKS = (  # of MediaPipe's pose landmarker (BlazePose), in its order
@@ -69,8 +69,8 @@ class Landmarker:
         try:
             import mediapipe  # pyright: ignore[reportMissingImports]
             from mediapipe.tasks.python import BaseOptions, vision  # pyright: ignore[reportMissingImports]
-        except ImportError:
-            raise BodysenseError("video needs more packages: pip install 'bodysense[video]'") from None
+        except ImportError as error:
+            raise missing_package(error) from None
 
         self._image: Any = mediapipe
         self._moment = -1  # ms

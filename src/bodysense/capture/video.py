@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bodysense.capture.silence import silence
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, missing_package
 
 if TYPE_CHECKING:
     from av.container import InputContainer
@@ -222,8 +222,8 @@ def _load(name: str) -> Any:
 
     try:
         return import_module(name)
-    except ImportError:
-        raise BodysenseError("video needs more packages: pip install 'bodysense[video]'") from None
+    except ImportError as error:
+        raise missing_package(error) from None
 
 
 def _reason(error: Exception) -> str:

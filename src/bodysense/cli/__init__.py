@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, missing_package
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -15,7 +15,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     try:
         given = checked_arguments(sys.argv[1:] if arguments is None else arguments)
-        status = application().cli(prog="bodysense", description=_description(), args=given)
+        try:
+            status = application().cli(prog="bodysense", description=_description(), args=given)
+        except ModuleNotFoundError as error:
+            raise missing_package(error) from None
     except BodysenseError as error:
         print("bodysense:", " ".join(str(error).splitlines()), file=sys.stderr)
         return 2

@@ -28,7 +28,7 @@ from bodysense.data.layouts import Layout
 from bodysense.data.resample import resample
 from bodysense.data.sources import Source, list_sources, read_source
 from bodysense.data.splits import Split
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, missing_package
 from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
 FORMAT = "bodysense-motion-1"
@@ -257,8 +257,8 @@ def _computed(
     if scheduler is not None:
         try:
             from distributed import Client
-        except ImportError:
-            raise BodysenseError("a scheduler needs the package distributed; pip install 'bodysense[train]'") from None
+        except ImportError as error:
+            raise missing_package(error) from None
         with Client(scheduler):
             yield from batches(8 * BATCH)
         return
@@ -325,6 +325,6 @@ def _zarr() -> Any:
     try:
         import dask  # noqa: F401
         import zarr
-    except ImportError:
-        raise BodysenseError("a store of motion needs zarr and dask; pip install 'bodysense[train]'") from None
+    except ImportError as error:
+        raise missing_package(error) from None
     return zarr

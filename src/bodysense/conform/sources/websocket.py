@@ -14,7 +14,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.conform.sources.files import pose_subject
 from bodysense.conform.subject import Subject, Transport
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, missing_package
 from bodysense.serve.protocol import POSE, SUBPROTOCOL, VERSION, PoseFrame, read_pose
 
 _LARGEST = 1 << 20  # bytes of a message
@@ -26,8 +26,8 @@ def record_websocket(url: str, seconds: float, watch: str | None) -> Subject:
     try:
         from websockets.exceptions import WebSocketException
         from websockets.sync.client import connect
-    except ImportError:
-        raise BodysenseError(f"{url}: streams by WebSocket need a library: pip install 'bodysense[serve]'") from None
+    except ImportError as error:
+        raise missing_package(error) from None
     messages: list[str | bytes] = []
     try:
         source = watch

@@ -1,0 +1,57 @@
+"""What a command says where an extra is not installed."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import bodysense as bs
+from bodysense.demo import packaged_performance
+from bodysense.errors import EXTRAS, missing_package
+
+# An import hook that knows no package of the extras, then the command.
+WITHOUT = f"""
+import sys
+
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {set(EXTRAS)}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+
+sys.meta_path.insert(0, Absent())
+from bodysense.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def without_extras(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", WITHOUT, *arguments], cwd=folder, capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+@pytest.mark.parametrize(
+    ("extra", "command"),
+    [
+        ("train", "train completion --data one --run run -o a.onnx"),
+        ("train", "train arms --data one -o a.onnx"),
+        ("train", "train hmd-vae --data one -o a.onnx --model 0"),
+        ("train", "data prepare one -o one.zarr"),
+        ("serve", "serve --port 0"),
+    ],
+)
+def test_one_line_names_the_extra(extra: str, command: str, tmp_path: Path) -> None:
+    (tmp_path / "one").mkdir()
+    bs.write(tmp_path / "one" / "a.bvh", packaged_performance())
+    done = without_extras(tmp_path, *command.split())
+    assert done.returncode == 2
+    assert f"pip install 'bodysense[{extra}]'" in done.stderr and "Traceback" not in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["one"]
+
+
+def test_a_package_of_no_extra_is_a_fault_of_ours() -> None:
+    with pytest.raises(ImportError, match="colour"):
+        missing_package(ModuleNotFoundError("No module named 'colour'", name="colour"))
