@@ -1,14 +1,16 @@
-"""What a command says where an extra is not installed."""
+"""The command as a whole: packages that are not installed, and Ctrl-C."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 import bodysense as bs
+from bodysense.cli import main
 from bodysense.demo import packaged_performance
 from bodysense.errors import EXTRAS, missing_package
 
@@ -55,3 +57,13 @@ def test_one_line_names_the_extra(extra: str, command: str, tmp_path: Path) -> N
 def test_a_package_of_no_extra_is_a_fault_of_ours() -> None:
     with pytest.raises(ImportError, match="colour"):
         missing_package(ModuleNotFoundError("No module named 'colour'", name="colour"))
+
+
+def test_ctrl_c_while_a_command_is_still_loading(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    class Interrupted(ModuleType):
+        def __getattr__(self, name: str) -> None:
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "bodysense.cli.application", Interrupted("application"))
+    assert main(["data", "info", "."]) == 130
+    assert capsys.readouterr().err == "bodysense: stopped\n"
