@@ -1,7 +1,8 @@
-"""The command as a whole: packages that are not installed, and Ctrl-C."""
+"""The command as a whole: packages that are not installed, Ctrl-C, a full disk."""
 
 from __future__ import annotations
 
+import errno
 import subprocess
 import sys
 from pathlib import Path
@@ -59,11 +60,26 @@ def test_a_package_of_no_extra_is_a_fault_of_ours() -> None:
         missing_package(ModuleNotFoundError("No module named 'colour'", name="colour"))
 
 
-def test_ctrl_c_while_a_command_is_still_loading(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    class Interrupted(ModuleType):
-        def __getattr__(self, name: str) -> None:
-            raise KeyboardInterrupt
+@pytest.mark.parametrize(
+    ("error", "status", "said"),
+    [
+        (KeyboardInterrupt(), 130, "bodysense: stopped\n"),
+        (
+            OSError(errno.ENOSPC, "No space left on device", "motion.zarr"),
+            2,
+            "bodysense: the disk is full for motion.zarr; free some space and run the same command again\n",
+        ),
+    ],
+)
+def test_what_stops_a_command_from_outside(
+    error: BaseException, status: int, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also while it is still loading."""
 
-    monkeypatch.setitem(sys.modules, "bodysense.cli.application", Interrupted("application"))
-    assert main(["data", "info", "."]) == 130
-    assert capsys.readouterr().err == "bodysense: stopped\n"
+    class Stopped(ModuleType):
+        def __getattr__(self, name: str) -> None:
+            raise error
+
+    monkeypatch.setitem(sys.modules, "bodysense.cli.application", Stopped("application"))
+    assert main(["data", "info", "."]) == status
+    assert capsys.readouterr().err == said
