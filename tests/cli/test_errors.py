@@ -222,6 +222,7 @@ def test_a_split_without_clips(tmp_path: Path, short_clip: Clip, refused) -> Non
     write_bvh(tmp_path / "folder" / "anna" / "a.bvh", short_clip)
     lines = [refused("data", "info", tmp_path / "folder", "--split", split) for split in ("val", "test")]
     assert all("folder: none of its 1 clips is of split" in line for line in lines)
+    assert all("(1 of train); people are split by their names: give motion of more people" in line for line in lines)
 
 
 @pytest.mark.parametrize(

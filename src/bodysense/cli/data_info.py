@@ -13,6 +13,7 @@ import tyro
 from bodysense.cli.data_occlusion import occlusion_table
 from bodysense.cli.options import Reading
 from bodysense.data.layouts import Layout
+from bodysense.data.splits import empty_split
 from bodysense.errors import BodysenseError
 from bodysense.occlusion.headset_camera import HeadsetCamera
 from bodysense.rigs.options import AS_FOUND, ReadingOptions
@@ -159,7 +160,7 @@ def _files(place: Path, split: Split, layout: Layout | None, reading: ReadingOpt
     every = [] if others and not _has_motion(place) else list_sources(place, layout)
     sources = [source for source in every if split in ("all", source.split)]
     if not sources and not others:
-        raise BodysenseError(f"{place}: none of its {len(every)} clips is of split {split!r}")
+        raise BodysenseError(empty_split(str(place), split, (source.split for source in every)))
     sources += [Source(path, person="", split="test") for path in others]
     return len(sources), (_read(source.key(place), source, reading) for source in sources)
 

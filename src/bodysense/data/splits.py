@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
+from collections.abc import Iterable
 from typing import Literal
 
 Split = Literal["train", "val", "test"]
@@ -16,3 +18,13 @@ def split_of(person: str) -> Split:
     """
     share = int.from_bytes(hashlib.sha256(person.encode()).digest()[:8], "big") / 2**64
     return "train" if share < 0.8 else "val" if share < 0.9 else "test"
+
+
+def empty_split(name: str, split: str, splits: Iterable[str]) -> str:
+    """What to say of motion `name` whose clips are of `splits` where none is of the one asked for."""
+    counts = Counter(splits)
+    there = ", ".join(f"{counts[known]} of {known}" for known in SPLITS if counts[known])
+    return (
+        f"{name}: none of its {counts.total()} clips is of split {split!r} ({there or 'it has none'}); "
+        "people are split by their names: give motion of more people, or another --split"
+    )

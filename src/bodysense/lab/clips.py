@@ -9,7 +9,7 @@ from typing import Any, Literal
 from bodysense.data.clip import Clip
 from bodysense.data.layouts import Layout
 from bodysense.data.sources import list_sources, read_source
-from bodysense.data.splits import SPLITS, Split
+from bodysense.data.splits import SPLITS, Split, empty_split
 from bodysense.errors import BodysenseError
 from bodysense.lab.store import read_store
 from bodysense.rigs.options import AS_FOUND, ReadingOptions
@@ -65,9 +65,11 @@ def _choose(
         if split in ("all", row.split) and (categories is None or row.category in categories)
     ]
     if not chosen:
+        if categories is None:
+            raise BodysenseError(empty_split(str(directory), split, (row.split for row in rows)))
         known = ", ".join(sorted({row.category for row in rows if row.category})) or "none"
         raise BodysenseError(
-            f"{directory}: none of its {len(rows)} clips is of split {split!r}"
-            + ("" if categories is None else f" and of {', '.join(categories)}; its categories are {known}")
+            f"{directory}: none of its {len(rows)} clips is of split {split!r} and of {', '.join(categories)}; "
+            f"its categories are {known}"
         )
     return chosen, clip_at
