@@ -172,9 +172,29 @@ def completion_measures(numbers: dict[str, float]) -> str:
         for name in TABLE_SETS
         if f"{name}_ece" in numbers
     ]
+    sure = [
+        [
+            _sensors(name),
+            body,
+            _between(numbers, f"{name}_{body}"),
+            "" if body == "own" else _between(numbers, f"{name}_{body}_minus_own", signed=True),
+        ]
+        for name in TABLE_SETS
+        for body in BODIES
+        if f"{name}_{body}_low_cm" in numbers
+    ]
     first = markdown(["sensors", "body", "MPJPE cm", *measures], rows)
     second = markdown(["expected errors", "ECE", "within the 90 % interval", "rank correlation with the true"], trust)
-    return f"{first}\n\nJitter in 10² m/s³; skate of feet that truly stand.\n\n{second}"
+    text = f"{first}\n\nJitter in 10² m/s³; skate of feet that truly stand.\n\n"
+    if sure:
+        text += markdown(["sensors", "body", "MPJPE lies between, cm", "more than own, cm"], sure)
+        text += "\n\n95 % intervals by bootstrap over people; a difference whose interval holds 0 is none.\n\n"
+    return text + second
+
+
+def _between(numbers: dict[str, float], key: str, signed: bool = False) -> str:
+    sign = "+" if signed else ""
+    return f"{numbers[f'{key}_low_cm']:{sign}.2f} to {numbers[f'{key}_high_cm']:{sign}.2f}"
 
 
 def published(numbers: dict[str, float]) -> str:

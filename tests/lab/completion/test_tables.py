@@ -22,7 +22,7 @@ from bodysense.lab.completion.measures import count_jumps
 from bodysense.lab.completion.reliability_diagram import draw_reliability
 from bodysense.lab.completion.reports import completion_reports
 from bodysense.lab.completion.scenes import BODIES, Scene
-from bodysense.lab.completion.tables import CompletionSettings, CompletionTable, evaluate_completion
+from bodysense.lab.completion.tables import CompletionSettings, CompletionTable, evaluate_completion, headline
 from bodysense.lab.completion.tracking import TrackBatch, TrackedBatch
 from bodysense.lab.datasets import Census, DataSet
 from bodysense.lab.metrics import jitter
@@ -166,11 +166,17 @@ def test_all_keys_are_there(table: CompletionTable) -> None:
 
 def test_reports_and_picture(table: CompletionTable, tmp_path: Path) -> None:
     data = DataSet("motion", tmp_path, "test")
-    short, whole, confidence = completion_reports(table, Census(3, frozenset("a"), 6.0), data)
+    short, whole, sure, confidence = completion_reports(table, Census(3, frozenset("a"), 6.0), data)
     assert [row[0] for row in short.rows] == [name.replace("_", " ") for name in TABLE_SETS]
     assert short.columns == ("sensors", *BODIES) and short.numbers["clips"] == 3
     assert {len(row) for row in whole.rows} == {len(whole.columns)}
     assert {row[0] for row in whole.rows} == {"main", "sport"}
+    assert {len(row) for row in sure.rows} == {len(sure.columns)}
+    assert len(sure.rows) == len(TABLE_SETS) * len(BODIES)
+    for name, body, error, low, high, *_ in sure.rows:
+        assert low <= error <= high and error == table.get(
+            name.replace(" ", "_"), body, headline(name.replace(" ", "_"))
+        )
     assert {len(row) for row in confidence.rows} == {len(confidence.columns)}
     assert any("random edges" in remark for remark in short.remarks)
     draw_reliability(tmp_path / "reliability.png", table)

@@ -9,7 +9,7 @@ import numpy as np
 from bodysense.lab.completion.calibration import REGIONS
 from bodysense.lab.completion.lattice import CLIPS, FRAMES
 from bodysense.lab.completion.scenes import Truth
-from bodysense.lab.completion.tables import CompletionTable, groups_of
+from bodysense.lab.completion.tables import CompletionTable, groups_of, headline
 from bodysense.lab.datasets import Census, DataSet, describe
 from bodysense.lab.table import Cell, Report, cell, finite
 
@@ -35,15 +35,15 @@ MEASURES = {
 }
 
 
-def completion_reports(table: CompletionTable, census: Census, data: DataSet) -> tuple[Report, Report, Report]:
-    """The short table, the table of all measures and groups, and the one of confidence; the numbers are the first's."""
+def completion_reports(table: CompletionTable, census: Census, data: DataSet) -> tuple[Report, ...]:
+    """The short table, all measures and groups, how sure figures are, confidence; the numbers are the first's."""
     bodies = table.settings.bodies
     short = Report(
         name="completion",
         title="Completion: sensor sets × bodies (main categories, MPJPE in cm)",
         columns=("sensors", *bodies),
         rows=tuple(
-            (name.replace("_", " "), *(cell(table.get(name, body, _headline(name))) for body in bodies))
+            (name.replace("_", " "), *(cell(table.get(name, body, headline(name))) for body in bodies))
             for name in table.settings.sets
         ),
         numbers=finite(table.numbers()) | census.numbers(),
@@ -67,11 +67,7 @@ def completion_reports(table: CompletionTable, census: Census, data: DataSet) ->
         "frames at 30 Hz.",
         digits=2,
     )
-    return short, whole, _confidence_report(table)
-
-
-def _headline(sensors: str) -> str:
-    return "occluded_mpjpe_cm" if sensors == "headset_camera" else "mpjpe_cm"
+    return short, whole, _interval_report(table), _confidence_report(table)
 
 
 def _rows(table: CompletionTable) -> Iterator[tuple[Cell, ...]]:
@@ -94,6 +90,32 @@ def _rows(table: CompletionTable) -> Iterator[tuple[Cell, ...]]:
                 values = [hidden if one == "occluded_mpjpe_cm" else None for one in MEASURES.values()]
                 name = method.replace("_", " ") if method == "mean_body" else f"last known ({method})"
                 yield (group, name, truth, *values, *blank)
+
+
+def _interval_report(table: CompletionTable) -> Report:
+    """Between what the short table's figures lie, and which differences between bodies carry."""
+    rows: list[tuple[Cell, ...]] = []
+    for name in table.settings.sets:
+        for body in table.settings.bodies:
+            one = table.interval(name, body)
+            beside: tuple[Cell, ...] = (None,) * 4
+            if body != "own" and (name, "own") in table.people:
+                more = table.interval(name, body, "own")
+                beside = (cell(more.value), cell(more.low), cell(more.high), more.verdict)
+            rows.append((name.replace("_", " "), body, cell(one.value), cell(one.low), cell(one.high), *beside))
+    return Report(
+        name="completion-intervals",
+        title="Completion: how sure (main categories, cm)",
+        columns=("sensors", "body", "error", "low", "high", "more than own", "low", "high", "difference"),
+        rows=tuple(rows),
+        numbers={},
+        caption=f"95 % intervals by bootstrap over {_people(table)} people; a difference is none where it may be 0.",
+        digits=2,
+    )
+
+
+def _people(table: CompletionTable) -> int:
+    return max((len(people) for people in table.people.values()), default=0)
 
 
 def _confidence_report(table: CompletionTable) -> Report:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Literal
 
@@ -40,6 +40,7 @@ class Scene:
     name: str
     group: str  # category group: main, sport, dance, other
     pose: Pose  # (T,)
+    person: str = ""
 
     def __len__(self) -> int:
         return int(self.pose.root_position.shape[0])
@@ -72,14 +73,14 @@ class Scene:
 
     def beginning(self, frames: int) -> Scene:
         """The first frames of the scene."""
-        return Scene(self.name, self.group, self.pose[:frames])
+        return replace(self, pose=self.pose[:frames])
 
 
 def scene_of(clip: Clip, truth: Truth, split: Split | Literal["all"]) -> Scene:
     """A clip at `RATE`, on its own body or on the stranger of its name."""
     clip = resample(clip, RATE)
     pose = clip.pose if truth == "own" else retargeted(clip.pose, stranger_of(clip, split))
-    return Scene(f"{clip.person}/{clip.name}", group_of(clip), pose)
+    return Scene(f"{clip.person}/{clip.name}", group_of(clip), pose, clip.person)
 
 
 def stranger_of(clip: Clip, split: Split | Literal["all"]) -> Skeleton:

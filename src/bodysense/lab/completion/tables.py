@@ -10,6 +10,7 @@ import numpy as np
 
 from bodysense.data.clip import Clip
 from bodysense.data.splits import Split
+from bodysense.lab.bootstrap import Interval, interval
 from bodysense.lab.completion.baselines import MeanBody
 from bodysense.lab.completion.calibration import REGIONS, Calibration
 from bodysense.lab.completion.lattice import EdgeScore, choose_scenes, score_lattice
@@ -49,6 +50,7 @@ class CompletionTable:
     calibrations: dict[tuple[str, Body, str], Calibration] = field(default_factory=dict, repr=False)  # by region
     truths: dict[tuple[Truth, str], Averages] = field(default_factory=dict, repr=False)
     baselines: dict[tuple[str, Truth, str], Averages] = field(default_factory=dict, repr=False)
+    people: dict[tuple[str, Body], dict[str, Averages]] = field(default_factory=dict, repr=False)  # of the main group
     times: dict[tuple[str, Body], np.ndarray] = field(default_factory=dict, repr=False)  # (N,) s a step
     lattice: list[EdgeScore] = field(default_factory=list, repr=False)
 
@@ -63,6 +65,16 @@ class CompletionTable:
             if of_sensors == sensors and body in (None, of_body) and region in (None, of_region):
                 whole.merge(one)
         return whole
+
+    def interval(self, sensors: str, body: Body, minus: Body | None = None) -> Interval:
+        """The headline of a cell, or what it has more than another body's, and between what it lies: main group."""
+        of, other = (self._by_person(sensors, one) for one in (body, minus))
+        return interval(of, None if minus is None else other)
+
+    def _by_person(self, sensors: str, body: Body | None) -> dict[str, tuple[float, float]]:
+        name = headline(sensors)
+        people = {} if body is None else self.people.get((sensors, body), {})
+        return {person: (one.get(name), one.weight[name]) for person, one in people.items() if name in one.weight}
 
     def last_known(self, truth: Truth, group: str = "main") -> Averages:
         """The best of the last-known baselines, by the root of its mean square."""
@@ -92,6 +104,13 @@ class CompletionTable:
             suffix = "" if group == "main" else f"_{group}"
             result[f"{key}_occluded_mpjpe_cm{suffix}"] = averages.get("occluded_mpjpe_cm")
             result[f"{key}_occluded_rmsjpe_cm{suffix}"] = averages.root("occluded_square")
+        for sensors, body in self.people:
+            one = self.interval(sensors, body)
+            result |= {f"{sensors}_{body}_low_cm": one.low, f"{sensors}_{body}_high_cm": one.high}
+            if body != "own" and (sensors, "own") in self.people:
+                beside = self.interval(sensors, body, "own")
+                parts = zip(("", "_low", "_high"), (beside.value, beside.low, beside.high), strict=True)
+                result |= {f"{sensors}_{body}_minus_own{part}_cm": value for part, value in parts}
         for (sensors, body), times in self.times.items():
             for percent in (50, 99):
                 result[f"{sensors}_{body}_p{percent}_ms"] = 1000 * float(np.percentile(times, percent))
@@ -188,10 +207,12 @@ def _score_set(
         for index, (scene, seen) in enumerate(zip(scenes, observations, strict=True)):
             tracked = batch.of_person(index, len(scene))
             cell = table.cells.setdefault((sensors, body, scene.group), Averages())
-            cell.merge(measure(scene, tracked))
+            scores = measure(scene, tracked)
             if sensors == "headset_camera":
-                cell.merge(measure_hidden(tracked.position, scene))
+                scores.merge(measure_hidden(tracked.position, scene))
+            cell.merge(scores)
             if scene.group == "main":
+                table.people.setdefault((sensors, body), {}).setdefault(scene.person, Averages()).merge(scores)
                 for region, one in measure_confidence(scene, seen, tracked).items():
                     table.calibrations.setdefault((sensors, body, region), Calibration()).merge(one)
         advance(len(scenes), f"{sensors}, {body}")
@@ -218,6 +239,11 @@ def _time_steps(table: CompletionTable, clip: Clip, times: StepTimes) -> None:
         for sensors in table.settings.sets:
             seen = scene.observe(SENSOR_SETS[sensors])
             table.times[sensors, body] = times(person_of(body, scene.skeleton), seen)
+
+
+def headline(sensors: str) -> str:
+    """The measure by which a set is told first."""
+    return "occluded_mpjpe_cm" if sensors == "headset_camera" else "mpjpe_cm"
 
 
 def groups_of(table: CompletionTable) -> tuple[str, ...]:
