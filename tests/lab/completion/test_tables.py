@@ -173,10 +173,11 @@ def test_reports_and_picture(table: CompletionTable, tmp_path: Path) -> None:
     assert {row[0] for row in whole.rows} == {"main", "sport"}
     assert {len(row) for row in sure.rows} == {len(sure.columns)}
     assert len(sure.rows) == len(TABLE_SETS) * len(BODIES)
-    for name, body, error, low, high, *_ in sure.rows:
-        assert low <= error <= high and error == table.get(
-            name.replace(" ", "_"), body, headline(name.replace(" ", "_"))
-        )
+    for name in TABLE_SETS:
+        for body in BODIES:
+            one = table.interval(name, body)
+            assert one.low <= one.value <= one.high
+            assert one.value == pytest.approx(table.get(name, body, headline(name)))
     assert {len(row) for row in confidence.rows} == {len(confidence.columns)}
     assert any("random edges" in remark for remark in short.remarks)
     draw_reliability(tmp_path / "reliability.png", table)
