@@ -21,6 +21,8 @@ def completion(
     limit: int | None = None,
     model: Path | None = None,
     lattice: bool = True,
+    jobs: int = 1,
+    scheduler: str | None = None,
     json: Path | None = None,
     csv: Path | None = None,
     picture: Path | None = None,
@@ -36,6 +38,8 @@ def completion(
         limit: So many clips, spread evenly; all if omitted.
         model: A completion network of your own; the packaged one if omitted.
         lattice: Also score 200 random edges of the lattice of sensor sets.
+        jobs: Processes. Times of a step are truest with one.
+        scheduler: Address of a Dask scheduler to run on instead of this machine, like tcp://host:8786.
         json: Write the numbers here, as one flat object.
         csv: Write the table of all measures here.
         picture: Write the reliability diagram here (PNG).
@@ -44,22 +48,23 @@ def completion(
     from rich.progress import Progress
 
     from bodysense.cli.show import print_report, write_numbers
-    from bodysense.completion.model import load_completion
     from bodysense.lab.clips import open_clips
     from bodysense.lab.completion.baselines import cached_mean_body
     from bodysense.lab.completion.reliability_diagram import draw_reliability
     from bodysense.lab.completion.reports import completion_reports
-    from bodysense.lab.completion.tables import CompletionSettings, evaluate_completion, work_of
-    from bodysense.lab.completion.tracking import step_times, track_batch
+    from bodysense.lab.completion.scoring import evaluate_completion, work_of
+    from bodysense.lab.completion.tables import CompletionSettings
+    from bodysense.lab.completion.tracking import TrackedBy, step_times
     from bodysense.lab.datasets import Census, census_of, named_data
+    from bodysense.lab.spread import spread
     from bodysense.lab.table import write_csv
     from bodysense.occlusion.sensors import TABLE_SETS
 
     for path in (json, csv, picture):
         if path is not None:
             check_place(path)
-    _check(sets, bodies, limit)
-    network = None if model is None else load_completion(model)
+    _check(sets, bodies, limit, jobs)
+    track = TrackedBy(model)
     chosen, census = named_data(data, split), Census()
     settings = CompletionSettings(split, sets or TABLE_SETS, bodies, 200 if lattice else 0)
     count = min(chosen.count(), limit or chosen.count())
@@ -83,8 +88,9 @@ def completion(
         table = evaluate_completion(
             clips,
             settings,
-            track=partial(track_batch, network=network),
-            times=partial(step_times, network=network),
+            track=track,
+            times=partial(step_times, network=track.network),
+            spread=partial(spread, jobs=jobs, scheduler=scheduler),
             mean_body=mean_body,
             advance=advance,
         )
@@ -104,12 +110,14 @@ def completion(
             console.print(f"wrote {path}", highlight=False)
 
 
-def _check(sets: tuple[str, ...], bodies: tuple[str, ...], limit: int | None) -> None:
+def _check(sets: tuple[str, ...], bodies: tuple[str, ...], limit: int | None, jobs: int) -> None:
     from bodysense.occlusion.sensors import SENSOR_SETS
 
     for name in sets:
         if name not in SENSOR_SETS:
             raise BodysenseError(f"--sets {name}: unknown; valid are {', '.join(SENSOR_SETS)}")
+    if jobs < 1:
+        raise BodysenseError(f"--jobs {jobs}: give at least 1")
     if limit is not None and limit < 1:
         raise BodysenseError(f"--limit {limit}: give at least 1")
     if not bodies:

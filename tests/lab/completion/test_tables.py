@@ -16,16 +16,18 @@ from bodysense.body.skeleton import BODY, LOWER_BODY
 from bodysense.cli import main
 from bodysense.data.bvh import write_bvh
 from bodysense.data.clip import Clip
-from bodysense.lab.completion import tables
+from bodysense.lab.completion import scoring, tables
 from bodysense.lab.completion.lattice import choose_scenes
 from bodysense.lab.completion.measures import count_jumps
 from bodysense.lab.completion.reliability_diagram import draw_reliability
 from bodysense.lab.completion.reports import completion_reports
 from bodysense.lab.completion.scenes import BODIES, Scene
-from bodysense.lab.completion.tables import CompletionSettings, CompletionTable, evaluate_completion, headline
-from bodysense.lab.completion.tracking import TrackBatch, TrackedBatch
+from bodysense.lab.completion.scoring import evaluate_completion
+from bodysense.lab.completion.tables import CompletionSettings, CompletionTable, headline
+from bodysense.lab.completion.tracking import TrackBatch, TrackedBatch, TrackedBy
 from bodysense.lab.datasets import Census, DataSet
 from bodysense.lab.metrics import jitter
+from bodysense.lab.spread import spread
 from bodysense.lab.unoc.headset import scored_points
 from bodysense.observation import Observation
 from bodysense.occlusion.sensors import TABLE_SETS
@@ -184,6 +186,14 @@ def test_reports_and_picture(table: CompletionTable, tmp_path: Path) -> None:
     assert (tmp_path / "reliability.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
+def test_processes_share_the_work(clips: list[Clip]) -> None:
+    settings = CompletionSettings(sets=("three_point",), bodies=("own", "stranger"), edges=2)
+    score_with = partial(evaluate_completion, clips, settings, track=TrackedBy(None), times=None)
+    one, two = score_with().numbers(), score_with(spread=partial(spread, jobs=2)).numbers()
+    assert one == pytest.approx(two, nan_ok=True)
+
+
 def test_the_command(
     tmp_path: Path, clips: list[Clip], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -203,7 +213,7 @@ def test_the_command(
         )
 
     known = partial(evaluate_completion, track=still, times=None)
-    monkeypatch.setattr(tables, "evaluate_completion", known)
+    monkeypatch.setattr(scoring, "evaluate_completion", known)
     numbers, measures, picture = tmp_path / "c.json", tmp_path / "c.csv", tmp_path / "c.png"
     arguments = ["evaluate", "completion", "--data", str(tmp_path / "motion"), "--split", "all", "--no-lattice"]
     arguments += ["--sets", "head", "headset_camera", "--bodies", "own", "nothing", "--limit", "2"]

@@ -1,34 +1,22 @@
-"""`bodysense evaluate completion`: sensor sets by bodies, each cell a run of the tracker over the clips of a split."""
+"""The table of `bodysense evaluate completion`: sensor sets by bodies."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
-from bodysense.data.clip import Clip
 from bodysense.data.splits import Split
 from bodysense.lab.bootstrap import Interval, interval
-from bodysense.lab.completion.baselines import MeanBody
 from bodysense.lab.completion.calibration import REGIONS, Calibration
-from bodysense.lab.completion.lattice import EdgeScore, choose_scenes, score_lattice
-from bodysense.lab.completion.measures import (
-    Averages,
-    measure,
-    measure_confidence,
-    measure_hidden,
-    motion_measures,
-)
-from bodysense.lab.completion.scenes import BODIES, TRUTH_OF, Body, Scene, Truth, batches, person_of, scene_of, stacked
-from bodysense.lab.completion.tracking import StepTimes, TrackBatch, step_times, track_batch
-from bodysense.lab.unoc.headset import GROUPS, KNOWN, last_known
-from bodysense.observation import Observation
-from bodysense.occlusion.sensors import SENSOR_SETS, TABLE_SETS, random_edges
+from bodysense.lab.completion.lattice import EdgeScore
+from bodysense.lab.completion.measures import Averages
+from bodysense.lab.completion.scenes import BODIES, TRUTH_OF, Body, Truth
+from bodysense.lab.unoc.headset import GROUPS, KNOWN
+from bodysense.occlusion.sensors import TABLE_SETS
 
-TIMED_FRAMES = 330  # of one wearer, to tell how long a step takes
-BASELINES = (*KNOWN, "mean_body")  # what hidden joints are compared with: last known, in three ways, and a mean body
+Key = TypeVar("Key")
 
 
 @dataclass(frozen=True)
@@ -53,6 +41,16 @@ class CompletionTable:
     people: dict[tuple[str, Body], dict[str, Averages]] = field(default_factory=dict, repr=False)  # of the main group
     times: dict[tuple[str, Body], np.ndarray] = field(default_factory=dict, repr=False)  # (N,) s a step
     lattice: list[EdgeScore] = field(default_factory=list, repr=False)
+
+    def merge(self, other: CompletionTable) -> None:
+        """Count what another table of the same settings has counted."""
+        _merge(self.cells, other.cells)
+        _merge(self.truths, other.truths)
+        _merge(self.baselines, other.baselines)
+        for key, one in other.calibrations.items():
+            self.calibrations.setdefault(key, Calibration()).merge(one)
+        for key, people in other.people.items():
+            _merge(self.people.setdefault(key, {}), people)
 
     def get(self, sensors: str, body: Body, name: str, group: str = "main") -> float:
         """One figure of one cell; NaN where nothing was counted."""
@@ -135,110 +133,9 @@ class CompletionTable:
         return result
 
 
-def evaluate_completion(
-    clips: Iterable[Clip],
-    settings: CompletionSettings = CompletionSettings(),
-    *,
-    mean_body: MeanBody | None = None,
-    track: TrackBatch = track_batch,
-    times: StepTimes | None = step_times,
-    advance: Callable[[int, str], None] = lambda count, what: None,
-) -> CompletionTable:
-    """Score the tracker on clips.
-
-    Args:
-        clips: the motion, canonical.
-        settings: what is scored.
-        mean_body: a baseline of hidden joints; None leaves it out.
-        track: tracks a batch of people.
-        times: times the steps of one wearer; None leaves this out.
-        advance: is told how many clips of a cell, or edges of the lattice, are done, and what they were.
-    """
-    table, judged = CompletionTable(settings), []
-    truths: tuple[Truth, ...] = tuple(dict.fromkeys(TRUTH_OF[body] for body in settings.bodies))
-    for batch in batches(clips):
-        for truth in truths:
-            scenes = [scene_of(clip, truth, settings.split) for clip in batch]
-            _score_truth(table, scenes, truth)
-            for sensors in settings.sets:
-                _score_set(table, scenes, truth, sensors, mean_body, track, advance)
-        if settings.edges:
-            judged += [scene_of(clip, "stranger", settings.split) for clip in batch]
-        if times is not None and not table.times:  # the longest clips come first
-            _time_steps(table, batch[0], times)
-    if settings.edges:
-        table.lattice.extend(
-            score_lattice(choose_scenes(judged), random_edges(settings.edges), track, lambda: advance(1, "edges"))
-        )
-    return table
-
-
-def work_of(count: int, settings: CompletionSettings) -> int:
-    """How much `advance` is told in all of `count` clips."""
-    return count * len(settings.sets) * len(settings.bodies) + settings.edges
-
-
-def _score_truth(table: CompletionTable, scenes: Sequence[Scene], truth: Truth) -> None:
-    for scene in scenes:
-        position = scene.placed[0]
-        averages = table.truths.setdefault((truth, scene.group), Averages())
-        averages.merge(motion_measures(position, position, scene.skeleton))
-
-
-def _score_set(
-    table: CompletionTable,
-    scenes: Sequence[Scene],
-    truth: Truth,
-    sensors: str,
-    mean_body: MeanBody | None,
-    track: TrackBatch,
-    advance: Callable[[int, str], None],
-) -> None:
-    """Score one set of sensors on scenes of one truth, for all that the tracker may be told."""
-    observations = [scene.observe(SENSOR_SETS[sensors]) for scene in scenes]
-    if sensors == "headset_camera":
-        for scene, seen in zip(scenes, observations, strict=True):
-            _score_baselines(table, scene, seen, truth, mean_body)
-    observation = stacked(observations)
-    for body in table.settings.bodies:
-        if TRUTH_OF[body] != truth:
-            continue
-        batch = track([person_of(body, scene.skeleton) for scene in scenes], observation)
-        for index, (scene, seen) in enumerate(zip(scenes, observations, strict=True)):
-            tracked = batch.of_person(index, len(scene))
-            cell = table.cells.setdefault((sensors, body, scene.group), Averages())
-            scores = measure(scene, tracked)
-            if sensors == "headset_camera":
-                scores.merge(measure_hidden(tracked.position, scene))
-            cell.merge(scores)
-            if scene.group == "main":
-                table.people.setdefault((sensors, body), {}).setdefault(scene.person, Averages()).merge(scores)
-                for region, one in measure_confidence(scene, seen, tracked).items():
-                    table.calibrations.setdefault((sensors, body, region), Calibration()).merge(one)
-        advance(len(scenes), f"{sensors}, {body}")
-
-
-def _score_baselines(
-    table: CompletionTable, scene: Scene, seen: Observation, truth: Truth, mean_body: MeanBody | None
-) -> None:
-    """Errors of hidden joints of what knows nothing of this wearer's motion."""
-    methods = last_known(seen, scene.skeleton)
-    if mean_body is not None:
-        head = scene.skeleton.index("head")
-        position, rotation = scene.placed
-        methods["mean_body"] = mean_body.positions(position[:, head], rotation[:, head], scene.skeleton)
-    for method, position in methods.items():
-        averages = table.baselines.setdefault((method, truth, scene.group), Averages())
-        averages.merge(measure_hidden(position, scene))
-
-
-def _time_steps(table: CompletionTable, clip: Clip, times: StepTimes) -> None:
-    """Time the steps of one wearer in every cell."""
-    for body in table.settings.bodies:
-        scene = scene_of(clip, TRUTH_OF[body], table.settings.split).beginning(TIMED_FRAMES)
-        for sensors in table.settings.sets:
-            seen = scene.observe(SENSOR_SETS[sensors])
-            table.times[sensors, body] = times(person_of(body, scene.skeleton), seen)
+def _merge(ours: dict[Key, Averages], theirs: dict[Key, Averages]) -> None:
+    for key, averages in theirs.items():
+        ours.setdefault(key, Averages()).merge(averages)
 
 
 def headline(sensors: str) -> str:

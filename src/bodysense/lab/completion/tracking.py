@@ -5,11 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
 from bodysense.body.person import Person
-from bodysense.completion.model import CompletionModel
+from bodysense.completion.model import CompletionModel, load_completion, packaged_model
 from bodysense.observation import Observation
 from bodysense.tracker import Tracker
 
@@ -48,6 +50,27 @@ def track_batch(
     tracker = Tracker(people, network)
     estimate, _ = tracker.step(observation, tracker.start())
     return TrackedBatch(estimate.points, estimate.pose.rotation, estimate.confidence, estimate.bound, estimate.contact)
+
+
+@dataclass(frozen=True)
+class TrackedBy:
+    """`track_batch` by the network of a file (None: the packaged one), which every process opens for itself."""
+
+    model: Path | None
+
+    @property
+    def network(self) -> CompletionModel:
+        """The network, opened once in every process."""
+        return _opened(self.model)
+
+    def __call__(self, people: Sequence[Person], observation: Observation) -> TrackedBatch:
+        """Track B people."""
+        return track_batch(people, observation, self.network)
+
+
+@lru_cache(maxsize=1)
+def _opened(model: Path | None) -> CompletionModel:
+    return packaged_model() if model is None else load_completion(model)
 
 
 def step_times(person: Person, observation: Observation, network: CompletionModel | None = None) -> np.ndarray:
