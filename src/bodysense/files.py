@@ -30,6 +30,29 @@ def check_place(path: str | Path) -> Path:
     return path
 
 
+def check_folder(path: str | Path) -> Path:
+    """Return the path of a folder to be made; raise BodysenseError, before any work, where none can be."""
+    path = Path(path)
+    nearest = next(place for place in (path, *path.absolute().parents) if place.exists())
+    if not nearest.is_dir():
+        raise _no_folder(path, f"{nearest} is a file")
+    return path
+
+
+def make_folder(path: str | Path) -> Path:
+    """Make a folder, and those above it. Raises BodysenseError where none can be."""
+    path = check_folder(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _no_folder(path, error.strerror) from None
+    return path
+
+
+def _no_folder(path: Path, reason: str | None) -> BodysenseError:
+    return BodysenseError(f"{path}: no folder can be made there ({reason}); choose another --out")
+
+
 def part_beside(path: Path) -> Path:
     """The hidden name beside `path` under which this process writes it.
 

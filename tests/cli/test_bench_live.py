@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from bodysense.cli.bench_live import _framed, _messages, bench_live
+from bodysense.lab.commands.bench_live import _framed, _messages, bench_live
 from bodysense.errors import BodysenseError
 
 

@@ -16,8 +16,8 @@ from bodysense.lab.clips import open_clips
 from bodysense.lab.store import is_store, prepare, read_store
 from bodysense.rigs.options import ReadingOptions
 
-pytest.importorskip("zarr", reason="needs bodysense[train]")
-pytest.importorskip("dask", reason="needs bodysense[train]")
+pytest.importorskip("zarr", reason="needs bodysense[lab]")
+pytest.importorskip("dask", reason="needs bodysense[lab]")
 
 
 @pytest.fixture
@@ -165,7 +165,7 @@ def test_without_the_extra(folder: Path, tmp_path: Path, monkeypatch) -> None:
     import sys
 
     monkeypatch.setitem(sys.modules, "zarr", None)
-    with pytest.raises(BodysenseError, match=r"needs the package zarr: pip install 'bodysense\[train\]'"):
+    with pytest.raises(BodysenseError, match=r"needs the package zarr: pip install 'bodysense\[lab\]'"):
         prepare(folder, tmp_path / "a.zarr")
 
 

@@ -17,10 +17,10 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.estimators.gloves.networks import known_shapes, load_joint_network, load_marker_network, size_ratios
+from bodysense.lab.fit import Progress
 from bodysense.lab.synthesis.hand_motion import HandMotion
 from bodysense.lab.synthesis.hands import synthesize_hand
 from bodysense.lab.synthesis.pairs import synthesize_pair
-from bodysense.lab.unoc.training import Progress
 from bodysense.models.glove import (
     PAPER_JOINTS,
     PAPER_MARKERS,

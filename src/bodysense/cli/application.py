@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from tyro.extras import SubcommandApp
 
-from bodysense.cli import bench, conform, data, demo, evaluate, motion, samples, serve, study, train
+from bodysense.cli import conform, data, demo, laboratory, motion, samples, serve
 
 
 def application() -> SubcommandApp:
-    """All commands: `bodysense demo`, `bodysense data info` …"""
-    root = SubcommandApp()
-    for command in (demo.demo, motion.track, motion.simulate, conform.conform):
+    """All commands: `bodysense demo`, `bodysense data info` …, those of the laboratory where it is installed."""
+    root, data_group = SubcommandApp(), data.commands()
+    for command in (demo.demo, motion.track, motion.simulate, conform.conform, samples.generate, serve.serve):
         root.command(command)
-    root.command(samples.generate)
-    root.command(serve.serve)
-    root.command(data.commands(), name="data")
-    root.command(train.commands(), name="train")
-    root.command(evaluate.commands(), name="evaluate")
-    root.command(bench.commands(), name="bench")
-    root.command(study.commands(), name="study")
+    root.command(data_group, name="data")
+    if laboratory.is_installed():
+        laboratory.add_commands(root, data_group)
     return root

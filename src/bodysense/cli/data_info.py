@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from bodysense.cli.data_occlusion import occlusion_table
 from bodysense.cli.options import Reading
 from bodysense.data.layouts import Layout
 from bodysense.data.splits import empty_split
@@ -86,6 +85,8 @@ def info(
     total, every = _files(place, split, layout, reading)
     found: list[Found] = []
     if occlusion:
+        from bodysense.lab.unoc.occlusion_info import occlusion_table
+
         shown, numbers = occlusion_table(_readable(track(every, "looking", total), found), camera)
         Console().print(shown)
     else:

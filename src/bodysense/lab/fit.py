@@ -1,10 +1,15 @@
-"""The training loop: averaged weights, checkpoints, resumption, the best so far, bf16 through Fabric."""
+"""The training loop of every network: averaged weights, checkpoints, resumption, the best so far, a log.
+
+What a network learns is a `Task`. Several processes, on one machine or more, share a training through Fabric: each
+draws batches of its own, and gradients are averaged.
+"""
 
 from __future__ import annotations
 
+import json
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,10 +20,10 @@ import torch
 from lightning_fabric import Fabric
 from rich.console import Console
 from torch import Tensor, nn
+from torch.optim import AdamW, Optimizer
 from torch.optim.swa_utils import AveragedModel
 
 from bodysense.lab.checkpoint import identity, load_checkpoint, save_checkpoint
-from bodysense.lab.unoc.training import Progress, moving_average
 
 
 @dataclass(frozen=True)
@@ -35,102 +40,199 @@ class Schedule:
     seed: int = 1  # random seed
 
 
-class Task(Protocol):
-    """What a network learns and how it is judged."""
+class Pace(Protocol):
+    """What the loop itself reads of a schedule."""
 
     @property
-    def network(self) -> nn.Module:
-        """The network to train."""
+    def learning_rate(self) -> float:
+        """The highest."""
         ...
 
     @property
-    def configuration(self) -> Any:
-        """A dataclass that a checkpoint must agree on."""
+    def average_decay(self) -> float:
+        """Decay of the moving average of the weights, which is what is kept; 0 keeps the last ones."""
         ...
 
-    def batches(self, rng: np.random.Generator) -> Iterator[Any]:
-        """Endless batches."""
+    @property
+    def check_every(self) -> int:
+        """Steps between checkpoints."""
         ...
+
+    @property
+    def seed(self) -> int:
+        """Random seed."""
+        ...
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a run stands; handed to `report` at every checkpoint."""
+
+    step: int
+    steps: int
+    seconds: float
+    terms: dict[str, float]
+    validation: dict[str, float]
+
+
+Report = Callable[[Progress], None]
+
+
+class Task:
+    """What a network learns and how it is judged; a method's task overrides what differs."""
+
+    network: Any  # the module that is trained
+    schedule: Any  # a `Pace`; a checkpoint must agree on it
+    source: Mapping[str, Any] | None = None  # what is learned from, in plain values: likewise
+    keeps_best: bool = True  # else the averaged weights of the end are kept
+    patience: int | None = None  # checks without progress after which the learning rate is halved
+    clip: float = 1.0  # highest norm of the gradients of a group of parameters, unless it has a `clip` of its own
+
+    def identity(self) -> str:
+        """What a checkpoint must agree on."""
+        return identity(self.network.config, self.schedule, self.source)
+
+    @property
+    def steps(self) -> int:
+        """Optimiser steps of the whole run."""
+        return self.schedule.steps
+
+    def optimizer(self) -> Optimizer:
+        """The optimiser of a new run."""
+        learned = [parameter for parameter in self.network.parameters() if parameter.requires_grad]
+        decay = getattr(self.schedule, "weight_decay", 0.0)
+        return AdamW(learned, lr=self.schedule.learning_rate, weight_decay=decay)
+
+    def rate(self, step: int) -> float:
+        """Learning rate of a step."""
+        return rate_at(self.schedule, step, self.steps)
+
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[Any]:
+        """Batches from step `done` on; a resumed run draws anew from there."""
+        raise NotImplementedError
 
     def loss(self, batch: Any, memory: Any) -> tuple[dict[str, Tensor], Any]:
-        """Weighted terms, their sum first, and what is carried to the next batch; `memory` is None at first."""
-        ...
+        """Weighted terms with their sum, 'loss', and what is carried to the next batch; `memory` is None at first."""
+        raise NotImplementedError
 
-    def validate(self, network: nn.Module) -> dict[str, float]:
+    def validate(self, network: Any) -> dict[str, float]:
         """Figures on validation people; the first one is the score, smaller is better."""
-        ...
+        raise NotImplementedError
 
 
-def rate_at(schedule: Schedule, step: int) -> float:
-    """Learning rate of a step: a linear rise, then half a cosine down to `last_share`."""
+def rate_at(schedule: Any, step: int, steps: int | None = None) -> float:
+    """Learning rate of a step: a linear rise, then half a cosine down to `last_share` (0.01 if it has none)."""
     if step < schedule.warm_up:
         return schedule.learning_rate * step / schedule.warm_up
-    along = (step - schedule.warm_up) / max(1, schedule.steps - schedule.warm_up)
-    share = 0.5 * (1 + math.cos(math.pi * along))
-    return schedule.learning_rate * (schedule.last_share + (1 - schedule.last_share) * share)
+    along = (step - schedule.warm_up) / max(1, (steps or schedule.steps) - schedule.warm_up)
+    last, share = getattr(schedule, "last_share", 0.01), 0.5 * (1 + math.cos(math.pi * along))
+    return schedule.learning_rate * (last + (1 - last) * share)
 
 
-def fit(
-    task: Task, schedule: Schedule, checkpoint: Path, report: Callable[[Progress], None], fabric: Fabric
-) -> dict[str, float]:
-    """Train the task's network, which ends with the averaged weights that did best; return its figures.
+def moving_average(averaged: Tensor, current: Tensor, count: Tensor | int, decay: float) -> Tensor:
+    """Exponential average of weights that forgets its beginning: the decay grows to `decay` with the steps."""
+    if not averaged.is_floating_point():
+        return current
+    return torch.lerp(current, averaged, min(decay, (1 + int(count)) / (10 + int(count))) if decay else 0.0)
 
-    Training continues from `checkpoint` where that file exists. Raises BodysenseError when it belongs to another
-    configuration.
+
+def fit(task: Task, checkpoint: Path, report: Report | None = None, fabric: Fabric | None = None) -> dict[str, float]:
+    """Train the task's network, which ends with the averaged weights that are kept, evaluating; return its figures.
+
+    Training continues from `checkpoint` where that file exists; the log lies beside it as .jsonl. Raises BodysenseError
+    when the checkpoint belongs to another configuration, schedule or source.
     """
-    bare = task.network
-    optimizer = torch.optim.AdamW(bare.parameters(), lr=schedule.learning_rate, weight_decay=schedule.weight_decay)
-    bare = fabric.to_device(bare)
-    average = AveragedModel(bare, avg_fn=partial(moving_average, decay=schedule.average_decay))
-    run = identity(task.configuration, schedule)
-    done, kept = load_checkpoint(checkpoint, run, bare, optimizer, average)
-    best: dict[str, Any] = kept or {"score": math.inf, "step": 0, "weights": bare.state_dict()}
-    batches = task.batches(np.random.default_rng([schedule.seed, done, fabric.global_rank]))
+    fabric, report = fabric or launched(), report or printed()
+    network, pace = fabric.to_device(task.network), task.schedule
+    optimizer = task.optimizer()
+    decay = partial(moving_average, decay=pace.average_decay)
+    average = AveragedModel(network, avg_fn=decay, use_buffers=True)
+    average.module.eval()
+    run, steps = task.identity(), task.steps
+    done, kept = load_checkpoint(checkpoint, run, network, optimizer, average)
+    best = kept or {"score": math.inf, "step": 0, "since": 0, "factor": 1.0, "weights": network.state_dict()}
+    batches = task.batches(np.random.default_rng([pace.seed, done, fabric.global_rank]), done)
     begun, memory = time.monotonic(), None
     recent: list[dict[str, float]] = []
-    for step in range(done + 1, schedule.steps + 1):
+    for step, batch in zip(range(done + 1, steps + 1), batches, strict=False):
         for group in optimizer.param_groups:
-            group["lr"] = rate_at(schedule, step)
-        bare.train()
-        terms, memory = task.loss(next(batches), memory)
+            group["lr"] = task.rate(step) * best.get("factor", 1.0)
+        torch.manual_seed(pace.seed * 1_000_003 + step)  # of dropout: a run that goes on is the run that it was
+        network.train()
+        terms, memory = task.loss(fabric.to_device(batch), memory)
         optimizer.zero_grad()
         terms["loss"].backward()
-        for parameter in bare.parameters() if fabric.world_size > 1 else ():
-            parameter.grad = fabric.all_reduce(parameter.grad, reduce_op="mean")  # type: ignore[assignment]
-        nn.utils.clip_grad_norm_(bare.parameters(), 1.0)
+        _share_gradients(network, fabric)
+        for group in optimizer.param_groups:
+            nn.utils.clip_grad_norm_(group["params"], group.get("clip", task.clip))
         optimizer.step()
-        average.update_parameters(bare)
+        average.update_parameters(network)
         recent.append({name: float(value.detach()) for name, value in terms.items()})
-        if step % schedule.check_every == 0 or step == schedule.steps:
-            average.module.eval()
+        if step % pace.check_every == 0 or step == steps:
             figures = task.validate(average.module)
-            score = next(iter(figures.values()))
-            if score < best["score"]:
-                weights = {name: value.clone() for name, value in average.module.state_dict().items()}
-                best = {"score": score, "step": step, "weights": weights}
-            if fabric.is_global_zero:
-                save_checkpoint(checkpoint, run, step, bare, optimizer, average, best)
+            if task.keeps_best:
+                best = _better(best, figures, step, average.module, task.patience)
+                figures = figures | {f"best_{next(iter(figures))}": best["score"]}
             mean = {name: float(np.mean([row[name] for row in recent])) for name in recent[0]}
             recent = []
-            report(Progress(step, schedule.steps, time.monotonic() - begun, mean, figures))
-    bare.load_state_dict(best["weights"])
-    bare.eval()
-    return task.validate(bare)
+            progress = Progress(step, steps, time.monotonic() - begun, mean, figures)
+            if fabric.is_global_zero:
+                save_checkpoint(checkpoint, run, step, network, optimizer, average, best if task.keeps_best else None)
+                with checkpoint.with_suffix(".jsonl").open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(vars(progress)) + "\n")
+                report(progress)
+    network.load_state_dict(best["weights"] if task.keeps_best else average.module.state_dict())
+    network.eval()
+    return task.validate(network)
 
 
-def fit_and_print(task: Task, schedule: Schedule, checkpoint: Path) -> None:
-    """Train the task's network as `fit` does, and print how it does."""
+def _share_gradients(network: nn.Module, fabric: Fabric) -> None:
+    for parameter in network.parameters() if fabric.world_size > 1 else ():
+        if parameter.grad is not None:
+            parameter.grad = fabric.all_reduce(parameter.grad, reduce_op="mean")  # type: ignore[assignment]
+
+
+def _better(
+    best: dict[str, Any], figures: dict[str, float], step: int, network: nn.Module, patience: int | None
+) -> dict[str, Any]:
+    """The best so far after a check; the learning rate's factor is halved where nothing got better for long."""
+    score = next(iter(figures.values()))
+    if score < best["score"]:
+        weights = {name: value.clone() for name, value in network.state_dict().items()}
+        return best | {"score": score, "step": step, "since": 0, "weights": weights}
+    since = best.get("since", 0) + 1
+    if patience is not None and since >= patience:
+        return best | {"since": 0, "factor": best["factor"] / 2}
+    return best | {"since": since}
+
+
+def launched(devices: int = 1, nodes: int = 1) -> Fabric:
+    """The devices of this process, and its place among those of a run on several, which share one folder."""
+    fabric = Fabric(accelerator="auto", devices=devices, num_nodes=nodes, precision="32-true")
+    fabric.launch()
+    return fabric
+
+
+def begin(seed: int, threads: int | None) -> None:
+    """Set PyTorch's seed, and its threads where they are told; before a network is made."""
+    if threads is not None:
+        torch.set_num_threads(threads)
+    torch.manual_seed(seed)
+
+
+def printed(name: str = "") -> Report:
+    """A report that prints a line for every checkpoint, after a name."""
     console = Console(width=200)
 
     def report(progress: Progress) -> None:
-        terms, figures = _line(progress.terms, 4), _line(progress.validation, 3)
-        console.print(
-            f"{progress.step}/{progress.steps} {progress.seconds:.0f} s · {terms} · {figures}", highlight=False
-        )
+        terms, figures = line_of(progress.terms, 4), line_of(progress.validation, 3)
+        head = f"{name} " if name else ""
+        done = f"{head}{progress.step}/{progress.steps} {progress.seconds:.0f} s"
+        console.print(f"{done} · {terms} · {figures}", highlight=False)
 
-    figures = fit(task, schedule, checkpoint, report, Fabric(accelerator="auto", devices=1))
-    console.print(_line(figures, 3), highlight=False)
+    return report
 
 
-def _line(values: dict[str, float], digits: int) -> str:
+def line_of(values: Mapping[str, float], digits: int) -> str:
+    """Figures by name in one line."""
     return " ".join(f"{name} {value:.{digits}f}" for name, value in values.items())

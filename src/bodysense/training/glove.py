@@ -16,8 +16,7 @@ from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
 from bodysense.lab.checkpoint import identity, load_checkpoint, save_checkpoint
-from bodysense.lab.unoc.regression import learning_rate
-from bodysense.lab.unoc.training import Progress, moving_average
+from bodysense.lab.fit import Progress, moving_average, rate_at
 
 HIDDEN_SHARE = (0.70, 0.17, 0.08, 0.05)  # how often one to four markers are hidden (two-hands, Fig. 13)
 EVEN_SHARE = (0.4, 0.25, 0.2, 0.15)  # ours: so that four are learned, too
@@ -81,7 +80,7 @@ def train_glove(
     best = kept or {"score": math.inf, "step": 0, "since": 0, "factor": 1.0, "weights": network.state_dict()}
     begun, recent = time.monotonic(), []
     for step in range(done + 1, schedule.steps + 1):
-        falling = learning_rate(schedule, step) if schedule.patience is None else schedule.learning_rate
+        falling = rate_at(schedule, step) if schedule.patience is None else schedule.learning_rate
         for group in optimizer.param_groups:
             group["lr"] = falling * best["factor"]
         network.train()

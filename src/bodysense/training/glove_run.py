@@ -16,10 +16,10 @@ from rich.console import Console
 from bodysense.body.hand_family import draw_hand
 from bodysense.errors import BodysenseError
 from bodysense.lab.clips import open_clips
+from bodysense.lab.fit import Progress
 from bodysense.lab.synthesis.hand_motion import HandMotion, hand_pairs
 from bodysense.lab.synthesis.hands import synthesize_hand
 from bodysense.lab.synthesis.pairs import synthesize_pair
-from bodysense.lab.unoc.training import Progress
 from bodysense.models.glove import (
     PAPER_JOINTS,
     PAPER_MARKERS,

@@ -242,7 +242,7 @@ def test_the_mean_hand_of_hands_that_hold_still(corpus: Corpus) -> None:
 def test_a_few_steps_reduce_the_loss(corpus: Corpus) -> None:
     """Of fingers that cannot be seen, too: the mean hand of the corpus is learned first."""
     torch.manual_seed(0)
-    task = FingerTask(FingerNetwork(SMALL.network), SMALL, corpus, {})
+    task = FingerTask(FingerNetwork(SMALL.network), SMALL, Schedule(), corpus, {})
     batch = whole(sequence(corpus, "nothing"), sequence(corpus, "camera"))
     optimizer = torch.optim.AdamW(task.network.parameters(), lr=1e-2)
     first, last = 0.0, 0.0
@@ -258,7 +258,7 @@ def test_a_few_steps_reduce_the_loss(corpus: Corpus) -> None:
 
 
 def test_streams_play_sequences_to_their_end(corpus: Corpus) -> None:
-    task = FingerTask(FingerNetwork(SMALL.network), SMALL, corpus, {})
+    task = FingerTask(FingerNetwork(SMALL.network), SMALL, Schedule(), corpus, {})
     batches = task.batches(np.random.default_rng(2))
     first = next(batches)
     assert first.begins.all() and first.signal.position.shape == (4, 12, 2, 20, 3)
@@ -281,7 +281,7 @@ def test_training_goes_on_and_its_network_comes_back(corpus: Corpus, tmp_path: P
     for name, value in network.state_dict().items():
         torch.testing.assert_close(again.state_dict()[name], value)
     validation = finger_validation(corpus, corpus)
-    figures = FingerTask(again, SMALL, corpus, validation).validate(again)
+    figures = FingerTask(again, SMALL, Schedule(), corpus, validation).validate(again)
     assert figures["nothing_cm"] == pytest.approx(100 * validation["nothing"].baseline * figures["nothing_ratio"])
     with pytest.raises(BodysenseError, match=r"fingers\.ckpt.*another configuration"):
         train_fingers(replace(options, schedule=replace(schedule, steps=5)))
@@ -301,7 +301,7 @@ def test_a_clip_without_fingers_moves_generated_ones(corpus: Corpus) -> None:
     one, other = (draw_finger_sequence(corpus, 0, np.random.default_rng(k), generated) for k in (1, 2))
     assert len(one) > 10 and np.isfinite(one.true_position).all()
     assert not np.allclose(one.true_rotation[:10], other.true_rotation[:10])
-    task = FingerTask(FingerNetwork(SMALL.network), SMALL, corpus, {}, generated)
+    task = FingerTask(FingerNetwork(SMALL.network), SMALL, Schedule(), corpus, {}, generated)
     assert next(task.batches(np.random.default_rng(0))).valid.any()
 
 

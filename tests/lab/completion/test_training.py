@@ -101,12 +101,12 @@ def test_features_of_a_mirror_image_are_mirrored(corpus: Corpus) -> None:
     assert torch.allclose(image, network.read(mirrored).flatten(0, 1), atol=1e-4)
 
 
-def task_of(corpus: Corpus) -> CompletionTask:
+def task_of(corpus: Corpus, schedule: Schedule = Schedule()) -> CompletionTask:
     torch.manual_seed(0)
     config = CompletionTaskConfig(CompletionConfig(hidden=24, branch=24, judge_branch=8), streams=6, chunk=16)
     one = made(corpus, corpus.rest_offset[0].astype(float), False, np.ones(27, dtype=bool), np.ones(22, dtype=bool))
     watched = {"everything": [collate([(one, 0)], len(one), np.ones(1, dtype=bool))]}
-    return CompletionTask(CompletionNetwork(config.network), config, corpus, watched)
+    return CompletionTask(CompletionNetwork(config.network), config, schedule, corpus, watched)
 
 
 def test_training_resumes_where_it_was_stopped(corpus: Corpus, tmp_path: Path) -> None:
@@ -120,11 +120,11 @@ def test_training_resumes_where_it_was_stopped(corpus: Corpus, tmp_path: Path) -
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        fit(task_of(corpus), short, tmp_path / "run.ckpt", stop, fabric)
-    figures = fit(task_of(corpus), short, tmp_path / "run.ckpt", lambda progress: seen.append(progress.step), fabric)
+        fit(task_of(corpus, short), tmp_path / "run.ckpt", stop, fabric)
+    figures = fit(task_of(corpus, short), tmp_path / "run.ckpt", lambda progress: seen.append(progress.step), fabric)
     assert seen == [2, 4] and np.isfinite(figures["score"])
     with pytest.raises(BodysenseError, match="belongs to another configuration"):
-        fit(task_of(corpus), whole, tmp_path / "run.ckpt", lambda progress: None, fabric)
+        fit(task_of(corpus, whole), tmp_path / "run.ckpt", lambda progress: None, fabric)
 
 
 def test_learning_lowers_the_loss(corpus: Corpus) -> None:

@@ -19,13 +19,13 @@ from bodysense.data.bvh import read_bvh, write_bvh
 from bodysense.data.clip import Clip
 from bodysense.data.splits import split_of
 from bodysense.errors import BodysenseError
+from bodysense.lab.fit import Progress, fit
 from bodysense.lab.hmd_vae.estimator import load_body_vae
 from bodysense.lab.hmd_vae.frames import BodyFrames, read_body_frames
 from bodysense.lab.hmd_vae.network import BodyVae, BodyVaeConfig, read_vae, write_vae
-from bodysense.lab.hmd_vae.run import VaeRun, run_sweep, run_vae, sweep_configs, sweep_name
-from bodysense.lab.hmd_vae.task import VaeSchedule, batches, joint_errors, one_cycle, train_vae
+from bodysense.lab.hmd_vae.task import VaeSchedule, VaeTask, joint_errors, one_cycle
+from bodysense.lab.hmd_vae.train import VaeRun, run_sweep, run_vae, sweep_configs, sweep_name
 from bodysense.lab.hmd_vae.windows import VaeBatch, make_batch, mirrored
-from bodysense.lab.unoc.training import Progress
 
 SMALL = BodyVaeConfig(latent=4, width=16, sequence_width=8, length=8)
 SCHEDULE = VaeSchedule(steps=4, batch=8, check_every=2)
@@ -91,9 +91,9 @@ def train(
     reports: list[Progress] = []
     windows = frames.windows(config.length)
     fabric = Fabric(accelerator="cpu", devices=1)
-    network = train_vae(
-        *(BodyVae(config), schedule, frames, windows, (frames, windows), tmp_path / "net.ckpt", reports.append, fabric)
-    )
+    network = BodyVae(config)
+    task = VaeTask(network, schedule, frames, windows, (frames, windows))
+    fit(task, tmp_path / "net.ckpt", reports.append, fabric)
     return network, reports
 
 
@@ -122,7 +122,8 @@ def test_a_run_goes_on_and_others_are_refused(frames: BodyFrames, tmp_path: Path
 
 def test_every_window_is_drawn_once_an_epoch(frames: BodyFrames) -> None:
     network, windows = BodyVae(replace(SMALL, model=1)), frames.windows(8)
-    drawn = batches(network, replace(SCHEDULE, batch=7, mirrored=False), frames, windows, 0)
+    schedule = replace(SCHEDULE, batch=7, mirrored=False)
+    drawn = VaeTask(network, schedule, frames, windows, (frames, windows)).batches(np.random.default_rng(1))
     place = np.concatenate([next(drawn).truth.position.numpy() for _ in range(len(windows) // 7)])
     assert len(np.unique(place.round(5), axis=0)) == len(place)
 

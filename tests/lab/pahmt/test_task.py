@@ -16,23 +16,22 @@ from bodysense.data.augment import mirrored as mirrored_clip
 from bodysense.data.bvh import write_bvh
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
+from bodysense.lab.fit import Progress, fit
 from bodysense.lab.pahmt.export import mirrored, mirrored_rotations, write_arms_onnx
 from bodysense.lab.pahmt.features import Window, window_of
 from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig
 from bodysense.lab.pahmt.rows import TABLE_1
-from bodysense.lab.pahmt.run import ArmRun, row_run, run_table
 from bodysense.lab.pahmt.task import (
     ArmSchedule,
+    ArmTask,
     Pair,
     arm_loss,
     batch_of,
-    learn,
-    train_arms,
     validate_arms,
 )
+from bodysense.lab.pahmt.train import ArmRun, row_run, run_table
 from bodysense.lab.pahmt.weights_file import read_arms
 from bodysense.lab.pahmt.windows import ArmBatch, ArmRecordings, Studio, make_batch, read_arm_recordings
-from bodysense.lab.unoc.training import Progress
 from bodysense.occlusion.camera_view import FRONT, sample_cameras, view, view_points
 
 SMALL: dict[str, Any] = {
@@ -92,7 +91,7 @@ def test_network_and_discriminator_learn_each_their_own(recordings: ArmRecording
     torch.manual_seed(0)
     pair, one = Pair(ArmNetwork(replace(CONFIG, dropout=0.0))), batch(recordings, [0, 5])
     schedule = ArmSchedule(losses=("fk", "gan"), fk=0.0, gan=1.0)
-    learn(pair, torch.optim.SGD(pair.parameters(), lr=0.0), one, schedule)
+    ArmTask(pair, schedule, recordings, recordings).loss(one, None)[0]["loss"].backward()
     gradients = [parameter.grad.clone() for parameter in pair.discriminator.parameters() if parameter.grad is not None]
     assert any(parameter.grad.abs().max() > 0 for parameter in pair.network.parameters() if parameter.grad is not None)
     pair.zero_grad()
@@ -126,7 +125,7 @@ def test_a_run_learns_and_goes_on_as_if_it_had_not_stopped(recordings: ArmRecord
         torch.manual_seed(0)
         network = ArmNetwork(CONFIG)
         begin = validate_arms(network, recordings)["overall_m"]
-        network = train_arms(network, schedule, recordings, recordings, tmp_path / name, rows.append)
+        fit(ArmTask(Pair(network), schedule, recordings, recordings), tmp_path / name, rows.append)
         assert validate_arms(network, recordings)["overall_m"] < begin
         return network.state_dict()
 
@@ -139,7 +138,7 @@ def test_a_run_learns_and_goes_on_as_if_it_had_not_stopped(recordings: ArmRecord
     whole = run("whole.ckpt", schedule)
     torch.manual_seed(0)
     with pytest.raises(Stop):
-        train_arms(ArmNetwork(CONFIG), schedule, recordings, recordings, tmp_path / "stopped.ckpt", stop)
+        fit(ArmTask(Pair(ArmNetwork(CONFIG)), schedule, recordings, recordings), tmp_path / "stopped.ckpt", stop)
     resumed = run("stopped.ckpt", schedule)
     assert [row.step for row in rows] == [12, 24, 36, 24, 36]
     assert all(torch.equal(resumed[name], whole[name]) for name in whole)

@@ -122,7 +122,7 @@ def test_what_it_should_say_is_the_truth(form: str, networks, waving_clip: Clip)
 @pytest.mark.parametrize("form", FORMS)
 def test_bones_have_the_wearers_lengths(form: str, networks, waving_clip: Clip) -> None:
     """The truth's vectors between the ends of bones are as long as the skeleton's bones: ends are found rightly."""
-    from bodysense.lab.unoc.regression import _bones
+    from bodysense.lab.unoc.point_task import _bones
 
     network = networks[form]
     tracked, truth = tracked_of(waving_clip.pose[:5], network)

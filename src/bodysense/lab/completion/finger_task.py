@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import default_skeleton
+from bodysense.lab.checkpoint import identity
 from bodysense.lab.completion.corpus import Corpus
 from bodysense.lab.completion.finger_sequences import (
     PARENT_PLACES,
@@ -27,6 +28,7 @@ from bodysense.lab.completion.fingers import (
     FingerNetwork,
     FingerSignal,
 )
+from bodysense.lab.fit import Schedule, Task
 from bodysense.lab.streams import played
 
 _CARRIED_BY = [1 + above for above in PARENT_PLACES]  # among [wrist, joints]
@@ -75,16 +77,21 @@ class FingerValidation(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class FingerTask:
+class FingerTask(Task):
     """The task of `bodysense.lab.fit` for the finger network."""
 
     network: FingerNetwork
     configuration: FingerTaskConfig
+    schedule: Schedule
     corpus: Corpus
     validation: Mapping[str, FingerValidation]
     generated: np.ndarray | None = None  # (N, 30, 4)
 
-    def batches(self, rng: np.random.Generator) -> Iterator[FingerBatch]:
+    def identity(self) -> str:
+        """What a checkpoint must agree on."""
+        return identity(self.configuration, self.schedule)
+
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[FingerBatch]:
         """Streams that play whole sequences, side by side; drawn by the length of their clips."""
         chunk = self.configuration.chunk
         clips, weight = self._shares()

@@ -13,6 +13,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import BODY
+from bodysense.lab.checkpoint import identity
 from bodysense.lab.completion.corpus import Corpus
 from bodysense.lab.completion.network import (
     Before,
@@ -25,6 +26,7 @@ from bodysense.lab.completion.network import (
 )
 from bodysense.lab.completion.points import CONTACT, HEAD, JOINTS, SPIN_PLACES
 from bodysense.lab.completion.sequences import Sequence, draw_sequence
+from bodysense.lab.fit import Schedule, Task
 from bodysense.lab.streams import played
 
 WORN = ("sit", "talk_gesture", "everyday", "locomotion")  # what wearers of a headset do
@@ -68,15 +70,20 @@ class Batch(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class CompletionTask:
+class CompletionTask(Task):
     """The task of `bodysense.lab.fit` for the completion network."""
 
     network: CompletionNetwork
     configuration: CompletionTaskConfig
+    schedule: Schedule
     corpus: Corpus
     validation: dict[str, list[Batch]]
 
-    def batches(self, rng: np.random.Generator) -> Iterator[Batch]:
+    def identity(self) -> str:
+        """What a checkpoint must agree on."""
+        return identity(self.configuration, self.schedule)
+
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[Batch]:
         """Streams that play whole sequences, side by side; drawn by the length of their clips."""
         chunk = self.configuration.chunk
         weight = self.corpus.length / self.corpus.rate * np.where(np.isin(self.corpus.category, WORN), 1.0, 0.6)

@@ -12,7 +12,7 @@ from bodysense.lab.completion.corpus import read_corpus
 from bodysense.lab.completion.network import CompletionNetwork
 from bodysense.lab.completion.task import CompletionTask, CompletionTaskConfig
 from bodysense.lab.completion.validation import validation_batches
-from bodysense.lab.fit import Schedule, fit_and_print
+from bodysense.lab.fit import Schedule, fit
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,8 @@ def train_completion(options: CompletionTraining) -> CompletionNetwork:
     network = CompletionNetwork(options.task.network)
     if options.begin_with is not None:
         network.load_state_dict(best_weights(options.begin_with, network))
-    task = CompletionTask(network, options.task, train, validation_batches(val, options.validation_stride))
-    fit_and_print(task, options.schedule, options.run / "completion.ckpt")
+    task = CompletionTask(
+        network, options.task, options.schedule, train, validation_batches(val, options.validation_stride)
+    )
+    fit(task, options.run / "completion.ckpt")
     return network

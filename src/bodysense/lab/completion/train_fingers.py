@@ -16,7 +16,7 @@ from bodysense.lab.completion.finger_task import FingerTask, FingerTaskConfig
 from bodysense.lab.completion.finger_validation import finger_validation
 from bodysense.lab.completion.fingers import FingerConfig, FingerNetwork
 from bodysense.lab.completion.generated_fingers import generate_fingers, read_fingers, write_fingers
-from bodysense.lab.fit import Schedule, fit_and_print
+from bodysense.lab.fit import Schedule, fit
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ def train_fingers(options: FingerTraining) -> FingerNetwork:
         train, val = (without(corpus, options.task.left_out) for corpus in (train, val))
     generated = _generated(options) if options.task.generated_hours else None
     network = FingerNetwork(options.task.network)
-    task = FingerTask(network, options.task, train, finger_validation(val, train), generated)
-    fit_and_print(task, options.schedule, options.checkpoint)
+    task = FingerTask(network, options.task, options.schedule, train, finger_validation(val, train), generated)
+    fit(task, options.checkpoint)
     return network
 
 

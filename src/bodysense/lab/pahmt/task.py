@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
-from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from bodysense.body.arms import ARM_JOINTS, ARM_PARTS
 from bodysense.body.rotation import geodesic_angle
-from bodysense.lab.checkpoint import identity, load_checkpoint, save_checkpoint
+from bodysense.lab.checkpoint import identity
+from bodysense.lab.fit import Task
 from bodysense.lab.pahmt.discriminator import Discriminator
 from bodysense.lab.pahmt.network import ArmNetwork
 from bodysense.lab.pahmt.rows import PAPER_LOSSES, Loss
 from bodysense.lab.pahmt.windows import ArmBatch, ArmRecordings, Studio, arm_positions, arms_alone, make_batch
-from bodysense.lab.unoc.training import Progress
 from bodysense.lab.windows import Windows
 
 _ARMS = [k for k, name in enumerate(ARM_JOINTS) if name.partition("_")[2] in ARM_PARTS]
@@ -96,79 +95,70 @@ def points_known(known: Tensor, joints: list[int]) -> Tensor:
     return moved
 
 
-def train_arms(
-    network: ArmNetwork,
-    schedule: ArmSchedule,
-    frames: ArmRecordings,
-    validation: ArmRecordings,
-    checkpoint: Path,
-    report: Callable[[Progress], None],
-    source: Mapping[str, Any] | None = None,
-) -> ArmNetwork:
-    """Train and return the network with the averaged weights that did best on `validation`, evaluating.
+@dataclass(frozen=True, eq=False)
+class ArmTask(Task):
+    """What a network of arms and hands learns, while a discriminator learns to tell it from recordings."""
 
-    A run that was stopped goes on from `checkpoint` as if it had not been. Raises BodysenseError when that belongs to
-    another configuration or `source` (`identity`).
-    """
-    pair = Pair(network)
-    optimizer = torch.optim.Adam(
-        pair.parameters(),
-        lr=schedule.learning_rate,
-        betas=(schedule.momentum, 0.999),
-        weight_decay=schedule.weight_decay,
-    )
-    average = AveragedModel(pair, multi_avg_fn=get_ema_multi_avg_fn(schedule.average_decay), use_buffers=True)
-    kept = average.module
-    assert isinstance(kept, Pair)
-    run = identity(network.config, schedule, source)
-    done, before = load_checkpoint(checkpoint, run, pair, optimizer, average)
-    best = before or {"score": math.inf, "step": 0, "weights": network.state_dict()}
-    windows, epoch = frames.windows(), epoch_steps(frames, schedule)
-    steps, begun, recent = schedule.epochs * epoch, time.monotonic(), []
-    for step in range(done + 1, steps + 1):
-        for group in optimizer.param_groups:
-            group["lr"] = schedule.learning_rate * 0.5 ** ((step - 1) // epoch // schedule.halve_every)
-        batch = batch_of(frames, windows, schedule, step)
-        torch.manual_seed(schedule.seed * 1_000_003 + step)  # of dropout: a run that goes on is the run that it was
-        pair.train()
-        terms = learn(pair, optimizer, batch, schedule)
-        average.update_parameters(pair)
-        recent.append({name: float(value.detach()) for name, value in terms.items()})
-        if step % schedule.check_every == 0 or step == steps:
-            figures = validate_arms(kept.network, validation, schedule.studio)
-            if (score := figures[next(iter(figures))]) < best["score"]:
-                weights = {name: value.clone() for name, value in kept.network.state_dict().items()}
-                best = {"score": score, "step": step, "weights": weights}
-            save_checkpoint(checkpoint, run, step, pair, optimizer, average, best)
-            mean = {name: float(np.mean([row[name] for row in recent])) for name in recent[0]}
-            recent = []
-            report(Progress(step, steps, time.monotonic() - begun, mean, figures))
-    network.load_state_dict(best["weights"])
-    return network.eval()
+    network: Pair
+    schedule: ArmSchedule
+    frames: ArmRecordings
+    validation: ArmRecordings
+    source: Mapping[str, Any] | None = None
 
+    def identity(self) -> str:
+        """What a checkpoint must agree on."""
+        return identity(self.network.network.config, self.schedule, self.source)
 
-def learn(pair: Pair, optimizer: torch.optim.Optimizer, batch: ArmBatch, schedule: ArmSchedule) -> dict[str, Tensor]:
-    """One step of the network and, with 'gan', one of the discriminator (eqs. 13, 14)."""
-    # Half precision is for the layers alone: geometry needs the digits.
-    with torch.autocast("cpu", torch.bfloat16):
-        said = pair.network(batch.window).float()
-    terms = arm_loss(pair.network, said, batch, schedule)
-    loss = terms["loss"]
-    if "gan" in schedule.losses:
-        pair.discriminator.requires_grad_(False)
-        terms["gan"] = schedule.gan * _judged(pair.discriminator(said), 1.0)
-        loss = loss + terms["gan"]
-    optimizer.zero_grad()
-    loss.backward()
-    if "gan" in schedule.losses:
-        pair.discriminator.requires_grad_(True)
-        recorded = pair.network.regressed(batch.rotation[:, :, list(pair.network.config.joints)])
-        told = (_judged(pair.discriminator(recorded), 1.0) + _judged(pair.discriminator(said.detach()), 0.0)) / 2
-        told.backward()
-        terms["told"] = told
-    torch.nn.utils.clip_grad_norm_(pair.network.parameters(), 1.0)
-    optimizer.step()
-    return terms | {"loss": loss}
+    @property
+    def steps(self) -> int:
+        """Optimiser steps of the whole run."""
+        return self.schedule.epochs * self.epoch_steps
+
+    @cached_property
+    def epoch_steps(self) -> int:
+        """Steps in which every window with hands is seen once."""
+        return epoch_steps(self.frames, self.schedule)
+
+    def optimizer(self) -> torch.optim.Optimizer:
+        """Adam with the paper's momentum and decay; the discriminator's gradients are not clipped."""
+        schedule, pair = self.schedule, self.network
+        groups = [
+            {"params": list(pair.network.parameters())},
+            {"params": list(pair.discriminator.parameters()), "clip": math.inf},
+        ]
+        betas = (schedule.momentum, 0.999)
+        return torch.optim.Adam(groups, lr=schedule.learning_rate, betas=betas, weight_decay=schedule.weight_decay)
+
+    def rate(self, step: int) -> float:
+        """Halved every so many epochs."""
+        epoch = (step - 1) // self.epoch_steps
+        return self.schedule.learning_rate * 0.5 ** (epoch // self.schedule.halve_every)
+
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[ArmBatch]:
+        """The batch of each step, whatever went before."""
+        windows = self.frames.windows()
+        return (batch_of(self.frames, windows, self.schedule, step) for step in itertools.count(done + 1))
+
+    def loss(self, batch: ArmBatch, memory: None) -> tuple[dict[str, Tensor], None]:
+        """Of the network and, with 'gan', of the discriminator (eqs. 13, 14), in one sum: neither reaches the other."""
+        pair, schedule = self.network, self.schedule
+        # Half precision is for the layers alone: geometry needs the digits.
+        with torch.autocast(batch.rotation.device.type, torch.bfloat16):
+            said = pair.network(batch.window).float()
+        terms = arm_loss(pair.network, said, batch, schedule)
+        if "gan" in schedule.losses:
+            pair.discriminator.requires_grad_(False)
+            terms["gan"] = schedule.gan * _judged(pair.discriminator(said), 1.0)
+            pair.discriminator.requires_grad_(True)
+            recorded = pair.network.regressed(batch.rotation[:, :, list(pair.network.config.joints)])
+            told = _judged(pair.discriminator(recorded), 1.0) + _judged(pair.discriminator(said.detach()), 0.0)
+            terms["told"] = told / 2
+            terms["loss"] = terms["loss"] + terms["gan"] + terms["told"]
+        return terms, None
+
+    def validate(self, network: Pair) -> dict[str, float]:
+        """See `validate_arms`."""
+        return validate_arms(network.network, self.validation, self.schedule.studio)
 
 
 def epoch_steps(frames: ArmRecordings, schedule: ArmSchedule) -> int:

@@ -8,13 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from lightning_fabric import Fabric
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.data.clip import Clip
 from bodysense.lab.unoc.episodes import Variation, make_episode
 from bodysense.lab.unoc.network import PAPER, BodyNetwork
-from bodysense.lab.unoc.training import Learner, Schedule, make_batches
+from bodysense.lab.unoc.task import BodyTask, Schedule
 
 
 def throughput(clip: Clip, steps: int, threads: int) -> dict[str, float]:
@@ -23,25 +22,22 @@ def throughput(clip: Clip, steps: int, threads: int) -> dict[str, float]:
     Both train the same layers with the losses of the paper, in the precision and batch sizes that training uses.
     """
     torch.set_num_threads(threads)
-    fabric = Fabric(accelerator="auto", devices=1, precision="bf16-mixed")
     schedule = Schedule(epochs=10**6, epoch_batches=(1024,) * 10**3)
     found: dict[str, float] = {}
     for form, config in (("window", PAPER), ("sequence", replace(PAPER, window=None))):
         model = BodyNetwork(config, default_skeleton())
         episode = make_episode(clip, model, Variation(), np.random.default_rng(0))
         episodes = [episode] * 4  # more windows than a batch holds
-        optimizer = torch.optim.Adam(model.parameters(), lr=1e-4)
-        network, optimizer = fabric.setup(Learner(model, schedule.loss), optimizer)
-        memory = fabric.to_device(model.start(schedule.lanes).memory)
+        task = BodyTask(model, schedule, episodes, [])
+        optimizer, memory, rng = task.optimizer(), None, np.random.default_rng(0)
         frames, begun = 0, 0.0
-        for step, batch in enumerate(itertools.islice(make_batches(config, schedule, episodes, 0), steps + 1)):
+        for step, batch in enumerate(itertools.islice(task.batches(rng), steps + 1)):
             if step == 1:
                 frames, begun = 0, time.perf_counter()
-            terms, after = network(batch, memory)
+            terms, memory = task.loss(batch, memory)
             optimizer.zero_grad()
-            fabric.backward(terms["loss"])
+            terms["loss"].backward()
             optimizer.step()
-            memory = after.detach().float()
             frames += int(batch.valid.sum()) if config.window is None else len(batch.valid)
         found[f"{form}_frames_per_second"] = frames / (time.perf_counter() - begun)
     found["windows_per_second"] = found["window_frames_per_second"]

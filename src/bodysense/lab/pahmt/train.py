@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import torch
 from numpy.random import default_rng
-from rich.console import Console
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn, track
-from rich.progress import Progress as Bars
+from rich.progress import track
 
 from bodysense.errors import BodysenseError
-from bodysense.files import check_place
-from bodysense.lab.checkpoint import differences, identity
+from bodysense.files import check_place, make_folder
+from bodysense.lab.checkpoint import identity
 from bodysense.lab.clips import count_clips, open_clips
+from bodysense.lab.fit import Report, begin, fit
 from bodysense.lab.pahmt.export import write_arms_onnx
 from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig
 from bodysense.lab.pahmt.rows import TABLE_1
-from bodysense.lab.pahmt.task import ArmSchedule, epoch_steps, train_arms, validate_arms
+from bodysense.lab.pahmt.task import ArmSchedule, ArmTask, Pair, epoch_steps
 from bodysense.lab.pahmt.weights_file import read_arms, write_arms
 from bodysense.lab.pahmt.windows import ArmRecordings, read_arm_recordings
-from bodysense.lab.unoc.training import Progress
+from bodysense.lab.sweep import is_same, sweep
 
 
 @dataclass(frozen=True)
@@ -69,27 +66,15 @@ def read_data(run: ArmRun) -> ArmData:
 def run_arms(run: ArmRun) -> None:
     """Train one network; the weights (.pt), log (.jsonl) and checkpoint (.ckpt) lie beside `run.out`."""
     check_place(run.out)
-    console, weights = Console(), run.out.with_suffix(".pt")
+    weights = run.out.with_suffix(".pt")
     if not is_trained(run, weights):
         data = read_data(run)
-        steps = epoch_steps(data.train, run.schedule)
-        console.print(f"{data.note}; {steps} steps an epoch", highlight=False)
-
-        def report(progress: Progress) -> None:
-            terms, figures = (
-                ", ".join(f"{name} {value:.4f}" for name, value in values.items())
-                for values in (progress.terms, progress.validation)
-            )
-            console.print(
-                f"step {progress.step}/{progress.steps}, {progress.seconds:.0f} s; {terms}; validation {figures}",
-                highlight=False,
-            )
-
-        train_network(run, weights, data, report)
+        print(f"{data.note}; {epoch_steps(data.train, run.schedule)} steps an epoch")
+        train_network(run, weights, data)
     network, card = read_arms(weights)
     if run.out.suffix == ".onnx":
         write_arms_onnx(network, run.out, card)
-    console.print(f"wrote {run.out} ({run.out.stat().st_size / 1e6:.1f} MB)", highlight=False)
+    print(f"wrote {run.out} ({run.out.stat().st_size / 1e6:.1f} MB)")
 
 
 def run_table(run: ArmRun, names: Sequence[str] = tuple(TABLE_1)) -> None:
@@ -97,30 +82,19 @@ def run_table(run: ArmRun, names: Sequence[str] = tuple(TABLE_1)) -> None:
     unknown = [name for name in names if name not in TABLE_1]
     if unknown:
         raise BodysenseError(f"unknown network {unknown[0]!r}; valid are {', '.join(TABLE_1)}")
-    try:
-        run.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BodysenseError(f"{run.out}: no folder can be made there ({error.strerror}); choose another") from None
+    make_folder(run.out)
     runs = {name: row_run(run, name) for name in names}
-    todo = [one for one in runs.values() if not is_trained(one, one.out)]
-    console = Console()
-    if todo:
+    if not all(is_trained(one, one.out) for one in runs.values()):
         data = read_data(run)
-        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total} steps"))
-        steps = run.schedule.epochs * epoch_steps(data.train, run.schedule)
-        before = steps * (len(runs) - len(todo))
-        with Bars(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console) as bars:
-            bar = bars.add_task("training", total=steps * len(runs), completed=before)
-            for place, one in enumerate(todo):
-                bars.update(bar, description=one.out.stem)
 
-                def report(now: Progress, done: int = before + steps * place) -> None:
-                    bars.update(bar, completed=done + now.step)
+        def train(name: str, report: Report) -> str:
+            train_network(runs[name], runs[name].out, data, report)
+            figures = read_arms(runs[name].out)[1]["validation"]
+            return f"trained {name}: " + ", ".join(f"{key} {value}" for key, value in figures.items())
 
-                train_network(one, one.out, data, report)
-                figures = ", ".join(f"{name} {value}" for name, value in read_arms(one.out)[1]["validation"].items())
-                console.print(f"trained {one.out.stem}: {figures}", highlight=False)
-    console.print(f"{len(runs)} networks in {run.out}", highlight=False)
+        steps = dict.fromkeys(runs, run.schedule.epochs * epoch_steps(data.train, run.schedule))
+        sweep(steps, train, lambda name: is_trained(runs[name], runs[name].out), run.out)
+    print(f"{len(runs)} networks in {run.out}")
 
 
 def row_run(run: ArmRun, name: str) -> ArmRun:
@@ -131,22 +105,13 @@ def row_run(run: ArmRun, name: str) -> ArmRun:
     return replace(run, out=run.out / f"{name}.pt", config=config, schedule=schedule)
 
 
-def train_network(run: ArmRun, weights: Path, data: ArmData, report: Callable[[Progress], None]) -> None:
+def train_network(run: ArmRun, weights: Path, data: ArmData, report: Report | None = None) -> None:
     """Train one network and write its weights, with a card that says what they are."""
-    if run.threads is not None:
-        torch.set_num_threads(run.threads)
-    torch.manual_seed(run.schedule.seed)
-    log, begun = weights.with_suffix(".jsonl"), time.monotonic()
-
-    def noted(progress: Progress) -> None:
-        with log.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(vars(progress)) + "\n")
-        report(progress)
-
-    network, source = ArmNetwork(run.config), source_of(run)
-    checkpoint = weights.with_suffix(".ckpt")
-    network = train_arms(network, run.schedule, data.train, data.validation, checkpoint, noted, source)
-    figures = validate_arms(network, data.validation, run.schedule.studio)
+    begin(run.schedule.seed, run.threads)
+    begun, source, pair = time.monotonic(), source_of(run), Pair(ArmNetwork(run.config))
+    figures = fit(
+        ArmTask(pair, run.schedule, data.train, data.validation, source), weights.with_suffix(".ckpt"), report
+    )
     card = {
         "identity": identity(run.config, run.schedule, source),
         "licence": run.licence,
@@ -155,7 +120,7 @@ def train_network(run: ArmRun, weights: Path, data: ArmData, report: Callable[[P
         "seconds": round(time.monotonic() - begun, 1),
         "validation": {name: round(value, 4) for name, value in figures.items()},
     }
-    write_arms(network, weights, card)
+    write_arms(pair.network, weights, card)
 
 
 def source_of(run: ArmRun) -> dict[str, Any]:
@@ -167,9 +132,5 @@ def is_trained(run: ArmRun, weights: Path) -> bool:
     """Whether the weights are there, trained as this run asks. Raises BodysenseError if trained otherwise."""
     if not weights.is_file():
         return False
-    before, now = read_arms(weights)[1]["identity"], identity(run.config, run.schedule, source_of(run))
-    if json.loads(before) != json.loads(now):
-        raise BodysenseError(
-            f"{weights} is of another configuration ({differences(before, now)}); give another --out, or those settings"
-        )
-    return True
+    now = identity(run.config, run.schedule, source_of(run))
+    return is_same(weights, read_arms(weights)[1]["identity"], now)

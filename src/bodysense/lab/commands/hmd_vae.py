@@ -1,16 +1,14 @@
-"""`bodysense train hmd-vae`: the paper's variational autoencoders, one or a sweep of them."""
+"""`bodysense train hmd-vae`, `bodysense evaluate hmd-vae`: the paper's variational autoencoders and its figures."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
-
-import tyro
+from typing import Literal
 
 from bodysense.errors import BodysenseError
-
-Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
+from bodysense.lab.commands.reporting import Common, checked, finish
+from bodysense.lab.options import Flat, Output, check_positive
 
 
 def hmd_vae(
@@ -65,9 +63,7 @@ def hmd_vae(
         licence: Of the network, for its card.
         data_note: What it was trained on, for its card.
     """
-    for name, value in (("--steps", steps), ("--batch", batch)):
-        if value < 1:
-            raise BodysenseError(f"{name} {value}: give at least 1")
+    check_positive(steps=steps, batch=batch)
     if not sweep and out.suffix not in (".onnx", ".pt"):
         raise BodysenseError(f"{out}: a network is written as .onnx or .pt; give a name that ends so")
     if sweep and (out.suffix in (".onnx", ".pt") or decoder is not None):
@@ -88,8 +84,8 @@ def hmd_vae(
         )
 
     from bodysense.lab.hmd_vae.network import BodyVaeConfig
-    from bodysense.lab.hmd_vae.run import VaeRun, run_sweep, run_vae, sweep_configs
     from bodysense.lab.hmd_vae.task import VaeSchedule
+    from bodysense.lab.hmd_vae.train import VaeRun, run_sweep, run_vae, sweep_configs
 
     chosen = given if model is None else {**given, "model": model}
     config = replace(BodyVaeConfig(samples=samples, origin=origin), **chosen)
@@ -110,3 +106,47 @@ def hmd_vae(
         run_sweep(run, sweep_configs(config, grid or "few"))
     else:
         run_vae(run)
+
+
+def hmd_vae_figures(
+    data: str,
+    networks: Path,
+    split_file: Path | None = None,
+    threads: int | None = None,
+    common: Flat[Common] = Common(),
+) -> None:
+    """HMD-VAE, Figs 5 to 7: models 1 to 4 with and without history, from scratch and pretrained, 3 and 6 blocks.
+
+    A second table has the measures of later papers, with published figures.
+
+    Args:
+        data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table.
+        networks: The folder into which `bodysense train hmd-vae` wrote the networks.
+        split_file: list they were trained with: its motions 'PATH test' are scored instead of a split by person.
+        threads: PyTorch threads; its own choice if omitted.
+        common: Common options.
+    """
+    from rich.progress import Progress, track
+
+    from bodysense.lab.datasets import named_data
+    from bodysense.lab.hmd_vae.frames import read_split_file
+    from bodysense.lab.hmd_vae.scores import read_test, score_vae, vaes_in
+    from bodysense.lab.hmd_vae.tables import metrics_report, vae_report
+
+    if split_file is not None and (common.split != "test" or common.quick):
+        raise BodysenseError("--split-file scores its own test motions; leave --split and --quick out")
+    checked(common)
+    chosen, files = named_data(data, common.split, common.quick), vaes_in(networks)
+    total = None if split_file is None else list(read_split_file(split_file).values()).count("test")
+    with Progress() as progress:
+        bar = progress.add_task("reading", total=chosen.count() if total is None else total)
+        frames, census = read_test(
+            chosen, lambda clip: progress.update(bar, advance=1, description=f"read {clip.name}"), split_file
+        )
+    scored = [score_vae(name, path, frames, threads) for name, path in track(files.items(), "scoring the networks")]
+    figures, later = vae_report(scored, census, chosen), metrics_report(scored, census, chosen)
+    if split_file is not None:
+        listed = f"Of it, the test motions of {split_file}."
+        figures, later = (replace(one, data=(*one.data, listed)) for one in (figures, later))
+    finish(later, replace(common, json=None))
+    finish(replace(figures, numbers=later.numbers | figures.numbers), common)

@@ -9,6 +9,7 @@ import tyro
 
 from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
+from bodysense.files import make_folder
 from bodysense.rigs.options import AS_FOUND
 
 
@@ -59,10 +60,7 @@ def render(
         raise BodysenseError(
             f"{motion}: no clip of {min(2.0, seconds):g} s or more with fingers; a rendered set needs them"
         )
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BodysenseError(f"{out}: no folder can be made there ({error.strerror}); choose another --out") from None
+    make_folder(out)
     rng = np.random.default_rng(seed)
     each = -(-videos // len(fingered))
     planned = []
@@ -104,8 +102,8 @@ def video_rendered(
     from rich.progress import Progress
 
     from bodysense.capture.landmarker_files import find_landmarkers
-    from bodysense.cli.reporting import Common, checked, finish
     from bodysense.estimators.arms import load_arms
+    from bodysense.lab.commands.reporting import Common, checked, finish
     from bodysense.lab.rendering.tables import score_videos, video_report
     from bodysense.lab.rendering.take import list_takes
 

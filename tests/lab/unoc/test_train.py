@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ from bodysense.data.clip import Clip
 from bodysense.data.splits import split_of
 from bodysense.errors import BodysenseError
 from bodysense.lab.unoc.learned import Learned, load_model
-from bodysense.lab.unoc.run import BodyRun, run_body, variation_of
+from bodysense.lab.unoc.options import BodyTraining
+from bodysense.lab.unoc.train import train_body, variation_of
 from bodysense.occlusion.headset_camera import observe
 
 PEOPLE = {which: next(f"person{k}" for k in range(99) if split_of(f"person{k}") == which) for which in ("train", "val")}
@@ -32,8 +34,8 @@ def folder(tmp_path: Path, waving_clip: Clip) -> Path:
     return data
 
 
-def asked(data: Path, out: Path) -> BodyRun:
-    return BodyRun(
+def asked(data: Path, out: Path) -> BodyTraining:
+    return BodyTraining(
         data=data,
         out=out,
         form="shipped",
@@ -56,9 +58,11 @@ def asked(data: Path, out: Path) -> BodyRun:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("form", ["shipped", "paper"])
-def test_a_run_writes_a_network_that_tracks(folder: Path, tmp_path: Path, waving_clip: Clip, form: str) -> None:
+def test_a_run_writes_a_network_that_tracks(
+    folder: Path, tmp_path: Path, waving_clip: Clip, form: Literal["shipped", "paper"]
+) -> None:
     run = replace(asked(folder, tmp_path / "net.onnx"), form=form)
-    run_body(run)
+    train_body(run)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "net.ckpt", "net.jsonl", "net.onnx"]
     model = load_model(tmp_path / "net.onnx")
     assert model.card["training_data"] == "somebody who waves"
@@ -72,13 +76,13 @@ def test_a_run_writes_a_network_that_tracks(folder: Path, tmp_path: Path, waving
     estimate, _ = learned.step(observe(waving_clip.pose, waving_clip.time)[:5], learned.start())
     assert np.isfinite(estimate.position).all()
     # The same command once more has nothing left to learn; the file still says how good the network is.
-    run_body(run)
+    train_body(run)
     assert load_model(tmp_path / "net.onnx").card == model.card
 
 
 def test_a_missing_folder_is_said_before_the_work(tmp_path: Path) -> None:
     with pytest.raises(BodysenseError, match=r"net\.onnx: the folder .*missing does not exist; create it"):
-        run_body(asked(tmp_path, tmp_path / "missing" / "net.onnx"))
+        train_body(asked(tmp_path, tmp_path / "missing" / "net.onnx"))
 
 
 def test_variations_of_the_passes() -> None:

@@ -7,17 +7,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
-import tyro
-
-from bodysense.errors import BodysenseError
-from bodysense.files import check_place
+from bodysense.files import check_place, make_folder
+from bodysense.lab.options import check_positive
 
 if TYPE_CHECKING:
     from bodysense.data.clip import Clip
     from bodysense.lab.datasets import DataSet
     from bodysense.lab.table import Report
+    from bodysense.lab.unoc.ik_tracker import IkTrackerSettings
 
 
 @dataclass(frozen=True)
@@ -36,22 +35,12 @@ class Common:
     """Write the numbers here, as one flat object."""
 
 
-Flat = Annotated[Common, tyro.conf.arg(name="")]
-
-
 def checked(common: Common, stride: int = 1) -> int:
     """Refuse what cannot work before anything is computed; the number of processes."""
-    for name, value in (("--jobs", common.jobs), ("--stride", stride)):
-        if value is not None and value < 1:
-            raise BodysenseError(f"{name} {value}: give at least 1")
+    check_positive(jobs=common.jobs, stride=stride)
     if common.json is not None:
         check_place(common.json)
-    try:
-        common.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BodysenseError(
-            f"{common.out}: no folder can be made there ({error.strerror}); choose another --out"
-        ) from None
+    make_folder(common.out)
     return common.jobs or os.cpu_count() or 1
 
 
@@ -91,3 +80,10 @@ def finish(report: Report, common: Common) -> None:
     for path in (common.out / f"{report.name}.csv", common.out / f"{report.name}.png", common.json):
         if path is not None:
             console.print(f"wrote {path}", highlight=False)
+
+
+def tracker_settings(half_life: float | None) -> IkTrackerSettings:
+    """The settings of UNOC's tracker with another half-life, seconds; None keeps its own."""
+    from bodysense.lab.unoc.ik_tracker import IkTrackerSettings
+
+    return IkTrackerSettings() if half_life is None else IkTrackerSettings(half_life=half_life)

@@ -13,12 +13,13 @@ from bodysense.data.bvh import write_bvh
 from bodysense.data.clip import Clip
 from bodysense.data.splits import split_of
 from bodysense.errors import BodysenseError
-from bodysense.lab.unoc import sweep as tables
+from bodysense.lab.unoc import train_tables as tables
 from bodysense.lab.unoc import variants
 from bodysense.lab.unoc.episode_cache import cached_episodes
 from bodysense.lab.unoc.episodes import Episode
 from bodysense.lab.unoc.network import PAPER, BodyNetworkConfig, read_weights
-from bodysense.lab.unoc.sweep import TablesRun, chosen_networks, run_tables, schedule_of
+from bodysense.lab.unoc.options import TablesTraining
+from bodysense.lab.unoc.train_tables import chosen_networks, schedule_of, train_tables
 from bodysense.lab.unoc.variants import TABLES, VARIANTS, Variant
 
 SMALL = replace(PAPER, hidden=4, branch=(4,), judge_branch=(4,), window=9)
@@ -43,8 +44,10 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tables, "TABLES", {"2": ("gru",), "4": ("gru", "no_bone")})
 
 
-def asked(folder: Path, out: Path) -> TablesRun:
-    return TablesRun(data=folder, out=out, tables=("2", "4"), epochs=2, window_stride=10, batch_scale=0.02, threads=1)
+def asked(folder: Path, out: Path) -> TablesTraining:
+    return TablesTraining(
+        data=folder, out=out, tables=("2", "4"), epochs=2, window_stride=10, batch_scale=0.02, threads=1
+    )
 
 
 def test_every_table_names_networks_that_exist() -> None:
@@ -62,24 +65,24 @@ def test_every_table_names_networks_that_exist() -> None:
 
 def test_a_run_trains_each_network_once(small: None, folder: Path, tmp_path: Path, capsys) -> None:
     run = asked(folder, tmp_path / "out")
-    run_tables(run)
+    train_tables(run)
     for name in ("gru", "no_bone"):
         assert read_weights(run.out / f"{name}.pt", default_skeleton()).config == SMALL
     written = {path: path.stat().st_mtime_ns for path in run.out.rglob("*") if path.is_file()}
     assert "trained GRU: " in capsys.readouterr().out
-    run_tables(run)
+    train_tables(run)
     assert {path: path.stat().st_mtime_ns for path in run.out.rglob("*") if path.is_file()} == written
 
 
 def test_another_configuration_is_refused_with_the_difference(small: None, folder: Path, tmp_path: Path) -> None:
     run = replace(asked(folder, tmp_path / "out"), tables=("2",))
-    run_tables(run)
+    train_tables(run)
     with pytest.raises(BodysenseError, match=r"gru\.json is of another configuration \(schedule\.epochs: 2 → 3\)"):
-        run_tables(replace(run, epochs=3))
+        train_tables(replace(run, epochs=3))
 
 
 def test_the_loss_of_an_ablation_is_the_papers_but_for_its_terms(tmp_path: Path) -> None:
-    run = TablesRun(tmp_path, tmp_path)
+    run = TablesTraining(data=tmp_path, out=tmp_path)
     gru, bare = schedule_of(run, "gru").loss, schedule_of(run, "no_parent_no_bone").loss
     assert (gru.body, gru.finger, gru.parent, gru.body_bone, gru.finger_bone) == (10, 100, 3, 7, 10)
     assert (gru.occluded, gru.occlusion, gru.expected_error) == (1.2, 0.025, 0.0)
@@ -90,10 +93,10 @@ def test_the_loss_of_an_ablation_is_the_papers_but_for_its_terms(tmp_path: Path)
 
 def test_names_that_do_not_exist_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BodysenseError, match="unknown table '7'; valid are 2, 3, 4, smoothness"):
-        chosen_networks(TablesRun(tmp_path, tmp_path, tables=("7",)))
+        chosen_networks(TablesTraining(data=tmp_path, out=tmp_path, tables=("7",)))
     with pytest.raises(BodysenseError, match="unknown network 'grü'; valid are gru, rnn"):
-        chosen_networks(TablesRun(tmp_path, tmp_path, networks=("grü",)))
-    assert chosen_networks(TablesRun(tmp_path, tmp_path, tables=("2", "4")))[:5] == [
+        chosen_networks(TablesTraining(data=tmp_path, out=tmp_path, networks=("grü",)))
+    assert chosen_networks(TablesTraining(data=tmp_path, out=tmp_path, tables=("2", "4")))[:5] == [
         *TABLES["2"],
         "no_occlusion",
     ]

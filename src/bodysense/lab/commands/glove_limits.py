@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bodysense.cli.reporting import Common, Flat, checked, finish, progress_over
 from bodysense.errors import BodysenseError
+from bodysense.lab.commands.reporting import Common, checked, finish, progress_over
+from bodysense.lab.options import Flat
 
 
 def gloves_limits(
@@ -15,7 +16,7 @@ def gloves_limits(
     markers: Path | None = None,
     joints: Path | None = None,
     variants: Path | None = None,
-    common: Flat = Common(),
+    common: Flat[Common] = Common(),
 ) -> None:
     """Two hands, section 7: hands in each other, pinches, wrong markers, markers without names, jumps.
 

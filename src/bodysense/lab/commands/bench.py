@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tyro.extras import SubcommandApp
 
-from bodysense.cli import arms, bench_live, live_checks
+from bodysense.lab.commands import bench_live
 from bodysense.devices.simulated import SensorSetName
 from bodysense.errors import BodysenseError
+from bodysense.lab.commands import arms, live_checks
 
 if TYPE_CHECKING:
     from bodysense.observation import Observation
@@ -105,7 +106,7 @@ def gloves(frames: int = 3000, json: Path | None = None) -> None:
         json: Write the numbers here, as one flat object.
     """
     from bodysense.estimators.gloves.hands import Hands, HandsSettings, load_glove_models
-    from bodysense.lab.glove_stream import glove_stream
+    from bodysense.lab.commands.glove_stream import glove_stream
 
     numbers, models = {}, load_glove_models()
     for name, hands in (("one_hand", ("left",)), ("two_hands", ("left", "right"))):
@@ -238,7 +239,7 @@ def import_time(runs: int = 9, json: Path | None = None) -> None:
 def training(steps: int = 6, threads: int = 1, json: Path | None = None) -> None:
     """Time training of the same network on windows, as in the paper, and on whole sequences with carried state.
 
-    A window teaches one frame, its last; a sequence teaches every frame that it plays. Needs `bodysense[train]`.
+    A window teaches one frame, its last; a sequence teaches every frame that it plays. Needs `bodysense[lab]`.
 
     Args:
         steps: Optimiser steps of each, after one to warm up.

@@ -17,7 +17,9 @@ from bodysense.data.bvh import write_bvh
 from bodysense.data.clip import Clip
 from bodysense.data.splits import split_of
 from bodysense.errors import BodysenseError
+from bodysense.lab.fit import Progress, Report, fit
 from bodysense.lab.unoc.finger_configs import FINGERS
+from bodysense.lab.unoc.options import FingersTraining
 from bodysense.lab.unoc.point_episodes import (
     PointEpisode,
     PointVariation,
@@ -29,9 +31,8 @@ from bodysense.lab.unoc.point_episodes import (
 )
 from bodysense.lab.unoc.point_model import load_point_model
 from bodysense.lab.unoc.point_network import Answer, PointNetwork, PointNetworkConfig
-from bodysense.lab.unoc.point_run import PointRun, run_points
-from bodysense.lab.unoc.regression import PointSchedule, point_loss, train_points, validate_points
-from bodysense.lab.unoc.training import Progress
+from bodysense.lab.unoc.point_task import PointSchedule, PointTask, point_loss, validate_points
+from bodysense.lab.unoc.train import train_points as run_points
 from bodysense.lab.unoc.upper_body_configs import UPPER_BODY
 
 SMALL = replace(UPPER_BODY, hidden=8, branch=(8,), judge_branch=(8,))
@@ -53,6 +54,18 @@ def episodes(waving_clip: Clip) -> list[PointEpisode]:
 
 def quietly(_: Progress) -> None:
     pass
+
+
+def train_points(
+    model: PointNetwork,
+    schedule: PointSchedule,
+    episodes: list[PointEpisode],
+    validation: list[PointEpisode],
+    checkpoint: Path,
+    report: Report,
+) -> tuple[PointNetwork, float]:
+    figures = fit(PointTask(model, schedule, episodes, validation), checkpoint, report)
+    return model, figures["rmsjpe_cm"]
 
 
 def test_lanes_play_whole_clips_and_say_where_they_begin(episodes: list[PointEpisode]) -> None:
@@ -181,7 +194,9 @@ def test_a_whole_run(waving_clip: Clip, tmp_path: Path) -> None:
         (tmp_path / "data" / person).mkdir(parents=True)
         write_bvh(tmp_path / "data" / person / "a.bvh", replace(waving_clip, pose=waving_clip.pose[:12]))
     out = tmp_path / "net.onnx"
-    run_points(PointRun("fingers", tmp_path / "data", out, "shipped", 2, 1, 1, "CC0-1.0", "waving"))
+    run_points(
+        FingersTraining(data=tmp_path / "data", out=out, steps=2, threads=1, licence="CC0-1.0", data_note="waving")
+    )
     card = load_point_model("fingers", out).card
     assert (card["licence"], card["training_data"], card["form"]) == ("CC0-1.0", "waving", "shipped")
     rows = [json.loads(line) for line in out.with_suffix(".jsonl").read_text().splitlines()]

@@ -7,34 +7,26 @@ from typing import Literal
 
 from tyro.extras import SubcommandApp
 
-from bodysense.cli import (
-    arms,
-    completion_fingers,
-    evaluate_completion,
-    evaluate_holes,
-    evaluate_more,
-    gloves,
-    render,
-    unoc,
-)
-from bodysense.cli.options import tracker_settings
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
+from bodysense.lab.commands import arms, completion_tables, glove_limits, gloves, hmd_vae, rendering, unoc
+from bodysense.lab.commands.reporting import tracker_settings
 
 
 def commands() -> SubcommandApp:
     """The group's commands."""
     group = SubcommandApp()
-    group.command(evaluate_completion.completion)
-    group.command(completion_fingers.fingers)
-    group.command(headset)
-    group.command(evaluate_holes.holes)
-    group.command(evaluate_more.finger_synthesis)
-    group.command(evaluate_more.hmd_vae)
-    group.command(arms.pahmt_table1)
-    group.command(render.video_rendered)
-    unoc.add_commands(group)
-    gloves.add_commands(group)
+    for command in (completion_tables.completion, completion_tables.fingers, headset, completion_tables.holes):
+        group.command(command)
+    group.command(unoc.finger_synthesis)
+    group.command(name="hmd-vae")(hmd_vae.hmd_vae_figures)
+    for command in (arms.pahmt_table1, rendering.video_rendered, unoc.unoc_table1, unoc.unoc_table2, unoc.unoc_table3):
+        group.command(command)
+    for command in (unoc.unoc_table4, unoc.unoc_table5, unoc.unoc_table6, unoc.unoc_smoothness, unoc.reliability):
+        group.command(command)
+    for command in (unoc.transitions, gloves.gloves_occlusion, glove_limits.gloves_limits, gloves.gloves_table3):
+        group.command(command)
+    group.command(gloves.gloves_table4)
     return group
 
 

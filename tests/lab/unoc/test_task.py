@@ -16,22 +16,14 @@ from lightning_fabric import Fabric
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.lab.fit import Progress, fit, moving_average
 from bodysense.lab.unoc.episodes import Episode, Variation, make_episode
 from bodysense.lab.unoc.network import PAPER, BodyNetwork, BodyNetworkConfig
 from bodysense.lab.unoc.sampling import Batch
-from bodysense.lab.unoc.training import (
-    Learner,
-    Progress,
-    Schedule,
-    learning_rate,
-    make_batches,
-    moving_average,
-    step_count,
-    train,
-    validate,
-)
+from bodysense.lab.unoc.task import BodyTask, Schedule, make_batches, step_count, validate
 
-SCHEDULE = Schedule(steps=60, lanes=3, chunk=15, warm_up=5, learning_rate=3e-3, average_decay=0.5, checkpoint_every=20)
+CARRIED = BodyNetworkConfig(hidden=4, branch=(4,))
+SCHEDULE = Schedule(steps=60, lanes=3, chunk=15, warm_up=5, learning_rate=3e-3, average_decay=0.5, check_every=20)
 WINDOWS = replace(SCHEDULE, epochs=2, epoch_batches=(32, 64), window_stride=4)
 
 
@@ -43,13 +35,14 @@ def run(
     report: Callable[[Progress], None] = lambda progress: None,
 ) -> BodyNetwork:
     fabric = Fabric(accelerator="cpu", devices=1)
-    return train(network, schedule, episodes, episodes[:1], checkpoint, report, fabric)
+    fit(BodyTask(network, schedule, episodes, episodes[:1]), checkpoint, report, fabric)
+    return network
 
 
 def test_the_loss_falls(network: BodyNetwork, few_episodes: list[Episode], tmp_path: Path) -> None:
     before = validate(network, few_episodes)
     reports: list[Progress] = []
-    longer = replace(SCHEDULE, steps=180, checkpoint_every=60)
+    longer = replace(SCHEDULE, steps=180, check_every=60)
     trained = run(network, longer, few_episodes, tmp_path / "a.ckpt", reports.append)
     assert [progress.step for progress in reports] == [60, 120, 180]
     losses = [progress.terms["loss"] for progress in reports]
@@ -64,7 +57,7 @@ def test_the_papers_form_learns_from_windows(waving_clip, tmp_path: Path) -> Non
     network = BodyNetwork(replace(PAPER, hidden=8, branch=(8,), window=5), default_skeleton())
     episodes = [make_episode(waving_clip, network, Variation(), np.random.default_rng(0))]
     reports: list[Progress] = []
-    schedule = replace(WINDOWS, epochs=3, epoch_batches=(8, 8, 8), window_stride=1, checkpoint_every=10)
+    schedule = replace(WINDOWS, epochs=3, epoch_batches=(8, 8, 8), window_stride=1, check_every=10)
     run(network, schedule, episodes, tmp_path / "a.ckpt", reports.append)
     assert reports[-1].step == reports[-1].steps == 3 * (90 // 8)
     assert reports[-1].terms["loss"] < 0.8 * reports[0].terms["loss"]
@@ -74,16 +67,25 @@ def test_the_state_is_carried_until_a_clip_ends(
     network: BodyNetwork, few_episodes: list[Episode], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A lane hands its memory on from chunk to chunk; a clip that begins finds it empty."""
-    forward, before = Learner.forward, [torch.zeros(3, 16)]
+    loss, before = BodyTask.loss, [torch.zeros(3, 16)]
+    read = network.recurrent.forward
 
-    def watched(self: Learner, batch: Batch, memory: torch.Tensor) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
+    def watched_read(features: torch.Tensor, memory: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        handed.append(memory)
+        return read(features, memory)
+
+    def watched(
+        self: BodyTask, batch: Batch, memory: torch.Tensor | None
+    ) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
+        terms, after = loss(self, batch, memory)
         expected = torch.where(batch.begins[:, None], 0.0, before[-1])
-        assert torch.equal(memory, expected) and not memory.requires_grad
-        terms, after = forward(self, batch, memory)
-        before.append(after.detach())
+        assert torch.equal(handed[-1], expected) and not handed[-1].requires_grad
+        before.append(after.detach().float())
         return terms, after
 
-    monkeypatch.setattr(Learner, "forward", watched)
+    handed: list[torch.Tensor] = []
+    monkeypatch.setattr(network.recurrent, "forward", watched_read)
+    monkeypatch.setattr(BodyTask, "loss", watched)
     run(network, replace(SCHEDULE, steps=20), few_episodes, tmp_path / "a.ckpt")
     assert len(before) == 21 and all(memory.any() for memory in before[1:])
 
@@ -94,7 +96,7 @@ def test_a_run_goes_on_after_a_stop(network: BodyNetwork, few_episodes: list[Epi
 
     with pytest.raises(KeyboardInterrupt):
         run(network, SCHEDULE, few_episodes, tmp_path / "a.ckpt", stop)
-    assert [path.name for path in tmp_path.iterdir()] == ["a.ckpt"]
+    assert {path.name for path in tmp_path.iterdir()} == {"a.ckpt", "a.jsonl"}
     reports: list[Progress] = []
     another = BodyNetwork(network.config, default_skeleton())
     run(another, SCHEDULE, few_episodes, tmp_path / "a.ckpt", reports.append)
@@ -112,7 +114,7 @@ def test_a_run_goes_on_after_a_stop(network: BodyNetwork, few_episodes: list[Epi
 def test_a_checkpoint_of_another_schedule_is_refused(
     network: BodyNetwork, few_episodes: list[Episode], tmp_path: Path, change: dict[str, float]
 ) -> None:
-    short = replace(SCHEDULE, steps=2, checkpoint_every=1)
+    short = replace(SCHEDULE, steps=2, check_every=1)
     run(network, short, few_episodes, tmp_path / "a.ckpt")
     said = rf"a\.ckpt belongs to another configuration \(schedule\.{next(iter(change))}: .* → .*\); give another --out"
     with pytest.raises(BodysenseError, match=said):
@@ -164,11 +166,14 @@ def test_moving_average() -> None:
 
 
 def test_learning_rate() -> None:
-    carried, schedule = BodyNetworkConfig(), Schedule(steps=1000, warm_up=100)
-    rates = [learning_rate(carried, schedule, step, 1000) for step in range(1, 1001)]
+    schedule = Schedule(steps=1000, warm_up=100)
+    carried, windowed = (
+        BodyTask(BodyNetwork(config, default_skeleton()), schedule, [], []) for config in (CARRIED, PAPER)
+    )
+    rates = [carried.rate(step) for step in range(1, 1001)]
     assert rates[49] == pytest.approx(5e-4) and max(rates) == pytest.approx(1e-3)
     assert np.argmax(rates) == 99 and rates[-1] == pytest.approx(1e-5)
-    assert learning_rate(PAPER, schedule, 1, 1000) == learning_rate(PAPER, schedule, 999, 1000) == 1e-3
+    assert windowed.rate(1) == windowed.rate(999) == 1e-3
 
 
 @settings(max_examples=50, deadline=None)
@@ -180,14 +185,14 @@ def test_the_batches_suffice_for_all_steps(lengths: list[int], stride: int, batc
     schedule = Schedule(epochs=3, epoch_batches=(batch, 2 * batch, 2 * batch), window_stride=stride, seed=seed)
     steps = step_count(config, schedule, episodes)
     assert steps >= 1
-    assert sum(1 for _ in make_batches(config, schedule, episodes, 0)) >= steps
+    assert sum(1 for _ in make_batches(config, schedule, episodes, np.random.default_rng(seed), 0)) >= steps
 
 
 def test_fingers_are_drawn_by_their_share() -> None:
     """Clips with fingers are short and few; they still make up the share of the frames that was asked for."""
     episodes = [episode_of(30, fingers=True), episode_of(100), episode_of(200), episode_of(300)]
     schedule = Schedule(lanes=8, chunk=10, finger_share=0.4)
-    batches = make_batches(BodyNetworkConfig(hidden=4), schedule, episodes, 0)
+    batches = make_batches(CARRIED, schedule, episodes, np.random.default_rng(1), 0)
     with_fingers = frames = 0
     for _ in range(1500):
         batch = next(batches)
@@ -198,7 +203,7 @@ def test_fingers_are_drawn_by_their_share() -> None:
 
 @pytest.mark.parametrize("fingers", [True, False])
 def test_one_kind_of_clips_is_enough(fingers: bool) -> None:
-    batch = next(make_batches(BodyNetworkConfig(hidden=4), Schedule(lanes=2), [episode_of(9, fingers)], 0))
+    batch = next(make_batches(CARRIED, Schedule(lanes=2), [episode_of(9, fingers)], np.random.default_rng(1), 0))
     assert batch.fingers.tolist() == [fingers, fingers]
 
 

@@ -1,14 +1,17 @@
-"""`bodysense evaluate completion`: the table of the tracker, sensor sets by bodies."""
+"""`bodysense evaluate completion`, `fingers`, `holes`: the tables of the tracker."""
 
 from __future__ import annotations
 
 import os
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Literal
 
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
+from bodysense.lab.commands.reporting import Common, checked, finish, progress_over
+from bodysense.lab.options import Flat
 
 _WIDTH = 160  # characters of the tables, where they are not shown on a terminal
 
@@ -122,3 +125,70 @@ def _check(sets: tuple[str, ...], bodies: tuple[str, ...], limit: int | None, jo
         raise BodysenseError(f"--limit {limit}: give at least 1")
     if not bodies:
         raise BodysenseError("--bodies: give at least one of own, stranger, height, nothing")
+
+
+def fingers(
+    data: Path,
+    networks: tuple[Path, ...],
+    split: Literal["train", "val", "test"] = "test",
+    run: Path | None = None,
+    json: Path | None = None,
+) -> None:
+    """Score fingers that are not tracked, each network on the person whom it was trained without.
+
+    Args:
+        data: folder of motion with splits; its train split makes the mean hand of the baseline.
+        networks: checkpoints of `bodysense train completion-fingers --leave-out NAME`.
+        split: which clips of these people.
+        run: folder that keeps the motion as it was read; nothing is kept if omitted.
+        json: write the numbers here, as one flat object.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from bodysense.cli.show import write_numbers
+    from bodysense.lab.completion.corpus import read_corpus
+    from bodysense.lab.completion.finger_table import SETS, finger_numbers, person_clips, score_fingers
+    from bodysense.lab.completion.train_fingers import load_finger_network
+
+    if json is not None:
+        check_place(json)
+    loaded = {path.name: load_finger_network(path) for path in networks}
+    scored, learned = (
+        read_corpus(data, part, None if run is None else run / f"{part}.npz") for part in (split, "train")
+    )
+    for name, (_, task) in loaded.items():
+        if not task.left_out or not len(person_clips(scored, task.left_out)[0]):
+            raise BodysenseError(
+                f"{name}: left out {task.left_out or 'no one'!r}, who has no fingers in the {split} split of {data}; "
+                "give networks trained with --leave-out NAME of someone who has"
+            )
+    scores = score_fingers(loaded, scored, learned)
+    table = Table(title=f"Fingers of people of whom nothing was learned ({data.name}, {split}), RMSJPE cm")
+    for column in ("network", "left out", "generated h", "fingers", "network", "baseline", "ratio"):
+        table.add_column(column)
+    for one in scores:
+        task = one.task
+        figures = (f"{100 * one.error:.2f}", f"{100 * one.baseline:.2f}", f"{one.ratio:.2f}")
+        table.add_row(one.network, task.left_out, f"{task.generated_hours:g}", SETS[one.sensors], *figures)
+    Console().print(table)
+    write_numbers(json, finger_numbers(scores))
+
+
+def holes(data: str, common: Flat[Common] = Common(), clips: int | None = None) -> None:
+    """Score filled holes beside interpolation: an arm, a leg, a hand missing for 1 to 3 seconds.
+
+    Args:
+        data: folder of motion files or a prepared store; NAME=FOLDER names it.
+        clips: so many clips, evenly spread; all if omitted.
+    """
+    from bodysense.lab.datasets import named_data
+    from bodysense.lab.holes import report_of, score_holes
+
+    checked(common)
+    source = named_data(data, common.split)
+    wanted = 6 if common.quick else clips
+    stride = 1 if wanted is None else max(1, source.count() // wanted)
+    with progress_over([source]) as advance:
+        gaps = score_holes(islice(source.clips(), 0, None, stride), advance=advance)
+    finish(report_of(gaps, source.name), common)

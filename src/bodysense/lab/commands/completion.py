@@ -1,16 +1,13 @@
-"""`bodysense train completion`: the tracker's network, from recorded motion to the packaged file."""
+"""`bodysense train completion`, `completion-fingers`: the tracker's network, from recorded motion to its file."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
-
-import tyro
 
 from bodysense.errors import BodysenseError
-
-Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
+from bodysense.files import check_place
+from bodysense.lab.options import Output, check_ending
 
 
 def completion(
@@ -43,11 +40,9 @@ def completion(
         licence: licence of the network, for its card.
         data_note: what it was trained on, for its card.
     """
-    if out.suffix != ".onnx":
-        raise BodysenseError(f"{out}: the network is written as .onnx; give a name that ends so")
+    check_ending(out, ".onnx")
     if steps < 1 or finger_steps < 0:
         raise BodysenseError(f"--steps {steps} --finger-steps {finger_steps}: give at least 1 and 0")
-    from bodysense.files import check_place
     from bodysense.lab.completion.fingers import FingerConfig, FingerNetwork
     from bodysense.lab.completion.publish import publish
     from bodysense.lab.completion.train import CompletionTraining, train_completion
@@ -64,4 +59,42 @@ def completion(
         fingers = train_fingers(replace(training, schedule=replace(training.schedule, steps=finger_steps, seed=seed)))
     card = {"training_data": data_note or str(data.name), "licence": licence, "seed": seed, "steps": steps}
     publish(body.eval(), fingers.eval(), data, out, card)
+    print(f"wrote {out}")
+
+
+def completion_fingers(
+    data: Path,
+    out: Output,
+    run: Path | None = None,
+    leave_out: str = "",
+    generated_hours: float = 0.0,
+    steps: int = 2000,
+    seed: int = 1,
+    threads: int = 1,
+) -> None:
+    """Train the finger network of the completion network alone, so that it can be scored on people it does not know.
+
+    Args:
+        data: folder of motion with splits (docs/data.md).
+        out: the checkpoint, .ckpt; training resumes from it.
+        run: folder of the motion as it was read and of generated fingers; OUT's folder if omitted.
+        leave_out: person of whom nothing is learned.
+        generated_hours: hours of generated fingers that are mixed with recorded ones; 0: none.
+        steps: optimiser steps.
+        seed: random seed.
+        threads: PyTorch threads.
+    """
+    if out.suffix != ".ckpt":
+        raise BodysenseError(f"{out}: the run is kept as .ckpt; give a name that ends so")
+    if steps < 1 or not 0 <= generated_hours < 1000:
+        raise BodysenseError(f"--steps {steps} --generated-hours {generated_hours:g}: give at least 1, and 0 to 1000")
+    from bodysense.lab.completion.finger_task import FingerTaskConfig
+    from bodysense.lab.completion.train_fingers import FingerTraining, train_fingers
+
+    check_place(out)
+    training = FingerTraining(data, out.parent if run is None else run, out, threads=threads)
+    schedule = replace(training.schedule, steps=steps, seed=seed)
+    train_fingers(
+        replace(training, schedule=schedule, task=FingerTaskConfig(generated_hours=generated_hours, left_out=leave_out))
+    )
     print(f"wrote {out}")

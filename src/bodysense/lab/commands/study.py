@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 from tyro.extras import SubcommandApp
 
-from bodysense.cli.options import Reading, tracker_settings
+from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
-from bodysense.files import check_place
+from bodysense.files import check_place, make_folder
+from bodysense.lab.commands.reporting import tracker_settings
 from bodysense.rigs.options import AS_FOUND
 
 if TYPE_CHECKING:
@@ -131,7 +132,7 @@ def analyze(
     console.print(preference_table(result))
     write_numbers(json, result.numbers())
     if out is not None:
-        _make_folder(out)
+        make_folder(out)
         write_csv(out / "preferences.csv", result)
         draw_preferences(out / "preferences.png", result)
         for name in ("preferences.csv", "preferences.png"):
@@ -166,7 +167,7 @@ def simulate(
         raise BodysenseError(f"--seed {seed}: give 0 or more")
     held = read_key(key)
     given = simulate_answers(held, raters, parse_preference(preference), np.random.default_rng(seed), ties)
-    _make_folder(out)
+    make_folder(out)
     for answers in given:
         write_answers(out / f"answers-{answers.rater}.json", answers)
     print(f"wrote {len(given)} files to {out}")
@@ -239,10 +240,3 @@ def _table(title: str, columns: tuple[str, ...]) -> Table:
     for k, column in enumerate(columns):
         table.add_column(column, justify="left" if k == 0 or column == "comparison" else "right", no_wrap=True)
     return table
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BodysenseError(f"{folder}: no folder can be made there ({error.strerror}); choose another") from None

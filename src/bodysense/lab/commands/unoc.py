@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
-from tyro.extras import SubcommandApp
-
-from bodysense.cli.options import tracker_settings
-from bodysense.cli.reporting import Common, Flat, checked, finish, progress_over
 from bodysense.errors import BodysenseError
+from bodysense.files import check_place
+from bodysense.lab.commands.reporting import Common, checked, finish, progress_over, tracker_settings
+from bodysense.lab.options import Flat
 
 if TYPE_CHECKING:
     from bodysense.data.clip import Clip
@@ -17,15 +16,7 @@ if TYPE_CHECKING:
     from bodysense.lab.unoc.variant_scores import Shipped
 
 
-def add_commands(group: SubcommandApp) -> None:
-    """Put these commands into `bodysense evaluate`."""
-    for command in (unoc_table1, unoc_table2, unoc_table3, unoc_table4, unoc_table5, unoc_table6, unoc_smoothness):
-        group.command(command)
-    group.command(reliability)
-    group.command(transitions)
-
-
-def unoc_table1(data: tuple[str, ...], common: Flat = Common(split="all")) -> None:
+def unoc_table1(data: tuple[str, ...], common: Flat[Common] = Common(split="all")) -> None:
     """UNOC, Table 1: how much a headset does not see, for how long, and how often the body touches itself.
 
     Args:
@@ -43,7 +34,9 @@ def unoc_table1(data: tuple[str, ...], common: Flat = Common(split="all")) -> No
     finish(occlusion_report(counted), common)
 
 
-def unoc_table2(data: str, networks: Path, model: Path | None = None, stride: int = 1, common: Flat = Common()) -> None:
+def unoc_table2(
+    data: str, networks: Path, model: Path | None = None, stride: int = 1, common: Flat[Common] = Common()
+) -> None:
     """UNOC, Table 2: GRU, RNN, LSTM, TCN, last known position, and the shipped predictor.
 
     Args:
@@ -59,7 +52,7 @@ def unoc_table2(data: str, networks: Path, model: Path | None = None, stride: in
     _network_table(TABLE_2, data, networks, Shipped(model), stride, common)
 
 
-def unoc_table3(data: str, networks: Path, stride: int = 1, common: Flat = Common()) -> None:
+def unoc_table3(data: str, networks: Path, stride: int = 1, common: Flat[Common] = Common()) -> None:
     """UNOC, Table 3: other forms of the network.
 
     Args:
@@ -73,7 +66,7 @@ def unoc_table3(data: str, networks: Path, stride: int = 1, common: Flat = Commo
     _network_table(TABLE_3, data, networks, None, stride, common)
 
 
-def unoc_table4(data: str, networks: Path, stride: int = 1, common: Flat = Common()) -> None:
+def unoc_table4(data: str, networks: Path, stride: int = 1, common: Flat[Common] = Common()) -> None:
     """UNOC, Table 4: without predicting the occlusion, without the losses of bones.
 
     Args:
@@ -92,7 +85,7 @@ def unoc_table5(
     networks: tuple[str, ...],
     finger_networks: tuple[str, ...] = (),
     stride: int = 1,
-    common: Flat = Common(),
+    common: Flat[Common] = Common(),
 ) -> None:
     """UNOC, Table 5: networks trained on one data set and tested on another; and finger synthesis.
 
@@ -118,7 +111,7 @@ def unoc_table5(
     finish(cross_report(list(trained), sets, scores, last_known, fingers), common)
 
 
-def unoc_table6(data: str, model: Path | None = None, common: Flat = Common()) -> None:
+def unoc_table6(data: str, model: Path | None = None, common: Flat[Common] = Common()) -> None:
     """UNOC, Table 6: the upper body from a headset and two controllers, by a network and by inverse kinematics.
 
     Args:
@@ -147,7 +140,11 @@ def unoc_table6(data: str, model: Path | None = None, common: Flat = Common()) -
 
 
 def unoc_smoothness(
-    data: str, networks: Path, model: Path | None = None, half_life: float | None = None, common: Flat = Common()
+    data: str,
+    networks: Path,
+    model: Path | None = None,
+    half_life: float | None = None,
+    common: Flat[Common] = Common(),
 ) -> None:
     """UNOC, section 4.2: how often joints accelerate strongly, before and after inverse kinematics and smoothing.
 
@@ -169,7 +166,7 @@ def unoc_smoothness(
     finish(smoothness_report(sums, census, chosen), common)
 
 
-def reliability(data: str, model: Path | None = None, common: Flat = Common()) -> None:
+def reliability(data: str, model: Path | None = None, common: Flat[Common] = Common()) -> None:
     """The error that the predictor expects of hidden joints beside the true one, in ten bins of equal count.
 
     Args:
@@ -186,7 +183,9 @@ def reliability(data: str, model: Path | None = None, common: Flat = Common()) -
     finish(reliability_report(pairs, census, chosen), common)
 
 
-def transitions(data: str, model: Path | None = None, half_life: float | None = None, common: Flat = Common()) -> None:
+def transitions(
+    data: str, model: Path | None = None, half_life: float | None = None, common: Flat[Common] = Common()
+) -> None:
     """How jerky the second is in which a joint is lost, or seen again: before and after smoothing, and what it costs.
 
     Args:
@@ -202,6 +201,53 @@ def transitions(data: str, model: Path | None = None, half_life: float | None = 
     with progress_over([chosen]) as advance:
         found, census = measure_transitions(chosen, model, tracker_settings(half_life), jobs, advance)
     finish(transitions_report(found, census, chosen), common)
+
+
+def finger_synthesis(
+    data: str,
+    split: Literal["train", "val", "test", "all"] = "test",
+    model: Path | None = None,
+    json: Path | None = None,
+) -> None:
+    """Score finger synthesis (UNOC, Table 5, right) beside the mean hand and the hand of the nearest body.
+
+    Args:
+        data: A folder of motion files or a prepared store; NAME=FOLDER names it. Its clips with fingers are scored, and
+            both baselines know those of its train split.
+        split: Which people or actions.
+        model: A network written by `bodysense train fingers`; the packaged one by default.
+        json: Write the numbers here, as one flat object.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+    from rich.table import Table
+
+    from bodysense.cli.show import write_numbers
+    from bodysense.lab.datasets import named_data
+    from bodysense.lab.unoc.finger_scores import evaluate_finger_synthesis, examples_of
+    from bodysense.lab.unoc.point_model import load_point_model
+
+    if json is not None:
+        check_place(json)
+    scored, known, network = named_data(data, split), named_data(data, "train"), load_point_model("fingers", model)
+    with Progress() as progress:
+        bar = progress.add_task("reading the train split", total=None)
+        examples = examples_of(known.clips())
+        table = evaluate_finger_synthesis(
+            scored.clips(),
+            examples,
+            network,
+            lambda clip: progress.update(bar, advance=1, description=f"scored {clip.name}"),
+        )
+    shown = Table(title=f"{scored.name}, {split}: {table.clips} clips with fingers, {table.seconds / 60:.1f} minutes")
+    shown.caption = "Finger joints and fingertips from their wrist, cm."
+    shown.add_column("method")
+    for heading in ("RMSJPE", "MPJPE"):
+        shown.add_column(heading, justify="right")
+    for method, tally in table.tallies.items():
+        shown.add_row(method.replace("_", " "), f"{tally.rmsjpe:.2f}", f"{tally.mpjpe:.2f}")
+    Console().print(shown)
+    write_numbers(json, table.numbers())
 
 
 def _named(pairs: tuple[str, ...], option: str) -> dict[str, Path]:

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
-import tyro
-
-from bodysense.cli.reporting import Common, Flat, checked, finish, progress_over
 from bodysense.errors import BodysenseError
+from bodysense.lab.commands.reporting import Common, checked, finish, progress_over
+from bodysense.lab.options import Flat, Output
 
 if TYPE_CHECKING:
-    from bodysense.lab.pahmt.run import ArmRun
+    from bodysense.lab.pahmt.train import ArmRun
     from bodysense.lab.pahmt.windows import Studio
 
-Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 Keypoints = Literal["detected", "perfect"]
 
 
@@ -53,9 +51,6 @@ class Schedule:
     """Of PyTorch; its own choice by default."""
 
 
-Scheduled = Annotated[Schedule, tyro.conf.arg(name="")]
-
-
 def arms(
     data: Path,
     out: Output,
@@ -73,7 +68,7 @@ def arms(
     from_directions: bool = False,
     from_palms: bool = False,
     without_hands: float = 0.0,
-    schedule: Scheduled = Schedule(),
+    schedule: Flat[Schedule] = Schedule(),
     licence: str = "Apache-2.0",
     data_note: str = "",
 ) -> None:
@@ -108,7 +103,7 @@ def arms(
     if not 0 <= without_hands < 1:
         raise BodysenseError(f"--without-hands {without_hands:g}: give a share from 0 to below 1")
 
-    from bodysense.lab.pahmt.run import run_arms
+    from bodysense.lab.pahmt.train import run_arms
 
     run = _run(data, out, schedule)
     config = replace(run.config, kind=model, input=input, rotation=rotation, more_inputs=more_inputs)
@@ -128,7 +123,7 @@ def arms(
 
 
 def arms_table(
-    data: Path, out: Output, networks: tuple[str, ...] = (), schedule: Scheduled = Schedule(), data_note: str = ""
+    data: Path, out: Output, networks: tuple[str, ...] = (), schedule: Flat[Schedule] = Schedule(), data_note: str = ""
 ) -> None:
     """Train every network of PAHMT's Table 1 into one folder; `bodysense evaluate pahmt-table1` reads it.
 
@@ -142,7 +137,7 @@ def arms_table(
         data_note: What they were trained on, for their cards.
     """
     from bodysense.lab.pahmt.rows import TABLE_1
-    from bodysense.lab.pahmt.run import run_table
+    from bodysense.lab.pahmt.train import run_table
 
     run_table(replace(_run(data, out, schedule), data_note=data_note), networks or tuple(TABLE_1))
 
@@ -154,7 +149,7 @@ def pahmt_table1(
     keypoints: Keypoints = "detected",
     stride: int = 5,
     seed: int = 1,
-    common: Flat = Common(),
+    common: Flat[Common] = Common(),
 ) -> None:
     """PAHMT, Table 1: CNN, AHMT and PAHMT; hands alone; with and without each loss.
 
@@ -188,9 +183,9 @@ def bench_arms(frames: int = 2000, model: Path | None = None, json: Path | None 
     import numpy as np
 
     from bodysense.body.keypoints import ArmKeypoints
-    from bodysense.cli.bench import percentiles, report
     from bodysense.demo import packaged_performance
     from bodysense.estimators.arms import Arms, ArmSettings, load_arms
+    from bodysense.lab.commands.bench import percentiles, report
     from bodysense.occlusion.camera_view import FRONT, sample_cameras, view, view_points
 
     clip, network = packaged_performance(), load_arms(model)
@@ -227,8 +222,8 @@ def _studio(keypoints: Keypoints) -> Studio:
 
 def _run(data: Path, out: Path, chosen: Schedule) -> ArmRun:
     from bodysense.lab.pahmt.network import ArmNetworkConfig
-    from bodysense.lab.pahmt.run import ArmRun
     from bodysense.lab.pahmt.task import ArmSchedule
+    from bodysense.lab.pahmt.train import ArmRun
 
     for name in ("epochs", "batch", "halve_every", "bodies"):
         if getattr(chosen, name) < 1:

@@ -7,11 +7,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tyro.extras import SubcommandApp
-
-from bodysense.cli.glove_limits import gloves_limits
-from bodysense.cli.reporting import Common, Flat, checked, finish, progress_over
 from bodysense.errors import BodysenseError
+from bodysense.lab.commands.reporting import Common, checked, finish, progress_over
+from bodysense.lab.options import Flat
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,15 +17,9 @@ if TYPE_CHECKING:
     from bodysense.lab.datasets import DataSet
 
 
-def add_commands(group: SubcommandApp) -> None:
-    """Put these commands into `bodysense evaluate`."""
-    group.command(gloves_occlusion)
-    group.command(gloves_limits)
-    group.command(gloves_table3)
-    group.command(gloves_table4)
-
-
-def gloves_occlusion(data: str | None = None, cameras: int = 12, seed: int = 1, common: Flat = Common()) -> None:
+def gloves_occlusion(
+    data: str | None = None, cameras: int = 12, seed: int = 1, common: Flat[Common] = Common()
+) -> None:
     """Two hands, Figs 13 and 14: how many markers of a glove are hidden at once, and for how long.
 
     A ring of cameras looks at the hands; one hand, two hands, and what of the paper's statements holds.
@@ -67,7 +59,7 @@ def gloves_occlusion(data: str | None = None, cameras: int = 12, seed: int = 1, 
 
 
 def gloves_table3(
-    data: str | None = None, model: Path | None = None, left_out: Path | None = None, common: Flat = Common()
+    data: str | None = None, model: Path | None = None, left_out: Path | None = None, common: Flat[Common] = Common()
 ) -> None:
     """Two hands, Table 3: hidden markers filled by the last known position, mean velocity, affine weights, the network.
 
@@ -96,7 +88,7 @@ def gloves_table4(
     markers: Path | None = None,
     joints: Path | None = None,
     left_out: Path | None = None,
-    common: Flat = Common(),
+    common: Flat[Common] = Common(),
 ) -> None:
     """Two hands, Table 4: the joints of fingers by cyclic coordinate descent, and by the run time with hidden markers.
 

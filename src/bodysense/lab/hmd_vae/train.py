@@ -7,22 +7,20 @@ import hashlib
 import itertools
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import torch
-from lightning_fabric import Fabric
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn, track
+from rich.progress import track
 
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
-from bodysense.files import check_place, written_beside
-from bodysense.lab.checkpoint import differences, identity
+from bodysense.files import check_folder, check_place, make_folder, written_beside
+from bodysense.lab.checkpoint import identity
 from bodysense.lab.clips import count_clips, open_clips
+from bodysense.lab.fit import Report, begin, fit, launched
 from bodysense.lab.hmd_vae.export import write_vae_onnx
 from bodysense.lab.hmd_vae.frames import (
     TRAIN_LENGTH,
@@ -33,8 +31,8 @@ from bodysense.lab.hmd_vae.frames import (
     split_clips,
 )
 from bodysense.lab.hmd_vae.network import MODELS, BodyVae, BodyVaeConfig, pretrained, read_vae, write_vae
-from bodysense.lab.hmd_vae.task import VaeSchedule, joint_errors, train_vae
-from bodysense.lab.unoc.training import Progress as Report
+from bodysense.lab.hmd_vae.task import VaeSchedule, VaeTask, joint_errors
+from bodysense.lab.sweep import is_same, sweep
 from bodysense.lab.windows import Windows
 
 BETAS, LATENTS, BLOCKS = (0.0001, 0.01, 0.1, 1.0, 5.0), (15, 30, 60), (3, 6)  # the paper's 30 settings
@@ -94,25 +92,15 @@ def read_data(run: VaeRun) -> VaeData:
 def run_vae(run: VaeRun) -> None:
     """Train one network; the weights (.pt), log (.jsonl) and checkpoint (.ckpt) lie beside `run.out`."""
     check_place(run.out)
-    console, weights = Console(), run.out.with_suffix(".pt")
-    whole = whole_body(run)
+    weights, whole = run.out.with_suffix(".pt"), whole_body(run)
     if not is_trained(run, weights, whole):
         data = read_data(run)
-        console.print(f"{data.note}; {len(data.train)} windows", highlight=False)
-
-        def report(progress: Report) -> None:
-            terms = ", ".join(f"{name} {value:.2f}" for name, value in progress.terms.items())
-            console.print(
-                f"step {progress.step}/{progress.steps}, {progress.seconds:.0f} s, {terms}; "
-                f"validation {progress.validation['position_cm']:.2f} cm",
-                highlight=False,
-            )
-
-        train_network(run, weights, whole, data, report)
+        print(f"{data.note}; {len(data.train)} windows")
+        train_network(run, weights, whole, data)
     network, card = read_vae(weights)
     if run.out.suffix == ".onnx":
         write_vae_onnx(network, run.out, card)
-    console.print(f"wrote {run.out} ({run.out.stat().st_size / 1e6:.1f} MB)", highlight=False)
+    print(f"wrote {run.out} ({run.out.stat().st_size / 1e6:.1f} MB)")
 
 
 def whole_body(run: VaeRun) -> BodyVae | None:
@@ -132,27 +120,15 @@ def whole_body(run: VaeRun) -> BodyVae | None:
 
 
 def train_network(
-    run: VaeRun, weights: Path, whole: BodyVae | None, data: VaeData, report: Callable[[Report], None]
+    run: VaeRun, weights: Path, whole: BodyVae | None, data: VaeData, report: Report | None = None
 ) -> None:
     """Train one network and write its weights, with a card that says what they are."""
-    if run.threads is not None:
-        torch.set_num_threads(run.threads)
-    torch.manual_seed(run.schedule.seed)
+    begin(run.schedule.seed, run.threads)
     network = BodyVae(run.config) if whole is None else pretrained(run.config, whole)
-    log, begun = weights.with_suffix(".jsonl"), time.monotonic()
-
-    def noted(progress: Report) -> None:
-        with log.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(vars(progress)) + "\n")
-        report(progress)
-
-    source = source_of(run, whole, data)
-    fabric = Fabric(accelerator="auto", devices=run.devices, num_nodes=run.nodes, precision="32-true")
-    fabric.launch()
-    checkpoint = weights.with_suffix(".ckpt")
-    network = train_vae(
-        network, run.schedule, data.frames, data.train, data.validation, checkpoint, noted, fabric, source
-    ).cpu()
+    begun, source, fabric = time.monotonic(), source_of(run, whole, data), launched(run.devices, run.nodes)
+    task = VaeTask(network, run.schedule, data.frames, data.train, data.validation, source)
+    fit(task, weights.with_suffix(".ckpt"), report, fabric)
+    network = network.cpu()
     error = joint_errors(network, *data.validation)
     card = {
         "identity": identity(network.config, run.schedule, source),
@@ -193,12 +169,8 @@ def is_trained(run: VaeRun, weights: Path, whole: BodyVae | None, data: VaeData 
     saved = json.loads(read_vae(weights)[1]["identity"])
     if data is None:
         saved.get("source", {}).pop("learned", None)
-    before, now = json.dumps(saved, sort_keys=True), identity(run.config, run.schedule, source_of(run, whole, data))
-    if before != now:
-        raise BodysenseError(
-            f"{weights} is of another configuration ({differences(before, now)}); give another --out, or those settings"
-        )
-    return True
+    now = identity(run.config, run.schedule, source_of(run, whole, data))
+    return is_same(weights, json.dumps(saved), now)
 
 
 def sweep_name(config: BodyVaeConfig) -> str:
@@ -230,36 +202,23 @@ def sweep_configs(config: BodyVaeConfig, grid: Grid, models: Sequence[int] = MOD
 
 def run_sweep(run: VaeRun, configs: Sequence[BodyVaeConfig]) -> None:
     """Train what is not trained yet into the folder `run.out`; the results of all in its results.csv."""
+    runs = {sweep_name(config): swept(run, config) for config in configs}
+    paths = [one.out for one in runs.values()]
     check_folder(run.out)
-    runs = [swept(run, config) for config in configs]
-    todo = [one for one in runs if not is_swept(one)]
-    console = Console()
-    if todo:
+    if not all(is_swept(one) for one in runs.values()):
         data = read_data(run)
-        todo = [one for one in runs if not is_swept(one, data)]
-        try:
-            run.out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise _no_folder(run.out, error.strerror) from None
-        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total} steps"))
-        with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console) as progress:
-            steps = run.schedule.steps
-            before = steps * (len(runs) - len(todo))
-            bar = progress.add_task("training", total=steps * len(runs), completed=before)
-            for place, one in enumerate(todo):
-                progress.update(bar, description=one.out.stem)
+        make_folder(run.out)
 
-                def report(now: Report, done: int = before + steps * place) -> None:
-                    progress.update(bar, completed=done + now.step)
+        def train(name: str, report: Report) -> str:
+            one = runs[name]
+            train_network(one, one.out, whole_body(one), data, report)
+            write_results(run.out / "results.csv", paths)
+            return f"trained {name}: validation {read_vae(one.out)[1]['validation_position_cm']:.2f} cm"
 
-                if is_swept(one, data):  # it waited for its decoder, which came out as it was
-                    continue
-                train_network(one, one.out, whole_body(one), data, report)
-                write_results(run.out / "results.csv", [other.out for other in runs])
-                score = read_vae(one.out)[1]["validation_position_cm"]
-                console.print(f"trained {one.out.stem}: validation {score:.2f} cm", highlight=False)
-    write_results(run.out / "results.csv", [one.out for one in runs])
-    console.print(f"{len(runs)} networks in {run.out}, results in {run.out / 'results.csv'}", highlight=False)
+        steps = dict.fromkeys(runs, run.schedule.steps)
+        sweep(steps, train, lambda name: is_swept(runs[name], data), run.out)
+    write_results(run.out / "results.csv", paths)
+    print(f"{len(runs)} networks in {run.out}, results in {run.out / 'results.csv'}")
 
 
 def is_swept(run: VaeRun, data: VaeData | None = None) -> bool:
@@ -267,17 +226,6 @@ def is_swept(run: VaeRun, data: VaeData | None = None) -> bool:
     if run.decoder is not None and not run.decoder.is_file():
         return False
     return is_trained(run, run.out, whole_body(run), data)
-
-
-def check_folder(path: Path) -> None:
-    """Raise BodysenseError where no folder can be, before any work; nothing is made."""
-    nearest = next(place for place in (path, *path.absolute().parents) if place.exists())
-    if not nearest.is_dir():
-        raise _no_folder(path, f"{nearest} is a file")
-
-
-def _no_folder(path: Path, reason: str | None) -> BodysenseError:
-    return BodysenseError(f"{path}: no folder can be made there ({reason}); choose another --out")
 
 
 def _digest(*parts: bytes) -> str:

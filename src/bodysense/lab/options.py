@@ -1,0 +1,62 @@
+"""What every training is asked on the command line; each method's options add their own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import tyro
+
+from bodysense.errors import BodysenseError
+
+Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
+T = TypeVar("T")
+Flat = Annotated[T, tyro.conf.arg(name="")]  # the fields of a dataclass are the options of the command
+
+
+@dataclass(frozen=True, kw_only=True)
+class Training:
+    """What every training is asked."""
+
+    data: Path
+    """folder of motion files or a prepared store; its train split is learned, its val split watched"""
+    out: Output
+    """file or folder to write; checkpoint and log lie beside it, and training resumes from them"""
+    seed: int = 1
+    """random seed"""
+    threads: int | None = None
+    """PyTorch threads; its own choice if omitted"""
+    licence: str = "Apache-2.0"
+    """licence of the network, for its card"""
+    data_note: str = ""
+    """what it was trained on, for its card"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Machines:
+    """Where a training runs."""
+
+    devices: int = 1
+    """accelerators, where there are any"""
+    nodes: int = 1
+    """machines that share each network's training: start it on each with `torchrun`; they share the folder of --out"""
+
+
+def check_positive(**values: float | None) -> None:
+    """Raise BodysenseError, in the words of the command line, where one of these options is below 1."""
+    for name, value in values.items():
+        if value is not None and value < 1:
+            raise BodysenseError(f"--{name.replace('_', '-')} {value}: give at least 1")
+
+
+def check_fields(options: Any, *names: str) -> None:
+    """`check_positive` of some fields of a dataclass of options."""
+    check_positive(**{name: getattr(options, name) for name in names})
+
+
+def check_ending(out: Path, *endings: str) -> None:
+    """Raise BodysenseError where the file to write has none of the endings."""
+    if out.suffix not in endings:
+        valid = " or ".join(endings)
+        raise BodysenseError(f"{out}: the network is written as {valid}; give a name that ends so")

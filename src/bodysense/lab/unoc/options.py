@@ -1,0 +1,135 @@
+"""What the trainings of UNOC's networks are asked; read by the command line, so without PyTorch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from bodysense.errors import BodysenseError
+from bodysense.lab.options import Machines, Training, check_ending, check_fields
+from bodysense.lab.unoc.point_model import Task
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodyTraining(Training):
+    """Train the body network (UNOC) and write it as one .onnx file; training resumes after a stop."""
+
+    form: Literal["shipped", "paper", "paper-world-axes"] = "shipped"
+    """'shipped' carries its state and reads the headset's orientation and the mask; 'paper' sees windows of 27 frames
+    of positions only, 'paper-world-axes' also in the paper's frame"""
+    steps: int = 20_000
+    """optimiser steps of the shipped form"""
+    epochs: int = 5
+    """epochs of the paper's form"""
+    window_stride: int = 1
+    """the paper's form learns from every n-th window; 1 is the paper's"""
+    passes: int = 2
+    """how many augmented copies of each clip are learned: mirrored, other limb lengths, lost hands, frame rates"""
+    finger_passes: int = 6
+    """how many more of the clips with fingers, which are few"""
+    lanes: int = 256
+    """clips that the shipped form plays side by side; many make its gradient steady"""
+    chunk: int = 12
+    """frames of truncated backpropagation; the state carries on beyond them"""
+    hidden: int = 512
+    """size of the recurrent state"""
+    finger_share: float = 0.3
+    """share of drawn clips that have recorded fingers"""
+    devices: int = 1
+    """accelerators, where there are any"""
+
+    def __post_init__(self) -> None:
+        check_ending(self.out, ".onnx")
+        check_fields(
+            steps=self.steps,
+            epochs=self.epochs,
+            window_stride=self.window_stride,
+            passes=self.passes,
+            lanes=self.lanes,
+            chunk=self.chunk,
+            hidden=self.hidden,
+            devices=self.devices,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TablesTraining(Training, Machines):
+    """Train the networks of UNOC's Tables 2 to 4 into one folder, which `bodysense evaluate unoc-table2` … read.
+
+    Training resumes after a stop. On several machines start it on each with `torchrun` and give --nodes.
+    """
+
+    tables: tuple[str, ...] = ("2", "3", "4", "smoothness")
+    """whose networks: 2, 3, 4, smoothness"""
+    networks: tuple[str, ...] = ()
+    """single networks instead, by name"""
+    epochs: int = 5
+    """the paper's schedule has 5"""
+    window_stride: int = 1
+    """learn from every n-th window; 1 is the paper's"""
+    batch_scale: float = 1.0
+    """factor on the paper's batch sizes; with fewer windows, smaller batches keep the number of steps"""
+    jobs: int = 1
+    """networks trained side by side, each in a process of its own"""
+
+    def __post_init__(self) -> None:
+        check_fields(
+            epochs=self.epochs, window_stride=self.window_stride, jobs=self.jobs, devices=self.devices, nodes=self.nodes
+        )
+        if not self.batch_scale > 0:
+            raise BodysenseError(f"--batch-scale {self.batch_scale:g}: give a positive number; 1 is the paper's")
+        if self.jobs > 1 and (self.devices > 1 or self.nodes > 1):
+            raise BodysenseError(
+                f"--jobs {self.jobs} trains networks side by side; with --devices or --nodes leave it at 1"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointTraining(Training):
+    """What the networks that place some points from others are asked."""
+
+    form: Literal["shipped", "paper"] = "shipped"
+    """'shipped' carries its state and knows more of the wearer; 'paper' sees windows of 27 frames"""
+    steps: int
+    """optimiser steps"""
+
+    @property
+    def task(self) -> Task:
+        """Which network."""
+        raise NotImplementedError
+
+    def __post_init__(self) -> None:
+        check_ending(self.out, ".onnx")
+        check_fields(self, "steps")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FingersTraining(PointTraining):
+    """Train finger synthesis (UNOC, section 5.3) and write it as one .onnx file; training resumes after a stop.
+
+    The clips with fingers are learned, and the weights that do best on those of the val split are kept.
+    """
+
+    steps: int = 500
+    """optimiser steps"""
+
+    @property
+    def task(self) -> Task:
+        """Which network."""
+        return "fingers"
+
+
+@dataclass(frozen=True, kw_only=True)
+class UpperBodyTraining(PointTraining):
+    """Train the upper body of a headset and two controllers (UNOC, section 5.2) and write it as one .onnx file.
+
+    Training resumes after a stop; the weights that do best on the val split are kept.
+    """
+
+    steps: int = 8000
+    """optimiser steps"""
+
+    @property
+    def task(self) -> Task:
+        """Which network."""
+        return "upper-body"

@@ -1,0 +1,144 @@
+"""Training of the body network: on whole sequences with carried state, or on windows as in the paper (section 4.2)."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bodysense.body.skeleton import TESTED
+from bodysense.lab.fit import Task, rate_at
+from bodysense.lab.unoc.episodes import Episode
+from bodysense.lab.unoc.losses import LossWeights, Truth, body_loss
+from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig
+from bodysense.lab.unoc.sampling import Batch, collate, lanes, windows
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How long and on what."""
+
+    steps: int = 20_000  # of carried training; windows train by epochs
+    lanes: int = 256
+    chunk: int = 12  # frames of truncated backpropagation
+    learning_rate: float = 1e-3
+    warm_up: int = 300  # steps of carried training
+    finger_share: float = 0.3  # how often a drawn clip has recorded fingers
+    average_decay: float = 0.999  # the kept weights are a moving average; 0 keeps the last ones
+    epochs: int = 5  # of windows
+    epoch_batches: tuple[int, ...] = (256, 512, 1024, 1024, 1024)  # papers.md 1.8
+    window_stride: int = 1  # train on every n-th window; 1 is the paper's
+    check_every: int = 500
+    seed: int = 1
+    loss: LossWeights = field(default_factory=LossWeights)
+
+
+@dataclass(frozen=True, eq=False)
+class BodyTask(Task):
+    """What the body network learns: whole sequences with carried state, or windows as in the paper."""
+
+    network: BodyNetwork
+    schedule: Schedule
+    episodes: Sequence[Episode]
+    validation: Sequence[Episode]
+    keeps_best = False
+    clip = 5.0
+
+    @property
+    def steps(self) -> int:
+        """Optimiser steps of the whole run."""
+        return step_count(self.network.config, self.schedule, self.episodes)
+
+    def rate(self, step: int) -> float:
+        """Warm-up and cosine for carried training; constant for windows, as in the paper."""
+        if self.network.config.window is not None:
+            return self.schedule.learning_rate
+        return rate_at(self.schedule, step)
+
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[Batch]:
+        """See `make_batches`."""
+        return make_batches(self.network.config, self.schedule, self.episodes, rng, done)
+
+    def loss(self, batch: Batch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:
+        """Loss terms of a chunk with carried memory, or of the last frame of windows."""
+        network = self.network
+        if memory is None:
+            memory = network.start(len(batch.begins)).memory
+        with torch.autocast(batch.features.device.type, torch.bfloat16):
+            if network.config.window is None:
+                memory = torch.where(batch.begins[:, None], 0.0, memory.detach().float())
+                hidden, memory = network.recurrent(batch.features, memory)
+                answer = network.answer(batch.features, hidden, batch.known)
+                truth = Truth(batch.offset, batch.visible, batch.valid, batch.fingers)
+            else:
+                last = network.recurrent.last(batch.features)
+                answer = network.answer(batch.features[:, -1:], last[:, None], batch.known[:, -1:])
+                truth = Truth(batch.offset[:, -1:], batch.visible[:, -1:], batch.valid[:, -1:], batch.fingers)
+            return body_loss(network, answer, truth, self.schedule.loss), memory
+
+    def validate(self, network: BodyNetwork) -> dict[str, float]:
+        """See `validate`."""
+        return validate(network, self.validation)
+
+
+def step_count(config: BodyNetworkConfig, schedule: Schedule, episodes: Sequence[Episode]) -> int:
+    """Optimiser steps of a whole run."""
+    if config.window is None:
+        return schedule.steps
+    fewest = sum(max(1, len(episode) // schedule.window_stride) for episode in episodes)  # windows of an epoch
+    return sum(max(1, fewest // batch) for batch in schedule.epoch_batches[: schedule.epochs])
+
+
+def make_batches(
+    config: BodyNetworkConfig, schedule: Schedule, episodes: Sequence[Episode], rng: np.random.Generator, done: int
+) -> Iterator[Batch]:
+    """The run's batches from step `done` on: sequences without end, or the epochs of windows."""
+    if config.window is None:
+        fingers = np.array([episode.fingers for episode in episodes])
+        share = np.where(fingers, schedule.finger_share, 1 - schedule.finger_share)
+        length = np.array([len(episode) for episode in episodes], dtype=float)
+        # Fingers are drawn by `finger_share` of the frames, spread evenly over all that have them.
+        weight = share / np.where(fingers, length[fingers].sum(), length[~fingers].sum())
+        return lanes(episodes, weight, schedule.lanes, schedule.chunk, rng)
+    epochs = (
+        windows(episodes, config.window, schedule.window_stride, batch, rng)
+        for batch in schedule.epoch_batches[: schedule.epochs]
+    )
+    return itertools.islice(itertools.chain.from_iterable(epochs), done, None)
+
+
+@torch.no_grad()
+def validate(model: BodyNetwork, episodes: Sequence[Episode]) -> dict[str, float]:
+    """Occluded RMSJPE (cm at the reference height, network's frame) of the network and of last-known, body and fingers.
+
+    Where no clip has fingers, there are no figures of them.
+    """
+    tested = [p for p, name in enumerate(model.skeleton.points) if name.partition("_")[2] in TESTED]
+    total = {key: 0.0 for key in ("body", "body_known", "finger", "finger_known")}
+    count = {"body": 0, "finger": 0}
+    device, training = model.scale.device, model.training
+    wrist = model.skeleton.wrist_of[model.finger].tolist()
+    model.eval()
+    for episode in episodes:
+        batch = collate([(episode, 0)], len(episode), np.ones(1, dtype=bool))
+        hidden, _ = model.recurrent(batch.features.to(device), model.start(1).memory)
+        offset = model.answer(batch.features.to(device), hidden, batch.known.to(device)).offset.cpu()
+        for part, points in (("body", tested), ("finger", model.finger)):
+            if part == "finger" and not episode.fingers:
+                continue
+            mask = ~batch.visible[..., points]
+            count[part] += int(mask.sum())
+            for key, guess in ((part, offset), (f"{part}_known", batch.known)):
+                missed = guess - batch.offset
+                if part == "finger" and model.config.finger_origin == "head":
+                    missed[..., points, :] -= missed[..., wrist, :]
+                squared = (missed[..., points, :] ** 2).sum(dim=-1)
+                total[key] += float((squared * mask).sum())
+    model.train(training)
+    hidden = {key: count[key.partition("_")[0]] for key in total}
+    return {key: 100 * math.sqrt(value / hidden[key]) for key, value in total.items() if hidden[key]}

@@ -1,0 +1,147 @@
+"""Training every network of UNOC's Tables 2 to 4 into one folder."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch
+from lightning_fabric import Fabric
+from rich.progress import track
+
+from bodysense.body.skeleton import default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.files import make_folder, written_beside
+from bodysense.lab.checkpoint import identity
+from bodysense.lab.clips import open_clips
+from bodysense.lab.fit import Report, begin, fit, launched, line_of
+from bodysense.lab.sweep import is_same, sweep
+from bodysense.lab.unoc.episode_cache import cached_episodes
+from bodysense.lab.unoc.episodes import Episode, Variation, make_episode
+from bodysense.lab.unoc.losses import LossWeights
+from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig, write_weights
+from bodysense.lab.unoc.options import TablesTraining
+from bodysense.lab.unoc.task import BodyTask, Schedule, step_count
+from bodysense.lab.unoc.variants import TABLES, VARIANTS
+
+PAPER_LOSS = LossWeights(expected_error=0.0)  # the paper's network does not judge its error
+_VALIDATED = 3000  # frames that are enough to see how a run goes; the tables come from the test people
+
+
+def train_tables(run: TablesTraining) -> None:
+    """Train what is not trained yet. Raises BodysenseError where a run in the folder had another configuration."""
+    names = chosen_networks(run)
+    make_folder(run.out)
+    fabric = launched(run.devices, run.nodes)
+    for name in names:
+        episodes_of(run, VARIANTS[name].config)
+    steps = {name: step_count(VARIANTS[name].config, schedule_of(run, name), training_of(run, name)) for name in names}
+    trained = fabric.broadcast([name for name in names if is_trained(run, name)])
+    train = partial(train_network, run, fabric=None if run.jobs > 1 else fabric)
+    sweep(steps, train, trained.__contains__, run.out, run.jobs, quiet=not fabric.is_global_zero)
+    if fabric.is_global_zero:
+        print(f"{len(names)} networks in {run.out}")
+
+
+def chosen_networks(run: TablesTraining) -> list[str]:
+    """The networks that were asked for, each once. Raises BodysenseError for names that do not exist."""
+    for given, known, what in ((run.tables, TABLES, "table"), (run.networks, VARIANTS, "network")):
+        unknown = [name for name in given if name not in known]
+        if unknown:
+            raise BodysenseError(f"unknown {what} {unknown[0]!r}; valid are {', '.join(known)}")
+    names = run.networks or [name for table in run.tables for name in TABLES[table]]
+    return list(dict.fromkeys(names))
+
+
+def schedule_of(run: TablesTraining, name: str) -> Schedule:
+    """The paper's schedule, with what the run changes of it."""
+    batches = tuple(max(1, round(batch * run.batch_scale)) for batch in Schedule().epoch_batches)
+    return Schedule(
+        epochs=run.epochs,
+        epoch_batches=batches,
+        window_stride=run.window_stride,
+        average_decay=0.0,
+        check_every=100,
+        seed=run.seed,
+        loss=replace(PAPER_LOSS, **VARIANTS[name].loss),
+    )
+
+
+def train_network(run: TablesTraining, name: str, report: Report, fabric: Fabric | None = None) -> str:
+    """Train one network of the tables and write its weights beside its checkpoint and log; what to say of it.
+
+    A process of its own, without `fabric`, takes the devices that the run names.
+    """
+    fabric = fabric or launched(run.devices, run.nodes)
+    begin(run.seed, run.threads)
+    config, schedule, begun = VARIANTS[name].config, schedule_of(run, name), time.monotonic()
+    network = BodyNetwork(config, default_skeleton())
+    task = BodyTask(network, schedule, training_of(run, name), _few(episodes_of(run, config)["val"]))
+    scores = fit(task, run.out / f"{name}.ckpt", report, fabric)
+    if fabric.is_global_zero:
+        write_weights(network.cpu(), run.out / f"{name}.pt")
+        with written_beside(run.out / f"{name}.json") as beside:
+            trained = {"identity": identity(config, schedule), "seconds": time.monotonic() - begun}
+            beside.write_text(json.dumps(trained), encoding="utf-8")
+    fabric.barrier()
+    return f"trained {VARIANTS[name].title}: {task.steps} steps; occluded RMSJPE, cm: {line_of(scores, 2)}"
+
+
+def is_trained(run: TablesTraining, name: str) -> bool:
+    """Whether the folder holds the network, trained as this run asks. Raises BodysenseError if trained otherwise."""
+    path = run.out / f"{name}.json"
+    if not path.is_file():
+        return False
+    before = json.loads(path.read_text(encoding="utf-8"))["identity"]
+    return is_same(path, before, identity(VARIANTS[name].config, schedule_of(run, name)))
+
+
+def training_of(run: TablesTraining, name: str) -> list[Episode]:
+    """The training people's episodes, as the network reads them."""
+    return episodes_of(run, VARIANTS[name].config)["train"]
+
+
+def episodes_of(run: TablesTraining, config: BodyNetworkConfig) -> dict[str, list[Episode]]:
+    """Training and validation people as a network of this configuration reads them, kept in the run's folder."""
+    reads = {"inputs": config.inputs, "frame": config.frame, "finger_origin": config.finger_origin}
+    folder = run.out / "episodes" / "-".join(reads.values())
+    found = {}
+    for split in ("train", "val"):
+        asked: dict[str, Any] = {**reads, "data": str(run.data.resolve()), "split": split}
+        found[split] = cached_episodes(folder / split, asked, partial(_make, run, config, split))
+    return found
+
+
+def _make(run: TablesTraining, config: BodyNetworkConfig, split: Any) -> Iterator[Episode]:
+    # What a clip looks like to a network does not depend on its weights, nor on its size.
+    reader = replace(config, cell="gru", hidden=1, branch=(1,), judge_branch=(1,))
+    make = partial(_episode, config=reader)
+    with ProcessPoolExecutor(max(1, run.jobs), initializer=torch.set_num_threads, initargs=(1,)) as pool:
+        clips = open_clips(run.data, split)
+        yield from track(pool.map(make, clips, chunksize=4), description=f"seeing the {split} split")
+
+
+def _episode(clip: Any, config: BodyNetworkConfig) -> Episode:
+    return make_episode(clip, BodyNetwork(config, default_skeleton()), Variation(), np.random.default_rng(0))
+
+
+def _few(episodes: Sequence[Episode]) -> list[Episode]:
+    """Some of them, fingers among them, spread evenly over all; long ones are cut."""
+    fingers = [episode for episode in episodes if episode.fingers]
+    others = [episode for episode in episodes if not episode.fingers]
+    chosen: list[Episode] = []
+    for part in (fingers, others):
+        frames = 0
+        for episode in part[:: max(1, len(part) // 8)]:
+            length = min(len(episode), 600, _VALIDATED // 2 - frames)
+            if length > 0:
+                cut = {key: getattr(episode, key)[:length] for key in ("features", "known", "offset", "visible")}
+                chosen.append(replace(episode, **cut))
+                frames += length
+    return chosen
