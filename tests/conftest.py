@@ -75,7 +75,7 @@ def small_network(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small network that was never trained, exported: what holds of every network holds of it."""
     import torch
 
-    from bodysense.lab.export import write_onnx
+    from bodysense.lab.unoc.export import write_onnx
     from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig
 
     torch.manual_seed(0)

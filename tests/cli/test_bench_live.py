@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from bodysense.lab.commands.bench_live import _framed, _messages, bench_live
 from bodysense.errors import BodysenseError
+from bodysense.lab.commands.bench_live import _framed, _messages, bench_live
 
 
 @pytest.mark.parametrize("size", [0, 125, 126, 5000])

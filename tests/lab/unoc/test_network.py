@@ -21,7 +21,7 @@ from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.lab.export import write_onnx
+from bodysense.lab.unoc.export import write_onnx
 from bodysense.lab.unoc.learned import load_model
 from bodysense.lab.unoc.network import (
     PAPER,

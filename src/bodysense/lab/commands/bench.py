@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tyro.extras import SubcommandApp
 
-from bodysense.lab.commands import bench_live
 from bodysense.devices.simulated import SensorSetName
 from bodysense.errors import BodysenseError
-from bodysense.lab.commands import arms, live_checks
+from bodysense.lab.commands import arms, bench_live, live_checks
 
 if TYPE_CHECKING:
     from bodysense.observation import Observation

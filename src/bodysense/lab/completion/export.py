@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import copy
-import json
-import logging
-import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 import torch
 from torch import Tensor, nn
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.format import FORMAT
-from bodysense.files import written_beside
 from bodysense.lab.completion.graph import CompletionStep
 from bodysense.lab.completion.rewriting import bare, row_step, shortened, stored_small
 from bodysense.lab.completion.state import JOINT_COUNT, POINT_COUNT, Inputs, Outputs, State
+from bodysense.lab.export import export
 
 # Whose weights are stored in bytes: what judges, and fingers. The body's rotations keep half precision.
 _IN_BYTES = ("body.judge_branch", "finger_network")
@@ -98,24 +94,15 @@ def write_completion(step: CompletionStep, path: Path, card: dict[str, Any]) -> 
         "weights": sum(parameter.numel() for parameter in step.parameters()),
         **card,
     }
-    with written_beside(path) as beside:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            logging.getLogger("torch.onnx").setLevel(logging.ERROR)
-            torch.onnx.export(
-                _Flat(step),
-                (*inputs, *start),
-                str(beside),
-                input_names=[*Inputs._fields, *(f"state_{name}" for name in State._fields)],
-                output_names=[*Outputs._fields, *(f"next_{name}" for name in State._fields)],
-                opset_version=_OPSET,
-                dynamo=True,
-                external_data=False,
-                verbose=False,
-                dynamic_shapes=(tuple({0: batch} for _ in (*inputs, *start)),),
-            )
-        model = bare(stored_small(shortened(onnx.load(str(beside)))))
-        fields = {"format": FORMAT} | {key: json.dumps(value) for key, value in card.items()}
-        onnx.helper.set_model_props(model, fields)
-        onnx.checker.check_model(model)
-        onnx.save(model, str(beside))
+    export(
+        _Flat(step),
+        (*inputs, *start),
+        [*Inputs._fields, *(f"state_{name}" for name in State._fields)],
+        [*Outputs._fields, *(f"next_{name}" for name in State._fields)],
+        FORMAT,
+        card,
+        path,
+        dynamic_shapes=(tuple({0: batch} for _ in (*inputs, *start)),),
+        shrink=lambda model: bare(stored_small(shortened(model))),
+        opset=_OPSET,
+    )
