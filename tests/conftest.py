@@ -112,8 +112,7 @@ def small_arms(tmp_path_factory: pytest.TempPathFactory) -> Path:
     import torch
 
     from bodysense.lab.pahmt.export import write_arms_onnx
-    from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig
-    from bodysense.lab.pahmt.weights_file import write_arms
+    from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig, write_arms
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("arms") / "arms.onnx"

@@ -124,10 +124,8 @@ def test_reliability_and_transitions(tmp_path: Path, folder: Path, small_network
 @pytest.mark.slow
 def test_table_6_and_finger_synthesis(tmp_path: Path, folder: Path, networks: Path, run) -> None:
     from bodysense.lab.unoc.export import write_point_network
-    from bodysense.lab.unoc.finger_configs import FINGERS
     from bodysense.lab.unoc.point_model import Task
-    from bodysense.lab.unoc.point_network import PointNetwork, PointNetworkConfig
-    from bodysense.lab.unoc.upper_body_configs import UPPER_BODY
+    from bodysense.lab.unoc.point_network import FINGERS, UPPER_BODY, PointNetwork, PointNetworkConfig
 
     tasks: tuple[tuple[Task, PointNetworkConfig], ...] = (("upper-body", UPPER_BODY), ("fingers", FINGERS))
     for task, config in tasks:

@@ -24,7 +24,7 @@ from bodysense.estimators.arms import ArmFrames, ArmModel, Arms, ArmSettings, lo
 from bodysense.lab.pahmt.export import OneWindow
 from bodysense.lab.pahmt.features import window_of
 from bodysense.lab.pahmt.keypoint_noise import DetectorNoise, detect
-from bodysense.lab.pahmt.weights_file import read_arms
+from bodysense.lab.pahmt.network import read_arms
 from bodysense.occlusion.camera_view import FRONT, sample_cameras, view, view_points
 
 

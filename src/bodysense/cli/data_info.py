@@ -85,7 +85,7 @@ def info(
     total, every = _files(place, split, layout, reading)
     found: list[Found] = []
     if occlusion:
-        from bodysense.lab.unoc.occlusion_info import occlusion_table
+        from bodysense.lab.unoc.occlusion_table import occlusion_table
 
         shown, numbers = occlusion_table(_readable(track(every, "looking", total), found), camera)
         Console().print(shown)

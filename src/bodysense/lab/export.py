@@ -34,8 +34,8 @@ def export(
 ) -> None:
     """Write one step of a network with its card. The file appears whole or not at all.
 
-    `dynamic_shapes` are the axes (torch.export.Dim) of each input that may have any length; `shrink` rewrites the graph,
-    by default so that large weights are stored in half precision.
+    `dynamic_shapes` are the axes (torch.export.Dim) of each input that may have any length; `shrink` rewrites the
+    graph, by default so that large weights are stored in half precision.
     """
     with written_beside(path) as beside:
         with warnings.catch_warnings():

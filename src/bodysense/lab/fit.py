@@ -9,11 +9,11 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sized
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 import torch
@@ -227,7 +227,7 @@ def printed(name: str = "") -> Report:
     def report(progress: Progress) -> None:
         terms, figures = line_of(progress.terms, 4), line_of(progress.validation, 3)
         head = f"{name} " if name else ""
-        done = f"{head}{progress.step}/{progress.steps} {progress.seconds:.0f} s"
+        done = f"{head}step {progress.step}/{progress.steps}, {progress.seconds:.0f} s"
         console.print(f"{done} · {terms} · {figures}", highlight=False)
 
     return report
@@ -236,3 +236,18 @@ def printed(name: str = "") -> Report:
 def line_of(values: Mapping[str, float], digits: int) -> str:
     """Figures by name in one line."""
     return " ".join(f"{name} {value:.{digits}f}" for name, value in values.items())
+
+
+S = TypeVar("S", bound=Sized)
+
+
+def played(draw: Callable[[], S], count: int, chunk: int) -> Iterator[tuple[list[tuple[S, int]], np.ndarray]]:
+    """Of `count` streams, for each chunk: the sequence that each plays and its first frame there, and who begins (B,).
+
+    A stream whose sequence has ended draws the next one.
+    """
+    playing = [(draw(), 0) for _ in range(count)]
+    while True:
+        yield playing, np.array([first == 0 for _, first in playing])
+        after = [(one, first + chunk) for one, first in playing]
+        playing = [(one, first) if first < len(one) else (draw(), 0) for one, first in after]

@@ -11,7 +11,6 @@ import torch
 from torch.nn.functional import scaled_dot_product_attention
 
 from bodysense.errors import BodysenseError
-from bodysense.lab.pahmt.discriminator import Discriminator
 from bodysense.lab.pahmt.features import Window, held
 from bodysense.lab.pahmt.network import (
     ArmNetwork,
@@ -20,8 +19,9 @@ from bodysense.lab.pahmt.network import (
     Convolutions,
     Input,
     Kind,
+    read_arms,
 )
-from bodysense.lab.pahmt.weights_file import read_arms
+from bodysense.lab.pahmt.task import Discriminator
 
 SMALL: dict[str, Any] = {
     "width": 16,

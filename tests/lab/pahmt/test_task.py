@@ -19,7 +19,7 @@ from bodysense.errors import BodysenseError
 from bodysense.lab.fit import Progress, fit
 from bodysense.lab.pahmt.export import mirrored, mirrored_rotations, write_arms_onnx
 from bodysense.lab.pahmt.features import Window, window_of
-from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig
+from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig, read_arms
 from bodysense.lab.pahmt.rows import TABLE_1
 from bodysense.lab.pahmt.task import (
     ArmSchedule,
@@ -30,7 +30,6 @@ from bodysense.lab.pahmt.task import (
     validate_arms,
 )
 from bodysense.lab.pahmt.train import ArmRun, row_run, run_table
-from bodysense.lab.pahmt.weights_file import read_arms
 from bodysense.lab.pahmt.windows import ArmBatch, ArmRecordings, Studio, make_batch, read_arm_recordings
 from bodysense.occlusion.camera_view import FRONT, sample_cameras, view, view_points
 

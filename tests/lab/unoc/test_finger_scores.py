@@ -28,7 +28,7 @@ from bodysense.lab.unoc.finger_scores import (
 )
 from bodysense.lab.unoc.learned_upper_body import LearnedUpperBody
 from bodysense.lab.unoc.point_model import load_point_model
-from bodysense.lab.unoc.upper_body_scores import evaluate_upper_body
+from bodysense.lab.unoc.upper_body_table import evaluate_upper_body
 
 
 @pytest.fixture(scope="module")

@@ -16,11 +16,20 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quatern
 from bodysense.body.skeleton import default_skeleton
 from bodysense.data.clip import Clip
 from bodysense.lab.unoc.export import write_point_network
-from bodysense.lab.unoc.finger_configs import BODY, FINGERS, HANDS, PAPER_FINGERS
 from bodysense.lab.unoc.point_episodes import tracked_of
 from bodysense.lab.unoc.point_model import WARM_UP, PointRunner, Task, load_point_model
-from bodysense.lab.unoc.point_network import PointNetwork, PointNetworkConfig, Tracked, bones
-from bodysense.lab.unoc.upper_body_configs import PAPER_UPPER_BODY, UPPER_BODY
+from bodysense.lab.unoc.point_network import (
+    BODY,
+    FINGERS,
+    HANDS,
+    PAPER_FINGERS,
+    PAPER_UPPER_BODY,
+    UPPER_BODY,
+    PointNetwork,
+    PointNetworkConfig,
+    Tracked,
+    bones,
+)
 from bodysense.occlusion.three_point import POINTS
 
 SKELETON = default_skeleton()

@@ -18,7 +18,6 @@ from bodysense.data.clip import Clip
 from bodysense.data.splits import split_of
 from bodysense.errors import BodysenseError
 from bodysense.lab.fit import Progress, Report, fit
-from bodysense.lab.unoc.finger_configs import FINGERS
 from bodysense.lab.unoc.options import FingersTraining
 from bodysense.lab.unoc.point_episodes import (
     PointEpisode,
@@ -30,10 +29,9 @@ from bodysense.lab.unoc.point_episodes import (
     with_bent_wrists,
 )
 from bodysense.lab.unoc.point_model import load_point_model
-from bodysense.lab.unoc.point_network import Answer, PointNetwork, PointNetworkConfig
+from bodysense.lab.unoc.point_network import FINGERS, UPPER_BODY, Answer, PointNetwork, PointNetworkConfig
 from bodysense.lab.unoc.point_task import PointSchedule, PointTask, point_loss, validate_points
 from bodysense.lab.unoc.train import train_points as run_points
-from bodysense.lab.unoc.upper_body_configs import UPPER_BODY
 
 SMALL = replace(UPPER_BODY, hidden=8, branch=(8,), judge_branch=(8,))
 SMALL_FINGERS = replace(FINGERS, hidden=8, branch=(8,), dropout=0.0)

@@ -17,9 +17,8 @@ from lightning_fabric import Fabric
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.lab.fit import Progress, fit, moving_average
-from bodysense.lab.unoc.episodes import Episode, Variation, make_episode
+from bodysense.lab.unoc.episodes import Batch, Episode, Variation, make_episode
 from bodysense.lab.unoc.network import PAPER, BodyNetwork, BodyNetworkConfig
-from bodysense.lab.unoc.sampling import Batch
 from bodysense.lab.unoc.task import BodyTask, Schedule, make_batches, step_count, validate
 
 CARRIED = BodyNetworkConfig(hidden=4, branch=(4,))

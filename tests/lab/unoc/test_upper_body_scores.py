@@ -15,7 +15,7 @@ from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.estimators.estimate import PointEstimate
 from bodysense.lab.unoc.upper_body_ik import UpperBodyIk
-from bodysense.lab.unoc.upper_body_scores import UpperBodyTable, evaluate_upper_body, is_standing, score_clip
+from bodysense.lab.unoc.upper_body_table import UpperBodyTable, evaluate_upper_body, is_standing, score_clip
 from bodysense.observation import Observation
 from bodysense.occlusion.three_point import observe
 

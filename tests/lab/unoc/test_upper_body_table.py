@@ -7,8 +7,7 @@ import pytest
 
 from bodysense.lab.datasets import Census, DataSet
 from bodysense.lab.unoc.headset import Tally
-from bodysense.lab.unoc.upper_body_scores import JOINTS, Tallies, UpperBodyTable
-from bodysense.lab.unoc.upper_body_table import published, upper_body_report
+from bodysense.lab.unoc.upper_body_table import JOINTS, Tallies, UpperBodyTable, published, upper_body_report
 
 
 def made(errors: dict[str, float]) -> UpperBodyTable:

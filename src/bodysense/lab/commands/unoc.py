@@ -122,8 +122,7 @@ def unoc_table6(data: str, model: Path | None = None, common: Flat[Common] = Com
     from bodysense.lab.datasets import Census, census_of, named_data
     from bodysense.lab.unoc.learned_upper_body import LearnedUpperBody
     from bodysense.lab.unoc.point_model import load_point_model
-    from bodysense.lab.unoc.upper_body_scores import evaluate_upper_body
-    from bodysense.lab.unoc.upper_body_table import upper_body_report
+    from bodysense.lab.unoc.upper_body_table import evaluate_upper_body, upper_body_report
 
     checked(common)
     chosen, network = named_data(data, common.split, common.quick), load_point_model("upper-body", model)

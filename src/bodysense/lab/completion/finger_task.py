@@ -28,8 +28,7 @@ from bodysense.lab.completion.fingers import (
     FingerNetwork,
     FingerSignal,
 )
-from bodysense.lab.fit import Schedule, Task
-from bodysense.lab.streams import played
+from bodysense.lab.fit import Schedule, Task, played
 
 _CARRIED_BY = [1 + above for above in PARENT_PLACES]  # among [wrist, joints]
 _PATH = torch.tensor(default_skeleton().path[np.ix_(HAND_POINTS[0], HAND_POINTS[0])], dtype=torch.float32)

@@ -26,8 +26,7 @@ from bodysense.lab.completion.network import (
 )
 from bodysense.lab.completion.points import CONTACT, HEAD, JOINTS, SPIN_PLACES
 from bodysense.lab.completion.sequences import Sequence, draw_sequence
-from bodysense.lab.fit import Schedule, Task
-from bodysense.lab.streams import played
+from bodysense.lab.fit import Schedule, Task, played
 
 WORN = ("sit", "talk_gesture", "everyday", "locomotion")  # what wearers of a headset do
 _FEET = [BODY.index(name) for name in CONTACT]

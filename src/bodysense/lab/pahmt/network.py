@@ -13,7 +13,8 @@ found. A hand's picture alone does not tell how its wrist is bent while the pers
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 import torch
 from torch import Tensor, nn
@@ -33,6 +34,7 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.lab.pahmt.directions import beside_directions, beside_palms, hinged
 from bodysense.lab.pahmt.features import Seen, Window, more_points, seen_in
+from bodysense.lab.weights_file import read_weights_file, write_weights_file
 
 Kind = Literal["cnn", "ahmt", "pahmt"]
 Input = Literal["hands", "arms-hands"]
@@ -266,3 +268,15 @@ class ArmNetwork(nn.Module):
             axes = quaternion_to_matrix(seen.palms)[..., :, :2].mT  # where a wrist's +x and +y point
             read.append(axes.reshape(*axes.shape[:2], -1, 3))
         return torch.cat(read, dim=-2)
+
+
+def write_arms(network: ArmNetwork, path: Path, card: dict[str, Any]) -> None:
+    """Weights, configuration and card (plain numbers and texts) in one file, whole or not at all."""
+    write_weights_file(network, network.config, path, card)
+
+
+def read_arms(path: Path) -> tuple[ArmNetwork, dict[str, Any]]:
+    """The network and card of `write_arms`. Nothing is unpickled. Raises BodysenseError for other files."""
+    return read_weights_file(
+        path, lambda config: ArmNetwork(ArmNetworkConfig(**config)), "arms", "bodysense train arms"
+    )

@@ -22,10 +22,9 @@ from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
 from bodysense.lab.chart import BarPanel, Line, LinePanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, census_of, describe
-from bodysense.lab.pahmt.network import FINGERS, ArmNetwork
+from bodysense.lab.pahmt.network import FINGERS, ArmNetwork, read_arms
 from bodysense.lab.pahmt.rows import TABLE_1, Row
 from bodysense.lab.pahmt.twist import ARMS, solved_from_positions, twist_errors
-from bodysense.lab.pahmt.weights_file import read_arms
 from bodysense.lab.pahmt.windows import (
     FRAMES,
     RATE,

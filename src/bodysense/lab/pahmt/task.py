@@ -18,8 +18,7 @@ from bodysense.body.arms import ARM_JOINTS, ARM_PARTS
 from bodysense.body.rotation import geodesic_angle
 from bodysense.lab.checkpoint import identity
 from bodysense.lab.fit import Task
-from bodysense.lab.pahmt.discriminator import Discriminator
-from bodysense.lab.pahmt.network import ArmNetwork
+from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig
 from bodysense.lab.pahmt.rows import PAPER_LOSSES, Loss
 from bodysense.lab.pahmt.windows import ArmBatch, ArmRecordings, Studio, arm_positions, arms_alone, make_batch
 from bodysense.lab.windows import Windows
@@ -234,3 +233,20 @@ def _mean(values: Tensor, known: Tensor) -> Tensor:
 
 def _length(vector: Tensor) -> Tensor:
     return torch.sqrt((vector * vector).sum(dim=-1) + 1e-12)
+
+
+class Discriminator(nn.Module):
+    """Tells recorded sequences of rotations from estimated ones (section 3.4): three convolutions over time."""
+
+    def __init__(self, config: ArmNetworkConfig, width: int = 128) -> None:
+        super().__init__()
+        count = config.size * len(config.joints)
+        self.layers = nn.Sequential(
+            *(nn.Conv1d(count, width, 4, 2, 1), nn.LeakyReLU(0.2)),
+            *(nn.Conv1d(width, width, 4, 2, 1), nn.LeakyReLU(0.2)),
+            nn.Conv1d(width, 1, 3, padding=1),
+        )
+
+    def forward(self, rotation: Tensor) -> Tensor:
+        """Rotations (B, T, joints, 3 or 6) → logits (B, T / 4) of being recorded."""
+        return self.layers(rotation.flatten(-2).mT)[:, 0]

@@ -17,10 +17,9 @@ from bodysense.lab.checkpoint import identity
 from bodysense.lab.clips import count_clips, open_clips
 from bodysense.lab.fit import Report, begin, fit
 from bodysense.lab.pahmt.export import write_arms_onnx
-from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig
+from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig, read_arms, write_arms
 from bodysense.lab.pahmt.rows import TABLE_1
 from bodysense.lab.pahmt.task import ArmSchedule, ArmTask, Pair, epoch_steps
-from bodysense.lab.pahmt.weights_file import read_arms, write_arms
 from bodysense.lab.pahmt.windows import ArmRecordings, read_arm_recordings
 from bodysense.lab.sweep import is_same, sweep
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
+from typing import TYPE_CHECKING
 
 from bodysense.data.clip import Clip
 from bodysense.lab.chart import BarPanel, plain_bars
@@ -13,6 +14,12 @@ from bodysense.lab.table import Cell, Report
 from bodysense.lab.unoc.headset import MAIN
 from bodysense.lab.unoc.occlusion_statistics import GROUPS, PUBLISHED, Column, Counts, column, count
 from bodysense.occlusion.headset_camera import HeadsetCamera
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from bodysense.data.clip import Clip
+
 
 Counted = dict[str, list[Counts]]  # by category
 
@@ -122,3 +129,19 @@ def _panel(measure: str, columns: Sequence[Column], field: str, factor: float) -
         for name, row in zip(names, heights, strict=True)
     ]
     return BarPanel(measure.partition(",")[0], GROUPS, tuple(bars), measure)
+
+
+def occlusion_table(clips: Iterable[Clip], camera: HeadsetCamera = HeadsetCamera()) -> tuple[Table, dict[str, float]]:
+    """UNOC, Table 1: a column a category, then all, then the published ones; and the numbers of ours."""
+    from rich.table import Table
+
+    from bodysense.lab.unoc import occlusion_statistics as statistics
+
+    ours = columns_of(count_clips(clips, 1, lambda clip: None, camera)[0])
+    header, rows = statistics.table([*ours, *statistics.PUBLISHED])
+    shown = Table(title="Occlusion and contact (UNOC, Table 1; the last columns are published)")
+    for name in header:
+        shown.add_column(name, justify="left" if name == header[0] else "right")
+    for row in rows:
+        shown.add_row(*row)
+    return shown, numbers_of(ours)

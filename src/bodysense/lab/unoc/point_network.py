@@ -7,7 +7,7 @@ training, the exported file and every run time share it. What is measured from w
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from bodysense.body.resting import hand_length
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
-from bodysense.body.skeleton import Skeleton
+from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.lab.recurrent import Cell, Recurrent, branch
 from bodysense.lab.unoc.network import FINGER_SCALE, REFERENCE_HEIGHT
 from bodysense.occlusion.three_point import POINTS
@@ -211,3 +211,22 @@ def _turned(rotation: Tensor, vector: Tensor) -> Tensor:
 def _without(points: Tensor, place: int) -> Tensor:
     """(..., N, 3) without one of the points."""
     return torch.cat([points[..., :place, :], points[..., place + 1 :, :]], dim=-2)
+
+
+_FINGER = default_skeleton().wrist_of >= 0
+BODY = tuple(np.array(default_skeleton().joints)[~_FINGER[: len(default_skeleton().joints)]].tolist())
+HANDS = tuple(np.array(default_skeleton().points)[_FINGER].tolist())
+
+# The paper's hand has 16 joints and 5 tips; SMPL-H's has 15 and 5, for it has no bone inside the palm.
+# What ships: few recordings have fingers, so it is small and forgets some of what it reads.
+FINGERS = PointNetworkConfig(reads=BODY, places=HANDS, from_wrists=True, hidden=64, branch=(64,), dropout=0.5)
+# Section 5.3, but for the axes, which turn with the head's heading.
+PAPER_FINGERS = replace(FINGERS, from_wrists=False, hidden=512, branch=(512, 512), dropout=0.0, window=27)
+
+
+TRUNK = ("pelvis", "spine1", "spine2", "spine3", "neck")
+ARMS = tuple(f"{side}_{part}" for part in ("collar", "shoulder", "elbow") for side in ("left", "right"))
+
+UPPER_BODY = PointNetworkConfig(reads=POINTS, places=(*TRUNK, *ARMS), wearer=True, judge_branch=(64,))
+# Section 5.2, but for the axes, which turn with the head's heading.
+PAPER_UPPER_BODY = replace(UPPER_BODY, wearer=False, judge_branch=None, hidden=512, branch=(512, 512), window=27)

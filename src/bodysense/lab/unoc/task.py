@@ -13,10 +13,9 @@ from torch import Tensor
 
 from bodysense.body.skeleton import TESTED
 from bodysense.lab.fit import Task, rate_at
-from bodysense.lab.unoc.episodes import Episode
+from bodysense.lab.unoc.episodes import Batch, Episode, collate, lanes, windows
 from bodysense.lab.unoc.losses import LossWeights, Truth, body_loss
 from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig
-from bodysense.lab.unoc.sampling import Batch, collate, lanes, windows
 
 
 @dataclass(frozen=True)

@@ -20,16 +20,21 @@ from bodysense.lab.clips import open_clips
 from bodysense.lab.fit import begin, fit, launched
 from bodysense.lab.unoc.episodes import RATE, Episode, Variation, make_episode
 from bodysense.lab.unoc.export import write_onnx, write_point_network
-from bodysense.lab.unoc.finger_configs import FINGERS, PAPER_FINGERS
 from bodysense.lab.unoc.losses import LossWeights
 from bodysense.lab.unoc.network import PAPER, BodyNetwork, BodyNetworkConfig
 from bodysense.lab.unoc.options import BodyTraining, PointTraining
 from bodysense.lab.unoc.point_episodes import PointEpisode, PointVariation, make_point_episode
 from bodysense.lab.unoc.point_model import Task
-from bodysense.lab.unoc.point_network import PointNetwork, PointNetworkConfig
+from bodysense.lab.unoc.point_network import (
+    FINGERS,
+    PAPER_FINGERS,
+    PAPER_UPPER_BODY,
+    UPPER_BODY,
+    PointNetwork,
+    PointNetworkConfig,
+)
 from bodysense.lab.unoc.point_task import PointSchedule, PointTask
 from bodysense.lab.unoc.task import BodyTask, Schedule
-from bodysense.lab.unoc.upper_body_configs import PAPER_UPPER_BODY, UPPER_BODY
 
 E = TypeVar("E", Episode, PointEpisode)
 # What a wearer meets counts more than the error of a joint that is seen: the measured place overrides that one.
