@@ -21,11 +21,11 @@ from pathlib import Path
 from readme_figures import markdown, put
 
 from bodysense.cli.show import processor
-from bodysense.evaluation.glove_foreign import FEW_MANY, WAYS
-from bodysense.evaluation.glove_foreign import PLACES as FOREIGN_PLACES
-from bodysense.evaluation.glove_limits_report import LINES
-from bodysense.evaluation.glove_tables import PUBLISHED_MARKERS, PUBLISHED_POINTS, PUBLISHED_STILL
-from bodysense.evaluation.glove_trials import DURATIONS, HIDDEN
+from bodysense.lab.two_hands.foreign import FEW_MANY, WAYS
+from bodysense.lab.two_hands.foreign import PLACES as FOREIGN_PLACES
+from bodysense.lab.two_hands.limits_report import LINES
+from bodysense.lab.two_hands.tables import PUBLISHED_MARKERS, PUBLISHED_POINTS, PUBLISHED_STILL
+from bodysense.lab.two_hands.trials import DURATIONS, HIDDEN
 
 PAGE, README = Path(__file__).parents[1] / "docs" / "gloves.md", Path(__file__).parents[1] / "README.md"
 METHODS = {"lk": "last known", "ls": "last shape of the hand", "ma": "moving average", "ac": "affine", "nn": "network"}

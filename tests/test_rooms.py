@@ -32,9 +32,6 @@ FLOORS: dict[str, float] = {
     "take": 6,
     "serve": 6,
     "lab": 6,
-    "models": 6.1,  # the glove's, until it moves into the lab
-    "evaluation": 6.2,
-    "training": 6.2,
     "conform": 7,
     "cli": 8,
     "lab.commands": 8.5,  # beside those of the library, of which they use a little
@@ -44,7 +41,7 @@ FLOORS: dict[str, float] = {
 }
 FRONT_DOOR = "bodysense"  # names what the library offers, and imports it when it is asked for
 LIGHT = {"numpy", "array_api_compat", "tyro", "rich"}  # what run-time modules may import at once
-LAB = ("lab", "models", "training", "evaluation")  # what comes with bodysense[lab]
+LAB = ("lab",)  # what comes with bodysense[lab]
 
 
 def name_of(path: Path) -> str:

@@ -83,9 +83,8 @@ class Task:
 
     network: Any  # the module that is trained
     schedule: Any  # a `Pace`; a checkpoint must agree on it
-    source: Mapping[str, Any] | None = None  # what is learned from, in plain values: likewise
+    source: Any = None  # what is learned from, in plain values: likewise
     keeps_best: bool = True  # else the averaged weights of the end are kept
-    patience: int | None = None  # checks without progress after which the learning rate is halved
     clip: float = 1.0  # highest norm of the gradients of a group of parameters, unless it has a `clip` of its own
 
     def identity(self) -> str:
@@ -96,6 +95,11 @@ class Task:
     def steps(self) -> int:
         """Optimiser steps of the whole run."""
         return self.schedule.steps
+
+    @property
+    def patience(self) -> int | None:
+        """Checks without progress after which the learning rate is halved; None: it is not."""
+        return getattr(self.schedule, "patience", None)
 
     def optimizer(self) -> Optimizer:
         """The optimiser of a new run."""

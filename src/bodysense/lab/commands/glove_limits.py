@@ -37,7 +37,8 @@ def gloves_limits(
     from rich.console import Console
     from rich.progress import Progress
 
-    from bodysense.evaluation.glove_limits import (
+    from bodysense.lab.datasets import Census, named_data
+    from bodysense.lab.two_hands.limits import (
         SYNTHESISED_PIECES,
         SYNTHESISED_SECONDS,
         Findings,
@@ -48,8 +49,7 @@ def gloves_limits(
         pair_of_clip,
         synthesised_pair,
     )
-    from bodysense.evaluation.glove_limits_report import SYNTHESISED, limits_report
-    from bodysense.lab.datasets import Census, named_data
+    from bodysense.lab.two_hands.limits_report import SYNTHESISED, limits_report
     from bodysense.lab.unoc.headset import group_of
     from bodysense.occlusion.camera_ring import CameraRing
 

@@ -33,13 +33,13 @@ def gloves_occlusion(
     """
     from rich.progress import Progress
 
-    from bodysense.evaluation.glove_occlusion import (
+    from bodysense.lab.datasets import Census, named_data
+    from bodysense.lab.two_hands.occlusion import (
         SYNTHESISED_PIECES,
         count_clips,
         count_synthesised,
         occlusion_report,
     )
-    from bodysense.lab.datasets import Census, named_data
     from bodysense.occlusion.camera_ring import CameraRing
 
     jobs, ring = checked(common), CameraRing(count=cameras)
@@ -73,8 +73,8 @@ def gloves_table3(
             network that was trained without them, too.
         common: Common options.
     """
-    from bodysense.evaluation.glove_tables import table3
     from bodysense.lab.datasets import named_data
+    from bodysense.lab.two_hands.tables import table3
 
     jobs, chosen = checked(common), None if data is None else named_data(data, common.split, common.quick)
     synthesised = _synthesised(common)
@@ -100,8 +100,8 @@ def gloves_table4(
         left_out: As for Table 3.
         common: Common options.
     """
-    from bodysense.evaluation.glove_tables import table4
     from bodysense.lab.datasets import named_data
+    from bodysense.lab.two_hands.tables import table4
 
     jobs, chosen = checked(common), None if data is None else named_data(data, common.split, common.quick)
     synthesised = _synthesised(common)

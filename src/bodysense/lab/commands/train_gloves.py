@@ -46,7 +46,7 @@ def gloves(
         leave_one_out: Train as often as there are people in the data, each time without one of them, in a folder
             `without-PERSON` each, for `bodysense evaluate gloves-table3 --left-out`.
     """
-    from bodysense.training.glove_run import GloveRun, people_with_fingers, run_gloves
+    from bodysense.lab.two_hands.train import GloveRun, people_with_fingers, run_gloves
 
     if out.suffix == ".onnx":
         raise BodysenseError(f"{out}: several networks are written; give a folder")

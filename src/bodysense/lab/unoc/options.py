@@ -40,16 +40,7 @@ class BodyTraining(Training):
 
     def __post_init__(self) -> None:
         check_ending(self.out, ".onnx")
-        check_fields(
-            steps=self.steps,
-            epochs=self.epochs,
-            window_stride=self.window_stride,
-            passes=self.passes,
-            lanes=self.lanes,
-            chunk=self.chunk,
-            hidden=self.hidden,
-            devices=self.devices,
-        )
+        check_fields(self, "steps", "epochs", "window_stride", "passes", "lanes", "chunk", "hidden", "devices")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,9 +64,7 @@ class TablesTraining(Training, Machines):
     """networks trained side by side, each in a process of its own"""
 
     def __post_init__(self) -> None:
-        check_fields(
-            epochs=self.epochs, window_stride=self.window_stride, jobs=self.jobs, devices=self.devices, nodes=self.nodes
-        )
+        check_fields(self, "epochs", "window_stride", "jobs", "devices", "nodes")
         if not self.batch_scale > 0:
             raise BodysenseError(f"--batch-scale {self.batch_scale:g}: give a positive number; 1 is the paper's")
         if self.jobs > 1 and (self.devices > 1 or self.nodes > 1):

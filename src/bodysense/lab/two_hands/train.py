@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -15,12 +14,16 @@ from rich.console import Console
 
 from bodysense.body.hand_family import draw_hand
 from bodysense.errors import BodysenseError
+from bodysense.files import make_folder
 from bodysense.lab.clips import open_clips
-from bodysense.lab.fit import Progress
+from bodysense.lab.fit import printed
 from bodysense.lab.synthesis.hand_motion import HandMotion, hand_pairs
 from bodysense.lab.synthesis.hands import synthesize_hand
 from bodysense.lab.synthesis.pairs import synthesize_pair
-from bodysense.models.glove import (
+from bodysense.lab.two_hands.drawing import JointTask, MarkerTask, MemoryTask
+from bodysense.lab.two_hands.export import write_glove_network
+from bodysense.lab.two_hands.frames import GloveFrames, frames_of, join
+from bodysense.lab.two_hands.network import (
     PAPER_JOINTS,
     PAPER_MARKERS,
     RECURRENT_MARKERS,
@@ -30,16 +33,13 @@ from bodysense.models.glove import (
     MarkerNetwork,
     MarkerNetworkConfig,
 )
-from bodysense.training.glove import (
+from bodysense.lab.two_hands.task import (
     PAPER_JOINT_SCHEDULE,
     PAPER_MARKER_SCHEDULE,
     GloveSchedule,
-    Task,
+    Lesson,
     train_glove,
 )
-from bodysense.training.glove_frames import GloveFrames, frames_of, join
-from bodysense.training.glove_onnx import write_glove_network
-from bodysense.training.glove_tasks import JointTask, MarkerTask, MemoryTask
 
 Network = Literal["markers", "joints", "two-hands", "recurrent"]
 Form = Literal["shipped", "paper"]
@@ -92,10 +92,7 @@ class GloveRun:
 
 def run_gloves(run: GloveRun) -> None:
     """Train, export, and leave log (`.jsonl`) and checkpoint (`.ckpt`) of each network beside it in the folder."""
-    try:
-        run.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BodysenseError(f"{run.out}: no folder can be made there ({error.strerror}); choose another") from None
+    make_folder(run.out)
     if run.threads is not None:
         torch.set_num_threads(run.threads)
     console = Console()
@@ -166,25 +163,13 @@ def _train(
     torch.manual_seed(run.seed)
     network, task = _task(name, run.form, frames, validation, schedule, rate)
     out = run.out / FILES[name]
-    log = out.with_suffix(".jsonl")
-
-    def report(progress: Progress) -> None:
-        with log.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(vars(progress)) + "\n")
-        scores = ", ".join(f"{key} {value:.3f}" for key, value in progress.validation.items())
-        console.print(
-            f"{name}: step {progress.step}/{progress.steps}, {progress.seconds:.0f} s, "
-            f"loss {progress.terms['loss']:.4f}; {scores}",
-            highlight=False,
-        )
-
     source: dict[str, Any] = {
         "frames": len(frames),
         "without": list(run.without),
         "hands": len(frames.rest),
         "rate": rate,
     }
-    _, score = train_glove(network, task, schedule, source, out.with_suffix(".ckpt"), report)
+    _, score = train_glove(network, task, schedule, source, out.with_suffix(".ckpt"), printed(name))
     made = f"{run.hand_minutes:g} minutes of synthesised hands and {run.pair_minutes:g} of pairs"
     recorded = "" if run.data is None else f"{run.data.name}, train split, left and right hands; "
     card = {
@@ -202,7 +187,7 @@ def _train(
 
 def _task(
     name: Network, form: Form, frames: GloveFrames, validation: GloveFrames, schedule: GloveSchedule, rate: float
-) -> tuple[MarkerNetwork | JointNetwork, Task]:
+) -> tuple[MarkerNetwork | JointNetwork, Lesson]:
     """The network and what it learns."""
     if name == "joints":
         config = JointNetworkConfig() if form == "shipped" else PAPER_JOINTS

@@ -18,9 +18,14 @@ from bodysense.estimators.gloves.continuity import Continuous
 from bodysense.estimators.gloves.fillers import LastShape, NetworkFiller
 from bodysense.estimators.gloves.hands import GloveModels, HandsSettings
 from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
-from bodysense.evaluation.cyclic_descent import FingerLimits, solve_fingers
-from bodysense.evaluation.glove_foreign import ForeignModels, foreign_fingers, foreign_markers
-from bodysense.evaluation.glove_trials import (
+from bodysense.lab.datasets import Census, DataSet, census_of
+from bodysense.lab.metrics import joint_error
+from bodysense.lab.spread import spread
+from bodysense.lab.synthesis.hand_motion import HandMotion, hand_motions
+from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense.lab.two_hands.cyclic_descent import FingerLimits, solve_fingers
+from bodysense.lab.two_hands.foreign import ForeignModels, foreign_fingers, foreign_markers
+from bodysense.lab.two_hands.trials import (
     DURATIONS,
     FINGER_POINTS,
     HIDDEN,
@@ -32,11 +37,6 @@ from bodysense.evaluation.glove_trials import (
     marker_error,
     together,
 )
-from bodysense.lab.datasets import Census, DataSet, census_of
-from bodysense.lab.metrics import joint_error
-from bodysense.lab.spread import spread
-from bodysense.lab.synthesis.hand_motion import HandMotion, hand_motions
-from bodysense.lab.synthesis.hands import synthesize_hand
 from bodysense.lab.unoc.headset import GROUPS, group_of
 
 SEEDS = 5

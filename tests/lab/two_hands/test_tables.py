@@ -15,10 +15,16 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.estimators.gloves.baselines import LastKnown
 from bodysense.estimators.gloves.hands import GloveModels
 from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
-from bodysense.evaluation.glove_networks import compare_memory, compare_two_hands
-from bodysense.evaluation.glove_scores import ALONE, GloveTable, Task, measure_fingers, measure_markers
-from bodysense.evaluation.glove_tables import finger_report, marker_report, published_ratio
-from bodysense.evaluation.glove_trials import (
+from bodysense.lab.datasets import Census
+from bodysense.lab.synthesis.hand_motion import HandMotion
+from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense.lab.synthesis.pairs import synthesize_pair
+from bodysense.lab.two_hands.comparison import compare_memory, compare_two_hands
+from bodysense.lab.two_hands.export import write_glove_network
+from bodysense.lab.two_hands.network import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig
+from bodysense.lab.two_hands.scores import ALONE, GloveTable, Task, measure_fingers, measure_markers
+from bodysense.lab.two_hands.tables import finger_report, marker_report, published_ratio
+from bodysense.lab.two_hands.trials import (
     BEFORE,
     DURATIONS,
     HIDDEN,
@@ -29,12 +35,6 @@ from bodysense.evaluation.glove_trials import (
     hide_some,
     marker_error,
 )
-from bodysense.lab.datasets import Census
-from bodysense.lab.synthesis.hand_motion import HandMotion
-from bodysense.lab.synthesis.hands import synthesize_hand
-from bodysense.lab.synthesis.pairs import synthesize_pair
-from bodysense.models.glove import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig
-from bodysense.training.glove_onnx import write_glove_network
 
 
 @pytest.fixture(scope="module")

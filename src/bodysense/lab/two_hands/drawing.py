@@ -16,10 +16,10 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.registration import brought_back, register
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate, shortest_arc
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.models.glove import JointNetwork, MarkerNetwork
-from bodysense.training.glove import GloveSchedule
-from bodysense.training.glove_frames import GloveFrames
-from bodysense.training.glove_told import draw_told
+from bodysense.lab.two_hands.frames import GloveFrames
+from bodysense.lab.two_hands.network import JointNetwork, MarkerNetwork
+from bodysense.lab.two_hands.task import GloveSchedule
+from bodysense.lab.two_hands.told import draw_told
 
 _ROUND = 1e-3  # m: below, distances count squared
 _BASES = tuple(f"{finger}1" for finger in FINGERS)

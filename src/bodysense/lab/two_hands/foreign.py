@@ -31,8 +31,8 @@ from bodysense.estimators.gloves.networks import (
     load_joint_network,
     load_marker_network,
 )
-from bodysense.evaluation.glove_trials import DURATIONS, Means, Trials, cut, finger_error, hide_some, marker_error
 from bodysense.lab.synthesis.hand_motion import HandMotion
+from bodysense.lab.two_hands.trials import DURATIONS, Means, Trials, cut, finger_error, hide_some, marker_error
 
 FOREIGN, STRANGER, TEMPLATE = "foreign", "stranger", "template"
 PLACES = {FOREIGN: "left-out hand", STRANGER: "strangers' hands", TEMPLATE: "the paper's hand"}

@@ -12,7 +12,8 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.estimators.gloves.hands import GloveModels
-from bodysense.evaluation.glove_limits import (
+from bodysense.lab.datasets import Census
+from bodysense.lab.two_hands.limits import (
     Findings,
     HandPair,
     Networks,
@@ -25,8 +26,7 @@ from bodysense.evaluation.glove_limits import (
     points_of,
     synthesised_pair,
 )
-from bodysense.evaluation.glove_limits_report import LINES, SYNTHESISED, limits_report
-from bodysense.lab.datasets import Census
+from bodysense.lab.two_hands.limits_report import LINES, SYNTHESISED, limits_report
 from bodysense.occlusion.camera_ring import CameraRing
 
 HAND = hand_skeleton(default_skeleton(), "left")

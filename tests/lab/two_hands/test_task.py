@@ -21,20 +21,7 @@ from bodysense.lab.fit import Progress
 from bodysense.lab.synthesis.hand_motion import HandMotion
 from bodysense.lab.synthesis.hands import synthesize_hand
 from bodysense.lab.synthesis.pairs import synthesize_pair
-from bodysense.models.glove import (
-    PAPER_JOINTS,
-    PAPER_MARKERS,
-    TWO_HANDS,
-    JointNetwork,
-    JointNetworkConfig,
-    MarkerNetwork,
-    MarkerNetworkConfig,
-)
-from bodysense.training.glove import GloveSchedule, Task, train_glove
-from bodysense.training.glove_frames import GloveFrames, frames_of, join
-from bodysense.training.glove_onnx import write_glove_network
-from bodysense.training.glove_run import GloveRun, run_gloves
-from bodysense.training.glove_tasks import (
+from bodysense.lab.two_hands.drawing import (
     FINGER_POINTS,
     JointTask,
     MarkerTask,
@@ -46,7 +33,20 @@ from bodysense.training.glove_tasks import (
     registered,
     turned_to,
 )
-from bodysense.training.glove_told import EXACT, UNTOLD, draw_told
+from bodysense.lab.two_hands.export import write_glove_network
+from bodysense.lab.two_hands.frames import GloveFrames, frames_of, join
+from bodysense.lab.two_hands.network import (
+    PAPER_JOINTS,
+    PAPER_MARKERS,
+    TWO_HANDS,
+    JointNetwork,
+    JointNetworkConfig,
+    MarkerNetwork,
+    MarkerNetworkConfig,
+)
+from bodysense.lab.two_hands.task import GloveSchedule, Lesson, train_glove
+from bodysense.lab.two_hands.told import EXACT, UNTOLD, draw_told
+from bodysense.lab.two_hands.train import GloveRun, run_gloves
 
 SMALL = GloveSchedule(steps=60, batch=64, learning_rate=4e-3, check_every=30, warm_up=5, average_decay=0.8)
 
@@ -204,7 +204,7 @@ def test_losses_fall(name: str, frames: GloveFrames, hand: Skeleton, tmp_path: P
     assert task.validate(network) == pytest.approx(score, rel=1e-5)  # the best weights are in it
 
 
-def _small(name: str, frames: GloveFrames, hand: Skeleton) -> tuple[MarkerNetwork | JointNetwork, Task]:
+def _small(name: str, frames: GloveFrames, hand: Skeleton) -> tuple[MarkerNetwork | JointNetwork, Lesson]:
     """A small network and its task."""
     squared = replace(SMALL, squared=True, average_decay=0.0, patience=2)
     if name == "two hands":

@@ -8,8 +8,11 @@ from functools import partial
 from pathlib import Path
 
 from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
-from bodysense.evaluation.glove_foreign import ALONE, FEW_MANY, PLACES, WAYS, foreign_numbers
-from bodysense.evaluation.glove_scores import (
+from bodysense.lab.chart import BarPanel, plain_bars
+from bodysense.lab.datasets import DataSet, describe
+from bodysense.lab.table import Cell, Report, cell, finite
+from bodysense.lab.two_hands.foreign import ALONE, FEW_MANY, PLACES, WAYS, foreign_numbers
+from bodysense.lab.two_hands.scores import (
     SEEDS,
     STRIDE,
     SYNTHESISED,
@@ -19,10 +22,7 @@ from bodysense.evaluation.glove_scores import (
     measure_fingers,
     measure_markers,
 )
-from bodysense.evaluation.glove_trials import DURATIONS, HIDDEN
-from bodysense.lab.chart import BarPanel, plain_bars
-from bodysense.lab.datasets import DataSet, describe
-from bodysense.lab.table import Cell, Report, cell, finite
+from bodysense.lab.two_hands.trials import DURATIONS, HIDDEN
 
 METHODS = {
     "lk": "last known",

@@ -13,7 +13,8 @@ import pytest
 
 from bodysense.cli import main
 from bodysense.data.clip import Clip
-from bodysense.evaluation.glove_occlusion import (
+from bodysense.lab.datasets import Census
+from bodysense.lab.two_hands.occlusion import (
     PUBLISHED_AT_ONCE,
     SETTINGS,
     Hiding,
@@ -22,7 +23,6 @@ from bodysense.evaluation.glove_occlusion import (
     numbers_of,
     occlusion_report,
 )
-from bodysense.lab.datasets import Census
 from bodysense.occlusion.camera_ring import CameraRing
 
 RING = CameraRing(count=4)

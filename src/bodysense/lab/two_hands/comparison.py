@@ -13,9 +13,9 @@ from bodysense.estimators.gloves.fillers import Filler, LastShape, NetworkFiller
 from bodysense.estimators.gloves.hands import natural_markers
 from bodysense.estimators.gloves.networks import load_marker_network
 from bodysense.estimators.gloves.variants import MEMORY_NETWORK, TWO_HANDS_NETWORK, load_memory, load_two_hands
-from bodysense.evaluation.glove_trials import DURATIONS, HIDDEN, Means, cut, hide_some, marker_error
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.synthesis.hand_motion import RATE, HandMotion
+from bodysense.lab.two_hands.trials import DURATIONS, HIDDEN, Means, cut, hide_some, marker_error
 from bodysense.occlusion.camera_ring import CameraRing
 from bodysense.occlusion.glove import visible
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from bodysense.models.glove import (
+from bodysense.lab.two_hands.network import (
     PAPER_JOINTS,
     PAPER_MARKERS,
     RECURRENT_MARKERS,

@@ -11,7 +11,7 @@ from bodysense.body.glove import default_glove, template
 from bodysense.body.hand import HAND_JOINTS, hand_skeleton
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
-from bodysense.training.glove_frames import GloveFrames
+from bodysense.lab.two_hands.frames import GloveFrames
 
 EXACT, UNTOLD = 0.4, 0.2  # how often shapes are told exactly, and not at all; else with an error
 _OFF = 0.003  # m, largest standard deviation of a resting offset that is told with an error, and of a marker

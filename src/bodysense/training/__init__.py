@@ -1,1 +1,0 @@
-"""Fitting networks, and writing them as ONNX."""
