@@ -71,7 +71,7 @@ def test_one_rater_has_a_mean_only(tmp_path: Path, key: Path, run) -> None:
         (("analyze", "{other}", "{one}"), "these are answers of study"),
         (("analyze", "{one}", "{one}"), "not 'bodysense study key 1'; give the key.json"),
         (("analyze", "{key}", "{one}", "--json", "{folder}/no/n.json"), "the folder {folder}/no does not exist"),
-        (("analyze", "{key}", "{one}", "--out", "{cut}"), "cut.json: no folder can be made there (File exists)"),
+        (("analyze", "{key}", "{one}", "--out", "{cut}"), "cut.json is a file); choose another --out"),
         (
             ("simulate", "{key}", "-o", "{folder}/s", "--preference", "theirs=1"),
             "unknown condition 'theirs'; valid are",
