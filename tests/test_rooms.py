@@ -29,6 +29,7 @@ FLOORS: dict[str, float] = {
     "io": 4.5,
     "reading": 5,
     "filling": 5,
+    "signals": 5.5,
     "take": 6,
     "serve": 6,
     "lab": 6,

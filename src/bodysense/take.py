@@ -13,31 +13,30 @@ import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.capture.recording import Recording, is_recording
-from bodysense.capture.video import is_video, open_video
+from bodysense.capture.recording import is_recording
+from bodysense.capture.video import is_video
 from bodysense.completion.model import CompletionModel
 from bodysense.data.bvh_lines import BvhLines
 from bodysense.data.clip import Clip
 from bodysense.data.holes import missing_items
 from bodysense.data.resample import at_constant_rate
-from bodysense.devices.gloves import calibrated_hands, glove_device, gloved_sides, has_gloves
-from bodysense.devices.simulated import DEVICES, simulate
+from bodysense.devices.gloves import glove_device, gloved_sides, has_gloves
+from bodysense.devices.simulated import DEVICES
 from bodysense.errors import BodysenseError
 from bodysense.export.motion_files import write_motion
 from bodysense.export.rig_file import write_on_rig_of
-from bodysense.export.rigs import OWN, SOURCE, check_rig, is_rig_file
+from bodysense.export.rigs import OWN, SOURCE, check_rig
 from bodysense.filling import Holed, filled, observed, open_holed, over_floor, pose_of
 from bodysense.io.markers.files import is_marker_file
-from bodysense.observation import Estimate, Observation, check_observation
-from bodysense.reading import read, read_clip
+from bodysense.observation import Estimate, Observation
+from bodysense.reading import read_clip
 from bodysense.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.signals import Signal, Source, called, refuse, signal_of
 from bodysense.tracker import Tracker, TrackerSettings
 
 ANCHORS = ("head", "pelvis")  # what stays where it was measured, on whatever proportions; else what is measured most
 _FRAMES = 60  # that are completed in one call, between two reports of progress
 _USUAL_RATE = 30.0  # Hz, of a motion of one frame
-
-Source = str | Path | Clip | Observation | Recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,20 +71,8 @@ class Take:
             self.file.write(path)
         elif rig == SOURCE and self.source is not None:
             write_on_rig_of(path, self.clip, self.source, self.reading)
-        elif is_rig_file(rig):
-            write_on_rig_of(path, self.clip, Path(rig))
         else:
-            write_motion(path, replace(self.clip, name=path.stem), str(rig))
-
-
-@dataclass(frozen=True, eq=False)
-class Signal:
-    """What is tracked of somebody, and what is known of them before the first frame."""
-
-    name: str  # what messages call it
-    observation: Observation
-    person: Person
-    infer: bool = True  # False: its lengths are guesses, of which proportions cannot be inferred
+            write_motion(path, replace(self.clip, name=path.stem), rig)
 
 
 def track(
@@ -99,6 +86,8 @@ def track(
     settings: TrackerSettings = TrackerSettings(),
     network: CompletionModel | None = None,
     reading: ReadingOptions = AS_FOUND,
+    follow: int | None = None,
+    roll: float | None = None,
     advance: Callable[[int, int], None] = lambda done, frames: None,
 ) -> Take:
     """Complete a whole recording, frame after frame, without looking ahead: the same as live.
@@ -119,6 +108,10 @@ def track(
         settings: the floor, whether feet are held, whether proportions are inferred.
         network: a completion network; the packaged one if omitted.
         reading: what a motion file does not say of itself: unit, upward axis, floor, joints.
+        follow: of a video: number of the person to follow, as people are numbered from left to right when they are
+            first seen; the largest if omitted.
+        roll: of a video: degrees by which upright things lean to the right in the picture; seen from how the person
+            stands if omitted.
         advance: is told how many frames are done, of how many.
 
     Raises BodysenseError, naming the source and the fix, for what cannot be tracked.
@@ -126,61 +119,16 @@ def track(
     holed = _holed(source, device, missing, reading)
     if holed is not None:
         kind = "a motion whose holes are filled, which has a body of its own"
-        _refuse(_called(source), kind, person=person, height=height, noise=noise)
+        refuse(called(source), kind, person=person, height=height, noise=noise, follow=follow, roll=roll)
         return replace(_filled(holed, settings, network, advance), source=_bvh_of(source), reading=reading)
-    signal = signal_of(source, device=device, person=person, height=height, noise=noise, reading=reading)
+    signal = signal_of(
+        source, device=device, person=person, height=height, noise=noise, reading=reading, follow=follow, roll=roll
+    )
     try:
         return replace(_tracked(signal, settings, network, advance), source=_bvh_of(source), reading=reading)
     except BodysenseError as error:
         text = str(error)
         raise error if signal.name in text else BodysenseError(f"{signal.name}: {text}") from None
-
-
-def signal_of(
-    source: Source,
-    *,
-    device: str | None = None,
-    person: Person | None = None,
-    height: float | None = None,
-    noise: int | None = None,
-    reading: ReadingOptions = AS_FOUND,
-) -> Signal:
-    """What a source tracks, and of whom; arguments as those of `track`."""
-    if person is not None and height is not None:
-        raise BodysenseError(f"both a person and a height of {height:g} m were given; give one of them")
-    name = _called(source)
-    if is_video(name) and isinstance(source, (str, Path)):
-        _refuse(name, "a video, not a motion", device=device, noise=noise)
-        wearer = Person(height=height) if person is None else person
-        return Signal(name, _filmed(name, wearer), wearer, infer=False)
-    content = read(source, reading) if isinstance(source, (str, Path)) else source
-    if isinstance(content, Clip):
-        if device is None:
-            raise BodysenseError(
-                f"{name}: not a recording; if it is a motion, say what device watches it, such as --device "
-                f"headset_camera; valid are {', '.join(DEVICES)}"
-            )
-        observation, skeleton = simulate(content, device, noise), content.pose.skeleton
-    else:
-        _refuse(name, "a recording, not a motion", device=device, noise=noise)
-        observation = content.observation if isinstance(content, Recording) else content
-        skeleton = content.skeleton if isinstance(content, Recording) and content.told else None
-    try:
-        if person is None:
-            hands = calibrated_hands(observation) if isinstance(content, Recording) and content.hands_shown else None
-            measured = height is not None or skeleton is None
-            person = Person(height=height, hands=hands) if measured else Person(skeleton, hands=hands)
-        _check(observation)
-    except BodysenseError as error:
-        raise BodysenseError(f"{name}: {str(error).removeprefix('observation: ')}") from None
-    return Signal(name, observation, person)
-
-
-def _refuse(name: str, kind: str, **options: object) -> None:
-    """Refuse options that a kind of source cannot have."""
-    for option, value in options.items():
-        if value is not None:
-            raise BodysenseError(f"{name}: {kind}; leave --{option} out")
 
 
 def _holed(source: Source, device: str | None, missing: str | Sequence[str], reading: ReadingOptions) -> Holed | None:
@@ -189,18 +137,18 @@ def _holed(source: Source, device: str | None, missing: str | Sequence[str], rea
     if device is not None or not _is_motion(source):
         if told:
             other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
-            raise BodysenseError(f"{_called(source)}: --missing is for a motion that no device watches; {other}")
+            raise BodysenseError(f"{called(source)}: --missing is for a motion that no device watches; {other}")
         return None
     if isinstance(source, (str, Path)) and _bvh_of(source) is None:
         source = read_clip(source, reading)[0]
     try:
         holed = open_holed(source if isinstance(source, Clip) else Path(str(source)), told, reading)
     except BodysenseError as error:
-        name = _called(source)
+        name = called(source)
         raise error if name in str(error) else BodysenseError(f"{name}: {error}") from None
     if not holed.holes.any():
         raise BodysenseError(
-            f"{_called(source)}: nothing is missing in this motion; say what is, such as --missing left_hand, or what "
+            f"{called(source)}: nothing is missing in this motion; say what is, such as --missing left_hand, or what "
             f"watches it, such as --device headset_camera; valid are {', '.join(DEVICES)}"
         )
     return holed
@@ -228,45 +176,6 @@ def _filled(
     rotation = over_floor(holed, filled(holed, take.estimate.pose), settings.floor)
     file = None if holed.file is None else holed.file.with_rotation(rotation, holed.missing)
     return replace(take, clip=replace(clip, pose=pose_of(holed, rotation)), holed=holed, file=file)
-
-
-def _filmed(source: str, person: Person) -> Observation:
-    """What the pictures of a video show of a person."""
-    from bodysense.capture.landmarker_files import find_landmarkers
-    from bodysense.capture.landmarks import Landmarker, LandmarkerSettings
-    from bodysense.devices.video import VideoDevice
-    from bodysense.devices.watching import watch
-    from bodysense.estimators.arms import Arms, load_arms
-
-    arms = Arms(person.skeleton, load_arms())
-    with open_video(source) as video, Landmarker(find_landmarkers(None), LandmarkerSettings()) as landmarker:
-        if video.count is None and source.isdecimal():
-            raise BodysenseError(f"{source}: a webcam never ends; use the command, bodysense track {source}")
-        watched = watch(video.pictures, landmarker, lambda aspect: VideoDevice(person.skeleton, arms, aspect))
-        parts = [done.frames.observation for done in watched if len(done.frames)]
-    if not parts:
-        raise BodysenseError(f"{source}: no picture in it can be read")
-    names = ("position", "rotation", "has_position", "has_rotation", "accuracy", "time")
-    whole = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    return Observation(parts[0].points, **whole)
-
-
-def _called(source: Source) -> str:
-    """What messages call a source."""
-    if isinstance(source, (str, Path)):
-        return str(source)
-    return source.name or "clip" if isinstance(source, Clip) else type(source).__name__.lower()
-
-
-def _check(observation: Observation) -> None:
-    """Refuse what nothing can be made of."""
-    check_observation(observation)
-    if observation.position.ndim != 3:
-        raise BodysenseError(f"position has shape {observation.position.shape}; a take is of one person: (T, P, 3)")
-    if not (observation.has_position.any() or observation.has_rotation.any()):
-        raise BodysenseError(
-            f"nothing is tracked in its {len(observation)} frames; record it with the trackers switched on and seen"
-        )
 
 
 def _tracked(

@@ -39,11 +39,12 @@ def test_a_video_comes_out_as_motion(
 ) -> None:
     video = write(tmp_path / "in.mp4", filmed[0])
     out, overlay = tmp_path / "out.bvh", tmp_path / "overlay.mp4"
-    options = ("--landmarkers", landmarkers, "--people", 1, "--model", small_arms, "--height", 1.6)
+    options = ("--landmarkers", landmarkers, "--people", 1, "--model", small_arms, "--height", 1.6, "--rig", "mixamo")
     assert track(video, "-o", out, "--overlay", overlay, *options) == 0
     clip = read_bvh(out)
     assert len(clip) == len(filmed[0]) and clip.frame_rate == 15
-    assert clip.pose.skeleton.height == pytest.approx(1.6, abs=0.05)  # without the soles
+    assert clip.pose.skeleton.joints[0] == "mixamorig:Hips"
+    assert clip.pose.skeleton.height == pytest.approx(1.6, abs=0.1)  # to the top of the head
     with av.open(str(overlay)) as container:
         shown = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
     assert len(shown) == len(clip) and shown[0].shape == (320, 320 + 256, 3)
@@ -133,6 +134,9 @@ def test_a_video_of_nobody_is_refused(tmp_path: Path, landmarkers: Path, capsys:
         (("text.mp4", "--names", "names.json"), "options of markers are not for videos"),
         (("text.mp4", "--look-ahead", "3"), "--look-ahead 3: give 0 to 0.5 s"),
         (("text.mp4", "--follow", "0"), "--follow 0: people are numbered from 1"),
+        (("text.mp4", "--person", "2"), "--person 2: no such wearer's file; --follow 2 follows that person"),
+        (("text.mp4", "--missing", "head"), "--missing, --noise and --save-person are not for videos"),
+        (("text.mp4", "--rig", "source"), "--rig source: only a .bvh file has a rig of its own"),
         (("text.mp4", "--roll", "200"), "--roll 200: give -180 to 180 degrees"),
         (("text.mp4", "--tilt", "nan"), "--tilt nan: give -90 to 90 degrees"),
         (("text.mp4", "--seconds", "0"), "--seconds 0: give more than 0"),
@@ -149,17 +153,10 @@ def test_what_cannot_be(
     message: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path(
-        "text.mp4",
-    ).write_text("this is no video\n" * 50)
+    Path("text.mp4").write_text("this is no video\n" * 50)
     Path("a.npz").write_bytes(b"")
     if "--landmarkers" in arguments:
-        write(
-            Path(
-                "text.mp4",
-            ),
-            np.zeros((1, 64, 64, 3), np.uint8),
-        )
+        write(Path("text.mp4"), np.zeros((1, 64, 64, 3), np.uint8))
     assert track(*arguments, "-o", "out.bvh") == 2
     said = capsys.readouterr().err
     assert message in said and said.count("\n") == 1

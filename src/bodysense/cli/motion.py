@@ -121,7 +121,7 @@ def track(  # noqa: PLR0915
     from bodysense.io.markers.files import is_marker_file
     from bodysense.lab.unoc.finger_synthesis import synthesize
     from bodysense.reading import check_kind
-    from bodysense.take import signal_of
+    from bodysense.signals import signal_of
     from bodysense.take import track as complete
     from bodysense.tracker import TrackerSettings
 
@@ -130,8 +130,11 @@ def track(  # noqa: PLR0915
     if is_video(str(file)):
         if device is not None or fingers == "synthesize" or samples is not None or gloves != NO_OPTIONS:
             raise BodysenseError(f"{file}: --device, --fingers, --samples and options of markers are not for videos")
-        _check_video_options(file, reading)
-        track_video(str(file), out, video, model, reading.height)
+        if missing is not None or noise or save_person is not None:
+            raise BodysenseError(f"{file}: --missing, --noise and --save-person are not for videos")
+        _check_video_options(file, reading, person)
+        settings = TrackerSettings(hold_feet=hold_feet, refine=refine)
+        track_video(str(file), out, video, model, person_of(person, reading.height), rig, settings)
         return
     if video != NO_VIDEO:
         raise BodysenseError(f"{file}: not a video; --overlay, --people and their like are for videos")
@@ -207,8 +210,10 @@ def _say(take: Take) -> None:
         print(inferred_line(take.person))
 
 
-def _check_video_options(file: Path, reading: ReadingOptions) -> None:
+def _check_video_options(file: Path, reading: ReadingOptions, person: Path | None) -> None:
     """Refuse what a video has none of."""
+    if person is not None and str(person).isdecimal() and not person.exists():
+        raise BodysenseError(f"{file}: --person {person}: no such wearer's file; --follow {person} follows that person")
     if reading != ReadingOptions(height=reading.height):
         raise BodysenseError(f"{file}: a video; of --unit, --up, --floor, --joints and --figure it has none")
 

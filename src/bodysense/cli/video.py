@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,9 +15,11 @@ from bodysense.files import check_place
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from bodysense.body.person import Person
     from bodysense.body.skeleton import Skeleton
     from bodysense.devices.video import VideoDevice
     from bodysense.devices.watching import Watched
+    from bodysense.tracker import TrackerSettings
 
 
 @dataclass(frozen=True)
@@ -49,8 +51,16 @@ class VideoOptions:
 NO_VIDEO = VideoOptions()
 
 
-def track_video(source: str, out: Path, options: VideoOptions, model: Path | None, height: float | None) -> None:
-    """Write the motion of the person in a video (.bvh, .glb, .vrma, .mcap), and the video with the body over it."""
+def track_video(
+    source: str,
+    out: Path,
+    options: VideoOptions,
+    model: Path | None,
+    wearer: Person | None,
+    rig: str | None,
+    settings: TrackerSettings,
+) -> None:
+    """Write the motion of the person in a video on a rig, and the video with the body over it."""
     from rich.progress import Progress, SpinnerColumn
 
     from bodysense.body.person import Person
@@ -61,20 +71,21 @@ def track_video(source: str, out: Path, options: VideoOptions, model: Path | Non
     from bodysense.devices.watching import watch
     from bodysense.export.motion_files import motion_stream
     from bodysense.export.overlay import Overlay
-    from bodysense.tracker import Tracker, TrackerSettings
+    from bodysense.export.rigs import OWN
+    from bodysense.tracker import Tracker
 
     _check(options)
-    person = Person(height=height)
+    person = Person() if wearer is None else wearer
     look_ahead = _look_ahead(source, options)
     maker = _maker(person.skeleton, options, model, look_ahead)
     # A picture's lengths are guesses, of which proportions cannot be inferred.
-    tracker = Tracker(person, settings=TrackerSettings(infer=False))
+    tracker = Tracker(person, settings=replace(settings, infer=False))
     state, tally, said = tracker.start(), _Tally(), None
     with ExitStack() as stack:
         video = stack.enter_context(open_video(source, options.image_rate))
         files = find_landmarkers(options.landmarkers)
         landmarker = stack.enter_context(Landmarker(files, LandmarkerSettings(people=options.people)))
-        motion = stack.enter_context(motion_stream(out, person.skeleton, video.rate))
+        motion = stack.enter_context(motion_stream(out, person.skeleton, video.rate, rig or OWN))
         overlay = None if options.overlay is None else stack.enter_context(Overlay(options.overlay, video.rate))
         longest = float("inf") if options.seconds is None else options.seconds
         pictures = takewhile(lambda picture: picture.time < longest, video.pictures)

@@ -15,7 +15,8 @@ from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.export.gltf import write_glb
 from bodysense.export.mcap_take import write_mcap
-from bodysense.export.rigs import OWN, check_rig, on_rig, renamed
+from bodysense.export.rig_file import write_on_rig_of
+from bodysense.export.rigs import OWN, check_rig, is_rig_file, on_rig, renamed
 from bodysense.export.vrma import write_vrma
 from bodysense.files import check_place, part_beside
 
@@ -33,20 +34,23 @@ def check_ending(path: Path) -> Path:
     return path
 
 
-def write_motion(path: Path, clip: Clip, rig: str = OWN) -> None:
-    """Write a clip as BVH, glTF (.glb), VRM animation (.vrma) or MCAP take (.mcap), its joints under a rig's names.
+def write_motion(path: Path, clip: Clip, rig: str | Path = OWN) -> None:
+    """Write a clip as BVH, glTF (.glb), VRM animation (.vrma) or MCAP take (.mcap), on a rig: one of `RIGS`, or a file.
 
     Raises BodysenseError as the writers do, and for a rig that is unknown or that this kind of file cannot have.
     """
     ending = check_ending(path).suffix.lower()
     check_rig(path, rig, None)
+    if is_rig_file(rig):
+        write_on_rig_of(path, clip, Path(rig))
+        return
     if ending == ".vrma":
         write_vrma(path, clip)
         return
     if ending == ".mcap":
         write_mcap(path, clip)
         return
-    clip, names = on_rig(clip, rig)
+    clip, names = on_rig(clip, str(rig))
     if ending == ".glb":
         write_glb(path, clip, names)
     else:
@@ -54,12 +58,13 @@ def write_motion(path: Path, clip: Clip, rig: str = OWN) -> None:
 
 
 @contextmanager
-def motion_stream(path: Path, skeleton: Skeleton, frame_rate: float) -> Iterator[BvhStream]:
+def motion_stream(path: Path, skeleton: Skeleton, frame_rate: float, rig: str = OWN) -> Iterator[BvhStream]:
     """A motion that is written as it comes; its file appears when the block ends well, if there was any frame.
 
-    Formats other than .bvh are made of the whole of it in the end.
+    Formats other than .bvh, and rigs other than ours, are made of the whole of it in the end.
     """
-    if check_ending(path).suffix.lower() == ".bvh":
+    check_rig(check_ending(path), rig, None)
+    if path.suffix.lower() == ".bvh" and rig == OWN:
         with BvhStream(path, skeleton, frame_rate) as motion:
             yield motion
         return
@@ -72,7 +77,7 @@ def motion_stream(path: Path, skeleton: Skeleton, frame_rate: float) -> Iterator
             order = read.pose.skeleton.indices(skeleton.joints)
             # A BVH file does not name the ends of fingers and toes.
             pose = Pose(skeleton, read.pose.root_position, read.pose.rotation[:, order])
-            write_motion(path, Clip(path.stem, pose, frame_rate))
+            write_motion(path, Clip(path.stem, pose, frame_rate), rig)
 
 
 @contextmanager

@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder
-from bodysense.rigs.options import AS_FOUND
+from bodysense.rigs.options import AS_FOUND, ReadingOptions
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from bodysense.lab.rendering.scene import Scene
+    from bodysense.lab.rendering.take import Take
+
+Split = Literal["train", "val", "test", "all"]
 
 
 def render(
-    motion: Annotated[Path, tyro.conf.Positional],
     out: Annotated[Path, tyro.conf.arg(aliases=("-o",))],
+    motion: Annotated[Path | None, tyro.conf.Positional] = None,
     videos: int = 24,
     seconds: float = 6.0,
-    split: Literal["train", "val", "test", "all"] = "test",
+    split: Split = "test",
     pixels: int = 480,
     seed: int = 1,
     reading: Reading = AS_FOUND,
@@ -29,8 +37,9 @@ def render(
     is kept, so that a stop costs little.
 
     Args:
-        motion: A folder of motion files, a prepared store, or one file.
         out: The folder of the set: NAME.mp4 and NAME.npz.
+        motion: A folder of motion files, a prepared store, or one file. If omitted, scripted gestures by each body:
+            arms out to the sides, up, ahead, and punches.
         videos: How many, spread over the clips.
         seconds: Of each, at most.
         split: Which people.
@@ -40,36 +49,21 @@ def render(
     """
     import numpy as np
     from rich.console import Console
-    from rich.progress import Progress, track
+    from rich.progress import Progress
 
-    from bodysense.cli.recordings import load_clip
-    from bodysense.lab.clips import count_clips, open_clips
-    from bodysense.lab.rendering.take import RATE, film, plan_takes
+    from bodysense.lab.rendering.take import RATE, film, plan_gestures
 
     if videos < 1 or not seconds >= 1 or pixels < 64 or pixels % 2:
         raise BodysenseError(
             f"render: {videos} videos of {seconds:g} s, {pixels} pixels high; "
             "give at least 1 video, 1 s, and an even height from 64 on"
         )
-    if motion.is_file():
-        clips = [load_clip(motion, reading)]
-    else:
-        clips = track(open_clips(motion, split, options=reading), "reading", count_clips(motion, split))
-    fingered = [clip for clip in clips if clip.has_fingers and clip.seconds >= min(2.0, seconds)]
-    if not fingered:
-        raise BodysenseError(
-            f"{motion}: no clip of {min(2.0, seconds):g} s or more with fingers; a rendered set needs them"
-        )
-    make_folder(out)
     rng = np.random.default_rng(seed)
-    each = -(-videos // len(fingered))
-    planned = []
-    for number in rng.permutation(len(fingered)):
-        planned += plan_takes(fingered[number], min(each, videos - len(planned)), seconds, rng, len(planned))
-        if len(planned) == videos:
-            break
-    if not planned:
-        raise BodysenseError(f"{motion}: nothing in it that moves its hands before a camera; give livelier motion")
+    if motion is None:
+        planned = plan_gestures(rng)[:videos]
+    else:
+        planned = _planned(motion, videos, seconds, split, rng, reading)
+    make_folder(out)
     with Progress() as progress:
         bar = progress.add_task("drawing", total=sum(len(take.time) for take, _ in planned))
         for take, scene in planned:
@@ -79,8 +73,39 @@ def render(
                 continue
             film(take, scene, out, pixels, lambda: progress.update(bar, advance=1))
     length = sum(len(take.time) / RATE for take, _ in planned)
-    said = "" if len(planned) == videos else f"; no more of {videos}: the motion has no more in which hands move"
+    is_short = motion is not None and len(planned) < videos
+    said = f"; no more of {videos}: the motion has no more in which hands move" if is_short else ""
     Console().print(f"{out}: videos: {len(planned)}, {length:.0f} s{said}", highlight=False)
+
+
+def _planned(
+    motion: Path, videos: int, seconds: float, split: Split, rng: np.random.Generator, reading: ReadingOptions
+) -> list[tuple[Take, Scene]]:
+    """Takes of recorded motion."""
+    from rich.progress import track
+
+    from bodysense.cli.recordings import load_clip
+    from bodysense.lab.clips import count_clips, open_clips
+    from bodysense.lab.rendering.take import plan_takes
+
+    if motion.is_file():
+        clips = [load_clip(motion, reading)]
+    else:
+        clips = track(open_clips(motion, split, options=reading), "reading", count_clips(motion, split))
+    fingered = [clip for clip in clips if clip.has_fingers and clip.seconds >= min(2.0, seconds)]
+    if not fingered:
+        raise BodysenseError(
+            f"{motion}: no clip of {min(2.0, seconds):g} s or more with fingers; a rendered set needs them"
+        )
+    each = -(-videos // len(fingered))
+    planned: list[tuple[Take, Scene]] = []
+    for number in rng.permutation(len(fingered)):
+        planned += plan_takes(fingered[number], min(each, videos - len(planned)), seconds, rng, len(planned))
+        if len(planned) == videos:
+            break
+    if not planned:
+        raise BodysenseError(f"{motion}: nothing in it that moves its hands before a camera; give livelier motion")
+    return planned
 
 
 def video_rendered(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,6 +24,8 @@ ROOM = CameraRange(
     aim=(-0.1, 0.1),
     roll=(-3.0, 3.0),
 )
+
+WHOLE = replace(ROOM, distance=(2.3, 3.2), field_of_view=(45.0, 58.0))  # so far away that a person is seen whole
 
 
 @dataclass(frozen=True)

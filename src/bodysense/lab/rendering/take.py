@@ -14,11 +14,12 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
 from bodysense.lab.rendering.figure import FIGURES, load_figure
-from bodysense.lab.rendering.scene import Scene, sample_camera, sample_scene
+from bodysense.lab.rendering.gestures import GESTURES, gesture
+from bodysense.lab.rendering.scene import ROOM, WHOLE, Scene, sample_camera, sample_scene
 from bodysense.lab.rendering.stage import open_stage
-from bodysense.occlusion.camera_view import VIEW_POINTS, Camera, view, view_points
+from bodysense.files import written_beside
+from bodysense.occlusion.camera_view import VIEW_POINTS, Camera, CameraRange, view, view_points
 
 FORMAT = "bodysense take 1"
 RATE = 30.0  # Hz
@@ -40,12 +41,12 @@ class Take:
 
 
 def plan_takes(
-    clip: Clip, count: int, seconds: float, rng: np.random.Generator, first: int = 0
+    clip: Clip, count: int, seconds: float, rng: np.random.Generator, first: int = 0, where: CameraRange = ROOM
 ) -> list[tuple[Take, Scene]]:
     """Up to `count` takes of a clip and the scenes for them: pieces of `seconds`, or the whole where it is shorter.
 
     Pieces do not overlap; hands move in them, and both arms are nearly always in the picture. Figures go by turns,
-    from the `first` on. Raises BodysenseError for a clip without fingers.
+    from the `first` on; cameras stand `where` is said. Raises BodysenseError for a clip without fingers.
     """
     if not clip.has_fingers:
         raise BodysenseError(f"{clip.name}: it has no finger motion; a rendered set needs it")
@@ -61,11 +62,20 @@ def plan_takes(
             continue
         scene = sample_scene(rng, FIGURES[(first + len(taken)) % len(FIGURES)])
         pose = load_figure(scene.figure).wear(piece)
-        camera = _camera(pose, rng)
+        camera = _camera(pose, rng, where)
         if camera is not None:
             name = f"{clip.name}_{start}_{scene.figure}"
             taken.append((Take(name, scene.figure, pose, np.arange(length) / RATE, camera, clip.category), scene))
     return taken
+
+
+def plan_gestures(rng: np.random.Generator) -> list[tuple[Take, Scene]]:
+    """Every one of `GESTURES` by every figure, seen whole, and the scenes for them."""
+    planned: list[tuple[Take, Scene]] = []
+    for clip in map(gesture, GESTURES):
+        for number in range(len(FIGURES)):
+            planned += plan_takes(clip, 1, np.ceil(clip.seconds), rng, number, WHOLE)
+    return planned
 
 
 def film(
@@ -137,11 +147,11 @@ def list_takes(folder: Path) -> list[Path]:
     return found
 
 
-def _camera(pose: Pose, rng: np.random.Generator) -> Camera | None:
+def _camera(pose: Pose, rng: np.random.Generator, where: CameraRange) -> Camera | None:
     """A camera that nearly always has both arms in its picture; None where none of many has."""
     points = view_points(pose)
     for _ in range(_TRIES):
-        camera = sample_camera(pose, rng)
+        camera = sample_camera(pose, rng, where)
         seen = view(points, np.arange(len(points)) / RATE, camera)
         if seen.has_arm.mean(axis=0).min() >= _SEEN:
             return camera

@@ -1,0 +1,127 @@
+"""Signals: what a source (a recording, a motion that a device watches, a video) tracks, and of whom."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.capture.recording import Recording
+from bodysense.capture.video import is_video, open_video
+from bodysense.data.clip import Clip
+from bodysense.devices.gloves import calibrated_hands
+from bodysense.devices.simulated import DEVICES, simulate
+from bodysense.errors import BodysenseError
+from bodysense.observation import Observation, check_observation
+from bodysense.reading import read
+from bodysense.rigs.options import AS_FOUND, ReadingOptions
+
+Source = str | Path | Clip | Observation | Recording
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """What is tracked of somebody, and what is known of them before the first frame."""
+
+    name: str  # what messages call it
+    observation: Observation
+    person: Person
+    infer: bool = True  # False: its lengths are guesses, of which proportions cannot be inferred
+
+
+def signal_of(
+    source: Source,
+    *,
+    device: str | None = None,
+    person: Person | None = None,
+    height: float | None = None,
+    noise: int | None = None,
+    reading: ReadingOptions = AS_FOUND,
+    follow: int | None = None,
+    roll: float | None = None,
+) -> Signal:
+    """What a source tracks, and of whom; arguments as those of `track`."""
+    if person is not None and height is not None:
+        raise BodysenseError(f"both a person and a height of {height:g} m were given; give one of them")
+    name = called(source)
+    if is_video(name) and isinstance(source, (str, Path)):
+        refuse(name, "a video, not a motion", device=device, noise=noise)
+        wearer = Person(height=height) if person is None else person
+        return Signal(name, _filmed(name, wearer, follow, roll), wearer, infer=False)
+    refuse(name, "not a video, which alone has people to choose from and a camera", follow=follow, roll=roll)
+    content = read(source, reading) if isinstance(source, (str, Path)) else source
+    if isinstance(content, Clip):
+        if device is None:
+            raise BodysenseError(
+                f"{name}: not a recording; if it is a motion, say what device watches it, such as --device "
+                f"headset_camera; valid are {', '.join(DEVICES)}"
+            )
+        observation, skeleton = simulate(content, device, noise), content.pose.skeleton
+    else:
+        refuse(name, "a recording, not a motion", device=device, noise=noise)
+        observation = content.observation if isinstance(content, Recording) else content
+        skeleton = content.skeleton if isinstance(content, Recording) and content.told else None
+    try:
+        if person is None:
+            hands = calibrated_hands(observation) if isinstance(content, Recording) and content.hands_shown else None
+            measured = height is not None or skeleton is None
+            person = Person(height=height, hands=hands) if measured else Person(skeleton, hands=hands)
+        _check(observation)
+    except BodysenseError as error:
+        raise BodysenseError(f"{name}: {str(error).removeprefix('observation: ')}") from None
+    return Signal(name, observation, person)
+
+
+def refuse(name: str, kind: str, **options: object) -> None:
+    """Refuse options that a kind of source cannot have."""
+    for option, value in options.items():
+        if value is not None:
+            raise BodysenseError(f"{name}: {kind}; leave --{option} out")
+
+
+def _filmed(source: str, person: Person, follow: int | None, roll: float | None) -> Observation:
+    """What the pictures of a video show of a person: number `follow`, by a camera rolled by `roll` degrees."""
+    from bodysense.capture.landmarker_files import find_landmarkers
+    from bodysense.capture.landmarks import Landmarker, LandmarkerSettings
+    from bodysense.capture.person import PersonSettings
+    from bodysense.devices.video import VideoDevice, VideoSettings
+    from bodysense.devices.watching import watch
+    from bodysense.estimators.arms import Arms, load_arms
+
+    arms = Arms(person.skeleton, load_arms())
+    with open_video(source) as video, Landmarker(find_landmarkers(None), LandmarkerSettings()) as landmarker:
+        if video.count is None and source.isdecimal():
+            raise BodysenseError(f"{source}: a webcam never ends; use the command, bodysense track {source}")
+        settings = VideoSettings(roll=roll)
+        watched = watch(
+            video.pictures,
+            landmarker,
+            lambda aspect: VideoDevice(person.skeleton, arms, aspect, settings),
+            PersonSettings(number=follow),
+        )
+        parts = [done.frames.observation for done in watched if len(done.frames)]
+    if not parts:
+        raise BodysenseError(f"{source}: no picture in it can be read")
+    names = ("position", "rotation", "has_position", "has_rotation", "accuracy", "time")
+    whole = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return Observation(parts[0].points, **whole)
+
+
+def called(source: Source) -> str:
+    """What messages call a source."""
+    if isinstance(source, (str, Path)):
+        return str(source)
+    return source.name or "clip" if isinstance(source, Clip) else type(source).__name__.lower()
+
+
+def _check(observation: Observation) -> None:
+    """Refuse what nothing can be made of."""
+    check_observation(observation)
+    if observation.position.ndim != 3:
+        raise BodysenseError(f"position has shape {observation.position.shape}; a take is of one person: (T, P, 3)")
+    if not (observation.has_position.any() or observation.has_rotation.any()):
+        raise BodysenseError(
+            f"nothing is tracked in its {len(observation)} frames; record it with the trackers switched on and seen"
+        )
