@@ -7,9 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from bodysense.lab import clips
 from bodysense.data.bvh import write_bvh
-from bodysense.errors import BodysenseError
 from bodysense.lab.clips import count_clips, open_clips
+from bodysense.data.sources import Source
+from bodysense.errors import BodysenseError
+from bodysense.rigs.options import ReadingOptions
 
 
 @pytest.fixture
@@ -32,3 +35,14 @@ def test_some_are_spread_evenly(folder: Path, at_most: int) -> None:
     assert len(some) == min(at_most, 7) and some == sorted(set(some))
     gaps = [order.index(b) - order.index(a) for a, b in pairwise(some)]
     assert max(gaps, default=0) - min(gaps, default=0) <= 1
+
+
+def test_an_option_that_a_command_lacks_goes_to_the_preparation(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def lying(source: Source, options: ReadingOptions) -> None:
+        raise BodysenseError(f"{source.path}: it never stands upright; say which axis is up, as --up y")
+
+    monkeypatch.setattr(clips, "read_source", lying)
+    with pytest.raises(
+        BodysenseError, match=r"--up y; where a command has no --up, .*data prepare .* -o STORE.zarr --up"
+    ):
+        next(open_clips(folder))

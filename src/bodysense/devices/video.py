@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bodysense.body.arms import ARM_JOINTS, ARM_PARTS, ARM_POINTS, CHEST, SIDES, arm_rotations, arm_skeleton
+from bodysense.body.keypoints import arm_directions
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import (
     matrix_to_quaternion,
@@ -28,7 +29,7 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.body.spring import spring_step
 from bodysense.capture.landmarks import BODY_LANDMARKS
 from bodysense.capture.person import VISIBLE, PersonLandmarks, arm_keypoints, joined_landmarks
-from bodysense.devices.arm_lines import along_lines
+from bodysense.devices.arm_lines import along_lines, with_depths
 from bodysense.devices.camera_level import CameraLevel, rolled, tilted, upright
 from bodysense.devices.landmark_points import LaidPoints, LandmarkPoints, located
 from bodysense.devices.landmark_smoothing import REACH, smoothed
@@ -175,7 +176,7 @@ class VideoDevice:
                 assert turned is not None
                 state = self._followed(laid, calm, room, state)
                 places = smoothed(waiting, first + k, settings.arm_calm, settings.look_ahead).picture[0, _ARM_MARKS]
-                self._observe(seen, k, laid, calm, self._arms(laid, turned[k], places, state), room, state)
+                self._observe(seen, k, laid, calm, self._arms(laid, turned[k], calm, places, state), room, state)
             axes[k] = room @ rolled(roll)
             positions[k] = state.root - room @ state.place
         camera = Camera(positions, axes, np.full(count, self.focal), np.full(count, self.aspect))
@@ -201,7 +202,9 @@ class VideoDevice:
         lowest = float(((laid.position[soles] @ room.T)[:, 1] - rest[soles, 1]).min())
         return replace(state, root=np.array([x, -lowest, z - state.begun[1]]))
 
-    def _arms(self, laid: LaidPoints, arms: np.ndarray, places: np.ndarray, state: VideoState) -> np.ndarray:
+    def _arms(
+        self, laid: LaidPoints, arms: np.ndarray, person: PersonLandmarks, places: np.ndarray, state: VideoState
+    ) -> np.ndarray:
         """Turns (38, 4) in the camera's axes of arms with local rotations (38, 4), along the lines on which they are
         seen at places (2, 3, 2). Hands stay turned as the network says.
         """
@@ -209,7 +212,13 @@ class VideoDevice:
         position, turned = map(np.asarray, forward_kinematics(self._arm_pose(chest, arms)))
         joints = self._arm_skeleton.indices([f"{side}_{part}" for side in SIDES for part in ARM_POINTS]).reshape(2, 3)
         bones = np.asarray(normalize(np.diff(position[joints], axis=1)))
-        lines = along_lines(bones, places, self.focal, -float(state.place[2]))
+        shoulders = laid.position[self.skeleton.indices([f"{side}_shoulder" for side in SIDES]), 2]
+        length = np.linalg.norm(np.diff(position[joints], axis=1), axis=-1)
+        said = arm_directions(person.world[0, _ARM_MARKS])
+        deep = with_depths(
+            bones, said, person.picture[0, _ARM_MARKS], self.focal, -float(state.place[2]) - shoulders, length
+        )
+        lines = along_lines(deep, places, self.focal, -float(state.place[2]))
         turned = turned[1:].copy()
         turned[_BONES] = quaternion_multiply(np.asarray(shortest_arc(bones, lines)), turned[_BONES])
         return turned

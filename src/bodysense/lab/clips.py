@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Literal
 
 from bodysense.data.clip import Clip
 from bodysense.data.layouts import Layout
-from bodysense.data.sources import list_sources, read_source
+from bodysense.data.sources import Source, list_sources, read_source
 from bodysense.data.splits import SPLITS, Split, empty_split
 from bodysense.errors import BodysenseError
 from bodysense.lab.store import read_store
 from bodysense.rigs.options import AS_FOUND, ReadingOptions
+
+OPTIONS = tuple(field.name for field in fields(ReadingOptions))
 
 
 def open_clips(
@@ -58,7 +61,7 @@ def _choose(
         rows, clip_at = store.table.clips, store.clip
     else:
         sources = list_sources(directory, layout)
-        rows, clip_at = sources, lambda index: read_source(sources[index], options)
+        rows, clip_at = sources, lambda index: _read(sources[index], options, directory)
     chosen = [
         index
         for index, row in enumerate(rows)
@@ -73,3 +76,17 @@ def _choose(
             f"its categories are {known}"
         )
     return chosen, clip_at
+
+
+def _read(source: Source, options: ReadingOptions, directory: str | Path) -> Clip:
+    """A clip of a folder. Not every command that reads folders has the options that its error may ask for."""
+    try:
+        return read_source(source, options)
+    except BodysenseError as error:
+        asked = next((name for name in OPTIONS if f"--{name}" in str(error)), None)
+        if asked is None:
+            raise
+        raise BodysenseError(
+            f"{error}; where a command has no --{asked}, give it the store that `bodysense data prepare {directory} "
+            f"-o STORE.zarr --{asked} …` writes"
+        ) from None
