@@ -11,10 +11,10 @@ import numpy as np
 
 from bodysense.body.rotation import normalize
 
-# Fitted on rendered gestures and videos of training people. What is said of depth: by the network, the landmarks do the
-# rest; how much of it holds; by how much forearms are said to come nearer than they do.
-_BY_NETWORK, _HOLDS, _NEARER = np.array([0.0, 0.25]), 0.85, np.array([0.0, 0.2])
-_SAID_ERROR, _LENGTH_ERROR = np.array([0.3, 0.2]), 0.08  # of a depth that is said; of a length that is seen
+# Fitted on rendered gestures and videos of training people. Depth is said by network and landmarks, each as much; of
+# upper arm and forearm, by how much nearer than true, and how wrong.
+_NEARER, _SAID_ERROR = np.array([0.0, 0.1]), np.array([0.25, 0.2])
+_LENGTH_ERROR = (0.08, 0.28)  # of a length that is seen, as a share: where the whole body is, and only its upper half
 _DEPTHS = np.linspace(-0.98, 0.98, 50)
 _BLUNT = 0.13  # m: of a bone that is seen so short the picture tells its direction no better than the network
 
@@ -26,6 +26,7 @@ def with_depths(
     focal: float,
     shoulder: np.ndarray,
     length: np.ndarray,
+    whole: float,
 ) -> np.ndarray:
     """Unit directions (2, 2, 3) of upper arm and forearm of both sides, as deep as they most likely are.
 
@@ -36,17 +37,18 @@ def with_depths(
         focal: focal length in heights of the picture.
         shoulder: (2,) m from the camera, along its axis, to the shoulders.
         length: (2, 2) m, of the bones.
+        whole: 0 to 1, how much of the legs is seen, too: without them distances are less sure.
     """
     result, away = np.array(bones), np.array(shoulder)
+    length_error = np.interp(whole, [0.0, 1.0], _LENGTH_ERROR[::-1])
     for k in range(bones.shape[1]):
-        share = _BY_NETWORK[k]
-        said = np.clip(_HOLDS * (share * bones[:, k, 2] + (1 - share) * landmarks[:, k, 2]) - _NEARER[k], -1, 1)
+        said = np.clip((bones[:, k, 2] + landmarks[:, k, 2]) / 2 - _NEARER[k], -1, 1)
         line, middle = places[:, k + 1] - places[:, k], (places[:, k + 1] + places[:, k]) / 2
         short = np.linalg.norm(line, axis=-1, keepdims=True)
         wanted = _scale(line / np.maximum(short, 1e-9), middle, _DEPTHS[:, None, None], focal)[0][..., 0].T
         distance = away[:, None] - length[:, k, None] / 2 * _DEPTHS
         seen = short * distance / (focal * length[:, k, None])
-        unlikely = ((_DEPTHS - said[:, None]) / _SAID_ERROR[k]) ** 2 + ((seen - wanted) / _LENGTH_ERROR) ** 2
+        unlikely = ((_DEPTHS - said[:, None]) / _SAID_ERROR[k]) ** 2 + ((seen - wanted) / length_error) ** 2
         weight = np.exp(-0.5 * (unlikely - unlikely.min(axis=1, keepdims=True)))
         depth = (weight * _DEPTHS).sum(axis=1) / weight.sum(axis=1)
         across = bones[:, k, :2] / np.maximum(np.linalg.norm(bones[:, k, :2], axis=-1, keepdims=True), 1e-9)

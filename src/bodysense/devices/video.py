@@ -46,6 +46,7 @@ POINTS = ("head", CHEST, *_LEGS, *ARM_JOINTS)
 _WITH_POSITION = ("head", "left_shoulder", "right_shoulder", *_LEGS)
 _UNSEEN_LEGS = 3.0  # times as far off a body is whose legs are not seen: it stands as high as if they were straight
 _ARM_MARKS = np.array([[BODY_LANDMARKS.index(f"{side}_{part}") for part in ARM_POINTS] for side in SIDES])
+_LEG_MARKS = [BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES for part in ("knee", "ankle")]
 _SOLE = ("ankle", "foot", "toe")
 _FAR = 3.0  # m from the camera: where nobody has been seen yet
 _BONES = np.array([[ARM_JOINTS.index(f"{side}_{part}") for part in ("shoulder", "elbow")] for side in SIDES])
@@ -215,9 +216,8 @@ class VideoDevice:
         shoulders = laid.position[self.skeleton.indices([f"{side}_shoulder" for side in SIDES]), 2]
         length = np.linalg.norm(np.diff(position[joints], axis=1), axis=-1)
         said = arm_directions(person.world[0, _ARM_MARKS])
-        deep = with_depths(
-            bones, said, person.picture[0, _ARM_MARKS], self.focal, -float(state.place[2]) - shoulders, length
-        )
+        away, whole = -float(state.place[2]) - shoulders, float(person.visible[0, _LEG_MARKS].mean())
+        deep = with_depths(bones, said, person.picture[0, _ARM_MARKS], self.focal, away, length, whole)
         lines = along_lines(deep, places, self.focal, -float(state.place[2]))
         turned = turned[1:].copy()
         turned[_BONES] = quaternion_multiply(np.asarray(shortest_arc(bones, lines)), turned[_BONES])

@@ -23,12 +23,15 @@ from bodysense.errors import BodysenseError
 from bodysense.estimators.arms import ArmModel, Arms
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.pahmt.twist import arm_errors, solved_from_positions
+from bodysense.lab.rendering.arm_bones import MEASURES as BONES
+from bodysense.lab.rendering.arm_bones import ArmBones, bone_errors, bones_of, bones_of_landmarks
+from bodysense.lab.rendering.gestures import GESTURES
 from bodysense.lab.rendering.keypoint_errors import Errors, keypoint_errors, noise_figures
 from bodysense.lab.rendering.landmark_ik import LandmarkIk
 from bodysense.lab.rendering.take import Take, read_take
 from bodysense.lab.table import Cell, Named, Report, cell, finite, ordering
 from bodysense.lab.unoc.headset import GROUPS, Tally, group_named
-from bodysense.occlusion.camera_view import view, view_points
+from bodysense.occlusion.camera_view import Camera, view, view_points
 from bodysense.tracker import Tracker, TrackerSettings
 
 METHODS = {  # key: how it is called in the table
@@ -44,6 +47,7 @@ MEASURES = {
     "upper_arm_twist_deg": "twist of upper arm, °",
     "forearm_twist_deg": "of forearm, °",
 }
+SHOWN = ("network", "landmarks_ik", "positions_ik")  # of which bones are compared; the landmarks themselves, the truth
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +66,7 @@ class VideoTable:
 
     def add(self, take: Take, person: PersonLandmarks, said: dict[str, np.ndarray]) -> None:
         """Count a video: what was found in it, and rotations (T, 38, 4), as of `arms_from_torso`, by method."""
-        group, truth = group_named(take.category), arms_from_torso(take.pose)
+        group, truth = _group(take), arms_from_torso(take.pose)
         for method, rotation in said.items():
             for measure, values in arm_errors(rotation, truth, take.pose.skeleton).items():
                 self.tallies.setdefault((group, method, measure), Tally()).add(values)
@@ -73,14 +77,26 @@ class VideoTable:
         self.videos.append(take.name)
         self.seconds.append(float(take.time[-1] - take.time[0]))
 
+    def add_bones(self, take: Take, said: dict[str, ArmBones]) -> None:
+        """Count where the bones of a video's arms point, by method."""
+        truth, interval = bones_of(take.pose, take.camera), float(np.median(np.diff(take.time)))
+        for method, bones in said.items():
+            for measure, values in bone_errors(bones, truth, interval).items():
+                self.tallies.setdefault((_group(take), method, measure), Tally()).add(values)
+
+    @property
+    def groups(self) -> list[str]:
+        """Groups of categories, and gestures, of which there are videos."""
+        return [group for group in (*GROUPS, *GESTURES) if (group, "body") in self.found]
+
     def numbers(self) -> dict[str, float]:
         """One flat object; of the main categories without a suffix; `detector_…` of all videos."""
         numbers: dict[str, float] = {"videos": len(self.videos), "minutes": sum(self.seconds) / 60}
         numbers |= {f"detector_{name}": value for name, value in noise_figures(self.detector).items()}
-        for group in GROUPS:
+        for group in self.groups:
             suffix = "" if group == "main" else f"_{group}"
             for method in METHODS:
-                for measure in MEASURES:
+                for measure in (*MEASURES, *BONES):
                     numbers[f"{method}_{measure}{suffix}"] = self.get(method, measure, group)
             for key, name in (("detection_rate", "body"), ("hand_detection_rate", "hand")):
                 numbers[f"{key}{suffix}"] = self.found.get((group, name), Tally()).mpjpe
@@ -102,7 +118,9 @@ def score_videos(
             raise BodysenseError(
                 f"{path}: the video has {len(person)} pictures, the truth {len(take.time)}; render it again"
             )
-        table.add(take, person, completed(take, person, model))
+        said, bones = completed(take, person, model)
+        table.add(take, person, said)
+        table.add_bones(take, bones)
         advance(take.name)
     return table
 
@@ -120,51 +138,60 @@ def watch(video: Path, files: LandmarkerFiles) -> PersonLandmarks:
 
 def completed(
     take: Take, person: PersonLandmarks, model: ArmModel, tracker: CompletionModel | None = None
-) -> dict[str, np.ndarray]:
-    """Rotations (T, 38, 4), as of `arms_from_torso`, by method, of a video's landmarks and of what is true of it.
+) -> tuple[dict[str, np.ndarray], dict[str, ArmBones]]:
+    """What is made of a video's landmarks, and of what is true of it, by method.
 
-    `tracker` is the completion network; None: the packaged one.
+    Rotations (T, 38, 4), as of `arms_from_torso`, and bones of arms. `tracker` is the completion network; None: the
+    packaged one.
     """
     arms = Arms(default_skeleton(), model)
     seen = view(view_points(take.pose), take.time, take.camera)
     true = arms.complete(seen).estimate.pose
     assert true is not None
-    device = VideoDevice(default_skeleton(), arms, float(take.camera.aspect))
-    return {
-        "network": arms_from_torso(tracked(device, person, tracker)),
+    pose, camera = tracked(VideoDevice(default_skeleton(), arms, float(take.camera.aspect)), person, tracker)
+    said = {
+        "network": arms_from_torso(pose),
         "landmarks_ik": arms_from_torso(LandmarkIk(default_skeleton()).complete(person)),
         "network_true": arm_rotations(true),  # a network says its rotations from the torso already
         "positions_ik": solved_from_positions(take.pose),
     }
+    shown = (bones_of(pose, camera), bones_of_landmarks(person), bones_of(take.pose, take.camera))
+    return said, dict(zip(SHOWN, shown, strict=True))
 
 
-def tracked(device: VideoDevice, person: PersonLandmarks, network: CompletionModel | None = None) -> Pose:
-    """What `bodysense track` makes of landmarks (T,)."""
+def tracked(
+    device: VideoDevice, person: PersonLandmarks, network: CompletionModel | None = None
+) -> tuple[Pose, Camera]:
+    """What `bodysense track` makes of landmarks (T,): the body in the room, and the camera (T,)."""
     early, state = device.step(person, device.start())
     tracker = Tracker(Person(device.skeleton), network=network, settings=TrackerSettings(infer=False))
-    tracking, poses = tracker.start(), []
+    tracking, poses, cameras = tracker.start(), [], []
     for frames in (early, device.finish(state)):
         if len(frames):
             estimate, tracking = tracker.step(frames.observation, tracking)
             poses.append(estimate.pose)
-    return Pose(
+            cameras.append(frames.camera)
+    pose = Pose(
         device.skeleton,
         np.concatenate([pose.root_position for pose in poses]),
         np.concatenate([pose.rotation for pose in poses]),
     )
+    names = ("position", "axes", "focal", "aspect")
+    return pose, Camera(*(np.concatenate([getattr(camera, name) for camera in cameras]) for name in names))
 
 
 def video_report(table: VideoTable, name: str) -> Report:
     """The table and what holds of the paper."""
     rows: list[tuple[Cell, ...]] = []
-    for group in GROUPS:
-        if (group, "body") in table.found:
-            label = () if not _several(table) else (group,)
-            rows += [
-                (*label, shown, *(cell(table.get(method, measure, group)) for measure in MEASURES))
-                for method, shown in METHODS.items()
-            ]
+    measures = MEASURES | BONES
+    for group in table.groups:
+        label = () if len(table.groups) == 1 else (group,)
+        rows += [
+            (*label, shown, *(cell(table.get(method, measure, group)) for measure in measures))
+            for method, shown in METHODS.items()
+        ]
     numbers = table.numbers()
+    suffix = "" if "main" in table.groups else f"_{table.groups[0]}"
     remarks = []
     for measure, claim in (
         ("arms_deg", "Arms are turned less wrongly by the network than by inverse kinematics"),
@@ -175,14 +202,14 @@ def video_report(table: VideoTable, name: str) -> Report:
             lower, higher = (Named(METHODS[who], table.get(who, measure)) for who in (ours, theirs))
             remarks.append(ordering(claim, lower, [higher], "°", digits=1))
     rates = ", ".join(
-        f"{word} in {numbers[key]:.1%}"
+        f"{word} in {numbers[key + suffix]:.1%}"
         for key, word in (("detection_rate", "the person"), ("hand_detection_rate", "hands in the picture"))
-        if key in numbers
+        if key + suffix in numbers
     )
     return Report(
         name="video_rendered",
         title="Arms and hands from rendered videos (PAHMT, Table 3)",
-        columns=(*(("motion",) if _several(table) else ()), "from", *MEASURES.values()),
+        columns=(*(("motion",) if len(table.groups) > 1 else ()), "from", *measures.values()),
         rows=tuple(rows),
         numbers=numbers,
         data=(f"{name}: {len(table.videos)} videos, {sum(table.seconds) / 60:.1f} minutes; found: {rates}.",),
@@ -190,24 +217,28 @@ def video_report(table: VideoTable, name: str) -> Report:
         caption=(
             "overall: mean position error of all joints of arms and hands from the torso; hands: of fingers from "
             "their wrist, in its axes; arms: mean angle of collars (from the torso), upper arms, forearms and hands "
-            "(from their parents); all frames."
+            "(from their parents); all frames. Bones in the picture: where more than a third of it is seen; of "
+            "IK on landmarks, the landmarks themselves are compared, and the truth in place of IK on true positions."
         ),
         panels=(_panel(table, "error of positions", "cm"), _panel(table, "error of turns", "deg")),
     )
 
 
-def _several(table: VideoTable) -> bool:
-    """Whether there are videos of more than one group of categories."""
-    return len({group for group, _ in table.found}) > 1
+def _group(take: Take) -> str:
+    """Whose row a video counts in."""
+    return take.category if take.category in GESTURES else group_named(take.category)
 
 
 def _panel(table: VideoTable, title: str, unit: str) -> BarPanel:
-    """Bars of the three methods that a video or its key-points can be given to."""
+    """Bars of the three methods that a video or its key-points can be given to, of the first group."""
     measures = [measure for measure in MEASURES if measure.endswith(unit)]
     shown = ("network", "landmarks_ik", "network_true")
     return BarPanel(
         title=title,
         groups=tuple(MEASURES[measure] for measure in measures),
-        series=tuple(plain_bars(METHODS[who], [table.get(who, measure) for measure in measures]) for who in shown),
+        series=tuple(
+            plain_bars(METHODS[who], [table.get(who, measure, table.groups[0]) for measure in measures])
+            for who in shown
+        ),
         measure={"cm": "cm", "deg": "degrees"}[unit],
     )
