@@ -10,7 +10,7 @@ import pytest
 from virtual import BASELINE, PLUG_IN_GAIT, RIZZOLI, worn
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import geodesic_angle
+from bodysense.body.rotation import geodesic_angle, quaternion_multiply
 from bodysense.body.skeleton import BODY
 from bodysense.capture.raw_markers import MarkerFormat, RawMarkers, points_alone, read_names
 from bodysense.data.clip import Clip
@@ -172,6 +172,51 @@ def test_markers_that_are_named_as_joints(style: str) -> None:
     known = recognised([f"A:{name}" for name in NAMED[style]])
     assert known is not None and known.markers.name == "markers named as joints"
     assert list(known.columns) == NAMED["ours"] and list(known.columns.values()) == list(range(6))
+
+
+def skeleton_tsv(clip: Clip) -> str:
+    """A skeleton as Qualisys writes it: each segment's name, place (mm) and rotation (x, y, z, w), Z up."""
+    sided = {"collar": "Shoulder", "shoulder": "Arm", "elbow": "ForeArm", "wrist": "Hand"}
+    sided |= {"hip": "UpLeg", "knee": "Leg", "ankle": "Foot", "foot": "ToeBase"}
+    names = {
+        "pelvis": "Hips",
+        "spine1": "Spine",
+        "spine2": "Spine1",
+        "spine3": "Spine2",
+        "neck": "Neck",
+        "head": "Head",
+    }
+    names |= {
+        f"{side}_{ours}": side.capitalize() + theirs for side in ("left", "right") for ours, theirs in sided.items()
+    }
+    position, rotation = (np.asarray(part) for part in forward_kinematics(clip.pose))
+    turn = np.array([np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0])  # our axes → Z up
+    lines = [f"NO_OF_FRAMES\t{len(clip)}", f"FREQUENCY\t{clip.frame_rate:g}", "REFERENCE\tGLOBAL", "SCALE\t1.0"]
+    lines.append("\t".join(["Frame", "Time", *(f"{name}\tX\tY\tZ\tQX\tQY\tQZ\tQW" for name in names.values())]))
+    for t in range(len(clip)):
+        row = [f"{t + 1}", f"{t / clip.frame_rate:.5f}"]
+        for k in clip.pose.skeleton.indices(names):
+            back = turn * [1, -1, -1, -1]
+            w, x, y, z = quaternion_multiply(quaternion_multiply(turn, rotation[t, k]), back)
+            row += ["", *(f"{1000 * v:.3f}" for v in Z_UP @ position[t, k]), *(f"{v:.6f}" for v in (x, y, z, w))]
+        lines.append("\t".join(row))
+    return "\n".join(lines) + "\n"
+
+
+def test_a_skeleton_of_qualisys_is_read_with_its_rotations(stranger: Clip, tmp_path: Path) -> None:
+    path, text = tmp_path / "anna.tsv", skeleton_tsv(stranger)
+    path.write_text(text)
+    seen = read_markers(path).observation
+    truth = forward_kinematics(stranger.pose)
+    here = stranger.pose.skeleton.indices(seen.points)
+    np.testing.assert_allclose(seen.position[:, :, [0, 2]], np.asarray(truth[0])[:, here][:, :, [0, 2]], atol=1e-3)
+    turned = [k for k, name in enumerate(seen.points) if seen.has_rotation[:, k].all()]
+    assert {seen.points[k] for k in turned} >= {"pelvis", "spine3", "head", "left_wrist", "right_ankle"}
+    for k in turned:
+        assert geodesic_angle(seen.rotation[:, k], np.asarray(truth[1])[:, here[k]]).max() < 1e-3
+    path.write_text(text.replace("GLOBAL", "LOCAL"))
+    with pytest.raises(BodysenseError, match=r"anna.tsv: its segments are given in their parents; export .* global"):
+        read_markers(path)
 
 
 def test_a_table_names_joints(tmp_path: Path, stranger: Clip) -> None:

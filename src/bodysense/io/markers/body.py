@@ -19,6 +19,14 @@ SIZES = (0.55, 1.45)  # of an adult: what a person's may be
 SEEN = 0.1  # share of the frames in which a marker must be seen
 CLEAR = 0.7  # cosine to an axis of the world from which on a body stands along it
 FLOOR = 0.08  # m: a floor that is nearer to 0 is 0
+_LIMBS = (  # a bone's name, what lies at its end, where it points at rest; in Motive's words, then in ours
+    ("UArm", "FArm", (1.0, 0.0, 0.0)),
+    ("Thigh", "Shin", (0.0, -1.0, 0.0)),
+    ("Shin", "Foot", (0.0, -1.0, 0.0)),
+    ("shoulder", "elbow", (1.0, 0.0, 0.0)),
+    ("hip", "knee", (0.0, -1.0, 0.0)),
+    ("knee", "ankle", (0.0, -1.0, 0.0)),
+)
 AGREES = np.deg2rad(25.0)  # bones whose rotations turn our rest pose so near to where they point are as ours
 
 
@@ -152,15 +160,11 @@ def _bones(
         name: quaternion_multiply(quaternion_multiply(turn, raw.rotation[:, k]), back) for name, k in here.items()
     }
     off = []
-    for side, x in (("L", 1.0), ("R", -1.0)):
-        for bone, end, rest in (
-            ("UArm", "FArm", (x, 0, 0)),
-            ("Thigh", "Shin", (0, -1, 0)),
-            ("Shin", "Foot", (0, -1, 0)),
-        ):
+    for side, x in (("L", 1.0), ("R", -1.0), ("left_", 1.0), ("right_", -1.0)):
+        for bone, end, rest in _LIMBS:
             start, beyond = f"{side}{bone}", f"{side}{end}"
             if start in turned and beyond in places:
-                off += _angles(turned[start], np.array(rest, dtype=float), places[beyond] - places[start])
+                off += _angles(turned[start], np.array([x * rest[0], *rest[1:]]), places[beyond] - places[start])
     if not off or not np.median(off) < AGREES:
         remarks.append("rotations of its bones are left out: they are not from a T-pose that faces +Z")
         return {}

@@ -142,6 +142,7 @@ _ROLES = {
     "elbow": r"elbow|ejc|elbow ?(joint ?)?cent(er|re)",
     "wrist": r"wrist|wjc|hand|wrist ?(joint ?)?cent(er|re)",
 }
+_TURNED = ("pelvis", "spine3", "head", *(f"{side}_{part}" for side in _SIDES for part in ("wrist", "ankle")))
 _MIDDLE = {"pelvis": r"pelvis|hips|root|mid ?hip", "neck": r"neck", "head": r"head", "spine3": r"chest|thorax"}
 
 
@@ -191,6 +192,7 @@ def _named(points: tuple[str, ...]) -> MarkerSet:
         low=("left_ankle", "right_ankle", "left_foot", "right_foot"),
         high=("pelvis", "left_hip", "right_hip", "left_shoulder", "right_shoulder", "neck", "head"),
         floor=tuple((f"{side}_{name}", high) for side in _SIDES for name, high in (("ankle", 0.08), ("foot", 0.03))),
+        bones={name: name for name in _TURNED if name in points},
     )
 
 

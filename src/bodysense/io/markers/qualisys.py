@@ -1,13 +1,14 @@
 """Markers as TSV of Qualisys Track Manager: a header of named lines, then tab-separated frames.
 
 Trajectories (MARKER_NAMES) have three columns each; rigid bodies (BODY_NAMES) sixteen: place, three angles, residual
-and nine of a matrix, of which the place is read. Frame number and time may stand in front. Millimetres; +Z is usually
-up, but no line says so.
+and nine of a matrix, of which the place is read. Frame number and time may stand in front. Of skeletons, a line names
+each segment before its X, Y, Z and QX to QW. Millimetres; +Z is usually up, but no line says so.
 """
 
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,26 +16,31 @@ import numpy as np
 from bodysense.capture.raw_markers import RawMarkers
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text
-from bodysense.io.markers.text import markers_of, numbered, numbers, rate_of, whole
+from bodysense.io.markers.text import Rows, markers_of, numbered, numbers, rate_of, whole
 
 _LAYOUTS = {"MARKER_NAMES": ("NO_OF_MARKERS", 3), "BODY_NAMES": ("NO_OF_BODIES", 16)}
-_NAMED = re.compile(r"[A-Z]+(_[A-Z]+)+|FREQUENCY|DESCRIPTION.*|EVENT.*")
+_SEGMENT = ("X", "Y", "Z", "QX", "QY", "QZ", "QW")
+_UNIT = 0.01  # how far from 1 the length of a rotation may be
+_NAMED = re.compile(r"[A-Z]+(_[A-Z]+)+|FREQUENCY|REFERENCE|SCALE|SOLVER|DESCRIPTION.*|EVENT.*")
+Header = dict[str, list[str]]
 _Z_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 
 
 def read_tsv(path: Path, rate: float | None = None) -> RawMarkers:
     """Read a TSV file of trajectories or rigid bodies. `rate` Hz goes before the header's."""
     lines = numbered(read_text(path), "\t")
-    header: dict[str, list[str]] = {}
+    header: Header = {}
     at = 0
     while at < len(lines) and _NAMED.fullmatch(lines[at][1][0]):
         header[lines[at][1][0]] = [cell for cell in lines[at][1][1:] if cell]
         at += 1
+    if "NO_OF_FRAMES" in header and at < len(lines) and "QW" in lines[at][1]:
+        return _segments(path, header, lines[at][1], lines[at + 1 :], rate)
     layout = next((name for name in _LAYOUTS if header.get(name)), None)
     if "NO_OF_FRAMES" not in header or layout is None:
         raise BodysenseError(
-            f"{path}: not a TSV file of Qualisys, whose header has NO_OF_FRAMES and MARKER_NAMES or BODY_NAMES; "
-            "export it from QTM with its header"
+            f"{path}: not a TSV file of Qualisys, whose header has NO_OF_FRAMES and MARKER_NAMES, BODY_NAMES or "
+            "a skeleton's segments; export it from QTM with its header"
         )
     names = header[layout]
     counted, width = _LAYOUTS[layout]
@@ -45,14 +51,40 @@ def read_tsv(path: Path, rate: float | None = None) -> RawMarkers:
     columns: list[str] = []
     if rows and any(cell[:1].isalpha() and cell.lower() not in ("nan", "null") for cell in rows[0][1]):
         columns, rows = rows[0][1], rows[1:]
-    frames = whole(path, (header["NO_OF_FRAMES"] or [""])[0], "NO_OF_FRAMES")
-    if len(rows) < frames:
-        raise BodysenseError(f"{path}: NO_OF_FRAMES is {frames}, but there are {len(rows)}; was the file cut short?")
+    _check_frames(path, header, len(rows))
     before = _before(columns, rows, count * width)
     values = numbers(path, rows, before + count * width)[:, before:]
     position = values.reshape(len(rows), count, width)[..., :3]
-    hertz = rate_of(path, (header.get("FREQUENCY") or [""])[0], "FREQUENCY", rate)
-    return markers_of(path, names, position, hertz, "mm", _Z_UP)
+    return markers_of(path, names, position, _rate(path, header, rate), "mm", _Z_UP)
+
+
+def _segments(path: Path, header: Header, columns: list[str], rows: Rows, rate: float | None) -> RawMarkers:
+    """A skeleton: every segment's place and rotation in the world."""
+    if (header.get("REFERENCE") or ["GLOBAL"])[0].upper() != "GLOBAL":
+        raise BodysenseError(f"{path}: its segments are given in their parents; export the skeleton with global values")
+    _check_frames(path, header, len(rows))
+    starts = [k for k in range(len(columns) - 7) if tuple(columns[k + 1 : k + 8]) == _SEGMENT]
+    if not starts or not all(columns[k] for k in starts):
+        raise BodysenseError(f"{path}: no segment is named before its X, Y, Z and QX to QW; export the skeleton again")
+    values = numbers(path, rows, len(columns))
+    position, rotation = (
+        np.stack([values[:, [start + k for k in places]] for start in starts], axis=1)
+        for places in ((1, 2, 3), (7, 4, 5, 6))
+    )
+    raw = markers_of(path, [columns[k] for k in starts], position, _rate(path, header, rate), "mm", _Z_UP)
+    length = np.linalg.norm(rotation, axis=-1, keepdims=True)
+    known = np.isfinite(raw.position).all(axis=-1, keepdims=True) & (np.abs(length - 1) < _UNIT)
+    return replace(raw, rotation=np.where(known, rotation / np.where(known, length, 1), np.nan))
+
+
+def _check_frames(path: Path, header: Header, rows: int) -> None:
+    frames = whole(path, (header["NO_OF_FRAMES"] or [""])[0], "NO_OF_FRAMES")
+    if rows < frames:
+        raise BodysenseError(f"{path}: NO_OF_FRAMES is {frames}, but there are {rows}; was the file cut short?")
+
+
+def _rate(path: Path, header: Header, told: float | None) -> float:
+    return rate_of(path, (header.get("FREQUENCY") or [""])[0], "FREQUENCY", told)
 
 
 def _before(columns: list[str], rows: list[tuple[int, list[str]]], width: int) -> int:
