@@ -140,6 +140,13 @@ def test_files_of_other_programs(tmp_path: Path, stranger: Clip, kind: str) -> N
     np.testing.assert_allclose(places[0], places[1], atol=1e-5)
 
 
+def test_names_do_not_matter(tmp_path: Path, stranger: Clip) -> None:
+    path = changed(tmp_path, stranger, lambda d: [node.pop("name") for node in d["nodes"]])
+    rows = stranger.pose.skeleton.indices(["pelvis", "head", "left_wrist", "right_wrist", "left_ankle"])
+    places = [np.asarray(forward_kinematics(one.pose)[0])[:, rows] for one in (read_gltf(path)[0], stranger)]
+    np.testing.assert_allclose(places[0], places[1], atol=1e-5)
+
+
 def test_frames_at_odd_times_are_resampled(tmp_path: Path, stranger: Clip) -> None:
     foreign(tmp_path / "a.gltf", stranger)
     document = json.loads((tmp_path / "a.gltf").read_text())
@@ -164,7 +171,7 @@ def changed(tmp_path: Path, clip: Clip, change: Any) -> Path:
 WRONG = {
     "no animation": (lambda d: d.pop("animations"), "nothing in it is animated"),
     "old": (lambda d: d["asset"].update(version="1.0"), "not glTF 2.0"),
-    "no human": (lambda d: [node.pop("name") for node in d["nodes"]], "no joint here is"),
+    "no human": (lambda d: d["nodes"][0].update(children=[]), "not a humanoid"),
     "a circle": (lambda d: d["nodes"][0]["children"].append(22), "in a circle"),
     "two parents": (lambda d: d["nodes"][22]["children"].append(5), "has two parents"),
     "an array too long": (lambda d: d["accessors"][3].update(count=10**9), "array 3 cannot be read .beyond the end"),
@@ -187,7 +194,7 @@ def test_what_is_wrong_is_said(tmp_path: Path, stranger: Clip, what: str) -> Non
     changes=st.lists(st.tuples(st.integers(0, 12000), st.integers(0, 255)), max_size=5),
     cut=st.one_of(st.none(), st.integers(0, 60000)),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_damaged_files_are_read_or_refused_in_one_line(
     tmp_path_factory: pytest.TempPathFactory, changes: list[tuple[int, int]], cut: int | None
 ) -> None:

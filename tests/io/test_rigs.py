@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from more_layouts import MORE
 from rig_files import Bones, Layout, held_still, mapped, motion, of_other_size, read_plainly, write
 from rig_layouts import LAYOUTS
 from scipy.spatial.transform import Rotation
@@ -21,6 +22,7 @@ from bodysense.data.rigged import Rigged, read_rigged
 from bodysense.errors import BodysenseError
 from bodysense.rigs.options import ReadingOptions
 
+EVERY = LAYOUTS | MORE
 NEEDED = ["pelvis", "head"] + [
     f"{side}_{part}" for side in ("left", "right") for part in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 ]
@@ -39,10 +41,10 @@ def worst(rigged: Rigged, clip: Clip, layout: Layout) -> float:
     return float(np.linalg.norm(found - forward_kinematics(clip.pose)[0][:, ours], axis=-1).max())
 
 
-@pytest.mark.parametrize("name", LAYOUTS)
+@pytest.mark.parametrize("name", EVERY)
 def test_a_rig_is_read_without_options(name: str) -> None:
-    layout = LAYOUTS[name]
-    clip = held_still(motion(), layout)
+    layout = EVERY[name]
+    clip = held_still(motion(14, 48), layout)
     text = write(layout, clip)
     rigged = of(text, **({} if layout.told_unit else {"unit": str(layout.unit)}))
     rig = rigged.rig
@@ -73,9 +75,9 @@ WORLDS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", LAYOUTS)
+@pytest.mark.parametrize("name", EVERY)
 def test_no_spoilt_world_is_taken_as_it_is(name: str) -> None:
-    layout = LAYOUTS[name]
+    layout = EVERY[name]
     clip = held_still(motion(12, 50), layout)
     points = [point for point in mapped(layout) if not point.endswith(("_top", "_tip"))]
     for world, (turn, shift) in WORLDS.items():

@@ -6,6 +6,7 @@ and how far they turn from there.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,12 +28,15 @@ from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.export.humanoid import VRM_BONES, from_t_posed
 from bodysense.io.gltf_file import GltfFile, open_gltf
-from bodysense.rigs.namings import recognise
+from bodysense.rigs.figure import Figure
+from bodysense.rigs.options import ReadingOptions
+from bodysense.rigs.rig import recognise
 
 ENDINGS = (".glb", ".gltf", ".vrma", ".vrm")
 HEIGHTS = (1.0, 2.6)  # m, of a resting body in metres
 USUAL = 1.7  # m, of a body in no known unit
 _STEADY = 0.02  # share by which the steps between frames may differ
+_LOOKED_AT = 60  # frames by which a body is recognised
 _LONGEST = 10**7  # frames × nodes
 
 
@@ -52,7 +56,7 @@ def read_gltf(path: Path) -> tuple[Clip, tuple[str, ...]]:
     tracks = _tracks(file)
     if not tracks:
         raise BodysenseError(f"{path}: nothing in it is animated; export it with its animation")
-    root = names.index(_pelvis(path, names))
+    root = names.index("pelvis") if is_vrm and "pelvis" in names else _pelvis(file, names, tracks)
     below = _in_our_order(_below(file, root), names)
     time = _times(path, tracks, below)
     if len(time) * len(below) > _LONGEST:
@@ -121,11 +125,41 @@ def _renamed(bone: str, endings: Mapping[str, str]) -> str:
     return bone.removesuffix(end) + endings[end] if end else bone
 
 
-def _pelvis(path: Path, names: list[str]) -> str:
-    if "pelvis" in names:
-        return "pelvis"
-    found = recognise(names, str(path))
-    return next(given for given, ours in found.items() if ours == "pelvis")
+def _pelvis(file: GltfFile, names: list[str], tracks: Mapping[tuple[int, str], _Track]) -> int:
+    """The node that is the pelvis, by the structure of what moves. Raises BodysenseError where that is no humanoid."""
+    tops = Counter(_above(file, node)[-1] for node, _ in tracks if 0 <= node < len(names))
+    below = _below(file, tops.most_common(1)[0][0]) if tops else []
+    time = _times(file.path, tracks, below)
+    place = np.moveaxis(_world(file, below, tracks, time[:: max(1, len(time) // _LOOKED_AT)])[:, :, :3, 3], 0, 1)
+    rest = _world(file, below, {}, np.zeros(1))[:, 0, :3, 3]
+    parents = tuple(below.index(file.parents[k]) if n else -1 for n, k in enumerate(below))
+    # Where joints are is enough: each hangs on its parent without turning.
+    turns = np.zeros((*place.shape[:2], 4))
+    turns[..., 0] = 1
+    offset, moving = (np.array(values) for values in (rest, place))
+    offset[1:] -= rest[list(parents[1:])]
+    moving[:, 1:] -= place[:, list(parents[1:])]
+    figure = Figure(
+        name=str(file.path),
+        joints=tuple(names[k] for k in below),
+        end_sites=(),
+        parents=parents,
+        offset=offset,
+        rotation=turns,
+        position={n: moving[:, n] for n in range(len(below))},
+        frame_rate=30.0,
+        nodes=tuple(below),
+    )
+    rig = recognise(figure, ReadingOptions(up="y", floor=0.0))
+    return names.index(rig.joints.get("pelvis", rig.hub))
+
+
+def _above(file: GltfFile, node: int) -> list[int]:
+    """A node, its parent … up to a root."""
+    chain = [node]
+    while file.parents[chain[-1]] >= 0:
+        chain.append(file.parents[chain[-1]])
+    return chain
 
 
 def _below(file: GltfFile, root: int) -> list[int]:
@@ -183,11 +217,7 @@ def _times(path: Path, tracks: Mapping[tuple[int, str], _Track], below: list[int
 
 def _world(file: GltfFile, below: list[int], tracks: Mapping[tuple[int, str], _Track], time: np.ndarray) -> np.ndarray:
     """World matrices (N, T, 4, 4) of some nodes and parents first."""
-    chain: list[int] = []
-    above = file.parents[below[0]]
-    while above >= 0:
-        chain.insert(0, above)
-        above = file.parents[above]
+    chain = _above(file, below[0])[:0:-1]
     matrices: dict[int, np.ndarray] = {-1: np.eye(4)[None]}
     for k in (*chain, *below):
         matrices[k] = matrices[file.parents[k]] @ _local(file, k, tracks, time)
