@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from bodysense.lab import clips
 from bodysense.data.bvh import write_bvh
-from bodysense.lab.clips import count_clips, open_clips
 from bodysense.data.sources import Source
 from bodysense.errors import BodysenseError
+from bodysense.lab import clips
+from bodysense.lab.clips import count_clips, open_clips
 from bodysense.rigs.options import ReadingOptions
 
 

@@ -14,11 +14,11 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
+from bodysense.files import written_beside
 from bodysense.lab.rendering.figure import FIGURES, load_figure
 from bodysense.lab.rendering.gestures import GESTURES, gesture
 from bodysense.lab.rendering.scene import ROOM, WHOLE, Scene, sample_camera, sample_scene
 from bodysense.lab.rendering.stage import open_stage
-from bodysense.files import written_beside
 from bodysense.occlusion.camera_view import VIEW_POINTS, Camera, CameraRange, view, view_points
 
 FORMAT = "bodysense take 1"
