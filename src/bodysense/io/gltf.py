@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from bodysense.data.canonical import canonical
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.export.humanoid import VRM_BONES, from_t_posed
+from bodysense.io.gltf_animation import Track, sampled, tracks_of
 from bodysense.io.gltf_file import GltfFile, open_gltf
 from bodysense.rigs.figure import Figure
 from bodysense.rigs.options import ReadingOptions
@@ -40,20 +41,11 @@ _LOOKED_AT = 60  # frames by which a body is recognised
 _LONGEST = 10**7  # frames × nodes
 
 
-@dataclass(frozen=True, eq=False)
-class _Track:
-    """How one property of a node changes."""
-
-    times: np.ndarray  # (K,) s
-    values: np.ndarray  # (K, …)
-    kind: str  # LINEAR, STEP, CUBICSPLINE
-
-
 def read_gltf(path: Path) -> tuple[Clip, tuple[str, ...]]:
     """The motion of a file in canonical form, and remarks. Raises BodysenseError for one without a moving humanoid."""
     file = open_gltf(path)
     names, is_vrm = _names(file)
-    tracks = _tracks(file)
+    tracks = tracks_of(file)
     if not tracks:
         raise BodysenseError(f"{path}: nothing in it is animated; export it with its animation")
     root = names.index("pelvis") if is_vrm and "pelvis" in names else _pelvis(file, names, tracks)
@@ -120,12 +112,7 @@ def _bones(file: GltfFile) -> dict[str, int]:
     return {}
 
 
-def _renamed(bone: str, endings: Mapping[str, str]) -> str:
-    end = next((end for end in endings if bone.endswith(end)), "")
-    return bone.removesuffix(end) + endings[end] if end else bone
-
-
-def _pelvis(file: GltfFile, names: list[str], tracks: Mapping[tuple[int, str], _Track]) -> int:
+def _pelvis(file: GltfFile, names: list[str], tracks: Mapping[tuple[int, str], Track]) -> int:
     """The node that is the pelvis, by the structure of what moves. Raises BodysenseError where that is no humanoid."""
     tops = Counter(_above(file, node)[-1] for node, _ in tracks if 0 <= node < len(names))
     below = _below(file, tops.most_common(1)[0][0]) if tops else []
@@ -179,30 +166,7 @@ def _in_our_order(below: list[int], names: list[str]) -> list[int]:
     return sorted(below, key=lambda k: points.index(names[k]))
 
 
-def _tracks(file: GltfFile) -> dict[tuple[int, str], _Track]:
-    """What moves, of the animation that moves most, by node and property."""
-    best: dict[tuple[int, str], _Track] = {}
-    animations = file.document.get("animations", [])
-    for animation in animations if isinstance(animations, list) else []:
-        tracks: dict[tuple[int, str], _Track] = {}
-        try:
-            for channel in animation["channels"]:
-                target, sampler = channel["target"], animation["samplers"][channel["sampler"]]
-                if "node" not in target or target["path"] not in ("translation", "rotation", "scale"):
-                    continue
-                kind = sampler.get("interpolation", "LINEAR")
-                times, values = file.array(sampler["input"])[:, 0], file.array(sampler["output"])
-                many = len(times) * (3 if kind == "CUBICSPLINE" else 1)
-                if len(values) != many or (np.diff(times) <= 0).any():
-                    raise BodysenseError(f"{file.path}: an animation's times and values do not match; export it again")
-                tracks[int(target["node"]), target["path"]] = _Track(times, values, kind)
-        except (KeyError, IndexError, TypeError, ValueError):
-            raise BodysenseError(f"{file.path}: an animation in it is damaged; export it again") from None
-        best = max(best, tracks, key=len)
-    return best
-
-
-def _times(path: Path, tracks: Mapping[tuple[int, str], _Track], below: list[int]) -> np.ndarray:
+def _times(path: Path, tracks: Mapping[tuple[int, str], Track], below: list[int]) -> np.ndarray:
     """(T,) s at a constant rate: those of the densest track of the body."""
     own = [track for (node, _), track in tracks.items() if node in below]
     if not own:
@@ -215,7 +179,7 @@ def _times(path: Path, tracks: Mapping[tuple[int, str], _Track], below: list[int
     return times[0] + np.arange(int((times[-1] - times[0]) * rate + 1e-6) + 1) / rate
 
 
-def _world(file: GltfFile, below: list[int], tracks: Mapping[tuple[int, str], _Track], time: np.ndarray) -> np.ndarray:
+def _world(file: GltfFile, below: list[int], tracks: Mapping[tuple[int, str], Track], time: np.ndarray) -> np.ndarray:
     """World matrices (N, T, 4, 4) of some nodes and parents first."""
     chain = _above(file, below[0])[:0:-1]
     matrices: dict[int, np.ndarray] = {-1: np.eye(4)[None]}
@@ -224,7 +188,7 @@ def _world(file: GltfFile, below: list[int], tracks: Mapping[tuple[int, str], _T
     return np.stack([np.broadcast_to(matrices[k], (len(time), 4, 4)) for k in below])
 
 
-def _local(file: GltfFile, k: int, tracks: Mapping[tuple[int, str], _Track], time: np.ndarray) -> np.ndarray:
+def _local(file: GltfFile, k: int, tracks: Mapping[tuple[int, str], Track], time: np.ndarray) -> np.ndarray:
     """Matrices (T or 1, 4, 4) of a node in its parent."""
     node = file.nodes[k]
     try:
@@ -238,7 +202,7 @@ def _local(file: GltfFile, k: int, tracks: Mapping[tuple[int, str], _Track], tim
         raise BodysenseError(f"{file.path}: node {k} has a damaged place; export it again") from None
     for name in own:
         if (k, name) in tracks:
-            own[name] = _sampled(tracks[k, name], time, turns=name == "rotation")
+            own[name] = sampled(tracks[k, name], time, turns=name == "rotation")
     turn = own["rotation"][:, [3, 0, 1, 2]]
     turn = turn / np.maximum(np.linalg.norm(turn, axis=-1, keepdims=True), 1e-12)
     frames = max(len(values) for values in own.values())
@@ -246,37 +210,6 @@ def _local(file: GltfFile, k: int, tracks: Mapping[tuple[int, str], _Track], tim
     matrix[:, :3, :3] = quaternion_to_matrix(turn) * own["scale"][:, None, :]
     matrix[:, :3, 3], matrix[:, 3, 3] = own["translation"], 1.0
     return matrix
-
-
-def _sampled(track: _Track, time: np.ndarray, turns: bool) -> np.ndarray:
-    """Values (T, …) of a track at some times; before its first and after its last it stays."""
-    after = np.clip(np.searchsorted(track.times, time, side="right"), 1, max(len(track.times) - 1, 1))
-    before = after - 1
-    if len(track.times) == 1:
-        return np.repeat(track.values[1:2] if track.kind == "CUBICSPLINE" else track.values, len(time), axis=0)
-    step = track.times[after] - track.times[before]
-    share = np.clip((time - track.times[before]) / step, 0, 1)[:, None]
-    if track.kind == "CUBICSPLINE":
-        into, value, out = track.values[0::3], track.values[1::3], track.values[2::3]
-        s, step = share, step[:, None]
-        return (
-            (2 * s**3 - 3 * s**2 + 1) * value[before]
-            + (s**3 - 2 * s**2 + s) * step * out[before]
-            + (3 * s**2 - 2 * s**3) * value[after]
-            + (s**3 - s**2) * step * into[after]
-        )
-    first, second = track.values[before], track.values[after]
-    if track.kind == "STEP":
-        return np.where(share >= 1, second, first)
-    if not turns:
-        return first + share * (second - first)
-    cosine = (first * second).sum(axis=-1, keepdims=True)
-    second = np.where(cosine < 0, -second, second)
-    angle = np.arccos(np.clip(np.abs(cosine), 0, 1))
-    near = angle < 1e-6
-    sine = np.where(near, 1.0, np.sin(angle))
-    start, end = (np.where(near, part, np.sin(part * angle) / sine) for part in (1 - share, share))
-    return start * first + end * second
 
 
 def _turns(path: Path, matrices: np.ndarray) -> np.ndarray:
