@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bodysense.body.glove import MARKERS, default_glove, hand_size, marker_positions, paper_template
+from bodysense.body.glove import MARKERS, default_glove, hand_size, marker_positions
 from bodysense.body.hand import HAND_JOINTS, hand_skeleton
 from bodysense.body.hand_family import (
     COUNT,
@@ -24,6 +24,7 @@ from bodysense.body.shape import shape_space
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
+from bodysense.evaluation.glove_foreign import paper_template
 from bodysense.lab.synthesis.hands import synthesize_hand
 
 

@@ -15,6 +15,7 @@ from bodysense.errors import BodysenseError
 from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
 if TYPE_CHECKING:
+    from bodysense.body.glove_set import GloveSet
     from bodysense.body.person import Person
     from bodysense.serve.datagrams import Receiver
     from bodysense.serve.replay import Playable
@@ -33,6 +34,7 @@ def serve(
     vmc_in: int | None = None,
     vmc_names: Path | None = None,
     markers_in: int | None = None,
+    marker_set: str | None = None,
     vmc_out: Addresses = (),
     vrchat_out: Addresses = (),
     allow_record: Path | None = None,
@@ -53,6 +55,8 @@ def serve(
         vmc_in: UDP port on which headset, controllers and trackers come in by VMC (its own is 39539).
         vmc_names: Which point each device of VMC is, a .json table by serial (docs/avatars.md).
         markers_in: UDP port on which markers of gloves come in by OSC (its own is 9123).
+        marker_set: Their marker set, a file or a packaged set's name (docs/gloves.md); the person's file holds hands
+            that were calibrated with it.
         vmc_out: HOST:PORT of an avatar program that takes bones by VMC (usually port 39539). Repeatable.
         vrchat_out: HOST:PORT of a VRChat that takes trackers by OSC (usually port 9000). Repeatable.
         allow_record: Folder for recordings that clients ask for; without it none are made.
@@ -88,6 +92,7 @@ def serve(
         vmc_in=vmc_in,
         vmc_trackers=VmcTrackers() if vmc_names is None else VmcTrackers(read_device_names(vmc_names)),
         markers_in=markers_in,
+        worn=_worn(marker_set, markers_in, wearer),
         receivers=tuple([*(_receiver("vmc", a) for a in vmc_out), *(_receiver("vrchat", a) for a in vrchat_out)]),
     )
     bound = listen(host, port)
@@ -101,6 +106,24 @@ def serve(
         serve(settings, [bound], lambda server: started())
     else:
         serve_in_workers(settings, bound, workers, started)
+
+
+def _worn(marker_set: str | None, port: int | None, wearer: Person) -> GloveSet:
+    """The marker set of gloves that come in; another than the standard one needs calibrated hands."""
+    from bodysense.body.glove_set import read_set, standard_set
+
+    if marker_set is None:
+        return standard_set()
+    if port is None:
+        raise BodysenseError(f"--marker-set {marker_set}: for gloves that come in; give their port with --markers-in")
+    worn = read_set(marker_set)
+    known = [side for side, hand in wearer.hands.items() if hand.glove.markers == worn.names]
+    if worn.names != standard_set().names and not known:
+        raise BodysenseError(
+            f"--marker-set {marker_set}: no hand is calibrated with it; do so first: bodysense track TAKE.c3d "
+            f"--marker-set {marker_set} -o OUT.bvh --save-person ME.json, then serve --person ME.json"
+        )
+    return worn
 
 
 def _folder(path: Path) -> Path:

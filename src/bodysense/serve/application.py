@@ -6,21 +6,22 @@ import asyncio
 import contextlib
 import socket
 from collections.abc import AsyncIterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from bodysense.body.glove_set import GloveSet, standard_set
 from bodysense.body.person import Person
 from bodysense.serve.connection import converse
 from bodysense.serve.datagrams import (
-    MARKER_POINTS,
     VMC_POINTS,
     MarkerInput,
     PoseSender,
     Receiver,
     TrackerInput,
     listened,
+    marker_points,
 )
 from bodysense.serve.live import Live
 from bodysense.serve.messages import Source
@@ -53,6 +54,7 @@ class ServerSettings:
     vmc_in: int | None = None  # ports, on the server's host
     vmc_trackers: VmcTrackers = VmcTrackers()
     markers_in: int | None = None
+    worn: GloveSet = field(default_factory=standard_set)  # the marker set of gloves that come in there
     receivers: tuple[Receiver, ...] = ()
 
 
@@ -105,7 +107,7 @@ def application(settings: ServerSettings) -> Any:
     @contextlib.asynccontextmanager
     async def lifespan(_: Any) -> AsyncIterator[None]:
         live.start()
-        transports = [await _opened(source, bound, live, metrics, settings.vmc_trackers) for source, bound in inputs]
+        transports = [await _opened(source, bound, live, metrics, settings) for source, bound in inputs]
         try:
             yield
         finally:
@@ -182,16 +184,18 @@ def _listened(settings: ServerSettings) -> list[tuple[Source, socket.socket]]:
 
 
 async def _opened(
-    source: Source, bound: socket.socket, live: Live, metrics: Metrics, trackers: VmcTrackers
+    source: Source, bound: socket.socket, live: Live, metrics: Metrics, settings: ServerSettings
 ) -> asyncio.DatagramTransport:
     """Play what comes in by UDP as a session of the server's own."""
-    seat = live.own(source, VMC_POINTS if source == "vmc" else MARKER_POINTS)
+    seat = live.own(source, VMC_POINTS if source == "vmc" else marker_points(settings.worn))
 
     def play(frame: SignalFrame) -> None:
         live.receive(seat, frame)
 
     def protocol() -> asyncio.DatagramProtocol:
-        return TrackerInput(play, metrics, trackers) if source == "vmc" else MarkerInput(play, metrics)
+        if source == "vmc":
+            return TrackerInput(play, metrics, settings.vmc_trackers)
+        return MarkerInput(play, metrics, settings.worn)
 
     transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(protocol, sock=bound)
     return transport

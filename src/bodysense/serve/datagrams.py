@@ -10,8 +10,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from bodysense.body.glove import glove_points
+from bodysense.body.glove_set import GloveSet
 from bodysense.capture.marker_stream import read_frame
+from bodysense.capture.raw_markers import MarkerFormat
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 from bodysense.serve.metrics import Metrics
@@ -23,7 +24,12 @@ from bodysense.serve.vmc_trackers import SIGNALS as VMC_POINTS
 from bodysense.serve.vmc_trackers import VmcTrackers
 from bodysense.serve.vrchat import vrchat_packets
 
-MARKER_POINTS = (*glove_points("left"), *glove_points("right"))
+
+def marker_points(worn: GloveSet) -> tuple[str, ...]:
+    """The points of both hands in gloves of a marker set."""
+    return tuple(f"{side}_glove_{name}" for side in ("left", "right") for name in worn.names)
+
+
 _TOGETHER = 0.002  # s: packets that come so soon after one another are one frame
 _MOST = 2000.0  # packets a second that are looked at; twice as many in a burst
 
@@ -113,8 +119,11 @@ class TrackerInput(asyncio.DatagramProtocol):
 class MarkerInput(asyncio.DatagramProtocol):
     """Markers of gloves by OSC become signal frames, by the sender's own time."""
 
-    def __init__(self, play: Callable[[SignalFrame], None], metrics: Metrics) -> None:
+    def __init__(self, play: Callable[[SignalFrame], None], metrics: Metrics, worn: GloveSet) -> None:
         self._play, self._metrics = play, metrics
+        self._points = marker_points(worn)
+        labels = [label for marker in worn.markers for label in marker.labels.values()]
+        self._form = MarkerFormat(worn.points(labels))
         self._sequence = 0
         self._rate = RateLimit(_MOST, 0.0)
 
@@ -123,12 +132,12 @@ class MarkerInput(asyncio.DatagramProtocol):
         if not self._rate.allows(asyncio.get_running_loop().time()):
             self._metrics.dropped("flood")
             return
-        observation = read_frame(data, MARKER_POINTS)
+        observation = read_frame(data, self._points, self._form)
         if observation is None:
             self._metrics.dropped("malformed packet")
             return
         self._sequence = (self._sequence + 1) % 2**32
-        self._play(signal_of(observation, MARKER_POINTS, self._sequence, float(observation.time[0])))
+        self._play(signal_of(observation, self._points, self._sequence, float(observation.time[0])))
 
 
 def listened(option: str, host: str, port: int) -> socket.socket:
