@@ -90,7 +90,7 @@ def test_what_is_wrong_is_said(changes: dict[str, Any], said: str) -> None:
 
 
 def test_a_file_that_is_none(tmp_path: Path) -> None:
-    with pytest.raises(BodysenseError, match="give a .toml or .json file .* or one of bodysense, two-hands"):
+    with pytest.raises(BodysenseError, match=r"give a \.toml or \.json file .* or one of bodysense, two-hands"):
         read_set("nothing")
     (tmp_path / "a.toml").write_text("[[[")
     with pytest.raises(BodysenseError, match="not TOML"):

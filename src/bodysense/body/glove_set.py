@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
-from math import cos, isfinite, pi, sin
+from math import cos, pi, sin
 from pathlib import Path
 from reprlib import repr as brief
 from typing import Any
@@ -155,7 +155,7 @@ def _marker(row: dict, sides: Mapping[str, str], standard: GloveSet | None, plac
     labels = _labels(row.get("label"), sides, place)
     if "is" in row:
         known = {} if standard is None else {marker.name: marker for marker in standard.markers}
-        if row["is"] not in known:
+        if row["is"] not in list(known):
             raise BodysenseError(f"{place}: is {brief(row['is'])}; valid are {', '.join(known)}")
         same = known[row["is"]]
         return WornMarker(same.name, labels, same.segment, same.near, same.along, same.offset, same.accuracy)
@@ -241,7 +241,7 @@ def _accuracy(value: Any, place: str) -> tuple[float, float, float]:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and -1e6 < value < 1e6
 
 
 def _texts(values: Iterable[Any]) -> bool:
