@@ -19,12 +19,12 @@ from bodysense.body.glove import MARKERS, glove_of, glove_points, hand_size, sid
 from bodysense.body.glove_set import standard_set
 from bodysense.body.hand import mirrored_vectors
 from bodysense.body.hand_family import GlovedHand, HandShapes
-from bodysense.estimators.gloves.hand_model import ANGLES, POSE, MarkedHand, moved, postures, unlikely
+from bodysense.estimators.gloves.hand_model import POSE, MarkedHand, moved, postures, unlikely
 from bodysense.observation import Observation, accuracy_like
 
 _MARKER = 0.002  # m: standard deviation of a marker from where the hand has it
 _WRONG = 0.015  # m: a marker that is so far from where the hand has it counts little, and tells nothing
-_FIRST, _NEXT = 12, 3  # steps of a hand that is found, and of one that is followed
+_FIRST, _NEXT = 30, 2  # steps of a hand that is found, and of one that is followed
 _STEP = 1e-5  # of the numerical derivative, rad and m
 _FEWEST = 3  # markers of which a hand is solved
 _FORGOTTEN = 1.0  # s unseen after which a hand is found anew
@@ -87,30 +87,55 @@ class VirtualGlove:
     def _solved(self, seen: np.ndarray, known: np.ndarray, last: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """The pose (32,), and how far each marker (M,) is believed."""
         marked, shapes = self._own
-        use, steps = known[None], _NEXT
+        tried = last[None] if last is not None else np.concatenate([postures(), np.zeros((len(postures()), 6))], axis=1)
+        back = known & marked.on_hand
+        by = back if back.sum() >= 3 else known
+        target, use = np.where(known[:, None], seen, 0.0), known.astype(float)
+        placed = marked.placed(shapes, tried[None], target[None], by[None])[0]
         if last is None:
-            poses, steps = np.zeros((1, len(postures()), POSE)), _FIRST
-            poses[..., :ANGLES] = postures()
+            if by is back:  # the wrist is known well
+                placed = marked.best(shapes, placed[None], target[None], known[None])
+            begun = [self._refined(pose, target, use, _FIRST) for pose in placed]
+            pose = min(begun, key=lambda one: float((self._off(one, target, use) ** 2).sum()))
         else:
-            poses = last[None, None]
-        back = use & marked.on_hand
-        by = back if back.sum() >= 3 else use
-        pose = marked.best(shapes, marked.placed(shapes, poses, seen[None], by), seen[None], use)[0]
-        weight, target = known.astype(float), np.where(known[:, None], seen, 0.0)
-        for step in range(steps):
-            tried = np.concatenate([pose[None], moved(pose, _STEP * np.eye(POSE))])
-            place = marked.markers(shapes, tried)
-            if step == steps - 1:
-                far = np.linalg.norm(place[0] - target, axis=-1)
-                weight = known / (1 + (far / _WRONG) ** 4)
-            missed = ((place - target) * np.sqrt(weight)[:, None] / _MARKER).reshape(len(tried), -1)
-            all_of = np.concatenate([missed, unlikely(tried)], axis=-1)
-            slope = (all_of[1:] - all_of[0]) / _STEP  # (32, R)
-            inner = slope @ slope.T
-            inner.flat[:: POSE + 1] += 1e-3 * inner.diagonal() + 1e-9
-            pose = moved(pose, -np.linalg.solve(inner, slope @ all_of[0]))
+            pose = self._refined(placed[0], target, use, _NEXT - 1)
+        pose = self._refined(pose, target, self._believed(pose, target, known), 1)
+        return pose, self._believed(pose, target, known)
+
+    def _believed(self, pose: np.ndarray, target: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """(M,) less of markers that are far from where the hand has them."""
+        marked, shapes = self._own
         far = np.linalg.norm(marked.markers(shapes, pose) - target, axis=-1)
-        return pose, known / (1 + (far / _WRONG) ** 4)
+        return known / (1 + (far / _WRONG) ** 4)
+
+    def _off(self, pose: np.ndarray, target: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """(..., R) residuals of poses (..., 32), in standard deviations."""
+        marked, shapes = self._own
+        missed = (marked.markers(shapes, pose) - target) * np.sqrt(weight)[:, None] / _MARKER
+        return np.concatenate([missed.reshape(*missed.shape[:-2], -1), unlikely(pose)], axis=-1)
+
+    def _refined(self, pose: np.ndarray, target: np.ndarray, weight: np.ndarray, steps: int) -> np.ndarray:
+        """A pose after so many steps of Gauss-Newton with Levenberg's damping."""
+        damping = 1e-3
+        for _ in range(steps):
+            off = self._off(np.concatenate([pose[None], moved(pose, _STEP * np.eye(POSE))]), target, weight)
+            slope = (off[1:] - off[0]) / _STEP  # (32, R)
+            cost, inner, drawn = float(off[0] @ off[0]), slope @ slope.T, slope @ off[0]
+            while damping < 1e6:
+                damped = inner + np.diag(damping * inner.diagonal() + 1e-9)
+                trial = moved(pose, -np.linalg.solve(damped, drawn))
+                if steps == 1:
+                    return trial
+                after = float((self._off(trial, target, weight) ** 2).sum())
+                if after < cost:
+                    break
+                damping *= 8
+            else:
+                return pose
+            pose, damping = trial, damping / 4
+            if cost - after < 1e-4 * cost:
+                return pose
+        return pose
 
 
 @dataclass(frozen=True, eq=False)
