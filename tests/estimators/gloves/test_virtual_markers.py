@@ -12,7 +12,6 @@ from bodysense.body.glove import MARKERS, glove_points, marker_positions
 from bodysense.body.hand_family import GlovedHand, carried_over, draw_hand
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose
-from bodysense.data.hand_synthesis import synthesize_hand
 from bodysense.devices.gloves import (
     calibrated_hands,
     check_calibrated,
@@ -24,7 +23,8 @@ from bodysense.devices.gloves import (
 from bodysense.errors import BodysenseError
 from bodysense.estimators.gloves.calibration import checked_fit
 from bodysense.estimators.gloves.virtual_markers import SolvedHand, VirtualGlove
-from bodysense.evaluation.glove_layouts import layouts, observed, worn_by
+from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense.lab.two_hands.layouts import layouts, observed, worn_by
 from bodysense.observation import Observation
 
 SETS = {layout.key: layout for layout in layouts()}

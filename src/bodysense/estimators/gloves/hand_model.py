@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from importlib.resources import as_file, files
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,9 @@ ANGLES = len(FREEDOMS)
 POSE = ANGLES + 6
 _ANGLE = {"flexion": 2.5, "abduction": 0.3, "twist": 0.2}  # rad, from those of a relaxed hand
 _COUPLED, _BEYOND = 0.15, 0.05  # rad: of a last joint from two thirds of the middle one, and of what is beyond limits
+
+
+_BELIEVED = 0.5  # how far usual postures are believed: real hands have others, too
 
 
 class Place(NamedTuple):
@@ -106,7 +110,9 @@ def unlikely(pose: np.ndarray) -> np.ndarray:
     middle, last = _couples()
     coupled = (angles[..., last] - angles[..., middle] / 1.5) / _COUPLED
     beyond = (np.maximum(angles - high, 0.0) + np.minimum(angles - low, 0.0)) / _BEYOND
-    return np.concatenate([(angles - relaxed()) / _deviations(), coupled, beyond], axis=-1)
+    usual, white = _usual()
+    unusual = _BELIEVED * ((angles - usual) @ white)
+    return np.concatenate([(angles - relaxed()) / _deviations(), coupled, beyond, unusual], axis=-1)
 
 
 def moved(pose: np.ndarray, change: np.ndarray) -> np.ndarray:
@@ -149,6 +155,14 @@ def _place(point: str, carrier: str) -> Place:
     finger = FINGERS.index(point.removesuffix("_tip").rstrip("123"))
     joint = -1 if carrier == "wrist" else int(carrier[-1]) - 1
     return Place(finger, 3 if point.endswith("_tip") else int(point[-1]) - 1, joint)
+
+
+@lru_cache(maxsize=1)
+def _usual() -> tuple[np.ndarray, np.ndarray]:
+    """The mean posture (26,) rad, and what takes differences from it to unit variance (26, 26)."""
+    with as_file(files("bodysense.estimators.gloves").joinpath("postures.npy")) as path:
+        stored = np.load(path, allow_pickle=False).astype(float)
+    return stored[0], stored[1:]
 
 
 @lru_cache(maxsize=1)

@@ -17,13 +17,13 @@ from bodysense.body.hand import FINGERS
 from bodysense.body.hand_family import GlovedHand, carried_over, draw_hand
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.hand_motion import RATE
-from bodysense.data.hand_synthesis import synthesize_hand
 from bodysense.devices.gloves import glove_device
 from bodysense.estimators.gloves.calibration import fit_hand
 from bodysense.estimators.gloves.hands import GloveModels, load_glove_models
-from bodysense.lab.two_hands.trials import FINGER_POINTS, Means
+from bodysense.lab.synthesis.hand_motion import RATE
+from bodysense.lab.synthesis.hands import synthesize_hand
 from bodysense.lab.table import Report, finite
+from bodysense.lab.two_hands.trials import FINGER_POINTS, Means
 from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
 
 SECONDS = 10.0  # that calibrate, and that are scored
