@@ -83,7 +83,8 @@ def test_motion_is_carried_over_to_the_same_hand_as_it_is_and_keeps_bones_of_ano
 
 def test_rows_make_the_hand_again() -> None:
     hand = draw_hand(np.random.default_rng(5))
-    again = hand_from_rows(*rows_of(hand).values())
+    rows = rows_of(hand)
+    again = hand_from_rows(rows["points"], rows["axes"], rows["markers"])
     rest = np.zeros((len(HAND_JOINTS), 4))
     rest[:, 0] = 1.0
     for one in (hand, again):
