@@ -1,6 +1,6 @@
 """Write the tables of README.md and of pages in docs/ from the numbers that the commands wrote.
 
-    bodysense evaluate headset --data DIR --json FIGURES/headset.json
+    bodysense evaluate unoc-table2 --data DIR --json FIGURES/headset.json
     bodysense evaluate unoc-table2 --data DIR --networks NETWORKS --stride 8 --json FIGURES/unoc-table2.json
     … unoc-table3, unoc-table4, unoc-smoothness likewise, unoc-table5 with a folder of networks for each set
     bodysense evaluate completion --data DIR --json FIGURES/completion.json
@@ -26,6 +26,7 @@ from pathlib import Path
 
 from bodysense.cli.show import processor
 from bodysense.lab.hmd_vae.tables import PUBLISHED as THREE_POINT
+from bodysense.lab.unoc.network_tables import KEYS
 from bodysense.lab.unoc.occlusion_statistics import PUBLISHED
 from bodysense.lab.unoc.variants import TABLES, VARIANTS
 from bodysense.occlusion.sensors import SENSOR_SETS, TABLE_SETS
@@ -98,18 +99,19 @@ def headset(numbers: dict[str, float]) -> str:
     for suffix, group in GROUPS.items():
         for part, label in PARTS.items():
             for share in ("occluded", "all"):
-                key = f"{part}_{share}"
-                if f"{key}_rmsjpe_cm{suffix}" not in numbers:
+                key = f"{KEYS[part]}_{share}"
+                if f"tracker_{key}_rmsjpe_cm{suffix}" not in numbers:
                     continue
-                cells = [
-                    f"{numbers[f'{who}{key}_rmsjpe_cm{suffix}']:.1f} / {numbers[f'{who}{key}_mpjpe_cm{suffix}']:.1f}"
-                    for who in ("baseline_", "")
+                pairs = [
+                    [numbers[f"{who}_{key}_{measure}_cm{suffix}"] for measure in ("rmsjpe", "mpjpe")]
+                    for who in ("last_known", "tracker")
                 ]
-                ratio = [numbers[f"{key}_{measure}_ratio{suffix}"] for measure in ("rmsjpe", "mpjpe")]
-                rows.append([group, label, share, *cells, f"{ratio[0]:.2f} / {ratio[1]:.2f}"])
+                cells = [f"{rmsjpe:.1f} / {mpjpe:.1f}" for rmsjpe, mpjpe in pairs]
+                ratio = " / ".join(f"{ours / known:.2f}" for known, ours in zip(*pairs, strict=True))
+                rows.append([group, label, share, *cells, ratio])
     head = ["motion", "part", "joints", "last known", "bodysense", "ratio"]
     command = (
-        f"`bodysense evaluate headset --data DIR`: {numbers['clips']:.0f} clips, {numbers['seconds'] / 60:.0f} min"
+        f"`bodysense evaluate unoc-table2 --data DIR`: {numbers['clips']:.0f} clips, {numbers['seconds'] / 60:.0f} min"
     )
     return f"{markdown(head, rows)}\n\nRMSJPE / MPJPE in cm. {command}."
 

@@ -116,7 +116,7 @@ WRONG = {
     "an empty folder": (("data", "info", "{file}"), "nothing", r"no \.bvh or \.npz file in it"),
     "a missing folder": (("data", "info", "{file}"), "missing", "no such folder"),
     "a folder to score": (
-        ("evaluate", "headset", "--data", "{file}", "--jobs", "1"),
+        ("evaluate", "unoc-table2", "--data", "{file}", "--jobs", "1"),
         "nothing",
         r"no \.bvh or \.npz file",
     ),
@@ -146,7 +146,7 @@ PLACES = {
     "recordings": ("simulate", "{none}.bvh", "-o", "{out}.npz"),
     "motion": ("track", "{none}.npz", "-o", "{out}.bvh"),
     "networks": ("train", "body-gru", "--data", "{none}", "-o", "{out}.onnx"),
-    "numbers": ("evaluate", "headset", "--data", "{none}", "--json", "{out}.json"),
+    "numbers": ("evaluate", "unoc-table2", "--data", "{none}", "--json", "{out}.json"),
 }
 
 
@@ -213,7 +213,7 @@ def test_nothing_tracked_at_all(broken: Path, refused) -> None:
 
 
 def test_numbers_that_cannot_be(broken: Path, refused) -> None:
-    assert "--jobs -1: give at least 1" in refused("evaluate", "headset", "--data", broken, "--jobs", "-1")
+    assert "--jobs -1: give at least 1" in refused("evaluate", "unoc-table2", "--data", broken, "--jobs", "-1")
     assert "--frames 0: give at least 1" in refused("bench", "ik", "--frames", "0")
 
 

@@ -10,7 +10,7 @@ from bodysense.cli.application import application
 from .conftest import Command, Refused
 
 
-@pytest.mark.parametrize("command", ["train gloves", "evaluate headset", "bench step", "study build", "data prepare x"])
+@pytest.mark.parametrize("command", ["train gloves", "evaluate holes", "bench step", "study build", "data prepare x"])
 def test_without_the_laboratory_its_commands_say_what_to_install(
     command: str, refused: Refused, run: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -58,4 +58,4 @@ def test_files_without_a_card_are_named(tmp_path: Path) -> None:
         describe(tmp_path / "text.onnx", {})
     with pytest.raises(BodysenseError, match="no card for a network of format 'none'; there are cards for "):
         kind_of(tmp_path / "text.onnx", {})
-    assert {kind.measured_by for kind in KINDS.values()} >= {"bodysense evaluate headset"}
+    assert {kind.measured_by for kind in KINDS.values()} >= {"bodysense evaluate unoc-table2"}

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from bodysense.data.clip import Clip
-    from bodysense.lab.unoc.headset import Tallies
+    from bodysense.lab.scoring import Tallies
 
 PICTURES = 10.0  # Hz of the animation, about
 LONGEST = 10.0  # s of it, from the middle of the motion
@@ -49,7 +49,7 @@ def demo(
     from bodysense.demo import performance_of_stranger
     from bodysense.devices.simulated import simulate
     from bodysense.export.comparison import View, write_comparison, write_moments
-    from bodysense.lab.unoc.headset import RATE, Tracked, last_known, score
+    from bodysense.lab.scoring import RATE, Tracked, last_known, score
     from bodysense.take import track
 
     console = Console()
@@ -66,7 +66,7 @@ def demo(
         taken = time.perf_counter() - begun
     pose = take.clip.pose
     positions = {"bodysense": np.asarray(forward_kinematics(pose)[0])} | last_known(seen, skeleton)
-    tallies = score(Tracked(clip, seen, pose, positions, np.zeros(len(clip))))
+    tallies = score(Tracked(clip, seen, pose, positions))
     hidden = 1 - seen.has_position.mean()
     console.print(demo_table(tallies, f"{clip.name}: {clip.seconds:.0f} s, {hidden:.0%} of points hidden"))
     console.print(f"{len(clip) / taken:.0f} frames/s, one thread, {processor()}", highlight=False)
@@ -90,7 +90,7 @@ def demo_table(tallies: Tallies, title: str) -> Table:
     from rich.table import Table
 
     from bodysense.cli.show import PARTS, SHARES
-    from bodysense.lab.unoc.headset import KNOWN
+    from bodysense.lab.scoring import KNOWN
 
     caption = "RMSJPE / MPJPE, cm. Last known: the best of three ways to keep it."
     shown = Table(title=title, caption=caption, box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))

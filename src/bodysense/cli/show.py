@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,10 +13,8 @@ from bodysense.files import written_beside
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
     from bodysense.lab.table import Cell, Report
-    from bodysense.lab.unoc.headset import HeadsetTable
 
 PARTS = {
     "body": "body",  # shoulders, elbows, hands, hips, knees, feet
@@ -38,40 +35,6 @@ def write_numbers(path: Path | None, numbers: dict[str, float]) -> None:
         with written_beside(path) as beside:
             told = {name: value for name, value in numbers.items() if np.isfinite(value)}
             beside.write_text(json.dumps(told, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def headset_table(
-    table: HeadsetTable,
-    title: str,
-    parts: Sequence[str] = tuple(PARTS),
-    shares: Sequence[str] = tuple(SHARES),
-) -> Table:
-    """RMSJPE / MPJPE in cm of the better last-known baseline, the network before IK, and the tracker; and the ratio."""
-    from rich import box
-    from rich.table import Table
-
-    caption = "RMSJPE / MPJPE, cm. Last known: the best of three ways to keep it."
-    shown = Table(title=title, caption=caption, box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    numbers = table.numbers()
-    suffixes = {"main": "", "sport": "_sport", "dance": "_dance", "other": "_other"}
-    present = [group for group, suffix in suffixes.items() if f"body_occluded_rmsjpe_cm{suffix}" in numbers]
-    names = ("motion", "part", "joints") if len(present) > 1 else ("part", "joints")
-    for column in (*names, "last known", "network", "bodysense", "ratio"):
-        shown.add_column(column, justify="left" if column in names else "right", no_wrap=True)
-    for group in present:
-        suffix = suffixes[group]
-        for key, part, share in ((f"{part}_{share}", part, share) for part in parts for share in shares):
-            if f"{key}_rmsjpe_cm{suffix}" not in numbers:
-                continue
-            cells = [
-                f"{numbers[f'{who}{key}_rmsjpe_cm{suffix}']:.1f} / {numbers[f'{who}{key}_mpjpe_cm{suffix}']:.1f}"
-                for who in ("baseline_", "network_", "")
-            ]
-            ratio = " / ".join(f"{numbers[f'{key}_{m}_ratio{suffix}']:.2f}" for m in ("rmsjpe", "mpjpe"))
-            label = (group, PARTS[part], SHARES[share])[-len(names) :]
-            shown.add_row(*label, *cells, ratio)
-        shown.add_section()
-    return shown
 
 
 def print_report(report: Report, console: Console) -> None:

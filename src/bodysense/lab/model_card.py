@@ -138,11 +138,15 @@ def _pair(test: Numbers, key: str) -> str:
 
 
 def _body_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    parts = [(part, share) for part in ("body", "finger", "body_and_finger") for share in ("occluded", "all")]
+    parts = [(part, share) for part in ("body", "finger", "all") for share in ("occluded", "all")]
     # Data without fingers has no figures of them.
-    measured = [parts[0], *(one for one in parts[1:] if f"{'_'.join(one)}_rmsjpe_cm" in test)]
+    measured = [parts[0], *(one for one in parts[1:] if f"tracker_{'_'.join(one)}_rmsjpe_cm" in test)]
     return [
-        (part, share, *(f"{test[f'{who}{part}_{share}_rmsjpe_cm']:.1f}" for who in ("baseline_", "")))
+        (
+            {"all": "body and finger"}.get(part, part),
+            share,
+            *(f"{test[f'{who}_{part}_{share}_rmsjpe_cm']:.1f}" for who in ("last_known", "tracker")),
+        )
         for part, share in measured
     ]
 
@@ -217,7 +221,7 @@ _NOBODY = "identifying people, medical judgement."
 KINDS = {
     (learned.FORMAT, ""): Kind(
         "Completes a body and its fingers from what a headset's cameras see (UNOC, Parger et al. 2021).",
-        "bodysense evaluate headset",
+        "bodysense evaluate unoc-table2",
         "Test people, main motions, RMSJPE in cm, through the tracker",
         ("part", "joints", "last known", "this network"),
         _body_rows,

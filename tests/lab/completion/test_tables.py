@@ -27,8 +27,8 @@ from bodysense.lab.completion.tables import CompletionSettings, CompletionTable,
 from bodysense.lab.completion.tracking import TrackBatch, TrackedBatch, TrackedBy
 from bodysense.lab.datasets import Census, DataSet
 from bodysense.lab.metrics import jitter
+from bodysense.lab.scoring import scored_points
 from bodysense.lab.spread import spread
-from bodysense.lab.unoc.headset import scored_points
 from bodysense.observation import Observation
 from bodysense.occlusion.sensors import TABLE_SETS
 

@@ -23,7 +23,7 @@ from bodysense.lab.hmd_vae.scores import JOINTS, LEGS, Scored, answers, measures
 from bodysense.lab.hmd_vae.tables import best_of, metrics_report, vae_report
 from bodysense.lab.hmd_vae.task import joint_errors
 from bodysense.lab.metrics import jitter, mpjre_component, rotation_error, velocity_error
-from bodysense.lab.unoc.headset import Tally
+from bodysense.lab.scoring import Tally
 
 SMALL = BodyVaeConfig(latent=4, width=16, sequence_width=8)
 HEAD = BODY.index("head")

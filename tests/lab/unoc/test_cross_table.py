@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from bodysense.lab.datasets import Census, DataSet
+from bodysense.lab.scoring import KNOWN, Tally
 from bodysense.lab.unoc.cross_table import PUBLISHED_BODY, PUBLISHED_FINGERS, SETS, cross_report
-from bodysense.lab.unoc.headset import KNOWN, Tally
 from bodysense.lab.unoc.scores import Parts, Scores
 
 

@@ -19,7 +19,7 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.estimators.estimate import PointEstimate
-from bodysense.lab.unoc.hold import Hold
+from bodysense.lab.hold import Hold
 from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings, IkTrackerState, smooth
 from bodysense.lab.unoc.learned import Learned, load_model
 from bodysense.observation import Observation, accuracy_like, observed_points

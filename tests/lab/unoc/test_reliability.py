@@ -12,7 +12,7 @@ from scipy import stats
 from bodysense.body.pose import forward_kinematics
 from bodysense.data.clip import Clip
 from bodysense.lab.datasets import DataSet
-from bodysense.lab.unoc.headset import scored_points
+from bodysense.lab.scoring import scored_points
 from bodysense.lab.unoc.learned import Learned, load_model
 from bodysense.lab.unoc.reliability import (
     Pairs,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bodysense.lab.datasets import Census, DataSet
-from bodysense.lab.unoc.headset import KNOWN, Tally
+from bodysense.lab.scoring import KNOWN, Tally
 from bodysense.lab.unoc.scores import (
     Scores,
     better_last_known,

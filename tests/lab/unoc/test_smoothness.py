@@ -13,7 +13,7 @@ from bodysense.data.clip import Clip
 from bodysense.estimators.estimate import PointEstimate
 from bodysense.lab.datasets import DataSet
 from bodysense.lab.metrics import strong_acceleration_share
-from bodysense.lab.unoc.headset import scored_points
+from bodysense.lab.scoring import scored_points
 from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense.lab.unoc.smoothness import (
     METHODS,

@@ -11,7 +11,7 @@ import pytest
 from bodysense.body.pose import forward_kinematics
 from bodysense.data.clip import Clip
 from bodysense.lab.datasets import DataSet
-from bodysense.lab.unoc.headset import scored_points
+from bodysense.lab.scoring import scored_points
 from bodysense.lab.unoc.ik_tracker import IkTrackerSettings
 from bodysense.lab.unoc.transitions import (
     EVENTS,

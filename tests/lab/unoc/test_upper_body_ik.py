@@ -16,7 +16,7 @@ from bodysense.data.resample import resample
 from bodysense.data.sources import list_sources, read_source
 from bodysense.errors import BodysenseError
 from bodysense.estimators.estimate import Estimator, PointEstimate
-from bodysense.lab.unoc.hold import Hold
+from bodysense.lab.hold import Hold
 from bodysense.lab.unoc.ik_tracker import IkTracker
 from bodysense.lab.unoc.upper_body_ik import UpperBodyIk, UpperBodyIkSettings
 from bodysense.observation import Observation, check_observation

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bodysense.lab.datasets import Census, DataSet
-from bodysense.lab.unoc.headset import Tally
+from bodysense.lab.scoring import Tally
 from bodysense.lab.unoc.upper_body_table import JOINTS, Tallies, UpperBodyTable, published, upper_body_report
 
 

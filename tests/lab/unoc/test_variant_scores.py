@@ -15,9 +15,9 @@ from bodysense.body.skeleton import TESTED, default_skeleton
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.lab.datasets import DataSet
+from bodysense.lab.hold import Hold
+from bodysense.lab.scoring import KNOWN
 from bodysense.lab.unoc import variant_scores as variants
-from bodysense.lab.unoc.headset import KNOWN
-from bodysense.lab.unoc.hold import Hold
 from bodysense.lab.unoc.network import PAPER, BodyNetwork, read_weights, tracked_of
 from bodysense.lab.unoc.scores import scores_path
 from bodysense.lab.unoc.variant_scores import (

@@ -38,6 +38,7 @@ def gloves_limits(
     from rich.progress import Progress
 
     from bodysense.lab.datasets import Census, named_data
+    from bodysense.lab.scoring import group_of
     from bodysense.lab.two_hands.limits import (
         SYNTHESISED_PIECES,
         SYNTHESISED_SECONDS,
@@ -50,7 +51,6 @@ def gloves_limits(
         synthesised_pair,
     )
     from bodysense.lab.two_hands.limits_report import SYNTHESISED, limits_report
-    from bodysense.lab.unoc.headset import group_of
     from bodysense.occlusion.camera_ring import CameraRing
 
     jobs, ring, networks = checked(common), CameraRing(count=cameras), Networks(markers, joints)

@@ -64,7 +64,7 @@ def card(network: Annotated[Path, tyro.conf.Positional], figures: Path) -> None:
     Args:
         network: The .onnx file that `bodysense train` wrote.
         figures: what the command that measures such a network wrote with --json: `bodysense evaluate completion`,
-            `headset`, `finger-synthesis` or `unoc-table6`, with --model NETWORK where it takes one.
+            `finger-synthesis` `unoc-table2` or `unoc-table6`, with --model NETWORK where it takes one.
     """
     import json
 

@@ -35,13 +35,18 @@ def unoc_table1(data: tuple[str, ...], common: Flat[Common] = Common(split="all"
 
 
 def unoc_table2(
-    data: str, networks: Path, model: Path | None = None, stride: int = 1, common: Flat[Common] = Common()
+    data: str,
+    networks: Path | None = None,
+    model: Path | None = None,
+    stride: int = 1,
+    common: Flat[Common] = Common(),
 ) -> None:
     """UNOC, Table 2: GRU, RNN, LSTM, TCN, last known position, and the shipped predictor.
 
     Args:
         data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table.
-        networks: The folder into which `bodysense train unoc-tables` wrote the networks; scores are kept in it.
+        networks: The folder into which `bodysense train unoc-tables` wrote the networks; scores are kept in it. Without
+            it the shipped predictor alone is scored beside the last known position, and its scores kept in --out.
         model: The shipped predictor, a network written by `bodysense train body-gru`; the packaged one by default.
         stride: Score every n-th frame.
         common: Common options.
@@ -263,7 +268,7 @@ def _named(pairs: tuple[str, ...], option: str) -> dict[str, Path]:
 
 
 def _network_table(
-    table: NetworkTable, data: str, networks: Path, shipped: Shipped | None, stride: int, common: Common
+    table: NetworkTable, data: str, networks: Path | None, shipped: Shipped | None, stride: int, common: Common
 ) -> None:
     """Score what is not scored yet, and report."""
     from bodysense.lab.datasets import named_data
@@ -272,7 +277,9 @@ def _network_table(
 
     jobs = checked(common, stride)
     chosen = named_data(data, common.split, common.quick)
-    files = networks_in(networks, [name for name in table.methods if name not in OWN_NAMES])
+    if networks is None:
+        table = table.only(OWN_NAMES)
+    files = {} if networks is None else networks_in(networks, [n for n in table.methods if n not in OWN_NAMES])
     with progress_over([chosen]) as advance:
-        scores = score(chosen, networks, Work(files, shipped, stride), jobs, advance)
+        scores = score(chosen, networks or common.out, Work(files, shipped, stride), jobs, advance)
     finish(network_report(table, scores, chosen), common)

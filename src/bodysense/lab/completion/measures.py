@@ -25,7 +25,7 @@ from bodysense.lab.metrics import (
     rotation_error,
     velocity_error,
 )
-from bodysense.lab.unoc.headset import RATE, scored_points
+from bodysense.lab.scoring import RATE, scored_points
 from bodysense.observation import Observation, observed_points
 
 JUMP = 5.0  # cm in a frame, beyond the way of the truth

@@ -19,7 +19,7 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.data.splits import Split
-from bodysense.lab.unoc.headset import RATE, group_of
+from bodysense.lab.scoring import RATE, group_of
 from bodysense.observation import Observation
 from bodysense.occlusion.headset_camera import see_points
 from bodysense.occlusion.sensors import SensorSet, observe_points

@@ -14,7 +14,7 @@ from bodysense.lab.completion.measures import Averages, measure, measure_confide
 from bodysense.lab.completion.scenes import TRUTH_OF, Scene, Truth, batches, person_of, scene_of, stacked
 from bodysense.lab.completion.tables import CompletionSettings, CompletionTable
 from bodysense.lab.completion.tracking import StepTimes, TrackBatch, step_times, track_batch
-from bodysense.lab.unoc.headset import last_known
+from bodysense.lab.scoring import last_known
 from bodysense.observation import Observation
 from bodysense.occlusion.sensors import SENSOR_SETS, Edge, random_edges
 

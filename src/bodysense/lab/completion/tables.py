@@ -13,7 +13,7 @@ from bodysense.lab.completion.calibration import REGIONS, Calibration
 from bodysense.lab.completion.lattice import EdgeScore
 from bodysense.lab.completion.measures import Averages
 from bodysense.lab.completion.scenes import BODIES, TRUTH_OF, Body, Truth
-from bodysense.lab.unoc.headset import GROUPS, KNOWN
+from bodysense.lab.scoring import GROUPS, KNOWN
 from bodysense.occlusion.sensors import TABLE_SETS
 
 Key = TypeVar("Key")

@@ -32,7 +32,7 @@ from bodysense.lab.hmd_vae.frames import (
 from bodysense.lab.hmd_vae.network import BodyVae, BodyVaeConfig, read_vae
 from bodysense.lab.hmd_vae.windows import make_batch
 from bodysense.lab.metrics import on_floor
-from bodysense.lab.unoc.headset import Tally, group_named
+from bodysense.lab.scoring import Tally, group_named
 from bodysense.lab.windows import Windows
 
 LEGS = tuple(name for name in BODY if name.partition("_")[2] in ("knee", "ankle", "foot"))

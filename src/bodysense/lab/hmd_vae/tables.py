@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from bodysense.lab.chart import BarPanel, Bars, plain_bars
 from bodysense.lab.datasets import Census, DataSet, describe, missing
+from bodysense.lab.scoring import GROUPS
 from bodysense.lab.table import Cell, Named, Report, cell, finite, ordering
-from bodysense.lab.unoc.headset import GROUPS
 
 if TYPE_CHECKING:
     from bodysense.lab.hmd_vae.scores import Scored

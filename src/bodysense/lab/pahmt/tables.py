@@ -35,8 +35,8 @@ from bodysense.lab.pahmt.windows import (
     read_arm_recordings,
     window_of,
 )
+from bodysense.lab.scoring import GROUPS, Tally, group_named
 from bodysense.lab.table import Cell, Named, Report, cell, finite, ordering
-from bodysense.lab.unoc.headset import GROUPS, Tally, group_named
 
 MEASURES = {
     "hands_m": "hands, m",

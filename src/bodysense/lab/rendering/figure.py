@@ -116,7 +116,10 @@ def load_figure(name: FigureName) -> Figure:
     """One of the packaged figures. Raises BodysenseError for another name."""
     if name not in FIGURES:
         raise BodysenseError(f"unknown figure {name!r}; valid are {', '.join(FIGURES)}")
-    with files("bodysense.lab.rendering").joinpath("figures.npz").open("rb") as file, np.load(file) as data:
+    packaged = files("bodysense.lab.rendering").joinpath("figures.npz")
+    if not packaged.is_file():
+        raise BodysenseError("figures.npz comes with a clone of the repository, not with the wheel: work in a clone")
+    with packaged.open("rb") as file, np.load(file) as data:
         place = list(data["names"]).index(name)
         return Figure(
             name=name,

@@ -29,8 +29,8 @@ from bodysense.lab.rendering.gestures import GESTURES
 from bodysense.lab.rendering.keypoint_errors import Errors, keypoint_errors, noise_figures
 from bodysense.lab.rendering.landmark_ik import LandmarkIk
 from bodysense.lab.rendering.take import Take, read_take
+from bodysense.lab.scoring import GROUPS, Tally, group_named
 from bodysense.lab.table import Cell, Named, Report, cell, finite, ordering
-from bodysense.lab.unoc.headset import GROUPS, Tally, group_named
 from bodysense.occlusion.camera_view import Camera, view, view_points
 from bodysense.tracker import Tracker, TrackerSettings
 

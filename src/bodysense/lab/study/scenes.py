@@ -22,11 +22,11 @@ from bodysense.errors import BodysenseError
 from bodysense.estimators.estimate import Estimator
 from bodysense.export.animation import write_animation
 from bodysense.export.shot import Lens, Shot, frame_shot
+from bodysense.lab.hold import Hold
 from bodysense.lab.metrics import joint_error
+from bodysense.lab.scoring import RATE
 from bodysense.lab.study.page import write_study_page
 from bodysense.lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
-from bodysense.lab.unoc.headset import RATE
-from bodysense.lab.unoc.hold import Hold
 from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense.lab.unoc.learned import Learned, load_model
 from bodysense.occlusion.headset_camera import observe

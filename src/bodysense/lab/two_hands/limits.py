@@ -27,12 +27,12 @@ from bodysense.estimators.gloves.networks import load_joint_network, load_marker
 from bodysense.estimators.gloves.variants import MEMORY_NETWORK, TWO_HANDS_NETWORK
 from bodysense.lab.datasets import Census, census_of
 from bodysense.lab.metrics import joint_error
+from bodysense.lab.scoring import group_of
 from bodysense.lab.spread import spread
 from bodysense.lab.synthesis.hand_motion import RATE, HandMotion
 from bodysense.lab.synthesis.hands import varied_hand
 from bodysense.lab.synthesis.pairs import synthesize_pair
 from bodysense.lab.two_hands.comparison import compare_memory, compare_two_hands
-from bodysense.lab.unoc.headset import group_of
 from bodysense.observation import Observation
 from bodysense.occlusion.camera_ring import CameraRing
 from bodysense.occlusion.glove import GloveCapture, observe_hands

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, describe
+from bodysense.lab.scoring import GROUPS
 from bodysense.lab.synthesis.hand_motion import RATE
 from bodysense.lab.table import Cell, Report, finite
 from bodysense.lab.two_hands.limits import COUNTED, JUMP, SPIKES, TOUCHING, Findings
 from bodysense.lab.two_hands.trials import DURATIONS, HIDDEN
-from bodysense.lab.unoc.headset import GROUPS
 from bodysense.occlusion.camera_ring import CameraRing
 
 SYNTHESISED = "synthesised"

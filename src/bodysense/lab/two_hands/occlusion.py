@@ -21,12 +21,12 @@ from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, census_of, describe
+from bodysense.lab.scoring import GROUPS, group_of
 from bodysense.lab.spread import spread
 from bodysense.lab.synthesis.hand_motion import RATE
 from bodysense.lab.synthesis.hands import varied_hand
 from bodysense.lab.synthesis.pairs import synthesize_pair
 from bodysense.lab.table import Cell, Report, cell, finite
-from bodysense.lab.unoc.headset import GROUPS, group_of
 from bodysense.occlusion.camera_ring import CameraRing
 from bodysense.occlusion.glove import visible
 

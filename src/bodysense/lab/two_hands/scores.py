@@ -20,6 +20,7 @@ from bodysense.estimators.gloves.hands import GloveModels, HandsSettings
 from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
 from bodysense.lab.datasets import Census, DataSet, census_of
 from bodysense.lab.metrics import joint_error
+from bodysense.lab.scoring import GROUPS, group_of
 from bodysense.lab.spread import spread
 from bodysense.lab.synthesis.hand_motion import HandMotion, hand_motions
 from bodysense.lab.synthesis.hands import synthesize_hand
@@ -37,7 +38,6 @@ from bodysense.lab.two_hands.trials import (
     marker_error,
     together,
 )
-from bodysense.lab.unoc.headset import GROUPS, group_of
 
 SEEDS = 5
 

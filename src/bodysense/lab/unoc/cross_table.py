@@ -11,10 +11,10 @@ from bodysense.data.resample import resample
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import DataSet, describe, missing
 from bodysense.lab.metrics import joint_error
+from bodysense.lab.scoring import RATE, Tally, group_of
 from bodysense.lab.table import Cell, Named, Report, cell, finite, ordering
 from bodysense.lab.unoc.finger_scores import finger_offsets
 from bodysense.lab.unoc.finger_synthesis import FingerSynthesis
-from bodysense.lab.unoc.headset import RATE, Tally, group_of
 from bodysense.lab.unoc.point_model import PointModel
 from bodysense.lab.unoc.scores import Scores, better_last_known
 

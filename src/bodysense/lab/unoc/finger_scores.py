@@ -24,8 +24,8 @@ from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
 from bodysense.lab.metrics import joint_error
+from bodysense.lab.scoring import RATE, Tally, group_of
 from bodysense.lab.unoc.finger_synthesis import FingerSynthesis, synthesize
-from bodysense.lab.unoc.headset import RATE, Tally, group_of
 from bodysense.lab.unoc.point_model import PointModel
 
 METHODS = ("network", "bodysense", "mean_pose", "nearest")  # 'bodysense': after smoothing, on the wearer's rigid bones

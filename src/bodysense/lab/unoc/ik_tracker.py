@@ -9,17 +9,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bodysense.body.ik import IkSettings, IkState, InverseKinematics
-from bodysense.body.pose import Pose
+from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.products import CONJUGATE, exp, log, multiply, world_rotation
 from bodysense.body.spring import spring_step
+from bodysense.data.clip import Clip
+from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
 from bodysense.estimators.estimate import Estimator, PointEstimate
+from bodysense.lab.scoring import RATE, Tracked, last_known
+from bodysense.lab.unoc.learned import Learned, load_model
 from bodysense.observation import Observation, check_order, observed_points
+from bodysense.occlusion.headset_camera import HeadsetCamera, observe
 
 
 @dataclass(frozen=True)
@@ -214,3 +220,19 @@ def smooth(
     rotation = multiply(exp(offset[:-1]), target.rotation)
     rotation *= np.copysign(1.0, rotation[:, :1])
     return target.root_position + offset[-1], velocity[-1], rotation, velocity[:-1]
+
+
+def track_clip(clip: Clip, model: Path | None, settings: IkTrackerSettings) -> Tracked:
+    """Run the tracker, frame by frame, and the baselines on what a headset sees of a canonical clip."""
+    clip = resample(clip, RATE)
+    skeleton = clip.pose.skeleton
+    observation = observe(clip.pose, clip.time, HeadsetCamera())
+    tracker = IkTracker(Learned(load_model(model), skeleton), settings)
+    state, poses, positions = tracker.start(), [], []
+    for frame in range(len(clip)):
+        pose, estimate, state = tracker.step(observation[frame : frame + 1], state)
+        poses.append(pose)
+        positions.append(estimate.position)
+    pose = Pose(skeleton, np.concatenate([p.root_position for p in poses]), np.concatenate([p.rotation for p in poses]))
+    position = {"bodysense": np.asarray(forward_kinematics(pose)[0]), "network": np.concatenate(positions)}
+    return Tracked(clip, observation, pose, position | last_known(observation, skeleton))

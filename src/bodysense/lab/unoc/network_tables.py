@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import DataSet, describe, missing
+from bodysense.lab.scoring import GROUPS
 from bodysense.lab.table import Cell, Named, Report, cell, finite, ordering
-from bodysense.lab.unoc.headset import GROUPS
 from bodysense.lab.unoc.scores import Scores, better_last_known
 
 Place = tuple[str, str]  # part of the body, share of joints
@@ -55,6 +55,13 @@ class NetworkTable:
     def methods(self) -> tuple[str, ...]:
         """Every method, in order."""
         return (*self.published, *self.extra)
+
+    def only(self, methods: Collection[str]) -> NetworkTable:
+        """The table of these methods alone, and what is read from them."""
+        published = {name: row for name, row in self.published.items() if name in methods}
+        claims = tuple(one for one in self.claims if {one.lower, *one.higher} <= set(methods))
+        extra = tuple(name for name in self.extra if name in methods)
+        return replace(self, published=published, claims=claims, extra=extra)
 
 
 def _rows(places: tuple[Place, ...], **rows: str) -> dict[str, dict[Place, tuple[float, float]]]:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 from bodysense.data.clip import Clip
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, census_of, describe, missing
+from bodysense.lab.scoring import MAIN
 from bodysense.lab.spread import spread
 from bodysense.lab.table import Cell, Report
-from bodysense.lab.unoc.headset import MAIN
 from bodysense.lab.unoc.occlusion_statistics import GROUPS, PUBLISHED, Column, Counts, column, count
 from bodysense.occlusion.headset_camera import HeadsetCamera
 

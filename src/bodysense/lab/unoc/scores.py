@@ -10,7 +10,7 @@ from typing import Any
 
 from bodysense.files import written_beside
 from bodysense.lab.datasets import Census, DataSet
-from bodysense.lab.unoc.headset import KNOWN, Tally
+from bodysense.lab.scoring import KNOWN, Tally
 
 FORMAT = 1  # of the files; another number makes them be counted again
 Parts = dict[tuple[str, str, str], Tally]  # by category group, part of the body, share of joints

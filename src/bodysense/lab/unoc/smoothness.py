@@ -21,10 +21,10 @@ from bodysense.estimators.estimate import PointEstimate
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, census_of, describe, missing
 from bodysense.lab.metrics import acceleration
+from bodysense.lab.scoring import GROUPS, RATE, Tally, group_of, part_errors, scored_points
 from bodysense.lab.spread import spread
 from bodysense.lab.table import Named, Report, cell, finite, ordering
-from bodysense.lab.unoc.headset import GROUPS, RATE, Tally, group_of, part_errors, scored_points, track_clip
-from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
+from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings, track_clip
 from bodysense.observation import Observation
 
 NETWORKS = ("gru", "mask_given")

@@ -19,10 +19,10 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.data.clip import Clip
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, census_of, describe
+from bodysense.lab.scoring import GROUPS, RATE, Tally, group_of, part_errors, scored_points
 from bodysense.lab.spread import spread
 from bodysense.lab.table import Report, cell, finite
-from bodysense.lab.unoc.headset import GROUPS, RATE, Tally, group_of, part_errors, scored_points, track_clip
-from bodysense.lab.unoc.ik_tracker import IkTrackerSettings
+from bodysense.lab.unoc.ik_tracker import IkTrackerSettings, track_clip
 
 SECOND = round(RATE)  # frames
 EVENTS = {"regained": "seen again", "lost": "lost"}

@@ -27,8 +27,8 @@ from bodysense.estimators.estimate import Estimator
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, describe, missing
 from bodysense.lab.metrics import joint_error
+from bodysense.lab.scoring import GROUPS, RATE, Tally, group_of
 from bodysense.lab.table import Cell, Named, Report, cell, finite, ordering
-from bodysense.lab.unoc.headset import GROUPS, RATE, Tally, group_of
 from bodysense.lab.unoc.upper_body_ik import UpperBodyIk
 from bodysense.occlusion.three_point import observe
 

@@ -21,8 +21,7 @@ from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
 from bodysense.lab.datasets import Census, DataSet, census_of
-from bodysense.lab.spread import spread
-from bodysense.lab.unoc.headset import (
+from bodysense.lab.scoring import (
     KNOWN,
     RATE,
     Tally,
@@ -30,9 +29,9 @@ from bodysense.lab.unoc.headset import (
     last_known,
     part_errors,
     scored_points,
-    track_clip,
 )
-from bodysense.lab.unoc.ik_tracker import IkTrackerSettings
+from bodysense.lab.spread import spread
+from bodysense.lab.unoc.ik_tracker import IkTrackerSettings, track_clip
 from bodysense.lab.unoc.network import BodyNetwork, Tracked, read_weights, tracked_of
 from bodysense.lab.unoc.scores import Parts, Scores, identity_of, read_scores, scores_path, write_scores
 from bodysense.observation import Observation

@@ -10,7 +10,7 @@ from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import default_skeleton
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
-from bodysense.lab.unoc.hold import Hold
+from bodysense.lab.hold import Hold
 from bodysense.observation import Observation
 from bodysense.occlusion.headset_camera import observe
 
