@@ -26,8 +26,8 @@ from pathlib import Path
 
 from bodysense.cli.show import processor
 from bodysense.lab.hmd_vae.tables import PUBLISHED as THREE_POINT
-from bodysense.lab.unoc.network_tables import KEYS
 from bodysense.lab.unoc.occlusion_statistics import PUBLISHED
+from bodysense.lab.unoc.tables import KEYS
 from bodysense.lab.unoc.variants import TABLES, VARIANTS
 from bodysense.occlusion.sensors import SENSOR_SETS, TABLE_SETS
 

@@ -19,14 +19,14 @@ Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 def generate(
     out: Output, model: Path | None = None, count: int = 12, seed: int = 1, height: float | None = None
 ) -> None:
-    """Draw bodies that nobody tracked: samples of HMD-VAE's prior, as a picture or as the frames of a BVH file.
+    """Sample bodies from HMD-VAE's prior, as a picture or as the frames of a BVH file.
 
     Args:
         out: NAME.png or NAME.bvh.
-        model: A network written by `bodysense train hmd-vae`, best a model 0; the packaged one by default.
-        count: How many.
-        seed: Of the draw.
-        height: Of the bodies, metres; the default skeleton's by default.
+        model: A network written by `bodysense train hmd-vae`, best a model 0; the packaged one if omitted.
+        count: number of bodies.
+        seed: random seed.
+        height: height of the bodies in metres; the default skeleton's if omitted.
     """
     import numpy as np
 

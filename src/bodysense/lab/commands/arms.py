@@ -22,15 +22,15 @@ class Schedule:
     """Size and schedule, the paper's by default."""
 
     width: int = 512
-    """Of the features over time; a multiple of 16."""
+    """width of the features over time; a multiple of 16"""
     layers: int = 4
     """Layers over time."""
     spatial_width: int = 64
-    """Of a token of the branch over joints."""
+    """width of a token of the branch over joints"""
     spatial_layers: int = 2
     """Layers of that branch."""
     dropout: float = 0.1
-    """Of all networks."""
+    """dropout of all networks"""
     epochs: int = 300
     """Times that every window is seen, each time by another camera."""
     batch: int = 128
@@ -42,13 +42,13 @@ class Schedule:
     weight_decay: float = 5e-4
     """Of Adam."""
     bodies: int = 1
-    """Every clip also so many less one times varied: other proportions, arms that wander, arms of other clips."""
+    """copies of each clip; all but the first are augmented: other proportions, arms that wander, arms of other clips"""
     keypoints: Keypoints = "detected"
     """With the errors of a detector, or without any."""
     seed: int = 1
-    """Of everything random."""
+    """random seed"""
     threads: int | None = None
-    """Of PyTorch; its own choice by default."""
+    """PyTorch threads; its own choice if omitted"""
 
 
 def arms(
@@ -72,7 +72,7 @@ def arms(
     licence: str = "Apache-2.0",
     data_note: str = "",
 ) -> None:
-    """Train arms and hands from key-points of a video (PAHMT). Run it again to go on after a stop.
+    """Train arms and hands from key-points of a video (PAHMT). Training resumes after a stop.
 
     Args:
         data: A folder of motion files or a prepared store; of its train split the clips with fingers are learned, the
@@ -81,11 +81,11 @@ def arms(
         model: Temporal convolutions, a transformer over time, or that with a branch over joints.
         input: 'hands' sees hands alone and answers for fingers alone.
         losses: rotation, smooth, fk and gan are the paper's; motion compares the change of positions.
-        rotation_weight: Of the loss of rotations.
-        smooth_weight: Of change from frame to frame.
-        fk_weight: Of joint positions, per metre.
-        gan_weight: Of the discriminator's judgement.
-        motion_weight: Of the difference of changes, per metre; only where --losses has motion.
+        rotation_weight: weight of the loss of rotations.
+        smooth_weight: weight of the change from frame to frame.
+        fk_weight: weight of joint positions, per metre.
+        gan_weight: weight of the adversarial loss.
+        motion_weight: weight of the difference of changes, per metre; only where --losses has motion.
         arms_factor: How much more a joint of an arm counts in the loss of rotations than one of a finger.
         rotation: What is regressed.
         more_inputs: Read the torso's turn, the hands' place and size, and what was found; for use, not for the table.
@@ -93,8 +93,8 @@ def arms(
         from_palms: Blend with wrists as the pictures of palms have them; with --from-directions.
         without_hands: Share of windows from recordings without fingers, of which the arms are learned.
         schedule: Size and schedule.
-        licence: Of the network, for its card.
-        data_note: What it was trained on, for its card.
+        licence: licence of the network, for its card.
+        data_note: what it was trained on, for its card.
     """
     if out.suffix not in (".onnx", ".pt"):
         raise BodysenseError(f"{out}: a network is written as .onnx or .pt; give a name that ends so")
@@ -127,12 +127,12 @@ def arms_table(
 ) -> None:
     """Train every network of PAHMT's Table 1 into one folder; `bodysense evaluate pahmt-table1` reads it.
 
-    Run it again to go on after a stop.
+    Training resumes after a stop.
 
     Args:
         data: A folder of motion files or a prepared store; of its train split the clips with fingers are learned.
         out: The folder.
-        networks: Of them only these: cnn-hands, cnn-plain, cnn-smooth, cnn-fk, cnn, ahmt, pahmt.
+        networks: some of them only: cnn-hands, cnn-plain, cnn-smooth, cnn-fk, cnn, ahmt, pahmt.
         schedule: Size and schedule.
         data_note: What they were trained on, for their cards.
     """
@@ -159,7 +159,7 @@ def pahmt_table1(
         model: The .pt of a network of other settings (`bodysense train arms`), for a row beside.
         keypoints: With the errors of a detector, or without any.
         stride: Frames from one window to the next.
-        seed: Of cameras and the detector's errors.
+        seed: random seed of cameras and of the detector's errors.
         common: Common options; one process does it.
     """
     from bodysense.lab.datasets import named_data
@@ -177,7 +177,7 @@ def bench_arms(frames: int = 2000, model: Path | None = None, json: Path | None 
 
     Args:
         frames: Windows, and frames, to time, after 100 to warm up.
-        model: A network written by `bodysense train arms`; the packaged one by default.
+        model: A network written by `bodysense train arms`; the packaged one if omitted.
         json: Write the numbers here, as one flat object.
     """
     import numpy as np

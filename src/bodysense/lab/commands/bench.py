@@ -122,7 +122,7 @@ def gloves(frames: int = 3000, json: Path | None = None) -> None:
 
 
 def _streamed(method: Any, observation: Observation) -> Callable[[int], None]:
-    """Takes the n-th frame of an observation that begins anew whenever it ends: by an estimator, a tracker, hands."""
+    """Takes the n-th frame of an observation that begins again whenever it ends: by an estimator, a tracker, hands."""
     state = method.start()
     single = [observation[place : place + 1] for place in range(len(observation))]
 
@@ -242,7 +242,7 @@ def training(steps: int = 6, threads: int = 1, json: Path | None = None) -> None
 
     Args:
         steps: Optimiser steps of each, after one to warm up.
-        threads: Of PyTorch.
+        threads: PyTorch threads.
         json: Write the numbers here, as one flat object.
     """
     from bodysense.demo import packaged_performance

@@ -34,7 +34,7 @@ def completion(
 
     Args:
         data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table.
-        split: Which people, and which strangers' bodies.
+        split: people, and strangers' bodies, to score.
         sets: Sensor sets; those of the table if omitted.
         bodies: Whose proportions move and what the tracker is told: the recording's, told; a stranger's, told; a
             stranger's, only the height told; a stranger's, nothing told.

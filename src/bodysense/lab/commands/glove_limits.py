@@ -27,8 +27,8 @@ def gloves_limits(
         data: A folder of motion files with fingers or a prepared store; NAME=FOLDER names it. Synthesised motion of two
             hands is scored in any case.
         cameras: In the ring; two must see a marker.
-        seed: Of the synthesised motion.
-        markers: A network for hidden markers, written by `bodysense train gloves`; the packaged one by default.
+        seed: random seed of the synthesised motion.
+        markers: A network for hidden markers, written by `bodysense train gloves`; the packaged one if omitted.
         joints: One for angles, likewise.
         variants: A folder with networks that `bodysense train gloves --network two-hands` and `--network recurrent`
             wrote, to compare with the one for hidden markers.

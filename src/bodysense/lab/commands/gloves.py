@@ -28,7 +28,7 @@ def gloves_occlusion(
         data: A folder of motion files with fingers or a prepared store; NAME=FOLDER names it. Synthesised motion of two
             hands by default.
         cameras: In the ring; two must see a marker.
-        seed: Of the synthesised motion.
+        seed: random seed of the synthesised motion.
         common: Common options.
     """
     from rich.progress import Progress
@@ -68,7 +68,7 @@ def gloves_table3(
     Args:
         data: A folder of motion files with fingers or a prepared store; NAME=FOLDER names it. Synthesised hands alone
             by default.
-        model: A network written by `bodysense train gloves`; the packaged one by default.
+        model: A network written by `bodysense train gloves`; the packaged one if omitted.
         left_out: A folder written by `bodysense train gloves --leave-one-out`: each person's clips are scored by the
             network that was trained without them, too.
         common: Common options.
@@ -95,7 +95,7 @@ def gloves_table4(
     Args:
         data: A folder of motion files with fingers or a prepared store; NAME=FOLDER names it. Synthesised hands alone
             by default.
-        markers: A network for hidden markers, written by `bodysense train gloves`; the packaged one by default.
+        markers: A network for hidden markers, written by `bodysense train gloves`; the packaged one if omitted.
         joints: One for angles, likewise.
         left_out: As for Table 3.
         common: Common options.

@@ -33,7 +33,7 @@ def hmd_vae(
     licence: str = "Apache-2.0",
     data_note: str = "",
 ) -> None:
-    """Train HMD-VAE, a whole body from a headset and two hands. Run it again to go on after a stop.
+    """Train HMD-VAE, a whole body from a headset and two hands. Training resumes after a stop.
 
     Args:
         data: A folder of motion files or a prepared store; its train split is learned, but for 5 % of the sequences of
@@ -52,16 +52,16 @@ def hmd_vae(
         steps: Optimiser steps.
         batch: Windows a step.
         sweep: Train models 0 to 4 of many settings into the folder `out`, with results.csv; what is there is kept.
-        grid: Of a sweep. 'one': the setting of --latent, --beta, --blocks. 'few', the default: beta 0.01 and 1, latent
-            30, blocks 3 and 6: 20 networks. 'all': the paper's 30 settings, 150 networks.
+        grid: settings of a sweep. 'one': the setting of --latent, --beta, --blocks. 'few', the default: beta 0.01 and
+            1, latent 30, blocks 3 and 6: 20 networks. 'all': the paper's 30 settings, 150 networks.
         split_file: Lines 'PATH train' or 'PATH test' instead of the split by person, for a published protocol; the
             sequences that are held out are then watched.
-        seed: Of everything random.
-        threads: Of PyTorch; its own choice by default.
+        seed: random seed.
+        threads: PyTorch threads; its own choice if omitted.
         devices: Accelerators, where there are any.
         nodes: Machines that share each network's training: start it on each with `torchrun`; they share `out`'s folder.
-        licence: Of the network, for its card.
-        data_note: What it was trained on, for its card.
+        licence: licence of the network, for its card.
+        data_note: what it was trained on, for its card.
     """
     check_positive(steps=steps, batch=batch)
     if not sweep and out.suffix not in (".onnx", ".pt"):

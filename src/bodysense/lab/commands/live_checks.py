@@ -12,7 +12,7 @@ def live_fuzz(frames: int = 1_000_000, seed: int = 1, json: Path | None = None) 
 
     Args:
         frames: Messages to send.
-        seed: Of the messages.
+        seed: random seed of the messages.
         json: Write the numbers here, as one flat object.
     """
     from rich.progress import Progress
@@ -46,7 +46,7 @@ def live_soak(
     Frames are lost, doubled and late by up to 0.3 s; connections break and are resumed.
 
     Args:
-        minutes: How long.
+        minutes: length in minutes.
         sessions: Wearers.
         rate: Frames a second of each.
         loss: Share of frames that are lost.

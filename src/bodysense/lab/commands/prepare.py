@@ -26,7 +26,7 @@ def prepare(
     layout: Layout | None = None,
     reading: Reading = AS_FOUND,
 ) -> None:
-    """Turn a folder of motion files into a chunked Zarr store, in parallel; run it again to go on after a stop.
+    """Turn a folder of motion files into a chunked Zarr store, in parallel; run it again to resume after a stop.
 
     Args:
         directory: A folder of .bvh and AMASS .npz files, also .bvh in .zip.
@@ -34,7 +34,7 @@ def prepare(
         rate: Frames a second of the store.
         workers: Processes on this machine; all processors by default.
         scheduler: Address of a Dask scheduler to run on instead of this machine, like tcp://host:8786.
-        layout: Of which published data set the folder is; recognised by what is in it if not given.
+        layout: published data set that the folder holds; recognised by what is in it if omitted.
         reading: What the files do not say of themselves.
     """
     from bodysense.lab.store import prepare as prepare_store

@@ -40,11 +40,11 @@ def render(
         out: The folder of the set: NAME.mp4 and NAME.npz.
         motion: A folder of motion files, a prepared store, or one file. If omitted, scripted gestures by each body:
             arms out to the sides, up, ahead, and punches.
-        videos: How many, spread over the clips.
-        seconds: Of each, at most.
-        split: Which people.
+        videos: number of videos, spread over the clips.
+        seconds: greatest length of each video.
+        split: people to draw.
         pixels: Height of the pictures; they are 4:3.
-        seed: Of everything that is drawn at random.
+        seed: random seed.
         reading: What the motion files do not say of themselves.
     """
     import numpy as np
@@ -119,7 +119,7 @@ def video_rendered(
 
     Args:
         videos: The folder that `bodysense data render` wrote.
-        model: A network written by `bodysense train arms`; the packaged one by default.
+        model: A network written by `bodysense train arms`; the packaged one if omitted.
         landmarkers: Folder of MediaPipe's model files; fetched once into the cache by default.
         out: Folder for the table as CSV and as a picture (PNG).
         json: Write the numbers here, as one flat object.

@@ -24,7 +24,7 @@ class Common:
     """What every table asks for."""
 
     split: Literal["train", "val", "test", "all"] = "test"
-    """Which people."""
+    """people to score"""
     quick: bool = False
     """Only the first seconds of a few clips, in under a minute; the table says what was left out."""
     jobs: int | None = None

@@ -52,11 +52,11 @@ def build(
         clips: Motion files (.bvh, AMASS .npz); the packaged performance by default.
         seconds: Longer clips are cut into scenes of equal length, at most this long.
         scenes: At most so many, drawn at random; each rater sees three pairs of each.
-        model: A network written by `bodysense train`; the packaged one by default.
+        model: A network written by `bodysense train`; the packaged one if omitted.
         last_known: Where the baseline keeps a hidden joint: in the world, or with the head, or turning with it.
-        half_life: Of the tracker's smoother, seconds; the tracker's own by default; for network and baseline alike.
-        seed: Of the names, the scenes drawn, and each rater's order.
-        jobs: Processes; all processors by default.
+        half_life: half-life of the tracker's smoother in seconds, for network and baseline alike; its own if omitted.
+        seed: random seed of names, of the scenes drawn, and of each rater's order.
+        jobs: processes; all processors if omitted.
         reading: What the motion files do not say of themselves.
     """
     import os
@@ -154,9 +154,9 @@ def simulate(
         out: Folder for answers-simulated-001.json …
         preference: How natural each condition is, as 'truth=0.8,ours=0.6,baseline=0'; 0 where not named. The mean vote
             on a pair is the difference; without any, nobody prefers anything.
-        raters: How many.
+        raters: number of raters.
         ties: Share of 'no difference' between equals.
-        seed: Of the votes.
+        seed: random seed of the votes.
     """
     import numpy as np
 
@@ -174,7 +174,7 @@ def simulate(
 
 
 def parse_preference(text: str) -> dict[Condition, float]:
-    """'truth=0.8,ours=0.6' as a mapping. Raises BodysenseError for an unknown name or what is no number."""
+    """'truth=0.8,ours=0.6' as a mapping. Raises BodysenseError for an unknown name or NaN."""
     from bodysense.lab.study.study import CONDITIONS
 
     result: dict[Condition, float] = {}

@@ -25,7 +25,7 @@ def gloves(
     data_note: str = "",
     leave_one_out: bool = False,
 ) -> None:
-    """Train the networks of a glove (two-hands, 3.2) and write each as an .onnx. Run it again to go on after a stop.
+    """Train the networks of a glove (two-hands, 3.2) and write each as an .onnx. Training resumes after a stop.
 
     Args:
         out: A folder: glove_markers.onnx, glove_joints.onnx and so on, each with its checkpoint and log beside it.
@@ -37,11 +37,11 @@ def gloves(
         form: 'shipped' is larger and reads the lengths of bones and which markers are hidden; 'paper' is as Tables 1
             and 2 have it.
         steps: Optimiser steps; by default the form's own.
-        hand_minutes: Of synthesised hands beside the recorded ones.
-        pair_minutes: Of synthesised pairs of hands that touch.
-        seed: Of everything random.
-        threads: Of PyTorch; its own choice by default.
-        licence: Of the networks, for their cards.
+        hand_minutes: minutes of synthesised hands beside the recorded ones.
+        pair_minutes: minutes of synthesised pairs of hands that touch.
+        seed: random seed.
+        threads: PyTorch threads; its own choice if omitted.
+        licence: licence of the networks, for their cards.
         data_note: What they were trained on, for their cards.
         leave_one_out: Train as often as there are people in the data, each time without one of them, in a folder
             `without-PERSON` each, for `bodysense evaluate gloves-table3 --left-out`.

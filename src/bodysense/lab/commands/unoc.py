@@ -12,7 +12,7 @@ from bodysense.lab.options import Flat
 
 if TYPE_CHECKING:
     from bodysense.data.clip import Clip
-    from bodysense.lab.unoc.network_tables import NetworkTable
+    from bodysense.lab.unoc.tables import NetworkTable
     from bodysense.lab.unoc.variant_scores import Shipped
 
 
@@ -47,11 +47,11 @@ def unoc_table2(
         data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table.
         networks: The folder into which `bodysense train unoc-tables` wrote the networks; scores are kept in it. Without
             it the shipped predictor alone is scored beside the last known position, and its scores kept in --out.
-        model: The shipped predictor, a network written by `bodysense train body-gru`; the packaged one by default.
+        model: The shipped predictor, a network written by `bodysense train body-gru`; the packaged one if omitted.
         stride: Score every n-th frame.
         common: Common options.
     """
-    from bodysense.lab.unoc.network_tables import TABLE_2
+    from bodysense.lab.unoc.tables import TABLE_2
     from bodysense.lab.unoc.variant_scores import Shipped
 
     _network_table(TABLE_2, data, networks, Shipped(model), stride, common)
@@ -66,7 +66,7 @@ def unoc_table3(data: str, networks: Path, stride: int = 1, common: Flat[Common]
         stride: Score every n-th frame.
         common: Common options.
     """
-    from bodysense.lab.unoc.network_tables import TABLE_3
+    from bodysense.lab.unoc.tables import TABLE_3
 
     _network_table(TABLE_3, data, networks, None, stride, common)
 
@@ -80,7 +80,7 @@ def unoc_table4(data: str, networks: Path, stride: int = 1, common: Flat[Common]
         stride: Score every n-th frame.
         common: Common options.
     """
-    from bodysense.lab.unoc.network_tables import TABLE_4
+    from bodysense.lab.unoc.tables import TABLE_4
 
     _network_table(TABLE_4, data, networks, None, stride, common)
 
@@ -96,8 +96,8 @@ def unoc_table5(
 
     Args:
         data: Test sets, as NAME=FOLDER; a folder of motion files or a prepared store.
-        networks: Of each training set NAME=FOLDER: into which `bodysense train unoc-tables --networks gru` wrote.
-        finger_networks: Of each training set NAME=FILE: what `bodysense train fingers --form paper` wrote of it.
+        networks: NAME=FOLDER for each training set: what `bodysense train unoc-tables --networks gru` wrote of it.
+        finger_networks: NAME=FILE for each training set: what `bodysense train fingers --form paper` wrote of it.
         stride: Score every n-th frame.
         common: Common options; scores are kept in its --out.
     """
@@ -121,7 +121,7 @@ def unoc_table6(data: str, model: Path | None = None, common: Flat[Common] = Com
 
     Args:
         data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table.
-        model: A network written by `bodysense train upper-body`; the packaged one by default.
+        model: A network written by `bodysense train upper-body`; the packaged one if omitted.
         common: Common options; one process does it.
     """
     from bodysense.lab.datasets import Census, census_of, named_data
@@ -155,8 +155,8 @@ def unoc_smoothness(
     Args:
         data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table.
         networks: The folder into which `bodysense train unoc-tables` wrote the networks.
-        model: The shipped predictor, a network written by `bodysense train body-gru`; the packaged one by default.
-        half_life: Of the tracker's smoother, seconds; the tracker's own by default.
+        model: The shipped predictor, a network written by `bodysense train body-gru`; the packaged one if omitted.
+        half_life: half-life of the tracker's smoother in seconds; its own if omitted.
         common: Common options.
     """
     from bodysense.lab.datasets import named_data
@@ -175,7 +175,7 @@ def reliability(data: str, model: Path | None = None, common: Flat[Common] = Com
 
     Args:
         data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table.
-        model: A network written by `bodysense train body-gru`; the packaged one by default.
+        model: A network written by `bodysense train body-gru`; the packaged one if omitted.
         common: Common options.
     """
     from bodysense.lab.datasets import named_data
@@ -194,8 +194,8 @@ def transitions(
 
     Args:
         data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table.
-        model: A network written by `bodysense train body-gru`; the packaged one by default.
-        half_life: Of the tracker's smoother, seconds; the tracker's own by default.
+        model: A network written by `bodysense train body-gru`; the packaged one if omitted.
+        half_life: half-life of the tracker's smoother in seconds; its own if omitted.
         common: Common options.
     """
     from bodysense.lab.datasets import named_data
@@ -218,8 +218,8 @@ def finger_synthesis(
     Args:
         data: A folder of motion files or a prepared store; NAME=FOLDER names it. Its clips with fingers are scored, and
             both baselines know those of its train split.
-        split: Which people or actions.
-        model: A network written by `bodysense train fingers`; the packaged one by default.
+        split: people or actions to score.
+        model: A network written by `bodysense train fingers`; the packaged one if omitted.
         json: Write the numbers here, as one flat object.
     """
     from rich.console import Console
@@ -272,7 +272,7 @@ def _network_table(
 ) -> None:
     """Score what is not scored yet, and report."""
     from bodysense.lab.datasets import named_data
-    from bodysense.lab.unoc.network_tables import OWN_NAMES, network_report
+    from bodysense.lab.unoc.tables import OWN_NAMES, network_report
     from bodysense.lab.unoc.variant_scores import Work, networks_in, score
 
     jobs = checked(common, stride)

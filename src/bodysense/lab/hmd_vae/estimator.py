@@ -168,7 +168,7 @@ class BodyVae:
         """Complete T frames, one after the other. Raises BodysenseError when time does not increase."""
         position, rotation, has_position, has_rotation = observed_points(observation, self.skeleton)
         with np.errstate(over="ignore", invalid="ignore"):
-            has_position = has_position & (np.abs(position).max(axis=-1) <= FARTHEST)  # false for what is no number
+            has_position = has_position & (np.abs(position).max(axis=-1) <= FARTHEST)  # false for NaN
             has_rotation = has_rotation & (np.abs(np.linalg.norm(rotation, axis=-1) - 1) < UNIT_TOLERANCE)
         position = np.where(has_position[..., None], position, 0.0)
         rotation = np.asarray(normalize(np.where(has_rotation[..., None], rotation, quaternion_identity(rotation))))

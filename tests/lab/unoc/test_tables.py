@@ -10,7 +10,8 @@ import pytest
 
 from bodysense.lab.datasets import Census, DataSet
 from bodysense.lab.scoring import KNOWN, Tally
-from bodysense.lab.unoc.network_tables import (
+from bodysense.lab.unoc.scores import Parts, Scores
+from bodysense.lab.unoc.tables import (
     KEYS,
     OWN_NAMES,
     TABLE_2,
@@ -21,7 +22,6 @@ from bodysense.lab.unoc.network_tables import (
     network_report,
     numbers_of,
 )
-from bodysense.lab.unoc.scores import Parts, Scores
 from bodysense.lab.unoc.variants import TABLES
 
 ALL = (TABLE_2, TABLE_3, TABLE_4)
