@@ -58,10 +58,15 @@ def room(module: str) -> str:
 
 
 @cache
+def parsed(module: str) -> ast.Module:
+    return ast.parse(MODULES[module].read_text(encoding="utf-8"))
+
+
+@cache
 def imported(module: str, everywhere: bool) -> frozenset[str]:
     """Modules that a module imports: `everywhere` in it, or only at the moment when it is itself imported."""
     found: set[str] = set()
-    todo: list[ast.AST] = [ast.parse(MODULES[module].read_text(encoding="utf-8"))]
+    todo: list[ast.AST] = [parsed(module)]
     while todo:
         node = todo.pop()
         if isinstance(node, ast.Import):

@@ -9,19 +9,19 @@ import pytest
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.data.clip import Clip
-from bodysense.lab.scoring import KNOWN, Tallies, Tally, Tracked, score
+from bodysense.lab.scoring import KNOWN, Tallies, Tally, TrackedClip, score
 from bodysense.lab.unoc.ik_tracker import IkTrackerSettings, track_clip
 from bodysense.occlusion.headset_camera import observe
 
 
 @pytest.fixture(scope="module")
-def tracked(waving_clip: Clip) -> Tracked:
+def tracked(waving_clip: Clip) -> TrackedClip:
     """As if four methods had been run: the first is off by 2 cm, the others by 1, 4 and 3 cm, all to one side."""
     truth = np.asarray(forward_kinematics(waving_clip.pose)[0])
     errors = {"bodysense": 0.02, "network": 0.01, "world": 0.04, "head": 0.03}
     position = {method: truth + np.array([error, 0.0, 0.0]) for method, error in errors.items()}
     seen = observe(waving_clip.pose, waving_clip.time)
-    return Tracked(waving_clip, seen, waving_clip.pose, position)
+    return TrackedClip(waving_clip, seen, waving_clip.pose, position)
 
 
 def table(tallies: Tallies) -> dict[str, float]:
@@ -36,7 +36,7 @@ def table(tallies: Tallies) -> dict[str, float]:
     }
 
 
-def test_errors_and_ratios(tracked: Tracked) -> None:
+def test_errors_and_ratios(tracked: TrackedClip) -> None:
     numbers = table(score(tracked))
     for share in ("occluded", "known", "all"):
         assert numbers[f"body_{share}_rmsjpe_cm"] == pytest.approx(2.0)
@@ -48,7 +48,7 @@ def test_errors_and_ratios(tracked: Tracked) -> None:
     assert numbers["body_and_finger_occluded_rmsjpe_cm"] == pytest.approx(2.0)
 
 
-def test_what_counts_as_occluded(tracked: Tracked) -> None:
+def test_what_counts_as_occluded(tracked: TrackedClip) -> None:
     """An error where a point is seen is in 'all', not in 'occluded'; one before it was ever seen not in 'known'."""
     hidden = ~tracked.observation.has_position
     truth = tracked.position["bodysense"] - [0.02, 0.0, 0.0]
@@ -63,7 +63,7 @@ def test_what_counts_as_occluded(tracked: Tracked) -> None:
             assert (error > 1e-6) == (share in counted[case]), (case, share)
 
 
-def test_which_joints_count(tracked: Tracked) -> None:
+def test_which_joints_count(tracked: TrackedClip) -> None:
     """An error of the spine is none of 'body', one of a knee is; the head, which is measured, is in no part."""
     truth = tracked.position["bodysense"] - [0.02, 0.0, 0.0]
     skeleton = tracked.clip.pose.skeleton
@@ -80,7 +80,7 @@ def test_which_joints_count(tracked: Tracked) -> None:
     assert parts("head") == set()
 
 
-def test_clips_without_fingers_say_nothing_of_them(tracked: Tracked) -> None:
+def test_clips_without_fingers_say_nothing_of_them(tracked: TrackedClip) -> None:
     numbers = table(score(replace(tracked, clip=replace(tracked.clip, has_fingers=False))))
     assert not [key for key in numbers if "finger" in key] and "body_all_rmsjpe_cm" in numbers
 
@@ -88,7 +88,7 @@ def test_clips_without_fingers_say_nothing_of_them(tracked: Tracked) -> None:
 @pytest.mark.parametrize(
     ("category", "suffix"), [("", ""), ("sit", ""), ("sport", "_sport"), ("dance", "_dance"), ("juggling", "_other")]
 )
-def test_categories_are_scored_apart(tracked: Tracked, category: str, suffix: str) -> None:
+def test_categories_are_scored_apart(tracked: TrackedClip, category: str, suffix: str) -> None:
     numbers = table(score(replace(tracked, clip=replace(tracked.clip, category=category))))
     assert {key for key in numbers if key.startswith("body_all_rmsjpe_cm")} == {f"body_all_rmsjpe_cm{suffix}"}
 

@@ -13,7 +13,6 @@ import numpy as np
 from bodysense.errors import BodysenseError
 
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")
-TESTED = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "foot")  # of either side: what UNOC's tables test
 # The 22 joints of SMPL without its hands, in its order, which all three-point methods are measured on.
 # fmt: off
 BODY = (

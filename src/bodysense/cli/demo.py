@@ -49,7 +49,7 @@ def demo(
     from bodysense.demo import performance_of_stranger
     from bodysense.devices.simulated import simulate
     from bodysense.export.comparison import View, write_comparison, write_moments
-    from bodysense.lab.scoring import RATE, Tracked, last_known, score
+    from bodysense.lab.scoring import RATE, TrackedClip, last_known, score
     from bodysense.take import track
 
     console = Console()
@@ -66,7 +66,7 @@ def demo(
         taken = time.perf_counter() - begun
     pose = take.clip.pose
     positions = {"bodysense": np.asarray(forward_kinematics(pose)[0])} | last_known(seen, skeleton)
-    tallies = score(Tracked(clip, seen, pose, positions))
+    tallies = score(TrackedClip(clip, seen, pose, positions))
     hidden = 1 - seen.has_position.mean()
     console.print(demo_table(tallies, f"{clip.name}: {clip.seconds:.0f} s, {hidden:.0%} of points hidden"))
     console.print(f"{len(clip) / taken:.0f} frames/s, one thread, {processor()}", highlight=False)

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.skeleton import TESTED, Skeleton
+from bodysense.body.skeleton import Skeleton
 from bodysense.data.clip import Clip
 from bodysense.lab.hold import Hold
 from bodysense.lab.metrics import joint_error
@@ -22,6 +22,8 @@ KNOWN: tuple[Literal["world", "head", "heading"], ...] = (
     "heading",
 )  # frames of the last-known baselines
 MAIN = ("sit", "talk_gesture", "conversation", "everyday", "locomotion")  # what a headset's wearer does
+# Of either side.
+UNOC_EVAL_JOINTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "foot")
 GROUPS = ("main", "sport", "dance", "other")  # the categories that are scored together
 
 
@@ -60,7 +62,7 @@ Tallies = dict[tuple[str, str, str, str], Tally]  # by category group, part, sha
 
 
 @dataclass(frozen=True, eq=False)
-class Tracked:
+class TrackedClip:
     """A clip, what the headset saw of it, and what every method made of that."""
 
     clip: Clip  # the truth, at 30 Hz
@@ -75,7 +77,7 @@ def last_known(observation: Observation, skeleton: Skeleton) -> dict[str, np.nda
     return {frame: hold.step(observation, hold.start())[0].position for frame, hold in holds.items()}
 
 
-def score(tracked: Tracked) -> Tallies:
+def score(tracked: TrackedClip) -> Tallies:
     """Errors of every method, by part of the body and share of the joints."""
     clip, skeleton = tracked.clip, tracked.clip.pose.skeleton
     truth = np.asarray(forward_kinematics(clip.pose)[0])
@@ -113,7 +115,7 @@ def part_errors(
 
 def scored_points(skeleton: Skeleton) -> list[int]:
     """The points that UNOC's tables test, of either side."""
-    return [p for p, name in enumerate(skeleton.points) if name.partition("_")[2] in TESTED]
+    return [p for p, name in enumerate(skeleton.points) if name.partition("_")[2] in UNOC_EVAL_JOINTS]
 
 
 def group_of(clip: Clip) -> str:

@@ -16,7 +16,7 @@ from bodysense.errors import BodysenseError
 from bodysense.lab.completion.corpus import Corpus
 from bodysense.lab.completion.network import CompletionConfig, CompletionNetwork, reading_of
 from bodysense.lab.completion.points import BODY_POINTS, HEAD, INPUT_POINTS, partners
-from bodysense.lab.completion.sensor_draws import KINDS, Tracked, draw_tracked
+from bodysense.lab.completion.sensor_draws import KINDS, DrawnSensors, draw_tracked
 from bodysense.lab.completion.sequences import Body, Draw, Sequence, draw_sequence, make_sequence
 from bodysense.lab.completion.task import CompletionTask, CompletionTaskConfig, collate
 from bodysense.lab.fit import Schedule, fit, rate_at
@@ -65,9 +65,9 @@ def test_kinds_of_sensors_are_shares_and_track_something() -> None:
 
 
 def made(corpus: Corpus, offset: np.ndarray, mirrored: bool, position: np.ndarray, rotation: np.ndarray) -> Sequence:
-    def track(visible: np.ndarray, interval: float, rng: np.random.Generator) -> Tracked:
+    def track(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnSensors:
         frames = len(visible)
-        return Tracked(np.tile(position, (frames, 1)), np.tile(rotation, (frames, 1)), np.ones(frames, dtype=bool))
+        return DrawnSensors(np.tile(position, (frames, 1)), np.tile(rotation, (frames, 1)), np.ones(frames, dtype=bool))
 
     body = Body(offset, offset, np.zeros(len(offset)))
     return make_sequence(corpus, 0, Draw(body, track=track, mirrored=mirrored), np.random.default_rng(0))

@@ -12,7 +12,7 @@ from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.lab.rendering.figure import FIGURES, load_figure
 from bodysense.lab.rendering.scene import Scene, sample_camera, sample_scene
-from bodysense.lab.rendering.stage import Stage, open_stage
+from bodysense.lab.rendering.stage import Renderer, open_stage
 from bodysense.lab.rendering.take import RATE, film, list_takes, plan_takes, read_take, write_take
 from bodysense.occlusion.camera_view import Camera, view, view_points
 
@@ -28,7 +28,7 @@ def camera_before_a_man() -> Camera:
 
 
 @pytest.fixture
-def stage() -> Iterator[Stage]:
+def stage() -> Iterator[Renderer]:
     pytest.importorskip("moderngl")
     try:
         with open_stage(scene_of_a_man(), camera_before_a_man(), HEIGHT, np.zeros(3)) as opened:
@@ -91,7 +91,7 @@ def test_what_is_no_truth_is_refused(tmp_path: Path) -> None:
         list_takes(tmp_path)
 
 
-def test_a_body_is_drawn_where_the_camera_sees_its_joints(stage: Stage) -> None:
+def test_a_body_is_drawn_where_the_camera_sees_its_joints(stage: Renderer) -> None:
     """Pixels that change when the body leaves the room are those of the body, and of its shadow."""
     figure, camera = stage.figure, camera_before_a_man()
     there = rest_pose(figure.skeleton)
@@ -110,7 +110,7 @@ def test_a_body_is_drawn_where_the_camera_sees_its_joints(stage: Stage) -> None:
     assert 0.02 < changed.mean() < 0.6
 
 
-def test_skin_is_seen_where_clothes_end(stage: Stage) -> None:
+def test_skin_is_seen_where_clothes_end(stage: Renderer) -> None:
     """The hands have the colour of skin in the order of red, green and blue, whatever the light."""
     red, green, blue = (stage.draw(rest_pose(stage.figure.skeleton))[..., k].astype(int) for k in range(3))
     assert ((red > green + 8) & (green > blue)).sum() > 50

@@ -124,6 +124,7 @@ DRIVER = """
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
 def test_a_browser_goes_through_the_pages(tmp_path: Path) -> None:
     """By keys and by buttons, with a reload and an answer taken back; what is too early does not count."""

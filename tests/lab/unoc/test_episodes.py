@@ -12,7 +12,7 @@ from bodysense.data.augment import mirrored
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.lab.unoc.episodes import Variation, make_episode
-from bodysense.lab.unoc.network import Answer, BodyNetwork, Tracked
+from bodysense.lab.unoc.network import BodyNetwork, BodyPrediction, TrackedBody
 from bodysense.occlusion.headset_camera import observe
 
 
@@ -22,7 +22,7 @@ def test_the_truth_in_the_networks_frame_is_the_truth_in_the_world(waving_clip: 
     position, rotation = forward_kinematics(waving_clip.pose)
     head = network.head
     skeleton = waving_clip.pose.skeleton
-    tracked = Tracked(
+    tracked = TrackedBody(
         position=torch.zeros(1, *position.shape),
         visible=torch.from_numpy(episode.visible)[None],
         head_position=torch.tensor(position[None, :, head], dtype=torch.float32),
@@ -32,7 +32,7 @@ def test_the_truth_in_the_networks_frame_is_the_truth_in_the_world(waving_clip: 
         height=torch.tensor([skeleton.height], dtype=torch.float32),
     )
     offset = torch.from_numpy(episode.offset)[None]
-    said = Answer(offset, torch.zeros(offset.shape[:-1]), torch.ones(offset.shape[:-1]))
+    said = BodyPrediction(offset, torch.zeros(offset.shape[:-1]), torch.ones(offset.shape[:-1]))
     completed = network.place_in_world(said, network.facing(tracked.head_rotation)[1], tracked)
     np.testing.assert_allclose(completed.position[0].numpy(), position, atol=1e-5)
 

@@ -11,7 +11,7 @@ import torch
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.lab.unoc.losses import LossWeights, Truth, body_loss, bones
-from bodysense.lab.unoc.network import Answer, BodyNetwork, BodyNetworkConfig
+from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig, BodyPrediction
 
 SKELETON = default_skeleton()
 POINTS = len(SKELETON.points)
@@ -26,14 +26,14 @@ def network() -> BodyNetwork:
     return BodyNetwork(BodyNetworkConfig(hidden=4, branch=(4,)), SKELETON)
 
 
-def example(seed: int, frames: int = 3, batch: int = 2) -> tuple[Answer, Truth]:
+def example(seed: int, frames: int = 3, batch: int = 2) -> tuple[BodyPrediction, Truth]:
     generator = torch.Generator().manual_seed(seed)
 
     def random(*shape: int) -> torch.Tensor:
         return torch.randn(*shape, generator=generator)
 
     offset = random(batch, frames, POINTS, 3)
-    answer = Answer(
+    answer = BodyPrediction(
         offset + 0.1 * random(batch, frames, POINTS, 3),
         random(batch, frames, POINTS),
         torch.rand(batch, frames, POINTS, generator=generator) + 0.01,
@@ -48,7 +48,7 @@ def length(vector: np.ndarray) -> float:
     return float(np.linalg.norm(vector))
 
 
-def by_hand(answer: Answer, truth: Truth) -> dict[str, float]:
+def by_hand(answer: BodyPrediction, truth: Truth) -> dict[str, float]:
     """Point by point, with the numbers of papers.md 1.7 written out."""
     terms = dict.fromkeys(("position", "parent", "bone", "occlusion", "expected"), 0.0)
     count = 0

@@ -29,7 +29,7 @@ from bodysense.lab.unoc.network import (
     BodyNetworkConfig,
     Completed,
     State,
-    Tracked,
+    TrackedBody,
     read_weights,
     tracked_of,
     write_weights,
@@ -63,7 +63,7 @@ def networks() -> dict[str, BodyNetwork]:
     return {name: BodyNetwork(config, SKELETON).eval() for name, config in FORMS.items()}
 
 
-def motion(frames: int, seed: int, batch: int = 1, hidden: float = 0.5) -> Tracked:
+def motion(frames: int, seed: int, batch: int = 1, hidden: float = 0.5) -> TrackedBody:
     """Points that wander about a standing body, hidden and seen at random; the head always known, and turning."""
     rng = np.random.default_rng(seed)
     standing, _ = forward_kinematics(standing_pose(SKELETON))
@@ -72,7 +72,7 @@ def motion(frames: int, seed: int, batch: int = 1, hidden: float = 0.5) -> Track
     angle = np.cumsum(rng.normal(scale=0.05, size=(batch, frames, 3)), axis=1) + rng.normal(size=(batch, 1, 3))
     visible = rng.uniform(size=position.shape[:-1]) > hidden
     visible[..., HEAD] = True
-    return Tracked(
+    return TrackedBody(
         position=torch.tensor(position, dtype=torch.float32),
         visible=torch.tensor(visible),
         head_position=torch.tensor(position[..., HEAD, :], dtype=torch.float32),
@@ -83,14 +83,16 @@ def motion(frames: int, seed: int, batch: int = 1, hidden: float = 0.5) -> Track
     )
 
 
-def cut(tracked: Tracked, frames: slice) -> Tracked:
+def cut(tracked: TrackedBody, frames: slice) -> TrackedBody:
     """Some frames of a motion."""
     fixed = {"bone_length": tracked.bone_length, "height": tracked.height}
-    return Tracked(**{name: value[:, frames] for name, value in tracked._asdict().items() if name not in fixed} | fixed)
+    return TrackedBody(
+        **{name: value[:, frames] for name, value in tracked._asdict().items() if name not in fixed} | fixed
+    )
 
 
 @torch.no_grad()
-def complete(network: BodyNetwork, tracked: Tracked, cuts: list[int] | None = None) -> tuple[Completed, State]:
+def complete(network: BodyNetwork, tracked: TrackedBody, cuts: list[int] | None = None) -> tuple[Completed, State]:
     """The whole motion, handed over in pieces that end at `cuts`."""
     batch, frames = tracked.visible.shape[:2]
     state, pieces = network.start(batch), []
@@ -133,7 +135,7 @@ def test_a_window_ends_at_its_frame(networks) -> None:
 
 def test_a_sequence_does_not_see_its_neighbours(networks) -> None:
     both = motion(6, 5, batch=2)
-    alone = Tracked(*(value[:1] for value in both))
+    alone = TrackedBody(*(value[:1] for value in both))
     whole, _ = complete(networks["carried"], both)
     assert_same(Completed(*(value[:1] for value in whole)), complete(networks["carried"], alone)[0], 1e-5)
 
@@ -312,7 +314,7 @@ def test_an_observation_is_what_the_network_reads(waving_clip) -> None:
 # --- the exported file
 
 
-def run_onnx(path: Path, tracked: Tracked) -> list[np.ndarray]:
+def run_onnx(path: Path, tracked: TrackedBody) -> list[np.ndarray]:
     """Positions, probabilities and errors of the exported network, frame by frame, from the state in its card."""
     model = load_model(path)
     state, rows = model.start(), []
@@ -360,7 +362,7 @@ def test_the_file_describes_itself(exported) -> None:
     assert BodyNetworkConfig(**told) == SMALL
     assert model.card["weights"] == sum(parameter.numel() for parameter in network.parameters())
     assert set(model.card["state"]) == {f"state_{name}" for name in State._fields}
-    assert set(model.inputs) == {*Tracked._fields, *(f"state_{name}" for name in State._fields)}
+    assert set(model.inputs) == {*TrackedBody._fields, *(f"state_{name}" for name in State._fields)}
     assert isinstance(model.session, onnxruntime.InferenceSession)
 
 

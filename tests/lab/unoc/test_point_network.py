@@ -27,7 +27,7 @@ from bodysense.lab.unoc.point_network import (
     UPPER_BODY,
     PointNetwork,
     PointNetworkConfig,
-    Tracked,
+    TrackedPoints,
     bones,
 )
 from bodysense.occlusion.three_point import POINTS
@@ -55,7 +55,7 @@ def moving(clip: Clip, frames: int, seed: int) -> Pose:
 
 
 @torch.no_grad()
-def placed(network: PointNetwork, tracked: Tracked, size: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+def placed(network: PointNetwork, tracked: TrackedPoints, size: int | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Positions and errors; handed over `size` frames at a time."""
     memory, out = network.start(1), []
     frames = tracked.position.shape[1]

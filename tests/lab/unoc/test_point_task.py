@@ -29,7 +29,7 @@ from bodysense.lab.unoc.point_episodes import (
     with_bent_wrists,
 )
 from bodysense.lab.unoc.point_model import load_point_model
-from bodysense.lab.unoc.point_network import FINGERS, UPPER_BODY, Answer, PointNetwork, PointNetworkConfig
+from bodysense.lab.unoc.point_network import FINGERS, UPPER_BODY, PointNetwork, PointNetworkConfig, PointPrediction
 from bodysense.lab.unoc.point_task import PointSchedule, PointTask, point_loss, validate_points
 from bodysense.lab.unoc.train import train_points as run_points
 
@@ -89,14 +89,14 @@ def test_the_truth_costs_nothing_and_terms_add_up(episodes: list[PointEpisode]) 
     """By a loop over frames and joints, with the paper's weights."""
     model, batch = network(), collate([(episodes[0], 84)], 10, np.ones(1, dtype=bool))
     missed = torch.randn(batch.offset.shape, generator=torch.Generator().manual_seed(0)) * 0.02
-    answer = Answer(batch.offset + missed, torch.full(batch.offset.shape[:-1], 0.03))
+    answer = PointPrediction(batch.offset + missed, torch.full(batch.offset.shape[:-1], 0.03))
     terms = point_loss(model, answer, batch, SCHEDULE)
     distance = [float(torch.linalg.norm(missed[0, t, k])) for t in range(6) for k in range(11)]  # 6 of 10 are valid
     assert float(terms["position"]) == pytest.approx(10 * np.mean(distance), rel=1e-4)
     expected = [d / 0.03 + np.log(0.03) for d in distance]
     assert float(terms["expected"]) == pytest.approx(0.01 * np.mean(expected), rel=1e-2)
     assert float(terms["loss"]) == pytest.approx(sum(float(v) for k, v in terms.items() if k != "loss"), rel=1e-5)
-    truth = point_loss(model, Answer(batch.offset, answer.error), batch, SCHEDULE)
+    truth = point_loss(model, PointPrediction(batch.offset, answer.error), batch, SCHEDULE)
     for name in ("position", "parent", "bone"):
         assert float(truth[name]) == pytest.approx(0, abs=1e-4)
 
@@ -113,7 +113,7 @@ def test_a_squared_distance_has_the_mean_as_its_optimum(waving_clip: Clip) -> No
         schedule = replace(SCHEDULE, distance=distance)
         costs = {}
         for shift in (0.0, 0.01, 0.02):
-            answer = Answer(truth[:, :1].expand_as(truth) + shift, torch.ones(truth.shape[:-1]))
+            answer = PointPrediction(truth[:, :1].expand_as(truth) + shift, torch.ones(truth.shape[:-1]))
             costs[shift] = float(point_loss(model, answer, batch._replace(offset=truth), schedule)["position"])
         best[distance] = min(costs, key=lambda shift: costs[shift])
     assert best == {"squared": 0.01, "euclidean": 0.0}

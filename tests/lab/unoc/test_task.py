@@ -19,16 +19,16 @@ from bodysense.errors import BodysenseError
 from bodysense.lab.fit import Progress, fit, moving_average
 from bodysense.lab.unoc.episodes import Batch, Episode, Variation, make_episode
 from bodysense.lab.unoc.network import PAPER, BodyNetwork, BodyNetworkConfig
-from bodysense.lab.unoc.task import BodyTask, Schedule, make_batches, step_count, validate
+from bodysense.lab.unoc.task import BodySchedule, BodyTask, make_batches, step_count, validate
 
 CARRIED = BodyNetworkConfig(hidden=4, branch=(4,))
-SCHEDULE = Schedule(steps=60, lanes=3, chunk=15, warm_up=5, learning_rate=3e-3, average_decay=0.5, check_every=20)
+SCHEDULE = BodySchedule(steps=60, lanes=3, chunk=15, warm_up=5, learning_rate=3e-3, average_decay=0.5, check_every=20)
 WINDOWS = replace(SCHEDULE, epochs=2, epoch_batches=(32, 64), window_stride=4)
 
 
 def run(
     network: BodyNetwork,
-    schedule: Schedule,
+    schedule: BodySchedule,
     episodes: list[Episode],
     checkpoint: Path,
     report: Callable[[Progress], None] = lambda progress: None,
@@ -75,8 +75,9 @@ def test_the_state_is_carried_until_a_clip_ends(
 
     def watched(
         self: BodyTask, batch: Batch, memory: torch.Tensor | None
-    ) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
+    ) -> tuple[dict[str, torch.Tensor], torch.Tensor | None]:
         terms, after = loss(self, batch, memory)
+        assert after is not None
         expected = torch.where(batch.begins[:, None], 0.0, before[-1])
         assert torch.equal(handed[-1], expected) and not handed[-1].requires_grad
         before.append(after.detach().float())
@@ -165,7 +166,7 @@ def test_moving_average() -> None:
 
 
 def test_learning_rate() -> None:
-    schedule = Schedule(steps=1000, warm_up=100)
+    schedule = BodySchedule(steps=1000, warm_up=100)
     carried, windowed = (
         BodyTask(BodyNetwork(config, default_skeleton()), schedule, [], []) for config in (CARRIED, PAPER)
     )
@@ -181,7 +182,7 @@ def test_the_batches_suffice_for_all_steps(lengths: list[int], stride: int, batc
     """However clips and windows fall, the run reaches its last step, where it saves."""
     episodes = [episode_of(length) for length in lengths]
     config = BodyNetworkConfig(hidden=4, branch=(4,), window=3)
-    schedule = Schedule(epochs=3, epoch_batches=(batch, 2 * batch, 2 * batch), window_stride=stride, seed=seed)
+    schedule = BodySchedule(epochs=3, epoch_batches=(batch, 2 * batch, 2 * batch), window_stride=stride, seed=seed)
     steps = step_count(config, schedule, episodes)
     assert steps >= 1
     assert sum(1 for _ in make_batches(config, schedule, episodes, np.random.default_rng(seed), 0)) >= steps
@@ -190,7 +191,7 @@ def test_the_batches_suffice_for_all_steps(lengths: list[int], stride: int, batc
 def test_fingers_are_drawn_by_their_share() -> None:
     """Clips with fingers are short and few; they still make up the share of the frames that was asked for."""
     episodes = [episode_of(30, fingers=True), episode_of(100), episode_of(200), episode_of(300)]
-    schedule = Schedule(lanes=8, chunk=10, finger_share=0.4)
+    schedule = BodySchedule(lanes=8, chunk=10, finger_share=0.4)
     batches = make_batches(CARRIED, schedule, episodes, np.random.default_rng(1), 0)
     with_fingers = frames = 0
     for _ in range(1500):
@@ -202,7 +203,7 @@ def test_fingers_are_drawn_by_their_share() -> None:
 
 @pytest.mark.parametrize("fingers", [True, False])
 def test_one_kind_of_clips_is_enough(fingers: bool) -> None:
-    batch = next(make_batches(CARRIED, Schedule(lanes=2), [episode_of(9, fingers)], np.random.default_rng(1), 0))
+    batch = next(make_batches(CARRIED, BodySchedule(lanes=2), [episode_of(9, fingers)], np.random.default_rng(1), 0))
     assert batch.fingers.tolist() == [fingers, fingers]
 
 

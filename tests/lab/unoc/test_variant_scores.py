@@ -11,12 +11,12 @@ import pytest
 import torch
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.skeleton import TESTED, default_skeleton
+from bodysense.body.skeleton import default_skeleton
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.lab.datasets import DataSet
 from bodysense.lab.hold import Hold
-from bodysense.lab.scoring import KNOWN
+from bodysense.lab.scoring import KNOWN, UNOC_EVAL_JOINTS
 from bodysense.lab.unoc import variant_scores as variants
 from bodysense.lab.unoc.network import PAPER, BodyNetwork, read_weights, tracked_of
 from bodysense.lab.unoc.scores import scores_path
@@ -71,7 +71,7 @@ def test_last_known_equals_hold(waving_clip: Clip) -> None:
     skeleton = waving_clip.pose.skeleton
     truth = np.asarray(forward_kinematics(waving_clip.pose)[0])
     observation = observe(waving_clip.pose, waving_clip.time)
-    tested = [p for p, name in enumerate(skeleton.points) if name.partition("_")[2] in TESTED]
+    tested = [p for p, name in enumerate(skeleton.points) if name.partition("_")[2] in UNOC_EVAL_JOINTS]
     for frame in KNOWN:
         hold = Hold(skeleton, frame)
         position = hold.step(observation, hold.start())[0].position
@@ -104,7 +104,7 @@ def test_figures_are_those_of_naive_loops(untrained: Path, waving_clip: Clip, na
             world, share = ours[t, p] - truth[t, p], "all" if observation.has_position[t, p] else "occluded"
             bone, true_bone = ours[t, p] - ours[t, parent], truth[t, p] - truth[t, parent]
             kinds = {}
-            if point.partition("_")[2] in TESTED:
+            if point.partition("_")[2] in UNOC_EVAL_JOINTS:
                 kinds = {"body": world, "parent_body": bone - true_bone}
                 kinds["bone_body"] = np.array([np.linalg.norm(bone) - np.linalg.norm(true_bone)])
             if wrist >= 0:

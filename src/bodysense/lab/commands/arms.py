@@ -18,7 +18,7 @@ Keypoints = Literal["detected", "perfect"]
 
 
 @dataclass(frozen=True)
-class Schedule:
+class ArmOptions:
     """Size and schedule, the paper's by default."""
 
     width: int = 512
@@ -68,7 +68,7 @@ def arms(
     from_directions: bool = False,
     from_palms: bool = False,
     without_hands: float = 0.0,
-    schedule: Flat[Schedule] = Schedule(),
+    schedule: Flat[ArmOptions] = ArmOptions(),
     licence: str = "Apache-2.0",
     data_note: str = "",
 ) -> None:
@@ -123,7 +123,11 @@ def arms(
 
 
 def arms_table(
-    data: Path, out: Output, networks: tuple[str, ...] = (), schedule: Flat[Schedule] = Schedule(), data_note: str = ""
+    data: Path,
+    out: Output,
+    networks: tuple[str, ...] = (),
+    schedule: Flat[ArmOptions] = ArmOptions(),
+    data_note: str = "",
 ) -> None:
     """Train every network of PAHMT's Table 1 into one folder; `bodysense evaluate pahmt-table1` reads it.
 
@@ -220,7 +224,7 @@ def _studio(keypoints: Keypoints) -> Studio:
     return Studio(noise=None) if keypoints == "perfect" else Studio()
 
 
-def _run(data: Path, out: Path, chosen: Schedule) -> ArmRun:
+def _run(data: Path, out: Path, chosen: ArmOptions) -> ArmRun:
     from bodysense.lab.pahmt.network import ArmNetworkConfig
     from bodysense.lab.pahmt.task import ArmSchedule
     from bodysense.lab.pahmt.train import ArmRun

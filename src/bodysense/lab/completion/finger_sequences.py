@@ -14,7 +14,7 @@ from bodysense.lab.completion.corpus import Corpus
 from bodysense.lab.completion.fingers import FINGER_JOINTS, FINGER_POINTS, HAND_JOINTS, HAND_POINTS, SIDES
 from bodysense.lab.completion.generated_fingers import RATE
 from bodysense.lab.completion.points import HEAD, INPUT_POINTS, KNUCKLES, READ
-from bodysense.lab.completion.sensor_draws import Tracked, spans
+from bodysense.lab.completion.sensor_draws import DrawnSensors, spans
 from bodysense.lab.completion.sequences import (
     LONGEST,
     Body,
@@ -282,12 +282,12 @@ def _parent_places() -> list[int]:
 PARENT_PLACES = _parent_places()
 
 
-def _camera(visible: np.ndarray, interval: float, rng: np.random.Generator) -> Tracked:
+def _camera(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnSensors:
     """What the headset's cameras see, and the head's pose."""
     del interval, rng
     known = np.ones(len(visible), dtype=bool)
     assert visible.shape[1] == READ
-    return Tracked(visible, np.zeros((len(visible), _BODY_JOINTS), dtype=bool), known)
+    return DrawnSensors(visible, np.zeros((len(visible), _BODY_JOINTS), dtype=bool), known)
 
 
 def _resampled(corpus: Corpus, clip: int, draw: Draw) -> np.ndarray:

@@ -12,11 +12,11 @@ from bodysense.lab.completion.features import Reading
 from bodysense.lab.completion.network import ERROR_BIAS, CompletionNetwork, advance
 from bodysense.lab.completion.points import BODY_POINTS, CONTACT, HEAD_HEIGHT, JOINTS, PLACED, partners
 
-PREDICTED = 6 * JOINTS + 3  # numbers of `Answer.rows`
+PREDICTED = 6 * JOINTS + 3  # numbers of `MirroredPrediction.rows`
 _COUNTS = [PREDICTED, len(CONTACT), PLACED]
 
 
-class Answer(NamedTuple):
+class MirroredPrediction(NamedTuple):
     """What the network says, in the frame under the head, at the reference stature."""
 
     rows: Tensor  # (B, 1, 45, 3): x axes of the joints, not yet orthonormal, then y axes, then where the head is, m
@@ -52,7 +52,7 @@ class MirroredNetwork(nn.Module):
         ):
             self.register_buffer(name, values, persistent=False)
 
-    def forward(self, reading: Reading, memory: Tensor) -> Answer:
+    def forward(self, reading: Reading, memory: Tensor) -> MirroredPrediction:
         """The answer to a reading of one frame, and the memory after it."""
         network, config = self.network, self.network.config
         features = network.reader(reading).reshape(-1, network.features)  # 2 B: each body beside its mirror image
@@ -64,4 +64,4 @@ class MirroredNetwork(nn.Module):
         mean = output.reshape(-1, 2, sum(_COUNTS)).sum(dim=1) + self.usual
         rows, contact, error = mean.split(_COUNTS, dim=-1)
         memory = torch.cat(after, dim=-1).reshape(-1, 2 * config.layers * config.hidden)
-        return Answer(rows.reshape(-1, 1, PREDICTED // 3, 3), contact, error, memory)
+        return MirroredPrediction(rows.reshape(-1, 1, PREDICTED // 3, 3), contact, error, memory)

@@ -30,7 +30,7 @@ _WHAT = ("both", "position", "rotation")
 
 
 @dataclass(frozen=True, eq=False)
-class Tracked:
+class DrawnSensors:
     """Masks of one sequence."""
 
     has_position: np.ndarray  # (T, 27) bool
@@ -38,7 +38,7 @@ class Tracked:
     head_known: np.ndarray  # (T,) bool: position and rotation of the head are tracked
 
 
-def draw_tracked(visible: np.ndarray, interval: float, rng: np.random.Generator) -> Tracked:
+def draw_tracked(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnSensors:
     """Draw what is tracked in a sequence of frames every `interval` s, of which cameras see `visible` (T, 27)."""
     frames = len(visible)
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
@@ -92,7 +92,7 @@ def draw_tracked(visible: np.ndarray, interval: float, rng: np.random.Generator)
         has_position[lost, INPUT_POINTS.index(HEAD)] = False
         has_rotation[lost, BODY.index(HEAD)] = False
     head_known = has_position[:, INPUT_POINTS.index(HEAD)] & has_rotation[:, BODY.index(HEAD)]
-    return Tracked(has_position, has_rotation, head_known)
+    return DrawnSensors(has_position, has_rotation, head_known)
 
 
 def _add_trackers(add, rng: np.random.Generator) -> None:

@@ -27,7 +27,7 @@ from bodysense.lab.completion.points import (
     path_from_head,
     stature,
 )
-from bodysense.lab.completion.sensor_draws import Tracked, draw_tracked
+from bodysense.lab.completion.sensor_draws import DrawnSensors, draw_tracked
 
 _PLACES = body_places()
 _PARENTS = bone_parents()
@@ -145,7 +145,7 @@ def _height(offset: np.ndarray) -> float:
     return float(np.ptp((default_skeleton().path @ offset)[:, 1]))
 
 
-Track = Callable[[np.ndarray, float, np.random.Generator], Tracked]
+Track = Callable[[np.ndarray, float, np.random.Generator], DrawnSensors]
 
 
 @dataclass(frozen=True)

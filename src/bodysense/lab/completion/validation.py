@@ -8,7 +8,7 @@ from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY
 from bodysense.lab.completion.corpus import Corpus
 from bodysense.lab.completion.points import INPUT_POINTS
-from bodysense.lab.completion.sensor_draws import Tracked
+from bodysense.lab.completion.sensor_draws import DrawnSensors
 from bodysense.lab.completion.sequences import Body, Draw, Track, make_sequence
 from bodysense.lab.completion.task import WORN, Batch, collate
 
@@ -47,11 +47,11 @@ def validation_batches(corpus: Corpus, stride: int) -> dict[str, list[Batch]]:
 def _worn(name: str) -> Track:
     """A named set of sensors."""
 
-    def track(visible: np.ndarray, interval: float, rng: np.random.Generator) -> Tracked:
+    def track(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnSensors:
         del interval, rng
         position, rotation = (np.isin(points, _SENSORS[name]) for points in (INPUT_POINTS, BODY))
         frames = len(visible)
         has_position = (visible | position) if name == "headset_camera" else np.tile(position, (frames, 1))
-        return Tracked(has_position, np.tile(rotation, (frames, 1)), np.ones(frames, dtype=bool))
+        return DrawnSensors(has_position, np.tile(rotation, (frames, 1)), np.ones(frames, dtype=bool))
 
     return track

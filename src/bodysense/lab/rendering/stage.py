@@ -1,4 +1,4 @@
-"""Stage: draws a scene with OpenGL, off screen; Mesa's software renderer does where there is no graphics card."""
+"""Renderer: draws a scene with OpenGL, off screen; Mesa's software renderer does where there is no graphics card."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SAMPLES = 4  # a pixel
 _CUBE = np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, -1, 1], [1, 1, 1], [-1, 1, 1]], np.float32) / 2
 
 
-class Stage:
+class Renderer:
     """An OpenGL context with one scene and one still camera in it. Make one with `open_stage`, which also closes it."""
 
     def __init__(
@@ -134,7 +134,7 @@ class Stage:
 
 
 @contextmanager
-def open_stage(scene: Scene, camera: Camera, height: int, around: np.ndarray) -> Iterator[Stage]:
+def open_stage(scene: Scene, camera: Camera, height: int, around: np.ndarray) -> Iterator[Renderer]:
     """A stage of a scene, for pictures `height` pixels high from one camera; the body stands around (3,) m, world.
 
     Raises BodysenseError where OpenGL is not to be had.
@@ -150,7 +150,7 @@ def open_stage(scene: Scene, camera: Camera, height: int, around: np.ndarray) ->
             f"no OpenGL 3.3 off screen ({error}); install Mesa's libegl1 and libgl1-mesa-dri"
         ) from None
     try:
-        yield Stage(context, scene, camera, height, around)
+        yield Renderer(context, scene, camera, height, around)
     finally:
         context.release()
 

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.skeleton import TESTED, Skeleton
+from bodysense.body.skeleton import Skeleton
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
@@ -24,7 +24,7 @@ from bodysense.export.animation import write_animation
 from bodysense.export.shot import Lens, Shot, frame_shot
 from bodysense.lab.hold import Hold
 from bodysense.lab.metrics import joint_error
-from bodysense.lab.scoring import RATE
+from bodysense.lab.scoring import RATE, UNOC_EVAL_JOINTS
 from bodysense.lab.study.page import write_study_page
 from bodysense.lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
 from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
@@ -171,7 +171,7 @@ def _described(name: str, pose: dict[Condition, Pose], hidden: np.ndarray) -> Sc
 
 def _tested(skeleton: Skeleton) -> list[int]:
     """Points that the paper's tables test."""
-    return [index for index, point in enumerate(skeleton.points) if point.partition("_")[2] in TESTED]
+    return [index for index, point in enumerate(skeleton.points) if point.partition("_")[2] in UNOC_EVAL_JOINTS]
 
 
 @contextmanager

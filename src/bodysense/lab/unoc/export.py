@@ -13,11 +13,10 @@ from torch import Tensor, nn
 from bodysense.lab.export import export
 from bodysense.lab.unoc.episodes import RATE
 from bodysense.lab.unoc.learned import FORMAT
-from bodysense.lab.unoc.network import BodyNetwork, State, Tracked
+from bodysense.lab.unoc.network import BodyNetwork, State, TrackedBody
 from bodysense.lab.unoc.point_model import FORMAT as POINT_FORMAT
 from bodysense.lab.unoc.point_model import Task
-from bodysense.lab.unoc.point_network import PointNetwork
-from bodysense.lab.unoc.point_network import Tracked as TrackedPoints
+from bodysense.lab.unoc.point_network import PointNetwork, TrackedPoints
 from bodysense.occlusion.three_point import POINTS
 
 
@@ -29,8 +28,8 @@ class _BodyStep(nn.Module):
         self.model = model
 
     def forward(self, *values: Tensor) -> tuple[Tensor, ...]:
-        count = len(Tracked._fields)
-        completed, state = self.model(Tracked(*values[:count]), State(*values[count:]))
+        count = len(TrackedBody._fields)
+        completed, state = self.model(TrackedBody(*values[:count]), State(*values[count:]))
         return (*completed, *state)
 
 
@@ -43,7 +42,7 @@ def write_onnx(model: BodyNetwork, path: Path, card: dict[str, Any]) -> None:
     model = model.eval()
     points = len(model.skeleton.points)
     state = model.start(1)
-    tracked = Tracked(
+    tracked = TrackedBody(
         position=torch.zeros(1, 1, points, 3),
         visible=torch.ones(1, 1, points, dtype=torch.bool),
         head_position=torch.zeros(1, 1, 3),
@@ -52,7 +51,7 @@ def write_onnx(model: BodyNetwork, path: Path, card: dict[str, Any]) -> None:
         bone_length=model.typical_bone[None],
         height=torch.tensor([1.7]),
     )
-    inputs = [*Tracked._fields, *(f"state_{name}" for name in State._fields)]
+    inputs = [*TrackedBody._fields, *(f"state_{name}" for name in State._fields)]
     outputs = ["completed", "occluded", "error", *(f"next_{name}" for name in State._fields)]
     start = {
         f"state_{name}": {"shape": list(value.shape), "dtype": str(value.numpy().dtype)}

@@ -22,7 +22,7 @@ from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
 from bodysense.estimators.estimate import Estimator, PointEstimate
-from bodysense.lab.scoring import RATE, Tracked, last_known
+from bodysense.lab.scoring import RATE, TrackedClip, last_known
 from bodysense.lab.unoc.learned import Learned, load_model
 from bodysense.observation import Observation, check_order, observed_points
 from bodysense.occlusion.headset_camera import HeadsetCamera, observe
@@ -222,7 +222,7 @@ def smooth(
     return target.root_position + offset[-1], velocity[-1], rotation, velocity[:-1]
 
 
-def track_clip(clip: Clip, model: Path | None, settings: IkTrackerSettings) -> Tracked:
+def track_clip(clip: Clip, model: Path | None, settings: IkTrackerSettings) -> TrackedClip:
     """Run the tracker, frame by frame, and the baselines on what a headset sees of a canonical clip."""
     clip = resample(clip, RATE)
     skeleton = clip.pose.skeleton
@@ -235,4 +235,4 @@ def track_clip(clip: Clip, model: Path | None, settings: IkTrackerSettings) -> T
         positions.append(estimate.position)
     pose = Pose(skeleton, np.concatenate([p.root_position for p in poses]), np.concatenate([p.rotation for p in poses]))
     position = {"bodysense": np.asarray(forward_kinematics(pose)[0]), "network": np.concatenate(positions)}
-    return Tracked(clip, observation, pose, position | last_known(observation, skeleton))
+    return TrackedClip(clip, observation, pose, position | last_known(observation, skeleton))

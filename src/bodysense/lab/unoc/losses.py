@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from bodysense.lab.unoc.network import Answer, BodyNetwork
+from bodysense.lab.unoc.network import BodyNetwork, BodyPrediction
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Truth:
     fingers: Tensor  # (B,) bool: clips with recorded fingers
 
 
-def body_loss(model: BodyNetwork, answer: Answer, truth: Truth, weights: LossWeights) -> dict[str, Tensor]:
+def body_loss(model: BodyNetwork, answer: BodyPrediction, truth: Truth, weights: LossWeights) -> dict[str, Tensor]:
     """The weighted terms and their sum, 'loss'. Distances are Euclidean; terms that a clip cannot teach are masked."""
     points, device = len(model.skeleton.points), truth.offset.device
     is_finger = torch.zeros(points, dtype=torch.bool, device=device)

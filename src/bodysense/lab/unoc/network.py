@@ -79,7 +79,7 @@ PAPER = BodyNetworkConfig(
 )
 
 
-class Tracked(NamedTuple):
+class TrackedBody(NamedTuple):
     """What was seen in T frames of B sequences."""
 
     position: Tensor  # (B, T, P, 3) m, world; any finite value where hidden; the head's is head_position
@@ -102,7 +102,7 @@ class State(NamedTuple):
     memory: Tensor  # of the recurrent part
 
 
-class Answer(NamedTuple):
+class BodyPrediction(NamedTuple):
     """The network's answer in its own frame: what the losses compare."""
 
     offset: Tensor  # (B, T, P, 3) m at the reference height; from the head or, fingers, from their wrist
@@ -184,14 +184,14 @@ class BodyNetwork(nn.Module):
             memory=self.recurrent.start(batch).to(device),
         )
 
-    def forward(self, tracked: Tracked, state: State) -> tuple[Completed, State]:
+    def forward(self, tracked: TrackedBody, state: State) -> tuple[Completed, State]:
         """Complete T frames; one call with T frames equals T calls with one."""
         features, known, into, state = self.prepare(tracked, state)
         hidden, memory = self.recurrent(features, state.memory)
         return self.place_in_world(self.answer(features, hidden, known), into, tracked), state._replace(memory=memory)
 
-    def answer(self, features: Tensor, hidden: Tensor, known: Tensor) -> Answer:
-        """The two branches: (B, T, F), (B, T, hidden) and the last known offsets (B, T, P, 3) → Answer."""
+    def answer(self, features: Tensor, hidden: Tensor, known: Tensor) -> BodyPrediction:
+        """The two branches: (B, T, F), (B, T, hidden) and the last known offsets (B, T, P, 3) → BodyPrediction."""
         both = torch.cat([hidden, features], dim=-1) if self.config.skip else hidden
         frames, both = both.shape[:-1], both.flatten(0, -2)  # as matrices, layers fuse in the exported file
         own = [] if self.place_fingers is None else [self.place_fingers(both)]
@@ -207,9 +207,9 @@ class BodyNetwork(nn.Module):
                     error = torch.exp(torch.clamp(value - 3, -7, 1))
         # Without the skip connection nothing of the input goes past the recurrent part.
         start = known if self.config.skip else self.standing
-        return Answer(start + change, logit, error)
+        return BodyPrediction(start + change, logit, error)
 
-    def place_in_world(self, answer: Answer, into: Tensor, tracked: Tracked) -> Completed:
+    def place_in_world(self, answer: BodyPrediction, into: Tensor, tracked: TrackedBody) -> Completed:
         """From the network's frame, `into` which (B, T, 3, 3) row vectors turn from the world, to the world."""
         size = (tracked.height / REFERENCE_HEIGHT)[:, None, None]
         offset = answer.offset @ (into.mT * size[..., None])
@@ -238,7 +238,7 @@ class BodyNetwork(nn.Module):
         into = (heading @ self.turn + self.upright).unflatten(-1, (3, 3))
         return heading, into, products[..., 3:].unflatten(-1, (2, 3)) @ into
 
-    def prepare(self, tracked: Tracked, state: State) -> tuple[Tensor, Tensor, Tensor, State]:
+    def prepare(self, tracked: TrackedBody, state: State) -> tuple[Tensor, Tensor, Tensor, State]:
         """Features (B, T, F), last known offsets (B, T, P, 3), the turn into the frame (B, T, 3, 3), the next state."""
         heading, into, tilt = self.facing(tracked.head_rotation)
         offset = self.offsets(tracked.position, into, tracked.height)
@@ -265,7 +265,7 @@ class BodyNetwork(nn.Module):
         after = State(known, known_world, seen, tracked.head_position[:, -1], heading[:, -1], state.memory)
         return torch.cat(parts, dim=-1), last, into, after
 
-    def _headset(self, tracked: Tracked, state: State, heading: Tensor, into: Tensor, tilt: Tensor) -> list[Tensor]:
+    def _headset(self, tracked: TrackedBody, state: State, heading: Tensor, into: Tensor, tilt: Tensor) -> list[Tensor]:
         """Bone lengths, the head's tilt and height, how it moves and turns, and the time step."""
         started = (state.heading * state.heading).sum(dim=-1, keepdim=True) > 0.5
         head_before = torch.where(started, state.head_position, tracked.head_position[:, 0])
@@ -287,7 +287,7 @@ class BodyNetwork(nn.Module):
         ]
 
 
-def tracked_of(observation: Observation, skeleton: Skeleton) -> Tracked:
+def tracked_of(observation: Observation, skeleton: Skeleton) -> TrackedBody:
     """What the network reads of T frames of one wearer, who holds `skeleton`; a batch of one.
 
     The observation must have every point of the skeleton, and position and rotation of the head in every frame.
@@ -300,7 +300,7 @@ def tracked_of(observation: Observation, skeleton: Skeleton) -> Tracked:
 
     time = observation.time
     interval = np.diff(time, prepend=2 * time[0] - time[1] if len(time) > 1 else time[0] - FIRST_INTERVAL)
-    return Tracked(
+    return TrackedBody(
         position=batch(np.where(visible[..., None], position, 0.0)),
         visible=torch.from_numpy(visible)[None],
         head_position=batch(position[:, head]),

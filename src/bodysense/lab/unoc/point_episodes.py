@@ -17,7 +17,7 @@ from bodysense.data.augment import mirrored, with_limb_proportions
 from bodysense.data.clip import Clip
 from bodysense.data.resample import resample
 from bodysense.lab.unoc.episodes import RATE
-from bodysense.lab.unoc.point_network import PointNetwork, Tracked
+from bodysense.lab.unoc.point_network import PointNetwork, TrackedPoints
 from bodysense.occlusion.three_point import POINTS
 
 STIFF = np.radians(2.0)  # wrists that never bend further than this were not recorded
@@ -82,12 +82,12 @@ def make_point_episode(
     )
 
 
-def tracked_of(pose: Pose, network: PointNetwork) -> tuple[Tracked, Tensor]:
+def tracked_of(pose: Pose, network: PointNetwork) -> tuple[TrackedPoints, Tensor]:
     """What `network` reads of a motion (T, …), and the world positions (1, T, O, 3) m that it should say."""
     skeleton = pose.skeleton
     position, rotation = (np.asarray(values, dtype=np.float32)[None] for values in forward_kinematics(pose))
     places = skeleton.indices(network.config.places)
-    tracked = Tracked(
+    tracked = TrackedPoints(
         position=torch.from_numpy(position[..., skeleton.indices(network.config.reads), :]),
         rotation=torch.from_numpy(rotation[..., skeleton.indices(POINTS), :]),
         rest=torch.tensor(resting_offset(skeleton)[None, places], dtype=torch.float32),

@@ -41,7 +41,7 @@ class PointNetworkConfig:
     window: int | None = None  # frames of input, or None: the state is carried over the whole sequence
 
 
-class Tracked(NamedTuple):
+class TrackedPoints(NamedTuple):
     """What is known of T frames of B sequences."""
 
     position: Tensor  # (B, T, R, 3) m, world, of the points that are read
@@ -59,7 +59,7 @@ class Prepared(NamedTuple):
     known: Tensor  # (B, T, R, 3) offsets of the points that are read from the head, in its heading's axes
 
 
-class Answer(NamedTuple):
+class PointPrediction(NamedTuple):
     """The answer in the network's own frames and size: what the losses compare."""
 
     offset: Tensor  # (B, T, O, 3) m, from head or wrist
@@ -115,7 +115,7 @@ class PointNetwork(nn.Module):
         """The memory before the first frame of `batch` sequences."""
         return self.recurrent.start(batch).to(self.scale.device)
 
-    def forward(self, tracked: Tracked, memory: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def forward(self, tracked: TrackedPoints, memory: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """World positions (B, T, O, 3) m, expected errors (B, T, O) m and the memory after.
 
         One call with T frames equals T calls with one.
@@ -126,15 +126,15 @@ class PointNetwork(nn.Module):
         size = self.size(tracked)[:, None]
         return self.place_in_world(answer.offset * size[..., None], tracked), answer.error * size, memory
 
-    def answer(self, features: Tensor, hidden: Tensor, start: Tensor) -> Answer:
-        """The branches: (B, T, F), (B, T, hidden), resting offsets (B, O, 3) → Answer."""
+    def answer(self, features: Tensor, hidden: Tensor, start: Tensor) -> PointPrediction:
+        """The branches: (B, T, F), (B, T, hidden), resting offsets (B, O, 3) → PointPrediction."""
         both = torch.cat([hidden, features], dim=-1)
         offset = start[:, None] + self.place(both).unflatten(-1, (-1, 3)) / self.scale
         if self.judge is None:
-            return Answer(offset, torch.zeros_like(offset[..., 0]))
-        return Answer(offset, torch.exp(torch.clamp(self.judge(both) - 3, -7, 1)))
+            return PointPrediction(offset, torch.zeros_like(offset[..., 0]))
+        return PointPrediction(offset, torch.exp(torch.clamp(self.judge(both) - 3, -7, 1)))
 
-    def prepare(self, tracked: Tracked) -> Prepared:
+    def prepare(self, tracked: TrackedPoints) -> Prepared:
         """What the network reads, from world positions and rotations."""
         away = quaternion_conjugate(heading(tracked.rotation[..., 0, :]))[..., None, :]
         size = (REFERENCE_HEIGHT / tracked.height)[:, None, None, None]
@@ -155,23 +155,23 @@ class PointNetwork(nn.Module):
         start = tracked.rest / self.size(tracked)[..., None]
         return Prepared(torch.cat(parts, dim=-1), start, known)
 
-    def size(self, tracked: Tracked) -> Tensor:
+    def size(self, tracked: TrackedPoints) -> Tensor:
         """(B, O) metres of the wearer in one of the network: of hands where fingers are, of the body elsewhere."""
         body = (tracked.height / REFERENCE_HEIGHT)[:, None]
         hand = tracked.bone_length[:, self.hand_points].mean(dim=-1, keepdim=True) / self.hand_length
         return torch.where(self.is_finger, hand, body)
 
-    def place_in_world(self, offset: Tensor, tracked: Tracked) -> Tensor:
+    def place_in_world(self, offset: Tensor, tracked: TrackedPoints) -> Tensor:
         """Offsets (B, T, O, 3) m from head or wrist → world positions."""
         origin, turn = self.frames(tracked)
         return _turned(turn, offset) + origin
 
-    def offsets(self, position: Tensor, tracked: Tracked) -> Tensor:
+    def offsets(self, position: Tensor, tracked: TrackedPoints) -> Tensor:
         """World positions (B, T, O, 3) m in the network's own frames and size: what it should say."""
         origin, turn = self.frames(tracked)
         return _turned(quaternion_conjugate(turn), position - origin) / self.size(tracked)[:, None, :, None]
 
-    def frames(self, tracked: Tracked) -> tuple[Tensor, Tensor]:
+    def frames(self, tracked: TrackedPoints) -> tuple[Tensor, Tensor]:
         """World position (B, T, O, 3) and rotation (B, T, O, 4) of what each placed point is measured from."""
         turn = torch.cat([heading(tracked.rotation[..., :1, :]), tracked.rotation[..., 1:, :]], dim=-2)
         origin = tracked.position[..., [self.head, *self.wrists], :]

@@ -14,7 +14,7 @@ from torch import Tensor
 from bodysense.lab.fit import Task
 from bodysense.lab.unoc.losses import LossWeights
 from bodysense.lab.unoc.point_episodes import PointBatch, PointEpisode, collate, lanes, windows
-from bodysense.lab.unoc.point_network import Answer, PointNetwork
+from bodysense.lab.unoc.point_network import PointNetwork, PointPrediction
 
 TYPICAL = 0.02  # m: the distance at which a squared one weighs as much as a Euclidean one
 
@@ -38,8 +38,10 @@ class PointSchedule:
     distance: Literal["euclidean", "squared"] = "euclidean"
 
 
-def point_loss(network: PointNetwork, answer: Answer, batch: PointBatch, schedule: PointSchedule) -> dict[str, Tensor]:
-    """The terms of UNOC, section 4.2, without occlusion, and their sum, 'loss' (see `training.losses`)."""
+def point_loss(
+    network: PointNetwork, answer: PointPrediction, batch: PointBatch, schedule: PointSchedule
+) -> dict[str, Tensor]:
+    """The terms of UNOC, section 4.2, without occlusion, and their sum, 'loss' (see `losses`)."""
     weights = schedule.loss
     mask = batch.valid[..., None]
     count = mask.sum().clamp(min=1)

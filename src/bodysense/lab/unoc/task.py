@@ -11,15 +11,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bodysense.body.skeleton import TESTED
 from bodysense.lab.fit import Task, rate_at
+from bodysense.lab.scoring import UNOC_EVAL_JOINTS
 from bodysense.lab.unoc.episodes import Batch, Episode, collate, lanes, windows
 from bodysense.lab.unoc.losses import LossWeights, Truth, body_loss
 from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig
 
 
 @dataclass(frozen=True)
-class Schedule:
+class BodySchedule:
     """How long and on what."""
 
     steps: int = 20_000  # of carried training; windows train by epochs
@@ -42,7 +42,7 @@ class BodyTask(Task):
     """What the body network learns: whole sequences with carried state, or windows as in the paper."""
 
     network: BodyNetwork
-    schedule: Schedule
+    schedule: BodySchedule
     episodes: Sequence[Episode]
     validation: Sequence[Episode]
     keeps_best = False
@@ -63,7 +63,7 @@ class BodyTask(Task):
         """See `make_batches`."""
         return make_batches(self.network.config, self.schedule, self.episodes, rng, done)
 
-    def loss(self, batch: Batch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:
+    def loss(self, batch: Batch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor | None]:
         """Loss terms of a chunk with carried memory, or of the last frame of windows."""
         network = self.network
         if memory is None:
@@ -85,7 +85,7 @@ class BodyTask(Task):
         return validate(network, self.validation)
 
 
-def step_count(config: BodyNetworkConfig, schedule: Schedule, episodes: Sequence[Episode]) -> int:
+def step_count(config: BodyNetworkConfig, schedule: BodySchedule, episodes: Sequence[Episode]) -> int:
     """Optimiser steps of a whole run."""
     if config.window is None:
         return schedule.steps
@@ -94,7 +94,7 @@ def step_count(config: BodyNetworkConfig, schedule: Schedule, episodes: Sequence
 
 
 def make_batches(
-    config: BodyNetworkConfig, schedule: Schedule, episodes: Sequence[Episode], rng: np.random.Generator, done: int
+    config: BodyNetworkConfig, schedule: BodySchedule, episodes: Sequence[Episode], rng: np.random.Generator, done: int
 ) -> Iterator[Batch]:
     """The run's batches from step `done` on: sequences without end, or the epochs of windows."""
     if config.window is None:
@@ -117,7 +117,7 @@ def validate(model: BodyNetwork, episodes: Sequence[Episode]) -> dict[str, float
 
     Where no clip has fingers, there are no figures of them.
     """
-    tested = [p for p, name in enumerate(model.skeleton.points) if name.partition("_")[2] in TESTED]
+    tested = [p for p, name in enumerate(model.skeleton.points) if name.partition("_")[2] in UNOC_EVAL_JOINTS]
     total = {key: 0.0 for key in ("body", "body_known", "finger", "finger_known")}
     count = {"body": 0, "finger": 0}
     device, training = model.scale.device, model.training

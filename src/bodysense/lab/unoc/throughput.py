@@ -13,7 +13,7 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.data.clip import Clip
 from bodysense.lab.unoc.episodes import Variation, make_episode
 from bodysense.lab.unoc.network import PAPER, BodyNetwork
-from bodysense.lab.unoc.task import BodyTask, Schedule
+from bodysense.lab.unoc.task import BodySchedule, BodyTask
 
 
 def throughput(clip: Clip, steps: int, threads: int) -> dict[str, float]:
@@ -22,7 +22,7 @@ def throughput(clip: Clip, steps: int, threads: int) -> dict[str, float]:
     Both train the same layers with the losses of the paper, in the precision and batch sizes that training uses.
     """
     torch.set_num_threads(threads)
-    schedule = Schedule(epochs=10**6, epoch_batches=(1024,) * 10**3)
+    schedule = BodySchedule(epochs=10**6, epoch_batches=(1024,) * 10**3)
     found: dict[str, float] = {}
     for form, config in (("window", PAPER), ("sequence", replace(PAPER, window=None))):
         model = BodyNetwork(config, default_skeleton())

@@ -34,7 +34,7 @@ from bodysense.lab.unoc.point_network import (
     PointNetworkConfig,
 )
 from bodysense.lab.unoc.point_task import PointSchedule, PointTask
-from bodysense.lab.unoc.task import BodyTask, Schedule
+from bodysense.lab.unoc.task import BodySchedule, BodyTask
 
 E = TypeVar("E", Episode, PointEpisode)
 # What a wearer meets counts more than the error of a joint that is seen: the measured place overrides that one.
@@ -82,7 +82,7 @@ def train_body(run: BodyTraining) -> None:
     forms = {"shipped": BodyNetworkConfig(), "paper": PAPER, "paper-world-axes": replace(PAPER, frame="world")}
     network = BodyNetwork(replace(forms[run.form], hidden=run.hidden), default_skeleton())
     shipped = run.form == "shipped"
-    schedule = Schedule(
+    schedule = BodySchedule(
         steps=run.steps,
         epochs=run.epochs,
         window_stride=run.window_stride,

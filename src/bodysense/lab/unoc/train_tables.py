@@ -27,7 +27,7 @@ from bodysense.lab.unoc.episodes import Episode, Variation, make_episode
 from bodysense.lab.unoc.losses import LossWeights
 from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig, write_weights
 from bodysense.lab.unoc.options import TablesTraining
-from bodysense.lab.unoc.task import BodyTask, Schedule, step_count
+from bodysense.lab.unoc.task import BodySchedule, BodyTask, step_count
 from bodysense.lab.unoc.variants import TABLES, VARIANTS
 
 PAPER_LOSS = LossWeights(expected_error=0.0)  # the paper's network does not judge its error
@@ -59,10 +59,10 @@ def chosen_networks(run: TablesTraining) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def schedule_of(run: TablesTraining, name: str) -> Schedule:
+def schedule_of(run: TablesTraining, name: str) -> BodySchedule:
     """The paper's schedule, with what the run changes of it."""
-    batches = tuple(max(1, round(batch * run.batch_scale)) for batch in Schedule().epoch_batches)
-    return Schedule(
+    batches = tuple(max(1, round(batch * run.batch_scale)) for batch in BodySchedule().epoch_batches)
+    return BodySchedule(
         epochs=run.epochs,
         epoch_batches=batches,
         window_stride=run.window_stride,

@@ -32,7 +32,7 @@ from bodysense.lab.scoring import (
 )
 from bodysense.lab.spread import spread
 from bodysense.lab.unoc.ik_tracker import IkTrackerSettings, track_clip
-from bodysense.lab.unoc.network import BodyNetwork, Tracked, read_weights, tracked_of
+from bodysense.lab.unoc.network import BodyNetwork, TrackedBody, read_weights, tracked_of
 from bodysense.lab.unoc.scores import Parts, Scores, identity_of, read_scores, scores_path, write_scores
 from bodysense.observation import Observation
 from bodysense.occlusion.headset_camera import HeadsetCamera, observe
@@ -62,7 +62,7 @@ class Work:
 class Reading:
     """A clip as networks read it that have the same inputs; T frames, a batch of one."""
 
-    tracked: Tracked
+    tracked: TrackedBody
     features: Tensor  # (1, T, F)
     known: Tensor  # (1, T, P, 3)
     into: Tensor  # (1, T, 3, 3)
