@@ -1,214 +1,192 @@
-/** The page: what the server sends, the person chooses and the headset tracks meet here. */
+/** The page: sources, the engine and the person meet here. */
 
-import { avatarBytes } from "./avatar_file";
-import { Bodies } from "./bodies";
-import { Connection, socketAddress } from "./connection";
-import { onFile } from "./drop";
-import { Headset } from "./headset";
-import { History } from "./history";
+import { amassClip } from "./files/amass";
+import type { Clip, SensorSet } from "./core/clip";
+import { NOBODY, personOf } from "./core/person";
+import { readNpz } from "./core/npz";
+import { Engine } from "./engine/engine";
+import { defaultBody, fetched, unpacked, type DefaultBody } from "./engine/files";
+import { Live } from "./live";
 import { Notice, reasonOf } from "./notice";
 import { button, element, input } from "./page";
-import { PersonPanel } from "./person_panel";
 import { Playback } from "./playback";
-import { Plots } from "./plots";
-import type { Hello, ServerMessage, SignalPoint, Source, Welcome } from "./protocol";
-import { ReplayPanel } from "./replay_panel";
-import { saveMotion, type FileKind } from "./save";
-import type { View } from "./scene";
-import { SensorPanel } from "./sensor_panel";
-import { loadSettings, ofPerson, saveSettings, type Settings } from "./settings";
-import { onKeys } from "./shortcuts";
-import { hasProportions, isSameTree, skeletonOf } from "./skeleton";
-import { Status } from "./status";
-import { Timeline } from "./timeline";
-import { ViewPanel } from "./view_panel";
-import { XR_POINTS } from "./xr_signal";
+import { saveMotion, type FileKind } from "./out/save";
+import { loadSettings, saveSettings, type Settings } from "./settings";
+import { ClipSource } from "./sources/clip_source";
+import type { Source } from "./sources/source";
+import { onFile } from "./ui/drop";
+import { onKeys } from "./ui/keys";
+import { LookPanel } from "./ui/look_panel";
+import { SensorPanel } from "./ui/sensor_panel";
+import { showStatus } from "./ui/status";
+import { applyTheme, nextTheme, onSystemChange } from "./ui/theme";
+import { Timeline } from "./ui/timeline";
+import { Bodies } from "./view/bodies";
+import type { View } from "./view/scene";
 
-const PLOT_EVERY = 100; // ms
+const FACTS_EVERY = 150; // ms
+const OWN_AVATAR = "avatar.vrm.gz";
+
+/** Begin: fetch what the page needs, and show the packaged performance. */
+export async function begin(view: View, base: string): Promise<App> {
+  const engine = new Engine(base);
+  const body = await defaultBody(base);
+  return new App(view, engine, body, base);
+}
 
 export class App {
   private settings: Settings = loadSettings(localStorage);
-  private history: History | null = null;
-  private welcome: Welcome | null = null;
-  private source: Source | null = null; // that is watched while no headset is worn
-  private isWorn = false;
-  private sequence = 0;
+  private source: Source | null = null;
+  private performance: Clip | null = null;
   private shownAt = 0; // ms
-  private plottedAt = 0; // ms
+  private toldAt = 0; // ms
   private readonly playback = new Playback();
+  private readonly notice = new Notice();
   private readonly bodies: Bodies;
-  private readonly headset: Headset;
-  private readonly person: PersonPanel;
-  private readonly status = new Status();
-  private readonly plots = new Plots();
-  private readonly notice = new Notice(() => this.connection.open());
-  private readonly timeline = new Timeline(this.playback, () => this.history);
-  private readonly sensors = new SensorPanel((hidden) => this.connection.tell({ type: "settings", hidden }));
-  private readonly replay = new ReplayPanel((change) => this.connection.tell({ type: "replay", ...change }));
-  private readonly connection = new Connection(socketAddress(location), () => this.hello(), {
-    welcome: (message) => this.begin(message),
-    signal: (frame) => this.history?.addSignal(frame),
-    truth: (frame) => this.history?.addTruth(frame),
-    pose: (frame) => this.history?.addPose(frame, performance.now()),
-    message: (message) => this.hear(message),
-    lost: (reason, retryIn) => this.lose(reason, retryIn),
-  });
+  private readonly live: Live;
+  private readonly timeline: Timeline;
+  private readonly look: LookPanel;
+  private readonly sensors: SensorPanel;
 
-  constructor(private readonly view: View) {
+  constructor(
+    private readonly view: View,
+    engine: Engine,
+    private readonly body: DefaultBody,
+    private readonly base: string,
+  ) {
     this.bodies = new Bodies(view.stage);
-    this.headset = new Headset(view, {
-      entered: () => this.wear(true),
-      tracked: (time, points) => this.track(time, points),
-      left: () => this.wear(false),
+    this.live = new Live(engine, body.skeleton, (reason) => this.notice.fault(reason));
+    this.live.settings = { floor: 0, holdFeet: this.settings.holdFeet };
+    this.timeline = new Timeline(this.playback, () => this.live.history);
+    this.look = new LookPanel(this.settings, {
+      changed: (change) => this.change(change),
+      ownAvatar: () => this.attempt(() => this.wearOwn()),
     });
-    new ViewPanel(
-      this.settings,
-      (change) => this.change(change),
-      (theme) => view.paint(theme),
+    this.sensors = new SensorPanel(
+      this.settings.sensors,
+      (set) => this.simulate(set),
+      (hidden) => (this.live.hidden = hidden),
     );
-    this.person = new PersonPanel(this.settings, {
-      changed: (change) => {
-        this.change(change);
-        this.connection.tell({ type: "settings", ...change });
-      },
-      calibrate: () => this.connection.tell({ type: "calibrate" }),
-      recentre: () => this.connection.tell({ type: "recentre" }),
-    });
-    this.bindButtons();
-    this.connection.open();
-    view.run((milliseconds, frame) => this.draw(milliseconds, frame));
+    this.bind();
+    this.repaint();
+    onSystemChange(() => this.repaint());
+    engine.opened.catch((error: unknown) => this.notice.fault(reasonOf(error)));
+    this.attempt(() => this.perform());
+    this.attempt(() => this.wearOwn());
+    view.run((milliseconds) => this.draw(milliseconds));
   }
 
-  private bindButtons(): void {
-    const attempt = (what: () => Promise<void>) => () =>
-      void what().catch((error: unknown) => this.notice.say(reasonOf(error)));
-    const save = (kind: FileKind) => attempt(() => saveMotion(this.history, kind));
-    button("save-bvh").onclick = save("bvh");
-    button("save-glb").onclick = save("glb");
-    button("enter-vr").onclick = attempt(() => this.headset.enter());
-    button("avatar-remove").onclick = () => this.wearAvatar(null);
-    onFile((file) => attempt(() => this.openAvatar(file))());
-    const record = input("record");
-    record.onchange = () => this.connection.tell({ type: "record", on: record.checked });
-    void Headset.isThere().then((isThere) => (button("enter-vr").hidden = !isThere));
+  private bind(): void {
+    for (const kind of ["bvh", "glb", "vrma"] as const) button(`save-${kind}`).onclick = () => this.attempt(() => this.save(kind));
+    button("theme").onclick = () => {
+      this.change({ theme: nextTheme(this.settings.theme) });
+      this.repaint();
+    };
+    const settings = button("settings");
+    settings.onclick = () => {
+      const panel = element("panel");
+      panel.hidden = !panel.hidden;
+      settings.setAttribute("aria-expanded", String(!panel.hidden));
+    };
+    const height = input("height");
+    height.value = this.settings.height === null ? "" : this.settings.height.toFixed(2);
+    height.onchange = () => this.attempt(() => this.tellHeight(height.value));
+    const hold = input("hold-feet");
+    hold.checked = this.settings.holdFeet;
+    hold.onchange = () => {
+      this.change({ holdFeet: hold.checked });
+      this.live.change({ ...this.live.settings, holdFeet: hold.checked });
+    };
+    onFile((file) => this.attempt(() => this.open(file)));
+    button("door-performance").onclick = () => this.attempt(() => this.perform());
     onKeys({
       " ": () => this.playback.toggle(),
       ArrowLeft: () => this.timeline.step(-1),
       ArrowRight: () => this.timeline.step(1),
       l: () => this.playback.goLive(),
       r: () => this.view.reset(),
-      c: () => this.connection.tell({ type: "recentre" }),
-      m: () => input("mirror").click(),
     });
   }
 
-  private hello(): Omit<Hello, "type" | "version"> {
-    return {
-      name: "page",
-      points: this.isWorn ? [...XR_POINTS] : [],
-      settings: ofPerson(this.settings),
-      watch: this.isWorn ? null : this.source,
-      resume: this.welcome && { session: this.welcome.session, token: this.welcome.token },
-    };
+  /** The packaged performance, seen by a simulated headset. */
+  private async perform(): Promise<void> {
+    const { skeleton } = this.body;
+    this.performance ??= amassClip(await readNpz(await fetched(this.base, "performance.npz")), "performance", skeleton);
+    this.play(this.performance, "The page's own performance");
   }
 
-  private begin(message: Welcome): void {
-    this.notice.clear();
-    const [offered] = message.sources;
-    if (!this.isWorn && this.source === null && offered !== undefined) {
-      this.source = offered;
-      this.connection.open();
-      return;
-    }
-    // A welcome comes again where the settings changed.
-    if (!this.history || !isSameTree(this.history.skeleton, message)) {
-      this.history = new History(skeletonOf(message));
-      this.bodies.build(this.history.skeleton);
-    } else this.grow(message);
-    this.welcome = message;
-    this.sensors.offer(message.signal, message.settings.hidden);
-    this.bodies.hide(message.settings.hidden.map((name) => message.signal.indexOf(name)));
-    this.replay.offer(message.length);
-    this.status.begin(this.isWorn || this.source !== null);
-    this.measured(message.settings.height);
-    input("record").disabled = !message.recording;
-    element("record-hint").hidden = message.recording;
+  private play(clip: Clip, title: string): void {
+    this.begin(new ClipSource(clip, this.live, this.settings.sensors, title));
   }
 
-  /** The body has other proportions from now on. */
-  private grow({ rest_offset }: Pick<Welcome, "rest_offset">): void {
-    const { history } = this;
-    if (!history || hasProportions(history.skeleton, rest_offset)) return;
-    history.skeleton = { ...history.skeleton, restOffset: Float32Array.from(rest_offset.flat()) };
-    this.bodies.build(history.skeleton);
+  private begin(source: Source): void {
+    this.source?.stop();
+    this.source = source;
+    this.live.begin(this.settings.height === null ? NOBODY : personOf(this.settings.height));
+    this.playback.goLive();
+    this.sensors.offer(source.sensors, source instanceof ClipSource);
+    this.view.reset();
   }
 
-  /** The height that the server found in one standing second. */
-  private measured(height: number | null): void {
-    if (height === null || height === this.settings.height) return;
-    this.person.showHeight(height);
+  private simulate(sensors: SensorSet): void {
+    this.change({ sensors });
+    if (!(this.source instanceof ClipSource)) return;
+    this.source.set = sensors;
+    this.sensors.offer(this.source.sensors, true);
+  }
+
+  private async tellHeight(text: string): Promise<void> {
+    const height = text.trim() === "" ? null : Number(text);
+    this.live.tellHeight(height);
     this.change({ height });
   }
 
-  private hear(message: Exclude<ServerMessage, Welcome>): void {
-    if (message.type === "placed") {
-      this.bodies.placeSignal(message);
-      this.headset.place(message);
-    } else if (message.type === "proportions") this.grow(message);
-    else if (message.type === "said") this.notice.say(message.text);
-    else if (message.type === "error") this.notice.say(message.reason, true);
+  private async open(file: File): Promise<void> {
+    const { Avatar } = await import("./view/avatar");
+    const { avatarBytes } = await import("./view/avatar_file");
+    this.bodies.wear(await Avatar.read(await avatarBytes(file), file.name));
+    button("own-avatar").hidden = false;
   }
 
-  private lose(reason: string, retryIn: number | null): void {
-    this.notice.say(reason, retryIn === null);
-    this.status.lost(retryIn !== null);
-    if (retryIn === null) this.welcome = null; // what was refused is not resumed
+  private async wearOwn(): Promise<void> {
+    const { Avatar } = await import("./view/avatar"); // three-vrm is fetched when it is wanted
+    this.bodies.wear(await Avatar.read(await unpacked(this.base, OWN_AVATAR), OWN_AVATAR));
+    button("own-avatar").hidden = true;
+  }
+
+  private async save(kind: FileKind): Promise<void> {
+    await saveMotion(this.body.skeleton, this.live.history.longestRun(), kind);
   }
 
   private change(change: Partial<Settings>): void {
     this.settings = { ...this.settings, ...change };
-    saveSettings(localStorage, this.settings);
+    this.attempt(async () => saveSettings(localStorage, this.settings));
   }
 
-  private wear(isWorn: boolean): void {
-    this.isWorn = isWorn;
-    this.welcome = null;
-    this.playback.goLive();
-    this.connection.open();
+  private repaint(): void {
+    const { theme } = this.settings;
+    applyTheme(theme, (look) => this.view.paint(look));
+    button("theme").textContent = { auto: "Auto", light: "Light", dark: "Dark" }[theme];
+    button("theme").setAttribute("aria-label", `Theme: ${theme}; change it`);
   }
 
-  private track(time: number, points: SignalPoint[]): void {
-    const frame = { sequence: this.sequence++, time, points };
-    if (this.connection.signal(frame)) this.history?.addSignal(frame, performance.now());
+  /** Whatever goes wrong is said in one line. */
+  private attempt(what: () => Promise<void>): void {
+    void what().catch((error: unknown) => this.notice.fault(reasonOf(error)));
   }
 
-  private async openAvatar(file: File): Promise<void> {
-    const bytes = await avatarBytes(file);
-    if (!this.history) throw new Error("There is no body to drive an avatar yet; connect first.");
-    const { Avatar } = await import("./avatar"); // three-vrm is fetched when it is wanted
-    this.wearAvatar(await Avatar.read(bytes, file.name, this.history.skeleton));
-  }
-
-  private wearAvatar(avatar: Parameters<Bodies["wear"]>[0]): void {
-    this.bodies.wear(avatar);
-    this.notice.clear();
-    button("avatar-remove").hidden = avatar === null;
-    element("drop-hint").hidden = avatar !== null;
-  }
-
-  private draw(milliseconds: number, frame: XRFrame | undefined): void {
-    if (frame && this.isWorn) this.headset.read(milliseconds, frame);
+  private draw(milliseconds: number): void {
     const seconds = Math.min((milliseconds - this.shownAt) / 1000, 0.1);
     this.shownAt = milliseconds;
-    const { history } = this;
-    const moment = history && this.playback.step(history, seconds);
-    if (!history || !moment) return;
-    this.bodies.show(moment, this.settings, this.isWorn, seconds);
-    if (milliseconds - this.plottedAt < PLOT_EVERY) return;
-    this.plottedAt = milliseconds;
-    this.timeline.show(history);
-    this.plots.show(history, this.playback.time);
-    this.replay.show(moment);
-    this.status.show(history, moment);
+    this.source?.frame(milliseconds);
+    const moment = this.playback.step(this.live.history, seconds);
+    if (!moment || !this.source) return;
+    this.bodies.show(moment, this.body.skeleton, this.settings, seconds);
+    this.view.follow(moment.rootPosition[0], moment.rootPosition[2], seconds);
+    if (milliseconds - this.toldAt < FACTS_EVERY) return;
+    this.toldAt = milliseconds;
+    this.timeline.show();
+    this.look.show(this.settings, this.bodies.hasAvatar, moment.truth !== null);
+    showStatus(this.live, moment, this.body.skeleton, this.source.title);
   }
 }

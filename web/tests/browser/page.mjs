@@ -3,29 +3,33 @@
 import { createServer } from "node:http";
 import { readFile } from "node:fs/promises";
 import { extname, join } from "node:path";
-import { fileURLToPath } from "node:url";
 import { chromium } from "playwright-core";
 
-const PAGE = fileURLToPath(new URL("../../../src/bodysense/serve/page/", import.meta.url));
-const KINDS = { ".html": "text/html", ".js": "text/javascript", ".css": "text/css" };
+const KINDS = {
+  ".html": "text/html",
+  ".js": "text/javascript",
+  ".css": "text/css",
+  ".json": "application/json",
+  ".wasm": "application/wasm",
+};
 const ARGUMENTS = [
   ...["--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"],
   ...["--disable-component-update", "--disable-sync", "--use-gl=angle", "--use-angle=swiftshader"],
   "--enable-unsafe-swiftshader",
 ];
 
-/** Serve the built page alone, without a server of bodysense: its address. */
-export async function servePage() {
+/** Serve a folder that `bodysense page` wrote, without a server of bodysense: its address. */
+export async function serveFolder(folder) {
   const server = createServer((request, response) => {
     const path = new URL(request.url ?? "/", "http://page").pathname;
     const name = path === "/" ? "index.html" : path.slice(1);
-    readFile(join(PAGE, name)).then(
-      (content) => response.setHeader("content-type", KINDS[extname(name)] ?? "text/plain").end(content),
+    readFile(join(folder, name)).then(
+      (content) => response.setHeader("content-type", KINDS[extname(name)] ?? "application/octet-stream").end(content),
       () => response.writeHead(404).end(),
     );
   });
   await new Promise((done) => server.listen(0, "127.0.0.1", done));
-  return { address: `http://127.0.0.1:${server.address().port}/`, close: () => server.close() };
+  return { address: `http://localhost:${server.address().port}/`, close: () => server.close() };
 }
 
 /** Run a scenario in a fresh page and print what it returns as JSON; errors of the page fail it. */
