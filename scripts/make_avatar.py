@@ -22,9 +22,8 @@ from bodysense.export.render.figure import Figure, load_figure
 from bodysense.files import written_beside
 
 OUTPUT = Path(__file__).parents[1] / "web" / "public" / "avatar.vrm.gz"
-SKIN, SHIRT, TROUSERS, SHOES, HAIR, EYES = range(6)
-THICKNESS = {SHIRT: 0.009, TROUSERS: 0.008, SHOES: 0.007}  # m
-RED, GREEN, BLUE = range(3)
+SKIN, SHIRT, TROUSERS, SHOES, HAIR = range(5)
+THICKNESS = {SHIRT: 0.013, TROUSERS: 0.010}  # m
 
 
 def srgb(text: str) -> np.ndarray:
@@ -63,75 +62,123 @@ class Mesh:
         self.count += len(position)
 
 
-def regions(figure: Figure) -> np.ndarray:
-    """(V,) which region each vertex is of."""
-    names = np.array(figure.skeleton.joints)[figure.joint[np.arange(len(figure.joint)), figure.weight.argmax(axis=1)]]
-    rest, x = figure.rest, figure.vertices
+@dataclass(frozen=True)
+class Cut:
+    """Part of the figure's surface, cut along a line: every vertex lies on an edge of the figure."""
 
-    def at(name: str) -> np.ndarray:
-        return rest[figure.skeleton.index(name)]
+    first: np.ndarray  # (N,) vertices of the figure
+    second: np.ndarray  # (N,)
+    share: np.ndarray  # (N, 1) of the way from the first to the second
+    triangles: np.ndarray  # (F, 3)
 
-    part = np.array([name.partition("_")[2] or name for name in names])
-    region = np.full(len(x), SKIN)
-    hem = at("pelvis")[1] - 0.02
-    torso = np.isin(part, ["pelvis", "spine1", "spine2", "spine3", "collar"])
-    region[torso & (x[:, 1] > hem)] = SHIRT
-    region[(torso & (x[:, 1] <= hem)) | np.isin(part, ["hip"])] = TROUSERS
-    sleeve = at("left_shoulder")[0] + 0.58 * (at("left_elbow")[0] - at("left_shoulder")[0])
-    region[(part == "shoulder") & (np.abs(x[:, 0]) < sleeve)] = SHIRT
-    region[(part == "knee") & (x[:, 1] > at("left_ankle")[1] + 0.055)] = TROUSERS
-    region[(part == "knee") & (x[:, 1] <= at("left_ankle")[1] + 0.055)] = SKIN
-    region[np.isin(part, ["ankle", "foot"]) & (x[:, 1] < at("left_ankle")[1] + 0.012)] = SHOES
-    neck = np.linalg.norm((x - at("neck")) * [1.0, 0.9, 0.9], axis=1)
-    opening = (x[:, 1] > at("neck")[1] - 0.035 - 0.35 * np.maximum(x[:, 2] - at("neck")[2], 0)) & (neck < 0.12)
-    region[(region == SHIRT) & opening] = SKIN
-    region[figure.part == 1] = EYES
-    return region
+    def of(self, values: np.ndarray) -> np.ndarray:
+        """Values (V, …) of the figure's vertices, for those of the cut."""
+        return values[self.first] * (1 - self.share) + values[self.second] * self.share
+
+    @property
+    def source(self) -> np.ndarray:
+        """(N,) the nearer vertex of the figure."""
+        return np.where(self.share[:, 0] < 0.5, self.first, self.second)
 
 
-def smoothed(figure: Figure, values: np.ndarray, those: np.ndarray, rounds: int) -> np.ndarray:
-    """Values of vertices, averaged with their neighbours' among `those` triangles."""
-    edges = np.concatenate([those[:, [0, 1]], those[:, [1, 2]], those[:, [2, 0]]])
+def cut(triangles: np.ndarray, inside: np.ndarray) -> Cut:
+    """The surface where `inside` (V,) is positive."""
+    rows: dict[tuple[int, int], int] = {}
+    first: list[int] = []
+    second: list[int] = []
+    share: list[float] = []
+
+    def vertex(i: int, j: int) -> int:
+        key = (min(i, j), max(i, j))
+        if key not in rows:
+            rows[key] = len(first)
+            a, b = key
+            first.append(a)
+            second.append(b)
+            share.append(0.0 if a == b else float(inside[a] / (inside[a] - inside[b])))
+        return rows[key]
+
+    found = []
+    for triangle in triangles[(inside[triangles] > 0).any(axis=1)].tolist():
+        ring = []
+        for i, j in zip(triangle, triangle[1:] + triangle[:1], strict=True):
+            if inside[i] > 0:
+                ring.append(vertex(i, i))
+            if (inside[i] > 0) != (inside[j] > 0):
+                ring.append(vertex(i, j))
+        found += [[ring[0], ring[k], ring[k + 1]] for k in range(1, len(ring) - 1)]
+    return Cut(np.array(first), np.array(second), np.array(share)[:, None], np.array(found))
+
+
+def smoothed(values: np.ndarray, triangles: np.ndarray, rounds: int) -> np.ndarray:
+    """Values of vertices, averaged with their neighbours'."""
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     edges = np.concatenate([edges, edges[:, ::-1]])
     for _ in range(rounds):
-        total = values.copy()
-        count = np.ones(len(values))
+        total, count = values.copy(), np.ones(len(values))
         np.add.at(total, edges[:, 0], values[edges[:, 1]])
         np.add.at(count, edges[:, 0], 1)
         values = total / count.reshape(-1, *[1] * (values.ndim - 1))
     return values
 
 
-def garment(mesh: Mesh, figure: Figure, region: np.ndarray, kind: int, trim: np.ndarray | None) -> None:
-    """Cloth over a region: the skin moved outward, smoothed, with a hem that turns in; and a trim along it."""
-    inside = (region[figure.triangles] == kind).all(axis=1)
-    triangles = figure.triangles[inside]
-    used = np.unique(triangles)
-    normal = smoothed(figure, figure.normals, triangles, 3)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
-    loose = smoothed(figure, figure.vertices, triangles, 6 if kind != SHOES else 3)
-    ends = edge_of(triangles)
-    near = smoothed(figure, np.isin(np.arange(len(region)), ends).astype(float), triangles, 4)
-    position = loose + normal * (THICKNESS[kind] + 0.003 * (near > 0.05))[:, None]
-    if kind == SHOES:  # a flat sole
-        position[:, 1] = np.maximum(position[:, 1], 0.0)
-    place = np.full(len(region), -1)
-    place[used] = np.arange(len(used))
-    colour = np.tile(COLOURS[kind], (len(used), 1))
+def fields(figure: Figure) -> dict[int, np.ndarray]:
+    """For clothes and hair: (V,) m by which each vertex of the figure is inside of their edges."""
+    rest, x = figure.rest, figure.vertices
+
+    def at(name: str) -> np.ndarray:
+        return rest[figure.skeleton.index(name)]
+
+    hem, neck, wide = at("pelvis")[1] - 0.045, at("neck"), np.abs(x[:, 0])
+    sleeve = at("left_shoulder")[0] + 0.55 * (at("left_elbow")[0] - at("left_shoulder")[0])
+    low = neck[1] - 0.018 - 0.55 * np.maximum(x[:, 2] - neck[2], 0)
+    collar = np.maximum(np.hypot(x[:, 0], 0.9 * (x[:, 2] - neck[2])) - 0.078, low - x[:, 1])
+    shirt = np.minimum.reduce([x[:, 1] - hem, sleeve - wide, collar, neck[1] + 0.03 - x[:, 1]])
+    cuff = at("left_ankle")[1] + 0.03
+    trousers = np.minimum(hem + 0.05 - x[:, 1], x[:, 1] - cuff)
+    trousers[wide > 0.3] = -1.0
+    behind = figure.eye[2] - x[:, 2]  # m
+    line = np.interp(
+        behind,
+        [-0.03, 0.02, 0.05, 0.066, 0.078, 0.086, 0.118, 0.132, 0.16, 0.2],
+        [0.066, 0.062, 0.042, 0.002, -0.012, 0.018, 0.014, -0.03, -0.066, -0.07],
+    )
+    scalp = x[:, 1] - figure.eye[1] - line
+    ear = (wide > 0.072) & (behind > 0.06) & (behind < 0.13) & (x[:, 1] < figure.eye[1] + 0.024)
+    scalp[ear | (figure.part != 0)] = -0.02
+    return {SHIRT: shirt, TROUSERS: trousers, HAIR: scalp}
+
+
+def outward(figure: Figure, triangles: np.ndarray, rounds: int) -> np.ndarray:
+    """(V, 3) smooth unit normals."""
+    normal = smoothed(figure.normals, triangles, rounds)
+    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+
+
+def garment(mesh: Mesh, figure: Figure, inside: np.ndarray, kind: int, trim: np.ndarray | None) -> None:
+    """Cloth: the skin moved outward and smoothed, with a trim along its edge, and an edge that turns in."""
+    near = figure.triangles[(inside[figure.triangles] > -0.03).any(axis=1)]
+    normal, loose = outward(figure, near, 4), smoothed(figure.vertices, near, 8)
+    full = loose + normal * (THICKNESS[kind] + 0.0025 * np.exp(-np.maximum(inside, 0) / 0.012))[:, None]
+    part = cut(figure.triangles, inside)
+    position, depth = part.of(full), part.of(inside[:, None])[:, 0]
+    colour = np.tile(COLOURS[kind], (len(position), 1))
     if trim is not None:
-        colour[near[used] > 0.18] = trim
-    if kind == SHOES:
-        colour[position[used, 1] < 0.022] = SOLE
-    mesh.add(position[used], colour, used, place[triangles])
-    rim = boundary(triangles)
-    first, second = rim[:, 0], rim[:, 1]
-    under = figure.vertices - figure.normals * 0.004
-    ring = np.concatenate([position[first], position[second], under[first], under[second]])
-    n = len(rim)
+        colour[depth < 0.009] = trim
+    mesh.add(position, colour, part.source, part.triangles)
+    under = part.of(figure.vertices - 0.006 * figure.normals)
+    hem(mesh, position, under, part, (COLOURS[kind] if trim is None else trim) * 0.75)
+
+
+def hem(mesh: Mesh, outer: np.ndarray, inner: np.ndarray, part: Cut, colour: np.ndarray) -> None:
+    """Walls along the edge of a cut, from its outer side to its inner one."""
+    rim = boundary(part.triangles)
+    n, (first, second) = len(rim), rim.T
+    ring = np.concatenate([outer[first], outer[second], inner[first], inner[second]])
     a, b, c, d = (np.arange(n) + k * n for k in range(4))
     walls = np.concatenate([np.stack([b, a, c], 1), np.stack([b, c, d], 1)])
-    shade = np.tile((trim if trim is not None else COLOURS[kind]) * 0.8, (4 * n, 1))
-    mesh.add(ring, shade, np.concatenate([first, second, first, second]), walls)
+    source = part.source[np.concatenate([first, second, first, second])]
+    mesh.add(ring, np.tile(colour, (4 * n, 1)), source, walls)
 
 
 def boundary(triangles: np.ndarray) -> np.ndarray:
@@ -142,101 +189,125 @@ def boundary(triangles: np.ndarray) -> np.ndarray:
     return edges[first[count == 1]]
 
 
-def edge_of(triangles: np.ndarray) -> np.ndarray:
-    """Vertices on the boundary."""
-    return np.unique(boundary(triangles))
+def skin(mesh: Mesh, figure: Figure, covered: list[np.ndarray]) -> None:
+    """What clothes leave bare, and a little of what they cover; with lips, brows and a blush."""
+    bare = 0.02 - np.maximum.reduce(covered)  # 2 cm go on under the cloth
+    bare[figure.part == 1] = -1.0
+    ankle = figure.rest[figure.skeleton.index("left_ankle")][1]
+    bare[(figure.vertices[:, 1] < ankle - 0.03)] = -1.0  # in the shoes
+    part = cut(figure.triangles, bare)
+    x, source = part.of(figure.vertices), part.source
+    colour = np.tile(COLOURS[SKIN], (len(x), 1))
+    wide, eye = np.abs(x[:, 0]), figure.eye
+    face = (x[:, 2] > eye[2] - 0.04) & (x[:, 1] > eye[1] - 0.12)
+    blush = np.exp(-(((wide - 0.042) / 0.018) ** 2) - ((x[:, 1] - eye[1] + 0.038) / 0.018) ** 2) * face
+    colour += blush[:, None] * (srgb("#cd7a66") - colour) * 0.4
+    colour[figure.part[source] == 2] = LIPS
+    along = (wide - 0.4 * eye[0]) / (1.6 * eye[0])
+    arch = eye[1] + 0.0195 + 0.006 * np.sin(np.pi * np.clip(1.1 * along, 0, 1)) - 0.004 * np.clip(along, 0, 1)
+    thick = 0.0036 * (1.15 - 0.7 * np.clip(along, 0, 1))
+    brow = np.exp(-(((x[:, 1] - arch) / thick) ** 4)) * ((along > 0) & (along < 1)) * face
+    colour += brow[:, None] * (BROWS - colour)
+    mesh.add(x, colour, source, part.triangles)
 
 
-def skin(mesh: Mesh, figure: Figure, region: np.ndarray) -> None:
-    """What clothes leave bare, and a little of what they cover; with lips, brows and blushes."""
-    bare = region == SKIN
-    shown = bare.copy()
-    for _ in range(2):
-        touching = bare[figure.triangles].any(axis=1)
-        shown[figure.triangles[touching]] = True
-        bare = shown.copy()
-    shown &= figure.part != 1
-    triangles = figure.triangles[shown[figure.triangles].all(axis=1)]
-    used = np.unique(triangles)
-    place = np.full(len(region), -1)
-    place[used] = np.arange(len(used))
-    x = figure.vertices[used]
-    colour = np.tile(COLOURS[SKIN], (len(used), 1))
-    mirrored = np.abs(x[:, 0])
-    cheek = np.linalg.norm((x - [0, 0, 0] - figure.eye * [0, 1, 1]) * [0, 1, 1] + [0, 0.035, 0], axis=1)
-    blush = np.exp(-(((mirrored - 0.042) / 0.02) ** 2) - (cheek / 0.03) ** 2)
-    colour += blush[:, None] * (srgb("#cf7f68") - colour) * 0.45
-    colour[figure.part[used] == 2] = LIPS
-    inner, outer = 0.35 * figure.eye[0], 1.95 * figure.eye[0]
-    along = np.clip((mirrored - inner) / (outer - inner), 0, 1)
-    arch = figure.eye[1] + 0.019 + 0.007 * np.sin(np.pi * np.clip(along * 1.15, 0, 1))
-    brow = (mirrored > inner) & (mirrored < outer) & (np.abs(x[:, 1] - arch) < 0.0042 * (1.25 - 0.7 * along))
-    brow &= x[:, 2] > figure.eye[2] - 0.03
-    colour[brow] = BROWS
-    mesh.add(x, colour, used, place[triangles])
+def grid(rows: int, columns: int) -> np.ndarray:
+    """Triangles of a tube of `rows` rings."""
+    k = np.arange(rows - 1)[:, None] * columns + np.arange(columns)[None]
+    after = np.arange(rows - 1)[:, None] * columns + (np.arange(columns)[None] + 1) % columns
+    quads = np.stack([k, after, after + columns, k + columns], axis=-1).reshape(-1, 4)
+    return np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+
+
+def shoes(mesh: Mesh, figure: Figure) -> None:
+    """Shoes: rings across each foot, as wide and high as it is, round in front and behind, flat below."""
+    for side in ("left", "right"):
+        ankle, ball = (figure.skeleton.index(f"{side}_{part}") for part in ("ankle", "foot"))
+        own = np.isin(figure.joint[:, 0], [ankle, ball]) & (figure.vertices[:, 1] < figure.rest[ankle][1] + 0.02)
+        x = figure.vertices[own]
+        heel, tip = x[:, 2].min() - 0.006, x[:, 2].max() + 0.01
+        rows, columns = 26, 28
+        along = (1 - np.cos(np.linspace(0, np.pi, rows))) / 2
+        place = heel + along * (tip - heel)
+        bins = np.linspace(heel, tip, 15)
+        which = np.clip(np.digitize(x[:, 2], bins) - 1, 0, 13)
+        some = [k for k in range(14) if (which == k).any()]
+        middle = (bins[:-1] + bins[1:])[some] / 2
+        low, high = (np.array([f(x[which == k, 0]) for k in some]) for f in (np.min, np.max))
+        top = np.array([np.quantile(x[which == k, 1], 0.97) for k in some])
+        top = np.minimum(np.minimum.accumulate(top[::1].clip(0.045)), figure.rest[ankle][1] + 0.012)
+        wide = np.interp(place, middle, (high - low) / 2) + 0.005
+        centre = np.interp(place, middle, (high + low) / 2)
+        tall = np.interp(place, middle, top) + 0.008
+        for _ in range(3):
+            wide, centre, tall = (np.convolve(np.pad(v, 1, "edge"), [0.25, 0.5, 0.25], "valid") for v in (wide, centre, tall))
+        round_ = np.sqrt(np.clip(1 - np.abs(2 * along - 1) ** 5, 0, 1))
+        turn = np.linspace(0, 2 * np.pi, columns, endpoint=False)
+        cosine, sine = np.cos(turn), np.sin(turn)
+        across = np.sign(cosine) * np.abs(cosine) ** 0.75
+        upward = np.where(sine > 0, np.abs(sine) ** 0.9, -np.abs(sine) ** 0.35)
+        half = tall / 2
+        y = half[:, None] + upward[None] * half[:, None] * np.where(sine > 0, (0.45 + 0.55 * round_)[:, None], 1.0)
+        ring = np.stack(
+            [centre[:, None] + wide[:, None] * round_[:, None] * across[None], y, place[:, None] + 0 * y], axis=-1
+        ).reshape(-1, 3)
+        colour = np.where((ring[:, 1] < 0.021)[:, None], SOLE, COLOURS[SHOES])
+        colour = np.where(((ring[:, 1] > 0.021) & (ring[:, 1] < 0.027))[:, None], COLOURS[SHOES] * 0.8, colour)
+        of_ball = int(np.flatnonzero(figure.joint[:, 0] == ball)[0])
+        of_ankle = int(np.flatnonzero((figure.joint[:, 0] == ankle) & (figure.weight[:, 0] > 0.95))[0])
+        whole_ball = np.flatnonzero((figure.joint[:, 0] == ball) & (figure.weight[:, 0] > 0.95))
+        of_ball = int(whole_ball[0]) if len(whole_ball) else of_ball
+        source = np.where(ring[:, 2] > figure.rest[ball][2], of_ball, of_ankle)
+        mesh.add(ring, colour, source, grid(rows, columns))
 
 
 def eyes(mesh: Mesh, figure: Figure) -> None:
     """White balls with an iris and a pupil, made anew: the figure's are too coarse to be painted."""
-    head = int(np.flatnonzero(figure.joint[:, 0] == figure.skeleton.index("head"))[0])
+    head = head_vertex(figure)
     rows, columns = 24, 32
-    tilt = np.linspace(0, 0.62 * np.pi, rows)[:, None]
+    tilt = np.linspace(0.0, 0.62 * np.pi, rows)[:, None]
     turn = np.linspace(0, 2 * np.pi, columns, endpoint=False)[None]
-    ball = np.stack(
-        [np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt) + 0 * turn], axis=-1
-    ).reshape(-1, 3)
+    ball = np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt) + 0 * turn], -1)
     angle = np.repeat(tilt[:, 0], columns)
-    colour = np.where((angle < 0.5)[:, None], IRIS, WHITE)
-    colour = np.where(((angle > 0.43) & (angle < 0.5))[:, None], IRIS * 0.35, colour)
-    colour = np.where((angle < 0.23)[:, None], PUPIL, colour)
-    k = np.arange(rows - 1)[:, None] * columns + np.arange(columns)[None]
-    after = np.arange(rows - 1)[:, None] * columns + (np.arange(columns)[None] + 1) % columns
-    quads = np.stack([k, k + columns, after + columns, after], axis=-1).reshape(-1, 4)
-    triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    colour = np.where((angle < 0.56)[:, None], IRIS, WHITE)
+    colour = np.where(((angle > 0.47) & (angle < 0.56))[:, None], IRIS * 0.35, colour)
+    colour = np.where((angle < 0.26)[:, None], PUPIL, colour)
     own = figure.vertices[figure.part == 1]
     for sign in (1, -1):
         side = own[own[:, 0] * sign > 0]
         middle = (side.max(axis=0) + side.min(axis=0)) / 2
         radius = (side.max(axis=0) - side.min(axis=0))[1] / 2
-        mesh.add(middle + ball * radius, colour, np.full(len(ball), head), triangles)
+        mesh.add(middle + ball.reshape(-1, 3) * radius, colour, np.full(len(colour), head), grid(rows, columns)[:, ::-1])
 
 
-def hair(mesh: Mesh, figure: Figure) -> None:
-    """A short cut: the scalp moved outward, fuller on top and behind, with a bun."""
-    x, head = figure.vertices, figure.rest[figure.skeleton.index("head")]
-    eye = figure.eye
-    behind = eye[2] - x[:, 2]  # m
-    line = eye[1] + 0.062 - 0.95 * np.maximum(behind - 0.045, 0) + 0.25 * np.maximum(0.02 - behind, 0)
-    line = np.maximum(line, head[1] - 0.012)
-    scalp = (figure.joint[:, 0] == figure.skeleton.index("head")) & (x[:, 1] > line) & (figure.part == 0)
-    ears = (np.abs(x[:, 0]) > 0.067) & (x[:, 1] < eye[1] + 0.03) & (behind < 0.115)
-    scalp &= ~ears
-    triangles = figure.triangles[scalp[figure.triangles].all(axis=1)]
-    used = np.unique(triangles)
-    normal = smoothed(figure, figure.normals, triangles, 8)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
-    rim = np.isin(np.arange(len(x)), edge_of(triangles)).astype(float)
-    depth = np.clip(1 - 1.6 * smoothed(figure, rim, triangles, 7), 0.12, 1)
-    full = 0.013 + 0.010 * np.clip((x[:, 1] - eye[1]) / 0.1, 0, 1) + 0.006 * np.clip(behind / 0.15, 0, 1)
-    strand = 0.0016 * np.sin(95 * np.arctan2(x[:, 0], x[:, 1] - eye[1] + 0.02) + 14 * behind)
-    position = smoothed(figure, x, triangles, 2) + normal * ((full + strand) * depth)[:, None]
-    place = np.full(len(x), -1)
-    place[used] = np.arange(len(used))
-    shade = 0.86 + 110 * strand[used]
-    mesh.add(position[used], COLOURS[HAIR] * shade[:, None], used, place[triangles])
-    source = int(used[0])
-    rows, columns = 14, 20
-    tilt, turn = np.linspace(0, np.pi, rows)[:, None], np.linspace(0, 2 * np.pi, columns, endpoint=False)[None]
-    wave = 1 + 0.05 * np.sin(5 * turn + 6 * tilt)
+def head_vertex(figure: Figure) -> int:
+    """A vertex that follows the head alone."""
+    head = figure.skeleton.index("head")
+    return int(np.flatnonzero((figure.joint[:, 0] == head) & (figure.weight[:, 0] > 0.99))[0])
+
+
+def hair(mesh: Mesh, figure: Figure, inside: np.ndarray) -> None:
+    """A short cut: the scalp moved outward, fuller on top and behind, combed back into a bun."""
+    x, eye = figure.vertices, figure.eye
+    near = figure.triangles[(inside[figure.triangles] > -0.03).any(axis=1)]
+    behind = eye[2] - x[:, 2]
+    full = 0.012 + 0.010 * np.clip((x[:, 1] - eye[1]) / 0.1, 0, 1) + 0.006 * np.clip(behind / 0.15, 0, 1)
+    edge = 0.35 + 0.65 * np.clip(inside / 0.022, 0, 1)
+    strand = np.sin(70 * np.arctan2(x[:, 0], x[:, 1] - eye[1] + 0.03))
+    position = smoothed(x, near, 3) + outward(figure, near, 10) * ((full + 0.0012 * strand) * edge)[:, None]
+    part = cut(figure.triangles, inside)
+    outer = part.of(position)
+    shade = part.of((1 + 0.16 * strand)[:, None])
+    mesh.add(outer, COLOURS[HAIR] * shade, part.source, part.triangles)
+    hem(mesh, outer, part.of(x - 0.004 * figure.normals), part, COLOURS[HAIR] * 0.7)
+    rows, columns = 16, 24
+    tilt, turn = np.linspace(0.001, np.pi - 0.001, rows)[:, None], np.linspace(0, 2 * np.pi, columns, endpoint=False)[None]
+    wave = np.sin(4 * turn + 5 * tilt)
     ball = np.stack([np.sin(tilt) * np.cos(turn), np.cos(tilt) + 0 * turn, np.sin(tilt) * np.sin(turn)], -1)
-    ball = (ball * wave[..., None]).reshape(-1, 3)
-    top = position[used][position[used, 2].argmin()]
-    k = np.arange(rows - 1)[:, None] * columns + np.arange(columns)[None]
-    after = np.arange(rows - 1)[:, None] * columns + (np.arange(columns)[None] + 1) % columns
-    quads = np.stack([k, after, after + columns, k + columns], axis=-1).reshape(-1, 4)
-    bun = np.array([0.0, top[1] + 0.045, top[2] - 0.012]) + ball * [0.036, 0.033, 0.033]
-    tint = COLOURS[HAIR] * (0.92 + 2 * (wave.ravel()[:, None] - 1))
-    mesh.add(bun, tint, np.full(len(bun), source), np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
+    back = outer[outer[:, 2].argmin()]
+    bun = [0.0, back[1] + 0.05, back[2] - 0.008] + (ball * (1 + 0.05 * wave[..., None])).reshape(-1, 3) * 0.036
+    tint = COLOURS[HAIR] * (1 + 0.16 * wave.reshape(-1, 1))
+    mesh.add(bun, tint, np.full(len(bun), head_vertex(figure)), grid(rows, columns))
 
 
 def normals_of(position: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -339,14 +410,14 @@ def glb(figure: Figure, mesh: Mesh) -> bytes:
 
 def main(out: Path) -> None:
     """Write the avatar."""
-    figure = load_figure("woman")
-    region, mesh = regions(figure), Mesh()
-    skin(mesh, figure, region)
-    garment(mesh, figure, region, SHIRT, COLLAR)
-    garment(mesh, figure, region, TROUSERS, None)
-    garment(mesh, figure, region, SHOES, None)
+    figure, mesh = load_figure("woman"), Mesh()
+    inside = fields(figure)
+    skin(mesh, figure, [inside[SHIRT], inside[TROUSERS], inside[HAIR]])
+    garment(mesh, figure, inside[SHIRT], SHIRT, COLLAR)
+    garment(mesh, figure, inside[TROUSERS], TROUSERS, None)
+    shoes(mesh, figure)
     eyes(mesh, figure)
-    hair(mesh, figure)
+    hair(mesh, figure, inside[HAIR])
     content = glb(figure, mesh)
     with written_beside(out) as beside:
         beside.write_bytes(gzip.compress(content, 9, mtime=0))

@@ -1,19 +1,25 @@
 /** The page: sources, the engine and the person meet here. */
 
-import { amassClip } from "./files/amass";
 import type { Clip, SensorSet } from "./core/clip";
-import { NOBODY, personOf } from "./core/person";
 import { readNpz } from "./core/npz";
+import { HEIGHTS, NOBODY, personOf } from "./core/person";
+import type { Skeleton } from "./core/skeleton";
 import { Engine } from "./engine/engine";
 import { defaultBody, fetched, unpacked, type DefaultBody } from "./engine/files";
+import { amassClip } from "./files/amass";
+import { HeadsetDoor } from "./headset_door";
 import { Live } from "./live";
 import { Notice, reasonOf } from "./notice";
-import { button, element, input } from "./page";
+import { FILE_KINDS, saveMotion, type FileKind } from "./out/save";
+import { aboutPage, workOffline, type About } from "./offline";
+import { button, element } from "./page";
 import { Playback } from "./playback";
-import { saveMotion, type FileKind } from "./out/save";
 import { loadSettings, saveSettings, type Settings } from "./settings";
 import { ClipSource } from "./sources/clip_source";
+import { RecordingSource } from "./sources/recording_source";
+import { ServerSource } from "./sources/server_source";
 import type { Source } from "./sources/source";
+import { Take } from "./take";
 import { onFile } from "./ui/drop";
 import { onKeys } from "./ui/keys";
 import { LookPanel } from "./ui/look_panel";
@@ -21,6 +27,8 @@ import { SensorPanel } from "./ui/sensor_panel";
 import { showStatus } from "./ui/status";
 import { applyTheme, nextTheme, onSystemChange } from "./ui/theme";
 import { Timeline } from "./ui/timeline";
+import { YouPanel } from "./ui/you_panel";
+import type { Avatar } from "./view/avatar";
 import { Bodies } from "./view/bodies";
 import type { View } from "./view/scene";
 
@@ -30,13 +38,14 @@ const OWN_AVATAR = "avatar.vrm.gz";
 /** Begin: fetch what the page needs, and show the packaged performance. */
 export async function begin(view: View, base: string): Promise<App> {
   const engine = new Engine(base);
-  const body = await defaultBody(base);
-  return new App(view, engine, body, base);
+  const [body, about] = await Promise.all([defaultBody(base), aboutPage(base)]);
+  return new App(view, engine, body, about, base);
 }
 
 export class App {
   private settings: Settings = loadSettings(localStorage);
   private source: Source | null = null;
+  private tree: Skeleton; // of what is shown
   private performance: Clip | null = null;
   private shownAt = 0; // ms
   private toldAt = 0; // ms
@@ -44,19 +53,25 @@ export class App {
   private readonly notice = new Notice();
   private readonly bodies: Bodies;
   private readonly live: Live;
+  private readonly take: Take;
   private readonly timeline: Timeline;
   private readonly look: LookPanel;
   private readonly sensors: SensorPanel;
+  private readonly you: YouPanel;
+  private readonly headset: HeadsetDoor;
 
   constructor(
     private readonly view: View,
     engine: Engine,
     private readonly body: DefaultBody,
+    private readonly about: About,
     private readonly base: string,
   ) {
+    this.tree = body.skeleton;
     this.bodies = new Bodies(view.stage);
     this.live = new Live(engine, body.skeleton, (reason) => this.notice.fault(reason));
     this.live.settings = { floor: 0, holdFeet: this.settings.holdFeet };
+    this.take = new Take(this.live.history);
     this.timeline = new Timeline(this.playback, () => this.live.history);
     this.look = new LookPanel(this.settings, {
       changed: (change) => this.change(change),
@@ -67,17 +82,41 @@ export class App {
       (set) => this.simulate(set),
       (hidden) => (this.live.hidden = hidden),
     );
+    this.you = new YouPanel(this.settings.height, this.settings.holdFeet, {
+      height: (height) => this.attempt(async () => this.tellHeight(height)),
+      measured: (person) => this.live.tell(person),
+      recentre: () => this.headset.recentre(),
+      sit: (isSeated) => this.headset.sit(isSeated),
+      holdFeet: (holdFeet) => {
+        this.change({ holdFeet });
+        this.live.change({ ...this.live.settings, holdFeet });
+      },
+      say: (text) => this.say(text),
+      fault: (error) => this.fault(error),
+    });
+    this.headset = new HeadsetDoor(view, this.live, body, about.server ? base : null, {
+      begin: (source) => this.begin(source),
+      tracked: (frame) => this.you.take(frame),
+      measure: () => this.you.measure(),
+      taller: (by) => this.attempt(async () => this.tellHeight(this.tallerBy(by))),
+      height: () => this.settings.height,
+      record: () => this.record(),
+      isRecording: () => this.take.isRecording,
+      nextAvatar: () => this.change({ figure: this.settings.figure === "avatar" ? "figure" : "avatar" }),
+      left: (text, isFault) => this.afterHeadset(text, isFault),
+    });
     this.bind();
     this.repaint();
     onSystemChange(() => this.repaint());
-    engine.opened.catch((error: unknown) => this.notice.fault(reasonOf(error)));
-    this.attempt(() => this.perform());
+    engine.opened.catch((error: unknown) => this.fault(error));
+    this.attempt(() => (about.server ? this.watchServer() : this.perform()));
     this.attempt(() => this.wearOwn());
-    view.run((milliseconds) => this.draw(milliseconds));
+    workOffline(about, base);
+    view.run((milliseconds, frame) => this.draw(milliseconds, frame));
   }
 
   private bind(): void {
-    for (const kind of ["bvh", "glb", "vrma"] as const) button(`save-${kind}`).onclick = () => this.attempt(() => this.save(kind));
+    for (const kind of FILE_KINDS) button(`save-${kind}`).onclick = () => this.attempt(() => this.save(kind));
     button("theme").onclick = () => {
       this.change({ theme: nextTheme(this.settings.theme) });
       this.repaint();
@@ -88,23 +127,20 @@ export class App {
       panel.hidden = !panel.hidden;
       settings.setAttribute("aria-expanded", String(!panel.hidden));
     };
-    const height = input("height");
-    height.value = this.settings.height === null ? "" : this.settings.height.toFixed(2);
-    height.onchange = () => this.attempt(() => this.tellHeight(height.value));
-    const hold = input("hold-feet");
-    hold.checked = this.settings.holdFeet;
-    hold.onchange = () => {
-      this.change({ holdFeet: hold.checked });
-      this.live.change({ ...this.live.settings, holdFeet: hold.checked });
-    };
+    button("record").onclick = () => this.record();
     onFile((file) => this.attempt(() => this.open(file)));
     button("door-performance").onclick = () => this.attempt(() => this.perform());
+    button("door-server").hidden = !this.about.server;
+    button("door-server").onclick = () => this.attempt(() => this.watchServer());
+    button("door-headset").onclick = () => this.attempt(() => this.headset.enter());
+    button("door-webcam").onclick = () => this.attempt(() => this.watchWebcam());
     onKeys({
       " ": () => this.playback.toggle(),
       ArrowLeft: () => this.timeline.step(-1),
       ArrowRight: () => this.timeline.step(1),
       l: () => this.playback.goLive(),
       r: () => this.view.reset(),
+      c: () => this.headset.recentre(),
     });
   }
 
@@ -112,19 +148,33 @@ export class App {
   private async perform(): Promise<void> {
     const { skeleton } = this.body;
     this.performance ??= amassClip(await readNpz(await fetched(this.base, "performance.npz")), "performance", skeleton);
-    this.play(this.performance, "The page's own performance");
+    this.begin(new ClipSource(this.performance, this.live, this.settings.sensors, "The page's own performance"));
   }
 
-  private play(clip: Clip, title: string): void {
-    this.begin(new ClipSource(clip, this.live, this.settings.sensors, title));
+  private async watchServer(): Promise<void> {
+    const source = new ServerSource(this.base, this.live.history, {
+      skeleton: (skeleton) => (this.tree = skeleton),
+      connected: () => this.notice.clear(),
+      said: (text) => this.say(text),
+      lost: (reason, again) => this.notice.fault(reason, again ? () => source.open() : null),
+    });
+    this.begin(source);
+  }
+
+  private async watchWebcam(): Promise<void> {
+    const { openWebcam } = await import("./sources/webcam"); // MediaPipe is fetched when it is wanted
+    this.begin(await openWebcam(this.about, this.base, this.live, this.body.skeleton, (text) => this.notice.fault(text)));
   }
 
   private begin(source: Source): void {
+    this.take.end();
     this.source?.stop();
     this.source = source;
+    this.tree = this.body.skeleton;
     this.live.begin(this.settings.height === null ? NOBODY : personOf(this.settings.height));
     this.playback.goLive();
     this.sensors.offer(source.sensors, source instanceof ClipSource);
+    button("door-performance").hidden = source instanceof ClipSource && source.clip === this.performance;
     this.view.reset();
   }
 
@@ -135,27 +185,67 @@ export class App {
     this.sensors.offer(this.source.sensors, true);
   }
 
-  private async tellHeight(text: string): Promise<void> {
-    const height = text.trim() === "" ? null : Number(text);
+  private tellHeight(height: number | null): void {
     this.live.tellHeight(height);
     this.change({ height });
+    this.you.show(height);
+  }
+
+  private tallerBy(metres: number): number {
+    const height = Math.round(100 * ((this.settings.height ?? 1.7) + metres)) / 100;
+    return Math.min(Math.max(height, HEIGHTS.least), HEIGHTS.most);
   }
 
   private async open(file: File): Promise<void> {
-    const { Avatar } = await import("./view/avatar");
-    const { avatarBytes } = await import("./view/avatar_file");
-    this.bodies.wear(await Avatar.read(await avatarBytes(file), file.name));
-    button("own-avatar").hidden = false;
+    const { openFile } = await import("./files/open");
+    const opened = await openFile(file, this.body.skeleton);
+    this.notice.clear();
+    if (opened.kind === "motion") this.begin(new ClipSource(opened.clip, this.live, this.settings.sensors, file.name));
+    else if (opened.kind === "recording") this.begin(new RecordingSource(opened.frames, this.live, file.name));
+    else this.wear(opened.avatar, true);
+  }
+
+  private wear(avatar: Avatar, isOthers: boolean): void {
+    this.bodies.wear(avatar);
+    button("own-avatar").hidden = !isOthers;
   }
 
   private async wearOwn(): Promise<void> {
-    const { Avatar } = await import("./view/avatar"); // three-vrm is fetched when it is wanted
-    this.bodies.wear(await Avatar.read(await unpacked(this.base, OWN_AVATAR), OWN_AVATAR));
-    button("own-avatar").hidden = true;
+    const { Avatar, readGlb } = await import("./view/avatar"); // three-vrm is fetched when it is wanted
+    const avatar = Avatar.of(await readGlb(await unpacked(this.base, OWN_AVATAR), OWN_AVATAR), OWN_AVATAR);
+    if (avatar) this.wear(avatar, false);
+  }
+
+  private record(): void {
+    this.take.toggle();
+    const { isRecording, seconds } = this.take;
+    button("record").textContent = isRecording ? "Stop" : "Record a take";
+    button("record").setAttribute("aria-pressed", String(isRecording));
+    if (seconds > 0) element("take").textContent = `The last take has ${seconds.toFixed(1)} s; save it as`;
+  }
+
+  private afterHeadset(text: string, isFault: boolean): void {
+    if (this.take.isRecording) this.record();
+    const first = this.take.moments[0];
+    const kept = first ? ` Your take of ${this.take.seconds.toFixed(1)} s is kept: save it under Settings.` : "";
+    if (first) this.playback.seek(first.time);
+    this.playback.playing = true;
+    if (isFault) this.notice.fault(text + kept);
+    else this.say(text + kept);
   }
 
   private async save(kind: FileKind): Promise<void> {
-    await saveMotion(this.body.skeleton, this.live.history.longestRun(), kind);
+    await saveMotion(this.tree, this.take.toSave(), kind);
+  }
+
+  private say(text: string): void {
+    this.notice.say(text);
+    this.headset.say(text);
+  }
+
+  private fault(error: unknown): void {
+    this.notice.fault(reasonOf(error));
+    this.headset.say(reasonOf(error));
   }
 
   private change(change: Partial<Settings>): void {
@@ -172,21 +262,22 @@ export class App {
 
   /** Whatever goes wrong is said in one line. */
   private attempt(what: () => Promise<void>): void {
-    void what().catch((error: unknown) => this.notice.fault(reasonOf(error)));
+    void what().catch((error: unknown) => this.fault(error));
   }
 
-  private draw(milliseconds: number): void {
+  private draw(milliseconds: number, frame: XRFrame | undefined): void {
     const seconds = Math.min((milliseconds - this.shownAt) / 1000, 0.1);
     this.shownAt = milliseconds;
-    this.source?.frame(milliseconds);
+    this.source?.frame(milliseconds, frame);
     const moment = this.playback.step(this.live.history, seconds);
     if (!moment || !this.source) return;
-    this.bodies.show(moment, this.body.skeleton, this.settings, seconds);
-    this.view.follow(moment.rootPosition[0], moment.rootPosition[2], seconds);
+    this.bodies.show(moment, this.tree, this.settings, seconds);
+    if (!this.headset.isWorn) this.view.follow(moment.rootPosition[0], moment.rootPosition[2], seconds);
     if (milliseconds - this.toldAt < FACTS_EVERY) return;
     this.toldAt = milliseconds;
+    this.sensors.offer(this.source.sensors, this.source instanceof ClipSource);
     this.timeline.show();
     this.look.show(this.settings, this.bodies.hasAvatar, moment.truth !== null);
-    showStatus(this.live, moment, this.body.skeleton, this.source.title);
+    showStatus(this.live, moment, this.tree, this.source.title);
   }
 }

@@ -6,6 +6,7 @@ import type { Skeleton } from "./skeleton";
 
 export interface Person {
   readonly height: Measured | null; // stature, m
+  readonly head?: Measured; // m: how high the head joint stands, where the height is not told
   readonly lengths: readonly MeasuredLength[];
 }
 
@@ -68,8 +69,13 @@ export class Growing {
     private readonly skeleton: Skeleton,
     private person: Person = NOBODY,
   ) {
-    this.believed = space.likeliest(person.lengths, person.height);
+    this.believed = space.likeliest(person.lengths, this.told);
     this.shown = this.believed.restOffset.slice();
+  }
+
+  private get told(): Measured | null {
+    const { height, head } = this.person;
+    return height ?? (head ? this.space.statureOfHead(head) : null);
   }
 
   get deviation(): Float64Array {
@@ -113,7 +119,7 @@ export class Growing {
   }
 
   private believe(): void {
-    let { height } = this.person;
+    let height = this.told;
     const seen = new Map<string, { start: string; end: string; values: number[]; deviations: number[] }>();
     LENGTHS.forEach(({ start, end, quantile, deviation, slack }, row) => {
       const total = this.seconds[row].reduce((sum, value) => Math.fround(sum + value), 0);
@@ -121,7 +127,7 @@ export class Growing {
       const value = (quantileOf(this.seconds[row], total, quantile) + 0.5) * BIN + slack;
       const unsure = deviation * (1 + 2 / (1 + total));
       if (end === FLOOR) {
-        if (!this.person.height && value > SEATED && value < STANDING) {
+        if (!this.told && value > SEATED && value < STANDING) {
           height = this.space.statureOfHead({ value, deviation: unsure });
         }
         return;

@@ -13,6 +13,6 @@ export interface Source {
   readonly title: string; // for the person
   readonly sensors: readonly string[]; // points that it tracks, as far as they are known
   /** Once a picture, at `milliseconds` of the page's clock. */
-  frame(milliseconds: number): void;
+  frame(milliseconds: number, frame?: XRFrame): void;
   stop(): void;
 }

@@ -2,9 +2,18 @@
 
 import { VRMLoaderPlugin, VRMUtils, type VRM, type VRMHumanBoneName } from "@pixiv/three-vrm";
 import type { Group } from "three";
-import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { GLTFLoader, type GLTF } from "three/addons/loaders/GLTFLoader.js";
 import { drivenJoints, localRotation, type Driven } from "./retarget";
 import { rootHeight, type Body, type Skeleton } from "../core/skeleton";
+
+/** Read the bytes of a .vrm or .glb file. Throws an Error of one line for what is none. */
+export async function readGlb(bytes: ArrayBuffer, name: string): Promise<GLTF> {
+  const loader = new GLTFLoader().register((parser) => new VRMLoaderPlugin(parser));
+  return loader.parseAsync(bytes, "").catch((error: unknown) => {
+    const reason = error instanceof Error ? error.message : "it cannot be read";
+    throw new Error(`${name} is damaged (${reason.split("\n")[0]}); export it again.`);
+  });
+}
 
 export class Avatar {
   private driven: readonly Driven[] = [];
@@ -24,17 +33,11 @@ export class Avatar {
     });
   }
 
-  /** Read the bytes of a .vrm file. Throws an Error of one line for what is none. */
-  static async read(bytes: ArrayBuffer, name: string): Promise<Avatar> {
-    const loader = new GLTFLoader().register((parser) => new VRMLoaderPlugin(parser));
-    const file = await loader.parseAsync(bytes, "").catch((error: unknown) => {
-      throw new Error(
-        `${name} is damaged (${error instanceof Error ? error.message : "it cannot be read"}); export it again.`,
-      );
-    });
+  /** The avatar in a file; null where it is none. */
+  static of(file: GLTF, name: string): Avatar | null {
     const vrm = file.userData["vrm"] as VRM | undefined;
-    if (!vrm)
-      throw new Error(`${name} is a glTF file but no VRM: it names no humanoid bones; export it as VRM 0 or 1.`);
+    if (!vrm && /\.vrm$/i.test(name)) throw new Error(`${name} is no VRM: it names no humanoid bones; export it as VRM 0 or 1.`);
+    if (!vrm) return null;
     VRMUtils.removeUnnecessaryVertices(file.scene);
     return new Avatar(vrm);
   }

@@ -1,9 +1,9 @@
 /** A mirror before the wearer: what is tracked stands behind its plane, turned over. */
 
-import { BoxGeometry, Group, Matrix4, Mesh, MeshBasicMaterial, Quaternion, Vector3 } from "three";
+import { BoxGeometry, Group, Matrix4, Mesh, MeshStandardMaterial, Quaternion, Vector3 } from "three";
 
 const AWAY = 1.5; // m from the wearer's head
-const [WIDTH, HEIGHT, RIM] = [1.6, 2.1, 0.03]; // m
+const [WIDTH, HEIGHT, RIM] = [1.5, 2.1, 0.035]; // m
 
 export class Mirror {
   readonly frame = new Group();
@@ -11,7 +11,7 @@ export class Mirror {
   private readonly normal = new Vector3(0, 0, 1); // toward the wearer
 
   constructor() {
-    const material = new MeshBasicMaterial({ color: "#8a97a5" });
+    const material = new MeshStandardMaterial({ color: "#d9d4c7", roughness: 0.5 });
     const bar = (width: number, height: number, x: number, y: number): Mesh => {
       const mesh = new Mesh(new BoxGeometry(width, height, RIM), material);
       mesh.position.set(x, y, 0);
