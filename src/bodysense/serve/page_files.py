@@ -26,8 +26,8 @@ _NETWORK = "completion.onnx"
 # What MediaPipe needs to see a person in a webcam, where somebody put it.
 WEBCAM = (
     "pose_landmarker_full.task",
-    "vision_wasm_internal.js",
-    "vision_wasm_internal.wasm",
+    "vision_wasm_module_internal.js",
+    "vision_wasm_module_internal.wasm",
 )
 
 
