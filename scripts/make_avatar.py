@@ -155,19 +155,24 @@ def outward(figure: Figure, triangles: np.ndarray, rounds: int) -> np.ndarray:
     return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
 
 
-def garment(mesh: Mesh, figure: Figure, inside: np.ndarray, kind: int, trim: np.ndarray | None) -> None:
-    """Cloth: the skin moved outward and smoothed, with a trim along its edge, and an edge that turns in."""
+def garment(
+    mesh: Mesh, figure: Figure, inside: np.ndarray, kind: int, trim: np.ndarray | None, under: np.ndarray | float
+) -> None:
+    """Cloth: the skin moved outward and smoothed, with a trim along its edge, and an edge that turns in.
+
+    Where it lies `under` another one, (V,) m from that one's edge, it is close to the skin.
+    """
     near = figure.triangles[(inside[figure.triangles] > -0.03).any(axis=1)]
     normal, loose = outward(figure, near, 4), smoothed(figure.vertices, near, 8)
-    full = loose + normal * (THICKNESS[kind] + 0.0025 * np.exp(-np.maximum(inside, 0) / 0.012))[:, None]
+    lift = THICKNESS[kind] + 0.0025 * np.exp(-np.maximum(inside, 0) / 0.012)
+    full = loose + normal * (lift * (1 - 0.9 * np.clip(under / 0.02, 0, 1)))[:, None]
     part = cut(figure.triangles, inside)
     position, depth = part.of(full), part.of(inside[:, None])[:, 0]
     colour = np.tile(COLOURS[kind], (len(position), 1))
     if trim is not None:
         colour[depth < 0.009] = trim
     mesh.add(position, colour, part.source, part.triangles)
-    under = part.of(figure.vertices - 0.006 * figure.normals)
-    hem(mesh, position, under, part, (COLOURS[kind] if trim is None else trim) * 0.75)
+    hem(mesh, position, part.of(figure.vertices - 0.006 * figure.normals), part, (COLOURS[kind] if trim is None else trim) * 0.75)
 
 
 def hem(mesh: Mesh, outer: np.ndarray, inner: np.ndarray, part: Cut, colour: np.ndarray) -> None:
@@ -413,8 +418,8 @@ def main(out: Path) -> None:
     figure, mesh = load_figure("woman"), Mesh()
     inside = fields(figure)
     skin(mesh, figure, [inside[SHIRT], inside[TROUSERS], inside[HAIR]])
-    garment(mesh, figure, inside[SHIRT], SHIRT, COLLAR)
-    garment(mesh, figure, inside[TROUSERS], TROUSERS, None)
+    garment(mesh, figure, inside[SHIRT], SHIRT, COLLAR, 0.0)
+    garment(mesh, figure, inside[TROUSERS], TROUSERS, None, inside[SHIRT])
     shoes(mesh, figure)
     eyes(mesh, figure)
     hair(mesh, figure, inside[HAIR])

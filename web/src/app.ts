@@ -235,7 +235,7 @@ export class App {
   }
 
   private async save(kind: FileKind): Promise<void> {
-    await saveMotion(this.tree, this.take.toSave(), kind);
+    await saveMotion(this.tree, this.live.isReady ? this.take.toSave() : [], kind);
   }
 
   private say(text: string): void {
@@ -278,6 +278,7 @@ export class App {
     this.sensors.offer(this.source.sensors, this.source instanceof ClipSource);
     this.timeline.show();
     this.look.show(this.settings, this.bodies.hasAvatar, moment.truth !== null);
-    showStatus(this.live, moment, this.tree, this.source.title);
+    const title = this.live.isReady || this.source instanceof ServerSource ? this.source.title : "The network is on its way";
+    showStatus(this.live, moment, this.tree, title);
   }
 }

@@ -19,13 +19,22 @@ export class Live implements Sink {
   person: Person = NOBODY;
   left = 0; // frames that the worker had no time for
   newest: Step["body"] | null = null;
+  isReady = false; // the network is there
   private take = 0; // answers to frames of an earlier source are dropped
 
   constructor(
     private readonly engine: Engine,
     readonly skeleton: Skeleton,
     private readonly failed: (reason: string) => void,
-  ) {}
+  ) {
+    void engine.opened.then(
+      () => {
+        this.isReady = true;
+        this.history.clear();
+      },
+      () => undefined, // which the page says
+    );
+  }
 
   /** Another source begins, perhaps of another wearer; the timeline starts anew. */
   begin(person: Person): void {
@@ -54,6 +63,10 @@ export class Live implements Sink {
   }
 
   track(observation: Observation, truth: Body | null): void {
+    if (!this.isReady) {
+      if (truth) this.preview(observation, truth);
+      return;
+    }
     if (this.engine.backlog >= MOST_WAITING) {
       this.left += 1;
       return;
@@ -70,6 +83,22 @@ export class Live implements Sink {
   quantile(share: number): number {
     const sorted = [...this.times].sort((a, b) => a - b);
     return sorted[Math.floor(share * (sorted.length - 1))] ?? 0;
+  }
+
+  /** Until the network is there, the motion itself is shown. */
+  private preview({ time, points }: Observation, truth: Body): void {
+    this.history.add({
+      sourceTime: time,
+      rootPosition: truth.position.slice(0, 3),
+      rotation: new Float32Array(4 * this.skeleton.joints),
+      restOffset: this.skeleton.restOffset,
+      body: truth,
+      signal: points,
+      truth: null,
+      expected: null,
+      measured: null,
+      milliseconds: 0,
+    });
   }
 
   private keep({ body, milliseconds }: Step, { points }: Observation, truth: Body | null): void {

@@ -134,8 +134,9 @@ const FEET = ["left_toe", "right_toe", "left_ankle", "right_ankle"];
 /** World rotations of our joints, in their T-pose's axes, while the rig rests. */
 function correctionsOf(rest: RigPose, joints: ReadonlyMap<string, number>, skeleton: Skeleton): Quaternion[] {
   const at = (joint: string): Vector | null => rest.position[joints.get(joint) ?? -1] ?? null;
-  const across = subtract(at("left_hip") ?? [0, 0, 0], at("right_hip") ?? [0, 0, 0]);
-  const facing = frameOf(across, subtract(at("head") ?? [0, 1, 0], at("pelvis") ?? [0, 0, 0]));
+  const ours = restOf(skeleton);
+  const own = (joint: string): Vector => ours[skeleton.points.indexOf(joint)];
+  const facing = multiply(facingOf((joint) => at(joint) ?? [0, 0, 0]), conjugate(facingOf(own)));
   const corrections: Quaternion[] = [];
   for (let joint = 0; joint < skeleton.joints; joint++) {
     const name = skeleton.points[joint];
@@ -151,6 +152,20 @@ function correctionsOf(rest: RigPose, joints: ReadonlyMap<string, number>, skele
     corrections.push(multiply(between(bone, subtract(to, from)), above));
   }
   return corrections;
+}
+
+/** The axes of a standing body, from where its joints are. */
+function facingOf(at: (joint: string) => Vector): Quaternion {
+  return frameOf(subtract(at("left_hip"), at("right_hip")), subtract(at("head"), at("pelvis")));
+}
+
+function restOf({ parents, restOffset }: Skeleton): Vector[] {
+  const found: Vector[] = [];
+  parents.forEach((parent, point) => {
+    const offset = [0, 1, 2].map((k) => restOffset[3 * point + k]) as unknown as Vector;
+    found.push(parent < 0 ? [0, 0, 0] : add(found[parent], offset));
+  });
+  return found;
 }
 
 /** The point that a limb's bone leads to: the one with the same side and the next part. */
