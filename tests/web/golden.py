@@ -91,16 +91,13 @@ def of_the_page(path: Path, frames: int) -> Golden:
     return Golden(points.reshape(frames, 65, 3), rotation.reshape(frames, 52, 4))
 
 
-def differences(a: Golden, b: Golden) -> tuple[float, float]:
-    """The largest distance of two points, mm, and the largest angle of two local rotations, degrees."""
-    far = np.linalg.norm(a.points - b.points, axis=-1).max() * 1000
-    turned = np.rad2deg(np.asarray(geodesic_angle(unit(a.rotation), unit(b.rotation)))).max()
-    return float(far), float(turned)
+def differences(a: Golden, b: Golden) -> tuple[np.ndarray, np.ndarray]:
+    """Of every frame (N,): the largest distance of two points, mm, and the largest angle of two rotations, degrees."""
+    far = np.linalg.norm(a.points - b.points, axis=-1).max(axis=1) * 1000
+    turned = np.rad2deg(np.asarray(geodesic_angle(unit(a.rotation), unit(b.rotation)))).max(axis=1)
+    return far, turned
 
 
 def unit(rotation: np.ndarray) -> np.ndarray:
     """Rotations of length one."""
     return rotation / np.linalg.norm(rotation, axis=-1, keepdims=True)
-
-
-

@@ -80,7 +80,10 @@ export class App {
     this.sensors = new SensorPanel(
       this.settings.sensors,
       (set) => this.simulate(set),
-      (hidden) => (this.live.hidden = hidden),
+      (hidden) => {
+        this.live.hidden = hidden;
+        if (this.source instanceof ServerSource) this.source.tell({ hidden: [...hidden] });
+      },
     );
     this.you = new YouPanel(this.settings.height, this.settings.holdFeet, {
       height: (height) => this.attempt(async () => this.tellHeight(height)),
@@ -90,6 +93,7 @@ export class App {
       holdFeet: (holdFeet) => {
         this.change({ holdFeet });
         this.live.change({ ...this.live.settings, holdFeet });
+        if (this.source instanceof ServerSource) this.source.tell({ hold_feet: holdFeet });
       },
       say: (text) => this.say(text),
       fault: (error) => this.fault(error),
@@ -163,7 +167,9 @@ export class App {
 
   private async watchWebcam(): Promise<void> {
     const { openWebcam } = await import("./sources/webcam"); // MediaPipe is fetched when it is wanted
-    this.begin(await openWebcam(this.about, this.base, this.live, this.body.skeleton, (text) => this.notice.fault(text)));
+    this.begin(
+      await openWebcam(this.about, this.base, this.live, this.body.skeleton, (text) => this.notice.fault(text)),
+    );
   }
 
   private begin(source: Source): void {
@@ -187,6 +193,7 @@ export class App {
 
   private tellHeight(height: number | null): void {
     this.live.tellHeight(height);
+    if (this.source instanceof ServerSource) this.source.tell({ height });
     this.change({ height });
     this.you.show(height);
   }
@@ -278,7 +285,8 @@ export class App {
     this.sensors.offer(this.source.sensors, this.source instanceof ClipSource);
     this.timeline.show();
     this.look.show(this.settings, this.bodies.hasAvatar, moment.truth !== null);
-    const title = this.live.isReady || this.source instanceof ServerSource ? this.source.title : "The network is on its way";
+    const title =
+      this.live.isReady || this.source instanceof ServerSource ? this.source.title : "The network is on its way";
     showStatus(this.live, moment, this.tree, title);
   }
 }

@@ -41,9 +41,19 @@ export class HeadsetDoor {
       { id: "shorter", text: () => "Shorter", press: () => events.taller(-0.01) },
       { id: "recentre", text: () => "Recentre", press: () => this.recentre() },
       { id: "seated", text: () => "I am sitting", isOn: () => this.isSeated, press: () => this.sit(!this.isSeated) },
-      { id: "mirror", text: () => "Mirror", isOn: () => this.headset.isMirrorShown, press: () => this.headset.showMirror(!this.headset.isMirrorShown) },
+      {
+        id: "mirror",
+        text: () => "Mirror",
+        isOn: () => this.headset.isMirrorShown,
+        press: () => this.headset.showMirror(!this.headset.isMirrorShown),
+      },
       { id: "avatar", text: () => "Avatar or figure", press: () => events.nextAvatar() },
-      { id: "record", text: () => (events.isRecording() ? "Stop recording" : "Record a take"), isOn: () => events.isRecording(), press: () => events.record() },
+      {
+        id: "record",
+        text: () => (events.isRecording() ? "Stop recording" : "Record a take"),
+        isOn: () => events.isRecording(),
+        press: () => events.record(),
+      },
       { id: "leave", text: () => "Leave VR", press: () => this.headset.stop() },
     ]);
     this.menu.say("Point and pinch, or pull the trigger.");

@@ -12,10 +12,15 @@ function viewOf(canvas: HTMLCanvasElement): View | null {
   try {
     return new View(canvas);
   } catch (error) {
-    fault(`This page cannot draw in 3-D: ${String(error)}. Use a browser with WebGL 2, and switch its hardware acceleration on.`);
+    fault(
+      `This page cannot draw in 3-D: ${String(error)}. Use a browser with WebGL 2, and switch its hardware acceleration on.`,
+    );
     return null;
   }
 }
 
 const view = viewOf(find("view", HTMLCanvasElement));
-if (view) begin(view, document.baseURI).catch((error: unknown) => fault(error instanceof Error ? error.message : String(error)));
+if (view)
+  begin(view, document.baseURI).catch((error: unknown) =>
+    fault(error instanceof Error ? error.message : String(error)),
+  );

@@ -51,8 +51,6 @@ describe("an avatar", () => {
       /^cut\.vrm is damaged \([^\n]*\); export it again\.$/,
     );
     const plain = Buffer.from(whole.toString("latin1").replaceAll("VRMC_vrm", "VRMC_xyz"), "latin1");
-    await expect(read(plain, "plain.vrm")).rejects.toThrow(
-      /^plain\.vrm is no VRM: it names no humanoid bones/,
-    );
+    await expect(read(plain, "plain.vrm")).rejects.toThrow(/^plain\.vrm is no VRM: it names no humanoid bones/);
   });
 });

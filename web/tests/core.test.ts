@@ -59,13 +59,15 @@ describe("proportions", () => {
   });
 
   it("refuse heights that no person has, in one line", () => {
-    for (const height of [0.2, 9, Number.NaN]) expect(() => personOf(height)).toThrow(/^A height of \S+ m is not a person's; give 1 to 2.3 m\.$/);
+    for (const height of [0.2, 9, Number.NaN])
+      expect(() => personOf(height)).toThrow(/^A height of \S+ m is not a person's; give 1 to 2.3 m\.$/);
     expect(personOf(null)).toEqual(NOBODY);
   });
 });
 
 describe("calibration", () => {
-  const frames = (head: (k: number) => Vector, span?: number) => Array.from({ length: 60 }, (_, k) => standing(k / 30, head(k), span));
+  const frames = (head: (k: number) => Vector, span?: number) =>
+    Array.from({ length: 60 }, (_, k) => standing(k / 30, head(k), span));
 
   it("takes the head's height and the reach of arms that are out", () => {
     const person = calibrated(frames(() => [0, 1.62, 0]));
@@ -75,13 +77,20 @@ describe("calibration", () => {
   });
 
   it("refuses whoever walks", () => {
-    expect(() => calibrated(frames((k) => [k / 100, 1.6, 0]))).toThrow(/^Your head moved by \d+ cm: stand still[^\n]*$/);
+    expect(() => calibrated(frames((k) => [k / 100, 1.6, 0]))).toThrow(
+      /^Your head moved by \d+ cm: stand still[^\n]*$/,
+    );
     expect(() => calibrated([])).toThrow("Your head was not tracked");
   });
 });
 
 describe("a headset's points", () => {
-  const points = new XrPoints(new Map([["between_eyes", [0, 0.04, 0.1]], ["left_palm", [0.05, 0, 0]]]));
+  const points = new XrPoints(
+    new Map([
+      ["between_eyes", [0, 0.04, 0.1]],
+      ["left_palm", [0.05, 0, 0]],
+    ]),
+  );
 
   it("have the head behind the eyes, facing where the headset looks", () => {
     const [head] = points.read([{ point: 0, position: [0, 1.6, 0], rotation: [1, 0, 0, 0] }], 1); // looks along −Z
@@ -91,7 +100,10 @@ describe("a headset's points", () => {
   });
 
   it("are named as the body's are, and all stand in it", () => {
-    const all = points.read(XR_POINTS.map((_, point) => ({ point, position: [0, 0, 0], rotation: [1, 0, 0, 0] })), 1);
+    const all = points.read(
+      XR_POINTS.map((_, point) => ({ point, position: [0, 0, 0], rotation: [1, 0, 0, 0] })),
+      1,
+    );
     expect(all.every(({ name }) => skeleton.points.includes(name))).toBe(true);
     expect(all.length).toBe(43);
   });
@@ -103,7 +115,11 @@ describe("a headset's points", () => {
       placedBy([3, 1.6, -2], multiply(turn, axisAngle([1, 0, 0], 0.2))),
     );
     const [x, , z] = rotate(head.rotation ?? [1, 0, 0, 0], [0, 0, 1]);
-    expect([Math.atan2(x, z), head.position?.[0], head.position?.[2]].map((v) => Math.abs(v ?? 1) < 1e-9)).toEqual([true, true, true]);
+    expect([Math.atan2(x, z), head.position?.[0], head.position?.[2]].map((v) => Math.abs(v ?? 1) < 1e-9)).toEqual([
+      true,
+      true,
+      true,
+    ]);
   });
 });
 
@@ -129,7 +145,9 @@ describe("files of the library", () => {
   it("carry a card that says what they are", () => {
     const card = completionCard(new Uint8Array(library("weights/completion.onnx")));
     expect(card["points"]).toEqual(skeleton.points);
-    expect(() => completionCard(new Uint8Array(library("weights/arms.onnx")))).toThrow(/^completion\.onnx has the format/);
+    expect(() => completionCard(new Uint8Array(library("weights/arms.onnx")))).toThrow(
+      /^completion\.onnx has the format/,
+    );
     expect(() => completionCard(Uint8Array.from([255, 255, 255]))).toThrow(/^completion\.onnx is damaged/);
   });
 });

@@ -98,7 +98,9 @@ describe("glTF", () => {
     expect(body["skins"]).toHaveLength(1);
     expect((body["skins"] as { joints: number[] }[])[0].joints).toHaveLength(skeleton.points.length);
     expect(body["animations"]).toHaveLength(1);
-    const extension = (animation["extensions"] as Record<string, { humanoid: { humanBones: Record<string, { node: number }> } }>)["VRMC_vrm_animation"];
+    const extension = (
+      animation["extensions"] as Record<string, { humanoid: { humanBones: Record<string, { node: number }> } }>
+    )["VRMC_vrm_animation"];
     expect(Object.keys(extension.humanoid.humanBones)).toHaveLength(52);
     expect(extension.humanoid.humanBones["hips"]).toEqual({ node: 0 });
     for (const bytes of [glb, vrma]) {

@@ -50,13 +50,19 @@ describe("a BVH", () => {
     const found = bodyAt(clip, 0.1);
     for (let k = 0; k < 4 * 22; k++) {
       const joint = 4 * (k >> 2);
-      const sign = Math.sign(wanted.body.rotation.subarray(joint, joint + 4).reduce((sum, v, i) => sum + v * found.rotation[joint + i], 0));
+      const sign = Math.sign(
+        wanted.body.rotation.subarray(joint, joint + 4).reduce((sum, v, i) => sum + v * found.rotation[joint + i], 0),
+      );
       expect(sign * found.rotation[k]).toBeCloseTo(wanted.body.rotation[k], 2);
     }
   });
 
   it.each([
-    ["of a dog", DOG, /^x\.bvh is no person that this page knows: none of its 2 joints \(Hips, Tail …\) is a head;[^\n]*$/],
+    [
+      "of a dog",
+      DOG,
+      /^x\.bvh is no person that this page knows: none of its 2 joints \(Hips, Tail …\) is a head;[^\n]*$/,
+    ],
     ["that was cut", ownBvh().slice(0, -900), /^x\.bvh (was cut short|: frame)[^\n]*$|^x\.bvh: frame[^\n]*$/],
     ["that is none", "hello", /^x\.bvh is no BVH file[^\n]*$/],
   ])("%s is refused in one line", (_, text, reason) => {
@@ -72,9 +78,18 @@ describe("joints of a rig", () => {
   ])("are known by %s's names", (_, name) => {
     const parts = ["Shoulder", "Arm", "ForeArm", "Hand", "UpLeg", "Leg", "Foot", "ToeBase"];
     const ours = ["collar", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "foot"];
-    const names = ["Hips", "Spine", "Spine1", "Neck", "Head", ...["Left", "Right"].flatMap((side) => parts.map((part) => name(side, part)))];
+    const names = [
+      "Hips",
+      "Spine",
+      "Spine1",
+      "Neck",
+      "Head",
+      ...["Left", "Right"].flatMap((side) => parts.map((part) => name(side, part))),
+    ];
     const found = jointsOf(names);
-    ["left", "right"].forEach((side, k) => ours.forEach((part, row) => expect(found.get(`${side}_${part}`), `${side} ${part}`).toBe(5 + 8 * k + row)));
+    ["left", "right"].forEach((side, k) =>
+      ours.forEach((part, row) => expect(found.get(`${side}_${part}`), `${side} ${part}`).toBe(5 + 8 * k + row)),
+    );
     expect([found.get("pelvis"), found.get("head")]).toEqual([0, 4]);
   });
 
@@ -96,7 +111,9 @@ describe("a recording", () => {
   it("is read as it was written", () => {
     const frames = recordingOfLines(lines.join("\n"));
     expect(frames.map(({ time }) => time)).toEqual([0, 0.03]);
-    expect(frames[0].points).toEqual([{ name: "head", position: [0, 1.6, 0], rotation: [1, 0, 0, 0], accuracy: 0.002 }]);
+    expect(frames[0].points).toEqual([
+      { name: "head", position: [0, 1.6, 0], rotation: [1, 0, 0, 0], accuracy: 0.002 },
+    ]);
   });
 
   it.each([
@@ -113,7 +130,11 @@ describe("anything else that is dropped", () => {
   it.each([
     ["song.mp3", "la la la", /^song\.mp3 is nothing that this page reads; drop a motion[^\n]*$/],
     ["cut.npz", Uint8Array.from([0x50, 0x4b, 3, 4, 0, 0]), /^cut\.npz cannot be used: it is no \.npz archive[^\n]*$/],
-    ["broken.vrm", new Uint8Array(new TextEncoder().encode("glTF....")), /^broken\.vrm is damaged \([^\n]*\); export it again\.$/],
+    [
+      "broken.vrm",
+      new Uint8Array(new TextEncoder().encode("glTF....")),
+      /^broken\.vrm is damaged \([^\n]*\); export it again\.$/,
+    ],
   ])("%s is refused in one line", async (name, content, reason) => {
     await expect(openFile(file(name, content), skeleton)).rejects.toThrow(reason);
   });

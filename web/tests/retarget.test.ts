@@ -69,6 +69,9 @@ describe("thrift", () => {
     run(slower, 60, 200);
     expect([fast.shadowMap.enabled, fast.ratio]).toEqual([true, 2]);
     expect([slow.shadowMap.enabled, slow.ratio]).toEqual([false, 2]);
-    expect([slower.shadowMap.enabled, slower.ratio]).toEqual([false, 0.6]);
+    expect([slower.shadowMap.enabled, slower.ratio]).toEqual([false, 0.4]);
+    const slowest = renderer();
+    run(slowest, 600, 5);
+    expect(slowest.shadowMap.enabled).toBe(false);
   });
 });

@@ -23,6 +23,7 @@ _OF_THE_LIBRARY = {
     "performance.npz": ("bodysense.demo", "performance.npz"),
 }
 _NETWORK = "completion.onnx"
+LIBRARY_FILES = (f"{_NETWORK}.gz", *_OF_THE_LIBRARY)  # by the names that the page asks for
 # What MediaPipe needs to see a person in a webcam, where somebody put it.
 WEBCAM = (
     "pose_landmarker_full.task",
@@ -39,13 +40,11 @@ def built() -> Path:
     return folder
 
 
-@lru_cache(maxsize=8)
-def library_file(name: str) -> bytes | None:
-    """The bytes of a file that the page reads of the library, by the name it asks for; None for any other name."""
+@lru_cache(maxsize=len(LIBRARY_FILES))
+def library_file(name: str) -> bytes:
+    """The bytes of one of `LIBRARY_FILES`."""
     if name == f"{_NETWORK}.gz":
         return gzip.compress(files("bodysense.weights").joinpath(_NETWORK).read_bytes(), 9, mtime=0)
-    if name not in _OF_THE_LIBRARY:
-        return None
     package, file = _OF_THE_LIBRARY[name]
     return files(package).joinpath(file).read_bytes()
 
@@ -58,7 +57,7 @@ def page_files(webcam: Path | None = None) -> Iterator[tuple[str, bytes]]:
     """
     folder, digest, names = built(), hashlib.sha256(), []
     own = [(path.name, path.read_bytes()) for path in sorted(folder.iterdir()) if path.name != ABOUT]
-    library = [(name, library_file(name) or b"") for name in (f"{_NETWORK}.gz", *_OF_THE_LIBRARY)]
+    library = [(name, library_file(name)) for name in LIBRARY_FILES]
     seen = webcam is not None and all((webcam / name).is_file() for name in WEBCAM)
     vision = [(name, (webcam / name).read_bytes()) for name in WEBCAM] if webcam is not None and seen else []
     for name, content in (*own, *library, *vision):

@@ -11,13 +11,20 @@ const DEVIATION = 0.02; // m
 
 /** The person after standing still. Throws an Error of one line for whoever did not. */
 export function calibrated(frames: readonly Observation[]): Person {
-  const heads = frames.flatMap(({ points }) => points.filter(({ name, position }) => name === "head" && position).map(({ position }) => position as Vector));
+  const heads = frames.flatMap(({ points }) =>
+    points.filter(({ name, position }) => name === "head" && position).map(({ position }) => position as Vector),
+  );
   if (heads.length < 10) throw new Error("Your head was not tracked: put the headset on and measure again.");
   const middle = [0, 1, 2].map((k) => median(heads.map((head) => head[k]))) as unknown as Vector;
   const moved = Math.max(...heads.map((head) => distance(head, middle)));
-  if (moved > STILL) throw new Error(`Your head moved by ${(100 * moved).toFixed(0)} cm: stand still for two seconds and measure again.`);
+  if (moved > STILL)
+    throw new Error(
+      `Your head moved by ${(100 * moved).toFixed(0)} cm: stand still for two seconds and measure again.`,
+    );
   const spans = frames.flatMap(({ points }) => {
-    const [left, right] = ["left_wrist", "right_wrist"].map((name) => points.find((point) => point.name === name)?.position);
+    const [left, right] = ["left_wrist", "right_wrist"].map(
+      (name) => points.find((point) => point.name === name)?.position,
+    );
     return left && right ? [distance(left, right)] : [];
   });
   const span = spans.length > 0 ? median(spans) : 0;

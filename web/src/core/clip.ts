@@ -33,7 +33,15 @@ export function bodyAt(clip: Clip, time: number): Body {
   const root = [0, 1, 2].map((k) => (1 - share) * clip.root[3 * first + k] + share * clip.root[3 * second + k]);
   const rotation = new Float32Array(4 * joints);
   for (let joint = 0; joint < joints; joint++) {
-    mixRotation(clip.rotation, 4 * (first * joints + joint), clip.rotation, 4 * (second * joints + joint), share, rotation, 4 * joint);
+    mixRotation(
+      clip.rotation,
+      4 * (first * joints + joint),
+      clip.rotation,
+      4 * (second * joints + joint),
+      share,
+      rotation,
+      4 * joint,
+    );
   }
   return place(clip.skeleton, root, rotation);
 }

@@ -4,7 +4,19 @@
  * landmarks with the body's own bones, from the pelvis outward. Where the body is follows from where it is seen.
  */
 
-import { add, cross, fromAxes, rotate, scaled, size, solve, subtract, unit, type Quaternion, type Vector } from "./math";
+import {
+  add,
+  cross,
+  fromAxes,
+  rotate,
+  scaled,
+  size,
+  solve,
+  subtract,
+  unit,
+  type Quaternion,
+  type Vector,
+} from "./math";
 import { ACCURACY, type Point } from "./observation";
 import type { Skeleton } from "./skeleton";
 
@@ -49,13 +61,20 @@ export class LandmarkPoints {
 
   /** Null where no torso is seen. `passed`: s since the frame before. */
   read(landmarks: Landmarks, skeleton: Skeleton, passed: number): Point[] | null {
-    const torso = SIDES.flatMap((side) => [landmarks.visible[mark(side, "shoulder")], landmarks.visible[mark(side, "hip")]]);
+    const torso = SIDES.flatMap((side) => [
+      landmarks.visible[mark(side, "shoulder")],
+      landmarks.visible[mark(side, "hip")],
+    ]);
     if (Math.min(...torso.slice(0, 1), torso[2]) < VISIBLE) return null;
     const laid = lay(landmarks, skeleton);
     const seen = located(laid, landmarks, this.focal);
     const [near, far] = [1 - 2 ** (-passed / 0.1), 1 - 2 ** (-passed / 0.3)];
     const before = this.place ?? seen;
-    this.place = [before[0] + near * (seen[0] - before[0]), before[1] + near * (seen[1] - before[1]), before[2] + far * (seen[2] - before[2])];
+    this.place = [
+      before[0] + near * (seen[0] - before[0]),
+      before[1] + near * (seen[1] - before[1]),
+      before[2] + far * (seen[2] - before[2]),
+    ];
     this.begun ??= this.place[2];
     const rest = restOf(skeleton);
     const soles = SIDES.flatMap((side) => ["ankle", "foot", "toe"].map((part) => `${side}_${part}`));
@@ -73,7 +92,12 @@ function pointsOf({ position, visible, rotation }: Laid, root: Vector): Point[] 
   const names = ["head", ...arms, ...legs].filter((name) => (visible.get(name) ?? 0) >= VISIBLE);
   const points = names.map((name): Point => {
     const place = position.get(name);
-    return { name, position: place ? add(place, root) : null, rotation: rotation.get(name) ?? null, accuracy: error / (visible.get(name) ?? 1) };
+    return {
+      name,
+      position: place ? add(place, root) : null,
+      rotation: rotation.get(name) ?? null,
+      accuracy: error / (visible.get(name) ?? 1),
+    };
   });
   const chest = rotation.get("spine3");
   return chest ? [...points, { name: "spine3", position: null, rotation: chest, accuracy: error }] : points;
@@ -98,11 +122,17 @@ function lay({ world, visible: seen }: Landmarks, skeleton: Skeleton): Laid {
   rotation.set("spine3", chest).set("head", head);
   const neck = subtract(at("head"), at("neck"));
   position.set("head", add(rotate(chest, at("neck")), scaled(add(rotate(chest, neck), rotate(head, neck)), 0.5)));
-  visible.set("head", Math.min(seen[MARKS.left_ear], seen[MARKS.right_ear], ...SIDES.map((side) => seen[mark(side, "shoulder")])));
+  visible.set(
+    "head",
+    Math.min(seen[MARKS.left_ear], seen[MARKS.right_ear], ...SIDES.map((side) => seen[mark(side, "shoulder")])),
+  );
   const [hx, , hz] = rotate(pelvis, [1, 0, 0]);
   const heading = frame([hx, 0, hz], [0, 1, 0]);
   for (const side of SIDES) {
-    for (const [part, turn] of [["hip", pelvis], ["shoulder", chest]] as const) {
+    for (const [part, turn] of [
+      ["hip", pelvis],
+      ["shoulder", chest],
+    ] as const) {
       position.set(`${side}_${part}`, rotate(turn, at(`${side}_${part}`)));
       visible.set(`${side}_${part}`, seen[mark(side, part)]);
     }
@@ -118,13 +148,19 @@ function lay({ world, visible: seen }: Landmarks, skeleton: Skeleton): Laid {
     }
     ball(side, at, position, visible);
     const hand = handOf(side, world);
-    if (Math.min(seen[mark(side, "wrist")], seen[mark(side, "index")]) >= VISIBLE && hand) rotation.set(`${side}_wrist`, hand);
+    if (Math.min(seen[mark(side, "wrist")], seen[mark(side, "index")]) >= VISIBLE && hand)
+      rotation.set(`${side}_wrist`, hand);
   }
   return { position, visible, rotation };
 }
 
 /** The ball of a foot, between its ankle and its toes. */
-function ball(side: string, at: (name: string) => Vector, position: Map<string, Vector>, visible: Map<string, number>): void {
+function ball(
+  side: string,
+  at: (name: string) => Vector,
+  position: Map<string, Vector>,
+  visible: Map<string, number>,
+): void {
   const [knee, ankle, toe, foot] = ["knee", "ankle", "toe", "foot"].map((part) => `${side}_${part}`);
   const placed = (name: string): Vector => position.get(name) ?? [0, 0, 0];
   const before = frame(subtract(at(toe), at(ankle)), subtract(at(knee), at(ankle)));

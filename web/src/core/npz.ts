@@ -20,7 +20,8 @@ export async function readNpz(bytes: ArrayBuffer): Promise<Archive> {
   if (end < 0) throw new Error("it is no .npz archive, or it was cut short");
   let at = view.getUint32(end + 16, true);
   for (let k = view.getUint16(end + 10, true); k > 0; k--) {
-    if (at + 46 > bytes.byteLength || view.getUint32(at, true) !== ENTRY) throw new Error("its list of arrays is damaged");
+    if (at + 46 > bytes.byteLength || view.getUint32(at, true) !== ENTRY)
+      throw new Error("its list of arrays is damaged");
     const method = view.getUint16(at + 10, true);
     const packed = view.getUint32(at + 20, true);
     const size = view.getUint32(at + 24, true);
@@ -30,7 +31,10 @@ export async function readNpz(bytes: ArrayBuffer): Promise<Archive> {
     const start = local + 30 + view.getUint16(local + 26, true) + view.getUint16(local + 28, true);
     if (size > LARGEST || start + packed > bytes.byteLength) throw new Error(`its array ${title} is damaged`);
     const content = bytes.slice(start, start + packed);
-    found.set(title.replace(/\.npy$/, ""), readNpy(method === 0 ? content : await inflated(content, "deflate-raw"), title));
+    found.set(
+      title.replace(/\.npy$/, ""),
+      readNpy(method === 0 ? content : await inflated(content, "deflate-raw"), title),
+    );
     at += 46 + name + extra + comment;
   }
   return found;
@@ -44,7 +48,8 @@ export async function inflated(bytes: ArrayBuffer, format: CompressionFormat): P
 export function numbers(archive: Archive, name: string, shape?: readonly (number | null)[]): NumpyArray {
   const array = archive.get(name);
   if (!array || !("shape" in array)) throw new Error(`it has no numbers ${name}`);
-  const fits = !shape || (shape.length === array.shape.length && shape.every((n, k) => n === null || n === array.shape[k]));
+  const fits =
+    !shape || (shape.length === array.shape.length && shape.every((n, k) => n === null || n === array.shape[k]));
   if (!fits) throw new Error(`its ${name} has the shape ${array.shape.join(" × ")}`);
   return array;
 }
@@ -63,13 +68,16 @@ function readNpy(bytes: ArrayBuffer, title: string): NumpyArray | readonly strin
   const length = wide ? view.getUint32(8, true) : view.getUint16(8, true);
   const header = new TextDecoder().decode(new Uint8Array(bytes, begin, length));
   const kind = /'descr':\s*'([^']+)'/.exec(header)?.[1] ?? "";
-  const shape = (/'shape':\s*\(([^)]*)\)/.exec(header)?.[1] ?? "").split(",").flatMap((n) => (n.trim() ? [Number(n)] : []));
+  const shape = (/'shape':\s*\(([^)]*)\)/.exec(header)?.[1] ?? "")
+    .split(",")
+    .flatMap((n) => (n.trim() ? [Number(n)] : []));
   if (header.includes("'fortran_order': True")) throw new Error(`its ${title} is in Fortran's order`);
   const count = shape.reduce((product, n) => product * n, 1);
   const data = begin + length;
   const letters = /^<U(\d+)$/.exec(kind)?.[1];
   if (letters !== undefined) {
-    const codes = (k: number) => Array.from({ length: Number(letters) }, (_, c) => view.getUint32(data + 4 * (k * Number(letters) + c), true));
+    const codes = (k: number) =>
+      Array.from({ length: Number(letters) }, (_, c) => view.getUint32(data + 4 * (k * Number(letters) + c), true));
     return Array.from({ length: count }, (_, k) => String.fromCodePoint(...codes(k).filter((code) => code > 0)));
   }
   const [width, read] = READERS[kind] ?? [];

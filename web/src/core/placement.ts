@@ -29,4 +29,3 @@ export function placed(points: readonly Point[], { turn, offset }: Placement): P
 export function angleOf({ turn: [w, , y] }: Placement): number {
   return 2 * Math.atan2(y, w);
 }
-

@@ -61,7 +61,10 @@ export class ShapeSpace {
     const scale = height ? height.value / Math.min(Math.max(height.value, SHORTEST), TALLEST) : 1;
     const rows: ArrayLike<number>[] = lengths.map(({ start, end }) => this.way(start, end));
     if (height) rows.push(this.up());
-    const measured = [...lengths, ...(height ? [height] : [])].map(({ value, deviation }) => [value / scale, deviation / scale]);
+    const measured = [...lengths, ...(height ? [height] : [])].map(({ value, deviation }) => [
+      value / scale,
+      deviation / scale,
+    ]);
     const vertical = height ? rows.length - 1 : -1;
     const [coefficients, precision] = this.fitted(rows, measured, vertical);
     const restOffset = this.offsets(coefficients);
@@ -69,26 +72,39 @@ export class ShapeSpace {
     return { restOffset: restOffset.map((x) => x * scale), deviation: deviation.map((x) => x * scale) };
   }
 
-  private fitted(rows: readonly ArrayLike<number>[], measured: readonly number[][], vertical: number): [Float64Array, Float64Array[]] {
+  private fitted(
+    rows: readonly ArrayLike<number>[],
+    measured: readonly number[][],
+    vertical: number,
+  ): [Float64Array, Float64Array[]] {
     const { count } = this;
     const start = rows.map((row, m) => this.vector(row, this.mean, 0, m === vertical));
-    const slope = rows.map((row, m) => Array.from({ length: count }, (_, k) => this.vector(row, this.components, k * this.mean.length, m === vertical)));
+    const slope = rows.map((row, m) =>
+      Array.from({ length: count }, (_, k) => this.vector(row, this.components, k * this.mean.length, m === vertical)),
+    );
     const coefficients = new Float64Array(count);
     let precision = identity(count);
     for (let turn = 0; turn < 20; turn++) {
       precision = identity(count);
       const gradient = coefficients.slice();
       rows.forEach((_, m) => {
-        const vector = [0, 1, 2].map((c) => start[m][c] + slope[m].reduce((sum, row, k) => sum + row[c] * coefficients[k], 0));
+        const vector = [0, 1, 2].map(
+          (c) => start[m][c] + slope[m].reduce((sum, row, k) => sum + row[c] * coefficients[k], 0),
+        );
         const length = Math.max(Math.hypot(...vector), 1e-9);
         const [value, deviation] = measured[m];
-        const jacobian = slope[m].map((row) => (row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2]) / length / deviation);
+        const jacobian = slope[m].map(
+          (row) => (row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2]) / length / deviation,
+        );
         jacobian.forEach((a, i) => {
           gradient[i] += a * ((length - value) / deviation);
           jacobian.forEach((b, j) => (precision[i][j] += a * b));
         });
       });
-      const step = solve(precision.map((row) => row.slice()), gradient);
+      const step = solve(
+        precision.map((row) => row.slice()),
+        gradient,
+      );
       step.forEach((value, k) => (coefficients[k] -= value));
       if (Math.max(...step.map(Math.abs)) < 1e-9) break;
     }
@@ -97,7 +113,9 @@ export class ShapeSpace {
 
   private offsets(coefficients: Float64Array): Float64Array {
     const size = this.mean.length;
-    return this.mean.map((value, at) => coefficients.reduce((sum, share, k) => sum + share * this.components[k * size + at], value));
+    return this.mean.map((value, at) =>
+      coefficients.reduce((sum, share, k) => sum + share * this.components[k * size + at], value),
+    );
   }
 
   /** Standard deviations of all bones' lengths, 0 for the root. */
@@ -109,9 +127,17 @@ export class ShapeSpace {
       const length = Math.max(Math.hypot(offset[at], offset[at + 1], offset[at + 2]), 1e-9);
       const slope = Float64Array.from({ length: count }, (_, k) => {
         const from = k * offset.length + at;
-        return (components[from] * offset[at] + components[from + 1] * offset[at + 1] + components[from + 2] * offset[at + 2]) / length;
+        return (
+          (components[from] * offset[at] +
+            components[from + 1] * offset[at + 1] +
+            components[from + 2] * offset[at + 2]) /
+          length
+        );
       });
-      const spread = solve(precision.map((row) => row.slice()), slope.slice());
+      const spread = solve(
+        precision.map((row) => row.slice()),
+        slope.slice(),
+      );
       return Math.sqrt(slope.reduce((sum, value, k) => sum + value * spread[k], 0));
     });
   }

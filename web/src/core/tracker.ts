@@ -92,7 +92,10 @@ export class Tracker {
     });
     const read = (name: string): Float32Array => outputs[name].data as Float32Array;
     this.state = Object.fromEntries(
-      Object.entries(this.graph.start).map(([name, { type, dims }]) => [name, { type, dims, data: outputs[name.replace("state_", "next_")].data }]),
+      Object.entries(this.graph.start).map(([name, { type, dims }]) => [
+        name,
+        { type, dims, data: outputs[name.replace("state_", "next_")].data },
+      ]),
     );
     return {
       time: observation.time,

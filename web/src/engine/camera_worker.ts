@@ -8,7 +8,12 @@ export type ToCamera =
 
 export type FromCamera =
   | { readonly type: "opened" }
-  | { readonly type: "seen"; readonly world: readonly Landmark[]; readonly picture: readonly NormalizedLandmark[]; readonly milliseconds: number }
+  | {
+      readonly type: "seen";
+      readonly world: readonly Landmark[];
+      readonly picture: readonly NormalizedLandmark[];
+      readonly milliseconds: number;
+    }
   | { readonly type: "failed"; readonly reason: string };
 
 const MODEL = "pose_landmarker_full.task";
@@ -18,7 +23,10 @@ const tell = (message: FromCamera): void => postMessage(message);
 
 async function open(base: string): Promise<void> {
   const at = (name: string): string => new URL(name, base).href;
-  const files = { wasmLoaderPath: at("vision_wasm_module_internal.js"), wasmBinaryPath: at("vision_wasm_module_internal.wasm") };
+  const files = {
+    wasmLoaderPath: at("vision_wasm_module_internal.js"),
+    wasmBinaryPath: at("vision_wasm_module_internal.wasm"),
+  };
   landmarker = await PoseLandmarker.createFromOptions(files, {
     baseOptions: { modelAssetPath: at(MODEL), delegate: "CPU" },
     runningMode: "VIDEO",
@@ -34,7 +42,8 @@ function look(picture: ImageBitmap, milliseconds: number): void {
 }
 
 addEventListener("message", ({ data }: MessageEvent<ToCamera>) => {
-  const fail = (error: unknown): void => tell({ type: "failed", reason: error instanceof Error ? error.message : String(error) });
+  const fail = (error: unknown): void =>
+    tell({ type: "failed", reason: error instanceof Error ? error.message : String(error) });
   if (data.type === "open") void open(data.base).catch(fail);
   else {
     try {

@@ -18,7 +18,8 @@ export function completionCard(bytes: Uint8Array): Card {
     throw new Error("completion.onnx is damaged; load the page again.");
   }
   const { format, ...rest } = texts;
-  if (format !== FORMAT) throw new Error(`completion.onnx has the format ${format ?? "of nothing known"}; this page runs ${FORMAT}.`);
+  if (format !== FORMAT)
+    throw new Error(`completion.onnx has the format ${format ?? "of nothing known"}; this page runs ${FORMAT}.`);
   return Object.fromEntries(Object.entries(rest).map(([key, text]) => [key, parsed(text)]));
 }
 

@@ -5,7 +5,8 @@ import { skeletonOfRows, type Skeleton, type SkeletonRows } from "../core/skelet
 
 export async function fetched(base: string, name: string): Promise<ArrayBuffer> {
   const response = await fetch(new URL(name, base)).catch(() => null);
-  if (!response?.ok) throw new Error(`${name} cannot be fetched; is this folder whole, as \`bodysense page\` writes it?`);
+  if (!response?.ok)
+    throw new Error(`${name} cannot be fetched; is this folder whole, as \`bodysense page\` writes it?`);
   return response.arrayBuffer();
 }
 
@@ -26,5 +27,8 @@ export async function defaultBody(base: string): Promise<DefaultBody> {
   const rows = JSON.parse(new TextDecoder().decode(await fetched(base, "default_body.json"))) as SkeletonRows & {
     readonly landmarks: readonly { readonly name: string; readonly offset: readonly [number, number, number] }[];
   };
-  return { skeleton: skeletonOfRows(rows), landmarks: new Map(rows.landmarks.map(({ name, offset }) => [name, offset])) };
+  return {
+    skeleton: skeletonOfRows(rows),
+    landmarks: new Map(rows.landmarks.map(({ name, offset }) => [name, offset])),
+  };
 }

@@ -16,7 +16,8 @@ export function isAmass(archive: Archive): boolean {
 export function amassClip(archive: Archive, name: string, skeleton: Skeleton): Clip {
   const poses = numbers(archive, "poses", [null, null]);
   const [frames, width] = poses.shape;
-  if (width !== 156 && width !== 165) throw new Error(`its poses have ${width} numbers, not the 156 of SMPL-H or the 165 of SMPL-X`);
+  if (width !== 156 && width !== 165)
+    throw new Error(`its poses have ${width} numbers, not the 156 of SMPL-H or the 165 of SMPL-X`);
   if (frames < 2) throw new Error("it has less than two frames");
   const trans = numbers(archive, "trans", [frames, 3]).values;
   const rateKey = ["mocap_framerate", "mocap_frame_rate"].find((key) => archive.has(key));

@@ -17,19 +17,26 @@ const MOST_JOINTS = 500;
 /** Throws an Error of one line for what is no BVH. */
 export function readBvh(text: string, name: string): RigMotion {
   const [head, motion] = text.split(/^\s*MOTION\s*$/m);
-  if (motion === undefined || !/^\s*HIERARCHY/.test(head)) throw new Error(`${name} is no BVH file: it has no HIERARCHY and MOTION; export it again.`);
+  if (motion === undefined || !/^\s*HIERARCHY/.test(head))
+    throw new Error(`${name} is no BVH file: it has no HIERARCHY and MOTION; export it again.`);
   const joints = treeOf(head, name);
-  const lines = motion.split(/\r?\n/).map((line) => line.trim()).filter(Boolean);
+  const lines = motion
+    .split(/\r?\n/)
+    .map((line) => line.trim())
+    .filter(Boolean);
   const said = Number(/^Frames:\s*(\d+)/.exec(lines[0] ?? "")?.[1]);
   const step = Number(/^Frame Time:\s*([\d.eE+-]+)/.exec(lines[1] ?? "")?.[1]);
-  if (!Number.isInteger(said) || !(step > 0)) throw new Error(`${name} does not say its frames and their time; export it again.`);
+  if (!Number.isInteger(said) || !(step > 0))
+    throw new Error(`${name} does not say its frames and their time; export it again.`);
   const rows = lines.slice(2);
-  if (rows.length < said) throw new Error(`${name} was cut short: it says ${said} frames and has ${rows.length}; export it again.`);
+  if (rows.length < said)
+    throw new Error(`${name} was cut short: it says ${said} frames and has ${rows.length}; export it again.`);
   if (said > MOST_FRAMES) throw new Error(`${name} has ${said} frames; this page takes ${MOST_FRAMES}: cut it.`);
   const width = joints.reduce((sum, { channels }) => sum + channels.length, 0);
   const frames = rows.slice(0, said).map((row, frame) => {
     const values = row.split(/\s+/).map(Number);
-    if (values.length < width || !values.slice(0, width).every(Number.isFinite)) throw new Error(`${name}: frame ${frame + 1} has no ${width} numbers; export it again.`);
+    if (values.length < width || !values.slice(0, width).every(Number.isFinite))
+      throw new Error(`${name}: frame ${frame + 1} has no ${width} numbers; export it again.`);
     return poseOf(joints, values);
   });
   return {
@@ -59,7 +66,8 @@ function treeOf(head: string, name: string): Joint[] {
     else if (word === "}") open.pop();
     else if (word === "OFFSET") {
       const offset = words.slice(k + 1, k + 4).map(Number);
-      if (offset.length < 3 || !offset.every(Number.isFinite)) throw new Error(`${name}: an OFFSET has no three numbers; export it again.`);
+      if (offset.length < 3 || !offset.every(Number.isFinite))
+        throw new Error(`${name}: an OFFSET has no three numbers; export it again.`);
       if (current >= 0) joints[current].offset = offset as unknown as Vector;
       k += 3;
     } else if (word === "CHANNELS") {
@@ -68,7 +76,8 @@ function treeOf(head: string, name: string): Joint[] {
       k += 1 + count;
     }
   }
-  if (joints.length === 0 || joints.some(({ parent }, row) => parent >= row)) throw new Error(`${name} has no joints; export it again.`);
+  if (joints.length === 0 || joints.some(({ parent }, row) => parent >= row))
+    throw new Error(`${name} has no joints; export it again.`);
   return joints;
 }
 

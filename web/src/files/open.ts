@@ -20,21 +20,31 @@ const GLB_MAGIC = 0x46546c67; // "glTF", little-endian
 const ZIP_MAGIC = 0x04034b50;
 
 /** Throws an Error of one line for what the page cannot use. */
-export async function openFile(file: Pick<File, "name" | "size" | "arrayBuffer" | "text">, tree: Skeleton): Promise<Opened> {
+export async function openFile(
+  file: Pick<File, "name" | "size" | "arrayBuffer" | "text">,
+  tree: Skeleton,
+): Promise<Opened> {
   const { name } = file;
   const megabytes = file.size / 1e6;
-  if (megabytes > LARGEST) throw new Error(`${name} has ${megabytes.toFixed(0)} MB; this page takes ${LARGEST} MB: cut it, or make its textures smaller.`);
+  if (megabytes > LARGEST)
+    throw new Error(
+      `${name} has ${megabytes.toFixed(0)} MB; this page takes ${LARGEST} MB: cut it, or make its textures smaller.`,
+    );
   if (/\.bvh$/i.test(name)) return { kind: "motion", clip: clipOf(readBvh(await file.text(), name), tree) };
-  if (/\.jsonl$/i.test(name)) return { kind: "recording", frames: await about(name, async () => recordingOfLines(await file.text())) };
+  if (/\.jsonl$/i.test(name))
+    return { kind: "recording", frames: await about(name, async () => recordingOfLines(await file.text())) };
   const bytes = await file.arrayBuffer();
   const magic = bytes.byteLength >= 4 ? new DataView(bytes).getUint32(0, true) : 0;
   if (magic === ZIP_MAGIC) {
     const archive = await about(name, () => readNpz(bytes));
-    if (isAmass(archive)) return { kind: "motion", clip: await about(name, async () => amassClip(archive, name, tree)) };
+    if (isAmass(archive))
+      return { kind: "motion", clip: await about(name, async () => amassClip(archive, name, tree)) };
     return { kind: "recording", frames: await about(name, async () => recordingOf(archive)) };
   }
   if (magic === GLB_MAGIC) return openGlb(bytes, name, tree);
-  throw new Error(`${name} is nothing that this page reads; drop a motion (.bvh, .glb, AMASS .npz), a recording (.npz, .jsonl) or an avatar (.vrm).`);
+  throw new Error(
+    `${name} is nothing that this page reads; drop a motion (.bvh, .glb, AMASS .npz), a recording (.npz, .jsonl) or an avatar (.vrm).`,
+  );
 }
 
 async function openGlb(bytes: ArrayBuffer, name: string, tree: Skeleton): Promise<Opened> {

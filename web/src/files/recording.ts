@@ -87,6 +87,7 @@ function record(value: unknown): Record<string, unknown> {
 
 function list(value: unknown, count: number, frame: number): readonly number[] | null {
   if (value === undefined) return null;
-  if (Array.isArray(value) && value.length === count && value.every((n) => typeof n === "number")) return value as number[];
+  if (Array.isArray(value) && value.length === count && value.every((n) => typeof n === "number"))
+    return value as number[];
   throw new Error(`its frame ${frame} has no ${count} numbers where it should`);
 }

@@ -1,7 +1,23 @@
 /** A person's motion on any rig whose joints have common names, put on the page's own skeleton. */
 
 import type { Clip } from "../core/clip";
-import { add, between, conjugate, cross, distance, fromAxes, multiply, rotate, scaled, size, subtract, unit, UPRIGHT, type Quaternion, type Vector } from "../core/math";
+import {
+  add,
+  between,
+  conjugate,
+  cross,
+  distance,
+  fromAxes,
+  multiply,
+  rotate,
+  scaled,
+  size,
+  subtract,
+  unit,
+  UPRIGHT,
+  type Quaternion,
+  type Vector,
+} from "../core/math";
 import { place, type Skeleton } from "../core/skeleton";
 
 /** A rig in world axes: where its joints are and how they are turned, at rest and in every frame. */
@@ -37,7 +53,11 @@ const MIDDLE: Readonly<Record<string, RegExp>> = {
 const SPINE = /^(lower|upper)?(spine|chest|torso|back|abdomen)(upper|lower)?\d*$/;
 const FINGER = /^(?:hand)?(thumb|index|middle|ring|pinky|little)(metacarpal|proximal|intermediate|distal|\d)$/;
 const PHALANX: Readonly<Record<string, number>> = { metacarpal: 1, proximal: 1, intermediate: 2, distal: 3 };
-const NEEDED = ["pelvis", "head", ...["hip", "knee", "ankle", "shoulder", "elbow", "wrist"].flatMap((part) => [`left_${part}`, `right_${part}`])];
+const NEEDED = [
+  "pelvis",
+  "head",
+  ...["hip", "knee", "ankle", "shoulder", "elbow", "wrist"].flatMap((part) => [`left_${part}`, `right_${part}`]),
+];
 const UNITS = [1, 0.01, 0.001, 0.0254, 0.3048, 0.0564] as const; // m
 const LEG = { least: 0.55, usual: 0.82, most: 1.1 } as const; // m
 const UPRIGHT_SHARE = 0.15; // of the frames in which a person is upright, at least
@@ -48,8 +68,10 @@ export function jointsOf(names: readonly string[]): Map<string, number> {
   const found = new Map<string, number>();
   const put = (joint: string, row: number): unknown => found.has(joint) || found.set(joint, row);
   const split = names.map(parted);
-  for (const [part, pattern] of Object.entries(SIDED)) split.forEach(([side, rest], row) => side && pattern.test(rest) && put(`${side}_${part}`, row));
-  for (const [joint, pattern] of Object.entries(MIDDLE)) split.forEach(([side, rest], row) => !side && pattern.test(rest) && put(joint, row));
+  for (const [part, pattern] of Object.entries(SIDED))
+    split.forEach(([side, rest], row) => side && pattern.test(rest) && put(`${side}_${part}`, row));
+  for (const [joint, pattern] of Object.entries(MIDDLE))
+    split.forEach(([side, rest], row) => !side && pattern.test(rest) && put(joint, row));
   split.forEach(([side, rest], row) => {
     if (!side) return;
     if (rest === "shoulder") put(found.has(`${side}_shoulder`) ? `${side}_collar` : `${side}_shoulder`, row);
@@ -74,8 +96,13 @@ function fingerOf(finger: string, phalanx: string): string {
 function parted(name: string): readonly ["left" | "right" | null, string] {
   const plain = name.slice(name.lastIndexOf(":") + 1).replace(/^mixamorig\d*|^Bip\d+|^J_Bip_|^Character\d*_/i, "");
   const text = plain.replace(/[\s.\-]+/g, "_");
-  const long = /^_?(left|right)_?(.+)$/i.exec(text) ?? /^(.+?)_?(left|right)$/i.exec(text)?.map((_, k, all) => all[[0, 2, 1][k]]);
-  const short = long ?? /^_?([lr])_(.+)$/i.exec(text) ?? /^([lr])(?=[A-Z])(.+)$/.exec(text) ?? /^(.+)_([lr])$/i.exec(text)?.map((_, k, all) => all[[0, 2, 1][k]]);
+  const long =
+    /^_?(left|right)_?(.+)$/i.exec(text) ?? /^(.+?)_?(left|right)$/i.exec(text)?.map((_, k, all) => all[[0, 2, 1][k]]);
+  const short =
+    long ??
+    /^_?([lr])_(.+)$/i.exec(text) ??
+    /^([lr])(?=[A-Z])(.+)$/.exec(text) ??
+    /^(.+)_([lr])$/i.exec(text)?.map((_, k, all) => all[[0, 2, 1][k]]);
   const rest = (short?.[2] ?? text).replace(/^C_/, "").replaceAll("_", "").toLowerCase();
   if (!short) return [null, rest];
   return [short[1].toLowerCase().startsWith("l") ? "left" : "right", rest];
@@ -87,16 +114,32 @@ export function clipOf(rig: RigMotion, tree: Skeleton): Clip {
   const missing = NEEDED.filter((joint) => !joints.has(joint));
   if (missing.length > 0) {
     const few = rig.joints.slice(0, 4).join(", ");
-    throw new Error(`${rig.name} is no person that this page knows: none of its ${rig.joints.length} joints (${few} …) is a ${missing[0]?.replace("_", " ")}; drop a person's motion whose joints have common names.`);
+    throw new Error(
+      `${rig.name} is no person that this page knows: none of its ${rig.joints.length} joints (${few} …) is a ${missing[0]?.replace("_", " ")}; drop a person's motion whose joints have common names.`,
+    );
   }
-  if (rig.frames.length < 2) throw new Error(`${rig.name} has ${rig.frames.length} frames; drop a motion of two or more.`);
+  if (rig.frames.length < 2)
+    throw new Error(`${rig.name} has ${rig.frames.length} frames; drop a motion of two or more.`);
   const level = levelled(rig, joints);
   const at = ({ position }: RigPose, joint: string): Vector => position[joints.get(joint) ?? 0];
-  const leg = ["left", "right"].reduce((sum, side) => sum + distance(at(level.rest, `${side}_hip`), at(level.rest, `${side}_knee`)) + distance(at(level.rest, `${side}_knee`), at(level.rest, `${side}_ankle`)), 0) / 2;
-  const unit_ = UNITS.reduce((best, metres) => (Math.abs(Math.log((leg * metres) / LEG.usual)) < Math.abs(Math.log((leg * best) / LEG.usual)) ? metres : best));
-  if (!(leg * unit_ > LEG.least && leg * unit_ < LEG.most)) throw new Error(`${rig.name} has legs ${(leg * unit_).toFixed(2)} m long; drop the motion of an adult.`);
+  const leg =
+    ["left", "right"].reduce(
+      (sum, side) =>
+        sum +
+        distance(at(level.rest, `${side}_hip`), at(level.rest, `${side}_knee`)) +
+        distance(at(level.rest, `${side}_knee`), at(level.rest, `${side}_ankle`)),
+      0,
+    ) / 2;
+  const unit_ = UNITS.reduce((best, metres) =>
+    Math.abs(Math.log((leg * metres) / LEG.usual)) < Math.abs(Math.log((leg * best) / LEG.usual)) ? metres : best,
+  );
+  if (!(leg * unit_ > LEG.least && leg * unit_ < LEG.most))
+    throw new Error(`${rig.name} has legs ${(leg * unit_).toFixed(2)} m long; drop the motion of an adult.`);
   const tilt = level.frames.map((pose) => unit(subtract(at(pose, "head"), at(pose, "pelvis")))[1]);
-  if (tilt.filter((up) => up > 0.6).length < UPRIGHT_SHARE * tilt.length) throw new Error(`${rig.name} is never upright: it may be an animal, or lie on its side; drop a motion of a person with +Y or +Z up.`);
+  if (tilt.filter((up) => up > 0.6).length < UPRIGHT_SHARE * tilt.length)
+    throw new Error(
+      `${rig.name} is never upright: it may be an animal, or lie on its side; drop a motion of a person with +Y or +Z up.`,
+    );
   const skeleton = { ...tree, restOffset: tree.restOffset.map((value) => (value * leg * unit_) / legOf(tree)) };
   return onSkeleton(level, joints, skeleton, unit_);
 }
@@ -112,12 +155,20 @@ function onSkeleton(rig: RigMotion, joints: ReadonlyMap<string, number>, skeleto
     for (let joint = 0; joint < skeleton.joints; joint++) {
       const row = joints.get(skeleton.points[joint]);
       const parent = skeleton.parents[joint];
-      world.push(row === undefined ? (world[parent] ?? UPRIGHT) : multiply(multiply(pose.rotation[row], conjugate(rig.rest.rotation[row])), corrections[joint]));
+      world.push(
+        row === undefined
+          ? (world[parent] ?? UPRIGHT)
+          : multiply(multiply(pose.rotation[row], conjugate(rig.rest.rotation[row])), corrections[joint]),
+      );
       const local = parent < 0 ? world[joint] : multiply(conjugate(world[parent]), world[joint]);
       rotation.set(local, 4 * (frame * skeleton.joints + joint));
     }
     root.set(scaled(pose.position[joints.get("pelvis") ?? 0], metres), 3 * frame);
-    const { position } = place(skeleton, root.subarray(3 * frame, 3 * frame + 3), rotation.subarray(4 * frame * skeleton.joints, 4 * (frame + 1) * skeleton.joints));
+    const { position } = place(
+      skeleton,
+      root.subarray(3 * frame, 3 * frame + 3),
+      rotation.subarray(4 * frame * skeleton.joints, 4 * (frame + 1) * skeleton.joints),
+    );
     lowest.push(Math.min(...FEET.map((name) => position[3 * skeleton.points.indexOf(name) + 1])));
   });
   const floor = [...lowest].sort((a, b) => a - b)[Math.floor(SOLE * count)] - 0.015;
@@ -136,14 +187,20 @@ function correctionsOf(rest: RigPose, joints: ReadonlyMap<string, number>, skele
   const at = (joint: string): Vector | null => rest.position[joints.get(joint) ?? -1] ?? null;
   const ours = restOf(skeleton);
   const own = (joint: string): Vector => ours[skeleton.points.indexOf(joint)];
-  const facing = multiply(facingOf((joint) => at(joint) ?? [0, 0, 0]), conjugate(facingOf(own)));
+  const facing = multiply(
+    facingOf((joint) => at(joint) ?? [0, 0, 0]),
+    conjugate(facingOf(own)),
+  );
   const corrections: Quaternion[] = [];
   for (let joint = 0; joint < skeleton.joints; joint++) {
     const name = skeleton.points[joint];
     const parent = skeleton.parents[joint];
     const child = joint === 0 || /spine|neck|head|collar/.test(name) ? -1 : nextOf(name, skeleton);
     const [from, to] = [at(name), at(skeleton.points[child] ?? "")];
-    const above = /_(shoulder|hip)$/.test(name) || joint === 0 || /spine|neck|head|collar/.test(name) ? facing : (corrections[parent] ?? facing);
+    const above =
+      /_(shoulder|hip)$/.test(name) || joint === 0 || /spine|neck|head|collar/.test(name)
+        ? facing
+        : (corrections[parent] ?? facing);
     if (!from || !to || size(subtract(to, from)) < 1e-6) {
       corrections.push(above);
       continue;
@@ -183,10 +240,16 @@ function frameOf(across: Vector, up: Vector): Quaternion {
 /** With +Y up: a rig with +Z up is turned. */
 function levelled(rig: RigMotion, joints: ReadonlyMap<string, number>): RigMotion {
   const [head, pelvis] = ["head", "pelvis"].map((name) => joints.get(name) ?? 0);
-  const sum = rig.frames.reduce<Vector>((total, { position }) => add(total, unit(subtract(position[head], position[pelvis]))), [0, 0, 0]);
+  const sum = rig.frames.reduce<Vector>(
+    (total, { position }) => add(total, unit(subtract(position[head], position[pelvis]))),
+    [0, 0, 0],
+  );
   if (Math.abs(sum[1]) >= Math.abs(sum[2])) return rig;
   const turn: Quaternion = [Math.SQRT1_2, -Math.SQRT1_2 * Math.sign(sum[2]), 0, 0];
-  const turned = ({ position, rotation }: RigPose): RigPose => ({ position: position.map((p) => rotate(turn, p)), rotation: rotation.map((q) => multiply(turn, q)) });
+  const turned = ({ position, rotation }: RigPose): RigPose => ({
+    position: position.map((p) => rotate(turn, p)),
+    rotation: rotation.map((q) => multiply(turn, q)),
+  });
   return { ...rig, rest: turned(rig.rest), frames: rig.frames.map(turned) };
 }
 

@@ -52,7 +52,10 @@ function figure(skeleton: Skeleton): SkinnedMesh {
     const part = parent < 0 ? null : capsule(places[parent], bones[point].position, parent);
     return part ? [part] : [];
   });
-  const mesh = new SkinnedMesh(mergeGeometries(parts), new MeshStandardMaterial({ color: "#8fa9bd", roughness: 0.75, metalness: 0 }));
+  const mesh = new SkinnedMesh(
+    mergeGeometries(parts),
+    new MeshStandardMaterial({ color: "#8fa9bd", roughness: 0.75, metalness: 0 }),
+  );
   mesh.name = "figure";
   mesh.add(bones[0]);
   mesh.updateMatrixWorld(true);
@@ -79,7 +82,9 @@ function animation(skeleton: Skeleton, motion: Motion): AnimationClip {
   const times = timesOf(motion);
   const tracks: KeyframeTrack[] = [new VectorKeyframeTrack(`${skeleton.points[0]}.position`, times, motion.root)];
   for (let joint = 0; joint < skeleton.joints; joint++) {
-    tracks.push(new QuaternionKeyframeTrack(`${skeleton.points[joint]}.quaternion`, times, turnsOf(skeleton, motion, joint)));
+    tracks.push(
+      new QuaternionKeyframeTrack(`${skeleton.points[joint]}.quaternion`, times, turnsOf(skeleton, motion, joint)),
+    );
   }
   return new AnimationClip("motion", -1, tracks);
 }
@@ -122,8 +127,14 @@ export async function vrmaBytes(skeleton: Skeleton, motion: Motion): Promise<Arr
   channel(0, "translation", accessor(motion.root.slice(), "VEC3", motion.frames));
   const nodes = skeleton.points.slice(0, skeleton.joints).map((name, joint) => {
     channel(joint, "rotation", accessor(turnsOf(skeleton, motion, joint), "VEC4", motion.frames));
-    const children = skeleton.parents.flatMap((parent, point) => (parent === joint && point < skeleton.joints ? [point] : []));
-    return { name, translation: [...skeleton.restOffset.subarray(3 * joint, 3 * joint + 3)], ...(children.length ? { children } : {}) };
+    const children = skeleton.parents.flatMap((parent, point) =>
+      parent === joint && point < skeleton.joints ? [point] : [],
+    );
+    return {
+      name,
+      translation: [...skeleton.restOffset.subarray(3 * joint, 3 * joint + 3)],
+      ...(children.length ? { children } : {}),
+    };
   });
   const bones = nodes.flatMap(({ name }, node) => {
     const bone = boneOf(name);

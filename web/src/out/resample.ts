@@ -27,8 +27,7 @@ export function resample(moments: readonly Moment[], joints: number): Motion {
     while (before < moments.length - 2 && moments[before + 1].time <= time) before++;
     const [a, b] = [moments[before], moments[before + 1]];
     const share = Math.min(Math.max((time - a.time) / (b.time - a.time), 0), 1);
-    for (let k = 0; k < 3; k++)
-      root[3 * frame + k] = (1 - share) * a.rootPosition[k] + share * b.rootPosition[k];
+    for (let k = 0; k < 3; k++) root[3 * frame + k] = (1 - share) * a.rootPosition[k] + share * b.rootPosition[k];
     for (let joint = 0; joint < joints; joint++) {
       mixRotation(a.rotation, 4 * joint, b.rotation, 4 * joint, share, rotation, 4 * (joints * frame + joint));
     }

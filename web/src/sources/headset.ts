@@ -24,10 +24,14 @@ export interface HeadsetEvents {
 
 /** What is missing for a headset on this page, in a sentence; null where nothing is. */
 export async function missingForHeadset(): Promise<string | null> {
-  if (!isSecureContext) return "A headset needs a safe address: open this page by https, or as http://localhost on the headset itself (`adb reverse tcp:8000 tcp:8000`).";
-  if (!navigator.xr) return "This browser has no WebXR: open the page in the headset's own browser, or in Chrome with a headset connected.";
+  if (!isSecureContext)
+    return "A headset needs a safe address: open this page by https, or as http://localhost on the headset itself (`adb reverse tcp:8000 tcp:8000`).";
+  if (!navigator.xr)
+    return "This browser has no WebXR: open the page in the headset's own browser, or in Chrome with a headset connected.";
   const isThere = await navigator.xr.isSessionSupported("immersive-vr").catch(() => false);
-  return isThere ? null : "No headset answers: switch it on and connect it, or open this page in the headset's own browser.";
+  return isThere
+    ? null
+    : "No headset answers: switch it on and connect it, or open this page in the headset's own browser.";
 }
 
 const MOVED = 2; // s that a new place takes on the clock, so that motion starts afresh
@@ -67,7 +71,9 @@ export class Headset implements Source {
   async enter(): Promise<void> {
     const options = { requiredFeatures: ["local-floor"], optionalFeatures: ["hand-tracking"] };
     const session = await navigator.xr?.requestSession("immersive-vr", options).catch((error: unknown) => {
-      throw new Error(`The headset did not let this page in (${error instanceof Error ? error.message : "no reason given"}); allow it, and press Headset again.`);
+      throw new Error(
+        `The headset did not let this page in (${error instanceof Error ? error.message : "no reason given"}); allow it, and press Headset again.`,
+      );
     });
     if (!session) throw new Error("This browser has no WebXR: open the page in the headset's own browser.");
     this.session = session;
@@ -127,7 +133,11 @@ export class Headset implements Source {
     if (viewer?.position && viewer.rotation) this.mirror.standBefore(viewer.position, viewer.rotation);
     this.menu.standBeside(this.mirror.frame);
     const [w, x, y, z] = this.placement.turn;
-    const toBody = new Matrix4().compose(new Vector3(...this.placement.offset), new Quaternion(x, y, z, w), new Vector3(1, 1, 1));
+    const toBody = new Matrix4().compose(
+      new Vector3(...this.placement.offset),
+      new Quaternion(x, y, z, w),
+      new Vector3(1, 1, 1),
+    );
     this.view.stage.matrix.multiplyMatrices(this.mirror.reflection(), toBody.invert());
     this.view.stage.matrixWorldNeedsUpdate = true;
     this.isPlaced = true;

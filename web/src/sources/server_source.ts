@@ -4,7 +4,7 @@ import type { Quaternion, Vector } from "../core/math";
 import type { Point } from "../core/observation";
 import { place, type Body, type Skeleton } from "../core/skeleton";
 import type { History } from "../history";
-import type { PoseFrame, SignalFrame, SignalPoint, Welcome } from "../protocol";
+import type { PoseFrame, Settings, SignalFrame, SignalPoint, Welcome } from "../protocol";
 import { Connection, socketAddress } from "../server/connection";
 import type { Source } from "./source";
 import { XR_POINTS } from "./xr_signal";
@@ -19,11 +19,12 @@ export interface ServerEvents {
   lost(reason: string, again: boolean): void;
 }
 
+const WATCHING = "The server's own input";
 const WAITING = 64; // signals and truths that wait for their pose
 
 /** The server's own input, watched. */
 export class ServerSource implements Source {
-  readonly title = "The server's own input";
+  title = WATCHING;
   sensors: readonly string[] = [];
   private readonly connection: Connection;
   private readonly signals = new Map<number, SignalFrame>();
@@ -48,7 +49,9 @@ export class ServerSource implements Source {
       {
         welcome: (message) => this.begin(message),
         signal: (frame) => remember(this.signals, frame.sequence, frame),
-        truth: (frame) => this.skeleton && remember(this.truths, frame.sequence, place(this.skeleton, frame.rootPosition, frame.rotation)),
+        truth: (frame) =>
+          this.skeleton &&
+          remember(this.truths, frame.sequence, place(this.skeleton, frame.rootPosition, frame.rotation)),
         pose: (frame) => this.show(frame),
         message: (message) => {
           if (message.type === "placed") this.placement = message;
@@ -56,7 +59,10 @@ export class ServerSource implements Source {
           else if (message.type === "said") this.events.said(message.text);
           else if (message.type === "error") this.events.lost(message.reason, true);
         },
-        lost: (reason, retryIn) => this.events.lost(reason, retryIn === null),
+        lost: (reason, retryIn) => {
+          this.title = "The server does not answer";
+          this.events.lost(reason, retryIn === null);
+        },
       },
     );
     this.connection.open();
@@ -74,6 +80,11 @@ export class ServerSource implements Source {
     this.connection.open();
   }
 
+  /** Change settings of the session that is watched. */
+  tell(change: Partial<Settings>): void {
+    this.connection.tell({ type: "settings", ...change });
+  }
+
   private begin(message: Welcome): void {
     const isWatching = this.welcome !== null;
     this.welcome = message;
@@ -81,10 +92,15 @@ export class ServerSource implements Source {
     const { joints, points, parents, rest_offset } = message;
     this.skeleton = { joints: joints.length, points, parents, restOffset: Float32Array.from(rest_offset.flat()) };
     this.events.skeleton(this.skeleton);
+    this.title = WATCHING;
     this.events.connected();
     if (isWatching) return;
-    if (message.sources.length > 0) this.connection.open(); // hello again, with what there is to be watched
-    else this.events.said("The server has no input of its own; start it with --replay, --vmc-in or --markers-in, or take another door.");
+    if (message.sources.length > 0)
+      this.connection.open(); // hello again, with what there is to be watched
+    else
+      this.events.said(
+        "The server has no input of its own; start it with --replay, --vmc-in or --markers-in, or take another door.",
+      );
   }
 
   private grow(offset: Welcome["rest_offset"]): void {
@@ -116,7 +132,13 @@ export class ServerSource implements Source {
       name: this.sensors[point] ?? "",
       accuracy: 0,
       rotation: rotation as Quaternion | null,
-      position: position && ([cosine * position[0] + sine * position[2] + offset[0], position[1] + offset[1], cosine * position[2] - sine * position[0] + offset[2]] as Vector),
+      position:
+        position &&
+        ([
+          cosine * position[0] + sine * position[2] + offset[0],
+          position[1] + offset[1],
+          cosine * position[2] - sine * position[0] + offset[2],
+        ] as Vector),
     }));
   }
 }
@@ -127,14 +149,18 @@ export class Bridge {
   private readonly connection: Connection;
 
   constructor(address: string, lost: (reason: string) => void) {
-    this.connection = new Connection(socketAddress({ href: address }), () => ({ name: "page", points: [...XR_POINTS], watch: null, resume: null }), {
-      welcome: () => undefined,
-      signal: () => undefined,
-      pose: () => undefined,
-      truth: () => undefined,
-      message: (message) => message.type === "error" && lost(message.reason),
-      lost: (reason, retryIn) => retryIn === null && lost(reason),
-    });
+    this.connection = new Connection(
+      socketAddress({ href: address }),
+      () => ({ name: "page", points: [...XR_POINTS], watch: null, resume: null }),
+      {
+        welcome: () => undefined,
+        signal: () => undefined,
+        pose: () => undefined,
+        truth: () => undefined,
+        message: (message) => message.type === "error" && lost(message.reason),
+        lost: (reason, retryIn) => retryIn === null && lost(reason),
+      },
+    );
     this.connection.open();
   }
 

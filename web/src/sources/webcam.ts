@@ -12,19 +12,34 @@ const FIELD_OF_VIEW = 60; // degrees over the longer side of the picture, as web
 const CALM = 0.05; // s: half-life of the smoothing of landmarks
 const LONELY = 4; // s without a person after which the page says so
 const REFUSALS: Readonly<Record<string, string>> = {
-  NotAllowedError: "The webcam was refused: allow it for this page in the browser's address bar, and press Webcam again.",
+  NotAllowedError:
+    "The webcam was refused: allow it for this page in the browser's address bar, and press Webcam again.",
   NotFoundError: "No webcam is connected: plug one in, and press Webcam again.",
   NotReadableError: "The webcam is used by another program: close that one, and press Webcam again.",
 };
 
 /** Open the webcam. Throws an Error of one line that says what is missing. */
-export async function openWebcam(about: About, base: string, live: Live, skeleton: Skeleton, say: (text: string) => void): Promise<Source> {
-  if (!about.webcam) throw new Error("This copy of the page has no MediaPipe, which finds people in pictures: write the page anew with `bodysense page` after scripts/build_landmarkers.py.");
-  if (!navigator.mediaDevices) throw new Error("A webcam needs a safe address: open this page by https, or at http://localhost.");
-  const stream = await navigator.mediaDevices.getUserMedia({ video: { width: 640, height: 480, facingMode: "user" } }).catch((error: unknown) => {
-    const name = error instanceof DOMException ? error.name : "";
-    throw new Error(REFUSALS[name] ?? `The webcam does not answer (${name || String(error)}): plug it in again, and press Webcam.`);
-  });
+export async function openWebcam(
+  about: About,
+  base: string,
+  live: Live,
+  skeleton: Skeleton,
+  say: (text: string) => void,
+): Promise<Source> {
+  if (!about.webcam)
+    throw new Error(
+      "This copy of the page has no MediaPipe, which finds people in pictures: write the page anew with `bodysense page` after scripts/build_landmarkers.py.",
+    );
+  if (!navigator.mediaDevices)
+    throw new Error("A webcam needs a safe address: open this page by https, or at http://localhost.");
+  const stream = await navigator.mediaDevices
+    .getUserMedia({ video: { width: 640, height: 480, facingMode: "user" } })
+    .catch((error: unknown) => {
+      const name = error instanceof DOMException ? error.name : "";
+      throw new Error(
+        REFUSALS[name] ?? `The webcam does not answer (${name || String(error)}): plug it in again, and press Webcam.`,
+      );
+    });
   const video = document.createElement("video");
   video.srcObject = stream;
   video.muted = video.playsInline = true;
@@ -35,7 +50,10 @@ export async function openWebcam(about: About, base: string, live: Live, skeleto
 class Webcam implements Source {
   readonly title = "You, by webcam";
   sensors: readonly string[] = [];
-  private readonly worker = new Worker(new URL("../engine/camera_worker.ts", import.meta.url), { type: "module", name: "camera" });
+  private readonly worker = new Worker(new URL("../engine/camera_worker.ts", import.meta.url), {
+    type: "module",
+    name: "camera",
+  });
   private readonly points: LandmarkPoints;
   private calm: Landmarks | null = null;
   private isOpen = false;
@@ -58,7 +76,9 @@ class Webcam implements Source {
     this.worker.onmessage = ({ data }: MessageEvent<FromCamera>) => this.hear(data);
     this.worker.onerror = () => say("This browser cannot run MediaPipe; use a newer one.");
     this.ask({ type: "open", base });
-    for (const track of stream.getTracks()) track.onended = () => say("The webcam was unplugged: plug it in, and press Webcam again. What the timeline holds is kept.");
+    for (const track of stream.getTracks())
+      track.onended = () =>
+        say("The webcam was unplugged: plug it in, and press Webcam again. What the timeline holds is kept.");
   }
 
   frame(milliseconds: number): void {
@@ -81,18 +101,22 @@ class Webcam implements Source {
 
   private hear(message: FromCamera): void {
     if (message.type === "opened") this.isOpen = true;
-    else if (message.type === "failed") this.say(`MediaPipe stopped (${message.reason.split("\n")[0]}): press Webcam again.`);
+    else if (message.type === "failed")
+      this.say(`MediaPipe stopped (${message.reason.split("\n")[0]}): press Webcam again.`);
     else this.see(message);
   }
 
   private see({ world, picture, milliseconds }: Extract<FromCamera, { type: "seen" }>): void {
     this.isLooking = false;
     const aspect = this.video.videoWidth / Math.max(this.video.videoHeight, 1);
-    const found: Landmarks | null = world.length === 0 ? null : {
-      world: world.map(({ x, y, z }): Vector => [x, -y, -z]),
-      picture: picture.map(({ x, y }) => [(x - 0.5) * aspect, 0.5 - y] as const),
-      visible: world.map(({ visibility }) => visibility ?? 0),
-    };
+    const found: Landmarks | null =
+      world.length === 0
+        ? null
+        : {
+            world: world.map(({ x, y, z }): Vector => [x, -y, -z]),
+            picture: picture.map(({ x, y }) => [(x - 0.5) * aspect, 0.5 - y] as const),
+            visible: world.map(({ visibility }) => visibility ?? 0),
+          };
     const passed = Math.min((milliseconds - this.before) / 1000, 1);
     this.calm = found && this.calm ? smoothed(this.calm, found, 1 - 2 ** (-passed / CALM)) : found;
     const body = withOffsets(this.skeleton, this.live.newest?.restOffset ?? this.skeleton.restOffset);
@@ -117,8 +141,17 @@ class Webcam implements Source {
 
 function smoothed(before: Landmarks, now: Landmarks, share: number): Landmarks {
   return {
-    world: now.world.map((point, k) => point.map((value, c) => before.world[k][c] + share * (value - before.world[k][c])) as unknown as Vector),
-    picture: now.picture.map((point, k) => point.map((value, c) => before.picture[k][c] + share * (value - before.picture[k][c])) as unknown as readonly [number, number]),
+    world: now.world.map(
+      (point, k) =>
+        point.map((value, c) => before.world[k][c] + share * (value - before.world[k][c])) as unknown as Vector,
+    ),
+    picture: now.picture.map(
+      (point, k) =>
+        point.map((value, c) => before.picture[k][c] + share * (value - before.picture[k][c])) as unknown as readonly [
+          number,
+          number,
+        ],
+    ),
     visible: now.visible,
   };
 }

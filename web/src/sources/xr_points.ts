@@ -1,6 +1,16 @@
 /** Points of a headset as points of the body (bodysense.serve.webxr): where each joint is by the device that wears it. */
 
-import { add, conjugate, fromAxes, multiply, rotate, scaled, UPRIGHT, type Quaternion, type Vector } from "../core/math";
+import {
+  add,
+  conjugate,
+  fromAxes,
+  multiply,
+  rotate,
+  scaled,
+  UPRIGHT,
+  type Quaternion,
+  type Vector,
+} from "../core/math";
 import { ACCURACY, type Point } from "../core/observation";
 import type { SignalPoint } from "../protocol";
 import { XR_POINTS } from "./xr_signal";
@@ -16,18 +26,48 @@ interface Rule {
 export type Landmarks = ReadonlyMap<string, Vector>;
 
 // Axes of a device's frame where the wearer stands in the T-pose: x, y, z.
-const LOOKING: readonly [Vector, Vector, Vector] = [[-1, 0, 0], [0, 1, 0], [0, 0, -1]];
+const LOOKING: readonly [Vector, Vector, Vector] = [
+  [-1, 0, 0],
+  [0, 1, 0],
+  [0, 0, -1],
+];
 const HAND: Readonly<Record<string, readonly [Vector, Vector, Vector]>> = {
-  left: [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
-  right: [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+  left: [
+    [0, 0, 1],
+    [0, 1, 0],
+    [-1, 0, 0],
+  ],
+  right: [
+    [0, 0, -1],
+    [0, 1, 0],
+    [1, 0, 0],
+  ],
 };
 const GRIP: Readonly<Record<string, readonly [Vector, Vector, Vector]>> = {
-  left: [[0, -1, 0], [-1, 0, 0], [0, 0, -1]],
-  right: [[0, 1, 0], [1, 0, 0], [0, 0, -1]],
+  left: [
+    [0, -1, 0],
+    [-1, 0, 0],
+    [0, 0, -1],
+  ],
+  right: [
+    [0, 1, 0],
+    [1, 0, 0],
+    [0, 0, -1],
+  ],
 };
 const STILL: Vector = [0, 0, 0];
-const SEGMENTS: Readonly<Record<string, string>> = { "phalanx-proximal": "1", "phalanx-intermediate": "2", "phalanx-distal": "3", tip: "_tip" };
-const THUMB: Readonly<Record<string, string>> = { metacarpal: "1", "phalanx-proximal": "2", "phalanx-distal": "3", tip: "_tip" };
+const SEGMENTS: Readonly<Record<string, string>> = {
+  "phalanx-proximal": "1",
+  "phalanx-intermediate": "2",
+  "phalanx-distal": "3",
+  tip: "_tip",
+};
+const THUMB: Readonly<Record<string, string>> = {
+  metacarpal: "1",
+  "phalanx-proximal": "2",
+  "phalanx-distal": "3",
+  tip: "_tip",
+};
 
 export class XrPoints {
   private readonly rules: readonly (Rule | null)[];
@@ -44,7 +84,12 @@ export class XrPoints {
       if (!rule) continue;
       const turned = rotation && multiply(rotation, rule.turn);
       const place = position && (turned ? add(position, rotate(turned, scaled(rule.shift, size))) : position);
-      points.set(rule.name, { name: rule.name, position: place, rotation: rule.isTurned ? turned : null, accuracy: rule.accuracy });
+      points.set(rule.name, {
+        name: rule.name,
+        position: place,
+        rotation: rule.isTurned ? turned : null,
+        accuracy: rule.accuracy,
+      });
     }
     return [...points.values()];
   }
@@ -53,14 +98,30 @@ export class XrPoints {
 function ruleOf(name: string, landmarks: Landmarks): Rule | null {
   const away = (mark: string): Vector => scaled(landmarks.get(mark) ?? STILL, -1);
   const turnOf = (axes: readonly [Vector, Vector, Vector]): Quaternion => conjugate(fromAxes(...axes));
-  if (name === "headset") return { name: "head", turn: turnOf(LOOKING), shift: away("between_eyes"), isTurned: true, accuracy: ACCURACY.headset };
+  if (name === "headset")
+    return {
+      name: "head",
+      turn: turnOf(LOOKING),
+      shift: away("between_eyes"),
+      isTurned: true,
+      accuracy: ACCURACY.headset,
+    };
   const [side, rest] = name.split(/[_:]/, 2);
   if (rest === "controller") {
-    return { name: `${side}_wrist`, turn: turnOf(GRIP[side]), shift: away(`${side}_palm`), isTurned: true, accuracy: ACCURACY.headset };
+    return {
+      name: `${side}_wrist`,
+      turn: turnOf(GRIP[side]),
+      shift: away(`${side}_palm`),
+      isTurned: true,
+      accuracy: ACCURACY.headset,
+    };
   }
-  if (rest === "wrist") return { name: `${side}_wrist`, turn: turnOf(HAND[side]), shift: STILL, isTurned: true, accuracy: ACCURACY.camera };
+  if (rest === "wrist")
+    return { name: `${side}_wrist`, turn: turnOf(HAND[side]), shift: STILL, isTurned: true, accuracy: ACCURACY.camera };
   const [finger, ...more] = rest.split("-");
   const segment = more.filter((word) => word !== "finger").join("-");
   const number = (finger === "thumb" ? THUMB : SEGMENTS)[segment];
-  return number ? { name: `${side}_${finger}${number}`, turn: UPRIGHT, shift: STILL, isTurned: false, accuracy: ACCURACY.camera } : null;
+  return number
+    ? { name: `${side}_${finger}${number}`, turn: UPRIGHT, shift: STILL, isTurned: false, accuracy: ACCURACY.camera }
+    : null;
 }

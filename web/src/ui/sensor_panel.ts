@@ -46,7 +46,9 @@ export class SensorPanel {
     for (const [name, members] of parts) {
       fieldset.append(
         checkbox(name, true, (on) => {
-          for (const point of members) if (on) this.off.delete(point); else this.off.add(point);
+          for (const point of members)
+            if (on) this.off.delete(point);
+            else this.off.add(point);
           this.hidden(new Set(this.off));
         }),
       );

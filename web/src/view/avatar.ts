@@ -36,7 +36,8 @@ export class Avatar {
   /** The avatar in a file; null where it is none. */
   static of(file: GLTF, name: string): Avatar | null {
     const vrm = file.userData["vrm"] as VRM | undefined;
-    if (!vrm && /\.vrm$/i.test(name)) throw new Error(`${name} is no VRM: it names no humanoid bones; export it as VRM 0 or 1.`);
+    if (!vrm && /\.vrm$/i.test(name))
+      throw new Error(`${name} is no VRM: it names no humanoid bones; export it as VRM 0 or 1.`);
     if (!vrm) return null;
     VRMUtils.removeUnnecessaryVertices(file.scene);
     return new Avatar(vrm);

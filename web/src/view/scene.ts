@@ -38,7 +38,12 @@ export class View {
   private readonly floor = new Group();
   private readonly sun = sun();
   private readonly thrift: Thrift;
-  private readonly paint_ = new MeshBasicMaterial({ transparent: true, depthWrite: false, toneMapped: false, fog: false });
+  private readonly paint_ = new MeshBasicMaterial({
+    transparent: true,
+    depthWrite: false,
+    toneMapped: false,
+    fog: false,
+  });
   private isPortrait = false;
 
   constructor(canvas: HTMLCanvasElement) {
@@ -57,7 +62,14 @@ export class View {
     this.floor.add(disc, shade);
     const rim = new DirectionalLight("#ffe8d0", 1.1);
     rim.position.set(-2.5, 2.6, -3);
-    this.scene.add(this.stage, this.floor, new HemisphereLight("#ffffff", "#a59c8c", 1.55), this.sun, this.sun.target, rim);
+    this.scene.add(
+      this.stage,
+      this.floor,
+      new HemisphereLight("#ffffff", "#a59c8c", 1.55),
+      this.sun,
+      this.sun.target,
+      rim,
+    );
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.maxPolarAngle = 0.52 * Math.PI;
     this.controls.minDistance = 0.5;

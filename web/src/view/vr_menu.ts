@@ -1,6 +1,18 @@
 /** A menu in VR, beside the mirror: buttons on a board, pointed at by a hand's or a controller's ray. */
 
-import { CanvasTexture, Group, Mesh, MeshBasicMaterial, PlaneGeometry, Raycaster, RingGeometry, SRGBColorSpace, Vector3, type Matrix4, type Object3D } from "three";
+import {
+  CanvasTexture,
+  Group,
+  Mesh,
+  MeshBasicMaterial,
+  PlaneGeometry,
+  Raycaster,
+  RingGeometry,
+  SRGBColorSpace,
+  Vector3,
+  type Matrix4,
+  type Object3D,
+} from "three";
 
 export interface MenuItem {
   readonly id: string;
@@ -32,7 +44,10 @@ export class VrMenu {
     this.texture.colorSpace = SRGBColorSpace;
     const material = new MeshBasicMaterial({ map: this.texture, transparent: true, toneMapped: false });
     this.panel = new Mesh(new PlaneGeometry(WIDTH, this.height), material);
-    this.dot = new Mesh(new RingGeometry(0.006, 0.01, 24), new MeshBasicMaterial({ color: "#0f6a63", depthTest: false }));
+    this.dot = new Mesh(
+      new RingGeometry(0.006, 0.01, 24),
+      new MeshBasicMaterial({ color: "#0f6a63", depthTest: false }),
+    );
     this.dot.renderOrder = 5;
     this.dot.visible = false;
     this.board.add(this.panel, this.dot);
@@ -93,7 +108,9 @@ export class VrMenu {
     context.font = `600 ${0.03 * m}px system-ui, sans-serif`;
     context.fillText("bodysense", 0.03 * m, 0.042 * m);
     context.font = `${0.022 * m}px system-ui, sans-serif`;
-    wrapped(context, this.line, (WIDTH - 0.06) * m).slice(0, 2).forEach((text, k) => context.fillText(text, 0.03 * m, (0.082 + 0.028 * k) * m));
+    wrapped(context, this.line, (WIDTH - 0.06) * m)
+      .slice(0, 2)
+      .forEach((text, k) => context.fillText(text, 0.03 * m, (0.082 + 0.028 * k) * m));
     this.items.forEach(({ text, isOn }, row) => {
       const top = (HEAD + row * (ROW + GAP)) * m;
       context.fillStyle = isOn?.() ? "#0f6a63" : row === this.hovered ? "#dcebe8" : "#ece9e1";

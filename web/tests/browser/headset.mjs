@@ -23,7 +23,9 @@ await scenario({ colorScheme: "light", viewport: { width: 640, height: 400 } }, 
   await page.goto(site.address);
   const text = (id) => page.textContent(id);
   const says = (id, part) =>
-    page.waitForFunction(([where, what]) => document.querySelector(where).textContent.includes(what), [id, part], { polling: 100 });
+    page.waitForFunction(([where, what]) => document.querySelector(where).textContent.includes(what), [id, part], {
+      polling: 100,
+    });
   await says("#rate", "completed here");
   await page.click("#settings");
   await page.click("#calibrate"); // before VR: it is not forgotten

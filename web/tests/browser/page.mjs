@@ -32,16 +32,26 @@ export async function serveFolder(folder) {
   return { address: `http://localhost:${server.address().port}/`, close: () => server.close() };
 }
 
-/** Run a scenario in a fresh page and print what it returns as JSON; errors of the page fail it. */
-export async function scenario(options, run) {
+/** Run something in a fresh page of a browser of its own. */
+export async function launched(more, options, run) {
   const browser = await chromium.launch({
     executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
-    args: ARGUMENTS,
+    args: [...ARGUMENTS, ...more],
   });
   try {
     const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, ...options });
     const page = await context.newPage();
-    page.setDefaultTimeout(240_000); // software rendering on a busy machine
+    page.setDefaultTimeout(500_000); // software rendering on a busy machine
+    if (process.env.TRACE) trace(page);
+    return await run(page);
+  } finally {
+    await browser.close();
+  }
+}
+
+/** Run a scenario in a fresh page and print what it returns as JSON; errors of the page fail it. */
+export async function scenario(options, run, more = []) {
+  await launched(more, options, async (page) => {
     const errors = [];
     page.on("pageerror", (error) => errors.push(String(error)));
     page.on("console", (message) => {
@@ -52,7 +62,15 @@ export async function scenario(options, run) {
       throw new Error(`${error.message}\nerrors of the page: ${errors.join("; ")}\nit said: ${said.slice(0, 600)}`);
     });
     console.log(JSON.stringify({ ...result, errors }));
-  } finally {
-    await browser.close();
-  }
+  });
+}
+
+/** Say on stderr when each wait of a page was over. */
+function trace(page) {
+  const [wait, began] = [page.waitForFunction.bind(page), Date.now()];
+  page.waitForFunction = async (check, argument, options) => {
+    const found = await wait(check, argument, options);
+    console.error(`${((Date.now() - began) / 1000).toFixed(1)} s`, argument ?? String(check));
+    return found;
+  };
 }
