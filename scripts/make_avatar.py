@@ -172,7 +172,13 @@ def garment(
     if trim is not None:
         colour[depth < 0.009] = trim
     mesh.add(position, colour, part.source, part.triangles)
-    hem(mesh, position, part.of(figure.vertices - 0.006 * figure.normals), part, (COLOURS[kind] if trim is None else trim) * 0.75)
+    hem(
+        mesh,
+        position,
+        part.of(figure.vertices - 0.006 * figure.normals),
+        part,
+        (COLOURS[kind] if trim is None else trim) * 0.75,
+    )
 
 
 def hem(mesh: Mesh, outer: np.ndarray, inner: np.ndarray, part: Cut, colour: np.ndarray) -> None:
@@ -245,12 +251,14 @@ def shoes(mesh: Mesh, figure: Figure) -> None:
         centre = np.interp(place, middle, (high + low) / 2)
         tall = np.interp(place, middle, top) + 0.008
         for _ in range(3):
-            wide, centre, tall = (np.convolve(np.pad(v, 1, "edge"), [0.25, 0.5, 0.25], "valid") for v in (wide, centre, tall))
+            wide, centre, tall = (
+                np.convolve(np.pad(v, 1, "edge"), [0.25, 0.5, 0.25], "valid") for v in (wide, centre, tall)
+            )
         round_ = np.sqrt(np.clip(1 - np.abs(2 * along - 1) ** 5, 0, 1))
         turn = np.linspace(0, 2 * np.pi, columns, endpoint=False)
         cosine, sine = np.cos(turn), np.sin(turn)
         across = np.sign(cosine) * np.abs(cosine) ** 0.75
-        upward = np.where(sine > 0, np.abs(sine) ** 0.9, -np.abs(sine) ** 0.35)
+        upward = np.where(sine > 0, np.abs(sine) ** 0.9, -(np.abs(sine) ** 0.35))
         half = tall / 2
         y = half[:, None] + upward[None] * half[:, None] * np.where(sine > 0, (0.45 + 0.55 * round_)[:, None], 1.0)
         ring = np.stack(
@@ -282,7 +290,9 @@ def eyes(mesh: Mesh, figure: Figure) -> None:
         side = own[own[:, 0] * sign > 0]
         middle = (side.max(axis=0) + side.min(axis=0)) / 2
         radius = (side.max(axis=0) - side.min(axis=0))[1] / 2
-        mesh.add(middle + ball.reshape(-1, 3) * radius, colour, np.full(len(colour), head), grid(rows, columns)[:, ::-1])
+        mesh.add(
+            middle + ball.reshape(-1, 3) * radius, colour, np.full(len(colour), head), grid(rows, columns)[:, ::-1]
+        )
 
 
 def head_vertex(figure: Figure) -> int:
@@ -306,7 +316,10 @@ def hair(mesh: Mesh, figure: Figure, inside: np.ndarray) -> None:
     mesh.add(outer, COLOURS[HAIR] * shade, part.source, part.triangles)
     hem(mesh, outer, part.of(x - 0.004 * figure.normals), part, COLOURS[HAIR] * 0.7)
     rows, columns = 16, 24
-    tilt, turn = np.linspace(0.001, np.pi - 0.001, rows)[:, None], np.linspace(0, 2 * np.pi, columns, endpoint=False)[None]
+    tilt, turn = (
+        np.linspace(0.001, np.pi - 0.001, rows)[:, None],
+        np.linspace(0, 2 * np.pi, columns, endpoint=False)[None],
+    )
     wave = np.sin(4 * turn + 5 * tilt)
     ball = np.stack([np.sin(tilt) * np.cos(turn), np.cos(tilt) + 0 * turn, np.sin(tilt) * np.sin(turn)], -1)
     back = outer[outer[:, 2].argmin()]
@@ -382,7 +395,9 @@ def glb(figure: Figure, mesh: Mesh) -> bytes:
         "scenes": [{"nodes": [0, joints]}],
         "nodes": nodes,
         "meshes": [{"name": "figure", "primitives": [{"attributes": attributes, "indices": indices, "material": 0}]}],
-        "materials": [{"name": "cloth and skin", "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 0.82}}],
+        "materials": [
+            {"name": "cloth and skin", "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 0.82}}
+        ],
         "skins": [{"joints": list(range(joints)), "inverseBindMatrices": binds, "skeleton": 0}],
         "accessors": accessors,
         "bufferViews": views,

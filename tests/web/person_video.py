@@ -24,7 +24,7 @@ def film(path: Path) -> Path:
     step = round(clip.frame_rate / RATE)
     pose = load_figure("woman").wear(clip.pose[: RATE * SECONDS * step : step])
     around = np.median(pose.root_position, axis=0)
-    camera = Camera(around + [0.2, 0.15, 2.7], np.eye(3), np.array(1.0), np.array(4 / 3))
+    camera = Camera(around + np.array([0.2, 0.15, 2.7]), np.eye(3), np.array(1.0), np.array(4 / 3))
     scene = sample_scene(np.random.default_rng(5), "woman")
     with open_stage(scene, camera, 480, around) as stage, av.open(str(path), "w", format="mjpeg") as container:
         stream = container.add_stream("mjpeg", rate=Fraction(RATE))

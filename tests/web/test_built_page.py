@@ -43,7 +43,9 @@ def test_the_page_fetches_nothing_from_elsewhere(page: Path) -> None:
 
 def test_the_licences_of_what_it_carries_are_in_it(page: Path) -> None:
     text = "\n".join((page / name).read_text(encoding="utf-8") for name in ("licenses.md", "licenses-workers.md"))
-    assert {"three", "@pixiv/three-vrm", "@mediapipe/tasks-vision", "onnxruntime-web"} <= set(re.findall(r"^## (\S+)", text, re.MULTILINE))
+    assert {"three", "@pixiv/three-vrm", "@mediapipe/tasks-vision", "onnxruntime-web"} <= set(
+        re.findall(r"^## (\S+)", text, re.MULTILINE)
+    )
 
 
 @pytest.mark.slow

@@ -26,7 +26,7 @@ from bodysense.serve.datagrams import (
 from bodysense.serve.live import Live
 from bodysense.serve.messages import Source
 from bodysense.serve.metrics import Metrics, missing
-from bodysense.serve.page_files import LIBRARY_FILES, library_file
+from bodysense.serve.page_files import library_routes
 from bodysense.serve.protocol import SUBPROTOCOL, SignalFrame
 from bodysense.serve.replay import Playable
 from bodysense.serve.safety import Access, Limits, why_refused
@@ -102,10 +102,6 @@ def application(settings: ServerSettings) -> Any:
         text, kind = metrics.text()
         return Response(text, media_type=kind, headers=_HEADERS)
 
-    async def file_of_library(request: Any) -> Response:
-        content = library_file(request.url.path.rpartition("/")[2])
-        return Response(content, media_type="application/octet-stream", headers=_HEADERS)
-
     async def no_page(_: Any) -> Response:
         return PlainTextResponse(_NO_PAGE, headers=_HEADERS)
 
@@ -127,8 +123,8 @@ def application(settings: ServerSettings) -> Any:
         WebSocketRoute("/ws", websocket),
         Route("/healthz", healthz),
         Route("/metrics", metrics_text),
+        *library_routes(),
     ]
-    routes += [Route(f"/{name}", file_of_library) for name in LIBRARY_FILES]
     has_page = (page / "index.html").is_file()
     routes.append(Mount("/", StaticFiles(directory=page, html=True)) if has_page else Route("/", no_page))
     return guarded(Starlette(routes=routes, lifespan=lifespan))

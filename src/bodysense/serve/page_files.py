@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
@@ -47,6 +48,17 @@ def library_file(name: str) -> bytes:
         return gzip.compress(files("bodysense.weights").joinpath(_NETWORK).read_bytes(), 9, mtime=0)
     package, file = _OF_THE_LIBRARY[name]
     return files(package).joinpath(file).read_bytes()
+
+
+def library_routes() -> list[Any]:
+    """Starlette's routes by which a server answers with `LIBRARY_FILES`."""
+    from starlette.responses import Response
+    from starlette.routing import Route
+
+    async def answer(request: Any) -> Response:
+        return Response(library_file(request.url.path.rpartition("/")[2]), media_type="application/octet-stream")
+
+    return [Route(f"/{name}", answer) for name in LIBRARY_FILES]
 
 
 def page_files(webcam: Path | None = None) -> Iterator[tuple[str, bytes]]:

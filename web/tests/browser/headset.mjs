@@ -10,7 +10,7 @@ const [folder, pictures] = process.argv.slice(2);
 const IWER = fileURLToPath(new URL("../../node_modules/iwer/build/iwer.min.js", import.meta.url));
 const site = await serveFolder(folder);
 
-await scenario({ colorScheme: "light", viewport: { width: 640, height: 400 } }, async (page) => {
+await scenario({ colorScheme: "light", viewport: { width: 480, height: 320 } }, async (page) => {
   await page.addInitScript({ path: IWER });
   await page.addInitScript(() => {
     const device = (window.device = new IWER.XRDevice(IWER.metaQuest3));

@@ -43,6 +43,7 @@ export async function launched(more, options, run) {
     const page = await context.newPage();
     page.setDefaultTimeout(500_000); // software rendering on a busy machine
     if (process.env.TRACE) trace(page);
+    await page.addInitScript(calm);
     return await run(page);
   } finally {
     await browser.close();
@@ -63,6 +64,13 @@ export async function scenario(options, run, more = []) {
     });
     console.log(JSON.stringify({ ...result, errors }));
   });
+}
+
+/** Few pictures a second: without a graphics card they would leave no time for anything else. */
+function calm() {
+  const BETWEEN = 150; // ms
+  window.requestAnimationFrame = (call) => setTimeout(() => call(performance.now()), BETWEEN);
+  window.cancelAnimationFrame = (id) => clearTimeout(id);
 }
 
 /** Say on stderr when each wait of a page was over. */
