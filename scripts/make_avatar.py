@@ -3,7 +3,7 @@
     python scripts/make_avatar.py [OUT]        # web/public/avatar.vrm.gz
 
 Everything is made by rule from one of the packaged figures (docs/credits.md): its skin is cut into regions, clothes and
-hair are the skin moved outward and closed at their hems, colours are of vertices. The motion of a hem is the skin's own.
+hair are the skin moved outward and closed at their hems, colours are of vertices. A hem moves as the skin does.
 """
 
 from __future__ import annotations
