@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.export.humanoid import VRM_BONES
-from bodysense.export.render.figure import Figure, load_figure
+from bodysense.lab.rendering.figure import Figure, load_figure
 from bodysense.files import written_beside
 
 OUTPUT = Path(__file__).parents[1] / "web" / "public" / "avatar.vrm.gz"

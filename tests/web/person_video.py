@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.demo import packaged_performance
-from bodysense.export.render.figure import load_figure
-from bodysense.export.render.scene import sample_scene
-from bodysense.export.render.stage import open_stage
+from bodysense.lab.rendering.figure import load_figure
+from bodysense.lab.rendering.scene import sample_scene
+from bodysense.lab.rendering.stage import open_stage
 from bodysense.occlusion.camera_view import Camera
 
 RATE, SECONDS = 15, 4

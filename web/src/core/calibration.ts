@@ -8,13 +8,14 @@ export const LASTS = 2; // s
 const STILL = 0.05; // m: whose head moves farther does not stand still
 const SPAN = { least: 0.9, most: 2.0 } as const; // m between wrists of arms that are out
 const DEVIATION = 0.02; // m
+const FEWEST = 3; // frames: a device that can hardly keep up is measured, too
 
 /** The person after standing still. Throws an Error of one line for whoever did not. */
 export function calibrated(frames: readonly Observation[]): Person {
   const heads = frames.flatMap(({ points }) =>
     points.filter(({ name, position }) => name === "head" && position).map(({ position }) => position as Vector),
   );
-  if (heads.length < 10) throw new Error("Your head was not tracked: put the headset on and measure again.");
+  if (heads.length < FEWEST) throw new Error("Your head was not tracked: put the headset on and measure again.");
   const middle = [0, 1, 2].map((k) => median(heads.map((head) => head[k]))) as unknown as Vector;
   const moved = Math.max(...heads.map((head) => distance(head, middle)));
   if (moved > STILL)

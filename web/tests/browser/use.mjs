@@ -22,7 +22,7 @@ const boneOf = (joint) => {
 const AXE = createRequire(import.meta.url).resolve("axe-core/axe.min.js");
 const site = await serveFolder(folder);
 
-await scenario({ viewport: { width: 520, height: 420 } }, async (page) => {
+await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
   let bytes = 0;
   page.on(
     "response",
