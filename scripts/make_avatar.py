@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.export.humanoid import VRM_BONES
-from bodysense.lab.rendering.figure import Figure, load_figure
 from bodysense.files import written_beside
+from bodysense.lab.rendering.figure import Figure, load_figure
 
 OUTPUT = Path(__file__).parents[1] / "web" / "public" / "avatar.vrm.gz"
 SKIN, SHIRT, TROUSERS, SHOES, HAIR = range(5)

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import golden
 import numpy as np
 import pytest
 from PIL import Image
@@ -18,31 +17,14 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.data.bvh import read_bvh, write_bvh
 from bodysense.data.clip import Clip
 from bodysense.io.gltf import read_gltf
-from bodysense.serve.page_files import WEBCAM
 
 pytestmark = pytest.mark.slow
 
 Scenario = Callable[..., dict[str, Any]]
-FRAMES = 10_000  # of the golden sequence
 
 
 def picture_of(path: Path) -> np.ndarray:
     return np.asarray(Image.open(path).convert("RGB"), dtype=np.float64)
-
-
-@pytest.mark.parametrize(("frames", "height"), [(FRAMES, None), (900, 1.83)])
-def test_the_page_computes_what_the_library_does(
-    scenario: Scenario, site: Path, tmp_path: Path, frames: int, height: float | None
-) -> None:
-    takes = golden.takes(frames)
-    golden.write_takes(tmp_path / "takes.bin", takes, height)
-    facts = scenario("golden", site, tmp_path / "takes.bin", tmp_path / "result.bin")
-    assert facts["frames"] == frames
-    library, page = golden.of_the_library(takes, height), golden.of_the_page(tmp_path / "result.bin", frames)
-    apart, turned = golden.differences(library, page)
-    assert apart.max() <= 0.1  # mm
-    # Single precision differs by processor; where a spine hardly bends, that turns its middle by more than it moves it.
-    assert np.quantile(turned, 0.99) <= 0.01 and turned.max() <= 0.1  # degrees
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +80,7 @@ def test_the_saved_bvh_is_a_person(used: Used) -> None:
 
 
 def test_the_saved_gltf_is_an_armature(used: Used) -> None:
-    read = read_gltf(used[0] / "motion.glb")
+    read = read_gltf(used[0] / "motion.glb")[0]
     assert len(read.pose.skeleton.joints) >= 52
 
 
@@ -115,15 +97,6 @@ def test_a_wearer_sees_themselves_and_keeps_their_take(scenario: Scenario, site:
     facing = rotation[0, 0]  # wxyz: +Z is turned by less than a right angle
     assert 1 - 2 * (facing[1] ** 2 + facing[2] ** 2) > 0.5
     assert picture_of(tmp_path / "vr.png").std() > 3  # something is drawn
-
-
-def test_a_webcam_sees_a_person(scenario: Scenario, site: Path, tmp_path: Path) -> None:
-    if not all((site / name).is_file() for name in WEBCAM):
-        pytest.skip("MediaPipe's files for the page are missing: run scripts/build_landmarkers.py")
-    film = pytest.importorskip("person_video", reason="needs bodysense[render]").film(tmp_path / "person.mjpeg")
-    said = scenario("webcam", site, film, tmp_path)
-    assert int(said["points"]) >= 8
-    assert said["nobody"].startswith("Nobody is seen yet")
 
 
 @pytest.fixture(scope="module")
