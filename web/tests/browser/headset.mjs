@@ -27,10 +27,10 @@ await scenario({ colorScheme: "light", viewport: { width: 480, height: 320 } }, 
       polling: 100,
     });
   await says("#rate", "completed here");
-  await page.click("#settings");
-  await page.click("#calibrate"); // before VR: it is not forgotten
+  await page.dispatchEvent("#settings", "click");
+  await page.dispatchEvent("#calibrate", "click"); // before VR: it is not forgotten
   const before = await text("#notice-text");
-  await page.click("#door-headset");
+  await page.dispatchEvent("#door-headset", "click");
   await says("#source", "headset");
   await says("#shown", "3 points");
   await says("#notice-text", "measured.");
@@ -47,7 +47,7 @@ await scenario({ colorScheme: "light", viewport: { width: 480, height: 320 } }, 
   const hands = { shown: await text("#shown") };
   await page.evaluate(() => device.activeSession?.end()); // the headset goes away in the middle of a take
   await says("#notice-text", "kept");
-  const [download] = await Promise.all([page.waitForEvent("download"), page.click("#save-bvh")]);
+  const [download] = await Promise.all([page.waitForEvent("download"), page.dispatchEvent("#save-bvh", "click")]);
   await download.saveAs(`${pictures}/take.bvh`);
   await page.waitForTimeout(1000);
   await page.screenshot({ path: `${pictures}/after.png` });
