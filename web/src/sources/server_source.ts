@@ -4,7 +4,7 @@ import type { Quaternion, Vector } from "../core/math";
 import type { Point } from "../core/observation";
 import { place, type Body, type Skeleton } from "../core/skeleton";
 import type { History } from "../history";
-import type { PoseFrame, Settings, SignalFrame, SignalPoint, Welcome } from "../protocol";
+import type { PoseFrame, Settings, SignalFrame, SignalPoint, Source as Input, Welcome } from "../protocol";
 import { Connection, socketAddress } from "../server/connection";
 import type { Source } from "./source";
 import { XR_POINTS } from "./xr_signal";
@@ -31,6 +31,7 @@ export class ServerSource implements Source {
   private readonly truths = new Map<number, Body>();
   private skeleton: Skeleton | null = null;
   private welcome: Welcome | null = null;
+  private watched: Input | null = null; // of the server's inputs
   private placement = { offset: [0, 0, 0] as readonly number[], heading: 0 };
 
   constructor(
@@ -43,7 +44,7 @@ export class ServerSource implements Source {
       () => ({
         name: "page",
         points: [],
-        watch: this.welcome?.sources[0] ?? null,
+        watch: this.watched,
         resume: this.welcome && { session: this.welcome.session, token: this.welcome.token },
       }),
       {
@@ -86,7 +87,12 @@ export class ServerSource implements Source {
   }
 
   private begin(message: Welcome): void {
-    const isWatching = this.welcome !== null;
+    const [offered] = message.sources;
+    if (this.watched === null && offered !== undefined) {
+      this.watched = offered;
+      this.connection.open(); // hello again, with what there is to be watched
+      return;
+    }
     this.welcome = message;
     this.sensors = message.signal;
     const { joints, points, parents, rest_offset } = message;
@@ -94,13 +100,11 @@ export class ServerSource implements Source {
     this.events.skeleton(this.skeleton);
     this.title = WATCHING;
     this.events.connected();
-    if (isWatching) return;
-    if (message.sources.length > 0)
-      this.connection.open(); // hello again, with what there is to be watched
-    else
+    if (this.watched === null) {
       this.events.said(
         "The server has no input of its own; start it with --replay, --vmc-in or --markers-in, or take another door.",
       );
+    }
   }
 
   private grow(offset: Welcome["rest_offset"]): void {
