@@ -13,7 +13,7 @@ export function showStatus(live: Live, moment: Moment, skeleton: Skeleton, title
     parts.push(`${error.toFixed(1)} cm from the truth`);
   } else if (moment.expected) {
     const expected = moment.expected.subarray(0, 22).reduce((sum, value) => sum + value, 0) / 22;
-    parts.push(`about ${(100 * expected).toFixed(1)} cm sure`);
+    parts.push(`${(100 * expected).toFixed(1)} cm expected error`);
   }
   element("shown").textContent = parts.join(" · ");
   if (live.times.length === 0) return;
