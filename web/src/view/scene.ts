@@ -22,8 +22,8 @@ import { Thrift } from "./thrift";
 
 export type Look = "light" | "dark";
 
-const LOOK_AT = [0, 0.92, 0] as const; // m
-const FROM = [0.9, 1.35, 3.3] as const; // m
+const LOOK_AT = [0, 0.8, 0] as const; // m
+const FROM = [0.9, 1.3, 3.4] as const; // m
 const PAPER = { light: "#eceae4", dark: "#15171c" } as const;
 const FLOOR = { light: ["#ffffff", "#cfcabd"], dark: ["#2a2e37", "#3b414d"] } as const; // middle and lines
 const RADIUS = 4.5; // m, of the floor
