@@ -47,7 +47,8 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
         (("--replay", "no-such-file.npz"), "no such file"),
         (("--device", "three_point"), "give it with --replay"),
         (("--sessions", 0), "give 1 to 10000"),
-        (("--vmc-names", "names.json"), "with --vmc-in"),
+        (("--device-names", "names.json"), "give --vmc-in or --vmt"),
+        (("--vmt", "--vmt-first", 60), "give 0 to 48"),
     ],
 )
 def test_what_cannot_be_served(refused: Refused, arguments: tuple[object, ...], said: str) -> None:

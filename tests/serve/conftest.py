@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodysense.serve.application import ServerSettings
 from bodysense.serve.launch import listen, prepared
 from bodysense.serve.messages import ClientMessage, Hello, write_message
 from bodysense.serve.protocol import POSE, SUBPROTOCOL, PoseFrame, SignalFrame, read_pose, write_signal
+from bodysense.serve.settings import ServerSettings
 
 DEVICES = ("headset", "left_controller", "right_controller")
 

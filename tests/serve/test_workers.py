@@ -11,10 +11,10 @@ from contextlib import ExitStack
 
 import pytest
 
-from bodysense.serve.application import ServerSettings
 from bodysense.serve.launch import listen, prepared
 from bodysense.serve.messages import Hello, write_message
 from bodysense.serve.protocol import SUBPROTOCOL
+from bodysense.serve.settings import ServerSettings
 from bodysense.serve.workers import _hand_out, _take
 
 from .conftest import DEVICES

@@ -31,8 +31,13 @@ def serve(
     device: DeviceName | None = None,
     person: Path | None = None,
     vmc_in: int | None = None,
-    vmc_names: Path | None = None,
     markers_in: int | None = None,
+    device_names: Path | None = None,
+    vmt: bool = False,
+    vmt_host: str = "127.0.0.1",
+    vmt_port: int = 39575,
+    vmt_first: int = 0,
+    vmt_hands: bool = False,
     vmc_out: Addresses = (),
     vrchat_out: Addresses = (),
     allow_record: Path | None = None,
@@ -51,8 +56,13 @@ def serve(
         device: What watches the body, where the replay is a motion; the page then shows the truth, too.
         person: wearers' proportions and how trackers are worn, a person's file (.json).
         vmc_in: UDP port on which headset, controllers and trackers come in by VMC (its own is 39539).
-        vmc_names: Which point each device of VMC is, a .json table by serial (docs/avatars.md).
         markers_in: UDP port on which markers of gloves come in by OSC (its own is 9123).
+        device_names: Which point each device of VMC or SteamVR is, a .json table by serial (docs/avatars.md).
+        vmt: Take headset and controllers from SteamVR and give it trackers, by its driver VMT (docs/runtimes.md).
+        vmt_host: Machine of SteamVR.
+        vmt_port: UDP port on which VMT's driver answers.
+        vmt_first: Index of the first virtual device; others may use those below.
+        vmt_hands: Give SteamVR skeletal hands, too, as two virtual controllers.
         vmc_out: HOST:PORT of an avatar program that takes bones by VMC (usually port 39539). Repeatable.
         vrchat_out: HOST:PORT of a VRChat that takes trackers by OSC (usually port 9000). Repeatable.
         allow_record: Folder for recordings that clients ask for; without it none are made.
@@ -64,18 +74,21 @@ def serve(
 
     from bodysense.body.person import Person
     from bodysense.cli.recordings import person_of
-    from bodysense.serve.application import ServerSettings
     from bodysense.serve.launch import listen, serve
     from bodysense.serve.safety import Access, Limits, is_loopback
-    from bodysense.serve.vmc_trackers import VmcTrackers, read_device_names
+    from bodysense.serve.settings import ServerSettings
+    from bodysense.serve.tracked_devices import TrackedDevices, read_device_names
+    from bodysense.serve.vmc_trackers import VmcTrackers
+    from bodysense.serve.vmt_link import VmtSettings
     from bodysense.serve.workers import serve_in_workers
 
     if workers < 1:
         raise BodysenseError(f"--workers {workers}: give 1 or more")
-    if workers > 1 and (vmc_in, markers_in, vmc_out, vrchat_out) != (None, None, (), ()):
+    if workers > 1 and (vmc_in, markers_in, vmc_out, vrchat_out, vmt) != (None, None, (), (), False):
         raise BodysenseError("--workers: UDP goes with one process only; leave --workers out")
-    if vmc_names is not None and vmc_in is None:
-        raise BodysenseError("--vmc-names is for devices that come in by VMC; give their port with --vmc-in")
+    if device_names is not None and vmc_in is None and not vmt:
+        raise BodysenseError("--device-names is for devices of VMC or SteamVR; give --vmc-in or --vmt")
+    devices = TrackedDevices() if device_names is None else TrackedDevices(read_device_names(device_names))
     if token is None and not is_loopback(host):
         token = secrets.token_urlsafe(16)
     wearer = person_of(person, reading.height) or Person(height=reading.height)
@@ -86,9 +99,10 @@ def serve(
         playable=_playable(replay, device, reading, wearer),
         person=wearer,
         vmc_in=vmc_in,
-        vmc_trackers=VmcTrackers() if vmc_names is None else VmcTrackers(read_device_names(vmc_names)),
+        vmc_trackers=VmcTrackers(devices),
         markers_in=markers_in,
         receivers=tuple([*(_receiver("vmc", a) for a in vmc_out), *(_receiver("vrchat", a) for a in vrchat_out)]),
+        vmt=VmtSettings(vmt_host, port=vmt_port, first=vmt_first, hands=vmt_hands, devices=devices) if vmt else None,
     )
     bound = listen(host, port)
     shown = f"[{host}]" if ":" in host else host

@@ -4,31 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import socket
 from collections.abc import AsyncIterator
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from bodysense.body.person import Person
+from bodysense.serve.answer import Answer
 from bodysense.serve.connection import converse
-from bodysense.serve.datagrams import (
-    MARKER_POINTS,
-    VMC_POINTS,
-    MarkerInput,
-    PoseSender,
-    Receiver,
-    TrackerInput,
-    listened,
-)
 from bodysense.serve.live import Live
-from bodysense.serve.messages import Source
 from bodysense.serve.metrics import Metrics, missing
-from bodysense.serve.protocol import SUBPROTOCOL, SignalFrame
-from bodysense.serve.replay import Playable
-from bodysense.serve.safety import Access, Limits, why_refused
-from bodysense.serve.vmc_trackers import VmcTrackers
+from bodysense.serve.protocol import SUBPROTOCOL
+from bodysense.serve.runtimes import links_of
+from bodysense.serve.safety import why_refused
+from bodysense.serve.settings import ServerSettings
 
 _NO_PAGE = "bodysense serves no page here: this copy was installed without it. The WebSocket is at /ws.\n"
 _NO_UPLOAD = "bodysense takes no uploads; avatars and recordings that are dropped on the page stay in the browser.\n"
@@ -39,21 +27,6 @@ _HEADERS = {
     "Referrer-Policy": "no-referrer",  # the address holds the token
     "Content-Security-Policy": "frame-ancestors 'none'",
 }
-
-
-@dataclass(frozen=True)
-class ServerSettings:
-    """What a server does."""
-
-    access: Access = Access()
-    limits: Limits = Limits()
-    allow_record: Path | None = None  # a folder
-    playable: Playable | None = None
-    person: Person = Person()  # what is known of wearers who do not tell their height
-    vmc_in: int | None = None  # ports, on the server's host
-    vmc_trackers: VmcTrackers = VmcTrackers()
-    markers_in: int | None = None
-    receivers: tuple[Receiver, ...] = ()
 
 
 def application(settings: ServerSettings) -> Any:
@@ -67,9 +40,15 @@ def application(settings: ServerSettings) -> Any:
     except ImportError:
         raise missing("starlette") from None
     metrics = Metrics()
-    inputs = _listened(settings)
-    sender = PoseSender(settings.receivers, metrics) if settings.receivers else None
-    live = Live(settings.limits, metrics, settings.allow_record, settings.playable, sender, settings.person)
+    links = links_of(settings, metrics)
+
+    def show(answer: Answer) -> None:
+        for link in links:
+            link.show(answer)
+
+    live = Live(
+        settings.limits, metrics, settings.allow_record, settings.playable, show if links else None, settings.person
+    )
     access = settings.access
 
     async def websocket(client: WebSocket) -> None:
@@ -105,15 +84,14 @@ def application(settings: ServerSettings) -> Any:
     @contextlib.asynccontextmanager
     async def lifespan(_: Any) -> AsyncIterator[None]:
         live.start()
-        transports = [await _opened(source, bound, live, metrics, settings.vmc_trackers) for source, bound in inputs]
         try:
+            for link in links:
+                await link.open(live)
             yield
         finally:
-            for transport in transports:
-                transport.close()
+            for link in links:
+                link.close()
             await live.stop()
-            if sender is not None:
-                sender.close()
 
     page = Path(str(files("bodysense.serve").joinpath("page")))
     routes: list[BaseRoute] = [
@@ -172,26 +150,3 @@ async def _refuse_upload(receive: Any, send: Any) -> None:
                     break
                 unread -= len(message.get("body", b""))
     await send({"type": "http.response.body", "body": b""})
-
-
-def _listened(settings: ServerSettings) -> list[tuple[Source, socket.socket]]:
-    """The UDP ports that are listened on."""
-    wanted: list[tuple[Source, int | None]] = [("vmc", settings.vmc_in), ("markers", settings.markers_in)]
-    host = settings.access.host
-    return [(source, listened(f"--{source}-in", host, port)) for source, port in wanted if port is not None]
-
-
-async def _opened(
-    source: Source, bound: socket.socket, live: Live, metrics: Metrics, trackers: VmcTrackers
-) -> asyncio.DatagramTransport:
-    """Play what comes in by UDP as a session of the server's own."""
-    seat = live.own(source, VMC_POINTS if source == "vmc" else MARKER_POINTS)
-
-    def play(frame: SignalFrame) -> None:
-        live.receive(seat, frame)
-
-    def protocol() -> asyncio.DatagramProtocol:
-        return TrackerInput(play, metrics, trackers) if source == "vmc" else MarkerInput(play, metrics)
-
-    transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(protocol, sock=bound)
-    return transport

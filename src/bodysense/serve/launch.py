@@ -11,9 +11,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from bodysense.errors import BodysenseError
-from bodysense.serve.application import ServerSettings, application
+from bodysense.serve.application import application
 from bodysense.serve.estimation import load
 from bodysense.serve.metrics import missing
+from bodysense.serve.settings import ServerSettings
 
 _SWITCH = 0.0005  # s after which a thread that computes lets the event loop go on
 

@@ -12,6 +12,7 @@ from time import monotonic
 
 from bodysense.body.person import Person
 from bodysense.errors import BodysenseError
+from bodysense.serve.answer import Answer
 from bodysense.serve.messages import (
     Calibrate,
     Change,
@@ -40,7 +41,7 @@ from bodysense.serve.replay import Playable, Player
 from bodysense.serve.safety import Limits
 from bodysense.serve.scheduler import Scheduler
 from bodysense.serve.seat import Seat
-from bodysense.serve.session import Answer, Session
+from bodysense.serve.session import Session
 
 _SWEEP = 0.5  # s between looks for sessions that are over
 

@@ -15,7 +15,7 @@ from bodysense.serve.protocol import MOST_POINTS, VERSION, ProtocolError
 
 Region = Literal["torso", "head", "arms", "fingers", "legs"]
 Posture = Literal["standing", "seated"]
-Source = Literal["replay", "vmc", "markers"]
+Source = Literal["replay", "vmc", "markers", "vmt", "vrchat", "slimevr"]
 REGIONS: tuple[Region, ...] = get_args(Region)
 LONGEST_NAME = 64  # characters
 _DEEPEST = 6  # brackets within one another

@@ -7,7 +7,7 @@ from typing import Any
 
 from bodysense.errors import BodysenseError
 
-DROPS = ("late", "replaced", "slow client", "failed", "output", "malformed packet", "flood")
+DROPS = ("late", "replaced", "slow client", "failed", "output", "malformed packet", "flood", "second sender")
 _BUCKETS = (0.001, 0.002, 0.003, 0.005, 0.007, 0.009, 0.011, 0.015, 0.02, 0.03, 0.05, 0.1, 0.5)  # s
 
 

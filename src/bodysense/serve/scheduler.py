@@ -11,8 +11,9 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Generic, Protocol, TypeVar
 
 from bodysense.observation import Estimate
+from bodysense.serve.answer import Answer, Job
 from bodysense.serve.estimation import PipelineState, step_many
-from bodysense.serve.session import Answer, Job, Session
+from bodysense.serve.session import Session
 
 
 class Stepped(Protocol):

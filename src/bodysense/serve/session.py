@@ -10,19 +10,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from dataclasses import fields, replace
 
 import numpy as np
 
 from bodysense.body.person import Person
-from bodysense.body.pose import Pose, forward_kinematics, standing_pose
+from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.shape import stature
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.calibration import assigned, calibrated
 from bodysense.completion.inertialiser import Inertialiser, Offset
 from bodysense.errors import BodysenseError
 from bodysense.observation import CONTACT_POINTS, Estimate, Observation, chosen_points
+from bodysense.serve.answer import Answer, Job
 from bodysense.serve.estimation import Pipeline, PipelineState, device_of, step_many
 from bodysense.serve.messages import (
     Calibrate,
@@ -55,34 +55,6 @@ _PARTS: dict[str, Region] = {
     **dict.fromkeys(("collar", "shoulder", "elbow", "wrist"), "arms"),
     **dict.fromkeys(("hip", "knee", "ankle", "foot"), "legs"),
 }
-
-
-@dataclass(frozen=True, eq=False)
-class Job:
-    """What is to be completed."""
-
-    pipeline: Pipeline
-    observation: Observation  # T = 1
-    state: PipelineState
-    frame: SignalFrame
-    received: float  # s, of the server's clock
-
-
-@dataclass(frozen=True, eq=False)
-class Answer:
-    """What came of a job."""
-
-    signal: SignalFrame
-    frame: PoseFrame
-    pose: Pose
-    moment: float  # s, always increasing
-    received: float  # s, of the server's clock
-    estimated: np.ndarray | None  # (P, 3) m: the tracker's points, where the pose is as it completed it
-
-    @cached_property
-    def points(self) -> np.ndarray:
-        """(P, 3) m, world."""
-        return np.asarray(forward_kinematics(self.pose)[0]) if self.estimated is None else self.estimated
 
 
 class Session:
@@ -198,7 +170,7 @@ class Session:
             observation = self._set_up(frame, moment, observation)
         if self._stood is not None:
             self._stood.append(observation)
-        return Job(self._pipeline, self._as_worn(observation), self._state, frame, received)
+        return Job(self._pipeline, self._as_worn(observation), self._state, frame, received, self._placement)
 
     def _as_worn(self, observation: Observation) -> Observation:
         """The same without the rotations of trackers of which nobody knows how they are strapped on."""
@@ -232,7 +204,8 @@ class Session:
         root, rotation = self._displayed(root, rotation, moment)
         pose_frame = PoseFrame(job.frame.sequence, job.frame.time, root, rotation, error, hidden, contact)
         estimated = estimate.points[0] if root is before[0] and rotation is before[1] else None
-        return Answer(job.frame, pose_frame, Pose(self.skeleton, root, rotation), moment, job.received, estimated)
+        pose = Pose(self.skeleton, root, rotation)
+        return Answer(job.frame, pose_frame, pose, moment, job.received, estimated, job.placement)
 
     def step(self) -> Answer | None:
         """The pose that answers the newest frame, None where there is none."""

@@ -20,8 +20,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from bodysense.errors import BodysenseError
-from bodysense.serve.application import ServerSettings
 from bodysense.serve.launch import serve
+from bodysense.serve.settings import ServerSettings
 
 _TO_TAKE = 1.0  # s in which a worker has to take a connection
 _TOLD_EVERY = 0.1  # s between words of a worker on connections that ended

@@ -11,6 +11,7 @@ from bodysense.conform.subject import Subject
 _WINDOW = 1.0  # s over which noise is measured
 _SLOW, _SLOW_TURN = 0.1, 20.0  # m/s, °/s: what is slower over a quarter of a second stands
 _BASE = 0.25  # s: over which slowness is measured, so that noise is no speed
+_SLOWEST = 1 / 15  # s between frames: over more, third differences are of motion, too
 _THIRD = np.sqrt(20.0)  # of white noise of size 1, the size of its third difference
 
 
@@ -19,8 +20,10 @@ def noise_floor(values: np.ndarray, subject: Subject, slow: float) -> float:
 
     From third differences, which motion hardly has at the rates of trackers. Noise of the sensor is in every second.
     """
+    if not 0 < subject.interval <= _SLOWEST:
+        return float("nan")
     window, base = (max(round(span / subject.interval), 2) for span in (_WINDOW, _BASE))
-    if len(values) < window + 2 * base + 3 or not subject.interval > 0:
+    if len(values) < window + 2 * base + 3:
         return float("nan")
     third = np.square(np.diff(values, 3, axis=0)).mean(axis=-1)
     whole = np.cumsum(np.concatenate([np.zeros_like(values[:1]), values]), axis=0)
@@ -81,19 +84,19 @@ def dead(subject: Subject) -> Value | Unanswered:
 def _noisiest(noise: dict[str, float]) -> Value | Unanswered:
     known = {name: value for name, value in noise.items() if np.isfinite(value)}
     if not known:
-        return Unanswered("nothing stands for a second")
+        return Unanswered("nothing stands for a second, or there are fewer than 15 frames a second")
     worst = max(known, key=lambda name: known[name])
     return Value(known[worst], worst)
 
 
 CHECKS = (
-    Check("motion.shake", shake, "mm", "What stands trembles.", most=8, after=TIMED),
+    Check("motion.shake", shake, "mm", "What stands trembles.", most=11, after=TIMED),
     Check(
         "motion.rotation_shake",
         rotation_shake,
         "°",
         "What stands trembles in its rotations.",
-        most=1.5,
+        most=2.2,
         after=(*TIMED, "anatomy.component_order"),
     ),
     Check("motion.drift", drift, "cm/s", "How calm the calmest second is.", after=TIMED),

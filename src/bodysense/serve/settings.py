@@ -1,0 +1,29 @@
+"""What a server does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from bodysense.body.person import Person
+from bodysense.serve.datagrams import Receiver
+from bodysense.serve.replay import Playable
+from bodysense.serve.safety import Access, Limits
+from bodysense.serve.vmc_trackers import VmcTrackers
+from bodysense.serve.vmt_link import VmtSettings
+
+
+@dataclass(frozen=True)
+class ServerSettings:
+    """What a server does."""
+
+    access: Access = Access()
+    limits: Limits = Limits()
+    allow_record: Path | None = None  # a folder
+    playable: Playable | None = None
+    person: Person = Person()  # what is known of wearers who do not tell their height
+    vmc_in: int | None = None  # ports, on the server's host
+    vmc_trackers: VmcTrackers = VmcTrackers()
+    markers_in: int | None = None
+    receivers: tuple[Receiver, ...] = ()
+    vmt: VmtSettings | None = None
