@@ -11,7 +11,8 @@ import pytest
 
 from bodysense.errors import BodysenseError
 from bodysense.serve.launch import listen
-from bodysense.serve.messages import Hello, write_message
+from bodysense.serve.message_text import write_message
+from bodysense.serve.messages import Hello
 from bodysense.serve.protocol import SUBPROTOCOL, write_signal
 from bodysense.serve.safety import Access, Limits, RateLimit, why_refused
 from bodysense.serve.settings import ServerSettings

@@ -9,14 +9,15 @@ before, after which the tracker begins a new motion of the same person.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
+from types import MappingProxyType
 
 import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, standing_pose
-from bodysense.body.shape import stature
+from bodysense.body.shape import Measured, stature
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.calibration import assigned, calibrated
 from bodysense.completion.inertialiser import Inertialiser, Offset
@@ -24,6 +25,7 @@ from bodysense.errors import BodysenseError
 from bodysense.observation import CONTACT_POINTS, Estimate, Observation, chosen_points
 from bodysense.serve.answer import Answer, Job
 from bodysense.serve.estimation import Pipeline, PipelineState, device_of, step_many
+from bodysense.serve.message_text import changed
 from bodysense.serve.messages import (
     Calibrate,
     Change,
@@ -34,7 +36,6 @@ from bodysense.serve.messages import (
     Said,
     ServerMessage,
     Settings,
-    changed,
 )
 from bodysense.serve.protocol import PoseFrame, SignalFrame
 from bodysense.serve.smoothing import Smoothed, at_rest, followed
@@ -46,6 +47,7 @@ AFRESH = 2.0  # s
 SHORTEST_STEP = 1e-4  # s between frames
 NOTICED = 0.001  # m that a point of the T-pose must have moved for the skeleton to be told again
 TOLD_EVERY = 0.1  # s between two skeletons that are told
+_INFERRED = 0.02  # m, standard deviation of a height that was inferred
 _STANDING = 1.0  # s, to take somebody's height in
 INERTIALISER = Inertialiser()  # settings change without a jump
 _OTHER_FOOT = [CONTACT_POINTS.index(name) for name in ("right_ankle", "left_ankle", "right_foot", "left_foot")]
@@ -64,7 +66,14 @@ class Session:
     ProtocolError for points that nobody knows.
     """
 
-    def __init__(self, points: Sequence[str], person: Person = Person(), settings: Settings = Settings()) -> None:
+    def __init__(
+        self,
+        points: Sequence[str],
+        person: Person = Person(),
+        settings: Settings = Settings(),
+        placement: Placement = Placement(),
+        worn: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
         self.points = tuple(points)
         self.settings = settings
         self.revision = 0  # rises with every change that a welcome tells of
@@ -75,12 +84,12 @@ class Session:
         self._starts_afresh = False  # with the next frame
         self._waiting: tuple[SignalFrame, float, float] | None = None  # frame, moment, received
         self._busy = False
-        self._placement = Placement()
+        self._placement = placement
         self._recentres = False  # with the next headset
         self._reseats = settings.posture == "seated"  # with the next headset
         self._stood: list[Observation] | None = None  # of a wearer who stands to be calibrated
         self._arms_out = False  # in which pose
-        self._worn: dict[str, str] = {}  # undecided trackers → the joints that they are on
+        self._worn = dict(worn)  # undecided trackers → the joints that they are on
         self._smoothed: Smoothed | None = None
         self._shown: Pose | None = None  # of the frame before
         self._offset: Offset | None = None  # of what is shown from what is completed, after settings changed
@@ -263,6 +272,13 @@ class Session:
 
     def _track(self, wearer: Person) -> None:
         self._pass_on(Pipeline(Tracker(wearer, settings=self._tracking), self._pipeline.device))
+
+    def kept(self) -> tuple[Person, Placement, dict[str, str]]:
+        """What another process needs to go on: the wearer, as tall as inferred; the placement; what is worn where."""
+        base = self._base
+        if base.height is None and base.bone_deviation.any() and self.settings.height is None:
+            base = Person(height=Measured(self.height, _INFERRED), lengths=base.lengths, mounts=base.mounts)
+        return base, self._placement, self._worn
 
     def placed(self) -> Placed:
         """How the signal's world is moved now."""

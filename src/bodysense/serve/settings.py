@@ -7,6 +7,7 @@ from pathlib import Path
 
 from bodysense.body.person import Person
 from bodysense.serve.datagrams import Receiver
+from bodysense.serve.messages import Settings
 from bodysense.serve.replay import Playable
 from bodysense.serve.safety import Access, Limits
 from bodysense.serve.vmc_trackers import VmcTrackers
@@ -22,6 +23,9 @@ class ServerSettings:
     allow_record: Path | None = None  # a folder
     playable: Playable | None = None
     person: Person = Person()  # what is known of wearers who do not tell their height
+    wearer: Settings = Settings()  # of the server's own inputs
+    recentre: bool = False  # where they first stand is the middle
+    shared: Path | None = None  # a folder by which servers, and workers, resume one another's sessions
     vmc_in: int | None = None  # ports, on the server's host
     vmc_trackers: VmcTrackers = VmcTrackers()
     markers_in: int | None = None

@@ -141,7 +141,7 @@ CHECKS = (
         ),
         "%",
         "Forearms go through trunk or neck.",
-        most=40,
+        most=70,
         after=SIZED,
     ),
     Check(
@@ -149,7 +149,7 @@ CHECKS = (
         partial(penetration, ((FOREARM[0], FOREARM[1]),), 0.01),
         "%",
         "One forearm goes through the other.",
-        most=50,
+        most=70,
         after=SIZED,
     ),
 )
