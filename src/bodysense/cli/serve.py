@@ -12,6 +12,7 @@ import tyro
 from bodysense.cli.options import Reading
 from bodysense.devices.simulated import DeviceName
 from bodysense.errors import BodysenseError
+from bodysense.files import check_place
 from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ def serve(
     replay: Path | None = None,
     device: DeviceName | None = None,
     person: Path | None = None,
+    save_person: Path | None = None,
     vmc_in: int | None = None,
     markers_in: int | None = None,
     device_names: Path | None = None,
@@ -65,6 +67,7 @@ def serve(
         replay: A recording (.npz, .jsonl), or with --device a motion (.bvh, AMASS .npz), played in real time.
         device: What watches the body, where the replay is a motion; the page then shows the truth, too.
         person: wearers' proportions and how trackers are worn, a person's file (.json).
+        save_person: File (.json) for who VMC, SteamVR or VRChat track, written after each calibration.
         vmc_in: UDP port on which headset, controllers and trackers come in by VMC (its own is 39539).
         markers_in: UDP port on which markers of gloves come in by OSC (its own is 9123).
         device_names: Which point each device of VMC or SteamVR is, a .json table by serial (docs/avatars.md).
@@ -98,6 +101,8 @@ def serve(
     from bodysense.serve.vmt_link import VmtSettings
     from bodysense.serve.workers import serve_in_workers
 
+    if save_person is not None:
+        check_place(save_person)
     if workers < 1:
         raise BodysenseError(f"--workers {workers}: give 1 or more")
     if workers > 1 and (vmc_in, markers_in, vmc_out, vrchat_out, vmt) != (None, None, (), (), False):
@@ -115,6 +120,7 @@ def serve(
         person=wearer,
         wearer=Settings(floor=reading.floor or 0.0, posture="seated" if seated else "standing"),
         recentre=recentre,
+        save_person=save_person,
         shared=None if shared is None else _folder("--shared", shared),
         vmc_in=vmc_in,
         vmc_trackers=VmcTrackers(devices),

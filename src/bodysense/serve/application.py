@@ -49,6 +49,7 @@ def application(settings: ServerSettings) -> Any:
         settings.wearer,
         settings.recentre,
         None if settings.shared is None else SessionStore(settings.shared, settings.limits.seconds_to_resume),
+        settings.save_person,
     )
     keeper = Doorkeeper(settings.access)
 

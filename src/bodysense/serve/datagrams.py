@@ -13,7 +13,7 @@ from bodysense.body.glove import glove_points
 from bodysense.capture.marker_stream import read_frame
 from bodysense.errors import BodysenseError
 from bodysense.serve.answer import Answer
-from bodysense.serve.links import MOST_PACKETS, signal_of
+from bodysense.serve.links import MOST_PACKETS, Command, signal_of
 from bodysense.serve.live import Live
 from bodysense.serve.messages import Source
 from bodysense.serve.metrics import Metrics
@@ -81,7 +81,12 @@ class PoseSender:
 class MarkerInput(asyncio.DatagramProtocol):
     """Markers of gloves by OSC become signal frames, by the sender's own time."""
 
-    def __init__(self, play: Callable[[SignalFrame], None], metrics: Metrics) -> None:
+    def __init__(
+        self,
+        play: Callable[[SignalFrame], None],
+        metrics: Metrics,
+        do: Callable[[Command], None] = lambda command: None,
+    ) -> None:
         self._play, self._metrics = play, metrics
         self._sequence = 0
         self._rate = RateLimit(MOST_PACKETS, 0.0)
@@ -107,7 +112,7 @@ class InputLink:
         source: Source,
         bound: socket.socket,
         points: tuple[str, ...],
-        protocol: Callable[[Callable[[SignalFrame], None]], asyncio.DatagramProtocol],
+        protocol: Callable[..., asyncio.DatagramProtocol],  # of `play` and `do`
     ) -> None:
         self._source: Source = source
         self._bound, self._points, self._protocol = bound, points, protocol
@@ -117,8 +122,11 @@ class InputLink:
         """Begin to listen."""
         seat = live.own(self._source, self._points)
         play = partial(live.receive, seat)
+        do = partial(live.change, seat)
         loop = asyncio.get_running_loop()
-        self._transport, _ = await loop.create_datagram_endpoint(lambda: self._protocol(play), sock=self._bound)
+        self._transport, _ = await loop.create_datagram_endpoint(
+            lambda: self._protocol(play=play, do=do), sock=self._bound
+        )
 
     def show(self, answer: Answer) -> None:
         """It sends nothing back."""

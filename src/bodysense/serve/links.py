@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,6 +13,7 @@ from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 from bodysense.serve.answer import Answer
 from bodysense.serve.live import Live
+from bodysense.serve.messages import Calibrate, Recentre
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.protocol import HAS_POSITION, HAS_ROTATION, SignalFrame, wire_accuracy
 from bodysense.serve.safety import RateLimit
@@ -20,6 +21,9 @@ from bodysense.serve.safety import RateLimit
 TOGETHER = 0.002  # s: packets that come so soon after one another are one frame
 MOST_PACKETS = 2000.0  # a second that are looked at; twice as many in a burst
 LOST = 0.5  # s without a body, after which other programs are told that nothing is tracked
+
+
+Command = Calibrate | Recentre
 
 
 class Link(Protocol):
@@ -53,14 +57,24 @@ class Reader(Protocol):
         """One frame as of now."""
         ...
 
+    def commands(self, packet: bytes) -> Sequence[Command]:
+        """What a packet asks for."""
+        ...
+
 
 class DeviceInput(asyncio.DatagramProtocol):
     """Packets become signal frames of `points`, each of what came within two milliseconds."""
 
     def __init__(
-        self, play: Callable[[SignalFrame], None], metrics: Metrics, reader: Reader, points: tuple[str, ...]
+        self,
+        play: Callable[[SignalFrame], None],
+        metrics: Metrics,
+        reader: Reader,
+        points: tuple[str, ...],
+        do: Callable[[Command], None] = lambda command: None,
     ) -> None:
         self._play, self._metrics, self._reader, self._points = play, metrics, reader, points
+        self._do = do
         self.state: Any = reader.start()
         self._waits = False
         self._sequence = 0
@@ -75,6 +89,8 @@ class DeviceInput(asyncio.DatagramProtocol):
         self.state, reason = self._reader.take(data, loop.time(), self.state)
         if reason is not None:
             self._metrics.dropped("malformed packet")
+        for command in self._reader.commands(data):
+            self._do(command)
         if not self._waits:
             self._waits = True
             loop.call_later(TOGETHER, self._flush)

@@ -43,6 +43,7 @@ from bodysense.serve.scheduler import Scheduler
 from bodysense.serve.seat import Seat
 from bodysense.serve.session import Session
 from bodysense.serve.session_store import Kept, SessionStore
+from bodysense.serve.wearer_file import WearerFile
 
 _SWEEP = 0.5  # s between looks for sessions that are over
 
@@ -52,6 +53,7 @@ class Live:
 
     `person` is what is known of wearers who do not tell their height, `settings` are of the server's own inputs, which
     `recentre` where their wearers first stand.
+    `save_person`: where they are kept once they were calibrated.
     `show(answer)` is called with what goes to avatars (`Leader`). `store` keeps what other processes need to resume.
     """
 
@@ -66,7 +68,9 @@ class Live:
         settings: Settings = Settings(),
         recentre: bool = False,
         store: SessionStore | None = None,
+        save_person: Path | None = None,
     ) -> None:
+        self._wearers = WearerFile(save_person)
         self.limits, self.metrics = limits, metrics
         self._settings, self._recentre, self._store, self._leader = settings, recentre, store, Leader()
         self._recordings = Recordings(allow_record, limits.recording_seconds)
@@ -251,6 +255,8 @@ class Live:
             seat.tell(note)
 
     def _deliver(self, seat: Seat, answer: Answer | None) -> None:
+        if seat in self._inputs.values():
+            self._wearers.keep(seat)
         self._tell(seat)
         if answer is None:
             self.metrics.dropped("failed")

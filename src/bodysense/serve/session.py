@@ -77,6 +77,7 @@ class Session:
         self.points = tuple(points)
         self.settings = settings
         self.revision = 0  # rises with every change that a welcome tells of
+        self.calibrated: Person | None = None  # by the last calibration
         self._notes: list[ServerMessage] = []
         self._told = self._base = person  # by whoever made the session; as calibrated
         self._time: float | None = None  # s, the client's, of the last frame
@@ -379,7 +380,7 @@ class Session:
         except BodysenseError as error:
             self._notes.append(Said(str(error)))
             return
-        self._base, self._breaks = wearer, True
+        self._base, self._breaks, self.calibrated = wearer, True, wearer
         if found:
             self._worn |= found
             self._door = door(self.points, self.skeleton, self._worn)

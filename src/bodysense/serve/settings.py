@@ -26,6 +26,7 @@ class ServerSettings:
     wearer: Settings = Settings()  # of the server's own inputs
     recentre: bool = False  # where they first stand is the middle
     shared: Path | None = None  # a folder by which servers, and workers, resume one another's sessions
+    save_person: Path | None = None  # where the wearer of the server's own input is kept once calibrated
     vmc_in: int | None = None  # ports, on the server's host
     vmc_trackers: VmcTrackers = VmcTrackers()
     markers_in: int | None = None

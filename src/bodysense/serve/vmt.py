@@ -78,6 +78,10 @@ class VmtReader:
         """One frame, as of the last device that came; None where none came lately."""
         return self.devices.observation(now, state.devices)
 
+    def commands(self, packet: bytes) -> tuple[()]:
+        """The driver asks for nothing."""
+        return ()
+
     def _device(self, message: Message, now: float, state: VmtState) -> tuple[str, Device] | str:
         serial, numbers = message.arguments[0] if message.arguments else None, message.arguments[1:8]
         if not isinstance(serial, str) or len(numbers) < 7 or not all(isinstance(x, float) for x in numbers):
