@@ -89,5 +89,5 @@ def test_it_serves_until_it_is_ended(workers: int, end: signal.Signals) -> None:
 def test_nobody_to_calibrate(refused: Refused) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-    assert "is `bodysense serve` running there?" in refused("calibrate", f"http://127.0.0.1:{port}/")
+    assert "is `bodysense serve` running?" in refused("calibrate", f"http://127.0.0.1:{port}/")
     assert "give the address" in refused("calibrate", "localhost")
