@@ -15,6 +15,7 @@ import signal
 import socket
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -59,7 +60,7 @@ class Workers:
     @property
     def serving(self) -> list[_Worker]:
         """Those that connections are handed to; the others are loaded, or load."""
-        return [worker for worker in self.all if worker.serves][: self._count]
+        return [worker for worker in list(self.all) if worker.serves][: self._count]
 
     def wait(self) -> None:
         """Until as many as are wanted serve. Raises BodysenseError where one does not start."""
@@ -71,7 +72,7 @@ class Workers:
 
     def look(self) -> None:
         """See who is ready by now."""
-        for worker in self.all:
+        for worker in list(self.all):
             if not worker.serves and worker.ready.acquire(block=False):
                 worker.serves = True
 
@@ -86,7 +87,8 @@ class Workers:
         self.all.remove(worker)
         if len(self._ended) > _MOST_ENDED * self._count:
             raise BodysenseError("workers end again and again; the server was stopped: see above for why")
-        self.all.append(self._started())
+        # Beside the loop that hands connections out: to start a process takes a while.
+        threading.Thread(target=lambda: self.all.append(self._started()), daemon=True).start()
 
     def stop(self) -> None:
         """End them all."""
@@ -151,7 +153,7 @@ def _turn(bound: socket.socket, pool: Workers) -> None:
     with selectors.DefaultSelector() as selector:
         if serving:
             selector.register(bound, selectors.EVENT_READ, None)
-        for worker in pool.all:
+        for worker in list(pool.all):
             selector.register(worker.channel, selectors.EVENT_READ, worker)
         for key, _ in selector.select(_LOOK_EVERY):
             if key.data is None:
