@@ -11,7 +11,7 @@ from bodysense.body.person import Person
 from bodysense.capture.recording import Recording
 from bodysense.capture.video import is_video, open_video
 from bodysense.data.clip import Clip
-from bodysense.devices.gloves import calibrated_hands
+from bodysense.devices.gloves import calibrated_hands, has_standard_gloves
 from bodysense.devices.simulated import DEVICES, simulate
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation, check_observation
@@ -65,7 +65,9 @@ def signal_of(
         skeleton = content.skeleton if isinstance(content, Recording) and content.told else None
     try:
         if person is None:
-            hands = calibrated_hands(observation) if isinstance(content, Recording) and content.hands_shown else None
+            worn = content.worn if isinstance(content, Recording) else None
+            shown = isinstance(content, Recording) and content.hands_shown
+            hands = calibrated_hands(observation, worn) if shown or not has_standard_gloves(observation) else None
             measured = height is not None or skeleton is None
             person = Person(height=height, hands=hands) if measured else Person(skeleton, hands=hands)
         _check(observation)

@@ -20,7 +20,7 @@ from bodysense.data.bvh_lines import BvhLines
 from bodysense.data.clip import Clip
 from bodysense.data.holes import missing_items
 from bodysense.data.resample import at_constant_rate
-from bodysense.devices.gloves import glove_device, gloved_sides, has_gloves
+from bodysense.devices.gloves import check_calibrated, glove_device, gloved_sides, has_gloves
 from bodysense.devices.simulated import DEVICES
 from bodysense.errors import BodysenseError
 from bodysense.export.motion_files import write_motion
@@ -209,7 +209,9 @@ def _body_points(observation: Observation, person: Person) -> Iterator[Observati
     if not has_gloves(observation):
         yield from parts
         return
-    gloves = glove_device(person.skeleton, gloved_sides(observation.points), calibrated=person.hands)
+    sides = gloved_sides(observation.points)
+    check_calibrated(observation.points, sides, person.hands)
+    gloves = glove_device(person.skeleton, sides, calibrated=person.hands)
     state = gloves.start()
     for part in parts:
         joints, state = gloves.step(part, state)

@@ -19,6 +19,7 @@ from bodysense.body.glove import (
     hand_size,
     marker_positions,
     side_of,
+    standard_marker,
     template,
 )
 from bodysense.body.hand import hand_skeleton, limits, rotations_of
@@ -111,6 +112,8 @@ def test_names_of_markers() -> None:
     points = ("head", *glove_points("right2"), *glove_points("left"), "right_wrist")
     assert glove_hands(points) == ("right2", "left") and side_of("right2") == "right"
     assert [glove_marker(point) for point in glove_points("left")] == [("left", marker) for marker in MARKERS]
-    assert glove_marker("left_index_tip") is None and glove_marker("left_glove_elbow") is None
+    assert glove_marker("left_index_tip") is None and standard_marker("left_glove_elbow") is None
+    assert glove_marker("left_glove_elbow") == ("left", "elbow"), "of another set"
+    assert glove_marker("hand_glove_elbow") is None and glove_marker("left_glove_") is None
     with pytest.raises(BodysenseError, match="'middle' is neither left nor right"):
         glove_points("middle")

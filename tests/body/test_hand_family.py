@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bodysense.body.glove import MARKERS, default_glove, hand_size, marker_positions, paper_template
+from bodysense.body.glove import MARKERS, default_glove, hand_size, marker_positions
 from bodysense.body.hand import HAND_JOINTS, hand_skeleton
 from bodysense.body.hand_family import (
     COUNT,
@@ -25,6 +25,7 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
 from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense.lab.two_hands.foreign import paper_template
 
 
 def test_many_shapes_are_single_ones() -> None:
@@ -82,7 +83,8 @@ def test_motion_is_carried_over_to_the_same_hand_as_it_is_and_keeps_bones_of_ano
 
 def test_rows_make_the_hand_again() -> None:
     hand = draw_hand(np.random.default_rng(5))
-    again = hand_from_rows(*rows_of(hand).values())
+    rows = rows_of(hand)
+    again = hand_from_rows(rows["points"], rows["axes"], rows["markers"])
     rest = np.zeros((len(HAND_JOINTS), 4))
     rest[:, 0] = 1.0
     for one in (hand, again):

@@ -125,7 +125,8 @@ def test_names_units_and_axes(files: Path, gloves: Observation, run: Command, re
     assert "if the axes are left-handed (Unity, Unreal), give --left-handed" in refused(*arguments)
     run(*arguments, "--left-handed")
     run("track", files / "gloves.csv", "-o", files / "a.bvh")
-    np.testing.assert_allclose(backs(files / "b.bvh"), backs(files / "a.bvh"), atol=1e-4)
+    # Calibration ends within a tenth of a millimetre or two.
+    np.testing.assert_allclose(backs(files / "b.bvh"), backs(files / "a.bvh"), atol=3e-4)
 
 
 def test_what_goes_wrong_is_one_line(files: Path, motion: Path, refused: Command) -> None:

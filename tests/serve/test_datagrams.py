@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from bodysense.body.glove import default_glove, glove_points, marker_positions
+from bodysense.body.glove_set import standard_set
 from bodysense.body.hand import hand_skeleton
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
@@ -87,7 +88,7 @@ def test_a_flood_is_not_looked_at(kind: str) -> None:
     async def flooded() -> None:
         played: list[SignalFrame] = []
         vmc = DeviceInput(played.append, metrics, VmcTrackers(), SIGNALS)
-        receiver = vmc if kind == "vmc" else MarkerInput(played.append, metrics)
+        receiver = vmc if kind == "vmc" else MarkerInput(played.append, metrics, standard_set())
         for _ in range(10_000):
             receiver.datagram_received(b"/nothing", None)
 

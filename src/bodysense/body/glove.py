@@ -1,4 +1,4 @@
-"""A glove: nine markers on a hand, three of them on its back to find the hand by (two-hands, sections 2.1 and 2.2)."""
+"""A glove: markers on a hand; of the standard one nine, three of them on its back (two-hands, sections 2.1 and 2.2)."""
 
 from __future__ import annotations
 
@@ -8,24 +8,17 @@ from functools import lru_cache
 
 import numpy as np
 
-from bodysense.body.hand import Side, hand_skeleton
+from bodysense.body.glove_set import GloveSet, standard_set
+from bodysense.body.hand import Side, hand_skeleton, joint_bases
 from bodysense.body.pose import Pose, as_like, forward_kinematics
-from bodysense.body.rotation import Array, quaternion_rotate
+from bodysense.body.rotation import Array, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 
-# In the order of the paper's release. The first, second and third are on the back of the hand and move with it.
-MARKERS = (
-    *("pinky_base", "wrist", "index_base"),
-    *("ring_tip", "pinky_tip", "index_tip", "middle_tip", "thumb_middle", "thumb_tip"),
-)
-ALIGNMENT = (0, 1, 2)
-# The template of the release, metres: y toward the wrist, x into the palm, z toward the thumb.
-_TEMPLATE = (
-    *((-0.0059, -0.0796, -0.0325), (-0.0300, 0.0, 0.0), (-0.0155, -0.0869, 0.0319)),
-    *((-0.0006, -0.1787, -0.0125), (0.0037, -0.1562, -0.0293), (-0.0013, -0.1761, 0.0250)),
-    *((-0.0052, -0.1889, 0.0067), (-0.0014, -0.0512, 0.0558), (0.0116, -0.1038, 0.0948)),
-)
+# Of the standard set, in the order of the paper's release. The first three are on the back of the hand.
+MARKERS = standard_set().names
+ALIGNMENT = standard_set().on_hand
+_SIZE = 0.1953  # m, of the hand on which a set's metres are
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,24 +45,34 @@ class Glove:
 
 @lru_cache(maxsize=1)
 def default_glove() -> Glove:
-    """The glove of the paper's release, on our hand.
+    """The standard set on our hand.
 
-    Markers on the back of the hand stand where the template has them; those of fingers sit at fingertips and the
-    thumb's middle joint, where the template has them as well, to within the difference between two people's hands.
+    Markers on the back of the hand stand where the paper's release has them; those of fingers sit at fingertips and the
+    thumb's middle joint, to within the difference between two people's hands.
     """
     hand = hand_skeleton(default_skeleton(), "left")
-    points = ("pinky1", "wrist", "index1", "ring_tip", "pinky_tip", "index_tip", "middle_tip", "thumb2", "thumb_tip")
-    carried_by = ("wrist", "wrist", "wrist", "ring3", "pinky3", "index3", "middle3", "thumb2", "thumb3")
-    template = paper_template()
-    offset = np.zeros((len(MARKERS), 3))
-    back = list(ALIGNMENT)
-    offset[back] = template[back] - (hand.path @ hand.rest_offset)[hand.indices([points[k] for k in back])]
-    return Glove(MARKERS, points, carried_by, offset, hand_size(hand))
+    return glove_of(standard_set(), hand)
 
 
-def paper_template() -> np.ndarray:
-    """(9, 3) m, the markers of the release's glove on a flat left hand, in our axes."""
-    return np.array(_TEMPLATE)[:, [1, 0, 2]] * [-1, -1, 1]
+def glove_of(worn: GloveSet, hand: Skeleton, axes: np.ndarray | None = None) -> Glove:
+    """The markers of a set on a hand, where they sit if they sit as the set says.
+
+    `axes` (15, 4) turn those of the hand's joints from the default hand's, at rest.
+    """
+    turns = np.asarray(joint_bases())
+    if axes is not None:
+        turns = np.asarray(quaternion_multiply(axes, turns))
+    size, offset = hand_size(hand), np.zeros((len(worn.markers), 3))
+    for place, marker in enumerate(worn.markers):
+        more = np.array(marker.offset) * (size / _SIZE)
+        if marker.segment == "wrist":
+            offset[place] = more
+            continue
+        joint = hand.index(marker.segment)
+        bone = hand.rest_offset[hand.parents.index(joint)]
+        offset[place] = marker.along * bone + quaternion_rotate(turns[joint - 1], more)
+    carriers = tuple(marker.segment for marker in worn.markers)
+    return Glove(worn.names, tuple(marker.near for marker in worn.markers), carriers, offset, size)
 
 
 def hand_size(hand: Skeleton) -> float:
@@ -107,9 +110,16 @@ def glove_points(hand: str) -> tuple[str, ...]:
 
 @lru_cache(maxsize=4096)
 def glove_marker(point: str) -> tuple[str, str] | None:
-    """The hand and the marker that a point's name says; None for a point that is no marker of a glove."""
+    """The hand and the marker, of any set, that a point's name says; None for a point that is no marker of a glove."""
     hand, _, marker = point.partition("_glove_")
-    return (hand, marker) if marker in MARKERS and hand.startswith(("left", "right")) else None
+    return (hand, marker) if marker and hand.startswith(("left", "right")) else None
+
+
+@lru_cache(maxsize=4096)
+def standard_marker(point: str) -> tuple[str, str] | None:
+    """The same of the standard set alone."""
+    found = glove_marker(point)
+    return found if found and found[1] in MARKERS else None
 
 
 def glove_hands(points: Iterable[str]) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ two-hands paper's glove differ more among each other than adults do, and all of 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import NamedTuple
@@ -63,6 +64,7 @@ _BLOCKS = (
     _Block("back", 9, 0.4),  # cm, of the markers on the back of the hand, beside
 )
 COUNT = sum(block.length for block in _BLOCKS)
+SHAPE = COUNT - 42  # the first of them: of the hand without a glove
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,25 +109,45 @@ def body_with(skeleton: Skeleton, side: Side, hand: GlovedHand) -> Skeleton:
     return skeleton.with_offsets(offset)
 
 
-def hand_from_rows(rest: np.ndarray, axes: np.ndarray, worn: np.ndarray) -> GlovedHand:
-    """A hand from its resting offsets (21, 3) m, the turns of its axes (15, 4) and offsets of markers (9, 3) m.
+def hand_from_rows(
+    rest: np.ndarray, axes: np.ndarray, worn: np.ndarray, sitting: Sequence[Sequence[str]] = ()
+) -> GlovedHand:
+    """A hand from its resting offsets (21, 3) m, the turns of its axes (15, 4) and offsets of markers (M, 3) m.
 
+    `sitting` has a row for every marker, its name, its point and the joint that carries it; none for the standard ones.
     Raises BodysenseError for numbers of which no hand is made.
     """
-    sizes = (("points", rest, (21, 3)), ("axes", axes, (15, 4)), ("markers", worn, (9, 3)))
+    standard = default_glove()
+    rows = [list(row) for row in sitting] or _sitting(standard)
+    sizes = (("points", rest, (21, 3)), ("axes", axes, (15, 4)), ("markers", worn, (len(rows), 3)))
     for name, values, shape in sizes:
         if values.shape != shape or not np.isfinite(values).all():
             raise BodysenseError(f"a hand's {name} are {values.shape} numbers; they must be {shape}, all finite")
     if not 0.04 < np.linalg.norm(rest[1:], axis=-1).max() < 0.25:
         raise BodysenseError("a hand's points: its longest bone is not that of a hand; give metres")
-    glove, hand = default_glove(), hand_skeleton(default_skeleton(), "left").with_offsets(rest)
-    return GlovedHand(hand, axes, Glove(glove.markers, glove.points, glove.carried_by, worn, hand_size(hand)))
+    for row in rows:
+        if len(row) != 3 or row[1] not in _POINTS or row[2] not in HAND_JOINTS:
+            raise BodysenseError(
+                f"a hand's marker {row}: give its name, a point of the hand and the joint it moves with"
+            )
+    hand = hand_skeleton(default_skeleton(), "left").with_offsets(rest)
+    markers, points, carriers = (tuple(column) for column in zip(*rows, strict=True))
+    return GlovedHand(hand, axes, Glove(markers, points, carriers, worn, hand_size(hand)))
 
 
 def rows_of(hand: GlovedHand) -> dict[str, np.ndarray]:
-    """What `hand_from_rows` makes the hand of."""
+    """The numbers that `hand_from_rows` makes the hand of."""
     worn = hand.glove.offset * (hand_size(hand.skeleton) / hand.glove.size)
     return {"points": hand.skeleton.rest_offset, "axes": hand.axes, "markers": worn}
+
+
+def sitting_of(hand: GlovedHand) -> list[list[str]]:
+    """Where its markers sit, as `hand_from_rows` takes it: none for the standard ones."""
+    return [] if hand.glove.markers == default_glove().markers else _sitting(hand.glove)
+
+
+def _sitting(glove: Glove) -> list[list[str]]:
+    return [list(row) for row in zip(glove.markers, glove.points, glove.carried_by, strict=True)]
 
 
 def hand_of(parameters: np.ndarray) -> GlovedHand:
@@ -136,6 +158,13 @@ def hand_of(parameters: np.ndarray) -> GlovedHand:
 
 def shapes_of(parameters: np.ndarray) -> HandShapes:
     """The shapes of parameters (..., COUNT), many at once."""
+    part = _parts(parameters)
+    rest, axes = bare_shapes_of(parameters)
+    return HandShapes(rest, axes, 0.01 * np.exp(part["size"])[..., None] * _worn(part, axes[..., ::3, :]))
+
+
+def bare_shapes_of(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Resting offsets (..., 21, 3) m and axes (..., 15, 4) of parameters (..., SHAPE or more)."""
     part, batch = _parts(parameters), parameters.shape[:-1]
     size = np.exp(part["size"])[..., None]
     base = np.array(_BASE) + part["base"].reshape(*batch, 5, 3)
@@ -148,8 +177,7 @@ def shapes_of(parameters: np.ndarray) -> HandShapes:
     rest = np.zeros((*batch, len(_POINTS), 3))
     first, rows = _rows()
     rest[..., first, :], rest[..., rows, :] = base, bones
-    axes = np.repeat(turn, 3, axis=-2)
-    return HandShapes(0.01 * size * rest, axes, 0.01 * size * _worn(part, turn))
+    return 0.01 * size * rest, np.repeat(turn, 3, axis=-2)
 
 
 def carried_over(pose: Pose, hand: GlovedHand) -> Pose:

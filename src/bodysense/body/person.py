@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bodysense.body.hand_family import GlovedHand, body_with, hand_from_rows, rows_of
+from bodysense.body.hand_family import GlovedHand, body_with, hand_from_rows, rows_of, sitting_of
 from bodysense.body.rigid import RigidTransform
 from bodysense.body.shape import SHORTEST as SHORTEST_ADULT
 from bodysense.body.shape import TALLEST as TALLEST_ADULT
@@ -155,7 +155,9 @@ class Person:
                 {"start": CROWN, "end": FLOOR, "length": self.height.value, "deviation": self.height.deviation}
             )
         hands = [
-            {"side": side} | {name: values.ravel().tolist() for name, values in rows_of(hand).items()}
+            {"side": side}
+            | {name: values.ravel().tolist() for name, values in rows_of(hand).items()}
+            | ({"sitting": sitting_of(hand)} if sitting_of(hand) else {})
             for side, hand in self.hands.items()
         ]
         tables = {"joints": rows[:joints], "end_sites": rows[joints:], "known": known, "mounts": mounts}
@@ -204,12 +206,11 @@ class Person:
         deviation = np.array([row["deviation"] for row in joints + end_sites], dtype=np.float64)
         skeleton = skeleton_from_table(joints, end_sites)
         hands: dict[str, GlovedHand] = {}
-        columns = {"side": 0, "points": 63, "axes": 60, "markers": 27}
-        for row in _rows(stored, "hands", columns) if "hands" in stored else []:
-            numbers = (
+        for row in _hand_rows(stored) if "hands" in stored else []:
+            points, axes, markers = (
                 np.array(row[name]).reshape(-1, size) for name, size in (("points", 3), ("axes", 4), ("markers", 3))
             )
-            hands[row["side"]] = hand_from_rows(*numbers)
+            hands[row["side"]] = hand_from_rows(points, axes, markers, row.get("sitting", ()))
         return cls(skeleton, height=height, bone_deviation=deviation, mounts=worn, lengths=lengths, hands=hands)
 
 
@@ -265,6 +266,23 @@ def _rows(stored: dict, table: str, columns: Mapping[str, int]) -> list[dict]:
                 wanted = "a text" if size == 0 else f"{size} finite numbers" if size > 1 else "a finite number"
                 raise BodysenseError(f"row {number} of {table!r}: {column!r} is {brief(value)}; it must be {wanted}")
     return rows
+
+
+def _hand_rows(stored: dict) -> list[dict]:
+    """Those of 'hands'; each says how many markers it has by where they sit, else they are nine."""
+    found = []
+    for row in _rows(stored, "hands", {"side": 0}):
+        sitting = row.get("sitting", [])
+        well_formed = isinstance(sitting, list) and all(
+            isinstance(one, list) and all(isinstance(name, str) for name in one) for one in sitting
+        )
+        if not well_formed:
+            raise BodysenseError(
+                f"'sitting' of a hand is {brief(sitting)}; it has a name, a point and a joint a marker"
+            )
+        columns = {"side": 0, "points": 63, "axes": 60, "markers": 3 * (len(sitting) or 9)}
+        found += _rows({"hands": [row]}, "hands", columns)
+    return found
 
 
 def _is_name(value: Any, column: str, table: str) -> bool:

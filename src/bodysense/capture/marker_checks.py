@@ -18,6 +18,7 @@ from bodysense.observation import Observation
 
 FRAMES = 40  # at most, spread over the recording, that are looked at
 FEWEST = 7  # markers, the three on the back of the hand among them, that a frame must have
+SPANS = (0.06, 0.5)  # m between the markers of a hand that are farthest apart
 SIZES = (0.6, 1.6)  # of our hand: what a person's may be
 MIRRORED = 0.7  # a mirror image that is nearer to a hand than this share of what it is
 SWAPPED = 0.97  # the same for two markers that change names
@@ -41,6 +42,9 @@ def check_gloves(observation: Observation, place: str, unit: Unit = "m") -> Glov
     """
     sizes, remarks, mirrored = {}, [], []
     for hand in glove_hands(observation.points):
+        if not any(point in observation.points for point in glove_points(hand)):
+            _check_span(observation, hand, place, unit)
+            continue
         seen = _good_frames(observation, hand)
         if not len(seen):
             remarks.append(
@@ -100,6 +104,24 @@ def _check_size(markers: np.ndarray, hand: str, place: str, declared: Unit) -> N
         if SIZES[0] <= apart * metres / METRES[declared] / ours <= SIZES[1]:
             raise BodysenseError(f"{text}: the numbers are {unit}, not {declared}; give --unit {unit}")
     raise BodysenseError(f"{text}: see that the names are right (--names) and the unit (--unit)")
+
+
+def _check_span(observation: Observation, hand: str, place: str, declared: Unit) -> None:
+    """Refuse a glove of another marker set that spans no hand; name the unit in which it would."""
+    here = [k for k, name in enumerate(observation.points) if name.startswith(f"{hand}_glove_")]
+    frames = np.unique(np.linspace(0, len(observation) - 1, min(len(observation), FRAMES)).astype(int))
+    seen = observation.position[frames][:, here]
+    apart = np.linalg.norm(seen[:, :, None] - seen[:, None], axis=-1)
+    if np.isnan(apart).all():
+        return
+    span = float(np.nanmax(apart))
+    if SPANS[0] <= span <= SPANS[1]:
+        return
+    text = f"{place}: the markers of the {hand} glove are up to {span:.3g} m apart; on a hand it is about 0.2 m"
+    for unit, metres in METRES.items():
+        if SPANS[0] <= span * metres / METRES[declared] <= SPANS[1]:
+            raise BodysenseError(f"{text}: the numbers are {unit}, not {declared}; give --unit {unit}")
+    raise BodysenseError(f"{text}: see that the labels are right (--marker-set) and the unit (--unit)")
 
 
 def _size(markers: np.ndarray) -> float:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from bodysense.body.glove import MARKERS, glove_marker, glove_points, side_of
+from bodysense.body.glove import MARKERS, glove_marker, side_of, standard_marker
+from bodysense.body.glove_set import GloveSet, packaged_sets, standard_set
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text
@@ -20,9 +21,6 @@ from bodysense.observation import OPTICAL_ACCURACY, Observation, accuracy_like
 Unit = Literal["m", "cm", "mm"]
 Up = Literal["y", "z"]
 METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-# What the paper's release calls the markers of its left glove, in the order of `MARKERS`.
-_RELEASE = ("LEHAR", "LEHAL", "WHARHAR", "LRIF", "LBAF", "LMIF", "LINF", "LPAL", "LTHF")
-RELEASE_NAMES: dict[str, str] = dict(zip(_RELEASE, glove_points("left"), strict=True))
 _SHOWN = 6  # names that a message lists
 
 
@@ -50,6 +48,7 @@ class MarkerFormat:
     up: Up | None = None
     left_handed: bool = False  # axes as Unity's and Unreal's: the world is mirrored
     rate: float | None = None  # Hz, of a file that does not say it
+    worn: GloveSet | None = None  # the marker set of the gloves; None: a packaged one, by its labels
     floor: float | None = None  # m, its height in our world; None: it is looked for under a body's feet
 
     def __post_init__(self) -> None:
@@ -78,7 +77,7 @@ def read_names(path: str | Path) -> dict[str, str]:
     if not well_formed or not pairs:
         raise BodysenseError(f"{path}: a table of names has pairs: the marker's name in the file, and ours")
     for theirs, ours in pairs:
-        if glove_marker(ours) is None and ours not in default_skeleton().points:
+        if standard_marker(ours) is None and ours not in default_skeleton().points:
             raise BodysenseError(
                 f"{path}: {ours!r} (for {theirs!r}) is no marker; say a joint, such as 'left_elbow', or "
                 f"'<hand>_glove_<marker>' with the hand 'left' or 'right' and one of {', '.join(MARKERS)}"
@@ -92,7 +91,7 @@ def read_names(path: str | Path) -> dict[str, str]:
 
 def has_glove(raw: RawMarkers, form: MarkerFormat) -> bool:
     """Whether any marker of a file is one of a glove by its name."""
-    return any(_our_name(name, form.names or {}) for name in raw.names)
+    return any(name is not None for name in _named(raw.names, form))
 
 
 def observed_markers(raw: RawMarkers, form: MarkerFormat, place: str) -> tuple[Observation, list[str]]:
@@ -108,9 +107,9 @@ def observed_markers(raw: RawMarkers, form: MarkerFormat, place: str) -> tuple[O
         remarks.append(f"left out {listed(others)}: no markers of a glove by name")
     points = tuple(name for name in ours if name is not None)
     for hand in dict.fromkeys(point.partition("_glove_")[0] for point in points):
-        missing = [name for name in glove_points(hand) if name not in points]
+        missing = [name for name in (form.worn or standard_set()).names if f"{hand}_glove_{name}" not in points]
         if missing:
-            remarks.append(f"the {hand} glove lacks {listed([name.partition('_glove_')[2] for name in missing])}")
+            remarks.append(f"the {hand} glove lacks {listed(missing)}")
     return points_alone(points, in_our_world(raw.position[:, here], raw, form), raw.time), remarks
 
 
@@ -153,12 +152,12 @@ def _our_names(raw: RawMarkers, form: MarkerFormat, place: str) -> list[str | No
                 f"{place}: no marker is named {absent[0]!r}, which the table of names has; "
                 f"there are {listed(raw.names)}"
             )
-    ours = [_our_name(name, form.names or {}) for name in raw.names]
+    ours = _named(raw.names, form)
     known = [name for name in ours if name is not None]
     if not known:
         raise BodysenseError(
-            f"{place}: no marker of a glove among {listed(raw.names)}; "
-            "give a table of names with --names (docs/gloves.md)"
+            f"{place}: no marker of a glove among {listed(raw.names)}; say where they sit with --marker-set, or give "
+            "a table of names with --names (docs/gloves.md)"
         )
     twice = [name for name in known if known.count(name) > 1]
     if twice:
@@ -169,21 +168,28 @@ def _our_names(raw: RawMarkers, form: MarkerFormat, place: str) -> list[str | No
     return ours
 
 
-def _our_name(name: str, table: Mapping[str, str]) -> str | None:
-    """By the table that is given, by its own sense, or as the paper's release calls it; 'Subject:' in front is off.
+def _named(names: Sequence[str], form: MarkerFormat) -> list[str | None]:
+    """Our name of every marker, or None: by the table that is given, by its own sense, or by its label in a set."""
+    table = form.names or {}
+    known: dict[str, str] = {}
+    if not table or form.worn is not None:
+        for one in packaged_sets().values() if form.worn is None else (form.worn,):
+            known = one.points(names) | known
+    return [_our_name(name, table, form.worn) or known.get(name) for name in names]
 
-    None for what is no marker of a glove.
-    """
+
+def _our_name(name: str, table: Mapping[str, str], worn: GloveSet | None) -> str | None:
+    """By the table or by its own sense; 'Subject:' in front is off. None for what is no marker of a glove."""
     bare = name.rpartition(":")[2].strip()
     for candidate in (name, bare):
         if candidate in table:
             return table[candidate] if glove_marker(table[candidate]) else None
-    if table:
-        return name if glove_marker(name) and name not in table.values() else None
-    for candidate in (bare, bare.lower()):
-        if glove_marker(candidate):
-            return candidate
-    return RELEASE_NAMES.get(bare)
+    names = MARKERS if worn is None else worn.names
+    for candidate in (name,) if table else (bare, bare.lower()):
+        found = glove_marker(candidate)
+        if found and found[1] in names:
+            return candidate if candidate not in table.values() else None
+    return None
 
 
 def listed(names: tuple[str, ...] | list[str]) -> str:

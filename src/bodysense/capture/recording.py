@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from bodysense.arrays import read_arrays
+from bodysense.body.glove_set import GloveSet
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text, written_beside
@@ -29,6 +30,7 @@ class Recording:
     observation: Observation
     skeleton: Skeleton
     told: bool = True  # False: nobody said what the wearer's proportions are, and the skeleton is the default one
+    worn: GloveSet | None = None  # the marker set of its gloves; None: a packaged one, by the names of the points
     hands_shown: bool = False  # True: of the hands nothing is known but what their gloves show
 
 

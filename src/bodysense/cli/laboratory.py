@@ -9,7 +9,15 @@ from tyro.extras import SubcommandApp
 
 from bodysense.errors import BodysenseError
 
-COMMANDS = (("train",), ("evaluate",), ("bench",), ("study",), ("data", "prepare"), ("data", "render"))
+COMMANDS = (
+    ("train",),
+    ("evaluate",),
+    ("bench",),
+    ("study",),
+    ("data", "prepare"),
+    ("data", "render"),
+    ("data", "fingers"),
+)
 _NEEDED = ("torch", "lightning_fabric", "onnx", "zarr", "dask")
 INSTALL = "pip install 'bodysense[lab]', or in a clone pip install -c constraints.txt '.[lab]'"
 
@@ -31,6 +39,7 @@ def add_commands(root: SubcommandApp, data: SubcommandApp) -> None:
     from bodysense.lab.commands import bench, evaluate, prepare, rendering, study, train
 
     data.command(prepare.prepare)
+    data.command(prepare.fingers)
     data.command(rendering.render)
     root.command(train.commands(), name="train")
     root.command(evaluate.commands(), name="evaluate")

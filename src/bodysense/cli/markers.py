@@ -10,6 +10,7 @@ from bodysense.errors import BodysenseError
 from bodysense.rigs.options import ReadingOptions
 
 if TYPE_CHECKING:
+    from bodysense.body.glove_set import GloveSet
     from bodysense.capture.raw_markers import MarkerFormat
     from bodysense.capture.recording import Recording
     from bodysense.observation import Observation
@@ -21,6 +22,9 @@ SIDES = ("left", "right")
 class MarkerOptions:
     """What a marker file (.c3d, .csv, .trc, .tsv) does not say of itself, or says wrongly."""
 
+    marker_set: str | None = None
+    """Of gloves: which marker sits on which segment, a .toml or .json file or a packaged set's name (docs/gloves.md);
+    by their labels if omitted."""
     names: Path | None = None
     """Of a marker file: a table of its names and ours, .json or .csv (docs/markers.md)."""
     left_handed: bool = False
@@ -40,7 +44,13 @@ class MarkerOptions:
             raise BodysenseError(f"{', '.join(more)}: for motions, not for marker files; leave it out")
         names = None if self.names is None else read_names(self.names)
         unit, up = cast("Unit | None", reading.unit), cast("Up | None", reading.up)
-        return MarkerFormat(names, unit, up, self.left_handed, self.rate, reading.floor)
+        return MarkerFormat(names, unit, up, self.left_handed, self.rate, self.worn(), reading.floor)
+
+    def worn(self) -> GloveSet | None:
+        """The marker set that is told."""
+        from bodysense.body.glove_set import read_set
+
+        return None if self.marker_set is None else read_set(self.marker_set)
 
 
 NO_OPTIONS = MarkerOptions()
@@ -54,6 +64,7 @@ def recording_of_markers(file: Path, options: MarkerOptions, reading: ReadingOpt
     """
     from bodysense.body.skeleton import default_skeleton
     from bodysense.capture.recording import Recording
+    from bodysense.devices.gloves import has_gloves
     from bodysense.io.markers.recording import read_markers, with_hands_of
 
     height = reading.height
@@ -69,7 +80,9 @@ def recording_of_markers(file: Path, options: MarkerOptions, reading: ReadingOpt
     # Sizes are factors of the unscaled hand.
     ratio = default_skeleton().height / body.height
     hands = {hand: size * ratio for hand, size in found.sizes.items()}
-    return Recording(found.observation, with_hands_of(body, hands), told=not found.has_body, hands_shown=bool(hands))
+    shown = has_gloves(found.observation)
+    hands_of = with_hands_of(body, hands)
+    return Recording(found.observation, hands_of, told=not found.has_body, hands_shown=shown, worn=options.worn())
 
 
 def check_gloves_of(observation: Observation, place: Path) -> None:

@@ -35,6 +35,7 @@ def simulate(
     rate: float | None = None,
     noise: bool = False,
     seed: int = 1,
+    marker_set: str | None = None,
     reading: Reading = AS_FOUND,
 ) -> None:
     """Record what a device would track of a motion.
@@ -46,17 +47,22 @@ def simulate(
         rate: frames a second, for files that do not say it.
         noise: errors as real devices have them.
         seed: random seed of the noise.
+        marker_set: of gloves: which markers they wear, a file or a packaged set's name (docs/gloves.md).
         reading: what the file does not say of itself.
     """
     from rich.console import Console
 
+    from bodysense.body.glove_set import read_set
     from bodysense.capture.recording import Recording
     from bodysense.cli.markers import write_seen
     from bodysense.devices.simulated import simulate as simulated
 
     check_place(out)
     clip = load_clip(file, reading, rate)
-    observation = simulated(clip, device, seed if noise else None)
+    if marker_set is not None and device != "gloves":
+        raise BodysenseError(f"--marker-set {marker_set}: for --device gloves, not for {device}; leave it out")
+    worn = None if marker_set is None else read_set(marker_set)
+    observation = simulated(clip, device, seed if noise else None, worn)
     write_seen(out, Recording(observation, clip.pose.skeleton), clip.frame_rate)
     tracked = (observation.has_position | observation.has_rotation).mean()
     Console().print(f"wrote {out}: {len(observation)} frames, {tracked:.0%} of points tracked", highlight=False)

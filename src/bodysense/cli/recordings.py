@@ -58,7 +58,7 @@ def source_of(
         if replace(markers, rate=None) != NO_OPTIONS:
             raise BodysenseError(f"{file}: a motion; --names, --unlabelled and their like are for markers, {kinds}")
         return load_clip(file, reading, markers.rate)
-    if markers != NO_OPTIONS:
+    if replace(markers, marker_set=None) != NO_OPTIONS:
         raise BodysenseError(f"{file}: --names, --unlabelled and their like are for marker files, {kinds}")
     if reading != ReadingOptions(floor=reading.floor, height=reading.height):
         raise BodysenseError(f"{file}: --unit, --up, --joints and --figure are for motions and marker files")
@@ -66,6 +66,7 @@ def source_of(
     if has_gloves(recording.observation):
         _check_fingers(file, fingers)
         check_gloves_of(recording.observation, file)
+        return replace(recording, worn=markers.worn())
     return file
 
 

@@ -16,6 +16,7 @@ from bodysense.files import check_place
 from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
 if TYPE_CHECKING:
+    from bodysense.body.glove_set import GloveSet
     from bodysense.body.person import Person
     from bodysense.serve.datagrams import Receiver
     from bodysense.serve.replay import Playable
@@ -44,6 +45,7 @@ def serve(
     vmt_port: int = 39575,
     vmt_first: int = 0,
     vmt_hands: bool = False,
+    marker_set: str | None = None,
     vmc_out: Addresses = (),
     vrchat_out: Addresses = (),
     allow_record: Path | None = None,
@@ -67,7 +69,7 @@ def serve(
         replay: A recording (.npz, .jsonl), or with --device a motion (.bvh, AMASS .npz), played in real time.
         device: What watches the body, where the replay is a motion; the page then shows the truth, too.
         person: wearers' proportions and how trackers are worn, a person's file (.json).
-        save_person: File (.json) for who VMC, SteamVR or VRChat track, written after each calibration.
+        save_person: File (.json) for who VMC or SteamVR track, written after each calibration.
         vmc_in: UDP port on which headset, controllers and trackers come in by VMC (its own is 39539).
         markers_in: UDP port on which markers of gloves come in by OSC (its own is 9123).
         device_names: Which point each device of VMC or SteamVR is, a .json table by serial (docs/avatars.md).
@@ -76,6 +78,8 @@ def serve(
         vmt_port: UDP port on which VMT's driver answers.
         vmt_first: Index of the first virtual device; others may use those below.
         vmt_hands: Give SteamVR skeletal hands, too, as two virtual controllers.
+        marker_set: Their marker set, a file or a packaged set's name (docs/gloves.md); the person's file holds hands
+            that were calibrated with it.
         vmc_out: HOST:PORT of an avatar program that takes bones by VMC (usually port 39539). Repeatable.
         vrchat_out: HOST:PORT of a VRChat that takes trackers by OSC (usually port 9000). Repeatable.
         allow_record: Folder for recordings that clients ask for; without it none are made.
@@ -125,6 +129,7 @@ def serve(
         vmc_in=vmc_in,
         vmc_trackers=VmcTrackers(devices),
         markers_in=markers_in,
+        worn=_worn(marker_set, markers_in, wearer),
         receivers=tuple([*(_receiver("vmc", a) for a in vmc_out), *(_receiver("vrchat", a) for a in vrchat_out)]),
         vmt=VmtSettings(vmt_host, port=vmt_port, first=vmt_first, hands=vmt_hands, devices=devices) if vmt else None,
     )
@@ -172,6 +177,24 @@ def _address(access: Access, port: int, lan: bool) -> str:
     shown = f"[{host}]" if ":" in host else host
     scheme = "http" if access.certificate is None else "https"
     return f"{scheme}://{shown}:{port}/" + (f"?token={access.token}" if access.token is not None else "")
+
+
+def _worn(marker_set: str | None, port: int | None, wearer: Person) -> GloveSet:
+    """The marker set of gloves that come in; another than the standard one needs calibrated hands."""
+    from bodysense.body.glove_set import read_set, standard_set
+
+    if marker_set is None:
+        return standard_set()
+    if port is None:
+        raise BodysenseError(f"--marker-set {marker_set}: for gloves that come in; give their port with --markers-in")
+    worn = read_set(marker_set)
+    known = [side for side, hand in wearer.hands.items() if hand.glove.markers == worn.names]
+    if worn.names != standard_set().names and not known:
+        raise BodysenseError(
+            f"--marker-set {marker_set}: no hand is calibrated with it; do so first: bodysense track TAKE.c3d "
+            f"--marker-set {marker_set} -o OUT.bvh --save-person ME.json, then serve --person ME.json"
+        )
+    return worn
 
 
 def _folder(option: str, path: Path) -> Path:

@@ -15,15 +15,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.glove import MARKERS, glove_hands, glove_points, side_of
+from bodysense.body.glove import MARKERS, glove_hands, glove_marker, side_of
+from bodysense.body.glove_set import GloveSet, packaged_sets
 from bodysense.body.hand import FINGERTIPS, HAND_JOINTS, Side, hand_skeleton, mirrored_vectors
 from bodysense.body.hand_family import GlovedHand, plain_hand
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.standing_head import ACCURACY, StandingHead, StandingHeadState
 from bodysense.errors import BodysenseError
-from bodysense.estimators.gloves.calibration import enough_frames, fit_hand
+from bodysense.estimators.gloves.calibration import checked_fit, enough_frames
 from bodysense.estimators.gloves.hands import GloveModels, Hands, HandsSettings, HandsState, load_glove_models
+from bodysense.estimators.gloves.virtual_markers import SolvedHand, VirtualGlove, VirtualMarkers, is_standard
 from bodysense.observation import OPTICAL_ACCURACY, Observation, without_gloves
 
 SIDES: tuple[Side, ...] = ("left", "right")
@@ -45,6 +47,7 @@ class GloveState(NamedTuple):
 
     hands: HandsState
     head: StandingHeadState
+    virtual: tuple[SolvedHand, ...] = ()  # of hands whose markers are not the standard ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +61,7 @@ class GloveDevice:
     hands: Hands
     settings: GloveSettings = GloveSettings()
     wearer: StandingHead | None = None  # whose head is assumed where nothing but gloves is tracked; None: nobody's
+    virtual: VirtualMarkers = VirtualMarkers({})  # of hands whose markers are not the standard ones
 
     def __post_init__(self) -> None:
         strange = [name for name in self.hands.hands if name not in SIDES]
@@ -71,7 +75,7 @@ class GloveDevice:
 
     def start(self) -> GloveState:
         """The state before the first frame."""
-        return GloveState(self.hands.start(), StandingHeadState())
+        return GloveState(self.hands.start(), StandingHeadState(), self.virtual.start())
 
     def step(self, observation: Observation, state: GloveState) -> tuple[Observation, GloveState]:
         """Replace the gloves' markers of T frames by points of the hands; one call equals T calls with one frame.
@@ -79,6 +83,9 @@ class GloveDevice:
         Other points stay as they are. A hand's own points, observed by something else as well, are the glove's where
         it knows the hand. Raises BodysenseError for a point that is named twice and where time does not increase.
         """
+        virtual = state.virtual
+        if self.virtual.gloves:
+            observation, virtual = self.virtual.step(observation, virtual)
         answers, hands = self.hands.step(observation, state.hands)
         others = without_gloves(observation)
         alone = self.wearer is not None and not others.points
@@ -97,7 +104,7 @@ class GloveDevice:
             merged.rotation[np.ix_(seen, joints)] = rotation[seen]
             merged.has_rotation[np.ix_(seen, joints)] = True
         head = self._with_head(merged, state.head) if alone else state.head
-        return merged, GloveState(hands, head)
+        return merged, GloveState(hands, head, virtual)
 
     def _with_head(self, observation: Observation, state: StandingHeadState) -> StandingHeadState:
         """Fill in the assumed head, in place, where a hand is observed."""
@@ -119,6 +126,11 @@ class GloveDevice:
 def has_gloves(observation: Observation) -> bool:
     """Whether any of the points is a marker of a glove."""
     return bool(glove_hands(observation.points))
+
+
+def has_standard_gloves(observation: Observation) -> bool:
+    """Whether no glove has other markers than the standard ones, of which the hand need not be known."""
+    return all(found[1] in MARKERS for found in map(glove_marker, observation.points) if found)
 
 
 def gloved_sides(points: Iterable[str]) -> tuple[Side, ...]:
@@ -149,6 +161,8 @@ def glove_device(
     """
     worn = {side: plain_hand(hand_skeleton(skeleton, side_of(side))) for side in sides}
     worn |= {side: hand for side, hand in (calibrated or {}).items() if side in worn}
+    virtual = {side: VirtualGlove(hand) for side, hand in worn.items() if not is_standard(hand)}
+    worn |= {side: glove.standard for side, glove in virtual.items()}
     solver = Hands(
         {side: hand.skeleton for side, hand in worn.items()},
         load_glove_models() if models is None else models,
@@ -156,21 +170,53 @@ def glove_device(
         gloves={side: hand.glove for side, hand in worn.items()},
         axes=np.stack([hand.axes for hand in worn.values()]),
     )
-    return GloveDevice(solver, wearer=StandingHead(skeleton))
+    return GloveDevice(solver, wearer=StandingHead(skeleton), virtual=VirtualMarkers(virtual))
 
 
-def calibrated_hands(observation: Observation) -> dict[str, GlovedHand]:
-    """The hands of a body as their gloves show them; none of a hand that is not seen well enough (`fit_hand`)."""
-    found = {}
+def check_calibrated(points: Iterable[str], sides: Iterable[Side], calibrated: Mapping[str, GlovedHand]) -> None:
+    """Refuse gloves of another marker set than the standard one on hands that were not calibrated with it."""
+    for side in sides:
+        names = {found[1] for found in map(glove_marker, points) if found and found[0] == side}
+        known = calibrated[side].glove.markers if side in calibrated else MARKERS
+        if not names & set(known):
+            raise BodysenseError(
+                f"the {side} hand is not calibrated with the markers of its glove ({', '.join(sorted(names)[:4])} …): "
+                "bodysense track TAKE.c3d --marker-set FILE -o OUT.bvh --save-person ME.json finds it"
+            )
+
+
+def calibrated_hands(observation: Observation, worn: GloveSet | None = None) -> dict[str, GlovedHand]:
+    """The hands of a body as their gloves show them; none of a hand that is not seen well enough (`fit_hand`).
+
+    `worn` is the gloves' marker set; if omitted, the packaged one whose names the points have. Raises BodysenseError
+    for a glove of another set that is not seen well enough, for nothing is known without it.
+    """
+    found, worn = {}, set_of(observation.points) if worn is None else worn
     for side in gloved_sides(observation.points):
-        names = [name for name in glove_points(side) if name in observation.points]
-        place = [observation.points.index(name) for name in names]
-        markers = np.full((len(observation), len(MARKERS), 3), np.nan)
-        seen = np.where(observation.has_position[:, place, None], observation.position[:, place], np.nan)
-        markers[:, [glove_points(side).index(name) for name in names]] = mirrored_vectors(seen, side)
-        if enough_frames(markers):
-            found[side] = fit_hand(markers).hand
+        markers = markers_of(observation, side, worn)
+        if enough_frames(markers, worn) or worn.names != MARKERS:
+            found[side] = checked_fit(markers, worn, side).hand
     return found
+
+
+def set_of(points: Iterable[str]) -> GloveSet:
+    """The packaged set that gloves' points are named after. Raises BodysenseError where there is none."""
+    names = {found[1] for found in map(glove_marker, points) if found}
+    for one in packaged_sets().values():
+        if names <= set(one.names):
+            return one
+    strange = sorted(names - set(MARKERS))
+    raise BodysenseError(f"the gloves have the marker {strange[0]!r}, of no set that is known; give --marker-set FILE")
+
+
+def markers_of(observation: Observation, side: Side, worn: GloveSet) -> np.ndarray:
+    """(T, M, 3) m, the markers of a hand as of a left one; NaN where hidden."""
+    markers = np.full((len(observation), len(worn.names), 3), np.nan)
+    for row, name in enumerate(worn.names):
+        if (point := f"{side}_glove_{name}") in observation.points:
+            place = observation.points.index(point)
+            markers[:, row] = np.where(observation.has_position[:, place, None], observation.position[:, place], np.nan)
+    return mirrored_vectors(markers, side)
 
 
 def _widened(observation: Observation, points: tuple[str, ...]) -> Observation:

@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from bodysense.body.glove_set import GloveSet
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
@@ -31,13 +32,14 @@ DEVICES: tuple[str, ...] = (*SENSOR_SETS, GLOVES)
 _GLOVE_NOISE = 0.0005  # m along each axis: markers of optical capture
 
 
-def simulate(clip: Clip, device: str, noise: int | None = None) -> Observation:
+def simulate(clip: Clip, device: str, noise: int | None = None, worn: GloveSet | None = None) -> Observation:
     """What a device tracks of a clip.
 
     Args:
         clip: the motion, on the skeleton of 65 points.
         device: one of `DEVICES`.
         noise: random seed of errors as real devices have them; None tracks exactly.
+        worn: marker set of the gloves; the standard one if omitted.
 
     Raises BodysenseError for an unknown device.
     """
@@ -46,7 +48,7 @@ def simulate(clip: Clip, device: str, noise: int | None = None) -> Observation:
     rng = None if noise is None else np.random.default_rng(noise)
     if device == GLOVES:
         capture = glove.GloveCapture(CameraRing(), noise=0.0 if rng is None else _GLOVE_NOISE)
-        return glove.observe(clip.pose, clip.time, capture, rng)
+        return glove.observe(clip.pose, clip.time, capture, rng, worn)
     sensors = SENSOR_SETS[device]
     observation = observe(clip.pose, clip.time, sensors)
     return observation if rng is None else disturb(observation, rng, NoiseSettings(cameras=sensors.camera))

@@ -13,7 +13,8 @@ from functools import lru_cache
 import numpy as np
 
 from bodysense.body.capsules import PlacedPrimitives, Primitives, fit_primitives, place
-from bodysense.body.glove import MARKERS, default_glove, glove_points, marker_positions, side_of, template
+from bodysense.body.glove import MARKERS, Glove, default_glove, glove_of, marker_positions, side_of, template
+from bodysense.body.glove_set import GloveSet, standard_set
 from bodysense.body.hand import Side, hand_pose, joint_bases, mirrored_vectors
 from bodysense.body.hand_capsules import hand_capsules, placed_axes
 from bodysense.body.pose import Pose, forward_kinematics
@@ -52,14 +53,19 @@ class GloveCapture:
 
 
 def observe(
-    pose: Pose, time: np.ndarray, capture: GloveCapture = GloveCapture(), rng: np.random.Generator | None = None
+    pose: Pose,
+    time: np.ndarray,
+    capture: GloveCapture = GloveCapture(),
+    rng: np.random.Generator | None = None,
+    worn: GloveSet | None = None,
 ) -> Observation:
     """The markers of both gloves of a person (T, …) at `time` (T,) s; the body hides what it stands before.
 
-    Points are named 'left_glove_pinky_base' … (`body.glove.glove_points`), left before right. `rng` is needed for what
-    is random. Raises BodysenseError for a skeleton without fingers, and where poses and times differ in number.
+    Points are named 'left_glove_pinky_base' …, left before right, by the marker set `worn`, the standard one if
+    omitted. `rng` is needed for what is random. Raises BodysenseError for a skeleton without fingers, and where poses
+    and times differ in number.
     """
-    return observe_hands({side: hand_pose(pose, side) for side in _HANDS}, time, capture, rng, pose)
+    return observe_hands({side: hand_pose(pose, side) for side in _HANDS}, time, capture, rng, pose, worn)
 
 
 def observe_hands(
@@ -68,6 +74,7 @@ def observe_hands(
     capture: GloveCapture = GloveCapture(),
     rng: np.random.Generator | None = None,
     body: Pose | None = None,
+    worn: GloveSet | None = None,
 ) -> Observation:
     """The same of hands (T, …) by name, 'left', 'right', 'left2' …, each a left hand in its own world (`body.hand`)."""
     time = np.asarray(time, dtype=float)
@@ -76,20 +83,22 @@ def observe_hands(
             raise BodysenseError(
                 f"{name}: poses of shape {pose.root_position.shape[:-1]} need as many times, but got {time.shape}"
             )
+    worn = standard_set() if worn is None else worn
+    gloves = {name: glove_of(worn, pose.skeleton) for name, pose in hands.items()}
     position = np.concatenate(
-        [mirrored_vectors(marker_positions(default_glove(), pose), side_of(name)) for name, pose in hands.items()],
+        [mirrored_vectors(marker_positions(gloves[name], pose), side_of(name)) for name, pose in hands.items()],
         axis=-2,
     )
-    known = (
-        np.ones(position.shape[:-1], dtype=bool) if capture.cameras is None else visible(hands, capture.cameras, body)
-    )
+    known = np.ones(position.shape[:-1], dtype=bool)
+    if capture.cameras is not None:
+        known = visible(hands, capture.cameras, body, gloves=gloves)
     if rng is None and (capture.noise or capture.spikes or capture.losses):
         raise BodysenseError("glove capture: noise, spikes and losses are random; give a generator, rng=…")
     if rng is not None:
         position = _disturbed(position, capture, rng)
         known &= ~_lost(time, position.shape[1], capture, rng)
     rotation = np.full((*position.shape[:-1], 4), np.nan)
-    points = tuple(point for name in hands for point in glove_points(name))
+    points = tuple(f"{name}_glove_{marker}" for name in hands for marker in worn.names)
     whole = np.ones(known.shape, dtype=bool)
     observation = Observation(
         points=points,
@@ -104,14 +113,18 @@ def observe_hands(
 
 
 def visible(
-    hands: Mapping[str, Pose], cameras: CameraRing, body: Pose | None = None, others: Sequence[tuple[Pose, Side]] = ()
+    hands: Mapping[str, Pose],
+    cameras: CameraRing,
+    body: Pose | None = None,
+    others: Sequence[tuple[Pose, Side]] = (),
+    gloves: Mapping[str, Glove] | None = None,
 ) -> np.ndarray:
     """Which markers of hands (F, …) the cameras find: (F, 9 a hand) bool, in the order of `hands`.
 
-    The hands, `others` without gloves, and the body, if it is given, hide what is behind them. The ring stands about
-    the mean place of the hands.
+    They wear the default glove, or `gloves`. The hands, `others` without gloves, and the body, if it is given, hide
+    what is behind them. The ring stands about the mean place of the hands.
     """
-    lit = [_lights(pose, side_of(name)) for name, pose in hands.items()]
+    lit = [_lights(pose, side_of(name), (gloves or {}).get(name, default_glove())) for name, pose in hands.items()]
     light, facing = (np.concatenate(parts, axis=1) for parts in zip(*lit, strict=True))
     solid = [*((pose, side_of(name)) for name, pose in hands.items()), *others]
     return seen(cameras, light.mean(axis=(0, 1)), light, facing, _solids(solid, body))
@@ -155,26 +168,26 @@ def _lost(time: np.ndarray, count: int, capture: GloveCapture, rng: np.random.Ge
     return lost
 
 
-def _lights(pose: Pose, side: Side) -> tuple[np.ndarray, np.ndarray]:
-    """Where the lights of a hand (F, …) are, and the ways that they face: (F, 9, 3) m and unit, world."""
-    offset, facing = _mounting(pose.skeleton)
+def _lights(pose: Pose, side: Side, glove: Glove) -> tuple[np.ndarray, np.ndarray]:
+    """Where the lights of a hand (F, …) are, and the ways that they face: (F, M, 3) m and unit, world."""
+    offset, facing = _mounting(pose.skeleton, glove)
     position, world = forward_kinematics(pose)
-    carrier = pose.skeleton.indices(default_glove().carried_by)
+    carrier = pose.skeleton.indices(glove.carried_by)
     light = position[:, carrier] + quaternion_rotate(world[:, carrier], offset)
     return mirrored_vectors(light, side), mirrored_vectors(quaternion_rotate(world[:, carrier], facing), side)
 
 
 @lru_cache(maxsize=64)
-def _mounting(hand: Skeleton) -> tuple[np.ndarray, np.ndarray]:
+def _mounting(hand: Skeleton, glove: Glove) -> tuple[np.ndarray, np.ndarray]:
     """Of every marker its light, from the joint that carries it, and the way that it faces: (9, 3) m and unit.
 
     Lights are moved out of the flat hand's flesh the way they face.
     """
-    glove, capsules = default_glove(), hand_capsules(hand)
+    capsules = hand_capsules(hand)
     rest = hand.path @ hand.rest_offset
     carrier = hand.indices(glove.carried_by)
     bases = np.array([(1.0, 0.0, 0.0, 0.0), *joint_bases()])
-    own = np.array([_TIP if marker.endswith("_tip") else [0.0, 1.0, 0.0] for marker in glove.markers])
+    own = np.array([_TIP if point.endswith("_tip") else [0.0, 1.0, 0.0] for point in glove.points])
     facing = quaternion_rotate(bases[carrier], own)
     height = np.arange(0.0, _HIGHEST, 0.0005)
     point = template(glove, hand)[:, None] + height[:, None] * facing[:, None]  # (9, heights, 3)

@@ -8,11 +8,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from bodysense.errors import missing_package
 from bodysense.serve.answer import Answer
 from bodysense.serve.connection import converse
 from bodysense.serve.headers import HEADERS, guarded
 from bodysense.serve.live import Live
-from bodysense.serve.metrics import Metrics, missing
+from bodysense.serve.metrics import Metrics
 from bodysense.serve.protocol import SUBPROTOCOL
 from bodysense.serve.runtimes import links_of
 from bodysense.serve.safety import Doorkeeper
@@ -30,8 +31,8 @@ def application(settings: ServerSettings) -> Any:
         from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
         from starlette.staticfiles import StaticFiles
         from starlette.websockets import WebSocket
-    except ImportError:
-        raise missing("starlette") from None
+    except ImportError as error:
+        raise missing_package(error) from None
     metrics = Metrics()
     links = links_of(settings, metrics)
 

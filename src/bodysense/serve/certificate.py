@@ -9,9 +9,8 @@ import socket
 from collections.abc import Sequence
 from pathlib import Path
 
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, missing_package
 from bodysense.files import written_beside
-from bodysense.serve.metrics import missing
 
 _DAYS = 397  # the longest that browsers take
 _NAME = "bodysense"
@@ -80,8 +79,8 @@ def _made(addresses: Sequence[str]) -> tuple[bytes, bytes]:
         from cryptography import x509
         from cryptography.hazmat.primitives import hashes, serialization
         from cryptography.hazmat.primitives.asymmetric import ec
-    except ImportError:
-        raise missing("cryptography") from None
+    except ImportError as error:
+        raise missing_package(error) from None
     key = ec.generate_private_key(ec.SECP256R1())
     name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, _NAME)])
     now = datetime.datetime.now(datetime.UTC)
@@ -130,8 +129,8 @@ def qr_code(address: str) -> str:
 
     try:
         import segno
-    except ImportError:
-        raise missing("segno") from None
+    except ImportError as error:
+        raise missing_package(error) from None
     out = io.StringIO()
     segno.make(address, error="m", micro=False).terminal(out=out, compact=True)
     return out.getvalue()

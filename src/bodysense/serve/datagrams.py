@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
 
-from bodysense.body.glove import glove_points
+from bodysense.body.glove_set import GloveSet
 from bodysense.capture.marker_stream import read_frame
+from bodysense.capture.raw_markers import MarkerFormat
 from bodysense.errors import BodysenseError
 from bodysense.serve.answer import Answer
 from bodysense.serve.links import MOST_PACKETS, Command, signal_of
@@ -22,7 +23,10 @@ from bodysense.serve.safety import RateLimit
 from bodysense.serve.vmc import vmc_packets
 from bodysense.serve.vrchat import vrchat_packets
 
-MARKER_POINTS = (*glove_points("left"), *glove_points("right"))
+
+def marker_points(worn: GloveSet) -> tuple[str, ...]:
+    """The points of both hands in gloves of a marker set."""
+    return tuple(f"{side}_glove_{name}" for side in ("left", "right") for name in worn.names)
 
 
 @dataclass(frozen=True)
@@ -85,9 +89,13 @@ class MarkerInput(asyncio.DatagramProtocol):
         self,
         play: Callable[[SignalFrame], None],
         metrics: Metrics,
+        worn: GloveSet,
         do: Callable[[Command], None] = lambda command: None,
     ) -> None:
         self._play, self._metrics = play, metrics
+        self._points = marker_points(worn)
+        labels = [label for marker in worn.markers for label in marker.labels.values()]
+        self._form = MarkerFormat(worn.points(labels))
         self._sequence = 0
         self._rate = RateLimit(MOST_PACKETS, 0.0)
 
@@ -96,12 +104,12 @@ class MarkerInput(asyncio.DatagramProtocol):
         if not self._rate.allows(asyncio.get_running_loop().time()):
             self._metrics.dropped("flood")
             return
-        observation = read_frame(data, MARKER_POINTS)
+        observation = read_frame(data, self._points, self._form)
         if observation is None:
             self._metrics.dropped("malformed packet")
             return
         self._sequence = (self._sequence + 1) % 2**32
-        self._play(signal_of(observation, MARKER_POINTS, self._sequence, float(observation.time[0])))
+        self._play(signal_of(observation, self._points, self._sequence, float(observation.time[0])))
 
 
 class InputLink:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Protocol
@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from bodysense.body.glove import glove_hands
+from bodysense.body.hand_family import GlovedHand
 from bodysense.body.person import Person
 from bodysense.body.skeleton import Skeleton
 from bodysense.observation import Estimate, Observation, without_gloves
@@ -82,16 +83,17 @@ class WithoutMarkers:
         return without_gloves(observation), state
 
 
-def device_of(points: Sequence[str], skeleton: Skeleton) -> Device | None:
+def device_of(points: Sequence[str], skeleton: Skeleton, calibrated: Mapping[str, GlovedHand]) -> Device | None:
     """What a signal of these points needs before a tracker takes it; None where nothing."""
-    from bodysense.devices.gloves import SIDES, glove_device, gloved_sides
+    from bodysense.devices.gloves import SIDES, check_calibrated, glove_device, gloved_sides
 
     hands = glove_hands(points)
     if not hands:
         return None
     if not any(side in hands for side in SIDES):
         return WithoutMarkers()
-    return glove_device(skeleton, gloved_sides(points), _glove_models())
+    check_calibrated(points, gloved_sides(points), calibrated)
+    return glove_device(skeleton, gloved_sides(points), _glove_models(), calibrated=calibrated)
 
 
 def step_many(jobs: Sequence[tuple[Pipeline, Observation, PipelineState]]) -> list[tuple[Estimate, PipelineState]]:

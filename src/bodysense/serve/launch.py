@@ -10,10 +10,9 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, missing_package
 from bodysense.serve.application import application
 from bodysense.serve.estimation import load
-from bodysense.serve.metrics import missing
 from bodysense.serve.settings import ServerSettings
 
 _SWITCH = 0.0005  # s after which a thread that computes lets the event loop go on
@@ -57,7 +56,7 @@ def prepared(settings: ServerSettings, started: Callable[[Any], None] = lambda s
         import uvicorn
         import websockets  # noqa: F401
     except ImportError as error:
-        raise missing(error.name or "uvicorn") from None
+        raise missing_package(error) from None
 
     class Server(uvicorn.Server):
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:

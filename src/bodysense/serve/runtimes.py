@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from bodysense.serve.datagrams import MARKER_POINTS, InputLink, MarkerInput, PoseSender
+from bodysense.serve.datagrams import InputLink, MarkerInput, PoseSender, marker_points
 from bodysense.serve.links import DeviceInput, Link, listened
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.settings import ServerSettings
@@ -21,7 +21,8 @@ def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
             links.append(InputLink("vmc", listened("--vmc-in", host, settings.vmc_in), SIGNALS, protocol))
         if settings.markers_in is not None:
             bound = listened("--markers-in", host, settings.markers_in)
-            links.append(InputLink("markers", bound, MARKER_POINTS, partial(MarkerInput, metrics=metrics)))
+            protocol = partial(MarkerInput, metrics=metrics, worn=settings.worn)
+            links.append(InputLink("markers", bound, marker_points(settings.worn), protocol))
         if settings.receivers:
             links.append(PoseSender(settings.receivers, metrics))
         if settings.vmt is not None:

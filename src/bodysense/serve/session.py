@@ -98,7 +98,9 @@ class Session:
         self._told_at = -math.inf  # the moment at which the skeleton was told last
         wearer = self._wearer()
         self.skeleton = wearer.skeleton  # as the clients know it
-        self._pipeline = Pipeline(Tracker(wearer, settings=self._tracking), device_of(points, wearer.skeleton))
+        self._pipeline = Pipeline(
+            Tracker(wearer, settings=self._tracking), device_of(points, wearer.skeleton, wearer.hands)
+        )
         self._state = self._pipeline.start()
         self._standing = standing_pose(self.skeleton).rotation
         self._path, self._mirror = self.skeleton.path, self.skeleton.mirror  # those of all bodies
@@ -133,7 +135,8 @@ class Session:
         self._door = door(points, self.skeleton, self._worn)
         self.points, self._waiting, before = tuple(points), None, self.points
         if self.points != before:
-            self._pass_on(Pipeline(self._pipeline.tracker, device_of(points, self.skeleton)))
+            device = device_of(points, self.skeleton, self._base.hands)
+            self._pass_on(Pipeline(self._pipeline.tracker, device))
         self._choose()
 
     def _choose(self) -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from bodysense.body.glove_set import GloveSet, standard_set
 from bodysense.body.person import Person
 from bodysense.serve.datagrams import Receiver
 from bodysense.serve.messages import Settings
@@ -30,5 +31,6 @@ class ServerSettings:
     vmc_in: int | None = None  # ports, on the server's host
     vmc_trackers: VmcTrackers = VmcTrackers()
     markers_in: int | None = None
+    worn: GloveSet = field(default_factory=standard_set)  # the marker set of gloves that come in there
     receivers: tuple[Receiver, ...] = ()
     vmt: VmtSettings | None = None

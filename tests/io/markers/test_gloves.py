@@ -14,10 +14,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.glove import MARKERS, glove_points
+from bodysense.body.glove_set import packaged_sets
 from bodysense.body.hand import mirrored_vectors
 from bodysense.body.skeleton import default_skeleton
 from bodysense.capture.marker_checks import check_gloves
-from bodysense.capture.raw_markers import RELEASE_NAMES, MarkerFormat, points_alone, read_names
+from bodysense.capture.raw_markers import MarkerFormat, points_alone, read_names
 from bodysense.capture.recording import Recording, read_recording, write_recording
 from bodysense.errors import BodysenseError
 from bodysense.io.markers.columns import read_csv
@@ -26,6 +27,8 @@ from bodysense.io.markers.recording import read_markers, with_hands_of
 from bodysense.observation import Observation, chosen_points, without_gloves
 
 RATE = 30.0
+RELEASE = packaged_sets()["two-hands"]
+RELEASE_NAMES = RELEASE.points([marker.labels["left"] for marker in RELEASE.markers])
 
 
 def assert_same(read: Observation, written: Observation, metres: float) -> None:
@@ -55,8 +58,8 @@ def test_a_recording_holds_gloves_too(tmp_path: Path, hidden_gloves: Observation
 
 
 def test_a_recording_still_refuses_unknown_points(tmp_path: Path, gloves: Observation) -> None:
-    strange = replace(gloves, points=("left_glove_nose", *gloves.points[1:]))
-    with pytest.raises(BodysenseError, match="unknown joint 'left_glove_nose'"):
+    strange = replace(gloves, points=("left_nose", *gloves.points[1:]))
+    with pytest.raises(BodysenseError, match="unknown joint 'left_nose'"):
         write_recording(tmp_path / "a.npz", Recording(strange, default_skeleton()))
 
 

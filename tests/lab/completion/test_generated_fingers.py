@@ -8,6 +8,7 @@ import pytest
 from bodysense.body.hand import HAND_JOINTS, angles_of, limits, mirrored_rotations, rotations_of
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY, default_skeleton
+from bodysense.cli import main
 from bodysense.errors import BodysenseError
 from bodysense.lab.completion.generated_fingers import RATE, generate_fingers, read_fingers, write_fingers
 from bodysense.lab.synthesis.hands import FASTEST_FINGER
@@ -68,3 +69,12 @@ def test_no_time_is_refused() -> None:
     for hours in (0.0, -1.0, float("nan"), 1e9):
         with pytest.raises(BodysenseError, match="--hours"):
             generate_fingers(hours)
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "fingers.npz"
+    assert main(["data", "fingers", "-o", str(out), "--hours", "0.005"]) == 0
+    assert read_fingers(out).shape == (540, 30, 4) and "540 frames" in capsys.readouterr().out
+    for arguments, said in ((["-o", str(out), "--hours", "0"], "--hours 0"), (["-o", "a.bvh"], "written as .npz")):
+        assert main(["data", "fingers", *arguments]) == 2
+        assert said in capsys.readouterr().err

@@ -7,7 +7,7 @@ import numpy as np
 from bodysense.body.glove import ALIGNMENT, Glove
 from bodysense.body.hand import FINGERS, HAND_JOINTS
 
-# Fitted to hands of `data.hand_synthesis` whose markers are hidden at random for 0.05 to 3 s, one or several at once.
+# Fitted to hands of `lab.synthesis.hands` whose markers are hidden at random for 0.05 to 3 s, one or several at once.
 SHOWN_ERROR, TIP_SHOWN_ERROR = 0.001, 0.002  # m, expected of a point whose markers are seen
 # m/√s: expected errors of hidden markers grow with the root of time, for a second, as long as others are seen.
 HIDDEN_ERROR, TIP_HIDDEN_ERROR = 0.017, 0.024  # where those markers are hidden that tell of the point

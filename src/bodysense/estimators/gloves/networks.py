@@ -21,7 +21,7 @@ JOINT_FORMAT = "bodysense glove joints 2"
 MARKER_NETWORK = "glove_markers.onnx"
 JOINT_NETWORK = "glove_joints.onnx"
 _COMMAND = "bodysense train gloves"
-_ALIKE = 1e-4  # m by which two hands differ that are the same one
+_ALIKE = 1e-4  # m, or share of a size, by which two hands differ that are the same one
 
 
 class HandNetwork(Protocol):
@@ -102,11 +102,13 @@ def size_ratios(hands: Sequence[Skeleton]) -> np.ndarray:
 def known_shapes(hands: Sequence[Skeleton], gloves: Sequence[Glove]) -> np.ndarray:
     """(H, 87) single precision: what networks know of each hand, resting offsets and template, at one size.
 
-    Zeros, nothing, of the default hand at whatever size: it stands in for hands that nobody has measured.
+    Zeros, nothing, of the default hand at another size than its own: it stands in for hands of which the size alone was
+    measured. At its own size it is the likeliest hand.
     """
     shapes = np.stack([_shape(*worn) for worn in zip(hands, gloves, strict=True)])
-    unmeasured = (abs(shapes - _default_shape()) < _ALIKE).all(axis=1, keepdims=True)
-    return np.where(unmeasured, 0.0, shapes).astype(np.float32)
+    resized = abs(size_ratios(hands) - 1) > _ALIKE
+    unmeasured = resized & (abs(shapes - _default_shape()) < _ALIKE).all(axis=1)
+    return np.where(unmeasured[:, None], 0.0, shapes).astype(np.float32)
 
 
 def _shape(hand: Skeleton, glove: Glove) -> np.ndarray:

@@ -43,7 +43,7 @@ def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> Marke
         if gloves is None:
             raise BodysenseError(
                 f"{path}: no marker of a glove and no marker set of a body among {listed(raw.names)}: "
-                f"{nearest(raw.names)}; give a table of names with --names (docs/markers.md)"
+                f"{nearest(raw.names)}; give a table of names with --names (docs/markers.md), or a glove's --marker-set"
             )
         return gloves
     found = body_of(raw, form, known, str(path))

@@ -27,6 +27,7 @@ def commands() -> SubcommandApp:
     for command in (unoc.transitions, gloves.gloves_occlusion, glove_limits.gloves_limits, gloves.gloves_table3):
         group.command(command)
     group.command(gloves.gloves_table4)
+    group.command(gloves.gloves_layouts)
     return group
 
 

@@ -110,6 +110,27 @@ def gloves_table4(
     finish(report, common)
 
 
+def gloves_layouts(hands: int | None = None, common: Flat[Common] = Common()) -> None:
+    """Gloves of other marker sets than ours: joints of fingers, of hands that were told and that were calibrated.
+
+    Args:
+        hands: how many are drawn; 20 if omitted, 1 with --quick.
+        common: Common options.
+    """
+    from rich.progress import Progress
+
+    from bodysense.lab.two_hands.layouts import layout_table, layouts
+
+    checked(common)
+    if hands is not None and hands < 1:
+        raise BodysenseError(f"--hands {hands}: give at least 1")
+    count = hands or (1 if common.quick else 20)
+    with Progress() as progress:
+        bar = progress.add_task("scoring gloves", total=count * len(layouts()))
+        report = layout_table(count, lambda: progress.update(bar, advance=1))
+    finish(report, common)
+
+
 def _synthesised(common: Common) -> int:
     """How many hands are synthesised."""
     return 2 if common.quick else 20

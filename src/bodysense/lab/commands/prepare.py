@@ -1,4 +1,4 @@
-"""`bodysense data prepare`: motion files as a store that trainings read."""
+"""`bodysense data prepare` and `data fingers`: what trainings read, of motion files and of nobody's fingers."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import tyro
 
 from bodysense.cli.options import Reading
 from bodysense.data.layouts import Layout
+from bodysense.errors import BodysenseError
+from bodysense.files import check_place
 from bodysense.lab.options import Output
 from bodysense.rigs.options import AS_FOUND
 
@@ -38,3 +40,21 @@ def prepare(
     from bodysense.lab.store import prepare as prepare_store
 
     prepare_store(directory, out, rate=rate, workers=workers, scheduler=scheduler, layout=layout, options=reading)
+
+
+def fingers(out: Output, hours: float = 10.0, seed: int = 1) -> None:
+    """Generate motion of the fingers of both hands that nobody recorded, to train the fingers of completion on.
+
+    Args:
+        out: .npz file: local rotations of 30 joints at 30 Hz.
+        hours: how many; the first hour is the same however many follow.
+        seed: random seed.
+    """
+    from bodysense.lab.completion.generated_fingers import generate_fingers, write_fingers
+
+    if out.suffix != ".npz":
+        raise BodysenseError(f"{out}: generated fingers are written as .npz; name it so")
+    check_place(out)
+    made = generate_fingers(hours, seed)
+    write_fingers(out, made)
+    print(f"wrote {out}: {len(made)} frames, {len(made) / 30 / 3600:.3g} h")

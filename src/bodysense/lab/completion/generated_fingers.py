@@ -1,6 +1,6 @@
 """Fingers that no one recorded: gestures, pinches, counts, hands that act on each other, at speeds of real ones.
 
-`data.hand_synthesis` moves single hands, `data.pair_synthesis` both together: handshapes within the limits of joints,
+`lab.synthesis.hands` moves single hands, `lab.synthesis.pairs` both together: handshapes within the limits of joints,
 synergies between fingers, tips on palm, thumb and the other hand. Every piece has a generator of its own, so that the
 first hour is the same however many follow.
 """

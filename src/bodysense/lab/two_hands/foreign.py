@@ -16,7 +16,7 @@ from zlib import crc32
 
 import numpy as np
 
-from bodysense.body.glove import Glove, default_glove, hand_size, marker_positions, paper_template
+from bodysense.body.glove import Glove, default_glove, hand_size, marker_positions
 from bodysense.body.hand import FINGERS, hand_skeleton
 from bodysense.body.hand_family import COUNT, GlovedHand, carried_over, draw_hand, hand_of, plain_hand
 from bodysense.body.skeleton import default_skeleton
@@ -40,6 +40,14 @@ WAYS = {"nn": "hand told", "untold": "size told", "calibrated": "hand calibrated
 ALONE = "network_alone"  # told, without continuity
 FEW_MANY = (1, 4)  # markers hidden at once
 _LOOKED = 600  # frames that a calibration looks at: ten seconds
+
+
+# The template of the paper's release, metres: y toward the wrist, x into the palm, z toward the thumb.
+_TEMPLATE = (
+    *((-0.0059, -0.0796, -0.0325), (-0.0300, 0.0, 0.0), (-0.0155, -0.0869, 0.0319)),
+    *((-0.0006, -0.1787, -0.0125), (0.0037, -0.1562, -0.0293), (-0.0013, -0.1761, 0.0250)),
+    *((-0.0052, -0.1889, 0.0067), (-0.0014, -0.0512, 0.0558), (0.0116, -0.1038, 0.0948)),
+)
 
 
 @dataclass(frozen=True)
@@ -152,6 +160,11 @@ def _calibrated(motion: HandMotion, hand: GlovedHand, rng: np.random.Generator) 
         return None
     markers = np.asarray(marker_positions(hand.glove, carried_over(some.pose, hand)))
     return fit_hand(markers + rng.normal(0.0, 3e-4, markers.shape)).hand
+
+
+def paper_template() -> np.ndarray:
+    """(9, 3) m, the markers of the release's glove on a flat left hand, in our axes."""
+    return np.array(_TEMPLATE)[:, [1, 0, 2]] * [-1, -1, 1]
 
 
 @lru_cache(maxsize=1)

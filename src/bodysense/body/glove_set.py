@@ -1,0 +1,269 @@
+"""Marker sets of gloves: which marker sits on which segment of which hand, and roughly where. A set is one small file.
+
+`glove_sets/` holds those of the package; anybody's own is a .toml or .json file of the same form (docs/gloves.md).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+from math import cos, pi, sin
+from pathlib import Path
+from reprlib import repr as brief
+from typing import Any
+
+from bodysense.body.hand import FINGERS, HAND_JOINTS, Side
+from bodysense.errors import BodysenseError
+from bodysense.files import read_text
+
+STANDARD = "bodysense"  # the set that the networks know
+FEWEST = 4  # markers of a hand that a set has at least, one of them on the back of the hand
+HAND = "hand"  # the segment that the wrist carries
+_KNOWN = 4  # markers of a hand by whose labels a set is recognised
+_SIDES: tuple[Side, Side] = ("left", "right")
+_USUAL = {"left": "L", "right": "R"}
+_ACCURACY, _PLATE = 0.006, 0.03  # m: of a marker, and of one of a plate, of which nothing else is said
+_PLATE_AT, _RING = (0.06, 0.03, 0.0), 0.02  # m: its middle from the wrist, and its markers from there
+_ROW = {"label", "name", "is", "segment", "near", "along", "offset", "accuracy"}
+_PLATE_ROW = {"labels", "offset", "accuracy"}
+_SEGMENTS, _KNUCKLES = (HAND, *HAND_JOINTS[1:]), tuple(f"{finger}1" for finger in FINGERS)
+
+
+@dataclass(frozen=True)
+class WornMarker:
+    """A marker of a set: where it sits on a hand of 19.5 cm."""
+
+    name: str  # of its point, '<hand>_glove_<name>'
+    labels: Mapping[Side, str]  # in files
+    segment: str  # the joint that carries it
+    near: str  # the point of the hand that it is measured from
+    along: float  # from there, as a share of the segment
+    offset: tuple[float, float, float]  # m more: along the segment, out of its back, toward the thumb
+    accuracy: tuple[float, float, float]  # m, standard deviations along the same axes
+
+
+@dataclass(frozen=True, eq=False)
+class GloveSet:
+    """The markers that a glove has."""
+
+    name: str
+    markers: tuple[WornMarker, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of its markers."""
+        return tuple(marker.name for marker in self.markers)
+
+    @property
+    def on_hand(self) -> tuple[int, ...]:
+        """Places of the markers that the back of the hand carries."""
+        return tuple(place for place, marker in enumerate(self.markers) if marker.segment == "wrist")
+
+    def points(self, labels: Iterable[str]) -> dict[str, str]:
+        """Our names '<hand>_glove_<name>' of those labels of a file that are of the set; 'Anna:' in front is off."""
+        ours = {
+            _plain(label): f"{side}_glove_{marker.name}"
+            for marker in self.markers
+            for side, label in marker.labels.items()
+        }
+        return {label: ours[_plain(label)] for label in labels if _plain(label) in ours}
+
+
+@lru_cache(maxsize=1)
+def packaged_sets() -> dict[str, GloveSet]:
+    """Those of the package by name, the standard one first."""
+    folder = files("bodysense.body.glove_sets")
+    names = sorted((entry.name for entry in folder.iterdir() if entry.name.endswith(".toml")), key=_standard_first)
+    found: dict[str, GloveSet] = {}
+    for name in names:
+        one = parse_set(tomllib.loads(folder.joinpath(name).read_text(encoding="utf-8")), name, found.get(STANDARD))
+        found[one.name] = one
+    return found
+
+
+def standard_set() -> GloveSet:
+    """The set that the networks know."""
+    return packaged_sets()[STANDARD]
+
+
+def read_set(place: str | Path) -> GloveSet:
+    """A set by its name in the package, or by its file, .toml or .json. Raises BodysenseError for what is neither."""
+    if str(place) in packaged_sets():
+        return packaged_sets()[str(place)]
+    path = Path(place)
+    if path.suffix.lower() not in (".toml", ".json") or not path.is_file():
+        known = ", ".join(packaged_sets())
+        raise BodysenseError(f"{place}: no marker set; give a .toml or .json file (docs/gloves.md), or one of {known}")
+    text = read_text(path)
+    try:
+        stored = json.loads(text) if path.suffix.lower() == ".json" else tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise BodysenseError(f"{path}: not {path.suffix[1:].upper()} ({error}); see docs/gloves.md") from None
+    return parse_set(stored, str(path), standard_set())
+
+
+def recognised_set(labels: Sequence[str]) -> GloveSet | None:
+    """The packaged set that most of a file's labels are of, at least four of a hand; None where there is none."""
+    best, most = None, _KNOWN - 1
+    for one in packaged_sets().values():
+        hands = [point.partition("_glove_")[0] for point in one.points(labels).values()]
+        count = max((hands.count(hand) for hand in set(hands)), default=0)
+        if count > most:
+            best, most = one, count
+    return best
+
+
+def parse_set(stored: Any, place: str, standard: GloveSet | None) -> GloveSet:
+    """A set as it is stored; markers that say what they are take their places from the `standard` one.
+
+    `place` names the file in messages. Raises BodysenseError naming the row and the fix.
+    """
+    if not isinstance(stored, dict) or not isinstance(stored.get("name"), str):
+        raise BodysenseError(f'{place}: a marker set has a name and markers: name = "mine" (docs/gloves.md)')
+    _check_keys(stored, {"name", "sides", "markers", "plates"}, place)
+    sides = stored.get("sides", _USUAL)
+    if not (isinstance(sides, dict) and sides and set(sides) <= set(_SIDES) and _texts(sides.values())):
+        raise BodysenseError(
+            f'{place}: sides are {brief(sides)}; say how labels tell them: {{left = "L", right = "R"}}'
+        )
+    rows = []
+    for number, row in enumerate(_rows(stored, "plates", place), start=1):
+        rows += _plate(row, number, sides, f"{place}: plate {number}")
+    for number, row in enumerate(_rows(stored, "markers", place), start=1):
+        rows.append(_marker(row, sides, standard, f"{place}: marker {number}"))
+    if len(rows) < FEWEST or not any(row.segment == "wrist" for row in rows):
+        raise BodysenseError(
+            f"{place}: {len(rows)} markers; a hand needs {FEWEST} at least, one of them on the segment {HAND!r}"
+        )
+    for what in (
+        [row.name for row in rows],
+        *([_plain(row.labels[side]) for row in rows if side in row.labels] for side in _SIDES),
+    ):
+        twice = [name for name in what if what.count(name) > 1]
+        if twice:
+            raise BodysenseError(f"{place}: {twice[0]!r} stands twice; every marker has a name and a label of its own")
+    return GloveSet(stored["name"], tuple(rows))
+
+
+def _marker(row: dict, sides: Mapping[str, str], standard: GloveSet | None, place: str) -> WornMarker:
+    _check_keys(row, _ROW, place)
+    labels = _labels(row.get("label"), sides, place)
+    if "is" in row:
+        known = {} if standard is None else {marker.name: marker for marker in standard.markers}
+        if row["is"] not in list(known):
+            raise BodysenseError(f"{place}: is {brief(row['is'])}; valid are {', '.join(known)}")
+        same = known[row["is"]]
+        return WornMarker(same.name, labels, same.segment, same.near, same.along, same.offset, same.accuracy)
+    segment = row.get("segment")
+    if segment not in _SEGMENTS:
+        raise BodysenseError(f"{place}: segment {brief(segment)}; valid are {', '.join(_SEGMENTS)}")
+    near, along = row.get("near", "wrist" if segment == HAND else segment), row.get("along", 0.0)
+    points = ("wrist", *_KNUCKLES) if segment == HAND else (segment, _end(segment))
+    if near not in points:
+        raise BodysenseError(f"{place}: near {brief(near)}; of the segment {segment!r} valid are {', '.join(points)}")
+    if not (_is_number(along) and 0 <= along <= 1) or (along and (segment == HAND or near != segment)):
+        raise BodysenseError(
+            f"{place}: along {brief(along)}; it is 0 to 1 from a finger's joint to the next; use offset"
+        )
+    if along == 1:
+        near, along = _end(segment), 0.0
+    name = row.get("name", _name(row["label"]))
+    if not isinstance(name, str) or not re.fullmatch(r"[a-z0-9_]+", name) or "_glove_" in name:
+        raise BodysenseError(f'{place}: name {brief(name)}; give small letters and digits: name = "index_nail"')
+    return WornMarker(
+        name=name,
+        labels=labels,
+        segment="wrist" if segment == HAND else segment,
+        near=near,
+        along=float(along),
+        offset=_three(row.get("offset", (0.0, 0.0, 0.0)), "offset", place),
+        accuracy=_accuracy(row.get("accuracy", _ACCURACY), place),
+    )
+
+
+def _plate(row: dict, number: int, sides: Mapping[str, str], place: str) -> list[WornMarker]:
+    """The markers of a rigid plate: its shape is measured, where it sits is known roughly."""
+    _check_keys(row, _PLATE_ROW, place)
+    labels = row.get("labels")
+    if not isinstance(labels, list) or len(labels) < 3:
+        raise BodysenseError(f'{place}: labels {brief(labels)}; a plate has three markers or more: ["*_P1", "*_P2", …]')
+    offset = _three(row.get("offset", _PLATE_AT), "offset", place)
+    accuracy = _accuracy(row.get("accuracy", _PLATE), place)
+    rows = []
+    for k, label in enumerate(labels, start=1):
+        turn = 2 * pi * k / len(labels)  # in a ring, for whoever simulates it
+        at = offset[0] + _RING * cos(turn), offset[1], offset[2] + (1 + k / 10) * _RING * sin(turn)
+        rows.append(WornMarker(f"plate{number}_{k}", _labels(label, sides, place), "wrist", "wrist", 0.0, at, accuracy))
+    return rows
+
+
+def _labels(label: Any, sides: Mapping[str, str], place: str) -> dict[Side, str]:
+    """Of a marker, by the side: '*' stands for it, or a table has both."""
+    if isinstance(label, dict) and label and set(label) <= set(_SIDES) and _texts(label.values()):
+        return {side: label[side] for side in _SIDES if side in label}
+    if isinstance(label, str) and _plain(label) and ("*" in label or len(sides) == 1):
+        return {side: label.replace("*", sides[side]) for side in _SIDES if side in sides}
+    raise BodysenseError(
+        f'{place}: label {brief(label)}; put * where the side stands, "*_IDX", or give both: '
+        '{left = "M1", right = "M7"}'
+    )
+
+
+def _rows(stored: dict, key: str, place: str) -> list[dict]:
+    rows = stored.get(key, [])
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise BodysenseError(f"{place}: {key} must be a list of tables, [[{key}]] (docs/gloves.md)")
+    return rows
+
+
+def _check_keys(row: dict, valid: set[str], place: str) -> None:
+    strange = [key for key in row if key not in valid]
+    if strange:
+        raise BodysenseError(f"{place}: {strange[0]!r} is unknown; valid are {', '.join(sorted(valid))}")
+
+
+def _three(value: Any, what: str, place: str) -> tuple[float, float, float]:
+    if isinstance(value, list | tuple) and len(value) == 3 and all(_is_number(one) and abs(one) < 0.3 for one in value):
+        return float(value[0]), float(value[1]), float(value[2])
+    raise BodysenseError(f"{place}: {what} {brief(value)}; give three numbers in metres, each less than 0.3")
+
+
+def _accuracy(value: Any, place: str) -> tuple[float, float, float]:
+    three = _three([value] * 3 if _is_number(value) else value, "accuracy", place)
+    if min(three) <= 0:
+        raise BodysenseError(f"{place}: accuracy {brief(value)}; it must be positive, in metres: 0.005")
+    return three
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and -1e6 < value < 1e6
+
+
+def _texts(values: Iterable[Any]) -> bool:
+    return all(isinstance(value, str) and value for value in values)
+
+
+def _end(segment: str) -> str:
+    """The point at which a finger's segment ends."""
+    finger, number = segment[:-1], segment[-1]
+    return f"{finger}_tip" if number == "3" else f"{finger}{int(number) + 1}"
+
+
+def _name(label: Any) -> str:
+    """A name of a label without its side."""
+    text = label.replace("*", " ") if isinstance(label, str) else next(iter(label.values()))
+    return re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_") or "marker"
+
+
+def _plain(label: str) -> str:
+    """What counts of a label: 'Anna:L_IAS' → 'lias'."""
+    return re.sub(r"[^a-z0-9]", "", label.rpartition(":")[2].lower())
+
+
+def _standard_first(name: str) -> tuple[bool, str]:
+    return name != f"{STANDARD}.toml", name
