@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tyro.extras import SubcommandApp
 
-from bodysense.cli import conform, data, demo, laboratory, motion, samples, serve
+from bodysense.cli import calibrate, conform, data, demo, laboratory, motion, samples, serve
 
 
 def application() -> SubcommandApp:
@@ -12,6 +12,7 @@ def application() -> SubcommandApp:
     root, data_group = SubcommandApp(), data.commands()
     for command in (demo.demo, motion.track, motion.simulate, conform.conform, samples.generate, serve.serve):
         root.command(command)
+    root.command(calibrate.calibrate)
     root.command(data_group, name="data")
     if laboratory.is_installed():
         laboratory.add_commands(root, data_group)
