@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tyro.extras import SubcommandApp
 
-from bodysense.cli import conform, data, demo, laboratory, motion, page, samples, serve
+from bodysense.cli import calibrate, conform, data, demo, laboratory, motion, page, samples, serve
 
 
 def application() -> SubcommandApp:
@@ -13,6 +13,7 @@ def application() -> SubcommandApp:
     for command in (demo.demo, motion.track, motion.simulate, conform.conform, samples.generate):
         root.command(command)
     root.command(serve.serve)
+    root.command(calibrate.calibrate)
     root.command(page.page)
     root.command(data_group, name="data")
     if laboratory.is_installed():
