@@ -14,6 +14,7 @@ from bodysense.serve.connection import converse
 from bodysense.serve.headers import HEADERS, guarded
 from bodysense.serve.live import Live
 from bodysense.serve.metrics import Metrics
+from bodysense.serve.page_files import library_routes
 from bodysense.serve.protocol import SUBPROTOCOL
 from bodysense.serve.runtimes import links_of
 from bodysense.serve.safety import Doorkeeper
@@ -100,6 +101,7 @@ def application(settings: ServerSettings) -> Any:
         WebSocketRoute("/ws", websocket),
         Route("/healthz", healthz),
         Route("/metrics", metrics_text),
+        *library_routes(),
     ]
     has_page = (page / "index.html").is_file()
     routes.append(Mount("/", StaticFiles(directory=page, html=True)) if has_page else Route("/", no_page))
