@@ -6,14 +6,16 @@ Where Google's model files cannot be fetched, the package index still serves tha
 
 Without --wheel the wheel is downloaded with pip and not installed. The files carry the names under which
 `bodysense track VIDEO` looks for them, and by default they are put where it looks. The models are Google's,
-Apache-2.0. Needs bodysense[video].
+Apache-2.0. Needs bodysense[video]. Where npm is there, MediaPipe's WebAssembly is put beside them, for the webcam.
 """
 
 from __future__ import annotations
 
 import argparse
+import shutil
 import subprocess
 import sys
+import tarfile
 import tempfile
 import zipfile
 from pathlib import Path
@@ -27,6 +29,8 @@ from bodysense.capture.landmarker_files import HAND_LANDMARKER, POSE_LANDMARKER,
 from bodysense.files import written_beside
 
 WHEEL = "mediapipe==0.10.21"
+RUNTIME = "@mediapipe/tasks-vision@1.1.0"  # of npm, as in web/package-lock.json
+RUNTIME_FILES = ("vision_wasm_module_internal.js", "vision_wasm_module_internal.wasm")
 # What a .task file holds: the name in it, the model in the wheel, and (mean, standard deviation) of the pixels that a
 # model without metadata of its own was trained on.
 BUNDLES = {
@@ -49,8 +53,11 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         build(arguments.wheel or download(Path(folder)), arguments.out)
-    for name in BUNDLES:
+        names = [*BUNDLES, *fetch_runtime(Path(folder), arguments.out)]
+    for name in names:
         print(f"wrote {arguments.out / name}")
+    if len(names) == len(BUNDLES):
+        print("no npm: the page's webcam stays closed")
 
 
 def download(folder: Path) -> Path:
@@ -58,6 +65,21 @@ def download(folder: Path) -> Path:
     command = [sys.executable, "-m", "pip", "download", "--quiet", "--retries", "1", "--no-deps"]
     subprocess.run([*command, "--dest", str(folder), WHEEL], check=True)
     return next(folder.glob("*.whl"))
+
+
+def fetch_runtime(folder: Path, out: Path) -> tuple[str, ...]:
+    """Put MediaPipe's WebAssembly into `out`, fetched with npm; names of what was written, none without npm."""
+    npm = shutil.which("npm")
+    if npm is None:
+        return ()
+    subprocess.run([npm, "pack", "--silent", "--pack-destination", str(folder), RUNTIME], check=True, cwd=folder)
+    with tarfile.open(next(folder.glob("*.tgz"))) as package:
+        for name in RUNTIME_FILES:
+            member = package.extractfile(f"package/wasm/{name}")
+            assert member is not None
+            with written_beside(out / name) as beside:
+                beside.write_bytes(member.read())
+    return RUNTIME_FILES
 
 
 def build(wheel: Path, out: Path) -> None:

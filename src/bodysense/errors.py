@@ -4,6 +4,7 @@
 EXTRAS = {
     "av": "video",
     "cv2": "video",
+    "cryptography": "serve",
     "dask": "lab",
     "distributed": "lab",
     "lightning": "lab",
@@ -13,6 +14,7 @@ EXTRAS = {
     "onnx": "lab",
     "onnxscript": "lab",
     "prometheus_client": "serve",
+    "segno": "serve",
     "starlette": "serve",
     "torch": "lab",
     "uvicorn": "serve",

@@ -47,7 +47,8 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
         (("--replay", "no-such-file.npz"), "no such file"),
         (("--device", "three_point"), "give it with --replay"),
         (("--sessions", 0), "give 1 to 10000"),
-        (("--vmc-names", "names.json"), "with --vmc-in"),
+        (("--device-names", "names.json"), "give --vmc-in or --vmt"),
+        (("--vmt", "--vmt-first", 60), "give 0 to 48"),
     ],
 )
 def test_what_cannot_be_served(refused: Refused, arguments: tuple[object, ...], said: str) -> None:
@@ -83,3 +84,10 @@ def test_it_serves_until_it_is_ended(workers: int, end: signal.Signals) -> None:
         finally:
             process.kill()  # one that stays fails here, and does not hold the tests up
         assert "Traceback" not in process.stderr.read()  # to its end: no worker is left that holds it
+
+
+def test_nobody_to_calibrate(refused: Refused) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    assert "is `bodysense serve` running?" in refused("calibrate", f"http://127.0.0.1:{port}/")
+    assert "give the address" in refused("calibrate", "localhost")

@@ -173,7 +173,7 @@ def _(kit: Kit) -> Subject:
 
 @defect("anatomy.arms_outside", "anatomy.limits_elbows")
 def _(kit: Kit) -> Subject:
-    return unscripted(kit.turned({"left_shoulder": about(z=-15), "left_elbow": about(z=-105)}))
+    return unscripted(kit.turned({"left_shoulder": about(z=-15), "left_elbow": about(z=-125)}))
 
 
 @defect("anatomy.arms_apart")

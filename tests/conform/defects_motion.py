@@ -54,9 +54,9 @@ def _(kit: Kit) -> Subject:
     return replace(kit.clean, rotation=rotation)
 
 
-@defect("motion.shake")
+@defect("motion.shake", "motion.step_at_return")
 def _(kit: Kit) -> Subject:
-    noise = np.random.default_rng(1).normal(0, 0.015, (len(kit.clean), 1, 3))
+    noise = np.random.default_rng(1).normal(0, 0.024, (len(kit.clean), 1, 3))
     return kit.moved(kit.clean.points, noise)
 
 
@@ -64,15 +64,18 @@ def _(kit: Kit) -> Subject:
 def _(kit: Kit) -> Subject:
     rotation = kit.clean.rotation.copy()
     columns = kit.columns("head")
-    noise = quaternion_exp(np.random.default_rng(1).normal(0, 0.06, (len(rotation), 1, 3)))
+    noise = quaternion_exp(np.random.default_rng(1).normal(0, 0.085, (len(rotation), 1, 3)))
     rotation[:, columns] = quaternion_multiply(rotation[:, columns], noise)
     return replace(kit.clean, rotation=rotation)
 
 
 @defect("motion.dead")
 def _(kit: Kit) -> Subject:
+    """The first frame again and again, with as much noise as a tracker has."""
     still = kit.cut(kit.clean.time < 9.0)
-    return replace(still, steps=(Step("other", 0.0, 9.0),))
+    noise = np.random.default_rng(1).normal(0, 0.0002, (len(still), 1, 3))
+    position, rotation = still.position[:1] + noise, np.repeat(still.rotation[:1], len(still), axis=0)
+    return replace(still, position=position, rotation=rotation, steps=(Step("other", 0.0, 9.0),))
 
 
 @defect("motion.skate")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from bodysense.body.pose import Pose
@@ -26,6 +28,13 @@ LIMITED = [check for check in TABLE if check.most is not None or check.least is 
 
 def test_every_check_with_a_limit_has_its_defect() -> None:
     assert {check.id for check in LIMITED} - {"data.long_enough"} == set(DEFECTS)
+
+
+def test_who_stands_still_instead_of_performing_is_asked_again(kit: Kit) -> None:
+    """The head sways as people's do: the device works."""
+    still = kit.cut(kit.clean.time < 9.0)
+    verdict = judge(replace(still, steps=(Step("other", 0.0, 9.0),)))
+    assert [one.check.id for one in verdict.of("retake")] == ["motion.dead"] and not verdict.of("fail")
 
 
 @pytest.mark.slow

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodysense.serve.application import ServerSettings
 from bodysense.serve.launch import listen, prepared
-from bodysense.serve.messages import ClientMessage, Hello, write_message
+from bodysense.serve.message_text import write_message
+from bodysense.serve.messages import ClientMessage, Hello
 from bodysense.serve.protocol import POSE, SUBPROTOCOL, PoseFrame, SignalFrame, read_pose, write_signal
+from bodysense.serve.settings import ServerSettings
 
 DEVICES = ("headset", "left_controller", "right_controller")
 
@@ -145,3 +146,9 @@ def connect() -> Iterator[Connecting]:
             return Client(socket, welcome)
 
         yield call
+
+
+@pytest.fixture
+def connect_to(connect: Connecting) -> Connecting:
+    """The same, where a test has another `connect`."""
+    return connect

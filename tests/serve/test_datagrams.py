@@ -15,10 +15,12 @@ from bodysense.body.hand import hand_skeleton
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.capture.osc import read_packet
-from bodysense.serve.application import ServerSettings
-from bodysense.serve.datagrams import MarkerInput, Receiver, TrackerInput
+from bodysense.serve.datagrams import MarkerInput, Receiver
+from bodysense.serve.links import DeviceInput
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.protocol import SignalFrame
+from bodysense.serve.settings import ServerSettings
+from bodysense.serve.tracked_devices import SIGNALS
 from bodysense.serve.vmc_trackers import VmcTrackers
 
 from .conftest import Connecting, Serving, signal
@@ -85,7 +87,7 @@ def test_a_flood_is_not_looked_at(kind: str) -> None:
 
     async def flooded() -> None:
         played: list[SignalFrame] = []
-        vmc = TrackerInput(played.append, metrics, VmcTrackers())
+        vmc = DeviceInput(played.append, metrics, VmcTrackers(), SIGNALS)
         receiver = vmc if kind == "vmc" else MarkerInput(played.append, metrics, standard_set())
         for _ in range(10_000):
             receiver.datagram_received(b"/nothing", None)

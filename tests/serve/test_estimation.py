@@ -14,10 +14,11 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.demo import packaged_performance
 from bodysense.observation import Observation
 from bodysense.occlusion.sensors import SENSOR_SETS, observe
+from bodysense.serve.answer import Answer
 from bodysense.serve.estimation import step_many
 from bodysense.serve.messages import Settings
 from bodysense.serve.protocol import SignalFrame, wire_accuracy
-from bodysense.serve.session import Answer, Session
+from bodysense.serve.session import Session
 from bodysense.tracker import Tracker, TrackerSettings
 
 SKELETON = default_skeleton()

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bodysense.errors import BodysenseError
+from bodysense.serve.message_text import changed, read_message, write_message
 from bodysense.serve.messages import (
     CLIENT,
     REGIONS,
@@ -24,9 +25,6 @@ from bodysense.serve.messages import (
     Replay,
     Resume,
     Settings,
-    changed,
-    read_message,
-    write_message,
 )
 from bodysense.serve.protocol import ProtocolError
 

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import pytest
 
 from bodysense.serve import scheduler as module
+from bodysense.serve.answer import Answer
 from bodysense.serve.estimation import step_many
 from bodysense.serve.messages import Pong
 from bodysense.serve.outbox import Outbox
 from bodysense.serve.scheduler import Scheduler
-from bodysense.serve.session import Answer, Session
+from bodysense.serve.session import Session
 
 from .conftest import DEVICES, signal
 

@@ -19,7 +19,6 @@ from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.data.bvh import read_bvh
 from bodysense.occlusion.three_point import observe
-from bodysense.serve.application import ServerSettings
 from bodysense.serve.messages import (
     Calibrate,
     Change,
@@ -32,6 +31,7 @@ from bodysense.serve.messages import (
 )
 from bodysense.serve.protocol import SIGNAL, TRUTH, read_pose, write_signal
 from bodysense.serve.replay import Playable
+from bodysense.serve.settings import ServerSettings
 
 from .conftest import DEVICES, Address, Client, Connecting, Serving, signal
 

@@ -10,11 +10,12 @@ from typing import Any
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense.serve.application import ServerSettings
 from bodysense.serve.launch import listen
-from bodysense.serve.messages import Hello, write_message
+from bodysense.serve.message_text import write_message
+from bodysense.serve.messages import Hello
 from bodysense.serve.protocol import SUBPROTOCOL, write_signal
 from bodysense.serve.safety import Access, Limits, RateLimit, why_refused
+from bodysense.serve.settings import ServerSettings
 
 from .conftest import DEVICES, Address, Connecting, Serving, signal
 

@@ -20,10 +20,11 @@ from bodysense.observation import Observation
 from bodysense.occlusion.sensors import SENSOR_SETS, strapped
 from bodysense.occlusion.sensors import observe as see
 from bodysense.occlusion.three_point import observe
+from bodysense.serve.answer import Answer
 from bodysense.serve.estimation import step_many
 from bodysense.serve.messages import Calibrate, Change, Placed, ProportionsChanged, Recentre, Said, Settings
 from bodysense.serve.protocol import ProtocolError, SignalFrame
-from bodysense.serve.session import Answer, Session
+from bodysense.serve.session import Session
 
 SKELETON = default_skeleton()
 POINTS = ("head", "left_wrist", "right_wrist")

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from bodysense.capture.osc import bundled, message_bytes
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation, check_observation
-from bodysense.serve.vmc_trackers import POINTS, VmcState, VmcTrackers, read_device_names
+from bodysense.serve.tracked_devices import POINTS, TrackedDevices, read_device_names
+from bodysense.serve.vmc_trackers import VmcState, VmcTrackers
 
 READER = VmcTrackers()
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -99,21 +100,21 @@ def test_trackers_that_say_nothing_keep_the_names_they_had_first() -> None:
     state = READER.start()
     for k, serials in enumerate((["A"], ["B", "A"], ["C", "B"])):
         state, _ = READER.take(packet(*(("Tra", one, (0, 1, 0), UPRIGHT) for one in serials)), 0.01 * k, state)
-    assert state.undecided == {"A": "tracker_1", "B": "tracker_2", "C": "tracker_3"}
+    assert state.devices.undecided == {"A": "tracker_1", "B": "tracker_2", "C": "tracker_3"}
     for k in range(20):
         state, _ = READER.take(packet(("Tra", f"more {k}", (0, 1, 0), UPRIGHT)), 0.1, state)
-    assert len(state.undecided) == 8
+    assert len(state.devices.undecided) == 8
 
 
 def test_a_table_comes_before_names_and_is_checked() -> None:
-    table = VmcTrackers({"LHR-1": "left_ankle", "left": "right_controller"})
+    table = VmcTrackers(TrackedDevices({"LHR-1": "left_ankle", "left": "right_controller"}))
     there: Row = ("Tra", "LHR-1", (0.1, 0.1, 0.0), UPRIGHT)
     assert set(points(seen(there, ("Con", "left", (0.0, 1.0, 0.0), UPRIGHT), reader=table))) == {
         "left_ankle",
         "right_controller",
     }
     with pytest.raises(BodysenseError, match=r"'tail'.*valid are headset, left_controller"):
-        VmcTrackers({"LHR-1": "tail"})
+        VmcTrackers(TrackedDevices({"LHR-1": "tail"}))
 
 
 def test_a_table_is_read_from_a_file(tmp_path: Path) -> None:
@@ -144,9 +145,9 @@ def test_nameless_controllers_keep_the_hands_they_had_first(yaw: float) -> None:
     for k, (a, b) in enumerate([(0.3, -0.3), (-0.2, 0.2)]):
         rows = (head, ("Con", "A", place(a), UPRIGHT), ("Con", "B", place(b), UPRIGHT))
         state, _ = READER.take(packet(*rows), 0.01 * k, state)
-        assert state.hands == {"A": "right_controller", "B": "left_controller"}  # Unity's +X is to the right
+        assert state.devices.hands == {"A": "right_controller", "B": "left_controller"}  # Unity's +X is to the right
     state, _ = READER.take(packet(head, ("Con", "C", place(0.3), UPRIGHT)), 1.0, state)  # A's batteries were changed
-    assert state.hands == {"C": "right_controller"}
+    assert state.devices.hands == {"C": "right_controller"}
 
 
 def test_one_nameless_controller_takes_the_hand_that_is_free() -> None:
@@ -213,7 +214,7 @@ def test_a_bad_network_gives_true_poses_in_order(loss: float, doubled: float, la
         assert observation is not None
         assert points(observation)["headset"][1] == pytest.approx(1.0 + newest / 1000, abs=1e-6)
     assert newest == max(k for _, k in arrivals)
-    assert max(gaps) / 90 < READER.longest_silence  # nothing was ever hidden for want of packets
+    assert max(gaps) / 90 < READER.devices.longest_silence  # nothing was ever hidden for want of packets
 
 
 def test_what_is_of_no_use_is_said_and_changes_nothing() -> None:
@@ -229,8 +230,8 @@ def test_what_is_of_no_use_is_said_and_changes_nothing() -> None:
     for packet_, said in nonsense.items():
         after, reason = READER.take(packet_, 0.1, state)
         assert reason is not None and said in reason
-        assert after.devices.keys() == state.devices.keys() and after.at == 0.0
-        assert after.devices["HMD"] is state.devices["HMD"]
+        assert after.devices.devices.keys() == state.devices.devices.keys() and after.devices.at == 0.0
+        assert after.devices.devices["HMD"] is state.devices.devices["HMD"]
     for ignored in (message_bytes("/VMC/Ext/Blend/Val", "sf", "Joy", 1.0), message_bytes("/VMC/Ext/T", "s", "noon")):
         assert READER.take(ignored, 0.1, state)[1] is None
 
@@ -239,11 +240,11 @@ def test_a_crowd_of_devices_does_not_grow() -> None:
     state = READER.start()
     for k in range(100):
         state, _ = READER.take(packet(("Tra", f"T{k}", (0.0, 0.0, 0.0), UPRIGHT)), 0.001 * k, state)
-        assert len(state.devices) <= 32
+        assert len(state.devices.devices) <= 32
     crowd = bundled([message_bytes("/VMC/Ext/Hmd/Pos", "sfffffff", "HMD", *range(7))] * 129, 65_000)[0]
     assert READER.take(crowd, 0.2, state) == (state, "more than 128 devices in one packet")
     state, reason = READER.take(packet(HEAD), 1.0, state)  # once they are silent there is room again
-    assert reason is None and "HMD" in state.devices
+    assert reason is None and "HMD" in state.devices.devices
 
 
 @given(st.lists(st.binary(max_size=120), max_size=8))
@@ -275,5 +276,5 @@ def test_a_hundred_thousand_broken_packets() -> None:
         observation = READER.observation(0.001 * k, state)
         if observation is not None:
             check_observation(observation)
-        assert len(state.devices) <= 32 and len(state.hands) <= 2
+        assert len(state.devices.devices) <= 32 and len(state.devices.hands) <= 2
     assert 0 < used < 100_000

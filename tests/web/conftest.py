@@ -15,6 +15,8 @@ import pytest
 WEB = Path(__file__).parents[2] / "web"
 PAGE = Path(__file__).parents[2] / "src" / "bodysense" / "serve" / "page"
 
+LANDMARKERS = Path("~/.cache/bodysense/landmarkers").expanduser()
+
 Scenario = Callable[..., dict[str, Any]]
 
 
@@ -26,6 +28,18 @@ def web() -> Path:
     if not (WEB / "node_modules").is_dir():
         pytest.skip("no npm packages: run `npm ci` in web/")
     return WEB
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that `bodysense page` writes; with the webcam where MediaPipe's files are there."""
+    from bodysense.serve.page_files import write_page
+
+    if not (PAGE / "index.html").is_file():
+        pytest.skip("the page is not built: run `npm run build` in web/")
+    folder = tmp_path_factory.mktemp("site")
+    write_page(folder, LANDMARKERS)
+    return folder
 
 
 @pytest.fixture(scope="session")

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import gzip
+import json
 import re
 import subprocess
+from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 
 import pytest
 
+from bodysense.cli import main
+from bodysense.serve.page_files import write_page
+
 PAGE = Path(__file__).parents[2] / "src" / "bodysense" / "serve" / "page"
-LARGEST = 1_500_000  # bytes, of the whole page
+LARGEST = 6_000_000  # bytes, of the whole page; ONNX Runtime is most of it
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +42,10 @@ def test_the_page_fetches_nothing_from_elsewhere(page: Path) -> None:
 
 
 def test_the_licences_of_what_it_carries_are_in_it(page: Path) -> None:
-    text = (page / "licenses.md").read_text(encoding="utf-8")
-    assert {"three", "@pixiv/three-vrm"} <= set(re.findall(r"^## (\S+)", text, re.MULTILINE))
+    text = "\n".join((page / name).read_text(encoding="utf-8") for name in ("licenses.md", "licenses-workers.md"))
+    assert {"three", "@pixiv/three-vrm", "@mediapipe/tasks-vision", "onnxruntime-web"} <= set(
+        re.findall(r"^## (\S+)", text, re.MULTILINE)
+    )
 
 
 @pytest.mark.slow
@@ -55,3 +64,32 @@ def test_the_built_page_is_what_its_source_says(page: Path, web: Path, tmp_path:
 def test_types_and_units(web: Path, command: list[str]) -> None:
     done = subprocess.run(command, cwd=web, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, (done.stdout + done.stderr)[-3000:]
+
+
+def test_a_folder_of_the_page_says_what_is_in_it(page: Path, tmp_path: Path) -> None:
+    written = dict(write_page(tmp_path / "out"))
+    about = json.loads((tmp_path / "out" / "page.json").read_text(encoding="utf-8"))
+    assert about["server"] is False and about["webcam"] is False
+    assert set(about["files"]) == set(written) - {"page.json"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == set(written)
+    assert gzip.decompress((tmp_path / "out" / "completion.onnx.gz").read_bytes())[:4] == network().read_bytes()[:4]
+    assert sum(written.values()) < 13e6
+
+
+def test_a_folder_of_the_page_is_the_same_every_time(page: Path, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        write_page(tmp_path / name)
+    first, second = ((tmp_path / name / "page.json").read_bytes() for name in ("a", "b"))
+    assert first == second
+
+
+def test_a_folder_of_the_page_cannot_be_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("x")
+    assert main(["page", "--out", str(tmp_path / "file")]) == 2
+    assert capsys.readouterr().err == f"bodysense: --out {tmp_path / 'file'}: it is a file; give a folder\n"
+    assert main(["page", "--out", str(tmp_path / "new"), "--webcam", str(tmp_path)]) == 2
+    assert "no pose_landmarker_full.task in it" in capsys.readouterr().err
+
+
+def network() -> Traversable:
+    return files("bodysense.weights").joinpath("completion.onnx")

@@ -1,214 +1,292 @@
-/** The page: what the server sends, the person chooses and the headset tracks meet here. */
+/** The page: sources, the engine and the person meet here. */
 
-import { avatarBytes } from "./avatar_file";
-import { Bodies } from "./bodies";
-import { Connection, socketAddress } from "./connection";
-import { onFile } from "./drop";
-import { Headset } from "./headset";
-import { History } from "./history";
+import type { Clip, SensorSet } from "./core/clip";
+import { readNpz } from "./core/npz";
+import { HEIGHTS, NOBODY, personOf } from "./core/person";
+import type { Skeleton } from "./core/skeleton";
+import { Engine } from "./engine/engine";
+import { defaultBody, fetched, unpacked, type DefaultBody } from "./engine/files";
+import { amassClip } from "./files/amass";
+import { HeadsetDoor } from "./headset_door";
+import { Live } from "./live";
 import { Notice, reasonOf } from "./notice";
-import { button, element, input } from "./page";
-import { PersonPanel } from "./person_panel";
+import { FILE_KINDS, saveMotion, type FileKind } from "./out/save";
+import { aboutPage, workOffline, type About } from "./offline";
+import { button, element } from "./page";
 import { Playback } from "./playback";
-import { Plots } from "./plots";
-import type { Hello, ServerMessage, SignalPoint, Source, Welcome } from "./protocol";
-import { ReplayPanel } from "./replay_panel";
-import { saveMotion, type FileKind } from "./save";
-import type { View } from "./scene";
-import { SensorPanel } from "./sensor_panel";
-import { loadSettings, ofPerson, saveSettings, type Settings } from "./settings";
-import { onKeys } from "./shortcuts";
-import { hasProportions, isSameTree, skeletonOf } from "./skeleton";
-import { Status } from "./status";
-import { Timeline } from "./timeline";
-import { ViewPanel } from "./view_panel";
-import { XR_POINTS } from "./xr_signal";
+import { loadSettings, saveSettings, type Settings } from "./settings";
+import { ClipSource } from "./sources/clip_source";
+import { RecordingSource } from "./sources/recording_source";
+import { ServerSource } from "./sources/server_source";
+import type { Source } from "./sources/source";
+import { Take } from "./take";
+import { onFile } from "./ui/drop";
+import { onKeys } from "./ui/keys";
+import { LookPanel } from "./ui/look_panel";
+import { SensorPanel } from "./ui/sensor_panel";
+import { showStatus } from "./ui/status";
+import { applyTheme, nextTheme, onSystemChange } from "./ui/theme";
+import { Timeline } from "./ui/timeline";
+import { YouPanel } from "./ui/you_panel";
+import type { Avatar } from "./view/avatar";
+import { Bodies } from "./view/bodies";
+import type { View } from "./view/scene";
 
-const PLOT_EVERY = 100; // ms
+const FACTS_EVERY = 150; // ms
+const OWN_AVATAR = "avatar.vrm.gz";
+
+/** Begin: fetch what the page needs, and show the packaged performance. */
+export async function begin(view: View, base: string): Promise<App> {
+  const engine = new Engine(base);
+  const [body, about] = await Promise.all([defaultBody(base), aboutPage(base)]);
+  return new App(view, engine, body, about, base);
+}
 
 export class App {
   private settings: Settings = loadSettings(localStorage);
-  private history: History | null = null;
-  private welcome: Welcome | null = null;
-  private source: Source | null = null; // that is watched while no headset is worn
-  private isWorn = false;
-  private sequence = 0;
+  private source: Source | null = null;
+  private tree: Skeleton; // of what is shown
+  private performance: Clip | null = null;
   private shownAt = 0; // ms
-  private plottedAt = 0; // ms
+  private toldAt = 0; // ms
   private readonly playback = new Playback();
+  private readonly notice = new Notice();
   private readonly bodies: Bodies;
-  private readonly headset: Headset;
-  private readonly person: PersonPanel;
-  private readonly status = new Status();
-  private readonly plots = new Plots();
-  private readonly notice = new Notice(() => this.connection.open());
-  private readonly timeline = new Timeline(this.playback, () => this.history);
-  private readonly sensors = new SensorPanel((hidden) => this.connection.tell({ type: "settings", hidden }));
-  private readonly replay = new ReplayPanel((change) => this.connection.tell({ type: "replay", ...change }));
-  private readonly connection = new Connection(socketAddress(location), () => this.hello(), {
-    welcome: (message) => this.begin(message),
-    signal: (frame) => this.history?.addSignal(frame),
-    truth: (frame) => this.history?.addTruth(frame),
-    pose: (frame) => this.history?.addPose(frame, performance.now()),
-    message: (message) => this.hear(message),
-    lost: (reason, retryIn) => this.lose(reason, retryIn),
-  });
+  private readonly live: Live;
+  private readonly take: Take;
+  private readonly timeline: Timeline;
+  private readonly look: LookPanel;
+  private readonly sensors: SensorPanel;
+  private readonly you: YouPanel;
+  private readonly headset: HeadsetDoor;
 
-  constructor(private readonly view: View) {
+  constructor(
+    private readonly view: View,
+    engine: Engine,
+    private readonly body: DefaultBody,
+    private readonly about: About,
+    private readonly base: string,
+  ) {
+    this.tree = body.skeleton;
     this.bodies = new Bodies(view.stage);
-    this.headset = new Headset(view, {
-      entered: () => this.wear(true),
-      tracked: (time, points) => this.track(time, points),
-      left: () => this.wear(false),
+    this.live = new Live(engine, body.skeleton, (reason) => this.notice.fault(reason));
+    this.live.settings = { floor: 0, holdFeet: this.settings.holdFeet };
+    this.take = new Take(this.live.history);
+    this.timeline = new Timeline(this.playback, () => this.live.history);
+    this.look = new LookPanel(this.settings, {
+      changed: (change) => this.change(change),
+      ownAvatar: () => this.attempt(() => this.wearOwn()),
     });
-    new ViewPanel(
-      this.settings,
-      (change) => this.change(change),
-      (theme) => view.paint(theme),
-    );
-    this.person = new PersonPanel(this.settings, {
-      changed: (change) => {
-        this.change(change);
-        this.connection.tell({ type: "settings", ...change });
+    this.sensors = new SensorPanel(
+      this.settings.sensors,
+      (set) => this.simulate(set),
+      (hidden) => {
+        this.live.hidden = hidden;
+        if (this.source instanceof ServerSource) this.source.tell({ hidden: [...hidden] });
       },
-      calibrate: () => this.connection.tell({ type: "calibrate" }),
-      recentre: () => this.connection.tell({ type: "recentre" }),
+    );
+    this.you = new YouPanel(this.settings.height, this.settings.holdFeet, {
+      height: (height) => this.attempt(async () => this.tellHeight(height)),
+      measured: (person) => this.live.tell(person),
+      recentre: () => this.headset.recentre(),
+      sit: (isSeated) => this.headset.sit(isSeated),
+      holdFeet: (holdFeet) => {
+        this.change({ holdFeet });
+        this.live.change({ ...this.live.settings, holdFeet });
+        if (this.source instanceof ServerSource) this.source.tell({ hold_feet: holdFeet });
+      },
+      say: (text) => this.say(text),
+      fault: (error) => this.fault(error),
     });
-    this.bindButtons();
-    this.connection.open();
+    this.headset = new HeadsetDoor(view, this.live, body, about.server ? base : null, {
+      begin: (source) => this.begin(source),
+      tracked: (frame) => this.you.take(frame),
+      measure: () => this.you.measure(),
+      taller: (by) => this.attempt(async () => this.tellHeight(this.tallerBy(by))),
+      height: () => this.settings.height,
+      record: () => this.record(),
+      isRecording: () => this.take.isRecording,
+      nextAvatar: () => this.change({ figure: this.settings.figure === "avatar" ? "figure" : "avatar" }),
+      left: (text, isFault) => this.afterHeadset(text, isFault),
+    });
+    this.bind();
+    this.repaint();
+    onSystemChange(() => this.repaint());
+    engine.opened.catch((error: unknown) => this.fault(error));
+    this.attempt(() => (about.server ? this.watchServer() : this.perform()));
+    this.attempt(() => this.wearOwn());
+    workOffline(about, base);
     view.run((milliseconds, frame) => this.draw(milliseconds, frame));
   }
 
-  private bindButtons(): void {
-    const attempt = (what: () => Promise<void>) => () =>
-      void what().catch((error: unknown) => this.notice.say(reasonOf(error)));
-    const save = (kind: FileKind) => attempt(() => saveMotion(this.history, kind));
-    button("save-bvh").onclick = save("bvh");
-    button("save-glb").onclick = save("glb");
-    button("enter-vr").onclick = attempt(() => this.headset.enter());
-    button("avatar-remove").onclick = () => this.wearAvatar(null);
-    onFile((file) => attempt(() => this.openAvatar(file))());
-    const record = input("record");
-    record.onchange = () => this.connection.tell({ type: "record", on: record.checked });
-    void Headset.isThere().then((isThere) => (button("enter-vr").hidden = !isThere));
+  private bind(): void {
+    for (const kind of FILE_KINDS) button(`save-${kind}`).onclick = () => this.attempt(() => this.save(kind));
+    button("theme").onclick = () => {
+      this.change({ theme: nextTheme(this.settings.theme) });
+      this.repaint();
+    };
+    const settings = button("settings");
+    settings.onclick = () => {
+      const panel = element("panel");
+      panel.hidden = !panel.hidden;
+      settings.setAttribute("aria-expanded", String(!panel.hidden));
+    };
+    button("record").onclick = () => this.record();
+    onFile((file) => this.attempt(() => this.open(file)));
+    button("door-performance").onclick = () => this.attempt(() => this.perform());
+    button("door-server").hidden = !this.about.server;
+    button("door-server").onclick = () => this.attempt(() => this.watchServer());
+    button("door-headset").onclick = () => this.attempt(() => this.headset.enter());
+    button("door-webcam").onclick = () => this.attempt(() => this.watchWebcam());
     onKeys({
       " ": () => this.playback.toggle(),
       ArrowLeft: () => this.timeline.step(-1),
       ArrowRight: () => this.timeline.step(1),
       l: () => this.playback.goLive(),
       r: () => this.view.reset(),
-      c: () => this.connection.tell({ type: "recentre" }),
-      m: () => input("mirror").click(),
+      c: () => this.headset.recentre(),
     });
   }
 
-  private hello(): Omit<Hello, "type" | "version"> {
-    return {
-      name: "page",
-      points: this.isWorn ? [...XR_POINTS] : [],
-      settings: ofPerson(this.settings),
-      watch: this.isWorn ? null : this.source,
-      resume: this.welcome && { session: this.welcome.session, token: this.welcome.token },
-    };
+  /** The packaged performance, seen by a simulated headset. */
+  private async perform(): Promise<void> {
+    const { skeleton } = this.body;
+    this.performance ??= amassClip(await readNpz(await fetched(this.base, "performance.npz")), "performance", skeleton);
+    this.begin(new ClipSource(this.performance, this.live, this.settings.sensors, "The page's own performance"));
   }
 
-  private begin(message: Welcome): void {
-    this.notice.clear();
-    const [offered] = message.sources;
-    if (!this.isWorn && this.source === null && offered !== undefined) {
-      this.source = offered;
-      this.connection.open();
-      return;
-    }
-    // A welcome comes again where the settings changed.
-    if (!this.history || !isSameTree(this.history.skeleton, message)) {
-      this.history = new History(skeletonOf(message));
-      this.bodies.build(this.history.skeleton);
-    } else this.grow(message);
-    this.welcome = message;
-    this.sensors.offer(message.signal, message.settings.hidden);
-    this.bodies.hide(message.settings.hidden.map((name) => message.signal.indexOf(name)));
-    this.replay.offer(message.length);
-    this.status.begin(this.isWorn || this.source !== null);
-    this.measured(message.settings.height);
-    input("record").disabled = !message.recording;
-    element("record-hint").hidden = message.recording;
+  private async watchServer(): Promise<void> {
+    const source = new ServerSource(this.base, this.live.history, {
+      skeleton: (skeleton) => (this.tree = skeleton),
+      connected: () => this.notice.clear(),
+      said: (text) => this.say(text),
+      lost: (reason, again) => this.notice.fault(reason, again ? () => source.open() : null),
+    });
+    this.begin(source);
   }
 
-  /** The body has other proportions from now on. */
-  private grow({ rest_offset }: Pick<Welcome, "rest_offset">): void {
-    const { history } = this;
-    if (!history || hasProportions(history.skeleton, rest_offset)) return;
-    history.skeleton = { ...history.skeleton, restOffset: Float32Array.from(rest_offset.flat()) };
-    this.bodies.build(history.skeleton);
+  private async watchWebcam(): Promise<void> {
+    const { openWebcam } = await import("./sources/webcam"); // MediaPipe is fetched when it is wanted
+    this.begin(
+      await openWebcam(this.about, this.base, this.live, this.body.skeleton, (text) => this.notice.fault(text)),
+    );
   }
 
-  /** The height that the server found in one standing second. */
-  private measured(height: number | null): void {
-    if (height === null || height === this.settings.height) return;
-    this.person.showHeight(height);
+  private begin(source: Source): void {
+    this.take.end();
+    this.source?.stop();
+    this.source = source;
+    this.tree = this.body.skeleton;
+    this.live.begin(this.settings.height === null ? NOBODY : personOf(this.settings.height));
+    this.playback.goLive();
+    this.sensors.offer(source.sensors, source instanceof ClipSource);
+    button("door-performance").hidden = source instanceof ClipSource && source.clip === this.performance;
+    this.view.reset();
+  }
+
+  private simulate(sensors: SensorSet): void {
+    this.change({ sensors });
+    if (!(this.source instanceof ClipSource)) return;
+    this.source.set = sensors;
+    this.sensors.offer(this.source.sensors, true);
+  }
+
+  private tellHeight(height: number | null): void {
+    this.live.tellHeight(height);
+    if (this.source instanceof ServerSource) this.source.tell({ height });
     this.change({ height });
+    this.you.show(height);
   }
 
-  private hear(message: Exclude<ServerMessage, Welcome>): void {
-    if (message.type === "placed") {
-      this.bodies.placeSignal(message);
-      this.headset.place(message);
-    } else if (message.type === "proportions") this.grow(message);
-    else if (message.type === "said") this.notice.say(message.text);
-    else if (message.type === "error") this.notice.say(message.reason, true);
+  private tallerBy(metres: number): number {
+    const height = Math.round(100 * ((this.settings.height ?? 1.7) + metres)) / 100;
+    return Math.min(Math.max(height, HEIGHTS.least), HEIGHTS.most);
   }
 
-  private lose(reason: string, retryIn: number | null): void {
-    this.notice.say(reason, retryIn === null);
-    this.status.lost(retryIn !== null);
-    if (retryIn === null) this.welcome = null; // what was refused is not resumed
+  private async open(file: File): Promise<void> {
+    const { openFile } = await import("./files/open");
+    const opened = await openFile(file, this.body.skeleton);
+    this.notice.clear();
+    if (opened.kind === "motion") this.begin(new ClipSource(opened.clip, this.live, this.settings.sensors, file.name));
+    else if (opened.kind === "recording") this.begin(new RecordingSource(opened.frames, this.live, file.name));
+    else this.wear(opened.avatar, true);
+  }
+
+  private wear(avatar: Avatar, isOthers: boolean): void {
+    this.bodies.wear(avatar);
+    button("own-avatar").hidden = !isOthers;
+  }
+
+  private async wearOwn(): Promise<void> {
+    const { Avatar, readGlb } = await import("./view/avatar"); // three-vrm is fetched when it is wanted
+    const avatar = Avatar.of(await readGlb(await unpacked(this.base, OWN_AVATAR), OWN_AVATAR), OWN_AVATAR);
+    if (avatar) this.wear(avatar, false);
+  }
+
+  private record(): void {
+    this.take.toggle();
+    const { isRecording, seconds } = this.take;
+    button("record").textContent = isRecording ? "Stop" : "Record a take";
+    button("record").setAttribute("aria-pressed", String(isRecording));
+    if (seconds > 0) element("take").textContent = `The last take has ${seconds.toFixed(1)} s; save it as`;
+  }
+
+  private afterHeadset(text: string, isFault: boolean): void {
+    if (this.take.isRecording) this.record();
+    const first = this.take.moments[0];
+    const kept = first ? ` Your take of ${this.take.seconds.toFixed(1)} s is kept: save it under Settings.` : "";
+    if (first) this.playback.seek(first.time);
+    this.playback.playing = true;
+    if (isFault) this.notice.fault(text + kept);
+    else this.say(text + kept);
+  }
+
+  private async save(kind: FileKind): Promise<void> {
+    await saveMotion(this.tree, this.live.isReady ? this.take.toSave() : [], kind);
+  }
+
+  private say(text: string): void {
+    this.notice.say(text);
+    this.headset.say(text);
+  }
+
+  private fault(error: unknown): void {
+    this.notice.fault(reasonOf(error));
+    this.headset.say(reasonOf(error));
   }
 
   private change(change: Partial<Settings>): void {
     this.settings = { ...this.settings, ...change };
-    saveSettings(localStorage, this.settings);
+    this.attempt(async () => saveSettings(localStorage, this.settings));
   }
 
-  private wear(isWorn: boolean): void {
-    this.isWorn = isWorn;
-    this.welcome = null;
-    this.playback.goLive();
-    this.connection.open();
+  private repaint(): void {
+    const { theme } = this.settings;
+    applyTheme(theme, (look) => this.view.paint(look));
+    button("theme").textContent = { auto: "Auto", light: "Light", dark: "Dark" }[theme];
+    button("theme").setAttribute("aria-label", `Theme: ${theme}; change it`);
   }
 
-  private track(time: number, points: SignalPoint[]): void {
-    const frame = { sequence: this.sequence++, time, points };
-    if (this.connection.signal(frame)) this.history?.addSignal(frame, performance.now());
-  }
-
-  private async openAvatar(file: File): Promise<void> {
-    const bytes = await avatarBytes(file);
-    if (!this.history) throw new Error("There is no body to drive an avatar yet; connect first.");
-    const { Avatar } = await import("./avatar"); // three-vrm is fetched when it is wanted
-    this.wearAvatar(await Avatar.read(bytes, file.name, this.history.skeleton));
-  }
-
-  private wearAvatar(avatar: Parameters<Bodies["wear"]>[0]): void {
-    this.bodies.wear(avatar);
-    this.notice.clear();
-    button("avatar-remove").hidden = avatar === null;
-    element("drop-hint").hidden = avatar !== null;
+  /** Whatever goes wrong is said in one line. */
+  private attempt(what: () => Promise<void>): void {
+    void what().catch((error: unknown) => this.fault(error));
   }
 
   private draw(milliseconds: number, frame: XRFrame | undefined): void {
-    if (frame && this.isWorn) this.headset.read(milliseconds, frame);
     const seconds = Math.min((milliseconds - this.shownAt) / 1000, 0.1);
     this.shownAt = milliseconds;
-    const { history } = this;
-    const moment = history && this.playback.step(history, seconds);
-    if (!history || !moment) return;
-    this.bodies.show(moment, this.settings, this.isWorn, seconds);
-    if (milliseconds - this.plottedAt < PLOT_EVERY) return;
-    this.plottedAt = milliseconds;
-    this.timeline.show(history);
-    this.plots.show(history, this.playback.time);
-    this.replay.show(moment);
-    this.status.show(history, moment);
+    this.source?.frame(milliseconds, frame);
+    const moment = this.playback.step(this.live.history, seconds);
+    if (!moment || !this.source) return;
+    this.bodies.show(moment, this.tree, this.settings, seconds);
+    if (!this.headset.isWorn) this.view.follow(moment.rootPosition[0], moment.rootPosition[2], seconds);
+    if (milliseconds - this.toldAt < FACTS_EVERY) return;
+    this.toldAt = milliseconds;
+    this.sensors.offer(this.source.sensors, this.source instanceof ClipSource);
+    this.timeline.show();
+    this.look.show(this.settings, this.bodies.hasAvatar, moment.truth !== null);
+    const title =
+      this.live.isReady || this.source instanceof ServerSource ? this.source.title : "The network is on its way";
+    showStatus(this.live, moment, this.tree, title);
   }
 }

@@ -1,11 +1,26 @@
-import { App } from "./app";
+import { begin } from "./app";
 import { element, find } from "./page";
-import { View } from "./scene";
+import { View } from "./view/scene";
 
-try {
-  new App(new View(find("view", HTMLCanvasElement)));
-} catch (error) {
-  element("notice-text").textContent =
-    `This page cannot draw in 3-D: ${String(error)}. Use a browser with WebGL 2, and switch its hardware acceleration on.`;
+function fault(text: string): void {
+  element("notice-text").textContent = text;
+  element("notice").dataset["kind"] = "fault";
   element("notice").hidden = false;
 }
+
+function viewOf(canvas: HTMLCanvasElement): View | null {
+  try {
+    return new View(canvas);
+  } catch (error) {
+    fault(
+      `This page cannot draw in 3-D: ${String(error)}. Use a browser with WebGL 2, and switch its hardware acceleration on.`,
+    );
+    return null;
+  }
+}
+
+const view = viewOf(find("view", HTMLCanvasElement));
+if (view)
+  begin(view, document.baseURI).catch((error: unknown) =>
+    fault(error instanceof Error ? error.message : String(error)),
+  );

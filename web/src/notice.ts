@@ -1,25 +1,39 @@
-/** One line at the top of the page: what went wrong and what to do about it. */
+/** One line at the top of the page: what happened, and what to do about it. */
 
 import { button, element } from "./page";
 
 export class Notice {
-  constructor(again: () => void) {
+  private again: (() => void) | null = null;
+
+  constructor() {
     button("notice-close").onclick = () => this.clear();
     button("notice-action").onclick = () => {
+      const { again } = this;
       this.clear();
-      again();
+      again?.();
     };
   }
 
-  /** `canRetry` offers to connect again. */
-  say(text: string, canRetry = false): void {
-    element("notice-text").textContent = text;
-    button("notice-action").hidden = !canRetry;
-    element("notice").hidden = false;
+  /** Good news, or a hint. */
+  say(text: string): void {
+    this.show(text, "news", null);
+  }
+
+  /** What went wrong; `again` offers to connect again. */
+  fault(text: string, again: (() => void) | null = null): void {
+    this.show(text, "fault", again);
   }
 
   clear(): void {
     element("notice").hidden = true;
+  }
+
+  private show(text: string, kind: "news" | "fault", again: (() => void) | null): void {
+    this.again = again;
+    element("notice-text").textContent = text;
+    element("notice").dataset["kind"] = kind;
+    button("notice-action").hidden = again === null;
+    element("notice").hidden = false;
   }
 }
 

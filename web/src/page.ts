@@ -33,6 +33,6 @@ export function checkbox(text: string, checked: boolean, changed: (checked: bool
   box.type = "checkbox";
   box.checked = checked;
   box.onchange = () => changed(box.checked);
-  label.append(box, ` ${text}`);
+  label.append(box, text);
   return label;
 }

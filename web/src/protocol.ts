@@ -20,7 +20,7 @@ export type Region = "torso" | "head" | "arms" | "fingers" | "legs";
 
 export type Posture = "standing" | "seated";
 
-export type Source = "replay" | "vmc" | "markers";
+export type Source = "replay" | "vmc" | "markers" | "vmt";
 
 /** How one person is set up; a client may change each at any time, and keeps them. */
 export interface Settings {
@@ -61,6 +61,8 @@ export interface Hello {
   resume?: Resume | null;
   /** The server's own input to be shown, instead of a signal of the client. */
   watch?: Source | null;
+  /** Another client's session to be shown, with its `watch_token`. */
+  follow?: Resume | null;
 }
 
 /** `settings`: the settings to be changed; those that are not named stay. */
@@ -106,6 +108,8 @@ export interface Welcome {
   session: string;
   /** With which the session can be resumed. */
   token: string;
+  /** With which others can watch it. */
+  watch_token: string;
   name: string;
   joints: string[];
   /** The joints, then the end sites. */

@@ -1,27 +1,14 @@
 /** Bodies for the tests: the default tree, seeded poses. */
 
 import { readFileSync } from "node:fs";
-import { POSE, type PoseFrame } from "../src/protocol";
-import type { Skeleton } from "../src/skeleton";
-
-interface Row {
-  readonly name: string;
-  readonly parent: string | null;
-  readonly offset: readonly [number, number, number];
-}
+import { place, skeletonOfRows, type Skeleton, type SkeletonRows } from "../src/core/skeleton";
+import type { Moment } from "../src/history";
 
 const body = JSON.parse(
   readFileSync(new URL("../../src/bodysense/body/default_body.json", import.meta.url), "utf8"),
-) as { joints: Row[]; end_sites: Row[] };
-const rows = [...body.joints, ...body.end_sites];
-const names = rows.map(({ name }) => name);
+) as SkeletonRows;
 
-export const skeleton: Skeleton = {
-  joints: body.joints.length,
-  points: names,
-  parents: rows.map(({ parent }) => (parent === null ? -1 : names.indexOf(parent))),
-  restOffset: Float32Array.from(rows.flatMap(({ offset }) => offset)),
-};
+export const skeleton: Skeleton = skeletonOfRows(body);
 
 /** Numbers in −1 … 1 that are the same every time (mulberry32). */
 export function numbers(seed: number): () => number {
@@ -34,9 +21,9 @@ export function numbers(seed: number): () => number {
   };
 }
 
-/** A pose with every joint turned by up to about `most` rad. */
-export function pose(sequence: number, time: number, most = 1): PoseFrame {
-  const next = numbers(sequence + 1);
+/** A moment with every joint turned by up to about `most` rad; its root's x tells its number. */
+export function moment(number: number, sourceTime: number, most = 1): Omit<Moment, "time" | "isJump"> {
+  const next = numbers(number + 1);
   const rotation = new Float32Array(4 * skeleton.joints);
   for (let joint = 0; joint < skeleton.joints; joint++) {
     const turn = [1, (most / 2) * next(), (most / 2) * next(), (most / 2) * next()];
@@ -45,15 +32,17 @@ export function pose(sequence: number, time: number, most = 1): PoseFrame {
       4 * joint,
     );
   }
+  const rootPosition = Float32Array.from([number, 1 + 0.1 * next(), next()]);
   return {
-    kind: POSE,
-    sequence,
-    time,
-    rootPosition: Float32Array.from([next(), 1 + 0.1 * next(), next()]),
+    sourceTime,
+    rootPosition,
     rotation,
-    expectedError: new Float32Array(skeleton.points.length).fill(0.02),
-    hidden: new Uint8Array(skeleton.points.length),
-    contact: new Uint8Array(4),
-    microseconds: 800,
+    restOffset: skeleton.restOffset,
+    body: place(skeleton, rootPosition, rotation),
+    signal: [],
+    truth: null,
+    expected: new Float32Array(skeleton.points.length).fill(0.02),
+    measured: new Uint8Array(skeleton.points.length),
+    milliseconds: 0.8,
   };
 }

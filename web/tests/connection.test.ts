@@ -1,5 +1,5 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import { Connection, socketAddress } from "../src/connection";
+import { Connection, socketAddress } from "../src/server/connection";
 import type { PoseFrame, ServerMessage, SignalFrame, Welcome } from "../src/protocol";
 
 class FakeSocket {

@@ -1,17 +1,31 @@
 import { Bone, Vector3 } from "three";
 import { BVHLoader } from "three/addons/loaders/BVHLoader.js";
 import { AnimationMixer } from "three";
-import { describe, expect, it } from "vitest";
-import { avatarBytes } from "../src/avatar_file";
-import { bvhText, eulerZXY } from "../src/bvh";
+import { validateBytes } from "gltf-validator";
+import { describe, expect, it, vi } from "vitest";
 import { History } from "../src/history";
-import { resample } from "../src/resample";
-import { place } from "../src/skeleton";
-import { numbers, pose, skeleton } from "./body";
+import { bvhText, eulerZXY } from "../src/out/bvh";
+import { glbBytes, vrmaBytes } from "../src/out/glb";
+import { resample } from "../src/out/resample";
+import { place } from "../src/core/skeleton";
+import { moment, numbers, skeleton } from "./body";
+
+/** three.js' exporter reads blobs as browsers do. */
+class Reader {
+  result: ArrayBuffer | null = null;
+  onloadend: (() => void) | null = null;
+  readAsArrayBuffer(blob: Blob): void {
+    void blob.arrayBuffer().then((bytes) => {
+      this.result = bytes;
+      this.onloadend?.();
+    });
+  }
+}
+vi.stubGlobal("FileReader", Reader);
 
 function motion(times: readonly number[]) {
-  const history = new History(skeleton);
-  times.forEach((time, sequence) => history.addPose(pose(sequence, time), 0));
+  const history = new History();
+  times.forEach((time, number) => history.add(moment(number, time)));
   return { history, motion: resample(history.longestRun(), skeleton.joints) };
 }
 
@@ -19,7 +33,7 @@ describe("resampling", () => {
   it("keeps frames that are even already", () => {
     const { history, motion: even } = motion([1, 1.05, 1.1, 1.15]);
     expect([even.rate, even.frames]).toEqual([20, 4]);
-    history.moments.forEach(({ pose: { rotation } }, frame) => {
+    history.moments.forEach(({ rotation }, frame) => {
       const there = even.rotation.subarray(frame * rotation.length, (frame + 1) * rotation.length);
       for (let k = 0; k < rotation.length; k++) expect(there[k]).toBeCloseTo(rotation[k], 4);
     });
@@ -41,7 +55,7 @@ describe("BVH", () => {
     const mixer = new AnimationMixer(read.bones[0]);
     mixer.clipAction(clip).play();
     expect(clip.duration).toBeCloseTo(0.1, 4);
-    history.moments.slice(0, 2).forEach(({ pose: { rootPosition, rotation } }, frame) => {
+    history.moments.slice(0, 2).forEach(({ rootPosition, rotation }, frame) => {
       mixer.setTime(frame * 0.05);
       read.bones[0].updateMatrixWorld(true);
       const wanted = place(skeleton, rootPosition, rotation);
@@ -76,30 +90,27 @@ function fromEuler([z, x, y]: readonly [number, number, number]): number[] {
   ];
 }
 
-describe("an avatar's file", () => {
-  const file = (content: Uint8Array<ArrayBuffer>, name: string) => Object.assign(new Blob([content]), { name });
-
-  it("is refused in one line where it is none", async () => {
-    await expect(avatarBytes(file(new TextEncoder().encode("just a text, longer than that"), "a.vrm"))).rejects.toThrow(
-      /^a\.vrm is no VRM avatar; drop a \.vrm file[^\n]*$/,
-    );
-    await expect(avatarBytes(file(new Uint8Array(3), "short.vrm"))).rejects.toThrow(/is no VRM avatar/);
-  });
-
-  it("is refused before it is read where it is too large", async () => {
-    const unread = () => Promise.reject(new Error("was read"));
-    const large = {
-      name: "b.vrm",
-      size: 2e9,
-      arrayBuffer: unread,
-      slice: () => ({ arrayBuffer: unread }) as unknown as Blob,
-    };
-    await expect(avatarBytes(large)).rejects.toThrow("b.vrm has 2000 MB; an avatar may have 200 MB");
-  });
-
-  it("passes with glTF's first bytes", async () => {
-    const bytes = new Uint8Array(20);
-    bytes.set(new TextEncoder().encode("glTF"));
-    expect((await avatarBytes(file(bytes, "c.vrm"))).byteLength).toBe(20);
+describe("glTF", () => {
+  it("holds an armature, a skin and its motion; VRMA the humanoid's bones", async () => {
+    const { motion: even } = motion([0, 0.05, 0.1]);
+    const [glb, vrma] = await Promise.all([glbBytes(skeleton, even), vrmaBytes(skeleton, even)]);
+    const [body, animation] = [documentOf(glb), documentOf(vrma)];
+    expect(body["skins"]).toHaveLength(1);
+    expect((body["skins"] as { joints: number[] }[])[0].joints).toHaveLength(skeleton.points.length);
+    expect(body["animations"]).toHaveLength(1);
+    const extension = (
+      animation["extensions"] as Record<string, { humanoid: { humanBones: Record<string, { node: number }> } }>
+    )["VRMC_vrm_animation"];
+    expect(Object.keys(extension.humanoid.humanBones)).toHaveLength(52);
+    expect(extension.humanoid.humanBones["hips"]).toEqual({ node: 0 });
+    for (const bytes of [glb, vrma]) {
+      const { issues } = await validateBytes(new Uint8Array(bytes));
+      expect(issues.numErrors, JSON.stringify(issues.messages.slice(0, 3))).toBe(0);
+    }
   });
 });
+
+function documentOf(bytes: ArrayBuffer): Record<string, unknown> {
+  const length = new DataView(bytes).getUint32(12, true);
+  return JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 20, length))) as Record<string, unknown>;
+}

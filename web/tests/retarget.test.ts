@@ -1,11 +1,11 @@
 import { Matrix4, Quaternion, Vector3 } from "three";
 import { VRMHumanBoneList } from "@pixiv/three-vrm";
 import { describe, expect, it } from "vitest";
-import { Mirror } from "../src/mirror";
-import { boneOf, drivenJoints, localRotation } from "../src/retarget";
-import { place } from "../src/skeleton";
-import { Thrift } from "../src/thrift";
-import { pose, skeleton } from "./body";
+import { Mirror } from "../src/view/mirror";
+import { boneOf, drivenJoints, localRotation } from "../src/view/retarget";
+import { place } from "../src/core/skeleton";
+import { Thrift } from "../src/view/thrift";
+import { moment, skeleton } from "./body";
 
 const joints = skeleton.points.slice(0, skeleton.joints);
 
@@ -22,7 +22,7 @@ describe("bones of an avatar", () => {
     const lacking = new Set(["upperChest", "neck", "leftToes"]);
     const driven = drivenJoints(skeleton, (bone) => !lacking.has(bone));
     expect(driven.length).toBe(52 - lacking.size);
-    const body = place(skeleton, [0, 0, 0], pose(3, 0, 2).rotation);
+    const body = place(skeleton, [0, 0, 0], moment(3, 0, 2).rotation);
     const world = new Map<number, Quaternion>([[-1, new Quaternion()]]);
     for (const bone of driven) {
       const [w, x, y, z] = localRotation(body, bone, new Float32Array(4));
@@ -69,6 +69,9 @@ describe("thrift", () => {
     run(slower, 60, 200);
     expect([fast.shadowMap.enabled, fast.ratio]).toEqual([true, 2]);
     expect([slow.shadowMap.enabled, slow.ratio]).toEqual([false, 2]);
-    expect([slower.shadowMap.enabled, slower.ratio]).toEqual([false, 0.6]);
+    expect([slower.shadowMap.enabled, slower.ratio]).toEqual([false, 0.4]);
+    const slowest = renderer();
+    run(slowest, 600, 5);
+    expect(slowest.shadowMap.enabled).toBe(false);
   });
 });

@@ -1,11 +1,11 @@
 import { describe, expect, it } from "vitest";
-import { hiddenPoints, sensorsOf } from "../src/sensors";
 import { DEFAULT_SETTINGS, loadSettings, saveSettings, settingsFrom } from "../src/settings";
-import { HAND_JOINTS, HeadsetReader, XR_POINTS } from "../src/xr_signal";
-import { legend, pointColour } from "../src/colours";
+import { HAND_JOINTS, HeadsetReader, XR_POINTS } from "../src/sources/xr_signal";
+import { legend, pointColour } from "../src/view/colours";
 import { Color } from "three";
 import { History } from "../src/history";
-import { pose, skeleton } from "./body";
+import { partOf } from "../src/ui/sensor_panel";
+import { moment as some, skeleton } from "./body";
 
 describe("settings", () => {
   it("come back as they were saved", () => {
@@ -13,9 +13,8 @@ describe("settings", () => {
     const mine = {
       ...DEFAULT_SETTINGS,
       height: 1.83,
-      posture: "seated" as const,
-      regions: ["arms" as const],
-      smoothing: 0.1,
+      sensors: "feet" as const,
+      truth: true,
     };
     saveSettings({ setItem: (key, value) => void kept.set(key, value) }, mine);
     expect(loadSettings({ getItem: (key) => kept.get(key) ?? null })).toEqual(mine);
@@ -26,24 +25,23 @@ describe("settings", () => {
   });
 
   it("take what is valid of what is broken", () => {
-    const text =
-      '{"height": 99, "posture": "lying", "mirror": 1, "regions": ["legs", "tail"], "smoothing": -1, "theme": "dark"}';
-    expect(settingsFrom(text)).toEqual({ ...DEFAULT_SETTINGS, regions: ["legs"], theme: "dark" });
+    const text = '{"height": 99, "sensors": "tail", "truth": 1, "figure": "figure", "theme": "dark"}';
+    expect(settingsFrom(text)).toEqual({ ...DEFAULT_SETTINGS, figure: "figure", theme: "dark" });
+  });
+
+  it("say in one line that the storage is full", () => {
+    const full = {
+      setItem: () => {
+        throw new DOMException("full", "QuotaExceededError");
+      },
+    };
+    expect(() => saveSettings(full, DEFAULT_SETTINGS)).toThrow(/^This browser's storage is full[^\n]*$/);
   });
 });
 
-describe("sensors", () => {
-  it("group a headset's points by what is switched off together", () => {
-    const sensors = sensorsOf(XR_POINTS);
-    expect(sensors.map(({ name }) => name)).toEqual(["Head", "Left hand", "Right hand"]);
-    expect(sensors.map(({ points }) => points.length)).toEqual([1, 26, 26]);
-    expect(hiddenPoints(sensors, new Set(["Left hand"])).every((name) => name.startsWith("left"))).toBe(true);
-  });
-
-  it("put every point of the body into one group", () => {
-    const sensors = sensorsOf(skeleton.points);
-    expect(sensors.flatMap(({ points }) => points).sort()).toEqual([...skeleton.points].sort());
-    expect(sensors.map(({ name }) => name).sort()).toEqual([
+describe("parts of the body", () => {
+  it("hold every point of the body, and a headset's", () => {
+    expect([...new Set(skeleton.points.map(partOf))].sort()).toEqual([
       "Head",
       "Left arm",
       "Left hand",
@@ -53,6 +51,7 @@ describe("sensors", () => {
       "Right leg",
       "Torso",
     ]);
+    expect(new Set(XR_POINTS.map(partOf))).toEqual(new Set(["Head", "Left hand", "Right hand"]));
   });
 });
 
@@ -99,16 +98,13 @@ describe("a headset's signal", () => {
 });
 
 describe("colours", () => {
-  const history = new History(skeleton);
-  history.addPose({ ...pose(0, 0), hidden: new Uint8Array(skeleton.points.length).fill(255) }, 0);
+  const history = new History();
+  history.add(some(0, 0));
   const [moment] = history.moments;
 
   it("tell hidden from seen, and sure from unsure", () => {
-    const seen = { ...moment, pose: { ...moment.pose, hidden: new Uint8Array(skeleton.points.length) } };
-    const unsure = {
-      ...moment,
-      pose: { ...moment.pose, expectedError: new Float32Array(skeleton.points.length).fill(0.3) },
-    };
+    const seen = { ...moment, measured: new Uint8Array(skeleton.points.length).fill(1) };
+    const unsure = { ...moment, expected: new Float32Array(skeleton.points.length).fill(0.3) };
     const hex = (of: typeof moment, how: "hidden" | "confidence") =>
       pointColour(of, 4, how, new Color()).getHexString();
     expect(hex(moment, "hidden")).not.toBe(hex(seen, "hidden"));

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from tyro.extras import SubcommandApp
 
-from bodysense.cli import conform, data, demo, laboratory, motion, samples, serve
+from bodysense.cli import calibrate, conform, data, demo, laboratory, motion, page, samples, serve
 
 
 def application() -> SubcommandApp:
     """All commands: `bodysense demo`, `bodysense data info` …, those of the laboratory where it is installed."""
     root, data_group = SubcommandApp(), data.commands()
-    for command in (demo.demo, motion.track, motion.simulate, conform.conform, samples.generate, serve.serve):
+    for command in (demo.demo, motion.track, motion.simulate, conform.conform, samples.generate):
         root.command(command)
+    root.command(serve.serve)
+    root.command(calibrate.calibrate)
+    root.command(page.page)
     root.command(data_group, name="data")
     if laboratory.is_installed():
         laboratory.add_commands(root, data_group)

@@ -12,6 +12,7 @@ import tyro
 from bodysense.cli.options import Reading
 from bodysense.devices.simulated import DeviceName
 from bodysense.errors import BodysenseError
+from bodysense.files import check_place
 from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from bodysense.body.person import Person
     from bodysense.serve.datagrams import Receiver
     from bodysense.serve.replay import Playable
+    from bodysense.serve.safety import Access
 
 Addresses = Annotated[tuple[str, ...], tyro.conf.UseAppendAction]
 
@@ -28,18 +30,30 @@ def serve(
     port: int = 8765,
     token: str | None = None,
     origin: Addresses = (),
+    lan: bool = False,
+    certificate: Path | None = None,
+    key: Path | None = None,
     replay: Path | None = None,
     device: DeviceName | None = None,
     person: Path | None = None,
+    save_person: Path | None = None,
     vmc_in: int | None = None,
-    vmc_names: Path | None = None,
     markers_in: int | None = None,
+    device_names: Path | None = None,
+    vmt: bool = False,
+    vmt_host: str = "127.0.0.1",
+    vmt_port: int = 39575,
+    vmt_first: int = 0,
+    vmt_hands: bool = False,
     marker_set: str | None = None,
     vmc_out: Addresses = (),
     vrchat_out: Addresses = (),
     allow_record: Path | None = None,
+    seated: bool = False,
+    recentre: bool = False,
     sessions: int = 64,
     workers: int = 1,
+    shared: Path | None = None,
     reading: Reading = AS_FOUND,
 ) -> None:
     """Serve the page and the WebSocket for live tracking; avatars by VMC and VRChat (docs/serve.md).
@@ -49,63 +63,120 @@ def serve(
         port: TCP port; 0 takes any that is free.
         token: What clients must show, at least 8 characters.
         origin: Origin of a page elsewhere that may connect, as http://localhost:5173. Repeatable.
+        lan: Let headsets and phones of this network in: encrypted, at an address that is printed with a QR code.
+        certificate: PEM file of a certificate, in place of one that is made for --lan.
+        key: PEM file of its key.
         replay: A recording (.npz, .jsonl), or with --device a motion (.bvh, AMASS .npz), played in real time.
         device: What watches the body, where the replay is a motion; the page then shows the truth, too.
         person: wearers' proportions and how trackers are worn, a person's file (.json).
+        save_person: File (.json) for who VMC or SteamVR track, written after each calibration.
         vmc_in: UDP port on which headset, controllers and trackers come in by VMC (its own is 39539).
-        vmc_names: Which point each device of VMC is, a .json table by serial (docs/avatars.md).
         markers_in: UDP port on which markers of gloves come in by OSC (its own is 9123).
+        device_names: Which point each device of VMC or SteamVR is, a .json table by serial (docs/avatars.md).
+        vmt: Take headset and controllers from SteamVR and give it trackers, by its driver VMT (docs/runtimes.md).
+        vmt_host: Machine of SteamVR.
+        vmt_port: UDP port on which VMT's driver answers.
+        vmt_first: Index of the first virtual device; others may use those below.
+        vmt_hands: Give SteamVR skeletal hands, too, as two virtual controllers.
         marker_set: Their marker set, a file or a packaged set's name (docs/gloves.md); the person's file holds hands
             that were calibrated with it.
         vmc_out: HOST:PORT of an avatar program that takes bones by VMC (usually port 39539). Repeatable.
         vrchat_out: HOST:PORT of a VRChat that takes trackers by OSC (usually port 9000). Repeatable.
         allow_record: Folder for recordings that clients ask for; without it none are made.
+        seated: Whoever those inputs track is seated, and shown standing.
+        recentre: Where they stand when they are first tracked, and face, is the middle, facing +Z.
         sessions: At most so many at a time, in each process.
-        workers: Processes that share the port.
-        reading: what a replayed motion does not say of itself; --height is the wearers', inferred if omitted.
+        workers: Processes that share the port; one that ends is replaced, its wearers resume in another.
+        shared: Folder by which several servers behind one address resume one another's sessions.
+        reading: what a replayed motion does not say of itself; --height is the wearers', inferred if omitted;
+            --floor is of the world of VMC, SteamVR and VRChat, too.
     """
     from rich.console import Console
 
     from bodysense.body.person import Person
     from bodysense.cli.recordings import person_of
-    from bodysense.serve.application import ServerSettings
+    from bodysense.serve.certificate import qr_code
     from bodysense.serve.launch import listen, serve
-    from bodysense.serve.safety import Access, Limits, is_loopback
-    from bodysense.serve.vmc_trackers import VmcTrackers, read_device_names
+    from bodysense.serve.messages import Settings
+    from bodysense.serve.safety import Limits
+    from bodysense.serve.settings import ServerSettings
+    from bodysense.serve.tracked_devices import TrackedDevices, read_device_names
+    from bodysense.serve.vmc_trackers import VmcTrackers
+    from bodysense.serve.vmt_link import VmtSettings
     from bodysense.serve.workers import serve_in_workers
 
+    if save_person is not None:
+        check_place(save_person)
     if workers < 1:
         raise BodysenseError(f"--workers {workers}: give 1 or more")
-    if workers > 1 and (vmc_in, markers_in, vmc_out, vrchat_out) != (None, None, (), ()):
+    if workers > 1 and (vmc_in, markers_in, vmc_out, vrchat_out, vmt) != (None, None, (), (), False):
         raise BodysenseError("--workers: UDP goes with one process only; leave --workers out")
-    if vmc_names is not None and vmc_in is None:
-        raise BodysenseError("--vmc-names is for devices that come in by VMC; give their port with --vmc-in")
-    if token is None and not is_loopback(host):
-        token = secrets.token_urlsafe(16)
+    if device_names is not None and vmc_in is None and not vmt:
+        raise BodysenseError("--device-names is for devices of VMC or SteamVR; give --vmc-in or --vmt")
+    devices = TrackedDevices() if device_names is None else TrackedDevices(read_device_names(device_names))
+    access = _access(host, token, origin, lan, certificate, key)
     wearer = person_of(person, reading.height) or Person(height=reading.height)
     settings = ServerSettings(
-        access=Access(host, token, origin),
+        access=access,
         limits=replace(Limits(), sessions=sessions),
-        allow_record=None if allow_record is None else _folder(allow_record),
+        allow_record=None if allow_record is None else _folder("--allow-record", allow_record),
         playable=_playable(replay, device, reading, wearer),
         person=wearer,
+        wearer=Settings(floor=reading.floor or 0.0, posture="seated" if seated else "standing"),
+        recentre=recentre,
+        save_person=save_person,
+        shared=None if shared is None else _folder("--shared", shared),
         vmc_in=vmc_in,
-        vmc_trackers=VmcTrackers() if vmc_names is None else VmcTrackers(read_device_names(vmc_names)),
+        vmc_trackers=VmcTrackers(devices),
         markers_in=markers_in,
         worn=_worn(marker_set, markers_in, wearer),
         receivers=tuple([*(_receiver("vmc", a) for a in vmc_out), *(_receiver("vrchat", a) for a in vrchat_out)]),
+        vmt=VmtSettings(vmt_host, port=vmt_port, first=vmt_first, hands=vmt_hands, devices=devices) if vmt else None,
     )
-    bound = listen(host, port)
-    shown = f"[{host}]" if ":" in host else host
-    address = f"http://{shown}:{bound.getsockname()[1]}/" + (f"?token={token}" if token is not None else "")
+    bound = listen(access.host, port)
+    address = _address(access, bound.getsockname()[1], lan)
 
     def started() -> None:
-        Console().print(f"bodysense serves at {address}", highlight=False, soft_wrap=True)
+        console = Console()
+        console.print(f"bodysense serves at {address}", highlight=False, soft_wrap=True)
+        if lan:
+            print(qr_code(address))
 
     if workers == 1:
         serve(settings, [bound], lambda server: started())
     else:
         serve_in_workers(settings, bound, workers, started)
+
+
+def _access(
+    host: str, token: str | None, origin: Addresses, lan: bool, certificate: Path | None, key: Path | None
+) -> Access:
+    """Who may connect, and how. Raises BodysenseError, naming the options, for what does not go together."""
+    from bodysense.serve.certificate import check_pair, lan_address, own_certificate, state_folder
+    from bodysense.serve.safety import Access, is_loopback
+
+    if (certificate is None) != (key is None):
+        raise BodysenseError("--certificate and --key: give both, a certificate and its own key")
+    if lan and is_loopback(host):
+        address = lan_address()
+        host = "0.0.0.0"
+        if certificate is None:
+            certificate, key = own_certificate(state_folder(), (address, "localhost", "127.0.0.1"))
+    if certificate is not None and key is not None:
+        check_pair(certificate, key)
+    if token is None and not is_loopback(host):
+        token = secrets.token_urlsafe(16)
+    return Access(host, token, origin, certificate, key)
+
+
+def _address(access: Access, port: int, lan: bool) -> str:
+    """Where the page is."""
+    from bodysense.serve.certificate import lan_address
+
+    host = lan_address() if lan and access.host == "0.0.0.0" else access.host
+    shown = f"[{host}]" if ":" in host else host
+    scheme = "http" if access.certificate is None else "https"
+    return f"{scheme}://{shown}:{port}/" + (f"?token={access.token}" if access.token is not None else "")
 
 
 def _worn(marker_set: str | None, port: int | None, wearer: Person) -> GloveSet:
@@ -126,17 +197,17 @@ def _worn(marker_set: str | None, port: int | None, wearer: Person) -> GloveSet:
     return worn
 
 
-def _folder(path: Path) -> Path:
+def _folder(option: str, path: Path) -> Path:
     """A folder that can be written to."""
     import tempfile
 
     if not path.is_dir():
-        raise BodysenseError(f"--allow-record {path}: no such folder; create it or choose another")
+        raise BodysenseError(f"{option} {path}: no such folder; create it or choose another")
     try:
         with tempfile.TemporaryFile(dir=path):
             return path.resolve()
     except OSError as error:
-        raise BodysenseError(f"--allow-record {path}: nothing can be written there ({error.strerror})") from None
+        raise BodysenseError(f"{option} {path}: nothing can be written there ({error.strerror})") from None
 
 
 def _receiver(protocol: Literal["vmc", "vrchat"], address: str) -> Receiver:

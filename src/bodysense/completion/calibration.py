@@ -83,7 +83,7 @@ def assigned(
 ) -> dict[str, str]:
     """The joint, of `CARRIERS`, that each of `trackers` is strapped to, by where it is while the wearer stands.
 
-    Together they are as near to their joints as can be; joints that other points of the observation track are taken.
+    Together they are as near to their joints as can be; joints that other points of the observation do track are taken.
     A tracker farther than 35 cm from every free joint is left out, and so are all where the head is not tracked.
     """
     seen = [name for name in trackers if observation.has_position[:, observation.points.index(name)].any()]
@@ -93,7 +93,10 @@ def assigned(
     known = observation.has_position[:, head] & observation.has_rotation[:, head]
     if not seen or not known.any():
         return {}
-    free = [joint for joint in CARRIERS if joint not in observation.points]
+    tracked = {name for k, name in enumerate(observation.points) if observation.has_position[:, k].any()}
+    free = [joint for joint in CARRIERS if joint not in tracked]
+    if not free:
+        return {}
     place = np.median(observation.position[known, head], axis=0)
     stood = forward_kinematics(_stood(person, place, _mean(observation.rotation[known, head]), stance))[0]
     joints = stood[person.skeleton.indices(free)]

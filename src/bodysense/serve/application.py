@@ -2,60 +2,26 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
-import socket
 from collections.abc import AsyncIterator
-from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from bodysense.body.glove_set import GloveSet, standard_set
-from bodysense.body.person import Person
+from bodysense.errors import missing_package
+from bodysense.serve.answer import Answer
 from bodysense.serve.connection import converse
-from bodysense.serve.datagrams import (
-    VMC_POINTS,
-    MarkerInput,
-    PoseSender,
-    Receiver,
-    TrackerInput,
-    listened,
-    marker_points,
-)
+from bodysense.serve.headers import HEADERS, guarded
 from bodysense.serve.live import Live
-from bodysense.serve.messages import Source
-from bodysense.serve.metrics import Metrics, missing
-from bodysense.serve.protocol import SUBPROTOCOL, SignalFrame
-from bodysense.serve.replay import Playable
-from bodysense.serve.safety import Access, Limits, why_refused
-from bodysense.serve.vmc_trackers import VmcTrackers
+from bodysense.serve.metrics import Metrics
+from bodysense.serve.page_files import library_routes
+from bodysense.serve.protocol import SUBPROTOCOL
+from bodysense.serve.runtimes import links_of
+from bodysense.serve.safety import Doorkeeper
+from bodysense.serve.session_store import SessionStore
+from bodysense.serve.settings import ServerSettings
 
 _NO_PAGE = "bodysense serves no page here: this copy was installed without it. The WebSocket is at /ws.\n"
-_NO_UPLOAD = "bodysense takes no uploads; avatars and recordings that are dropped on the page stay in the browser.\n"
-_LINGER_S = 1.0
-_LINGER_BYTES = 1024 * 1024
-_HEADERS = {
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",  # the address holds the token
-    "Content-Security-Policy": "frame-ancestors 'none'",
-}
-
-
-@dataclass(frozen=True)
-class ServerSettings:
-    """What a server does."""
-
-    access: Access = Access()
-    limits: Limits = Limits()
-    allow_record: Path | None = None  # a folder
-    playable: Playable | None = None
-    person: Person = Person()  # what is known of wearers who do not tell their height
-    vmc_in: int | None = None  # ports, on the server's host
-    vmc_trackers: VmcTrackers = VmcTrackers()
-    markers_in: int | None = None
-    worn: GloveSet = field(default_factory=standard_set)  # the marker set of gloves that come in there
-    receivers: tuple[Receiver, ...] = ()
 
 
 def application(settings: ServerSettings) -> Any:
@@ -66,136 +32,77 @@ def application(settings: ServerSettings) -> Any:
         from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
         from starlette.staticfiles import StaticFiles
         from starlette.websockets import WebSocket
-    except ImportError:
-        raise missing("starlette") from None
+    except ImportError as error:
+        raise missing_package(error) from None
     metrics = Metrics()
-    inputs = _listened(settings)
-    sender = PoseSender(settings.receivers, metrics) if settings.receivers else None
-    live = Live(settings.limits, metrics, settings.allow_record, settings.playable, sender, settings.person)
-    access = settings.access
+    links = links_of(settings, metrics)
+
+    def show(answer: Answer) -> None:
+        for link in links:
+            link.show(answer)
+
+    live = Live(
+        settings.limits,
+        metrics,
+        settings.allow_record,
+        settings.playable,
+        show if links else None,
+        settings.person,
+        settings.wearer,
+        settings.recentre,
+        None if settings.shared is None else SessionStore(settings.shared, settings.limits.seconds_to_resume),
+        settings.save_person,
+    )
+    keeper = Doorkeeper(settings.access)
 
     async def websocket(client: WebSocket) -> None:
         offered = client.scope.get("subprotocols", [])
         tokens = [name.removeprefix("token.") for name in offered if name.startswith("token.")]
         tokens += client.query_params.getlist("token")
-        reason = why_refused(access, client.headers.get("host"), client.headers.get("origin"), tokens)
-        status = 403
+        reason, status = await keeper.why_refused(client, client.headers.get("origin"), tokens), 403
         if reason is None and offered and SUBPROTOCOL not in offered:
             reason, status = f"the subprotocol is {SUBPROTOCOL!r}, not {offered[0][:40]!r}; update the client", 400
         if reason is not None:
             metrics.closed(status)
-            await client.send_denial_response(PlainTextResponse(f"{reason}\n", status, _HEADERS))
+            await client.send_denial_response(PlainTextResponse(f"{reason}\n", status, HEADERS))
             return
         await client.accept(SUBPROTOCOL if offered else None)
         await converse(client, live)
 
     async def healthz(_: Any) -> Response:
-        return PlainTextResponse("ok\n", headers=_HEADERS)
+        return PlainTextResponse("ok\n", headers=HEADERS)
 
     async def metrics_text(request: Any) -> Response:
         bearer = request.headers.get("authorization", "").removeprefix("Bearer ")
         tokens = [bearer, *request.query_params.getlist("token")]
-        reason = why_refused(access, request.headers.get("host"), None, tokens)
+        reason = await keeper.why_refused(request, None, tokens)
         if reason is not None:
-            return PlainTextResponse(f"{reason}\n", 403, _HEADERS)
+            return PlainTextResponse(f"{reason}\n", 403, HEADERS)
         text, kind = metrics.text()
-        return Response(text, media_type=kind, headers=_HEADERS)
+        return Response(text, media_type=kind, headers=HEADERS)
 
     async def no_page(_: Any) -> Response:
-        return PlainTextResponse(_NO_PAGE, headers=_HEADERS)
+        return PlainTextResponse(_NO_PAGE, headers=HEADERS)
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Any) -> AsyncIterator[None]:
         live.start()
-        transports = [await _opened(source, bound, live, metrics, settings) for source, bound in inputs]
         try:
+            for link in links:
+                await link.open(live)
             yield
         finally:
-            for transport in transports:
-                transport.close()
+            for link in links:
+                link.close()
             await live.stop()
-            if sender is not None:
-                sender.close()
 
     page = Path(str(files("bodysense.serve").joinpath("page")))
     routes: list[BaseRoute] = [
         WebSocketRoute("/ws", websocket),
         Route("/healthz", healthz),
         Route("/metrics", metrics_text),
+        *library_routes(),
     ]
     has_page = (page / "index.html").is_file()
     routes.append(Mount("/", StaticFiles(directory=page, html=True)) if has_page else Route("/", no_page))
     return guarded(Starlette(routes=routes, lifespan=lifespan))
-
-
-def guarded(application: Any) -> Any:
-    """The application, with safe headers, and without bodies: an upload is refused before it is read."""
-
-    async def guard(scope: Any, receive: Any, send: Any) -> None:
-        if scope["type"] != "http":
-            await application(scope, receive, send)
-            return
-        names = {name for name, value in scope["headers"] if (name, value) != (b"content-length", b"0")}
-        if names & {b"content-length", b"transfer-encoding"}:
-            await _refuse_upload(receive, send)
-            return
-
-        async def with_headers(message: Any) -> None:
-            if message["type"] == "http.response.start":
-                have = {name.lower() for name, _ in message["headers"]}
-                more = [(name.lower().encode(), value.encode()) for name, value in _HEADERS.items()]
-                message["headers"] = [*message["headers"], *(row for row in more if row[0] not in have)]
-            await send(message)
-
-        await application(scope, receive, with_headers)
-
-    return guard
-
-
-async def _refuse_upload(receive: Any, send: Any) -> None:
-    """Answer 413, then let go only when the sender has stopped, or has had its time.
-
-    A connection closed over unread bytes is reset, and a reset takes the answer with it.
-    """
-    body = _NO_UPLOAD.encode()
-    headers = [
-        (b"content-type", b"text/plain; charset=utf-8"),
-        (b"content-length", str(len(body)).encode()),
-        (b"connection", b"close"),
-    ]
-    await send({"type": "http.response.start", "status": 413, "headers": headers})
-    await send({"type": "http.response.body", "body": body, "more_body": True})
-    unread = _LINGER_BYTES
-    with contextlib.suppress(TimeoutError):
-        async with asyncio.timeout(_LINGER_S):
-            while unread > 0:
-                message = await receive()
-                if message["type"] == "http.disconnect" or not message.get("more_body", False):
-                    break
-                unread -= len(message.get("body", b""))
-    await send({"type": "http.response.body", "body": b""})
-
-
-def _listened(settings: ServerSettings) -> list[tuple[Source, socket.socket]]:
-    """The UDP ports that are listened on."""
-    wanted: list[tuple[Source, int | None]] = [("vmc", settings.vmc_in), ("markers", settings.markers_in)]
-    host = settings.access.host
-    return [(source, listened(f"--{source}-in", host, port)) for source, port in wanted if port is not None]
-
-
-async def _opened(
-    source: Source, bound: socket.socket, live: Live, metrics: Metrics, settings: ServerSettings
-) -> asyncio.DatagramTransport:
-    """Play what comes in by UDP as a session of the server's own."""
-    seat = live.own(source, VMC_POINTS if source == "vmc" else marker_points(settings.worn))
-
-    def play(frame: SignalFrame) -> None:
-        live.receive(seat, frame)
-
-    def protocol() -> asyncio.DatagramProtocol:
-        if source == "vmc":
-            return TrackerInput(play, metrics, settings.vmc_trackers)
-        return MarkerInput(play, metrics, settings.worn)
-
-    transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(protocol, sock=bound)
-    return transport

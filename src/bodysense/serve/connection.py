@@ -6,7 +6,8 @@ import asyncio
 from typing import TYPE_CHECKING, Any
 
 from bodysense.serve.live import Live
-from bodysense.serve.messages import Hello, Ping, Pong, Refused, read_message, write_message
+from bodysense.serve.message_text import read_message, write_message
+from bodysense.serve.messages import Hello, Ping, Pong, Refused
 from bodysense.serve.outbox import Outbox
 from bodysense.serve.protocol import ProtocolError, read_signal
 from bodysense.serve.safety import RateLimit
@@ -75,7 +76,7 @@ async def _listen(socket: WebSocket, live: Live, seat: Seat, outbox: Outbox, sen
         data = received.get("bytes")
         if data is not None:
             _check_size(data, live)
-            if seat.source is not None:
+            if seat.source is not None or outbox.watches:
                 raise ProtocolError("a client that watches sends no signal")
             live.receive(seat, read_signal(data, len(seat.session.points)))
         else:
@@ -91,6 +92,8 @@ def _command(text: str, live: Live, seat: Seat, outbox: Outbox) -> None:
         outbox.tell(Pong(message.time))
     elif isinstance(message, Hello):
         raise ProtocolError("a second hello; connect again to begin another session")
+    elif outbox.watches:
+        raise ProtocolError("a client that watches another's session changes nothing in it")
     else:
         live.change(seat, message)
 
@@ -111,8 +114,8 @@ async def _send(socket: WebSocket, outbox: Outbox) -> None:
                 await socket.send_text(text)
             for frame in frames:
                 await socket.send_bytes(frame)
-            if outbox.is_superseded:
-                await _close(socket, ProtocolError("the session was resumed by another connection", 1008))
+            if outbox.ended is not None:
+                await _close(socket, ProtocolError(outbox.ended, 1008))
                 return
     except (WebSocketDisconnect, RuntimeError, OSError):  # the client is gone; the receiver sees it as well
         return

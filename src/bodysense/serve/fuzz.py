@@ -18,7 +18,8 @@ import numpy as np
 from bodysense.errors import BodysenseError
 from bodysense.serve.connection import converse
 from bodysense.serve.live import Live
-from bodysense.serve.messages import Change, Hello, write_message
+from bodysense.serve.message_text import write_message
+from bodysense.serve.messages import Change, Hello
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.protocol import POSE, SignalFrame, read_pose, write_signal
 from bodysense.serve.safety import Limits

@@ -10,10 +10,10 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from bodysense.errors import BodysenseError
-from bodysense.serve.application import ServerSettings, application
+from bodysense.errors import BodysenseError, missing_package
+from bodysense.serve.application import application
 from bodysense.serve.estimation import load
-from bodysense.serve.metrics import missing
+from bodysense.serve.settings import ServerSettings
 
 _SWITCH = 0.0005  # s after which a thread that computes lets the event loop go on
 
@@ -56,16 +56,21 @@ def prepared(settings: ServerSettings, started: Callable[[Any], None] = lambda s
         import uvicorn
         import websockets  # noqa: F401
     except ImportError as error:
-        raise missing(error.name or "uvicorn") from None
+        raise missing_package(error) from None
 
     class Server(uvicorn.Server):
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:
             await super().startup(sockets)
             started(self)
 
-    limits = settings.limits
+    from uvicorn.protocols.http.auto import AutoHTTPProtocol
+
+    limits, access = settings.limits, settings.access
     config = uvicorn.Config(
         application(settings),
+        http=impatient(AutoHTTPProtocol, limits.seconds_to_request),
+        ssl_certfile=access.certificate,
+        ssl_keyfile=access.key,
         ws="websockets-sansio",
         ws_max_size=limits.message_bytes,
         ws_per_message_deflate=False,
@@ -82,6 +87,26 @@ def prepared(settings: ServerSettings, started: Callable[[Any], None] = lambda s
     # A WebSocket that was refused is no error of ours.
     logging.getLogger("uvicorn.error").addFilter(lambda record: "completing handshake" not in record.getMessage())
     return Server(config)
+
+
+def impatient(kind: Any, seconds: float) -> Any:
+    """A protocol of HTTP that closes a connection whose first request has no whole head within `seconds`."""
+
+    class Impatient(kind):
+        def connection_made(self, transport: Any) -> None:
+            super().connection_made(transport)
+            self._patience = self.loop.call_later(seconds, self._end)
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            self._patience.cancel()
+            super().connection_lost(exc)
+
+        def _end(self) -> None:
+            mine = self.transport.get_protocol() is self  # or a WebSocket has taken over
+            if mine and self.cycle is None and not self.transport.is_closing():
+                self.transport.close()
+
+    return Impatient
 
 
 def serve(

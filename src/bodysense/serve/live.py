@@ -12,6 +12,9 @@ from time import monotonic
 
 from bodysense.body.person import Person
 from bodysense.errors import BodysenseError
+from bodysense.serve.answer import Answer
+from bodysense.serve.leader import Leader
+from bodysense.serve.message_text import changed
 from bodysense.serve.messages import (
     Calibrate,
     Change,
@@ -20,11 +23,9 @@ from bodysense.serve.messages import (
     RecordSwitch,
     Replay,
     Resume,
-    Said,
     ServerMessage,
     Settings,
     Source,
-    changed,
 )
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.outbox import Outbox
@@ -35,12 +36,14 @@ from bodysense.serve.protocol import (
     write_signal,
     write_truth,
 )
-from bodysense.serve.recorder import Recorder
+from bodysense.serve.recordings import Recordings
 from bodysense.serve.replay import Playable, Player
 from bodysense.serve.safety import Limits
 from bodysense.serve.scheduler import Scheduler
 from bodysense.serve.seat import Seat
-from bodysense.serve.session import Answer, Session
+from bodysense.serve.session import Session
+from bodysense.serve.session_store import Kept, SessionStore
+from bodysense.serve.wearer_file import WearerFile
 
 _SWEEP = 0.5  # s between looks for sessions that are over
 
@@ -48,8 +51,10 @@ _SWEEP = 0.5  # s between looks for sessions that are over
 class Live:
     """The sessions of a process. Used within its event loop only, between `start` and `stop`.
 
-    `person` is what is known of wearers who do not tell their height. `show(answer)` is called with what goes to
-    avatars: the server's own session, or else the one that came first.
+    `person` is what is known of wearers who do not tell their height, `settings` are of the server's own inputs, which
+    `recentre` where their wearers first stand.
+    `save_person`: where they are kept once they were calibrated.
+    `show(answer)` is called with what goes to avatars (`Leader`). `store` keeps what other processes need to resume.
     """
 
     def __init__(
@@ -60,9 +65,16 @@ class Live:
         playable: Playable | None = None,
         show: Callable[[Answer], None] | None = None,
         person: Person = Person(),
+        settings: Settings = Settings(),
+        recentre: bool = False,
+        store: SessionStore | None = None,
+        save_person: Path | None = None,
     ) -> None:
+        self._wearers = WearerFile(save_person)
         self.limits, self.metrics = limits, metrics
-        self._allow_record, self._playable, self._show = allow_record, playable, show
+        self._settings, self._recentre, self._store, self._leader = settings, recentre, store, Leader()
+        self._recordings = Recordings(allow_record, limits.recording_seconds)
+        self._playable, self._show = playable, show
         self._person = person
         self._seats: dict[str, Seat] = {}
         self._inputs: dict[Source, Seat] = {}
@@ -86,7 +98,9 @@ class Live:
 
     def own(self, source: Source, points: tuple[str, ...]) -> Seat:
         """A session for an input of the server's own."""
-        seat = self._seated(source, Session(points, self._person), source)
+        seat = self._seated(source, Session(points, self._person, self._settings), source)
+        if self._recentre:
+            seat.session.change(Recentre())
         self._inputs[source] = seat
         return seat
 
@@ -98,21 +112,24 @@ class Live:
 
     def admit(self, hello: Hello, outbox: Outbox) -> Seat:
         """The session of a client, welcomed. Raises ProtocolError where it cannot have one."""
+        outbox.watches = hello.follow is not None
         seat = self._resumed(hello) if hello.resume is not None else None
         resumed = seat is not None
         if seat is None:
-            seat = self._new(hello)
+            seat = self._followed(hello.follow) if hello.follow is not None else self._new(hello)
         seat.outboxes.append(outbox)
-        seat.left = None
-        outbox.tell(seat.welcome(self.sources, self._allow_record is not None, resumed))
+        if not outbox.watches:
+            seat.left = None
+        outbox.tell(seat.welcome(self.sources, self._recordings.are_allowed, resumed, outbox.watches))
         outbox.tell(seat.session.placed())
+        self._keep(seat)
         return seat
 
     def leave(self, seat: Seat, outbox: Outbox) -> None:
         """A connection ended: the session is kept for a while."""
         if outbox in seat.outboxes:
             seat.outboxes.remove(outbox)
-        if not seat.outboxes:
+        if not seat.is_driven and seat.left is None:
             seat.left = self._loop.time()
 
     def receive(self, seat: Seat, frame: SignalFrame) -> None:
@@ -126,7 +143,7 @@ class Live:
     def change(self, seat: Seat, message: Change | Recentre | Calibrate | RecordSwitch | Replay) -> None:
         """Do what a client asks for. Raises ProtocolError where it is nothing that can be done."""
         if isinstance(message, RecordSwitch):
-            self._record(seat, message.on)
+            self._recordings.switch(seat, message.on)
         elif isinstance(message, Replay):
             if seat.player is None:
                 raise ProtocolError("replay: this session watches no replay; say 'watch' in the hello")
@@ -161,22 +178,56 @@ class Live:
             raise ProtocolError(f"the server has its {self.limits.sessions} sessions already; try again later", 1013)
         self._end(min(left, key=lambda seat: seat.left or 0.0))
 
+    def _followed(self, follow: Resume) -> Seat:
+        """Another client's session, to be watched."""
+        seat = self._seats.get(follow.session)
+        if seat is None or not hmac.compare_digest(seat.watch_token.encode(), follow.token.encode()):
+            raise ProtocolError("there is no such session to watch, or its token is another", 1008)
+        return seat
+
     def _resumed(self, hello: Hello) -> Seat | None:
-        """The session that a client had, None where it is over."""
-        assert isinstance(hello.resume, Resume)
+        """The session that a client had, here or in another process; None where it is over."""
+        assert hello.resume is not None
         seat = self._seats.get(hello.resume.session)
-        if seat is None or seat.source is not None:
+        if seat is None:
+            return self._taken_on(hello)
+        if seat.source is not None or not hmac.compare_digest(seat.token.encode(), hello.resume.token.encode()):
             return None
-        if not hmac.compare_digest(seat.token.encode(), hello.resume.token.encode()):
-            return None
-        for outbox in seat.outboxes:  # a connection that is broken without anybody having noticed
-            outbox.supersede()
-        seat.outboxes.clear()
+        for outbox in [one for one in seat.outboxes if not one.watches]:  # broken without anybody having noticed
+            outbox.end("the session was resumed by another connection")
+            seat.outboxes.remove(outbox)
         seat.session.open_door(hello.points)
         return seat
 
+    def _taken_on(self, hello: Hello) -> Seat | None:
+        """A session that another process had."""
+        assert hello.resume is not None
+        kept = None if self._store is None else self._store.take(hello.resume)
+        if kept is None:
+            return None
+        self._make_room()
+        session = Session(hello.points, kept.person, kept.settings, kept.placement, kept.worn)
+        seat = Seat(hello.resume.session, kept.token, kept.watch_token, kept.name, session)
+        self._seats[seat.identity] = seat
+        self.metrics.sessions.set(len(self._seats))
+        return seat
+
+    def _keep(self, seat: Seat) -> None:
+        """Let other processes know of a session what they need to resume it."""
+        if self._store is None or seat.source is not None:
+            return
+        session = seat.session
+        now = (session.revision, session.placed(), round(session.height, 2))
+        if seat.kept == now:
+            self._store.touch(seat.identity)
+            return
+        seat.kept = now
+        kept = Kept(seat.token, seat.watch_token, seat.name, session.settings, *session.kept())
+        self._store.put(seat.identity, kept)
+
     def _seated(self, name: str, session: Session, source: Source | None) -> Seat:
-        seat = Seat(secrets.token_hex(8), secrets.token_urlsafe(16), name, session, source)
+        token, watch_token = secrets.token_urlsafe(16), secrets.token_urlsafe(16)
+        seat = Seat(secrets.token_hex(8), token, watch_token, name, session, source)
         self._seats[seat.identity] = seat
         self.metrics.sessions.set(len(self._seats))
         return seat
@@ -198,28 +249,30 @@ class Live:
         notes: list[ServerMessage] = seat.session.notes()
         if seat.told != seat.session.revision:
             seat.told = seat.session.revision
-            notes.insert(0, seat.welcome(self.sources, self._allow_record is not None))
-        for note in notes:
             for outbox in seat.outboxes:
-                outbox.tell(note)
+                outbox.tell(seat.welcome(self.sources, self._recordings.are_allowed, watches=outbox.watches))
+        for note in notes:
+            seat.tell(note)
 
     def _deliver(self, seat: Seat, answer: Answer | None) -> None:
+        if seat in self._inputs.values():
+            self._wearers.keep(seat)
         self._tell(seat)
         if answer is None:
             self.metrics.dropped("failed")
             return
         spent = monotonic() - answer.received  # a loop may count in milliseconds
         frames = [write_pose(answer.frame, min(int(spent * 1e6), 2**32 - 1))]
-        if seat.source is not None and seat.outboxes:
-            frames = [write_signal(answer.signal), *self._truth(seat, answer), *frames]
+        shown = frames
+        if seat.source is not None or any(outbox.watches for outbox in seat.outboxes):
+            shown = [write_signal(answer.signal), *self._truth(seat, answer), *frames]
         for outbox in seat.outboxes:
-            if outbox.show(frames):
+            if outbox.show(shown if seat.source is not None or outbox.watches else frames):
                 self.metrics.dropped("slow client")
         self.metrics.latency.observe(spent)
-        if seat.recorder is not None and not seat.recorder.add(answer):
-            self._stop_recording(seat)
-            seat.tell(Said("the recording ended: it was as long as it may be"))
-        if self._show is not None and seat is self._leader():
+        self._recordings.add(seat, answer)
+        own = seat in self._inputs.values()
+        if self._show is not None and self._leader.leads(seat, answer, own, self._loop.time()):
             self._show(answer)
 
     def _truth(self, seat: Seat, answer: Answer) -> list[bytes]:
@@ -230,44 +283,14 @@ class Live:
         root, rotation = seat.session.truth(truth.root_position[index], truth.rotation[index])
         return [write_truth(replace(answer.frame, sequence=index, root_position=root, rotation=rotation))]
 
-    def _leader(self) -> Seat | None:
-        """Whose pose goes to avatars."""
-        own = next(iter(self._inputs.values()), None)
-        if own is not None:
-            return own
-        return next((seat for seat in self._seats.values() if seat.outboxes), None)
-
-    def _record(self, seat: Seat, on: bool) -> None:
-        if self._allow_record is None:
-            seat.tell(Said("the server does not record; start it with --allow-record and a folder"))
-            return
-        if not on:
-            self._stop_recording(seat)
-        elif seat.recorder is None:
-            try:
-                seat.recorder = Recorder(
-                    self._allow_record, seat.identity, seat.session.skeleton, self.limits.recording_seconds
-                )
-            except BodysenseError:
-                seat.tell(Said("the server's folder for recordings cannot be written to"))
-                return
-            seat.tell(Said(f"recording to {seat.recorder.path.name}"))
-
-    def _stop_recording(self, seat: Seat) -> None:
-        if seat.recorder is None:
-            return
-        recorder, seat.recorder = seat.recorder, None
-        try:
-            frames = recorder.close()
-        except BodysenseError as error:
-            seat.tell(Said(str(error).replace(f"{recorder.path.parent}/", "")))
-            return
-        seat.tell(Said(f"recorded {frames} frames to {recorder.path.name}" if frames else "nothing to record"))
-
     def _end(self, seat: Seat) -> None:
-        self._stop_recording(seat)
+        self._recordings.stop(seat)
         if seat.playing is not None:
             seat.playing.cancel()
+        for outbox in seat.outboxes:
+            outbox.end("the session that was watched is over")
+        if self._store is not None and seat.source is None:
+            self._store.drop(seat.identity)
         del self._seats[seat.identity]
         self.metrics.sessions.set(len(self._seats))
 
@@ -278,5 +301,7 @@ class Live:
             now = self._loop.time()
             for seat in list(self._seats.values()):
                 keep = 0.0 if seat.source is not None else self.limits.seconds_to_resume
+                if seat.is_driven:
+                    self._keep(seat)
                 if seat.left is not None and now - seat.left > keep and seat not in self._inputs.values():
                     self._end(seat)

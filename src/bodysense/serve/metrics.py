@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from bodysense.errors import BodysenseError
+from bodysense.errors import missing_package
 
-DROPS = ("late", "replaced", "slow client", "failed", "output", "malformed packet", "flood")
+DROPS = ("late", "replaced", "slow client", "failed", "output", "malformed packet", "flood", "second sender")
 _BUCKETS = (0.001, 0.002, 0.003, 0.005, 0.007, 0.009, 0.011, 0.015, 0.02, 0.03, 0.05, 0.1, 0.5)  # s
 
 
@@ -17,8 +17,8 @@ class Metrics:
     def __init__(self) -> None:
         try:
             from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
-        except ImportError:
-            raise missing("prometheus-client") from None
+        except ImportError as error:
+            raise missing_package(error) from None
         self._registry = registry = CollectorRegistry()
         self.sessions: Any = Gauge(
             "bodysense_sessions", "Sessions that are kept", registry=registry, multiprocess_mode="livesum"
@@ -49,8 +49,3 @@ class Metrics:
             registry = CollectorRegistry()
             MultiProcessCollector(registry)
         return generate_latest(registry), CONTENT_TYPE_LATEST
-
-
-def missing(library: str) -> BodysenseError:
-    """What is raised where a library of the server is not installed."""
-    return BodysenseError(f"the server needs the library {library}; install it with `pip install 'bodysense[serve]'`")

@@ -6,19 +6,24 @@ import asyncio
 from collections import deque
 from collections.abc import Sequence
 
-from bodysense.serve.messages import ServerMessage, write_message
+from bodysense.serve.message_text import write_message
+from bodysense.serve.messages import ServerMessage
 
 
 class Outbox:
-    """Never holds more than one answer and `most` texts; beyond, `is_full`, and the client is to be closed."""
+    """Never holds more than one answer and `most` texts; beyond, `is_full`, and the client is to be closed.
+
+    `watches`: its client is shown a session that another one drives, and changes nothing.
+    """
 
     def __init__(self, most: int) -> None:
+        self.watches = False
         self._texts: deque[str] = deque()
         self._frames: Sequence[bytes] = ()
         self._most = most
         self._filled = asyncio.Event()
         self.is_full = False
-        self.is_superseded = False
+        self.ended: str | None = None  # why the connection is to be closed
 
     def tell(self, message: ServerMessage) -> None:
         """Send a text."""
@@ -34,9 +39,9 @@ class Outbox:
         self._filled.set()
         return shed
 
-    def supersede(self) -> None:
-        """Another connection takes the session on."""
-        self.is_superseded = True
+    def end(self, reason: str) -> None:
+        """The session goes on without this connection, or not at all."""
+        self.ended = reason
         self._filled.set()
 
     async def take(self) -> tuple[Sequence[str], Sequence[bytes]]:

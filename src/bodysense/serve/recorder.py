@@ -11,7 +11,7 @@ import numpy as np
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.data.bvh_stream import BvhStream
-from bodysense.serve.session import Answer
+from bodysense.serve.answer import Answer
 
 RATE = 60.0  # Hz
 _TOGETHER = 64  # poses that are written at once

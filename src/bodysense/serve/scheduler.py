@@ -11,8 +11,9 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Generic, Protocol, TypeVar
 
 from bodysense.observation import Estimate
+from bodysense.serve.answer import Answer, Job
 from bodysense.serve.estimation import PipelineState, step_many
-from bodysense.serve.session import Answer, Job, Session
+from bodysense.serve.session import Session
 
 
 class Stepped(Protocol):
@@ -51,8 +52,17 @@ class Scheduler(Generic[Who]):
         finally:
             self._thread.shutdown(wait=False, cancel_futures=True)
 
+    def _job(self, who: Who) -> Job | None:
+        """The job of one session; one that fails touches no other."""
+        try:
+            return who.session.job()
+        except Exception:  # whatever it was, the others go on
+            who.session.abandon()
+            self._deliver(who, None)
+            return None
+
     async def _step(self, those: Sequence[Who]) -> None:
-        jobs = [(who, job) for who in those if (job := who.session.job()) is not None]
+        jobs = [(who, job) for who in those if (job := self._job(who)) is not None]
         if not jobs:
             return
         loop = asyncio.get_running_loop()

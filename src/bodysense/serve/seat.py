@@ -17,7 +17,8 @@ class Seat:
     """A session and everybody who is shown it."""
 
     identity: str
-    token: str
+    token: str  # to resume it
+    watch_token: str
     name: str
     session: Session
     source: Source | None = None  # where the server plays its signal itself
@@ -27,18 +28,28 @@ class Seat:
     playing: asyncio.Task[None] | None = None
     recorder: Recorder | None = None
     told: int = 0  # the revision of the session that its clients know
+    kept: object = None  # what the store has of the session, as `Live` compares it
 
     def tell(self, message: ServerMessage) -> None:
         """Tell all its clients."""
         for outbox in self.outboxes:
             outbox.tell(message)
 
-    def welcome(self, sources: tuple[Source, ...], recording: bool, resumed: bool = False) -> Welcome:
+    @property
+    def is_driven(self) -> bool:
+        """Whether anybody is connected to it who does not only watch."""
+        return any(not outbox.watches for outbox in self.outboxes)
+
+    def welcome(
+        self, sources: tuple[Source, ...], recording: bool, resumed: bool = False, watches: bool = False
+    ) -> Welcome:
         """What a client is told of it. `sources` can be watched; `recording`: whether the server records at all."""
         session, skeleton = self.session, self.session.skeleton
+        secret = self.source is not None or watches
         return Welcome(
             session=self.identity,
-            token=self.token if self.source is None else "",
+            token="" if secret else self.token,
+            watch_token="" if secret else self.watch_token,
             name=self.name,
             joints=skeleton.joints,
             points=skeleton.points,

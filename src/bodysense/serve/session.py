@@ -9,21 +9,23 @@ before, after which the tracker begins a new motion of the same person.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from types import MappingProxyType
 
 import numpy as np
 
 from bodysense.body.person import Person
-from bodysense.body.pose import Pose, forward_kinematics, standing_pose
-from bodysense.body.shape import stature
+from bodysense.body.pose import Pose, standing_pose
+from bodysense.body.shape import Measured, stature
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.calibration import assigned, calibrated
 from bodysense.completion.inertialiser import Inertialiser, Offset
 from bodysense.errors import BodysenseError
 from bodysense.observation import CONTACT_POINTS, Estimate, Observation, chosen_points
+from bodysense.serve.answer import Answer, Job
 from bodysense.serve.estimation import Pipeline, PipelineState, device_of, step_many
+from bodysense.serve.message_text import changed
 from bodysense.serve.messages import (
     Calibrate,
     Change,
@@ -34,7 +36,6 @@ from bodysense.serve.messages import (
     Said,
     ServerMessage,
     Settings,
-    changed,
 )
 from bodysense.serve.protocol import PoseFrame, SignalFrame
 from bodysense.serve.smoothing import Smoothed, at_rest, followed
@@ -46,6 +47,7 @@ AFRESH = 2.0  # s
 SHORTEST_STEP = 1e-4  # s between frames
 NOTICED = 0.001  # m that a point of the T-pose must have moved for the skeleton to be told again
 TOLD_EVERY = 0.1  # s between two skeletons that are told
+_INFERRED = 0.02  # m, standard deviation of a height that was inferred
 _STANDING = 1.0  # s, to take somebody's height in
 INERTIALISER = Inertialiser()  # settings change without a jump
 _OTHER_FOOT = [CONTACT_POINTS.index(name) for name in ("right_ankle", "left_ankle", "right_foot", "left_foot")]
@@ -57,34 +59,6 @@ _PARTS: dict[str, Region] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Job:
-    """What is to be completed."""
-
-    pipeline: Pipeline
-    observation: Observation  # T = 1
-    state: PipelineState
-    frame: SignalFrame
-    received: float  # s, of the server's clock
-
-
-@dataclass(frozen=True, eq=False)
-class Answer:
-    """What came of a job."""
-
-    signal: SignalFrame
-    frame: PoseFrame
-    pose: Pose
-    moment: float  # s, always increasing
-    received: float  # s, of the server's clock
-    estimated: np.ndarray | None  # (P, 3) m: the tracker's points, where the pose is as it completed it
-
-    @cached_property
-    def points(self) -> np.ndarray:
-        """(P, 3) m, world."""
-        return np.asarray(forward_kinematics(self.pose)[0]) if self.estimated is None else self.estimated
-
-
 class Session:
     """One person who is tracked.
 
@@ -92,10 +66,18 @@ class Session:
     ProtocolError for points that nobody knows.
     """
 
-    def __init__(self, points: Sequence[str], person: Person = Person(), settings: Settings = Settings()) -> None:
+    def __init__(
+        self,
+        points: Sequence[str],
+        person: Person = Person(),
+        settings: Settings = Settings(),
+        placement: Placement = Placement(),
+        worn: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
         self.points = tuple(points)
         self.settings = settings
         self.revision = 0  # rises with every change that a welcome tells of
+        self.calibrated: Person | None = None  # by the last calibration
         self._notes: list[ServerMessage] = []
         self._told = self._base = person  # by whoever made the session; as calibrated
         self._time: float | None = None  # s, the client's, of the last frame
@@ -103,12 +85,12 @@ class Session:
         self._starts_afresh = False  # with the next frame
         self._waiting: tuple[SignalFrame, float, float] | None = None  # frame, moment, received
         self._busy = False
-        self._placement = Placement()
+        self._placement = placement
         self._recentres = False  # with the next headset
         self._reseats = settings.posture == "seated"  # with the next headset
         self._stood: list[Observation] | None = None  # of a wearer who stands to be calibrated
         self._arms_out = False  # in which pose
-        self._worn: dict[str, str] = {}  # undecided trackers → the joints that they are on
+        self._worn = dict(worn)  # undecided trackers → the joints that they are on
         self._smoothed: Smoothed | None = None
         self._shown: Pose | None = None  # of the frame before
         self._offset: Offset | None = None  # of what is shown from what is completed, after settings changed
@@ -201,7 +183,7 @@ class Session:
             observation = self._set_up(frame, moment, observation)
         if self._stood is not None:
             self._stood.append(observation)
-        return Job(self._pipeline, self._as_worn(observation), self._state, frame, received)
+        return Job(self._pipeline, self._as_worn(observation), self._state, frame, received, self._placement)
 
     def _as_worn(self, observation: Observation) -> Observation:
         """The same without the rotations of trackers of which nobody knows how they are strapped on."""
@@ -235,7 +217,8 @@ class Session:
         root, rotation = self._displayed(root, rotation, moment)
         pose_frame = PoseFrame(job.frame.sequence, job.frame.time, root, rotation, error, hidden, contact)
         estimated = estimate.points[0] if root is before[0] and rotation is before[1] else None
-        return Answer(job.frame, pose_frame, Pose(self.skeleton, root, rotation), moment, job.received, estimated)
+        pose = Pose(self.skeleton, root, rotation)
+        return Answer(job.frame, pose_frame, pose, moment, job.received, estimated, job.placement)
 
     def step(self) -> Answer | None:
         """The pose that answers the newest frame, None where there is none."""
@@ -293,6 +276,13 @@ class Session:
 
     def _track(self, wearer: Person) -> None:
         self._pass_on(Pipeline(Tracker(wearer, settings=self._tracking), self._pipeline.device))
+
+    def kept(self) -> tuple[Person, Placement, dict[str, str]]:
+        """What another process needs to go on: the wearer, as tall as inferred; the placement; what is worn where."""
+        base = self._base
+        if base.height is None and base.bone_deviation.any() and self.settings.height is None:
+            base = Person(height=Measured(self.height, _INFERRED), lengths=base.lengths, mounts=base.mounts)
+        return base, self._placement, self._worn
 
     def placed(self) -> Placed:
         """How the signal's world is moved now."""
@@ -393,7 +383,7 @@ class Session:
         except BodysenseError as error:
             self._notes.append(Said(str(error)))
             return
-        self._base, self._breaks = wearer, True
+        self._base, self._breaks, self.calibrated = wearer, True, wearer
         if found:
             self._worn |= found
             self._door = door(self.points, self.skeleton, self._worn)

@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.errors import BodysenseError
-from bodysense.serve.messages import Hello, Resume, write_message
+from bodysense.serve.message_text import write_message
+from bodysense.serve.messages import Hello, Resume
 from bodysense.serve.protocol import POSE, SUBPROTOCOL, SignalFrame, read_pose, write_signal
 
 _POINTS = ("head", "left_wrist", "right_wrist")

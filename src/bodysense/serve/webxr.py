@@ -115,6 +115,12 @@ class Placement:
         """(1, 4) the turn as a quaternion."""
         return np.array([[math.cos(self.heading / 2), 0.0, math.sin(self.heading / 2), 0.0]])
 
+    def inverse(self) -> Placement:
+        """From the body's world back into the signal's."""
+        back = Placement(-self.heading)
+        x, y, z = (-back.place(self._away[None])[0]).tolist()
+        return Placement(-self.heading, (x, y, z))
+
     def place(self, position: np.ndarray) -> np.ndarray:
         """Positions (N, 3) m in the body's world."""
         return position @ self._matrix + self._away

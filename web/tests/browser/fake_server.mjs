@@ -42,6 +42,8 @@ export const WELCOME = {
 /** Answer the page's WebSocket, and keep what it says; `behave(socket, message)` may take over and return true. */
 export async function fakeServer(page, behave = () => false) {
   const heard = [];
+  const about = { server: true, webcam: false, version: "fake", files: [] };
+  await page.route("**/page.json", (route) => route.fulfill({ json: about }));
   await page.routeWebSocket(/\/ws/, (socket) => {
     let timer;
     let settings = WELCOME.settings;

@@ -3,41 +3,56 @@
 import { createServer } from "node:http";
 import { readFile } from "node:fs/promises";
 import { extname, join } from "node:path";
-import { fileURLToPath } from "node:url";
 import { chromium } from "playwright-core";
 
-const PAGE = fileURLToPath(new URL("../../../src/bodysense/serve/page/", import.meta.url));
-const KINDS = { ".html": "text/html", ".js": "text/javascript", ".css": "text/css" };
+const KINDS = {
+  ".html": "text/html",
+  ".js": "text/javascript",
+  ".css": "text/css",
+  ".json": "application/json",
+  ".wasm": "application/wasm",
+};
 const ARGUMENTS = [
   ...["--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"],
   ...["--disable-component-update", "--disable-sync", "--use-gl=angle", "--use-angle=swiftshader"],
   "--enable-unsafe-swiftshader",
 ];
 
-/** Serve the built page alone, without a server of bodysense: its address. */
-export async function servePage() {
+/** Serve a folder that `bodysense page` wrote, without a server of bodysense: its address. */
+export async function serveFolder(folder) {
   const server = createServer((request, response) => {
     const path = new URL(request.url ?? "/", "http://page").pathname;
     const name = path === "/" ? "index.html" : path.slice(1);
-    readFile(join(PAGE, name)).then(
-      (content) => response.setHeader("content-type", KINDS[extname(name)] ?? "text/plain").end(content),
+    readFile(join(folder, name)).then(
+      (content) => response.setHeader("content-type", KINDS[extname(name)] ?? "application/octet-stream").end(content),
       () => response.writeHead(404).end(),
     );
   });
   await new Promise((done) => server.listen(0, "127.0.0.1", done));
-  return { address: `http://127.0.0.1:${server.address().port}/`, close: () => server.close() };
+  return { address: `http://localhost:${server.address().port}/`, close: () => server.close() };
 }
 
-/** Run a scenario in a fresh page and print what it returns as JSON; errors of the page fail it. */
-export async function scenario(options, run) {
+/** Run something in a fresh page of a browser of its own. */
+export async function launched(more, options, run) {
   const browser = await chromium.launch({
     executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
-    args: ARGUMENTS,
+    args: [...ARGUMENTS, ...more],
   });
   try {
     const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, ...options });
     const page = await context.newPage();
-    page.setDefaultTimeout(240_000); // software rendering on a busy machine
+    page.setDefaultTimeout(500_000); // software rendering on a busy machine
+    if (process.env.TRACE) trace(page);
+    await page.addInitScript(calm);
+    return await run(page);
+  } finally {
+    await browser.close();
+  }
+}
+
+/** Run a scenario in a fresh page and print what it returns as JSON; errors of the page fail it. */
+export async function scenario(options, run, more = []) {
+  await launched(more, options, async (page) => {
     const errors = [];
     page.on("pageerror", (error) => errors.push(String(error)));
     page.on("console", (message) => {
@@ -48,7 +63,22 @@ export async function scenario(options, run) {
       throw new Error(`${error.message}\nerrors of the page: ${errors.join("; ")}\nit said: ${said.slice(0, 600)}`);
     });
     console.log(JSON.stringify({ ...result, errors }));
-  } finally {
-    await browser.close();
-  }
+  });
+}
+
+/** Few pictures a second: without a graphics card they would leave no time for anything else. */
+function calm() {
+  const BETWEEN = 150; // ms
+  window.requestAnimationFrame = (call) => setTimeout(() => call(performance.now()), BETWEEN);
+  window.cancelAnimationFrame = (id) => clearTimeout(id);
+}
+
+/** Say on stderr when each wait of a page was over. */
+function trace(page) {
+  const [wait, began] = [page.waitForFunction.bind(page), Date.now()];
+  page.waitForFunction = async (check, argument, options) => {
+    const found = await wait(check, argument, options);
+    console.error(`${((Date.now() - began) / 1000).toFixed(1)} s`, argument ?? String(check));
+    return found;
+  };
 }

@@ -1,7 +1,9 @@
-/** What the page says of servers that refuse, break off or talk nonsense: node refusals.mjs */
+/** What the page says of servers that refuse, break off or talk nonsense: node refusals.mjs FOLDER */
 
 import { fakeServer, WELCOME } from "./fake_server.mjs";
-import { scenario, servePage } from "./page.mjs";
+import { scenario, serveFolder } from "./page.mjs";
+
+const [folder] = process.argv.slice(2);
 
 const CASES = {
   refused: (socket) => {
@@ -16,7 +18,7 @@ const CASES = {
   gone: (socket) => socket.close({ code: 1006 }),
 };
 
-const site = await servePage();
+const site = await serveFolder(folder);
 await scenario({ viewport: { width: 500, height: 400 } }, async (page) => {
   const said = {};
   for (const [name, behave] of Object.entries(CASES)) {

@@ -1,9 +1,11 @@
-/** A line that breaks: the page comes back by itself and asks for the session that it had: node resume.mjs */
+/** A line that breaks: the page comes back by itself and asks for the session that it had: node resume.mjs FOLDER */
 
 import { fakeServer, WELCOME } from "./fake_server.mjs";
-import { scenario, servePage } from "./page.mjs";
+import { scenario, serveFolder } from "./page.mjs";
 
-const site = await servePage();
+const [folder] = process.argv.slice(2);
+
+const site = await serveFolder(folder);
 await scenario({ viewport: { width: 500, height: 400 } }, async (page) => {
   let breaks = 2;
   const heard = await fakeServer(page, (socket, said) => {
@@ -14,8 +16,11 @@ await scenario({ viewport: { width: 500, height: 400 } }, async (page) => {
     return true;
   });
   await page.goto(site.address);
-  await page.waitForFunction(() => document.querySelector("#rate").textContent.includes("Hz"), null, { polling: 100 });
+  await page.waitForFunction(() => document.querySelector("#shown").textContent.includes("from the truth"), null, {
+    polling: 100,
+  });
   const hellos = heard.filter(({ type }) => type === "hello").map(({ watch, resume }) => ({ watch, resume }));
-  return { hellos, status: await page.textContent("#status"), notice: await page.isVisible("#notice") };
+  await page.waitForSelector("#notice", { state: "hidden" });
+  return { hellos, source: await page.textContent("#source") };
 });
 site.close();

@@ -1,10 +1,11 @@
-/** What a person does on the page, against the fake server: node use.mjs FOLDER */
+/** What a person does on the page alone, without a server: node use.mjs FOLDER PICTURES MOTION.bvh */
 
+import { createRequire } from "node:module";
+import { readFileSync } from "node:fs";
 import { vrmBytes } from "../vrm_file.mjs";
-import { fakeServer } from "./fake_server.mjs";
-import { scenario, servePage } from "./page.mjs";
+import { scenario, serveFolder } from "./page.mjs";
 
-const [folder] = process.argv.slice(2);
+const [folder, pictures, motion] = process.argv.slice(2);
 const HUMAN = { pelvis: "hips", spine1: "spine", neck: "neck", head: "head" };
 const LIMB = {
   shoulder: "UpperArm",
@@ -18,106 +19,113 @@ const boneOf = (joint) => {
   const [side, part] = joint.split("_");
   return HUMAN[joint] ?? (part in LIMB ? side + LIMB[part] : null);
 };
+const AXE = createRequire(import.meta.url).resolve("axe-core/axe.min.js");
+const site = await serveFolder(folder);
 
-const site = await servePage();
-await scenario({ viewport: { width: 1000, height: 600 } }, async (page) => {
-  const heard = await fakeServer(page);
+await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
+  let bytes = 0;
+  page.on(
+    "response",
+    (response) =>
+      void response.body().then(
+        (body) => (bytes += body.length),
+        () => undefined,
+      ),
+  );
+  const began = Date.now();
   await page.goto(site.address);
-  const moves = () =>
-    page.waitForFunction(() => document.querySelector("#rate").textContent.includes("Hz"), null, { polling: 100 });
-  await moves();
-  const notice = () => page.textContent("#notice-text");
-  const facts = { unnamed: await unnamed(page), saved: await save(page), keys: await keys(page) };
+  const until = (id, part) =>
+    page.waitForFunction(([where, what]) => document.querySelector(where).textContent.includes(what), [id, part], {
+      polling: 100,
+    });
+  const text = (id) => page.textContent(id);
+  const notice = async (part) => (await until("#notice-text", part), text("#notice-text"));
+  await until("#shown", "tracked");
+  const facts = { moving: Date.now() - began };
+  await until("#rate", "completed here");
+  facts.completed = Date.now() - began;
+  await until("#shown", "from the truth");
+  facts.bytes = bytes;
+  facts.shown = await text("#shown");
+
+  await page.addScriptTag({ path: AXE });
+  await page.dispatchEvent("#settings", "click");
+  facts.faults = await page.evaluate(async () => {
+    const { violations } = await axe.run();
+    return violations
+      .filter(({ impact }) => impact === "serious" || impact === "critical")
+      .map(({ id, nodes }) => [id, nodes.length, nodes[0].html]);
+  });
+
+  // Heights that no person has are said, and the timeline stays where the height changes.
+  const length = () => page.evaluate(() => Number(document.getElementById("scrub").max));
+  const before = await length();
+  facts.heights = [];
+  for (const height of ["0.2", "9"]) {
+    await page.fill("#height", height);
+    await page.locator("#height").blur();
+    facts.heights.push(await notice(`${height} m`));
+  }
+  await page.fill("#height", "1.62");
+  await page.locator("#height").blur();
+  await page.waitForTimeout(500);
+  facts.timelineKept = (await length()) >= before;
+
+  // Space ticks a box and does not stop the motion.
+  const isPlaying = () => page.getAttribute("#play", "data-state");
+  await page.focus("#hold-feet");
+  await page.keyboard.press("Space");
+  facts.spaceOnBox = [await isPlaying(), await page.isChecked("#hold-feet")];
+  await page.focus("#view");
+  await page.keyboard.press("Space");
+  await page.waitForTimeout(600);
+  facts.spaceOnStage = await isPlaying();
+  await page.keyboard.press("l");
+
+  // A part is switched off.
+  const part = page.locator("#parts label", { hasText: "Left hand" }).locator("input");
+  await part.dispatchEvent("click");
+  await until("#shown", "2 points");
+  await part.dispatchEvent("click");
+
+  for (const kind of ["bvh", "glb", "vrma"]) {
+    const [download] = await Promise.all([page.waitForEvent("download"), page.dispatchEvent(`#save-${kind}`, "click")]);
+    await download.saveAs(`${pictures}/motion.${kind}`);
+  }
 
   const drop = (name, content) =>
-    page.setInputFiles("#avatar-file", { name, mimeType: "application/octet-stream", buffer: content });
+    page.setInputFiles("#file", { name, mimeType: "application/octet-stream", buffer: content });
   await drop("song.mp3", Buffer.alloc(100));
-  await page.waitForSelector("#notice:not([hidden])");
-  facts.wrongAvatar = await notice();
-  await page.getByRole("button", { name: "Close this message" }).click();
-  await dropHuge(page);
-  await page.waitForSelector("#notice:not([hidden])");
-  facts.hugeAvatar = await notice();
+  facts.song = await notice("song.mp3");
+  await drop("broken.vrm", Buffer.from("glTF nothing follows"));
+  facts.broken = await notice("broken.vrm");
+  await drop(
+    "dog.bvh",
+    Buffer.from(
+      "HIERARCHY\nROOT Tail\n{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n}\nMOTION\nFrames: 1\nFrame Time: 0.1\n0 0 0\n",
+    ),
+  );
+  facts.dog = await notice("dog.bvh");
   await drop("boxes.vrm", vrmBytes(boneOf));
-  await page.getByRole("button", { name: "Back to capsules" }).waitFor();
-  await page.waitForTimeout(1000);
-  await page.screenshot({ path: `${folder}/avatar.png` });
-  facts.noticeAfterAvatar = await page.isVisible("#notice");
-  await page.getByRole("button", { name: "Back to capsules" }).click();
+  await page.waitForSelector("#own-avatar:not([hidden])");
+  await page.dispatchEvent("#own-avatar", "click");
+  await drop("walk.bvh", readFileSync(motion));
+  await until("#source", "walk.bvh");
+  await until("#shown", "from the truth");
+  facts.dropped = await text("#shown");
+  await page.dispatchEvent("#door-headset", "click");
+  facts.headset = await notice("eadset");
+  await page.dispatchEvent("#door-webcam", "click");
+  facts.webcam = await notice("ebcam");
+  await page.screenshot({ path: `${pictures}/use.png` });
 
-  await page.getByText("Person", { exact: true }).click();
-  await page.getByLabel("Height (m)").fill("1.83");
-  await page.getByLabel("Seated").check();
-  await page.getByLabel("Fingers").uncheck();
-  await page.getByRole("button", { name: "Recentre" }).click();
-  await page.getByLabel("Left hand").uncheck();
-  await page.waitForTimeout(300);
-  facts.told = heard.filter(({ type }) => type !== "hello" && type !== "signal");
-  await page.getByLabel("Theme").selectOption("dark");
-  await page.goto(site.address);
-  await moves();
-  facts.helloAfterReload = heard.filter(({ type }) => type === "hello").at(-1);
-  facts.themeAfterReload = await page.getAttribute("html", "data-theme");
+  // The network is gone: everything still works.
+  await page.waitForFunction(() => navigator.serviceWorker.controller !== null, null, { polling: 100 });
+  site.close();
+  await page.context().setOffline(true);
+  await page.reload();
+  await until("#shown", "from the truth");
+  facts.offline = await text("#shown");
   return facts;
 });
-site.close();
-
-/** Controls that a screen reader could not name. */
-function unnamed(page) {
-  return page.$$eval("button, input, select, canvas[tabindex]", (controls) =>
-    controls
-      .filter((control) => {
-        const labels = [...(control.labels ?? [])].map((label) => label.textContent.trim()).join("");
-        return !(
-          control.getAttribute("aria-label") ||
-          labels ||
-          (control.tagName === "BUTTON" && control.textContent.trim())
-        );
-      })
-      .map((control) => control.id),
-  );
-}
-
-async function save(page) {
-  await page.getByText("Save", { exact: true }).click();
-  const names = [];
-  for (const [button, name] of [
-    ["BVH", "motion.bvh"],
-    ["glTF (.glb)", "motion.glb"],
-  ]) {
-    const [download] = await Promise.all([
-      page.waitForEvent("download"),
-      page.getByRole("button", { name: button }).click(),
-    ]);
-    await download.saveAs(`${folder}/${name}`);
-    names.push(download.suggestedFilename());
-  }
-  return names;
-}
-
-/** Space pauses, an arrow steps a frame back, L is live again. */
-async function keys(page) {
-  const until = (check, from) => page.waitForFunction(check, from, { polling: 100 });
-  const place = () => page.$eval("#scrub", (slider) => Number(slider.value));
-  await page.click("h1");
-  await page.keyboard.press("Space");
-  await until(() => document.querySelector("#play").textContent === "Play");
-  const at = await place();
-  await page.keyboard.press("ArrowLeft");
-  await until((before) => Number(document.querySelector("#scrub").value) < before, at);
-  const stepped = at - (await place());
-  const whilePaused = await page.getAttribute("#live", "aria-pressed");
-  await page.keyboard.press("l");
-  await until(() => document.querySelector("#live").ariaPressed === "true");
-  return { stepped, whilePaused, button: await page.textContent("#play") };
-}
-
-/** A file of 300 MB that takes no memory: the page must refuse it unread. */
-async function dropHuge(page) {
-  await page.evaluate(() => {
-    const piece = new Blob([new Uint8Array(1e6)]);
-    const transfer = new DataTransfer();
-    transfer.items.add(new File(Array(300).fill(piece), "huge.vrm"));
-    dispatchEvent(new DragEvent("drop", { dataTransfer: transfer, bubbles: true, cancelable: true }));
-  });
-}
+process.exit(0);

@@ -1,26 +1,27 @@
-/** The page watching the replay of a running server: node watch.mjs ADDRESS PICTURE */
+/** The page of a server: its input is watched, parts are switched off, a broken line comes back: node watch.mjs ADDRESS PICTURE */
 
 import { scenario } from "./page.mjs";
 
 const [address, picture] = process.argv.slice(2);
-await scenario({ colorScheme: "light" }, async (page) => {
-  const begin = Date.now();
+await scenario({ viewport: { width: 520, height: 420 } }, async (page) => {
   await page.goto(address);
-  const until = (check) => page.waitForFunction(check, null, { polling: 100 });
-  await until(() => document.querySelector("#rate").textContent.includes("Hz"));
-  const usableAfter = Date.now() - begin;
-  await until(
-    () => document.querySelector("#status").textContent === "Connected · head, left wrist, right wrist measured",
-  );
-  await page.waitForTimeout(1500);
+  const until = (id, part) =>
+    page.waitForFunction(([where, what]) => document.querySelector(where).textContent.includes(what), [id, part], {
+      polling: 100,
+    });
   const text = (id) => page.textContent(id);
-  const before = { status: await text("#status"), shown: await text("#shown"), rate: await text("#rate") };
+  await until("#shown", "from the truth");
+  await until("#shown", "3 points");
+  await page.waitForTimeout(1500);
+  const before = { source: await text("#source"), shown: await text("#shown") };
   await page.screenshot({ path: picture });
-  await page.getByRole("button", { name: "Head only" }).click();
-  await until(() => document.querySelector("#status").textContent === "Connected · head measured");
-  await page.waitForTimeout(2500);
-  const off = await page.$$eval("#sensors input", (boxes) => boxes.filter((box) => !box.checked).length);
-  const headOnly = { status: await text("#status"), shown: await text("#shown"), off };
-  await page.screenshot({ path: picture.replace(".png", "_head.png") });
-  return { usableAfter, before, headOnly, notice: await page.isVisible("#notice") };
+  await page.dispatchEvent("#settings", "click");
+  for (const name of ["Left hand", "Right hand"])
+    await page.locator("#parts label", { hasText: name }).locator("input").dispatchEvent("click");
+  await page.waitForTimeout(4000);
+  const headOnly = await text("#shown");
+  await page.dispatchEvent("#door-performance", "click");
+  await until("#rate", "completed here");
+  await until("#source", "performance");
+  return { before, headOnly, notice: await page.isVisible("#notice") };
 });

@@ -132,6 +132,10 @@ def frozen_frames(subject: Subject) -> Value | Unanswered:
         return Unanswered("the body hardly moves")
     same = (subject.places[1:] == subject.places[:-1]).all(axis=-1) & (subject.known[1:] & subject.known[:-1])
     stuck = (same | ~subject.known[1:]).all(axis=1) & subject.known[1:].any(axis=1)
+    if not subject.transport.messages:  # editors hold a file's first or last pose
+        moves = np.flatnonzero(~stuck)
+        stuck[: moves[0] if len(moves) else 0] = False
+        stuck[moves[-1] if len(moves) else 0 :] = False
     run, start = longest_run(stuck)
     return Value(run * subject.interval, "", start)
 

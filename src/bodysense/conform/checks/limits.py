@@ -56,13 +56,17 @@ def bends_backward(parts: tuple[str, str, str], sense: float, subject: Subject) 
 
 
 def penetration(pairs: tuple[tuple[Chain, Chain], ...], radius: float, subject: Subject) -> Value | Unanswered:
-    """Share of frames in which two limbs' bones are nearer than `radius` m to each other: one is inside the other."""
+    """Share of frames in which two limbs' bones are nearer than `radius` m to each other: one is inside the other.
+
+    A limb is followed along its joints: the straight line from the pelvis to the neck of who bends leaves the trunk.
+    """
     worst, where = -1.0, ""
     for one, other in pairs:
-        if not subject.has(*one, *other):
+        chain = [name for name in _along(*other) if subject.has(name)]
+        if not subject.has(*one) or len(chain) < 2:
             continue
-        apart = _between_segments(*(subject.at(name) for name in (*one, *other)))
-        share = 100 * float((apart < radius * subject.height / 1.5).mean())
+        bones = [_between_segments(*(subject.at(name) for name in (*one, a, b))) for a, b in pairwise(chain)]
+        share = 100 * float((np.minimum.reduce(bones) < radius * subject.height / 1.5).mean())
         if share > worst:
             worst, where = share, f"{one[0]}, {other[0]}"
     return Value(worst, where) if worst >= 0 else Unanswered("some of these joints do not come")
@@ -78,6 +82,14 @@ def _between_segments(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray
     t = np.clip((uv * s + vw) / np.maximum(vv, 1e-12), 0, 1)
     s = np.clip((uv * t - uw) / np.maximum(uu, 1e-12), 0, 1)
     return np.linalg.norm(w + s[:, None] * u - t[:, None] * v, axis=-1)
+
+
+def _along(start: str, end: str) -> list[str]:
+    """The joints from one to another that hangs on it, both included."""
+    ours, names = default_skeleton(), [end]
+    while names[-1] != start:
+        names.append(ours.joints[ours.parents[ours.index(names[-1])]])
+    return names[::-1]
 
 
 def _rotated(subject: Subject, *joints: str) -> bool:
@@ -129,7 +141,7 @@ CHECKS = (
         ),
         "%",
         "Forearms go through trunk or neck.",
-        most=40,
+        most=70,
         after=SIZED,
     ),
     Check(
@@ -137,7 +149,7 @@ CHECKS = (
         partial(penetration, ((FOREARM[0], FOREARM[1]),), 0.01),
         "%",
         "One forearm goes through the other.",
-        most=50,
+        most=70,
         after=SIZED,
     ),
 )

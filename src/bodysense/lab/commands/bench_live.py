@@ -118,7 +118,8 @@ class Load:
 
     def connect(self, count: int) -> None:
         """Open more connections and say hello."""
-        from bodysense.serve.messages import Hello, write_message
+        from bodysense.serve.message_text import write_message
+        from bodysense.serve.messages import Hello
 
         hello = write_message(Hello(1, points=_POINTS)).encode()
         for _ in range(count):

@@ -1,0 +1,136 @@
+"""Links: other programs that a server talks with by itself; they are given bodies, and may give signals."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from bodysense.errors import BodysenseError
+from bodysense.observation import Observation
+from bodysense.serve.answer import Answer
+from bodysense.serve.live import Live
+from bodysense.serve.messages import Calibrate, Recentre
+from bodysense.serve.metrics import Metrics
+from bodysense.serve.protocol import HAS_POSITION, HAS_ROTATION, SignalFrame, wire_accuracy
+from bodysense.serve.safety import RateLimit
+
+TOGETHER = 0.002  # s: packets that come so soon after one another are one frame
+MOST_PACKETS = 2000.0  # a second that are looked at; twice as many in a burst
+LOST = 0.5  # s without a body, after which other programs are told that nothing is tracked
+
+
+Command = Calibrate | Recentre
+
+
+class Link(Protocol):
+    """One other program. Its sockets are bound when it is made, so that errors come before anything is served."""
+
+    async def open(self, live: Live) -> None:
+        """Begin, within the event loop."""
+        ...
+
+    def show(self, answer: Answer) -> None:
+        """Give it a body; must neither wait nor raise."""
+        ...
+
+    def close(self) -> None:
+        """Say goodbye."""
+        ...
+
+
+class Reader(Protocol):
+    """What comes of packets: `VmcTrackers`, `VmtReader` …"""
+
+    def start(self) -> Any:
+        """Nothing came yet."""
+        ...
+
+    def take(self, packet: bytes, now: float, state: Any) -> tuple[Any, str | None]:
+        """Take in a packet; the reason, too, where it or a part of it is of no use."""
+        ...
+
+    def observation(self, now: float, state: Any) -> Observation | None:
+        """One frame as of now."""
+        ...
+
+    def commands(self, packet: bytes) -> Sequence[Command]:
+        """What a packet asks for."""
+        ...
+
+
+class DeviceInput(asyncio.DatagramProtocol):
+    """Packets become signal frames of `points`, each of what came within two milliseconds."""
+
+    def __init__(
+        self,
+        play: Callable[[SignalFrame], None],
+        metrics: Metrics,
+        reader: Reader,
+        points: tuple[str, ...],
+        do: Callable[[Command], None] = lambda command: None,
+    ) -> None:
+        self._play, self._metrics, self._reader, self._points = play, metrics, reader, points
+        self._do = do
+        self.state: Any = reader.start()
+        self._waits = False
+        self._sequence = 0
+        self._rate = RateLimit(MOST_PACKETS, 0.0)
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        """Take one packet."""
+        loop = asyncio.get_running_loop()
+        if not self._rate.allows(loop.time()):
+            self._metrics.dropped("flood")
+            return
+        self.state, reason = self._reader.take(data, loop.time(), self.state)
+        if reason is not None:
+            self._metrics.dropped("malformed packet")
+        for command in self._reader.commands(data):
+            self._do(command)
+        if not self._waits:
+            self._waits = True
+            loop.call_later(TOGETHER, self._flush)
+
+    def _flush(self) -> None:
+        self._waits = False
+        now = asyncio.get_running_loop().time()
+        observation = self._reader.observation(now, self.state)
+        if observation is not None:
+            self._sequence = (self._sequence + 1) % 2**32
+            self._play(signal_of(observation, self._points, self._sequence, now))
+
+
+def listened(option: str, host: str, port: int) -> socket.socket:
+    """A UDP socket that is listened on. Raises BodysenseError, naming the option, where the port cannot be had."""
+    try:
+        family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        found = socket.socket(family, kind)
+    except OSError as error:
+        raise BodysenseError(f"{option} {port}: {host}: {error.strerror}; give an address of this machine") from None
+    try:
+        found.setblocking(False)
+        found.bind(address)
+    except (OSError, OverflowError) as error:
+        found.close()
+        reason = getattr(error, "strerror", None) or error
+        raise BodysenseError(f"{option} {port}: UDP port {port} of {host}: {reason}; choose another port") from None
+    return found
+
+
+def signal_of(observation: Observation, points: tuple[str, ...], sequence: int, time: float) -> SignalFrame:
+    """The first frame of an observation as a signal of `points`; others are left out."""
+    here = [k for k, name in enumerate(observation.points) if name in points]
+    has = HAS_POSITION * observation.has_position[0, here] + HAS_ROTATION * observation.has_rotation[0, here]
+    return SignalFrame(
+        sequence,
+        time,
+        np.array([points.index(observation.points[k]) for k in here], dtype=np.uint8),
+        has.astype(np.uint8),
+        np.nan_to_num(observation.position[0, here]).astype(np.float32),
+        np.nan_to_num(observation.rotation[0, here]).astype(np.float32),
+        wire_accuracy(observation.accuracy[0, here]),
+    )

@@ -1,0 +1,36 @@
+"""What a server does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from bodysense.body.glove_set import GloveSet, standard_set
+from bodysense.body.person import Person
+from bodysense.serve.datagrams import Receiver
+from bodysense.serve.messages import Settings
+from bodysense.serve.replay import Playable
+from bodysense.serve.safety import Access, Limits
+from bodysense.serve.vmc_trackers import VmcTrackers
+from bodysense.serve.vmt_link import VmtSettings
+
+
+@dataclass(frozen=True)
+class ServerSettings:
+    """What a server does."""
+
+    access: Access = Access()
+    limits: Limits = Limits()
+    allow_record: Path | None = None  # a folder
+    playable: Playable | None = None
+    person: Person = Person()  # what is known of wearers who do not tell their height
+    wearer: Settings = Settings()  # of the server's own inputs
+    recentre: bool = False  # where they first stand is the middle
+    shared: Path | None = None  # a folder by which servers, and workers, resume one another's sessions
+    save_person: Path | None = None  # where the wearer of the server's own input is kept once calibrated
+    vmc_in: int | None = None  # ports, on the server's host
+    vmc_trackers: VmcTrackers = VmcTrackers()
+    markers_in: int | None = None
+    worn: GloveSet = field(default_factory=standard_set)  # the marker set of gloves that come in there
+    receivers: tuple[Receiver, ...] = ()
+    vmt: VmtSettings | None = None

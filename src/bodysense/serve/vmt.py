@@ -1,0 +1,151 @@
+"""SteamVR by VMT (Virtual Motion Tracker), OSC over UDP: devices are read from it, virtual trackers written to it.
+
+Source: VMT's documentation, *API*, and its driver. It is strict: `i` and `f` as it says, and as many as it says.
+No sockets here. Positions and rotations are of the driver's raw space: right-handed, −Z forward.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from bodysense.capture.osc import Message, message_bytes, read_packet
+from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation
+from bodysense.serve.driver_axes import driver_rotation, from_driver_rotation
+from bodysense.serve.tracked_devices import Device, DeviceState, TrackedDevices
+
+DRIVER_PORT = 39570  # the driver listens here
+LAST_INDEX = 57  # of a virtual device
+OFF, TRACKER, LEFT_HAND, RIGHT_HAND = 0, 1, 5, 6  # kinds of virtual devices; hands as an Index controller's
+# Where each virtual tracker is, and which joint turns it; their places in this order are their indices.
+TRACKERS: tuple[tuple[str, str], ...] = (
+    *(("pelvis", "pelvis"), ("spine3", "spine3")),
+    *((f"{side}_ankle", f"{side}_ankle") for side in ("left", "right")),
+    *((f"{side}_knee", f"{side}_hip") for side in ("left", "right")),
+    *((f"{side}_elbow", f"{side}_shoulder") for side in ("left", "right")),
+)
+_OURS = "VMT_"  # how serials of virtual devices begin
+_NOT_WORN = ("LHB-",)  # base stations
+_LONGEST_LIST = 4096
+_SEVEN = 7 * "f"
+_IDENTITY_ROOM = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class VmtState:
+    """What came in until now."""
+
+    devices: DeviceState = DeviceState()
+    headset: str = "HMD"  # its serial
+    others: tuple[str, ...] = ()  # serials of what else SteamVR has, VMT's own left out
+    lacks_room: bool = False  # VMT says that it has no room matrix, and shows nothing
+
+
+@dataclass(frozen=True)
+class VmtReader:
+    """How packets of the driver are read; satisfies the same questions as `VmcTrackers`."""
+
+    devices: TrackedDevices = field(default_factory=TrackedDevices)
+
+    def start(self) -> VmtState:
+        """Nothing came yet."""
+        return VmtState()
+
+    def take(self, packet: bytes, now: float, state: VmtState) -> tuple[VmtState, str | None]:
+        """Take in a packet that came at `now` s; the reason, too, where it or a part of it is of no use."""
+        messages = read_packet(packet)
+        if isinstance(messages, str):
+            return state, messages
+        told: list[tuple[str, Device]] = []
+        wrong: str | None = None
+        for message in messages:
+            if message.address == "/VMT/Out/Devices/List":
+                state = _listed(message, state)
+            elif message.address == "/VMT/Out/Unavailable":
+                state = replace(state, lacks_room=message.arguments[:1] == (1,))
+            elif message.address == "/VMT/Out/SubscribedDevice":
+                found = self._device(message, now, state)
+                if isinstance(found, str):
+                    wrong = found
+                else:
+                    told.append(found)
+        devices, reason = self.devices.put(told, state.devices)
+        return replace(state, devices=devices), reason or wrong
+
+    def observation(self, now: float, state: VmtState) -> Observation | None:
+        """One frame, as of the last device that came; None where none came lately."""
+        return self.devices.observation(now, state.devices)
+
+    def commands(self, packet: bytes) -> tuple[()]:
+        """The driver asks for nothing."""
+        return ()
+
+    def _device(self, message: Message, now: float, state: VmtState) -> tuple[str, Device] | str:
+        serial, numbers = message.arguments[0] if message.arguments else None, message.arguments[1:8]
+        if not isinstance(serial, str) or len(numbers) < 7 or not all(isinstance(x, float) for x in numbers):
+            return f"{message.address} is not a serial, three coordinates and a quaternion"
+        values = np.array(numbers, dtype=float)
+        if not np.isfinite(values).all() or np.abs(values[:3]).max() > FARTHEST:
+            return f"{message.address}: {serial[:40]!r} is not finite, or farther than {FARTHEST:g} m away"
+        length = float(np.linalg.norm(values[3:])) if np.abs(values[3:]).max() < 2 else 0.0
+        turn = from_driver_rotation(values[3:] / length) if abs(length - 1) < UNIT_TOLERANCE else None
+        return serial, Device(self._kind(serial, state), values[:3], turn, now, raw=True)
+
+    def _kind(self, serial: str, state: VmtState) -> str:
+        """VMT tells no kinds: two devices that nobody named are the controllers, of more than two none is."""
+        if serial in ("HMD", state.headset):
+            return "Hmd"
+        said = serial.lower()
+        if "controller" in said or "hand" in said:
+            return "Con"
+        nameless = [one for one in state.others if one not in self.devices.names]
+        return "Con" if serial in nameless and len(nameless) <= 2 else "Tra"
+
+
+def _listed(message: Message, state: VmtState) -> VmtState:
+    """The state after a list of devices, `index:serial` in lines; the headset is number 0."""
+    text = message.arguments[0] if message.arguments else None
+    if not isinstance(text, str) or len(text) > _LONGEST_LIST:
+        return state
+    rows: dict[str, str] = {}
+    for line in text.splitlines():
+        number, colon, serial = line.strip().partition(":")
+        if colon:
+            rows[number] = serial
+    worn = [serial for number, serial in rows.items() if number != "0" and not serial.startswith((_OURS, *_NOT_WORN))]
+    return replace(state, headset=rows.get("0", state.headset), others=tuple(dict.fromkeys(worn)))
+
+
+def subscriptions(state: VmtState, address: str, port: int) -> list[bytes]:
+    """What is asked of the driver again and again, so that one that was restarted knows it, too."""
+    asked = [
+        message_bytes("/VMT/Set/Destination", "si", address, port),
+        message_bytes("/VMT/Get/Devices/List", ""),
+        *(message_bytes("/VMT/Subscribe/Device", "s", serial) for serial in (state.headset, *state.others)),
+    ]
+    if state.lacks_room:  # identity: raw space and room are the same to it
+        asked.append(message_bytes("/VMT/Set/RoomMatrix/Temporary", 12 * "f", *_IDENTITY_ROOM))
+    return asked
+
+
+def tracker_messages(
+    first: int, trackers: Sequence[tuple[str, str]], points: Mapping[str, np.ndarray], turns: Mapping[str, np.ndarray]
+) -> list[bytes]:
+    """A message for each virtual tracker, from places (3,) m and rotations (4,) wxyz by name, in the driver's world."""
+    return [
+        device_message(first + TRACKERS.index((place, turn)), TRACKER, points[place], driver_rotation(turns[turn]))
+        for place, turn in trackers
+    ]
+
+
+def device_message(index: int, kind: int, place: np.ndarray, turn: np.ndarray) -> bytes:
+    """A virtual device at a place (3,) m, turned as x y z w."""
+    return message_bytes("/VMT/Raw/Driver", f"iif{_SEVEN}", index, kind, 0.0, *place.tolist(), *turn.tolist())
+
+
+def off_messages(indices: Sequence[int]) -> list[bytes]:
+    """Virtual devices that are lost: without this the driver shows their last pose for ever."""
+    lost = 3 * (0.0,), (0.0, 0.0, 0.0, 1.0)
+    return [message_bytes("/VMT/Raw/Driver", f"iif{_SEVEN}", k, OFF, 0.0, *lost[0], *lost[1]) for k in indices]

@@ -1,0 +1,52 @@
+"""The page's webcam, fed from a rendered film of the packaged performance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bodysense.demo import packaged_performance
+from bodysense.lab.rendering.figure import load_figure
+from bodysense.lab.rendering.scene import sample_scene
+from bodysense.lab.rendering.stage import open_stage
+from bodysense.occlusion.camera_view import Camera
+from bodysense.serve.page_files import WEBCAM
+
+pytestmark = pytest.mark.slow
+
+Scenario = Callable[..., dict[str, Any]]
+
+RATE, SECONDS = 15, 4
+
+
+def film(path: Path) -> Path:
+    """Write the film, MJPEG."""
+    import av
+
+    clip = packaged_performance()
+    step = round(clip.frame_rate / RATE)
+    pose = load_figure("woman").wear(clip.pose[: RATE * SECONDS * step : step])
+    around = np.median(pose.root_position, axis=0)
+    camera = Camera(around + np.array([0.2, 0.15, 2.7]), np.eye(3), np.array(1.0), np.array(4 / 3))
+    scene = sample_scene(np.random.default_rng(5), "woman")
+    with open_stage(scene, camera, 480, around) as stage, av.open(str(path), "w", format="mjpeg") as container:
+        stream = container.add_stream("mjpeg", rate=Fraction(RATE))
+        stream.width, stream.height, stream.pix_fmt = *stage.size, "yuvj420p"
+        for k in range(len(pose.root_position)):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(stage.draw(pose[k]), format="rgb24")))
+        container.mux(stream.encode(None))
+    return path
+
+
+def test_a_webcam_sees_a_person(scenario: Scenario, site: Path, tmp_path: Path) -> None:
+    if not all((site / name).is_file() for name in WEBCAM):
+        pytest.skip("MediaPipe's files for the page are missing: run scripts/build_landmarkers.py")
+    pytest.importorskip("moderngl", reason="needs bodysense[render]")
+    said = scenario("webcam", site, film(tmp_path / "person.mjpeg"), tmp_path)
+    assert int(said["points"]) >= 8
+    assert said["nobody"].startswith("Nobody is seen yet")

@@ -1,0 +1,82 @@
+/** A motion, and what simulated sensors track of it. */
+
+import type { Quaternion, Vector } from "./math";
+import { ACCURACY, type Observation } from "./observation";
+import { place, type Body, type Skeleton } from "./skeleton";
+
+export interface Clip {
+  readonly name: string;
+  readonly skeleton: Skeleton;
+  readonly rate: number; // Hz
+  readonly frames: number;
+  readonly root: Float32Array; // (frames × 3) m
+  readonly rotation: Float32Array; // (frames × joints × 4) wxyz, parent ← joint
+}
+
+/** Sensors that can be simulated: each gives position and rotation of its joint. */
+export const SENSOR_SETS = {
+  head: ["head"],
+  hands: ["head", "left_wrist", "right_wrist"],
+  hips: ["head", "left_wrist", "right_wrist", "pelvis"],
+  feet: ["head", "left_wrist", "right_wrist", "pelvis", "left_ankle", "right_ankle"],
+} as const satisfies Readonly<Record<string, readonly string[]>>;
+
+export type SensorSet = keyof typeof SENSOR_SETS;
+
+/** The body at a time, between frames: positions linearly, rotations along the shorter arc. */
+export function bodyAt(clip: Clip, time: number): Body {
+  const at = Math.min(Math.max(time * clip.rate, 0), clip.frames - 1);
+  const first = Math.min(Math.floor(at), Math.max(clip.frames - 2, 0));
+  const second = Math.min(first + 1, clip.frames - 1);
+  const share = at - first;
+  const { joints } = clip.skeleton;
+  const root = [0, 1, 2].map((k) => (1 - share) * clip.root[3 * first + k] + share * clip.root[3 * second + k]);
+  const rotation = new Float32Array(4 * joints);
+  for (let joint = 0; joint < joints; joint++) {
+    mixRotation(
+      clip.rotation,
+      4 * (first * joints + joint),
+      clip.rotation,
+      4 * (second * joints + joint),
+      share,
+      rotation,
+      4 * joint,
+    );
+  }
+  return place(clip.skeleton, root, rotation);
+}
+
+export function duration({ frames, rate }: Clip): number {
+  return (frames - 1) / rate;
+}
+
+/** What sensors track of a body. */
+export function observe(body: Body, skeleton: Skeleton, sensors: readonly string[], time: number): Observation {
+  const points = sensors.map((name) => {
+    const point = skeleton.points.indexOf(name);
+    const position = Array.from(body.position.subarray(3 * point, 3 * point + 3)) as unknown as Vector;
+    const rotation = Array.from(body.rotation.subarray(4 * point, 4 * point + 4)) as unknown as Quaternion;
+    return { name, position, rotation, accuracy: ACCURACY.exact };
+  });
+  return { time, points };
+}
+
+export function mixRotation(
+  a: Float32Array,
+  i: number,
+  b: Float32Array,
+  j: number,
+  share: number,
+  out: Float32Array,
+  to: number,
+): void {
+  let product = 0;
+  for (let k = 0; k < 4; k++) product += a[i + k] * b[j + k];
+  const sign = product < 0 ? -1 : 1;
+  let length = 0;
+  for (let k = 0; k < 4; k++) {
+    out[to + k] = (1 - share) * a[i + k] + share * sign * b[j + k];
+    length += out[to + k] ** 2;
+  }
+  for (let k = 0; k < 4; k++) out[to + k] /= Math.sqrt(length);
+}

@@ -1,0 +1,96 @@
+/** NumPy's .npz: a zip of arrays. Nothing in it is run. */
+
+export interface NumpyArray {
+  readonly shape: readonly number[];
+  readonly values: Float64Array;
+}
+
+export type Archive = ReadonlyMap<string, NumpyArray | readonly string[]>;
+
+const END = 0x06054b50;
+const ENTRY = 0x02014b50;
+const LARGEST = 2 ** 30; // bytes of one array
+
+/** The arrays of an archive. Throws an Error of a few words where it is none. */
+export async function readNpz(bytes: ArrayBuffer): Promise<Archive> {
+  const view = new DataView(bytes);
+  const found = new Map<string, NumpyArray | readonly string[]>();
+  let end = bytes.byteLength - 22;
+  while (end >= 0 && view.getUint32(end, true) !== END) end--;
+  if (end < 0) throw new Error("it is no .npz archive, or it was cut short");
+  let at = view.getUint32(end + 16, true);
+  for (let k = view.getUint16(end + 10, true); k > 0; k--) {
+    if (at + 46 > bytes.byteLength || view.getUint32(at, true) !== ENTRY)
+      throw new Error("its list of arrays is damaged");
+    const method = view.getUint16(at + 10, true);
+    const packed = view.getUint32(at + 20, true);
+    const size = view.getUint32(at + 24, true);
+    const [name, extra, comment] = [28, 30, 32].map((field) => view.getUint16(at + field, true));
+    const local = view.getUint32(at + 42, true);
+    const title = new TextDecoder().decode(new Uint8Array(bytes, at + 46, name));
+    const start = local + 30 + view.getUint16(local + 26, true) + view.getUint16(local + 28, true);
+    if (size > LARGEST || start + packed > bytes.byteLength) throw new Error(`its array ${title} is damaged`);
+    const content = bytes.slice(start, start + packed);
+    found.set(
+      title.replace(/\.npy$/, ""),
+      readNpy(method === 0 ? content : await inflated(content, "deflate-raw"), title),
+    );
+    at += 46 + name + extra + comment;
+  }
+  return found;
+}
+
+export async function inflated(bytes: ArrayBuffer, format: CompressionFormat): Promise<ArrayBuffer> {
+  return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream(format))).arrayBuffer();
+}
+
+/** An array of numbers by name. Throws an Error of a few words where there is none, or its shape is another. */
+export function numbers(archive: Archive, name: string, shape?: readonly (number | null)[]): NumpyArray {
+  const array = archive.get(name);
+  if (!array || !("shape" in array)) throw new Error(`it has no numbers ${name}`);
+  const fits =
+    !shape || (shape.length === array.shape.length && shape.every((n, k) => n === null || n === array.shape[k]));
+  if (!fits) throw new Error(`its ${name} has the shape ${array.shape.join(" × ")}`);
+  return array;
+}
+
+export function texts(archive: Archive, name: string): readonly string[] {
+  const array = archive.get(name);
+  if (!array || "shape" in array) throw new Error(`it has no texts ${name}`);
+  return array;
+}
+
+function readNpy(bytes: ArrayBuffer, title: string): NumpyArray | readonly string[] {
+  const view = new DataView(bytes);
+  if (bytes.byteLength < 12 || view.getUint32(0) !== 0x934e554d) throw new Error(`its ${title} is no array`);
+  const wide = view.getUint8(6) > 1;
+  const begin = wide ? 12 : 10;
+  const length = wide ? view.getUint32(8, true) : view.getUint16(8, true);
+  const header = new TextDecoder().decode(new Uint8Array(bytes, begin, length));
+  const kind = /'descr':\s*'([^']+)'/.exec(header)?.[1] ?? "";
+  const shape = (/'shape':\s*\(([^)]*)\)/.exec(header)?.[1] ?? "")
+    .split(",")
+    .flatMap((n) => (n.trim() ? [Number(n)] : []));
+  if (header.includes("'fortran_order': True")) throw new Error(`its ${title} is in Fortran's order`);
+  const count = shape.reduce((product, n) => product * n, 1);
+  const data = begin + length;
+  const letters = /^<U(\d+)$/.exec(kind)?.[1];
+  if (letters !== undefined) {
+    const codes = (k: number) =>
+      Array.from({ length: Number(letters) }, (_, c) => view.getUint32(data + 4 * (k * Number(letters) + c), true));
+    return Array.from({ length: count }, (_, k) => String.fromCodePoint(...codes(k).filter((code) => code > 0)));
+  }
+  const [width, read] = READERS[kind] ?? [];
+  if (!width || !read) throw new Error(`its ${title} holds ${kind || "what is unknown"}`);
+  if (data + width * count > bytes.byteLength) throw new Error(`its ${title} was cut short`);
+  return { shape, values: Float64Array.from({ length: count }, (_, k) => read(view, data + width * k)) };
+}
+
+const READERS: Readonly<Record<string, readonly [number, (view: DataView, at: number) => number]>> = {
+  "<f4": [4, (view, at) => view.getFloat32(at, true)],
+  "<f8": [8, (view, at) => view.getFloat64(at, true)],
+  "<i4": [4, (view, at) => view.getInt32(at, true)],
+  "<i8": [8, (view, at) => Number(view.getBigInt64(at, true))],
+  "|b1": [1, (view, at) => view.getUint8(at)],
+  "|u1": [1, (view, at) => view.getUint8(at)],
+};

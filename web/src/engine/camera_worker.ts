@@ -1,0 +1,55 @@
+/** The worker that finds a person in pictures: MediaPipe's pose landmarker. */
+
+import { PoseLandmarker, type NormalizedLandmark, type Landmark } from "@mediapipe/tasks-vision";
+
+export type ToCamera =
+  | { readonly type: "open"; readonly base: string }
+  | { readonly type: "look"; readonly picture: ImageBitmap; readonly milliseconds: number };
+
+export type FromCamera =
+  | { readonly type: "opened" }
+  | {
+      readonly type: "seen";
+      readonly world: readonly Landmark[];
+      readonly picture: readonly NormalizedLandmark[];
+      readonly milliseconds: number;
+    }
+  | { readonly type: "failed"; readonly reason: string };
+
+const MODEL = "pose_landmarker_full.task";
+let landmarker: PoseLandmarker | null = null;
+
+const tell = (message: FromCamera): void => postMessage(message);
+
+async function open(base: string): Promise<void> {
+  const at = (name: string): string => new URL(name, base).href;
+  const files = {
+    wasmLoaderPath: at("vision_wasm_module_internal.js"),
+    wasmBinaryPath: at("vision_wasm_module_internal.wasm"),
+  };
+  landmarker = await PoseLandmarker.createFromOptions(files, {
+    baseOptions: { modelAssetPath: at(MODEL), delegate: "CPU" },
+    runningMode: "VIDEO",
+    numPoses: 1,
+  });
+  tell({ type: "opened" });
+}
+
+function look(picture: ImageBitmap, milliseconds: number): void {
+  const result = landmarker?.detectForVideo(picture, milliseconds);
+  picture.close();
+  tell({ type: "seen", world: result?.worldLandmarks[0] ?? [], picture: result?.landmarks[0] ?? [], milliseconds });
+}
+
+addEventListener("message", ({ data }: MessageEvent<ToCamera>) => {
+  const fail = (error: unknown): void =>
+    tell({ type: "failed", reason: error instanceof Error ? error.message : String(error) });
+  if (data.type === "open") void open(data.base).catch(fail);
+  else {
+    try {
+      look(data.picture, data.milliseconds);
+    } catch (error) {
+      fail(error);
+    }
+  }
+});

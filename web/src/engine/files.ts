@@ -1,0 +1,34 @@
+/** The page's own files beside its code: those of the library, as `bodysense page` puts them there. */
+
+import { inflated } from "../core/npz";
+import { skeletonOfRows, type Skeleton, type SkeletonRows } from "../core/skeleton";
+
+export async function fetched(base: string, name: string): Promise<ArrayBuffer> {
+  const response = await fetch(new URL(name, base)).catch(() => null);
+  if (!response?.ok)
+    throw new Error(`${name} cannot be fetched; is this folder whole, as \`bodysense page\` writes it?`);
+  return response.arrayBuffer();
+}
+
+/** A file that is kept packed, so that any host sends it small. */
+export async function unpacked(base: string, name: string): Promise<ArrayBuffer> {
+  const bytes = await fetched(base, name);
+  return inflated(bytes, "gzip").catch(() => {
+    throw new Error(`${name} is damaged; load the page again.`);
+  });
+}
+
+export interface DefaultBody {
+  readonly skeleton: Skeleton;
+  readonly landmarks: ReadonlyMap<string, readonly [number, number, number]>; // m from the joint that carries each
+}
+
+export async function defaultBody(base: string): Promise<DefaultBody> {
+  const rows = JSON.parse(new TextDecoder().decode(await fetched(base, "default_body.json"))) as SkeletonRows & {
+    readonly landmarks: readonly { readonly name: string; readonly offset: readonly [number, number, number] }[];
+  };
+  return {
+    skeleton: skeletonOfRows(rows),
+    landmarks: new Map(rows.landmarks.map(({ name, offset }) => [name, offset])),
+  };
+}

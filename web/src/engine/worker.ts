@@ -1,0 +1,47 @@
+/** The worker that completes bodies, so that rendering never waits. */
+
+import { readNpz } from "../core/npz";
+import { ShapeSpace } from "../core/shape";
+import { Tracker } from "../core/tracker";
+import { defaultBody, fetched, unpacked } from "./files";
+import { openGraph } from "./graph";
+import type { FromEngine, ToEngine } from "./messages";
+
+const tell = (message: FromEngine): void => postMessage(message);
+let tracker: Tracker | null = null;
+let turn: Promise<void> = Promise.resolve(); // messages are taken one after the other
+
+async function open(base: string): Promise<void> {
+  const [network, runtime, space, body] = await Promise.all([
+    unpacked(base, "completion.onnx.gz"),
+    unpacked(base, "runtime.wasm.gz"),
+    fetched(base, "shape_space.npz").then(readNpz),
+    defaultBody(base),
+  ]);
+  tracker = new Tracker(await openGraph(network, runtime), new ShapeSpace(space, body.skeleton), body.skeleton);
+  tell({ type: "opened" });
+}
+
+async function take(message: ToEngine): Promise<void> {
+  if (message.type === "open") return open(message.base);
+  if (!tracker) return;
+  if (message.type === "start") {
+    tracker.settings = message.settings;
+    tracker.start(message.person);
+  } else if (message.type === "person") tracker.tell(message.person);
+  else if (message.type === "settings") tracker.settings = message.settings;
+  else {
+    const began = performance.now();
+    const body = await tracker.step(message.observation);
+    tell({ type: "completed", id: message.id, body, milliseconds: performance.now() - began });
+  }
+}
+
+addEventListener("message", ({ data }: MessageEvent<ToEngine>) => {
+  turn = turn
+    .then(() => take(data))
+    .catch((error: unknown) => {
+      const reason = error instanceof Error ? error.message : String(error);
+      tell({ type: "failed", id: data.type === "step" ? data.id : null, reason });
+    });
+});

@@ -1,0 +1,41 @@
+/** Motion of the AMASS layout (.npz): SMPL-H or SMPL-X poses, Z up; turned to +Y up. */
+
+import type { Clip } from "../core/clip";
+import { exponential, multiply, rotate, type Quaternion, type Vector } from "../core/math";
+import { numbers, type Archive } from "../core/npz";
+import type { Skeleton } from "../core/skeleton";
+
+const Z_UP_TO_Y_UP: Quaternion = [Math.SQRT1_2, -Math.SQRT1_2, 0, 0];
+const JOINTS = 52;
+
+export function isAmass(archive: Archive): boolean {
+  return archive.has("poses") && archive.has("trans");
+}
+
+/** Throws an Error of a few words where it is no such motion. */
+export function amassClip(archive: Archive, name: string, skeleton: Skeleton): Clip {
+  const poses = numbers(archive, "poses", [null, null]);
+  const [frames, width] = poses.shape;
+  if (width !== 156 && width !== 165)
+    throw new Error(`its poses have ${width} numbers, not the 156 of SMPL-H or the 165 of SMPL-X`);
+  if (frames < 2) throw new Error("it has less than two frames");
+  const trans = numbers(archive, "trans", [frames, 3]).values;
+  const rateKey = ["mocap_framerate", "mocap_frame_rate"].find((key) => archive.has(key));
+  if (!rateKey) throw new Error("it does not say its frame rate (mocap_framerate)");
+  const rate = numbers(archive, rateKey).values[0];
+  const root = new Float32Array(3 * frames);
+  const rotation = new Float32Array(4 * JOINTS * frames);
+  for (let frame = 0; frame < frames; frame++) {
+    root.set(rotate(Z_UP_TO_Y_UP, vector(trans, 3 * frame)), 3 * frame);
+    for (let joint = 0; joint < JOINTS; joint++) {
+      const column = 3 * joint + (width === 165 && joint >= 22 ? 9 : 0); // SMPL-X has jaw and eyes in between
+      const local = exponential(vector(poses.values, width * frame + column));
+      rotation.set(joint === 0 ? multiply(Z_UP_TO_Y_UP, local) : local, 4 * (JOINTS * frame + joint));
+    }
+  }
+  return { name, skeleton, rate, frames, root, rotation };
+}
+
+function vector(values: Float64Array, at: number): Vector {
+  return [values[at], values[at + 1], values[at + 2]];
+}

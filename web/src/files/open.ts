@@ -1,0 +1,63 @@
+/** A file that was dropped or chosen: a motion, a recording or an avatar. */
+
+import type { Clip } from "../core/clip";
+import { readNpz } from "../core/npz";
+import type { Observation } from "../core/observation";
+import type { Skeleton } from "../core/skeleton";
+import type { Avatar } from "../view/avatar";
+import { amassClip, isAmass } from "./amass";
+import { readBvh } from "./bvh_read";
+import { recordingOf, recordingOfLines } from "./recording";
+import { clipOf } from "./rig";
+
+export type Opened =
+  | { readonly kind: "motion"; readonly clip: Clip }
+  | { readonly kind: "recording"; readonly frames: readonly Observation[] }
+  | { readonly kind: "avatar"; readonly avatar: Avatar };
+
+const LARGEST = 200; // MB
+const GLB_MAGIC = 0x46546c67; // "glTF", little-endian
+const ZIP_MAGIC = 0x04034b50;
+
+/** Throws an Error of one line for what the page cannot use. */
+export async function openFile(
+  file: Pick<File, "name" | "size" | "arrayBuffer" | "text">,
+  tree: Skeleton,
+): Promise<Opened> {
+  const { name } = file;
+  const megabytes = file.size / 1e6;
+  if (megabytes > LARGEST)
+    throw new Error(
+      `${name} has ${megabytes.toFixed(0)} MB; this page takes ${LARGEST} MB: cut it, or make its textures smaller.`,
+    );
+  if (/\.bvh$/i.test(name)) return { kind: "motion", clip: clipOf(readBvh(await file.text(), name), tree) };
+  if (/\.jsonl$/i.test(name))
+    return { kind: "recording", frames: await about(name, async () => recordingOfLines(await file.text())) };
+  const bytes = await file.arrayBuffer();
+  const magic = bytes.byteLength >= 4 ? new DataView(bytes).getUint32(0, true) : 0;
+  if (magic === ZIP_MAGIC) {
+    const archive = await about(name, () => readNpz(bytes));
+    if (isAmass(archive))
+      return { kind: "motion", clip: await about(name, async () => amassClip(archive, name, tree)) };
+    return { kind: "recording", frames: await about(name, async () => recordingOf(archive)) };
+  }
+  if (magic === GLB_MAGIC) return openGlb(bytes, name, tree);
+  throw new Error(
+    `${name} is nothing that this page reads; drop a motion (.bvh, .glb, AMASS .npz), a recording (.npz, .jsonl) or an avatar (.vrm).`,
+  );
+}
+
+async function openGlb(bytes: ArrayBuffer, name: string, tree: Skeleton): Promise<Opened> {
+  const [{ Avatar, readGlb }, { rigOfGlb }] = await Promise.all([import("../view/avatar"), import("./glb_read")]);
+  const file = await readGlb(bytes, name);
+  const avatar = Avatar.of(file, name);
+  return avatar ? { kind: "avatar", avatar } : { kind: "motion", clip: clipOf(rigOfGlb(file, name), tree) };
+}
+
+async function about<T>(name: string, read: () => Promise<T>): Promise<T> {
+  try {
+    return await read();
+  } catch (error) {
+    throw new Error(`${name} cannot be used: ${error instanceof Error ? error.message : "it is damaged"}.`);
+  }
+}

@@ -1,0 +1,93 @@
+/** Recordings (docs/recording.md): what a device tracked, `.npz` or `.jsonl`. */
+
+import type { Quaternion, Vector } from "../core/math";
+import { numbers, texts, type Archive } from "../core/npz";
+import { ACCURACY, type Observation, type Point } from "../core/observation";
+
+const FORMAT = "bodysense recording 1";
+const WORN: ReadonlySet<string> = new Set(["head", "left_wrist", "right_wrist"]);
+
+/** The frames of a .npz recording. Throws an Error of a few words where it is none. */
+export function recordingOf(archive: Archive): Observation[] {
+  const format = texts(archive, "format")[0];
+  if (format !== FORMAT) throw new Error(`it has the format ${format}, and this page reads ${FORMAT}`);
+  const points = texts(archive, "points");
+  const time = numbers(archive, "time", [null]).values;
+  const [T, P] = [time.length, points.length];
+  const position = numbers(archive, "position", [T, P, 3]).values;
+  const rotation = numbers(archive, "rotation", [T, P, 4]).values;
+  const placed = numbers(archive, "has_position", [T, P]).values;
+  const turned = numbers(archive, "has_rotation", [T, P]).values;
+  const accuracy = archive.has("accuracy") ? numbers(archive, "accuracy", [T, P]).values : null;
+  return checked(
+    Array.from(time, (seconds, frame) => ({
+      time: seconds,
+      points: points.flatMap((name, p): Point[] => {
+        const k = frame * P + p;
+        if (!placed[k] && !turned[k]) return [];
+        return [
+          {
+            name,
+            position: placed[k] ? ([...position.subarray(3 * k, 3 * k + 3)] as unknown as Vector) : null,
+            rotation: turned[k] ? ([...rotation.subarray(4 * k, 4 * k + 4)] as unknown as Quaternion) : null,
+            accuracy: accuracy?.[k] ?? usual(name),
+          },
+        ];
+      }),
+    })),
+  );
+}
+
+/** The frames of a .jsonl recording. Throws an Error of a few words where it is none. */
+export function recordingOfLines(text: string): Observation[] {
+  const rows = text.split("\n").flatMap((line, k) => (line.trim() ? [object(line, k + 1)] : []));
+  if (rows[0]?.["format"] !== FORMAT) throw new Error(`its first line is no header with the format ${FORMAT}`);
+  const told = record(rows[0]["accuracy"]);
+  return checked(
+    rows.slice(1).map((row, frame): Observation => {
+      const { time } = row;
+      if (typeof time !== "number") throw new Error(`its frame ${frame} has no time`);
+      const [position, rotation, own] = [record(row["position"]), record(row["rotation"]), record(row["accuracy"])];
+      const names = [...new Set([...Object.keys(position), ...Object.keys(rotation)])];
+      return {
+        time,
+        points: names.map((name) => ({
+          name,
+          position: list(position[name], 3, frame) as Vector | null,
+          rotation: list(rotation[name], 4, frame) as Quaternion | null,
+          accuracy: Number(own[name] ?? told[name] ?? usual(name)),
+        })),
+      };
+    }),
+  );
+}
+
+function checked(frames: Observation[]): Observation[] {
+  if (frames.length < 2) throw new Error("it has less than two frames");
+  const wrong = frames.findIndex(({ time }, k) => !Number.isFinite(time) || (k > 0 && time <= frames[k - 1].time));
+  if (wrong >= 0) throw new Error(`its time does not increase at frame ${wrong}`);
+  return frames;
+}
+
+function usual(name: string): number {
+  return WORN.has(name) ? ACCURACY.headset : ACCURACY.tracker;
+}
+
+function object(line: string, number: number): Record<string, unknown> {
+  try {
+    return record(JSON.parse(line) as unknown);
+  } catch {
+    throw new Error(`its line ${number} is not JSON; it may have been cut short`);
+  }
+}
+
+function record(value: unknown): Record<string, unknown> {
+  return typeof value === "object" && value !== null && !Array.isArray(value) ? (value as Record<string, unknown>) : {};
+}
+
+function list(value: unknown, count: number, frame: number): readonly number[] | null {
+  if (value === undefined) return null;
+  if (Array.isArray(value) && value.length === count && value.every((n) => typeof n === "number"))
+    return value as number[];
+  throw new Error(`its frame ${frame} has no ${count} numbers where it should`);
+}

@@ -1,0 +1,106 @@
+/** The headset's door: what is missing for it, its menu in VR, and what happens when it is taken off. */
+
+import type { Observation } from "./core/observation";
+import type { DefaultBody } from "./engine/files";
+import type { Live } from "./live";
+import { Headset, missingForHeadset } from "./sources/headset";
+import { Bridge } from "./sources/server_source";
+import type { Source } from "./sources/source";
+import type { View } from "./view/scene";
+import { VrMenu } from "./view/vr_menu";
+
+export interface DoorEvents {
+  begin(source: Source): void;
+  tracked(frame: Observation): void;
+  measure(): void;
+  taller(metres: number): void;
+  height(): number | null;
+  record(): void;
+  isRecording(): boolean;
+  nextAvatar(): void;
+  left(text: string, isFault: boolean): void;
+}
+
+export class HeadsetDoor {
+  isWorn = false;
+  private bridge: Bridge | null = null;
+  private isSeated = false;
+  private readonly headset: Headset;
+  private readonly menu: VrMenu;
+
+  constructor(
+    view: View,
+    live: Live,
+    body: DefaultBody,
+    private readonly server: string | null, // its address, where the page has one
+    private readonly events: DoorEvents,
+  ) {
+    this.menu = new VrMenu([
+      { id: "measure", text: () => "Measure me", press: () => events.measure() },
+      { id: "taller", text: () => `Taller · ${this.heightText()}`, press: () => events.taller(0.01) },
+      { id: "shorter", text: () => "Shorter", press: () => events.taller(-0.01) },
+      { id: "recentre", text: () => "Recentre", press: () => this.recentre() },
+      { id: "seated", text: () => "I am sitting", isOn: () => this.isSeated, press: () => this.sit(!this.isSeated) },
+      {
+        id: "mirror",
+        text: () => "Mirror",
+        isOn: () => this.headset.isMirrorShown,
+        press: () => this.headset.showMirror(!this.headset.isMirrorShown),
+      },
+      { id: "avatar", text: () => "Avatar or figure", press: () => events.nextAvatar() },
+      {
+        id: "record",
+        text: () => (events.isRecording() ? "Stop recording" : "Record a take"),
+        isOn: () => events.isRecording(),
+        press: () => events.record(),
+      },
+      { id: "leave", text: () => "Leave VR", press: () => this.headset.stop() },
+    ]);
+    this.menu.say("Point and pinch, or pull the trigger.");
+    this.headset = new Headset(view, live, body.skeleton, body.landmarks, this.menu, {
+      tracked: (observation) => {
+        events.tracked(observation);
+        live.track(observation, null);
+      },
+      raw: (time, points) => this.bridge?.send(time, points),
+      left: (wasAsked) => this.leave(wasAsked),
+    });
+  }
+
+  /** From a click. Throws an Error of one line that says what is missing. */
+  async enter(): Promise<void> {
+    const missing = await missingForHeadset();
+    if (missing) throw new Error(missing);
+    await this.headset.enter();
+    this.isWorn = true;
+    this.events.begin(this.headset);
+    if (this.server) this.bridge = new Bridge(this.server, (reason) => this.say(reason));
+  }
+
+  /** One line on the menu in VR. */
+  say(text: string): void {
+    this.menu.say(text);
+  }
+
+  recentre(): void {
+    this.headset.recentre();
+  }
+
+  sit(isSeated: boolean): void {
+    this.isSeated = isSeated;
+    this.headset.sit(isSeated);
+  }
+
+  private heightText(): string {
+    const height = this.events.height();
+    return height === null ? "measured" : `${height.toFixed(2)} m`;
+  }
+
+  private leave(wasAsked: boolean): void {
+    this.isWorn = false;
+    this.bridge?.close();
+    this.bridge = null;
+    if (wasAsked) this.events.left("You are back.", false);
+    else this.events.left("The headset ended the session.", true);
+  }
+}

@@ -1,0 +1,121 @@
+/** The live body: what a source tracks goes to the worker, what comes back goes to the history. */
+
+import type { Observation } from "./core/observation";
+import { NOBODY, personOf, type Person } from "./core/person";
+import { place, withOffsets, type Body, type Skeleton } from "./core/skeleton";
+import { TRACKER_SETTINGS, type TrackerSettings } from "./core/tracker";
+import type { Engine, Step } from "./engine/engine";
+import { History } from "./history";
+import type { Sink } from "./sources/source";
+
+const MOST_WAITING = 2; // frames in the worker: newer ones are left out rather than queued
+const COUNTED = 600; // steps that times are taken of
+
+export class Live implements Sink {
+  readonly history = new History();
+  readonly times: number[] = []; // ms, of the last steps
+  settings: TrackerSettings = TRACKER_SETTINGS;
+  hidden: ReadonlySet<string> = new Set(); // points that are not looked at
+  person: Person = NOBODY;
+  left = 0; // frames that the worker had no time for
+  newest: Step["body"] | null = null;
+  isReady = false; // the network is there
+  private take = 0; // answers to frames of an earlier source are dropped
+
+  constructor(
+    private readonly engine: Engine,
+    readonly skeleton: Skeleton,
+    private readonly failed: (reason: string) => void,
+  ) {
+    void engine.opened.then(
+      () => {
+        this.isReady = true;
+        this.history.clear();
+      },
+      () => undefined, // which the page says
+    );
+  }
+
+  /** Another source begins, perhaps of another wearer; the timeline starts anew. */
+  begin(person: Person): void {
+    this.take += 1;
+    this.person = person;
+    this.newest = null;
+    this.hidden = new Set();
+    this.history.clear();
+    this.engine.start(person, this.settings);
+  }
+
+  /** The wearer told their height, or was measured; the timeline goes on. */
+  tell(person: Person): void {
+    this.person = person;
+    this.engine.person(person);
+  }
+
+  /** Throws an Error of one line for a height that no person has. */
+  tellHeight(height: number | null): void {
+    this.tell({ ...personOf(height), lengths: height === null ? [] : this.person.lengths });
+  }
+
+  change(settings: TrackerSettings): void {
+    this.settings = settings;
+    this.engine.settings(settings);
+  }
+
+  track(observation: Observation, truth: Body | null): void {
+    if (!this.isReady) {
+      if (truth) this.preview(observation, truth);
+      return;
+    }
+    if (this.engine.backlog >= MOST_WAITING) {
+      this.left += 1;
+      return;
+    }
+    const take = this.take;
+    const seen = { ...observation, points: observation.points.filter(({ name }) => !this.hidden.has(name)) };
+    void this.engine.step(seen).then(
+      (step) => take === this.take && this.keep(step, seen, truth),
+      (error: unknown) => take === this.take && this.failed(error instanceof Error ? error.message : String(error)),
+    );
+  }
+
+  /** The share of steps that took at most so long, ms. */
+  quantile(share: number): number {
+    const sorted = [...this.times].sort((a, b) => a - b);
+    return sorted[Math.floor(share * (sorted.length - 1))] ?? 0;
+  }
+
+  /** Until the network is there, the motion itself is shown. */
+  private preview({ time, points }: Observation, truth: Body): void {
+    this.history.add({
+      sourceTime: time,
+      rootPosition: truth.position.slice(0, 3),
+      rotation: new Float32Array(4 * this.skeleton.joints),
+      restOffset: this.skeleton.restOffset,
+      body: truth,
+      signal: points,
+      truth: null,
+      expected: null,
+      measured: null,
+      milliseconds: 0,
+    });
+  }
+
+  private keep({ body, milliseconds }: Step, { points }: Observation, truth: Body | null): void {
+    this.newest = body;
+    this.times.push(milliseconds);
+    if (this.times.length > COUNTED) this.times.shift();
+    this.history.add({
+      sourceTime: body.time,
+      rootPosition: body.rootPosition,
+      rotation: body.rotation,
+      restOffset: body.restOffset,
+      body: place(withOffsets(this.skeleton, body.restOffset), body.rootPosition, body.rotation),
+      signal: points,
+      truth,
+      expected: body.confidence,
+      measured: body.measured,
+      milliseconds,
+    });
+  }
+}

@@ -1,0 +1,25 @@
+/** Working without a network: after the first visit every file comes from this browser. */
+
+import { fetched } from "./engine/files";
+
+/** What a folder of the page says of itself (`page.json`). */
+export interface About {
+  readonly server: boolean; // a server of bodysense is behind it
+  readonly webcam: boolean; // MediaPipe's files are in it
+  readonly version: string;
+}
+
+export async function aboutPage(base: string): Promise<About> {
+  return JSON.parse(new TextDecoder().decode(await fetched(base, "page.json"))) as About;
+}
+
+/** Keep the page's files; not where a server is behind it, which has newer ones. */
+export function workOffline({ server }: About, base: string): void {
+  if (server || !("serviceWorker" in navigator)) return;
+  const keep = (): void => {
+    // Without it the page works as long as there is a network.
+    void navigator.serviceWorker.register(new URL("sw.js", base)).catch(() => undefined);
+  };
+  if (document.readyState === "complete") keep();
+  else addEventListener("load", keep);
+}

@@ -1,0 +1,36 @@
+/** The history at one even rate, as files of motion want it. */
+
+import { mixRotation } from "../core/clip";
+import type { Moment } from "../history";
+
+export interface Motion {
+  readonly rate: number; // Hz
+  readonly root: Float32Array; // (frames × 3) m
+  readonly rotation: Float32Array; // (frames × joints × 4) wxyz, parent ← joint
+  readonly frames: number;
+}
+
+const LONGEST = 20_000; // frames
+
+/** Between two moments positions are interpolated linearly, rotations along the shorter arc. Needs two moments. */
+export function resample(moments: readonly Moment[], joints: number): Motion {
+  const [first, last] = [moments[0].time, moments[moments.length - 1].time];
+  const steps = moments.slice(1).map((moment, k) => moment.time - moments[k].time);
+  steps.sort((a, b) => a - b);
+  const rate = Math.min(Math.max(Math.round(1 / steps[steps.length >> 1]), 1), 240);
+  const frames = Math.min(Math.floor((last - first) * rate + 1e-6) + 1, LONGEST);
+  const root = new Float32Array(3 * frames);
+  const rotation = new Float32Array(4 * joints * frames);
+  let before = 0;
+  for (let frame = 0; frame < frames; frame++) {
+    const time = first + frame / rate;
+    while (before < moments.length - 2 && moments[before + 1].time <= time) before++;
+    const [a, b] = [moments[before], moments[before + 1]];
+    const share = Math.min(Math.max((time - a.time) / (b.time - a.time), 0), 1);
+    for (let k = 0; k < 3; k++) root[3 * frame + k] = (1 - share) * a.rootPosition[k] + share * b.rootPosition[k];
+    for (let joint = 0; joint < joints; joint++) {
+      mixRotation(a.rotation, 4 * joint, b.rotation, 4 * joint, share, rotation, 4 * (joints * frame + joint));
+    }
+  }
+  return { rate, root, rotation, frames };
+}

@@ -1,0 +1,188 @@
+/** A headset by WebXR: what it tracks goes to the engine, and the wearer sees their body in a mirror. */
+
+import { Matrix4, Quaternion, Vector3 } from "three";
+import { AS_IT_IS, placed, placedBy, type Placement } from "../core/placement";
+import type { Quaternion as Turn, Vector } from "../core/math";
+import type { Observation, Point } from "../core/observation";
+import { restHeight, withOffsets, type Skeleton } from "../core/skeleton";
+import type { Live } from "../live";
+import type { SignalPoint } from "../protocol";
+import { Mirror } from "../view/mirror";
+import type { View } from "../view/scene";
+import type { VrMenu } from "../view/vr_menu";
+import type { Source } from "./source";
+import { XrPoints, type Landmarks } from "./xr_points";
+import { HeadsetReader, XR_POINTS } from "./xr_signal";
+
+export interface HeadsetEvents {
+  /** One frame, as it goes to the engine. */
+  tracked(observation: Observation): void;
+  /** The same as the device gave it, for a bridge. */
+  raw(time: number, points: readonly SignalPoint[]): void;
+  left(wasAsked: boolean): void;
+}
+
+/** What is missing for a headset on this page, in a sentence; null where nothing is. */
+export async function missingForHeadset(): Promise<string | null> {
+  if (!isSecureContext)
+    return "A headset needs a safe address: open this page by https, or as http://localhost on the headset itself (`adb reverse tcp:8000 tcp:8000`).";
+  if (!navigator.xr)
+    return "This browser has no WebXR: open the page in the headset's own browser, or in Chrome with a headset connected.";
+  const isThere = await navigator.xr.isSessionSupported("immersive-vr").catch(() => false);
+  return isThere
+    ? null
+    : "No headset answers: switch it on and connect it, or open this page in the headset's own browser.";
+}
+
+const MOVED = 2; // s that a new place takes on the clock, so that motion starts afresh
+
+export class Headset implements Source {
+  readonly title = "You, by headset";
+  readonly sensors: readonly string[];
+  isMirrorShown = true;
+  private readonly mirror = new Mirror();
+  private readonly points: XrPoints;
+  private readonly defaultHeight: number;
+  private readonly size = { height: Number.NaN, by: null as Float32Array | null };
+  private reader = new HeadsetReader();
+  private placement: Placement = AS_IT_IS;
+  private isPlaced = false;
+  private moves = 0; // how often the wearer was placed anew
+  private session: XRSession | null = null;
+  private wasAsked = false;
+  private lift = 0; // m: somebody who sits is raised to standing
+  private lastHead: Point | null = null; // in the device's world
+
+  constructor(
+    private readonly view: View,
+    private readonly live: Live,
+    private readonly skeleton: Skeleton,
+    landmarks: Landmarks,
+    private readonly menu: VrMenu,
+    private readonly events: HeadsetEvents,
+  ) {
+    this.points = new XrPoints(landmarks);
+    this.sensors = ["head", "left_wrist", "right_wrist"];
+    this.defaultHeight = restHeight(skeleton);
+    view.scene.add(this.mirror.frame, menu.board);
+  }
+
+  /** From a click. Throws an Error of one line where the headset refuses. */
+  async enter(): Promise<void> {
+    const options = { requiredFeatures: ["local-floor"], optionalFeatures: ["hand-tracking"] };
+    const session = await navigator.xr?.requestSession("immersive-vr", options).catch((error: unknown) => {
+      throw new Error(
+        `The headset did not let this page in (${error instanceof Error ? error.message : "no reason given"}); allow it, and press Headset again.`,
+      );
+    });
+    if (!session) throw new Error("This browser has no WebXR: open the page in the headset's own browser.");
+    this.session = session;
+    this.wasAsked = false;
+    this.isPlaced = false;
+    this.reader = new HeadsetReader();
+    session.addEventListener("end", () => this.leave());
+    session.addEventListener("select", (event) => this.select(event));
+    await this.view.renderer.xr.setSession(session);
+    this.view.renderer.xr.getReferenceSpace()?.addEventListener("reset", () => this.recentre());
+    this.mirror.frame.visible = this.menu.board.visible = true;
+    this.view.stage.matrixAutoUpdate = false;
+  }
+
+  /** The wearer stands in the middle and faces the front from the next frame on. */
+  recentre(): void {
+    this.isPlaced = false;
+  }
+
+  /** Raise somebody who sits to where their head stands; false: as they are. */
+  sit(isSeated: boolean): void {
+    const head = this.lastHead?.position?.[1];
+    this.lift = isSeated && head !== undefined ? Math.max(this.standingHead() - head, 0) : 0;
+    this.recentre();
+  }
+
+  showMirror(isShown: boolean): void {
+    this.isMirrorShown = isShown;
+    this.mirror.frame.visible = this.view.stage.visible = isShown;
+  }
+
+  frame(milliseconds: number, frame?: XRFrame): void {
+    const space = this.view.renderer.xr.getReferenceSpace();
+    if (!frame || !space || !this.session) return;
+    const signal = this.reader.read(frame, space, this.session.inputSources);
+    if (signal.length > 0) this.events.raw(milliseconds / 1000, signal);
+    const points = this.points.read(signal, this.sizeOfWearer());
+    const head = points.find(({ name }) => name === "head");
+    if (head?.position && head.rotation) {
+      this.lastHead = head;
+      if (!this.isPlaced) this.place(head.position, head.rotation, signal);
+    }
+    const time = milliseconds / 1000 + this.moves * MOVED;
+    if (points.length > 0) this.events.tracked({ time, points: placed(points, this.placement) });
+    this.menu.point(this.rays(frame, space));
+  }
+
+  /** End the session, as the person asked. */
+  stop(): void {
+    this.wasAsked = true;
+    void this.session?.end().catch(() => undefined); // it may have ended by itself
+  }
+
+  private place(position: Vector, rotation: Turn, signal: readonly SignalPoint[]): void {
+    this.placement = placedBy(position, rotation, this.lift);
+    const viewer = signal.find(({ point }) => XR_POINTS[point] === "headset");
+    if (viewer?.position && viewer.rotation) this.mirror.standBefore(viewer.position, viewer.rotation);
+    this.menu.standBeside(this.mirror.frame);
+    const [w, x, y, z] = this.placement.turn;
+    const toBody = new Matrix4().compose(
+      new Vector3(...this.placement.offset),
+      new Quaternion(x, y, z, w),
+      new Vector3(1, 1, 1),
+    );
+    this.view.stage.matrix.multiplyMatrices(this.mirror.reflection(), toBody.invert());
+    this.view.stage.matrixWorldNeedsUpdate = true;
+    this.isPlaced = true;
+    this.moves += 1;
+  }
+
+  private rays(frame: XRFrame, space: XRReferenceSpace): Matrix4[] {
+    return [...(this.session?.inputSources ?? [])].flatMap(({ targetRaySpace }) => {
+      const pose = frame.getPose(targetRaySpace, space);
+      return pose ? [new Matrix4().fromArray(pose.transform.matrix)] : [];
+    });
+  }
+
+  private select({ frame, inputSource }: XRInputSourceEvent): void {
+    const space = this.view.renderer.xr.getReferenceSpace();
+    const pose = space && frame.getPose(inputSource.targetRaySpace, space);
+    if (pose) this.menu.press(new Matrix4().fromArray(pose.transform.matrix));
+  }
+
+  private sizeOfWearer(): number {
+    const offsets = this.live.newest?.restOffset ?? null;
+    if (offsets !== this.size.by) {
+      this.size.by = offsets;
+      this.size.height = offsets ? restHeight(withOffsets(this.skeleton, offsets)) : this.defaultHeight;
+    }
+    return (Number.isNaN(this.size.height) ? this.defaultHeight : this.size.height) / this.defaultHeight;
+  }
+
+  /** How high the head joint of the body that is shown stands, m. */
+  private standingHead(): number {
+    const { points, parents } = this.skeleton;
+    const offsets = this.live.newest?.restOffset ?? this.skeleton.restOffset;
+    let [height, point] = [0, points.indexOf("head")];
+    for (; point >= 0; point = parents[point]) height += offsets[3 * point + 1];
+    return height;
+  }
+
+  private leave(): void {
+    this.session = null;
+    this.mirror.frame.visible = this.menu.board.visible = false;
+    this.view.stage.visible = true;
+    this.view.stage.matrix.identity();
+    this.view.stage.matrixAutoUpdate = true;
+    this.view.stage.matrixWorldNeedsUpdate = true;
+    this.view.reset();
+    this.events.left(this.wasAsked);
+  }
+}

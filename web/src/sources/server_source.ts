@@ -1,0 +1,184 @@
+/** A server of bodysense: what it tracks is watched here, completed by it. */
+
+import type { Quaternion, Vector } from "../core/math";
+import type { Point } from "../core/observation";
+import { place, type Body, type Skeleton } from "../core/skeleton";
+import type { History } from "../history";
+import type { PoseFrame, Settings, SignalFrame, SignalPoint, Source as Input, Welcome } from "../protocol";
+import { Connection, socketAddress } from "../server/connection";
+import type { Source } from "./source";
+import { XR_POINTS } from "./xr_signal";
+
+export interface ServerEvents {
+  /** The skeleton of the server's body. */
+  skeleton(skeleton: Skeleton): void;
+  /** The connection is there again. */
+  connected(): void;
+  said(text: string): void;
+  /** `again` where the page waits for the person. */
+  lost(reason: string, again: boolean): void;
+}
+
+const WATCHING = "The server's own input";
+const WAITING = 64; // signals and truths that wait for their pose
+
+/** The server's own input, watched. */
+export class ServerSource implements Source {
+  title = WATCHING;
+  sensors: readonly string[] = [];
+  private readonly connection: Connection;
+  private readonly signals = new Map<number, SignalFrame>();
+  private readonly truths = new Map<number, Body>();
+  private skeleton: Skeleton | null = null;
+  private welcome: Welcome | null = null;
+  private watched: Input | null = null; // of the server's inputs
+  private placement = { offset: [0, 0, 0] as readonly number[], heading: 0 };
+
+  constructor(
+    address: string,
+    private readonly history: History,
+    private readonly events: ServerEvents,
+  ) {
+    this.connection = new Connection(
+      socketAddress({ href: address }),
+      () => ({
+        name: "page",
+        points: [],
+        watch: this.watched,
+        resume: this.welcome && { session: this.welcome.session, token: this.welcome.token },
+      }),
+      {
+        welcome: (message) => this.begin(message),
+        signal: (frame) => remember(this.signals, frame.sequence, frame),
+        truth: (frame) =>
+          this.skeleton &&
+          remember(this.truths, frame.sequence, place(this.skeleton, frame.rootPosition, frame.rotation)),
+        pose: (frame) => this.show(frame),
+        message: (message) => {
+          if (message.type === "placed") this.placement = message;
+          else if (message.type === "proportions") this.grow(message.rest_offset);
+          else if (message.type === "said") this.events.said(message.text);
+          else if (message.type === "error") this.events.lost(message.reason, true);
+        },
+        lost: (reason, retryIn) => {
+          this.title = "The server does not answer";
+          this.events.lost(reason, retryIn === null);
+        },
+      },
+    );
+    this.connection.open();
+  }
+
+  frame(): void {
+    // The server sends when it has something.
+  }
+
+  stop(): void {
+    this.connection.close();
+  }
+
+  open(): void {
+    this.connection.open();
+  }
+
+  /** Change settings of the session that is watched. */
+  tell(change: Partial<Settings>): void {
+    this.connection.tell({ type: "settings", ...change });
+  }
+
+  private begin(message: Welcome): void {
+    const [offered] = message.sources;
+    if (this.watched === null && offered !== undefined) {
+      this.watched = offered;
+      this.connection.open(); // hello again, with what there is to be watched
+      return;
+    }
+    this.welcome = message;
+    this.sensors = message.signal;
+    const { joints, points, parents, rest_offset } = message;
+    this.skeleton = { joints: joints.length, points, parents, restOffset: Float32Array.from(rest_offset.flat()) };
+    this.events.skeleton(this.skeleton);
+    this.title = WATCHING;
+    this.events.connected();
+    if (this.watched === null) {
+      this.events.said(
+        "The server has no input of its own; start it with --replay, --vmc-in or --markers-in, or take another door.",
+      );
+    }
+  }
+
+  private grow(offset: Welcome["rest_offset"]): void {
+    if (!this.skeleton) return;
+    this.skeleton = { ...this.skeleton, restOffset: Float32Array.from(offset.flat()) };
+  }
+
+  private show(pose: PoseFrame): void {
+    if (!this.skeleton) return;
+    this.history.add({
+      sourceTime: pose.time,
+      rootPosition: pose.rootPosition,
+      rotation: pose.rotation,
+      restOffset: this.skeleton.restOffset,
+      body: place(this.skeleton, pose.rootPosition, pose.rotation),
+      signal: this.points(this.signals.get(pose.sequence)?.points ?? []),
+      truth: this.truths.get(pose.sequence) ?? null,
+      expected: pose.expectedError,
+      measured: pose.hidden && pose.hidden.map((hidden) => (hidden < 128 ? 1 : 0)),
+      milliseconds: pose.microseconds / 1000,
+    });
+  }
+
+  /** The signal's points in the body's world. */
+  private points(signal: readonly SignalPoint[]): Point[] {
+    const { offset, heading } = this.placement;
+    const [sine, cosine] = [Math.sin(heading), Math.cos(heading)];
+    return signal.map(({ point, position, rotation }) => ({
+      name: this.sensors[point] ?? "",
+      accuracy: 0,
+      rotation: rotation as Quaternion | null,
+      position:
+        position &&
+        ([
+          cosine * position[0] + sine * position[2] + offset[0],
+          position[1] + offset[1],
+          cosine * position[2] - sine * position[0] + offset[2],
+        ] as Vector),
+    }));
+  }
+}
+
+/** What a headset tracks goes to the server as well, which tells avatar programs (VMC, VRChat). */
+export class Bridge {
+  private sequence = 0;
+  private readonly connection: Connection;
+
+  constructor(address: string, lost: (reason: string) => void) {
+    this.connection = new Connection(
+      socketAddress({ href: address }),
+      () => ({ name: "page", points: [...XR_POINTS], watch: null, resume: null }),
+      {
+        welcome: () => undefined,
+        signal: () => undefined,
+        pose: () => undefined,
+        truth: () => undefined,
+        message: (message) => message.type === "error" && lost(message.reason),
+        lost: (reason, retryIn) => retryIn === null && lost(reason),
+      },
+    );
+    this.connection.open();
+  }
+
+  send(time: number, points: readonly SignalPoint[]): void {
+    this.connection.signal({ sequence: this.sequence++, time, points: [...points] });
+  }
+
+  close(): void {
+    this.connection.close();
+  }
+}
+
+function remember<T>(map: Map<number, T>, key: number, value: T): void {
+  map.set(key, value);
+  const oldest = map.keys().next();
+  if (map.size > WAITING && !oldest.done) map.delete(oldest.value);
+}

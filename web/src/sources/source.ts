@@ -1,0 +1,18 @@
+/** A source: what gives the page something to complete, or a completed body. */
+
+import type { Observation } from "../core/observation";
+import type { Body } from "../core/skeleton";
+
+/** Where a source's frames go. */
+export interface Sink {
+  /** What was tracked, and how the body truly stood where that is known. */
+  track(observation: Observation, truth: Body | null): void;
+}
+
+export interface Source {
+  readonly title: string; // for the person
+  readonly sensors: readonly string[]; // points that it tracks, as far as they are known
+  /** Once a picture, at `milliseconds` of the page's clock. */
+  frame(milliseconds: number, frame?: XRFrame): void;
+  stop(): void;
+}

@@ -1,0 +1,157 @@
+/** A webcam: a person's landmarks, found in a worker, become points of the body. Nothing leaves this browser. */
+
+import { LandmarkPoints, type Landmarks } from "../core/landmarks";
+import type { Vector } from "../core/math";
+import { withOffsets, type Skeleton } from "../core/skeleton";
+import type { FromCamera, ToCamera } from "../engine/camera_worker";
+import type { Live } from "../live";
+import type { About } from "../offline";
+import type { Source } from "./source";
+
+const FIELD_OF_VIEW = 60; // degrees over the longer side of the picture, as webcams usually have it
+const CALM = 0.05; // s: half-life of the smoothing of landmarks
+const LONELY = 4; // s without a person after which the page says so
+const REFUSALS: Readonly<Record<string, string>> = {
+  NotAllowedError:
+    "The webcam was refused: allow it for this page in the browser's address bar, and press Webcam again.",
+  NotFoundError: "No webcam is connected: plug one in, and press Webcam again.",
+  NotReadableError: "The webcam is used by another program: close that one, and press Webcam again.",
+};
+
+/** Open the webcam. Throws an Error of one line that says what is missing. */
+export async function openWebcam(
+  about: About,
+  base: string,
+  live: Live,
+  skeleton: Skeleton,
+  say: (text: string) => void,
+): Promise<Source> {
+  if (!about.webcam)
+    throw new Error(
+      "This copy of the page has no MediaPipe, which finds people in pictures: write the page anew with `bodysense page` after scripts/build_landmarkers.py.",
+    );
+  if (!navigator.mediaDevices)
+    throw new Error("A webcam needs a safe address: open this page by https, or at http://localhost.");
+  const stream = await navigator.mediaDevices
+    .getUserMedia({ video: { width: 640, height: 480, facingMode: "user" } })
+    .catch((error: unknown) => {
+      const name = error instanceof DOMException ? error.name : "";
+      throw new Error(
+        REFUSALS[name] ?? `The webcam does not answer (${name || String(error)}): plug it in again, and press Webcam.`,
+      );
+    });
+  const video = document.createElement("video");
+  video.srcObject = stream;
+  video.muted = video.playsInline = true;
+  await video.play();
+  return new Webcam(stream, video, base, live, skeleton, say);
+}
+
+class Webcam implements Source {
+  readonly title = "You, by webcam";
+  sensors: readonly string[] = [];
+  private readonly worker = new Worker(new URL("../engine/camera_worker.ts", import.meta.url), {
+    type: "module",
+    name: "camera",
+  });
+  private readonly points: LandmarkPoints;
+  private calm: Landmarks | null = null;
+  private isOpen = false;
+  private isLooking = false;
+  private shown = -1; // s, of the video: the picture that was looked at last
+  private before = 0; // ms, of the frame with a person before
+  private lonely = performance.now(); // ms since when nobody is seen
+  private hasSaid = false;
+
+  constructor(
+    private readonly stream: MediaStream,
+    private readonly video: HTMLVideoElement,
+    base: string,
+    private readonly live: Live,
+    private readonly skeleton: Skeleton,
+    private readonly say: (text: string) => void,
+  ) {
+    const aspect = video.videoWidth / Math.max(video.videoHeight, 1);
+    this.points = new LandmarkPoints(Math.max(aspect, 1) / 2 / Math.tan((FIELD_OF_VIEW * Math.PI) / 360));
+    this.worker.onmessage = ({ data }: MessageEvent<FromCamera>) => this.hear(data);
+    this.worker.onerror = () => say("This browser cannot run MediaPipe; use a newer one.");
+    this.ask({ type: "open", base });
+    for (const track of stream.getTracks())
+      track.onended = () =>
+        say("The webcam was unplugged: plug it in, and press Webcam again. What the timeline holds is kept.");
+  }
+
+  frame(milliseconds: number): void {
+    if (!this.isOpen || this.isLooking || this.video.currentTime === this.shown) return;
+    this.shown = this.video.currentTime;
+    this.isLooking = true;
+    void createImageBitmap(this.video).then(
+      (picture) => this.worker.postMessage({ type: "look", picture, milliseconds } satisfies ToCamera, [picture]),
+      () => (this.isLooking = false), // the video has no picture yet
+    );
+  }
+
+  stop(): void {
+    for (const track of this.stream.getTracks()) {
+      track.onended = null;
+      track.stop();
+    }
+    this.worker.terminate();
+  }
+
+  private hear(message: FromCamera): void {
+    if (message.type === "opened") this.isOpen = true;
+    else if (message.type === "failed")
+      this.say(`MediaPipe stopped (${message.reason.split("\n")[0]}): press Webcam again.`);
+    else this.see(message);
+  }
+
+  private see({ world, picture, milliseconds }: Extract<FromCamera, { type: "seen" }>): void {
+    this.isLooking = false;
+    const aspect = this.video.videoWidth / Math.max(this.video.videoHeight, 1);
+    const found: Landmarks | null =
+      world.length === 0
+        ? null
+        : {
+            world: world.map(({ x, y, z }): Vector => [x, -y, -z]),
+            picture: picture.map(({ x, y }) => [(x - 0.5) * aspect, 0.5 - y] as const),
+            visible: world.map(({ visibility }) => visibility ?? 0),
+          };
+    const passed = Math.min((milliseconds - this.before) / 1000, 1);
+    this.calm = found && this.calm ? smoothed(this.calm, found, 1 - 2 ** (-passed / CALM)) : found;
+    const body = withOffsets(this.skeleton, this.live.newest?.restOffset ?? this.skeleton.restOffset);
+    const points = this.calm && this.points.read(this.calm, body, passed);
+    if (!points) {
+      if (milliseconds - this.lonely > 1000 * LONELY && !this.hasSaid) {
+        this.hasSaid = true;
+        this.say("Nobody is seen yet: step back until the picture holds you from head to hips, better to the feet.");
+      }
+      return;
+    }
+    this.before = this.lonely = milliseconds;
+    this.hasSaid = false;
+    this.sensors = points.map(({ name }) => name);
+    this.live.track({ time: milliseconds / 1000, points }, null);
+  }
+
+  private ask(message: ToCamera): void {
+    this.worker.postMessage(message);
+  }
+}
+
+function smoothed(before: Landmarks, now: Landmarks, share: number): Landmarks {
+  return {
+    world: now.world.map(
+      (point, k) =>
+        point.map((value, c) => before.world[k][c] + share * (value - before.world[k][c])) as unknown as Vector,
+    ),
+    picture: now.picture.map(
+      (point, k) =>
+        point.map((value, c) => before.picture[k][c] + share * (value - before.picture[k][c])) as unknown as readonly [
+          number,
+          number,
+        ],
+    ),
+    visible: now.visible,
+  };
+}

@@ -1,0 +1,15 @@
+/** Keys that steer the page, where no control of the page takes them. */
+
+// What takes a key for itself: Space presses a button and ticks a box, arrows move a slider.
+const TAKES_KEYS = "input, select, textarea, button, summary, a[href], [contenteditable]";
+
+export function onKeys(keys: Readonly<Record<string, () => void>>): void {
+  addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.target instanceof Element && event.target.matches(TAKES_KEYS)) return;
+    const pressed = keys[event.key] ?? keys[event.key.toLowerCase()];
+    if (!pressed) return;
+    event.preventDefault();
+    pressed();
+  });
+}

@@ -1,0 +1,70 @@
+/** What is tracked: the simulated sensors, and parts of the body that one can switch off. */
+
+import { SENSOR_SETS, type SensorSet } from "../core/clip";
+import { checkbox, choices, element } from "../page";
+
+const SETS: Readonly<Record<SensorSet, string>> = {
+  head: "Head alone",
+  hands: "Head and hands",
+  hips: "… and hips",
+  feet: "… and feet",
+};
+
+const PARTS: readonly (readonly [RegExp, string])[] = [
+  [/^(headset|head|neck|head_top|nose)$/, "Head"],
+  [/^(left|right)_(hip|knee|ankle|foot|toe)/, "$1 leg"],
+  [/^(left|right)_(collar|shoulder|elbow)/, "$1 arm"],
+  [/^(left|right)[_:]/, "$1 hand"],
+];
+
+export class SensorPanel {
+  private offered = "";
+  private off = new Set<string>();
+
+  constructor(
+    set: SensorSet,
+    picked: (set: SensorSet) => void,
+    private readonly hidden: (points: ReadonlySet<string>) => void,
+  ) {
+    const rows = (Object.keys(SENSOR_SETS) as SensorSet[]).map((name) => [name, SETS[name]] as const);
+    choices("set", rows, set, picked);
+  }
+
+  /** Offer the parts of what a source tracks; `isSimulated` where its sensors may be chosen. */
+  offer(points: readonly string[], isSimulated: boolean): void {
+    element("set-row").hidden = !isSimulated;
+    const parts = new Map<string, string[]>();
+    for (const point of points) parts.set(partOf(point), [...(parts.get(partOf(point)) ?? []), point]);
+    const names = [...parts.keys()].join();
+    if (names === this.offered) return;
+    this.offered = names;
+    this.off = new Set();
+    this.hidden(new Set());
+    const fieldset = element("parts");
+    for (const label of fieldset.querySelectorAll("label")) label.remove();
+    fieldset.hidden = parts.size < 2;
+    for (const [name, members] of parts) {
+      fieldset.append(
+        checkbox(name, true, (on) => {
+          for (const point of members)
+            if (on) this.off.delete(point);
+            else this.off.add(point);
+          this.hidden(new Set(this.off));
+        }),
+      );
+    }
+  }
+}
+
+/** The part of the body that a tracked point belongs to. */
+export function partOf(point: string): string {
+  for (const [pattern, label] of PARTS) {
+    const match = pattern.exec(point);
+    if (match) return capitalised(label.replace("$1", match[1] ?? ""));
+  }
+  return "Torso";
+}
+
+function capitalised(text: string): string {
+  return text.charAt(0).toUpperCase() + text.slice(1);
+}

@@ -1,0 +1,22 @@
+/** One quiet line: who completes, how fast, and how far off that is. */
+
+import { meanDistance, type Skeleton } from "../core/skeleton";
+import type { Live } from "../live";
+import type { Moment } from "../history";
+import { element } from "../page";
+
+export function showStatus(live: Live, moment: Moment, skeleton: Skeleton, title: string): void {
+  element("source").textContent = title;
+  const parts = [`${moment.signal.length} ${moment.signal.length === 1 ? "point" : "points"} tracked`];
+  if (moment.truth) {
+    const error = 100 * meanDistance(moment.body, moment.truth, Math.min(22, skeleton.joints));
+    parts.push(`${error.toFixed(1)} cm from the truth`);
+  } else if (moment.expected) {
+    const expected = moment.expected.subarray(0, 22).reduce((sum, value) => sum + value, 0) / 22;
+    parts.push(`${(100 * expected).toFixed(1)} cm expected error`);
+  }
+  element("shown").textContent = parts.join(" · ");
+  if (live.times.length === 0) return;
+  const [middle, slow] = [live.quantile(0.5), live.quantile(0.99)];
+  element("rate").textContent = `completed here in ${middle.toFixed(1)} ms, p99 ${slow.toFixed(1)} ms`;
+}

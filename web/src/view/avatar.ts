@@ -1,0 +1,78 @@
+/** A VRM avatar in place of the capsules. */
+
+import { VRMLoaderPlugin, VRMUtils, type VRM, type VRMHumanBoneName } from "@pixiv/three-vrm";
+import type { Group } from "three";
+import { GLTFLoader, type GLTF } from "three/addons/loaders/GLTFLoader.js";
+import { drivenJoints, localRotation, type Driven } from "./retarget";
+import { rootHeight, type Body, type Skeleton } from "../core/skeleton";
+
+/** Read the bytes of a .vrm or .glb file. Throws an Error of one line for what is none. */
+export async function readGlb(bytes: ArrayBuffer, name: string): Promise<GLTF> {
+  const loader = new GLTFLoader().register((parser) => new VRMLoaderPlugin(parser));
+  return loader.parseAsync(bytes, "").catch((error: unknown) => {
+    const reason = error instanceof Error ? error.message : "it cannot be read";
+    throw new Error(`${name} is damaged (${reason.split("\n")[0]}); export it again.`);
+  });
+}
+
+export class Avatar {
+  private driven: readonly Driven[] = [];
+  private skeleton: Skeleton | null = null; // that it is fitted to
+  private readonly isOld: boolean; // VRM 0 faces −Z, VRM 1 and the body here +Z
+  private readonly hipsHeight: number; // m, in the avatar's rest pose
+  private readonly rotation = new Float32Array(4);
+
+  private constructor(readonly vrm: VRM) {
+    const { humanoid } = vrm;
+    this.isOld = vrm.meta.metaVersion === "0";
+    VRMUtils.rotateVRM0(vrm);
+    this.hipsHeight = Math.max(humanoid.normalizedRestPose.hips?.position?.[1] ?? 1, 0.05);
+    vrm.scene.traverse((part) => {
+      part.frustumCulled = false;
+      part.castShadow = true;
+    });
+  }
+
+  /** The avatar in a file; null where it is none. */
+  static of(file: GLTF, name: string): Avatar | null {
+    const vrm = file.userData["vrm"] as VRM | undefined;
+    if (!vrm && /\.vrm$/i.test(name))
+      throw new Error(`${name} is no VRM: it names no humanoid bones; export it as VRM 0 or 1.`);
+    if (!vrm) return null;
+    VRMUtils.removeUnnecessaryVertices(file.scene);
+    return new Avatar(vrm);
+  }
+
+  get group(): Group {
+    return this.vrm.scene;
+  }
+
+  /** Show a body of a skeleton, `seconds` after the one before (for hair and cloth). */
+  show(body: Body, skeleton: Skeleton, seconds: number): void {
+    this.fit(skeleton);
+    const { humanoid } = this.vrm;
+    const flip = this.isOld ? -1 : 1;
+    for (const driven of this.driven) {
+      const [w, x, y, z] = localRotation(body, driven, this.rotation);
+      humanoid.getNormalizedBoneNode(driven.bone as VRMHumanBoneName)?.quaternion.set(flip * x, y, flip * z, w);
+    }
+    const [x, y, z] = body.position;
+    const share = this.hipsHeight / rootHeight(skeleton);
+    humanoid.getNormalizedBoneNode("hips")?.position.set(flip * x * share, y * share, flip * z * share);
+    this.vrm.update(seconds);
+  }
+
+  /** As tall as the body, as far as its legs tell. */
+  private fit(skeleton: Skeleton): void {
+    if (this.skeleton === skeleton) return;
+    const { humanoid } = this.vrm;
+    this.skeleton = skeleton;
+    this.driven = drivenJoints(skeleton, (bone) => humanoid.getNormalizedBoneNode(bone as VRMHumanBoneName) !== null);
+    this.vrm.scene.scale.setScalar(rootHeight(skeleton) / this.hipsHeight);
+  }
+
+  dispose(): void {
+    this.group.removeFromParent();
+    VRMUtils.deepDispose(this.group);
+  }
+}

@@ -1,0 +1,180 @@
+/** The 3-D view: renderer, camera, light and a floor that fades. */
+
+import {
+  CanvasTexture,
+  CircleGeometry,
+  Color,
+  DirectionalLight,
+  Fog,
+  Group,
+  HemisphereLight,
+  Mesh,
+  MeshBasicMaterial,
+  PCFShadowMap,
+  PerspectiveCamera,
+  Scene,
+  ShadowMaterial,
+  SRGBColorSpace,
+  WebGLRenderer,
+} from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { Thrift } from "./thrift";
+
+export type Look = "light" | "dark";
+
+const LOOK_AT = [0, 0.8, 0] as const; // m
+const FROM = [0.9, 1.3, 3.4] as const; // m
+const PAPER = { light: "#eceae4", dark: "#15171c" } as const;
+const FLOOR = { light: ["#ffffff", "#cfcabd"], dark: ["#2a2e37", "#3b414d"] } as const; // middle and lines
+const RADIUS = 4.5; // m, of the floor
+const FOLLOW = 2.5; // per s: how fast the camera goes after somebody who walks
+
+export class View {
+  readonly scene = new Scene();
+  readonly stage = new Group(); // everything that is tracked or completed; the mirror turns it over
+  readonly camera = new PerspectiveCamera(38, 1, 0.02, 60);
+  readonly renderer: WebGLRenderer;
+  private readonly controls: OrbitControls;
+  private readonly floor = new Group();
+  private readonly sun = sun();
+  private readonly thrift: Thrift;
+  private readonly paint_ = new MeshBasicMaterial({
+    transparent: true,
+    depthWrite: false,
+    toneMapped: false,
+    fog: false,
+  });
+  private isPortrait = false;
+
+  constructor(canvas: HTMLCanvasElement) {
+    this.renderer = new WebGLRenderer({ canvas, antialias: true, powerPreference: "high-performance" });
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.renderer.shadowMap.enabled = true;
+    this.renderer.shadowMap.type = PCFShadowMap;
+    this.renderer.xr.enabled = true;
+    this.thrift = new Thrift(this.renderer);
+    const disc = new Mesh(new CircleGeometry(RADIUS, 64), this.paint_);
+    const shade = new Mesh(new CircleGeometry(RADIUS, 64), new ShadowMaterial({ opacity: 0.28, depthWrite: false }));
+    disc.rotation.x = shade.rotation.x = -Math.PI / 2;
+    disc.renderOrder = -2; // both lie on y = 0 and are drawn one after the other: nothing flickers
+    shade.renderOrder = -1;
+    shade.receiveShadow = true;
+    this.floor.add(disc, shade);
+    const rim = new DirectionalLight("#ffe8d0", 1.1);
+    rim.position.set(-2.5, 2.6, -3);
+    this.scene.add(
+      this.stage,
+      this.floor,
+      new HemisphereLight("#ffffff", "#a59c8c", 1.55),
+      this.sun,
+      this.sun.target,
+      rim,
+    );
+    this.controls = new OrbitControls(this.camera, canvas);
+    this.controls.maxPolarAngle = 0.52 * Math.PI;
+    this.controls.minDistance = 0.5;
+    this.controls.maxDistance = 9;
+    this.controls.enableDamping = true;
+    this.controls.listenToKeyEvents(canvas);
+    this.controls.keyPanSpeed = 20;
+    this.reset();
+    new ResizeObserver(() => this.resize()).observe(canvas.parentElement ?? canvas);
+  }
+
+  /** The camera back to its place: before the body, a little to its left. */
+  reset(): void {
+    const away = this.isPortrait ? 1.12 : 1;
+    this.controls.target.set(...LOOK_AT);
+    this.camera.position.set(FROM[0] * away, FROM[1], FROM[2] * away);
+    this.camera.up.set(0, 1, 0);
+    this.controls.update();
+  }
+
+  /** Go after somebody who stands at (x, z), m, `seconds` after the picture before. */
+  follow(x: number, z: number, seconds: number): void {
+    const share = 1 - Math.exp(-FOLLOW * seconds);
+    const { target } = this.controls;
+    const [dx, dz] = [(x - target.x) * share, (z - target.z) * share];
+    target.x += dx;
+    target.z += dz;
+    this.camera.position.x += dx;
+    this.camera.position.z += dz;
+    this.sun.position.set(target.x + 1.6, 4.2, target.z + 2.4);
+    this.sun.target.position.set(target.x, 0.8, target.z);
+    this.floor.position.set(target.x, 0, target.z);
+  }
+
+  paint(look: Look): void {
+    this.scene.background = new Color(PAPER[look]);
+    this.scene.fog = new Fog(PAPER[look], 7, 14);
+    this.paint_.map?.dispose();
+    this.paint_.map = floorTexture(FLOOR[look][0], FLOOR[look][1]);
+    this.paint_.needsUpdate = true;
+  }
+
+  /** Call `frame` for every picture; in a headset it gets the frame of its session. */
+  run(frame: (milliseconds: number, xr: XRFrame | undefined) => void): void {
+    this.renderer.setAnimationLoop((milliseconds: number, xr?: XRFrame) => {
+      frame(milliseconds, xr);
+      if (!this.renderer.xr.isPresenting) {
+        this.controls.update();
+        if (this.thrift.frame(milliseconds)) this.resize();
+      }
+      this.renderer.render(this.scene, this.camera);
+    });
+  }
+
+  private resize(): void {
+    const box = this.renderer.domElement.parentElement;
+    if (!box || this.renderer.xr.isPresenting) return;
+    const { clientWidth: width, clientHeight: height } = box;
+    if (width === 0 || height === 0) return;
+    const wasPortrait = this.isPortrait;
+    this.isPortrait = width < 0.8 * height;
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    this.renderer.setSize(width, height, false);
+    if (wasPortrait !== this.isPortrait) this.reset();
+  }
+}
+
+function sun(): DirectionalLight {
+  const light = new DirectionalLight("#fff6ea", 2.1);
+  light.position.set(1.6, 4.2, 2.4);
+  light.castShadow = true;
+  light.shadow.mapSize.set(1024, 1024);
+  light.shadow.camera.left = light.shadow.camera.bottom = -1.8;
+  light.shadow.camera.right = light.shadow.camera.top = 1.8;
+  light.shadow.radius = 7;
+  light.shadow.normalBias = 0.02;
+  return light;
+}
+
+/** A disc that fades to nothing, with faint rings a metre apart. */
+function floorTexture(middle: string, line: string): CanvasTexture {
+  const size = 1024;
+  const canvas = document.createElement("canvas");
+  canvas.width = canvas.height = size;
+  const context = canvas.getContext("2d");
+  if (context) {
+    const half = size / 2;
+    const fade = context.createRadialGradient(half, half, 0, half, half, half);
+    fade.addColorStop(0, middle);
+    fade.addColorStop(0.35, `${middle}b0`);
+    fade.addColorStop(1, `${middle}00`);
+    context.fillStyle = fade;
+    context.fillRect(0, 0, size, size);
+    context.strokeStyle = line;
+    for (let metre = 1; metre < RADIUS; metre++) {
+      context.globalAlpha = 0.75 * (1 - metre / RADIUS);
+      context.lineWidth = 2.5;
+      context.beginPath();
+      context.arc(half, half, (metre / RADIUS) * half, 0, 2 * Math.PI);
+      context.stroke();
+    }
+  }
+  const texture = new CanvasTexture(canvas);
+  texture.colorSpace = SRGBColorSpace;
+  texture.anisotropy = 4;
+  return texture;
+}

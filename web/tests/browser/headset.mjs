@@ -1,0 +1,56 @@
+/** A wearer of an emulated headset on the page alone: node headset.mjs FOLDER PICTURES
+ *
+ * iwer stands for the headset: first with two controllers, then with two hands.
+ */
+
+import { fileURLToPath } from "node:url";
+import { scenario, serveFolder } from "./page.mjs";
+
+const [folder, pictures] = process.argv.slice(2);
+const IWER = fileURLToPath(new URL("../../node_modules/iwer/build/iwer.min.js", import.meta.url));
+const site = await serveFolder(folder);
+
+await scenario({ colorScheme: "light", viewport: { width: 480, height: 320 } }, async (page) => {
+  await page.addInitScript({ path: IWER });
+  await page.addInitScript(() => {
+    const device = (window.device = new IWER.XRDevice(IWER.metaQuest3));
+    device.installRuntime({ forceInstall: true });
+    device.position.set(0.4, 1.6, 0.2);
+    device.quaternion.set(0, Math.sin(0.5), 0, Math.cos(0.5)); // turned to the left
+    device.controllers.left.position.set(-0.25, 1.3, -0.4);
+    device.controllers.right.position.set(0.25, 1.1, -0.35);
+  });
+  await page.goto(site.address);
+  const text = (id) => page.textContent(id);
+  const says = (id, part) =>
+    page.waitForFunction(([where, what]) => document.querySelector(where).textContent.includes(what), [id, part], {
+      polling: 100,
+    });
+  await says("#rate", "completed here");
+  await page.dispatchEvent("#settings", "click");
+  await page.dispatchEvent("#calibrate", "click"); // before VR: it is not forgotten
+  const before = await text("#notice-text");
+  await page.dispatchEvent("#door-headset", "click");
+  await says("#source", "headset");
+  await says("#shown", "3 points");
+  await says("#notice-text", "measured.");
+  const controllers = { shown: await text("#shown"), notice: await text("#notice-text") };
+  await page.screenshot({ path: `${pictures}/vr.png` });
+  await page.evaluate(() => document.getElementById("record").click());
+  await page.evaluate(() => {
+    device.primaryInputMode = "hand";
+    device.hands.left.position.set(-0.2, 1.45, -0.35);
+    device.hands.right.position.set(0.2, 1.45, -0.35);
+  });
+  await says("#shown", "43 points"); // the head, two wrists and 20 joints a hand
+  await page.waitForTimeout(2000);
+  const hands = { shown: await text("#shown") };
+  await page.evaluate(() => device.activeSession?.end()); // the headset goes away in the middle of a take
+  await says("#notice-text", "kept");
+  const [download] = await Promise.all([page.waitForEvent("download"), page.dispatchEvent("#save-bvh", "click")]);
+  await download.saveAs(`${pictures}/take.bvh`);
+  await page.waitForTimeout(1000);
+  await page.screenshot({ path: `${pictures}/after.png` });
+  return { before, controllers, hands, after: await text("#notice-text"), take: await text("#take") };
+});
+site.close();

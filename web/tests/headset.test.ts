@@ -1,0 +1,144 @@
+/** The headset's door without a headset: frames of a fake WebXR session. */
+
+import { Group, Scene } from "three";
+import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
+import { axisAngle, rotate, type Quaternion, type Vector } from "../src/core/math";
+import type { Observation } from "../src/core/observation";
+import type { Live } from "../src/live";
+import { Headset, missingForHeadset } from "../src/sources/headset";
+import type { View } from "../src/view/scene";
+import { VrMenu } from "../src/view/vr_menu";
+import { skeleton } from "./body";
+
+const LANDMARKS = new Map<string, Vector>([
+  ["between_eyes", [0, 0.04, 0.1]],
+  ["left_palm", [0.05, -0.02, 0]],
+  ["right_palm", [-0.05, -0.02, 0]],
+]);
+
+class FakeSession extends EventTarget {
+  readonly inputSources: object[] = [{ handedness: "left", gripSpace: "left", targetRaySpace: "ray" }];
+  end(): Promise<void> {
+    this.dispatchEvent(new Event("end"));
+    return Promise.resolve();
+  }
+}
+
+function poseAt([x, y, z]: Vector, [w, a, b, c]: Quaternion = [1, 0, 0, 0]) {
+  const matrix = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, x, y, z, 1];
+  return {
+    transform: { position: { x, y, z }, orientation: { w, x: a, y: b, z: c }, matrix },
+    emulatedPosition: false,
+  };
+}
+
+async function worn() {
+  const session = new FakeSession();
+  const tracked: Observation[] = [];
+  const left: boolean[] = [];
+  const pressed: string[] = [];
+  const space = Object.assign(new EventTarget(), {});
+  const view = {
+    scene: new Scene(),
+    stage: new Group(),
+    renderer: { xr: { getReferenceSpace: () => space, setSession: () => Promise.resolve() } },
+    reset: vi.fn(),
+  };
+  vi.stubGlobal("navigator", { xr: { requestSession: () => Promise.resolve(session) } });
+  const menu = new VrMenu(["first", "second"].map((id) => ({ id, text: () => id, press: () => pressed.push(id) })));
+  const headset = new Headset(view as unknown as View, { newest: null } as Live, skeleton, LANDMARKS, menu, {
+    tracked: (observation) => tracked.push(observation),
+    raw: () => undefined,
+    left: (wasAsked) => left.push(wasAsked),
+  });
+  await headset.enter();
+  const frame = (milliseconds: number, head: Vector, turn: Quaternion) =>
+    headset.frame(milliseconds, {
+      getViewerPose: () => poseAt(head, turn),
+      getPose: () => poseAt([0, 1.2, 0]),
+    } as unknown as XRFrame);
+  return { session, tracked, left, pressed, view, menu, headset, frame };
+}
+
+beforeEach(() => {
+  vi.stubGlobal("document", { createElement: () => ({ getContext: () => null }) });
+});
+afterEach(() => vi.unstubAllGlobals());
+
+const headOf = ({ points }: Observation) => points.find(({ name }) => name === "head");
+
+describe("a headset", () => {
+  it("has its wearer in the middle and facing the front from the first frame, wherever they stand", async () => {
+    const { tracked, frame } = await worn();
+    frame(1000, [2, 1.65, -3], axisAngle([0, 1, 0], 2.2));
+    const head = headOf(tracked[0]);
+    const [x, , z] = rotate(head?.rotation ?? [1, 0, 0, 0], [0, 0, 1]);
+    expect(Math.atan2(x, z)).toBeCloseTo(0, 6);
+    expect(Math.hypot(head?.position?.[0] ?? 9, head?.position?.[2] ?? 9)).toBeCloseTo(0, 6);
+    expect(tracked[0].points.map(({ name }) => name)).toEqual(["head", "left_wrist"]);
+  });
+
+  it("is placed anew when it is recentred, and its clock leaps so that motion starts afresh", async () => {
+    const { tracked, headset, frame } = await worn();
+    frame(1000, [0, 1.6, 0], [1, 0, 0, 0]);
+    frame(1014, [1, 1.6, 0], [1, 0, 0, 0]);
+    headset.recentre();
+    frame(1028, [1, 1.6, 0], [1, 0, 0, 0]);
+    expect(Math.abs(headOf(tracked[1])?.position?.[0] ?? 0)).toBeCloseTo(1, 6);
+    expect(headOf(tracked[2])?.position?.[0]).toBeCloseTo(0, 6);
+    expect(tracked[2].time - tracked[1].time).toBeGreaterThan(1);
+  });
+
+  it("raises somebody who sits to where their head stands", async () => {
+    const { tracked, headset, frame } = await worn();
+    frame(1000, [0, 1.15, 0], [1, 0, 0, 0]);
+    headset.sit(true);
+    frame(1014, [0, 1.15, 0], [1, 0, 0, 0]);
+    const standing = headOf(tracked[1])?.position?.[1] ?? 0;
+    expect(standing).toBeGreaterThan(1.4);
+    headset.sit(false);
+    frame(1028, [0, 1.15, 0], [1, 0, 0, 0]);
+    expect(headOf(tracked[2])?.position?.[1]).toBeLessThan(1.2);
+  });
+
+  it("gives the camera and the stage back when it goes, and tells whether it was asked to", async () => {
+    const asked = await worn();
+    asked.frame(1000, [0, 1.6, 0], [1, 0, 0, 0]);
+    expect(asked.view.stage.matrixAutoUpdate).toBe(false);
+    asked.headset.stop();
+    expect([asked.left, asked.view.stage.matrixAutoUpdate]).toEqual([[true], true]);
+    expect(asked.view.reset).toHaveBeenCalledOnce();
+    const lost = await worn();
+    await lost.session.end();
+    expect(lost.left).toEqual([false]);
+  });
+
+  it("presses the item of its menu that a ray points at", async () => {
+    const { menu, pressed, frame } = await worn();
+    frame(1000, [0, 1.6, 0], [1, 0, 0, 0]);
+    menu.board.updateMatrixWorld(true);
+    const ray = menu.board.matrixWorld.clone();
+    ray.multiply(ray.clone().makeTranslation(0, -0.03, 1)); // a metre before the board, a little below its middle
+    expect(menu.press(ray)).toBe(true);
+    expect(pressed).toEqual(["first"]);
+    expect(menu.press(ray.makeTranslation(9, 9, 9))).toBe(false);
+  });
+});
+
+describe("what is missing for a headset", () => {
+  it.each([
+    [false, {}, /^A headset needs a safe address: [^\n]*https[^\n]*$/],
+    [true, {}, /^This browser has no WebXR: [^\n]*$/],
+    [true, { xr: { isSessionSupported: () => Promise.resolve(false) } }, /^No headset answers: [^\n]*$/],
+  ])("is said in one sentence (secure: %s, %o)", async (isSecure, navigator, sentence) => {
+    vi.stubGlobal("isSecureContext", isSecure);
+    vi.stubGlobal("navigator", navigator);
+    expect(await missingForHeadset()).toMatch(sentence);
+  });
+
+  it("is nothing where a headset answers", async () => {
+    vi.stubGlobal("isSecureContext", true);
+    vi.stubGlobal("navigator", { xr: { isSessionSupported: () => Promise.resolve(true) } });
+    expect(await missingForHeadset()).toBeNull();
+  });
+});
