@@ -195,7 +195,7 @@ def skeleton_tsv(clip: Clip) -> str:
     lines.append("\t".join(["Frame", "Time", *(f"{name}\tX\tY\tZ\tQX\tQY\tQZ\tQW" for name in names.values())]))
     for t in range(len(clip)):
         row = [f"{t + 1}", f"{t / clip.frame_rate:.5f}"]
-        for k in clip.pose.skeleton.indices(names):
+        for k in clip.pose.skeleton.indices(tuple(names)):
             back = turn * [1, -1, -1, -1]
             w, x, y, z = quaternion_multiply(quaternion_multiply(turn, rotation[t, k]), back)
             row += ["", *(f"{1000 * v:.3f}" for v in Z_UP @ position[t, k]), *(f"{v:.6f}" for v in (x, y, z, w))]
