@@ -78,16 +78,19 @@ class GltfFile:
                         f"{self.path}: node {child} has two parents, or none is there; export it again"
                     )
                 parents[child] = k
+        if len(self._below_roots(parents)) != len(parents):
+            raise BodysenseError(f"{self.path}: its nodes hang on each other in a circle; export it again")
         return parents
 
     @cached_property
     def order(self) -> list[int]:
         """Nodes, parents first."""
-        order = [k for k, parent in enumerate(self.parents) if parent < 0]
+        return self._below_roots(self.parents)
+
+    def _below_roots(self, parents: list[int]) -> list[int]:
+        order = [k for k, parent in enumerate(parents) if parent < 0]
         for k in order:
             order += self.nodes[k].get("children", [])
-        if len(order) != len(self.nodes):
-            raise BodysenseError(f"{self.path}: its nodes hang on each other in a circle; export it again")
         return order
 
 
