@@ -181,20 +181,69 @@ def test_motions_and_recordings_are_told_apart(short: Clip, three_points: Observ
         track(tmp_path / "b.npz")
 
 
-def test_a_video_is_tracked(filmed: tuple[np.ndarray, Clip], landmarkers: Path, tmp_path: Path, monkeypatch) -> None:
-    """A folder of pictures of a drawn body."""
+@pytest.fixture
+def pictures(
+    filmed: tuple[np.ndarray, Clip], landmarkers: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Path:
+    """A folder of four pictures of a drawn body."""
     from PIL import Image
 
     from bodysense.capture import landmarker_files
 
-    pictures, _ = filmed
-    for k, picture in enumerate(pictures):
+    for k, picture in enumerate(filmed[0][:4]):
         Image.fromarray(picture).save(tmp_path / f"{k:02d}.png")
     monkeypatch.setattr(landmarker_files, "landmarker_folder", lambda: landmarkers)
-    take = track(tmp_path, height=1.7)
-    assert len(take.clip) == len(pictures) and np.isfinite(positions(take.clip.pose)).all()
+    return tmp_path
+
+
+def test_a_video_is_tracked(pictures: Path) -> None:
+    take = track(pictures, height=1.7)
+    assert len(take.clip) == 4 and np.isfinite(positions(take.clip.pose)).all()
     with pytest.raises(BodysenseError, match="a video, not a motion; leave --device out"):
-        track(tmp_path, device="head")
+        track(pictures, device="head")
+
+
+def test_the_person_of_a_number_and_a_rolled_camera(pictures: Path) -> None:
+    """A camera that is told to be rolled shows a person who stands the more obliquely."""
+    level, rolled = (track(pictures, height=1.7, follow=1, roll=roll) for roll in (0.0, 20.0))
+    spine = []
+    for take in (level, rolled):
+        place = positions(take.clip.pose)
+        skeleton = take.clip.pose.skeleton
+        way = np.median(place[:, skeleton.index("neck")] - place[:, skeleton.index("pelvis")], axis=0)
+        spine.append(way / np.linalg.norm(way))
+    assert spine[0][1] > 0.95
+    assert np.degrees(np.arccos(spine[0] @ spine[1])) == pytest.approx(20, abs=5)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"follow": 2}, r"^--follow 2: only 1 was found in .*; give 1, or a larger --people where more are"),
+        ({"follow": 0}, r"^--follow 0: people are numbered from 1$"),
+        ({"roll": 200.0}, r"^--roll 200: give -180 to 180 degrees$"),
+        ({"roll": float("nan")}, r"^--roll nan: give -180 to 180 degrees$"),
+    ],
+)
+def test_a_person_and_a_camera_that_cannot_be(pictures: Path, options: dict[str, float], said: str) -> None:
+    with pytest.raises(BodysenseError, match=said):
+        track(pictures, **options)  # type: ignore[arg-type]
+
+
+def test_who_is_followed_is_asked_of_videos_alone(short: Clip, three_points: Observation) -> None:
+    with pytest.raises(BodysenseError, match="which alone has people to choose from and a camera; leave --follow out"):
+        track(three_points, follow=1)
+    with pytest.raises(BodysenseError, match="leave --roll out"):
+        track(short, device="three_point", roll=5.0)
+
+
+def test_a_video_of_nobody(pictures: Path) -> None:
+    from PIL import Image
+
+    for path in pictures.iterdir():
+        Image.new("RGB", (96, 64), "grey").save(path)
+    with pytest.raises(BodysenseError, match="no person was found in its 4 pictures; is one to be seen whole"):
+        track(pictures)
 
 
 def test_reading_and_writing(short: Clip, three_points: Observation, tmp_path: Path) -> None:

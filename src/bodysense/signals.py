@@ -89,23 +89,26 @@ def _filmed(source: str, person: Person, follow: int | None, roll: float | None)
     from bodysense.capture.landmarks import Landmarker, LandmarkerSettings
     from bodysense.capture.person import PersonSettings
     from bodysense.devices.video import VideoDevice, VideoSettings
-    from bodysense.devices.watching import watch
+    from bodysense.devices.watching import Seen, watch
     from bodysense.estimators.arms import Arms, load_arms
 
-    arms = Arms(person.skeleton, load_arms())
+    settings, people = VideoSettings(roll=roll), PersonSettings(number=follow)
+    arms, parts, seen = Arms(person.skeleton, load_arms()), [], Seen()
     with open_video(source) as video, Landmarker(find_landmarkers(None), LandmarkerSettings()) as landmarker:
         if video.count is None and source.isdecimal():
             raise BodysenseError(f"{source}: a webcam never ends; use the command, bodysense track {source}")
-        settings = VideoSettings(roll=roll)
-        watched = watch(
+        for done in watch(
             video.pictures,
             landmarker,
             lambda aspect: VideoDevice(person.skeleton, arms, aspect, settings),
-            PersonSettings(number=follow),
-        )
-        parts = [done.frames.observation for done in watched if len(done.frames)]
+            people,
+        ):
+            seen.add(done)
+            if len(done.frames):
+                parts.append(done.frames.observation)
     if not parts:
         raise BodysenseError(f"{source}: no picture in it can be read")
+    seen.check(source, follow)
     names = ("position", "rotation", "has_position", "has_rotation", "accuracy", "time")
     whole = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
     return Observation(parts[0].points, **whole)

@@ -114,7 +114,7 @@ def test_the_person_of_a_number(
     assert "the person in 100%" in " ".join(capsys.readouterr().out.split())
     out.unlink()
     assert track(video, "-o", out, "--follow", 2, *rest) == 2
-    assert "--follow 2: only 1 were found in in.mp4; give 1 to 1" in capsys.readouterr().err and not out.exists()
+    assert "--follow 2: only 1 was found in in.mp4; give 1, or" in capsys.readouterr().err and not out.exists()
 
 
 def test_a_video_of_nobody_is_refused(tmp_path: Path, landmarkers: Path, capsys: pytest.CaptureFixture[str]) -> None:

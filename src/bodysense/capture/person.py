@@ -16,6 +16,7 @@ from bodysense.body.keypoints import ArmKeypoints, arm_directions, torso_rotatio
 from bodysense.capture.landmarks import BODY_LANDMARKS, Bodies, Hands
 from bodysense.capture.sides import LastSides, exchange, is_turned_round, remembered
 from bodysense.capture.video import Picture
+from bodysense.errors import BodysenseError
 
 VISIBLE = 0.5  # probability from which a landmark counts as seen
 _LONGEST_AHEAD = 0.5  # s for which somebody unseen is thought to walk on
@@ -61,6 +62,10 @@ class PersonSettings:
     patience: float = 3.0  # s without the person until another one is chosen
     hand_reach: float = 0.4  # from an arm's wrist to that of its hand
     wrong_side: float = 0.25  # unlikeness of a hand that is certainly the other side's
+
+    def __post_init__(self) -> None:
+        if self.number is not None and self.number < 1:
+            raise BodysenseError(f"--follow {self.number}: people are numbered from 1")
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bodysense.body.person import Person
     from bodysense.body.skeleton import Skeleton
     from bodysense.devices.video import VideoDevice
-    from bodysense.devices.watching import Watched
+    from bodysense.devices.watching import Seen, Watched
     from bodysense.tracker import TrackerSettings
 
 
@@ -68,19 +68,20 @@ def track_video(
     from bodysense.capture.landmarks import Landmarker, LandmarkerSettings
     from bodysense.capture.person import PersonSettings
     from bodysense.capture.video import VideoBrokenError, open_video
-    from bodysense.devices.watching import watch
+    from bodysense.devices.watching import Seen, watch
     from bodysense.export.motion_files import motion_stream
     from bodysense.export.overlay import Overlay
     from bodysense.export.rigs import OWN
     from bodysense.tracker import Tracker
 
     _check(options)
+    people = PersonSettings(number=options.follow)
     person = Person() if wearer is None else wearer
     look_ahead = _look_ahead(source, options)
     maker = _maker(person.skeleton, options, model, look_ahead)
     # A picture's lengths are guesses, of which proportions cannot be inferred.
     tracker = Tracker(person, settings=replace(settings, infer=False))
-    state, tally, said = tracker.start(), _Tally(), None
+    state, tally, said = tracker.start(), _Tally(Seen()), None
     with ExitStack() as stack:
         video = stack.enter_context(open_video(source, options.image_rate))
         files = find_landmarkers(options.landmarkers)
@@ -94,7 +95,7 @@ def track_video(
         progress = stack.enter_context(Progress(SpinnerColumn(), *Progress.get_default_columns()))
         bar = progress.add_task(f"tracking {video.name}, look-ahead {look_ahead:g} s", total=total)
         try:
-            for done in watch(pictures, landmarker, maker, PersonSettings(number=options.follow)):
+            for done in watch(pictures, landmarker, maker, people):
                 begun = clock.perf_counter()
                 if len(done.frames):
                     estimate, state = tracker.step(done.frames.observation, state)
@@ -108,7 +109,7 @@ def track_video(
         except KeyboardInterrupt:
             if video.count is not None:
                 raise
-        tally.check(video.name, options.follow)
+        tally.seen.check(video.name, options.follow)
     _report(f"wrote {out}: {motion.frames} frames\n{tally.line()}", said, options.overlay)
 
 
@@ -130,8 +131,6 @@ def _check(options: VideoOptions) -> None:
         check_place(options.overlay)
     if options.seconds is not None and not options.seconds > 0:
         raise BodysenseError(f"--seconds {options.seconds:g}: give more than 0")
-    if options.follow is not None and options.follow < 1:
-        raise BodysenseError(f"--follow {options.follow}: people are numbered from 1")
 
 
 def _look_ahead(source: str, options: VideoOptions) -> float:
@@ -159,37 +158,23 @@ def _maker(
 class _Tally:
     """What was found, and how long it took."""
 
-    frames: int = 0
-    bodies: int = 0
+    seen: Seen
     left_hands: int = 0
     right_hands: int = 0
     landmark_seconds: float = 0.0
     body_seconds: float = 0.0
-    people: int = 0
 
     def add(self, done: Watched, seconds: float) -> None:
-        person = done.frames.person
-        self.frames += len(person)
-        self.bodies += int(person.has_body.sum())
-        self.people = max([self.people, *(one.number for seen in done.people for one in seen)])
-        left, right = person.has_hand.sum(axis=0).tolist()
+        self.seen.add(done)
+        left, right = done.frames.person.has_hand.sum(axis=0).tolist()
         self.left_hands, self.right_hands = self.left_hands + left, self.right_hands + right
         self.landmark_seconds += done.landmark_seconds
         self.body_seconds += done.device_seconds + seconds
 
-    def check(self, name: str, number: int | None) -> None:
-        if self.bodies:
-            return
-        if number is not None and self.people:
-            raise BodysenseError(
-                f"--follow {number}: only {self.people} were found in {name}; give 1 to {self.people}, or a larger "
-                "--people where more are in the picture together"
-            )
-        raise BodysenseError(f"{name}: no person was found in its {self.frames} pictures; is one to be seen whole?")
-
     def line(self) -> str:
-        body, left, right = (f"{count / self.frames:.0%}" for count in (self.bodies, self.left_hands, self.right_hands))
-        landmarks, rest = (f"{self.frames / s:.0f}" for s in (self.landmark_seconds, self.body_seconds))
+        frames, counts = self.seen.frames, (self.seen.bodies, self.left_hands, self.right_hands)
+        body, left, right = (f"{count / frames:.0%}" for count in counts)
+        landmarks, rest = (f"{frames / s:.0f}" for s in (self.landmark_seconds, self.body_seconds))
         return (
             f"the person in {body} of the pictures, their left hand in {left}, right in {right}; "
             f"landmarks {landmarks} frames/s, the rest {rest} frames/s"

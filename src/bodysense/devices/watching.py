@@ -10,6 +10,7 @@ from bodysense.capture.landmarks import Landmarker
 from bodysense.capture.person import PersonSettings, PersonState, PersonTrack, follow
 from bodysense.capture.video import Picture, VideoBrokenError
 from bodysense.devices.video import VideoDevice, VideoFrames
+from bodysense.errors import BodysenseError
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +22,33 @@ class Watched:
     people: tuple[tuple[PersonTrack, ...], ...]  # everybody who was seen in each of them
     landmark_seconds: float  # that the landmarkers took for the newest picture
     device_seconds: float  # that the rest took
+
+
+@dataclass
+class Seen:
+    """Counts of what was watched."""
+
+    frames: int = 0
+    bodies: int = 0  # frames in which the person was seen
+    people: int = 0
+
+    def add(self, done: Watched) -> None:
+        """Count more of it."""
+        self.frames += len(done.frames.person)
+        self.bodies += int(done.frames.person.has_body.sum())
+        self.people = max([self.people, *(one.number for seen in done.people for one in seen)])
+
+    def check(self, name: str, number: int | None) -> None:
+        """Raise BodysenseError where nobody was seen in video `name`, or nobody of the `number` asked for."""
+        if self.bodies:
+            return
+        if number is not None and self.people:
+            only, valid = ("1 was", "1") if self.people == 1 else (f"{self.people} were", f"1 to {self.people}")
+            raise BodysenseError(
+                f"--follow {number}: only {only} found in {name}; give {valid}, or a larger --people where more are in "
+                "the picture together"
+            )
+        raise BodysenseError(f"{name}: no person was found in its {self.frames} pictures; is one to be seen whole?")
 
 
 def watch(
