@@ -18,7 +18,8 @@ from bodysense.data.clip import Clip
 from bodysense.data.holes import missing_items
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
-from bodysense.filling import observed, open_holed
+from bodysense.filling import filled, observed, on_feet, open_holed
+from bodysense.observation import CONTACT_POINTS
 from bodysense.reading import read_clip
 from bodysense.take import track
 
@@ -155,3 +156,21 @@ def test_missing_is_for_motions(take: Path, steps: Clip) -> None:
     with pytest.raises(BodysenseError, match=r"only a \.bvh file has a rig"):
         recording.save("out.bvh", "source")
     assert replace(recording, source=take).source == take
+
+
+def test_filled_feet_that_stand_do_not_slide(steps: Clip) -> None:
+    """Beside legs that are filled and left as they are; frames and joints that are known keep every bit."""
+    holed = open_holed(steps, missing_items("left_hip+:20-60"))
+    done = track(steps, missing="left_hip+:20-60")
+    contact, rotation = done.estimate.contact, filled(holed, done.estimate.pose)
+    held, free = (on_feet(holed, rotation, chance, 0.0) for chance in (contact, np.zeros_like(contact)))
+    np.testing.assert_array_equal(held[~holed.missing], holed.rotation[~holed.missing])
+    rests = contact[:, [CONTACT_POINTS.index("left_ankle"), CONTACT_POINTS.index("left_foot")]].max(axis=1) > 0.6
+    both = rests[21:60] & rests[20:59]
+    ball = steps.pose.skeleton.index("left_foot")
+    slid = []
+    for turned in (held, free):
+        pose = replace(steps.pose, rotation=turned)
+        place = np.asarray(forward_kinematics(pose)[0])[:, ball]
+        slid.append(np.linalg.norm(np.diff(place[20:60, [0, 2]], axis=0), axis=-1)[both].mean() * steps.frame_rate)
+    assert both.sum() > 10 and slid[0] < 0.5 * slid[1]

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body import gaps
+from bodysense.body.footing import stopped_slide
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation
 from bodysense.body.reach import reaching
 from bodysense.body.retarget import side_clearance
@@ -30,7 +31,7 @@ from bodysense.data.rigged import read_rigged
 from bodysense.data.source_joints import SourceJoints, joints_of_file, own_joints
 from bodysense.data.sources import Source, read_source
 from bodysense.errors import BodysenseError
-from bodysense.observation import EXACT_ACCURACY, Observation
+from bodysense.observation import CONTACT_POINTS, EXACT_ACCURACY, Observation
 from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
 Array = np.ndarray
@@ -140,10 +141,11 @@ def filled(holed: Holed, estimate: Pose) -> Array:
     return local
 
 
-def over_floor(holed: Holed, rotation: Array, floor: float) -> Array:
-    """The filled motion (T, J, 4), legs that were filled bent so that no sole is lower than it is where it is known.
+def on_feet(holed: Holed, rotation: Array, contact: Array, floor: float) -> Array:
+    """The filled motion (T, J, 4), legs that were filled bent so that feet stand still, and no sole too low.
 
-    Soles are over the floor, height `floor` m, where they are known in no frame.
+    A foot stands where `contact` (T, 4), the probability that each of `CONTACT_POINTS` rests on something, says so. A
+    sole is no lower than it is where it is known; where that is in no frame it is over the floor, height `floor` m.
     """
     rig, pose, skeleton = holed.rig, pose_of(holed, rotation), holed.clip.pose.skeleton
     bent = np.zeros_like(holed.missing)
@@ -156,9 +158,16 @@ def over_floor(holed: Holed, rotation: Array, floor: float) -> Array:
         clearance = side_clearance(position, skeleton, side) - floor
         lowest = min(0.0, clearance[~gone].min(initial=0.0))
         rise = np.where(gone, np.maximum(0.0, lowest - clearance), 0.0)
-        target = position[:, skeleton.index(f"{side}_ankle")] + rise[:, None] * np.array([0.0, 1.0, 0.0])
-        pose = reaching(pose, f"{side}_ankle", target)
-        bent[:, leg] |= (rise > 0)[:, None]
+        resting = [name for name in CONTACT_POINTS if name.startswith(side)]
+        shift = stopped_slide(
+            position[:, skeleton.indices(resting)],
+            contact[:, [CONTACT_POINTS.index(name) for name in resting]],
+            gone,
+            1 / holed.clip.frame_rate,
+        )
+        shift[:, 1] = rise
+        pose = reaching(pose, f"{side}_ankle", position[:, skeleton.index(f"{side}_ankle")] + shift)
+        bent[:, leg] |= shift.any(axis=1)[:, None]
     return _turned_to(rig, rotation, rig.world(pose), bent)
 
 

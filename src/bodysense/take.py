@@ -26,7 +26,7 @@ from bodysense.errors import BodysenseError
 from bodysense.export.motion_files import write_motion
 from bodysense.export.rig_file import write_on_rig_of
 from bodysense.export.rigs import OWN, SOURCE, check_rig
-from bodysense.filling import Holed, filled, observed, open_holed, over_floor, pose_of
+from bodysense.filling import Holed, filled, observed, on_feet, open_holed, pose_of
 from bodysense.io.markers.files import is_marker_file
 from bodysense.observation import Estimate, Observation
 from bodysense.reading import read_clip
@@ -173,7 +173,8 @@ def _filled(
     """A motion whose holes are filled."""
     clip = holed.clip
     take = _tracked(Signal(clip.name, observed(holed), Person(clip.pose.skeleton)), settings, network, advance)
-    rotation = over_floor(holed, filled(holed, take.estimate.pose), settings.floor)
+    rotation = filled(holed, take.estimate.pose)
+    rotation = on_feet(holed, rotation, take.estimate.contact, settings.floor)
     file = None if holed.file is None else holed.file.with_rotation(rotation, holed.missing)
     return replace(take, clip=replace(clip, pose=pose_of(holed, rotation)), holed=holed, file=file)
 

@@ -12,21 +12,29 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import slerp
 from bodysense.data.clip import Clip
+from bodysense.data.fingers import FINGERS
 from bodysense.data.holes import Missing
 from bodysense.data.resample import resample
-from bodysense.filling import Holed, filled, observed, open_holed, over_floor, pose_of
+from bodysense.filling import Holed, filled, observed, on_feet, open_holed, pose_of
 from bodysense.lab.chart import BarPanel, plain_bars
-from bodysense.lab.table import Report, finite
+from bodysense.lab.metrics import foot_skate
+from bodysense.lab.table import Report, cell, finite
 from bodysense.tracker import Tracker
 
 RATE, LONGEST, LEAD = 30.0, 12.0, 1.0  # Hz; s of a clip that are used; s before a gap
 SECONDS = (1.0, 2.0, 3.0)
 # What is taken away with all that hangs on it, and the points that are scored.
 LIMBS = {
-    "left arm": ("left_shoulder", ("left_elbow", "left_wrist")),
-    "left leg": ("left_hip", ("left_knee", "left_ankle", "left_foot")),
-    "left hand": ("left_wrist", ("left_index1", "left_pinky1", "left_index_tip", "left_thumb_tip")),
+    "left arm": (("left_shoulder",), ("left_elbow", "left_wrist")),
+    "left leg": (("left_hip",), ("left_knee", "left_ankle", "left_foot")),
+    "left hand": (("left_wrist",), ("left_index1", "left_pinky1", "left_index_tip", "left_thumb_tip")),
+    "left fingers": (
+        tuple(f"left_{finger}1" for finger in FINGERS),
+        tuple(f"left_{finger}{part}" for finger in FINGERS for part in ("3", "_tip")),
+    ),
 }
+FINGERED = ("left hand", "left fingers")  # which only clips with fingers have
+FOOT = "left_foot"  # the ball, whose sliding is scored where it truly stands
 METHODS = ("slerp", "filled")
 
 
@@ -40,6 +48,7 @@ class Gap:
     error: float  # m, mean of the points over the gap
     speed: float  # m/s, of the fastest point from one side of the gap to the other
     truth_speed: float  # m/s, the same of the truth
+    skate: float = float("nan")  # cm/s of the ball of the foot while it truly stands; NaN where it does not
 
 
 def score_holes(clips: Iterable[Clip], seed: int = 1, advance: Callable[[Clip], None] = lambda clip: None) -> list[Gap]:
@@ -49,13 +58,14 @@ def score_holes(clips: Iterable[Clip], seed: int = 1, advance: Callable[[Clip], 
     for clip in clips:
         short = resample(clip, RATE)
         short = replace(short, pose=short.pose[: int(LONGEST * RATE)])
-        for limb, (root, points) in LIMBS.items():
+        for limb, (roots, points) in LIMBS.items():
             for seconds in SECONDS:
                 count, lead = int(seconds * RATE), int(LEAD * RATE)
-                if len(short) < count + 2 * lead or (limb == "left hand" and not clip.has_fingers):
+                if len(short) < count + 2 * lead or (limb in FINGERED and not clip.has_fingers):
                     continue
                 first = int(rng.integers(lead, len(short) - count - lead + 1))
-                found += _gap(short, limb, seconds, Missing(root, True, (first, first + count - 1)), points)
+                frames = (first, first + count - 1)
+                found += _gap(short, limb, seconds, [Missing(root, True, frames) for root in roots], points)
         advance(clip)
     return found
 
@@ -71,18 +81,25 @@ def report_of(gaps: list[Gap], name: str) -> Report:
             errors = [100 * float(np.mean([gap.error for gap in those[method]])) for method in METHODS]
             speeds = [float(np.mean([gap.speed for gap in those[method]])) for method in METHODS]
             truth = float(np.mean([gap.truth_speed for gap in those["filled"]]))
-            rows.append((limb, f"{seconds:g} s", len(those["filled"]), *errors, *speeds, truth))
+            skates = [_mean([gap.skate for gap in those[method]]) for method in METHODS]
+            count = len(those["filled"])
+            rows.append((limb, f"{seconds:g} s", count, *errors, *speeds, truth, *map(cell, skates)))
             key = f"{limb.replace(' ', '_')}_{seconds:g}s"
             keys.append(key)
             numbers |= {f"{key}_{method}_cm": value for method, value in zip(METHODS, errors, strict=True)}
+            numbers |= {f"{key}_{method}_skate": value for method, value in zip(METHODS, skates, strict=True)}
             numbers[f"{key}_peak_speed"], numbers[f"{key}_truth_peak_speed"] = speeds[1], truth
     return Report(
         name="holes",
         title=f"Limbs missing in {name}",
-        columns=("limb", "gap", "gaps", "slerp cm", "filled cm", "slerp m/s", "filled m/s", "truth m/s"),
+        columns=(
+            *("limb", "gap", "gaps", "slerp cm", "filled cm", "slerp m/s", "filled m/s", "truth m/s"),
+            *("slerp skate", "filled skate"),
+        ),
         rows=tuple(rows),
         numbers=finite(numbers),
-        caption="Mean error of the limb's points in the gap; mean over gaps of the fastest point's greatest speed.",
+        caption="Mean error of the limb's points in the gap; mean over gaps of the fastest point's greatest speed; "
+        "skate: cm/s of the ball of the foot while it truly stands.",
         digits=2,
         panels=(
             BarPanel(
@@ -95,13 +112,13 @@ def report_of(gaps: list[Gap], name: str) -> Report:
     )
 
 
-def _gap(clip: Clip, limb: str, seconds: float, missing: Missing, points: tuple[str, ...]) -> list[Gap]:
-    holed = open_holed(clip, [missing])
+def _gap(clip: Clip, limb: str, seconds: float, missing: list[Missing], points: tuple[str, ...]) -> list[Gap]:
+    holed = open_holed(clip, missing)
     tracker = Tracker(Person(clip.pose.skeleton))
     estimate, _ = tracker.step(observed(holed), tracker.start())
-    ours = over_floor(holed, filled(holed, estimate.pose), 0.0)
-    first, last = missing.frames or (0, len(clip) - 1)
-    places = clip.pose.skeleton.indices(points)
+    ours = on_feet(holed, filled(holed, estimate.pose), estimate.contact, 0.0)
+    first, last = missing[0].frames or (0, len(clip) - 1)
+    places, ball = clip.pose.skeleton.indices(points), [points.index(FOOT)] if FOOT in points else []
     window = slice(first - 1, last + 2)
 
     def seen(rotation: np.ndarray) -> np.ndarray:
@@ -111,7 +128,15 @@ def _gap(clip: Clip, limb: str, seconds: float, missing: Missing, points: tuple[
     truth = seen(np.asarray(clip.pose.rotation))
     found = {"slerp": seen(_slerped(holed)), "filled": seen(np.asarray(pose_of(holed, ours).rotation))}
     return [
-        Gap(limb, seconds, method, _distance(place[1:-1] - truth[1:-1]).mean(), _speed(place), _speed(truth))
+        Gap(
+            limb=limb,
+            seconds=seconds,
+            method=method,
+            error=_distance(place[1:-1] - truth[1:-1]).mean(),
+            speed=_speed(place),
+            truth_speed=_speed(truth),
+            skate=foot_skate(place[:, ball], truth[:, ball], RATE),
+        )
         for method, place in found.items()
     ]
 
@@ -125,6 +150,12 @@ def _slerped(holed: Holed) -> np.ndarray:
             before, after = (np.repeat(rotation[k : k + 1, joint], end - first, axis=0) for k in (first - 1, end))
             rotation[first:end, joint] = slerp(before, after, share)
     return rotation
+
+
+def _mean(values: list[float]) -> float:
+    """The mean of those that are numbers; NaN where none is."""
+    there = [value for value in values if np.isfinite(value)]
+    return float(np.mean(there)) if there else float("nan")
 
 
 def _distance(vector: np.ndarray) -> np.ndarray:

@@ -1,0 +1,72 @@
+"""Feet that stand do not slide: how far a foot is to be moved so that what rests on the floor stays where it is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bodysense.body.gaps import runs
+
+HOLD, RELEASE = 0.6, 0.4  # probability of contact from which a foot stands, and below which it no longer does
+FADE = 0.2  # s in which a foot that is lifted comes back to where it would have been
+FARTHEST = 0.12  # m that a foot is moved at most: farther off it is the contact that is wrong
+
+
+def stopped_slide(place: np.ndarray, contact: np.ndarray, free: np.ndarray, seconds: float) -> np.ndarray:
+    """How far (T, 3) m to move a foot along the floor in `free` frames; 0 in all others.
+
+    Where the foot stands up to a frame that is not free, it stands where it is in that frame; between two of them that
+    differ it moves evenly.
+
+    Args:
+        place: (T, K, 3) m, y up: points of the foot that may rest on the floor.
+        contact: (T, K) probability that they do.
+        free: (T,) bool: frames in which the foot may be moved.
+        seconds: between frames.
+    """
+    shift = np.zeros((len(place), 3))
+    for first, end in runs(free):
+        resting = _resting(contact[first:end])
+        stands = [(first + a, first + b) for a, b in runs(resting >= 0)]
+        for number, (start, stop) in enumerate(stands):
+            shift[start:stop] = _still(place, resting[start - first : stop - first], start, stop, (first, end))
+            before = stands[number - 1][1] if number else first
+            after = stands[number + 1][0] if number + 1 < len(stands) else end
+            for side, count in ((-1, start - before), (1, after - stop)):
+                fading = min(count, round(FADE / seconds))
+                frames = start - 1 - np.arange(fading) if side < 0 else stop + np.arange(fading)
+                gone = (np.arange(fading) + 1) / (fading + 1)
+                shift[frames] += (1 - gone**2 * (3 - 2 * gone))[:, None] * shift[start if side < 0 else stop - 1]
+    size = np.linalg.norm(shift, axis=-1, keepdims=True)
+    return shift * np.minimum(1, FARTHEST / np.maximum(size, 1e-9))
+
+
+def _resting(contact: np.ndarray) -> np.ndarray:
+    """(N,) which of the points of a foot rests on the floor; -1 where none does. One that rests goes on to."""
+    result, now = np.full(len(contact), -1), -1
+    for frame, chances in enumerate(contact):
+        if now >= 0 and chances[now] < RELEASE:
+            now = -1
+        if now < 0 and chances.max() >= HOLD:
+            now = int(chances.argmax())
+        result[frame] = now
+    return result
+
+
+def _still(place: np.ndarray, resting: np.ndarray, start: int, stop: int, span: tuple[int, int]) -> np.ndarray:
+    """Shift (N, 3) of frames `start` to `stop`, in which point `resting` (N,) of the foot stays where it is."""
+    first, end = span
+    is_led, is_met = start == first > 0, stop == end < len(place)
+    frames = np.arange(start, stop + is_met)
+    point = np.append(resting, resting[-1:])[: len(frames)]
+    steps = place[frames, point] - place[np.maximum(frames - 1, 0), point]
+    steps[:, 1] = 0
+    if not is_led:
+        steps[0] = 0
+    slid = np.cumsum(steps, axis=0)
+    if is_led and is_met:
+        back = slid - slid[-1] * (np.arange(len(frames)) + 1)[:, None] / len(frames)
+    elif is_met:
+        back = slid - slid[-1]
+    else:
+        back = slid if is_led else slid - slid.mean(axis=0)
+    return -back[: stop - start]
