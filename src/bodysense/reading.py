@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from bodysense.arrays import conversion
@@ -61,8 +62,10 @@ def read_clip(
     if rate is not None:
         raise BodysenseError(f"{path}: the file says its frame rate; leave --rate {rate:g} out")
     if path.suffix.lower() in io_gltf.ENDINGS:
-        clip, remarks = io_gltf.read_gltf(path)
-        return as_told(clip, options, "glTF files", "y"), tuple(f"note: {remark}" for remark in remarks)
+        clip, remarks = io_gltf.read_gltf(path, options.joints)
+        return as_told(clip, replace(options, joints=None), "glTF files", "y"), tuple(
+            f"note: {remark}" for remark in remarks
+        )
     clip, rig = read_with_rig(Source(path, person="", split="test"), options)
     return clip, () if rig is None else (f"read {path}: {rig.line()}",)
 

@@ -24,8 +24,10 @@ from bodysense.data.clip import Clip
 from bodysense.demo import performance_of_stranger
 from bodysense.errors import BodysenseError
 from bodysense.export.motion_files import write_motion
-from bodysense.io.gltf import read_gltf
+from bodysense.io.gltf import figure_of_gltf, read_gltf
 from bodysense.reading import read
+from bodysense.rigs.options import ReadingOptions
+from bodysense.rigs.rig import recognise
 
 MIXAMO = {
     "pelvis": "mixamorig:Hips", "spine1": "mixamorig:Spine", "spine2": "mixamorig:Spine1", "spine3": "mixamorig:Spine2",
@@ -145,6 +147,31 @@ def test_names_do_not_matter(tmp_path: Path, stranger: Clip) -> None:
     rows = stranger.pose.skeleton.indices(["pelvis", "head", "left_wrist", "right_wrist", "left_ankle"])
     places = [np.asarray(forward_kinematics(one.pose)[0])[:, rows] for one in (read_gltf(path)[0], stranger)]
     np.testing.assert_allclose(places[0], places[1], atol=1e-5)
+
+
+def test_joints_are_as_told(tmp_path: Path, stranger: Clip) -> None:
+    """A spine that is told to lack a joint lacks it; what has names of its own takes none."""
+    path, table = tmp_path / "a.glb", tmp_path / "joints.json"
+    foreign(path, stranger)
+    rig = recognise(figure_of_gltf(path), ReadingOptions(up="y", floor=0.0))
+    names = {given: ours for ours, given in rig.joints.items()}
+    table.write_text(json.dumps(names | {MIXAMO["spine2"]: ""}))
+    asked = ReadingOptions(joints=table)
+    clip, plain = read(path, asked), read(path)
+    assert isinstance(clip, Clip) and isinstance(plain, Clip)
+    places = [np.asarray(forward_kinematics(one.pose)[0]) for one in (clip, plain)]
+    spine = clip.pose.skeleton.index("spine2")
+    others = [clip.pose.skeleton.index(name) for name in ("pelvis", "left_wrist", "right_ankle", "neck")]
+    np.testing.assert_allclose(places[0][:, others], places[1][:, others], atol=5e-3)
+    assert np.abs(places[0][:, spine] - places[1][:, spine]).max() > 1e-3
+    table.write_text(json.dumps(names | {"tail": "head"}))
+    with pytest.raises(BodysenseError, match="the file has no joint 'tail'"):
+        read(path, asked)
+    write_motion(tmp_path / "a.vrma", stranger)
+    with pytest.raises(BodysenseError, match="a VRM file says which joint is which; leave --joints out"):
+        read(tmp_path / "a.vrma", asked)
+    with pytest.raises(BodysenseError, match=r"glTF files hold one body, .*; leave --figure out"):
+        read(path, ReadingOptions(figure=2))
 
 
 def test_frames_at_odd_times_are_resampled(tmp_path: Path, stranger: Clip) -> None:

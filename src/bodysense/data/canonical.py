@@ -3,12 +3,7 @@
 The form is that of `default_skeleton()`: same names, same tree, and a rest pose (all rotations the identity) that is
 a T-pose facing +Z. What changes is only the meaning of the rotations; in the world the body stays where it was.
 
-Alignment. Source files have rest poses of their own. From the root outward, each joint of ours is given one constant
-rotation, which takes the source's rest bones to ours. It is its parent's unless the bone to its child then points away
-from the default skeleton's by more than `LIMB_TOLERANCE` (arms, legs, fingers) or `OTHER_TOLERANCE` (elsewhere, where
-bodies differ in shape); then the shortest arc onto the default's direction is added. Pelvis, chest and wrist have
-several children and are aligned with two directions (left to right and up; along the hand and across it). So a
-skeleton that already stands in a T-pose keeps its own bone directions, and its rotations pass through unchanged.
+How a source's rest bones are aligned with ours: `data.alignment`.
 
 Skipped joints. Joints that we lack (LowerBack, twist bones, a fourth spine joint) are left out. If they do not move,
 all matched joints keep their world positions to rounding. If they do, a joint with one child is turned each frame so
@@ -26,8 +21,6 @@ import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation, rest_pose
 from bodysense.body.rotation import (
-    geodesic_angle,
-    matrix_to_quaternion,
     quaternion_canonical,
     quaternion_conjugate,
     quaternion_exp,
@@ -36,6 +29,7 @@ from bodysense.body.rotation import (
     shortest_arc,
 )
 from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.data.alignment import Vectors, alignment, angle_between
 from bodysense.data.clip import Clip
 from bodysense.data.fingers import FINGERS, is_finger, with_fingers
 from bodysense.data.hinges import twisted_by_hinges
@@ -44,14 +38,8 @@ from bodysense.rigs.figure import Figure
 from bodysense.rigs.options import ReadingOptions
 from bodysense.rigs.rig import recognise
 
-LIMB_TOLERANCE = np.deg2rad(15.0)
-OTHER_TOLERANCE = np.deg2rad(45.0)
-TWIST_UNKNOWN = np.deg2rad(135.0)  # a bone turned by more than this into the T-pose says nothing about its twist
-_LIMBS = ("hip", "knee", "shoulder", "elbow", "wrist", "index", "middle", "ring", "pinky")
 _SPINE = ("spine1", "spine2")
 _RIGID = 1e-6  # m: a bone that keeps its place in its parent's frame to this is rigid
-
-Vectors = dict[str, np.ndarray]  # of points of ours, by name: places, offsets (..., 3) m, or rotations (..., 4)
 
 
 def canonical(
@@ -79,10 +67,10 @@ def canonical(
         raise BodysenseError(f"{clip.name}: no joint is its pelvis, which carries the legs and the trunk")
     parents = _matched_parents(ours, match)
     standing = rest_pose(source) if rest is None else _facing_forward(rest, match)
-    align, unknown = _alignment(ours, _places(standing, match), parents)
+    align, unknown = alignment(ours, _places(standing, match), parents)
     if unknown and rest is None and _is_t_pose(_places(clip.pose[0], match)):
         standing = _facing_forward(clip.pose[0], match)
-        align, unknown = _alignment(ours, _places(standing, match), parents)
+        align, unknown = alignment(ours, _places(standing, match), parents)
     if unknown and not hinges:
         raise BodysenseError(
             f"{clip.name}: its rest pose is no T-pose and leaves the twist of {source.points[match[unknown]]!r} "
@@ -230,68 +218,10 @@ def _is_t_pose(place: Vectors) -> bool:
     wanted = {"hip": ("knee", down, down), "knee": ("ankle", down, down)}
     wanted |= {"shoulder": ("elbow", across, -across), "elbow": ("wrist", across, -across)}
     return all(
-        _angle(place[f"{side}_{end}"] - place[f"{side}_{start}"], directions[k]) < np.deg2rad(25.0)
+        angle_between(place[f"{side}_{end}"] - place[f"{side}_{start}"], directions[k]) < np.deg2rad(25.0)
         for start, (end, *directions) in wanted.items()
         for k, side in enumerate(("left", "right"))
     )
-
-
-def _alignment(ours: Skeleton, place: Vectors, parents: Mapping[str, str]) -> tuple[Vectors, str | None]:
-    """For each matched joint the rotation (4,) that takes the source's rest bones to ours (see the module's text).
-
-    Also the first limb joint, if any, whose bone turns so far that its twist remains unknown.
-    """
-    default_place = dict(zip(ours.points, ours.path @ ours.rest_offset, strict=True))
-    align: Vectors = {}
-    unknown = None
-    for name in (name for name in ours.joints if name in place):
-        turn = align[parents[name]] if name in parents else np.array([1.0, 0.0, 0.0, 0.0])
-        children = [child for child, parent in parents.items() if parent == name]
-        is_limb = any(limb in name for limb in _LIMBS)
-        tolerance = LIMB_TOLERANCE if is_limb else OTHER_TOLERANCE
-        pairs = _two_directions(name, children, place)
-        wanted, found = (_frame(pairs, default_place), _frame(pairs, place)) if pairs else (None, None)
-        if wanted is not None and found is not None:
-            whole = matrix_to_quaternion(wanted @ found.T)
-            if geodesic_angle(whole, turn) > tolerance:
-                turn = whole
-        elif len(children) == 1:
-            bone = quaternion_rotate(turn, place[children[0]] - place[name])
-            wanted = default_place[children[0]] - default_place[name]
-            angle = _angle(bone, wanted)
-            if is_limb and angle > TWIST_UNKNOWN:
-                unknown = unknown or name
-            if angle > tolerance:
-                turn = quaternion_multiply(shortest_arc(bone, wanted), turn)
-        align[name] = turn
-    return align, unknown
-
-
-def _two_directions(name: str, children: list[str], place: Vectors) -> list[tuple[str, str]]:
-    """Two pairs of points (from, to) that orient a joint with several children; empty where there are none."""
-    side = name.partition("_")[0]
-    if name.endswith("_wrist"):
-        along = [f"{side}_{finger}1" for finger in ("middle", "index", "ring", "pinky") if f"{side}_{finger}1" in place]
-        inner = [f"{side}_{finger}1" for finger in ("pinky", "ring") if f"{side}_{finger}1" in place]
-        return [(name, along[0]), (inner[0], f"{side}_index1")] if inner and f"{side}_index1" in place else []
-    across = [(f"right_{child[5:]}", child) for child in children if child.startswith("left_")]
-    up = [(name, child) for child in children if "_" not in child]
-    return [across[0], up[0]] if across and across[0][0] in place and up else []
-
-
-def _frame(pairs: list[tuple[str, str]], place: Vectors) -> np.ndarray | None:
-    """Orthonormal axes (3, 3), as columns, from two directions; None where they are zero or parallel."""
-    first, second = (place[b] - place[a] for a, b in pairs)
-    third = np.cross(first, second)
-    if np.linalg.norm(third) < 1e-6 * max(1e-9, np.linalg.norm(first) * np.linalg.norm(second)):
-        return None
-    x, z = first / np.linalg.norm(first), third / np.linalg.norm(third)
-    return np.stack([x, np.cross(z, x), z], axis=1)
-
-
-def _angle(u: np.ndarray, v: np.ndarray) -> float:
-    """Angle between two vectors, radians; 0 where one has no length."""
-    return float(np.arctan2(np.linalg.norm(np.cross(u, v)), u @ v))
 
 
 def _between_filled(ours: Skeleton, bone: Vectors, parents: Mapping[str, str]) -> Vectors:

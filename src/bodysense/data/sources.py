@@ -161,7 +161,9 @@ def as_told(clip: Clip, options: ReadingOptions, kind: str, up: str) -> Clip:
     """A motion of a `kind` of files that say all but the floor and the body's height, and have one axis `up`."""
     for option, value in (("unit", options.unit), ("joints", options.joints), ("figure", options.figure)):
         if value is not None:
-            raise BodysenseError(f"{clip.name}: {kind} are metres on joints of one body; leave --{option} out")
+            raise BodysenseError(
+                f"{clip.name}: {kind} hold one body, in metres, whose joints are known; leave --{option} out"
+            )
     if options.up not in (None, up):
         raise BodysenseError(f"{clip.name}: {kind} are {up} up; leave --up {options.up} out")
     if options.floor is not None:

@@ -41,14 +41,23 @@ _LOOKED_AT = 60  # frames by which a body is recognised
 _LONGEST = 10**7  # frames × nodes
 
 
-def read_gltf(path: Path) -> tuple[Clip, tuple[str, ...]]:
-    """The motion of a file in canonical form, and remarks. Raises BodysenseError for one without a moving humanoid."""
+def read_gltf(path: Path, joints: Path | None = None) -> tuple[Clip, tuple[str, ...]]:
+    """The motion of a file in canonical form, and remarks. Raises BodysenseError for one without a moving humanoid.
+
+    `joints` is a file that says which joint is which (`rigs.joint_map`); they are recognised if it is omitted.
+    """
     file = open_gltf(path)
     names, is_vrm = _names(file)
-    tracks = tracks_of(file)
-    if not tracks:
-        raise BodysenseError(f"{path}: nothing in it is animated; export it with its animation")
-    root = names.index("pelvis") if is_vrm and "pelvis" in names else _pelvis(file, names, tracks)
+    tracks = _tracks(file)
+    if is_vrm and joints is not None:
+        raise BodysenseError(f"{path}: a VRM file says which joint is which; leave --joints out")
+    told = None
+    if is_vrm and "pelvis" in names:
+        root = names.index("pelvis")
+    else:
+        rig = recognise(_figure(file, names, tracks), ReadingOptions(up="y", floor=0.0, joints=joints))
+        root = names.index(rig.joints.get("pelvis", rig.hub))
+        told = None if joints is None else {given: ours for ours, given in rig.joints.items()}
     below = _in_our_order(_below(file, root), names)
     time = _times(path, tracks, below)
     if len(time) * len(below) > _LONGEST:
@@ -67,7 +76,7 @@ def read_gltf(path: Path) -> tuple[Clip, tuple[str, ...]]:
     rate = 1 / float(np.median(np.diff(time))) if len(time) > 1 else 30.0
     rate = round(rate) if abs(rate - round(rate)) < 1e-3 * rate else rate
     clip = Clip(str(path), from_t_posed(pose) if is_vrm else pose, float(rate))
-    return replace(canonical(clip), name=path.stem), remarks
+    return replace(canonical(clip, joints=told), name=path.stem), remarks
 
 
 def _names(file: GltfFile) -> tuple[list[str], bool]:
@@ -112,8 +121,21 @@ def _bones(file: GltfFile) -> dict[str, int]:
     return {}
 
 
-def _pelvis(file: GltfFile, names: list[str], tracks: Mapping[tuple[int, str], Track]) -> int:
-    """The node that is the pelvis, by the structure of what moves. Raises BodysenseError where that is no humanoid."""
+def figure_of_gltf(path: Path) -> Figure:
+    """What moves in a file, whose joints are to be named. Raises BodysenseError where nothing does."""
+    file = open_gltf(path)
+    return _figure(file, _names(file)[0], _tracks(file))
+
+
+def _tracks(file: GltfFile) -> Mapping[tuple[int, str], Track]:
+    tracks = tracks_of(file)
+    if not tracks:
+        raise BodysenseError(f"{file.path}: nothing in it is animated; export it with its animation")
+    return tracks
+
+
+def _figure(file: GltfFile, names: list[str], tracks: Mapping[tuple[int, str], Track]) -> Figure:
+    """The tree that moves, in a few of its frames: only where joints are is kept, not how they are turned."""
     tops = Counter(_above(file, node)[-1] for node, _ in tracks if 0 <= node < len(names))
     below = _below(file, tops.most_common(1)[0][0]) if tops else []
     time = _times(file.path, tracks, below)
@@ -126,7 +148,7 @@ def _pelvis(file: GltfFile, names: list[str], tracks: Mapping[tuple[int, str], T
     offset, moving = (np.array(values) for values in (rest, place))
     offset[1:] -= rest[list(parents[1:])]
     moving[:, 1:] -= place[:, list(parents[1:])]
-    figure = Figure(
+    return Figure(
         name=str(file.path),
         joints=tuple(names[k] for k in below),
         end_sites=(),
@@ -137,8 +159,6 @@ def _pelvis(file: GltfFile, names: list[str], tracks: Mapping[tuple[int, str], T
         frame_rate=30.0,
         nodes=tuple(below),
     )
-    rig = recognise(figure, ReadingOptions(up="y", floor=0.0))
-    return names.index(rig.joints.get("pelvis", rig.hub))
 
 
 def _above(file: GltfFile, node: int) -> list[int]:

@@ -1,0 +1,170 @@
+"""Files as they are found: of each what it holds and how it was read, or why it cannot be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from bodysense.data.layouts import Layout
+from bodysense.data.splits import empty_split
+from bodysense.errors import BodysenseError
+from bodysense.rigs.options import ReadingOptions
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from bodysense.data.clip import Clip
+    from bodysense.data.sources import Source
+    from bodysense.rigs.rig import Rig
+
+Split = Literal["train", "val", "test", "all"]
+LISTED = 40  # files of a folder that are listed one by one; of more, those alike are counted
+OTHERS = (
+    *(".glb", ".gltf", ".vrma", ".npy", ".c3d", ".trc", ".tsv", ".csv", ".jsonl"),
+    *(".fbx", ".pkl", ".pickle", ".gz"),  # with what to do about them
+)
+KINDS = {".glb": "glTF", ".gltf": "glTF", ".vrma": "VRM animation", ".npy": "SMPL"}
+
+
+@dataclass(frozen=True)
+class Found:
+    """A file and what it holds, or why it cannot be read."""
+
+    key: str
+    clip: Clip | None = None
+    rig: Rig | None = None
+    kind: str = "AMASS or store"  # what it is, where it has no rig
+    said: str = ""  # what was found of it, where it has no rig
+    rate: float = 0.0  # Hz
+    reason: str = ""  # why it cannot be read
+
+
+def files_in(place: Path, split: Split, layout: Layout | None, reading: ReadingOptions) -> tuple[int, Iterable[Found]]:
+    """How many files a place has, and each of them when its turn comes."""
+    from bodysense.data.sources import Source, list_sources
+    from bodysense.lab.clips import count_clips, open_clips
+    from bodysense.lab.store import is_store
+
+    if place.is_dir() and is_store(place):
+        clips = open_clips(place, split, layout=layout, options=reading)
+        return count_clips(place, split), (Found(clip.name, clip) for clip in clips)
+    if place.is_file():
+        return 1, (_read(place.name, Source(place, person="", split="test"), reading) for _ in range(1))
+    others = _others(place) if place.is_dir() and split == "all" else []
+    every = [] if others and not _has_motion(place) else list_sources(place, layout)
+    sources = [source for source in every if split in ("all", source.split)]
+    if not sources and not others:
+        raise BodysenseError(empty_split(str(place), split, (source.split for source in every)))
+    sources += [Source(path, person="", split="test") for path in others]
+    return len(sources), (_read(source.key(place), source, reading) for source in sources)
+
+
+def _has_motion(folder: Path) -> bool:
+    from bodysense.data.archive import motion_files
+
+    return bool(motion_files(folder))
+
+
+def _others(folder: Path) -> list[Path]:
+    """Files of a folder that are no part of a data set: markers, glTF, recordings, and what is refused by name."""
+    if (folder / "splits.json").exists():
+        return []
+    return sorted(path for path in folder.rglob("*") if path.suffix.lower() in OTHERS and path.is_file())
+
+
+def _read(key: str, source: Source, reading: ReadingOptions) -> Found:
+    from bodysense.data.sources import read_with_rig
+
+    alone = source.skeleton is None and not source.member
+    try:
+        if alone and source.path.suffix.lower() not in (".bvh", ".zip"):
+            return _read_other(key, source, reading)
+        clip, rig = read_with_rig(source, reading)
+    except BodysenseError as error:
+        return Found(key, reason=str(error))
+    return Found(key, clip, rig, rate=clip.frame_rate)
+
+
+def _read_other(key: str, source: Source, reading: ReadingOptions) -> Found:
+    """A file that has no rig: AMASS, results of SMPL, glTF; markers and recordings, which are no motion yet."""
+    from bodysense.capture.recording import is_recording, read_recording
+    from bodysense.io.markers.files import is_marker_file
+    from bodysense.io.markers.recording import read_markers
+    from bodysense.reading import check_kind, read_clip
+
+    path = source.path
+    check_kind(path)
+    if is_marker_file(path):
+        markers = read_markers(path)
+        said = f"{len(markers.observation.points)} points of {'a body' if markers.has_body else 'gloves'}"
+        return Found(key, kind="markers", said="; ".join((said, *markers.remarks)), rate=markers.frame_rate)
+    if is_recording(path):
+        seen = read_recording(path).observation
+        rate = (len(seen) - 1) / max(float(seen.time[-1] - seen.time[0]), 1e-9)
+        return Found(key, kind="recording", said=f"{len(seen.points)} points, {len(seen)} frames", rate=rate)
+    clip, lines = read_clip(path, reading)
+    clip = replace(clip, person=source.person, category=source.category)
+    said = "; ".join(line.removeprefix("note: ") for line in lines)
+    return Found(key, clip, kind=KINDS.get(path.suffix.lower(), "AMASS or SMPL"), said=said, rate=clip.frame_rate)
+
+
+def readable(every: Iterable[Found], found: list[Found]) -> Iterator[Clip]:
+    """The clips that can be read; all that was found is kept without its motion."""
+    for one in every:
+        if one.clip is not None:
+            yield one.clip
+        found.append(one if one.clip is None else replace(one, clip=_without_motion(one.clip)))
+
+
+def _without_motion(clip: Clip) -> Clip:
+    return replace(clip, pose=clip.pose[:1])
+
+
+def line_of(one: Found) -> str:
+    """What one file holds."""
+    if one.rig is None:
+        return f"{one.key}: {one.kind}, {one.rate:g} Hz" + (f"; {one.said}" if one.said else "")
+    sure = f"confidence {one.rig.confidence:.0%}"
+    left_out = (
+        f"; of its {one.rig.count} joints {one.rig.count - one.rig.used} are left out"
+        if one.rig.used < one.rig.count
+        else ""
+    )
+    return f"{one.key}: {one.rig.line()}; {sure}{left_out}"
+
+
+def table_of(found: list[Found]) -> Table:
+    """How the files were read: one by one, or, of many, those alike together."""
+    from rich import box
+    from rich.table import Table
+
+    shown = Table(title="How the files were read", box=box.SIMPLE_HEAD, pad_edge=False)
+    names = ("rig", "joints", "unit", "up", "floor", "Hz", "missing")
+    alone = len(found) <= LISTED
+    for column in ("file" if alone else "files", *names, "confidence"):
+        shown.add_column(column, overflow="fold")
+    rows: dict[tuple[str, ...], list[Found]] = {}
+    for one in found:
+        if not one.reason:
+            rows.setdefault((one.key,) if alone else _alike(one), []).append(one)
+    for alike in rows.values():
+        least = [one.rig.confidence for one in alike if one.rig is not None]
+        sure = f"{min(least):.0%}" if least else ""
+        shown.add_row(alike[0].key if alone else str(len(alike)), *_alike(alike[0]), sure)
+    return shown
+
+
+def _alike(one: Found) -> tuple[str, ...]:
+    """What is said of a file but its name and confidence."""
+    if one.rig is None:
+        return (one.kind, "", "", "", "", f"{one.rate:g}", "")
+    rig = one.rig
+    unit = rig.unit_name or f"unknown, scaled to {rig.height:.2f} m"
+    return (rig.family, str(rig.count), unit, rig.up, f"{-rig.lift:.2f}", f"{rig.frame_rate:g}", ", ".join(rig.lacking))
+
+
+def none_of(place: Path, skipped: list[Found]) -> str:
+    """What to say of a folder of which no file can be read."""
+    return f"{place}: none of its {len(skipped)} files can be read; the first: {skipped[0].reason}"
