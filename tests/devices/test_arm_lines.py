@@ -47,6 +47,11 @@ def test_what_is_said_and_seen_alike_stays(depth: float) -> None:
     np.testing.assert_allclose(found(depth, depth)[:, 1], np.degrees(np.arcsin(depth)), atol=10)  # said to be nearer
 
 
+@pytest.mark.parametrize("depth", [-0.8, 0.0, 0.5])
+def test_without_legs_the_network_says_depth(depth: float) -> None:
+    np.testing.assert_allclose(found(depth, 0.3, whole=0.1), np.degrees(np.arcsin(depth)), atol=1e-6)
+
+
 def test_directions_have_unit_length() -> None:
     bones = arms(0.3)
     places = np.random.default_rng(1).normal(size=(2, 3, 2))

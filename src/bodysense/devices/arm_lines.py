@@ -2,7 +2,8 @@
 
 Where the bones of an arm point across the picture is measured. How far they point toward the camera is said by
 landmarks and by a network, both roughly, and how short a bone is seen bounds it: one that is seen in its whole length
-points neither to the camera nor away from it.
+points neither to the camera nor away from it. How long it is seen to be says little where the legs are not seen, as the
+distance is hardly known then: there depth is the network's.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from bodysense.body.rotation import normalize
 # upper arm and forearm, by how much nearer than true, and how wrong.
 _NEARER, _SAID_ERROR = np.array([0.0, 0.1]), np.array([0.25, 0.2])
 _LENGTH_ERROR = (0.08, 0.28)  # of a length that is seen, as a share: where the whole body is, and only its upper half
+_WHOLE = (0.3, 0.8)  # share of the legs seen, below which the network alone says depth, and above which all of this
 _DEPTHS = np.linspace(-0.98, 0.98, 50)
 _BLUNT = 0.13  # m: of a bone that is seen so short the picture tells its direction no better than the network
 
@@ -40,6 +42,9 @@ def with_depths(
         whole: 0 to 1, how much of the legs is seen, too: without them distances are less sure.
     """
     result, away = np.array(bones), np.array(shoulder)
+    trust = float(np.interp(whole, _WHOLE, (0.0, 1.0)))
+    if trust == 0:
+        return result
     length_error = np.interp(whole, [0.0, 1.0], _LENGTH_ERROR[::-1])
     for k in range(bones.shape[1]):
         said = np.clip((bones[:, k, 2] + landmarks[:, k, 2]) / 2 - _NEARER[k], -1, 1)
@@ -51,6 +56,7 @@ def with_depths(
         unlikely = ((_DEPTHS - said[:, None]) / _SAID_ERROR[k]) ** 2 + ((seen - wanted) / length_error) ** 2
         weight = np.exp(-0.5 * (unlikely - unlikely.min(axis=1, keepdims=True)))
         depth = (weight * _DEPTHS).sum(axis=1) / weight.sum(axis=1)
+        depth = trust * depth + (1 - trust) * np.clip(bones[:, k, 2], -1, 1)
         across = bones[:, k, :2] / np.maximum(np.linalg.norm(bones[:, k, :2], axis=-1, keepdims=True), 1e-9)
         result[:, k] = np.concatenate([across * np.sqrt(1 - depth[:, None] ** 2), depth[:, None]], axis=-1)
         away = away - length[:, k] * depth

@@ -31,7 +31,7 @@ from bodysense.io.gltf_animation import Track, sampled, tracks_of
 from bodysense.io.gltf_file import GltfFile, open_gltf
 from bodysense.rigs.figure import Figure
 from bodysense.rigs.options import ReadingOptions
-from bodysense.rigs.rig import recognise
+from bodysense.rigs.rig import Rig, recognise
 
 ENDINGS = (".glb", ".gltf", ".vrma", ".vrm")
 HEIGHTS = (1.0, 2.6)  # m, of a resting body in metres
@@ -55,7 +55,7 @@ def read_gltf(path: Path, joints: Path | None = None) -> tuple[Clip, tuple[str, 
     if is_vrm and "pelvis" in names:
         root = names.index("pelvis")
     else:
-        rig = recognise(_figure(file, names, tracks), ReadingOptions(up="y", floor=0.0, joints=joints))
+        rig = _recognised(file, _figure(file, names, tracks), joints)
         root = names.index(rig.joints.get("pelvis", rig.hub))
         told = None if joints is None else {given: ours for ours, given in rig.joints.items()}
     below = _in_our_order(_below(file, root), names)
@@ -119,6 +119,15 @@ def _bones(file: GltfFile) -> dict[str, int]:
             continue
         return {ours[bone]: node for bone, node in found.items() if bone in ours}
     return {}
+
+
+def _recognised(file: GltfFile, figure: Figure, joints: Path | None) -> Rig:
+    """The rig of what moves; where it is none because its nodes are scaled to nothing, that is said."""
+    try:
+        return recognise(figure, ReadingOptions(up="y", floor=0.0, joints=joints))
+    except BodysenseError:
+        _turns(file.path, _world(file, list(figure.nodes), {}, np.zeros(1)))
+        raise
 
 
 def figure_of_gltf(path: Path) -> Figure:
