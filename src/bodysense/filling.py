@@ -151,7 +151,7 @@ def on_feet(holed: Holed, rotation: Array, contact: Array, floor: float) -> Arra
     bent = np.zeros_like(holed.missing)
     for side in ("left", "right"):
         leg = [rig.ours.get(f"{side}_{part}", -1) for part in ("hip", "knee", "ankle")]
-        gone = holed.missing[:, leg].all(axis=1) & (min(leg) >= 0)
+        gone = np.asarray(holed.missing[:, leg].all(axis=1)) & (min(leg) >= 0)
         if not gone.any():
             continue
         position = np.asarray(forward_kinematics(pose)[0])
@@ -167,7 +167,7 @@ def on_feet(holed: Holed, rotation: Array, contact: Array, floor: float) -> Arra
         )
         shift[:, 1] = rise
         pose = reaching(pose, f"{side}_ankle", position[:, skeleton.index(f"{side}_ankle")] + shift)
-        bent[:, leg] |= shift.any(axis=1)[:, None]
+        bent[:, leg] |= shift.any(axis=1, keepdims=True)
     return _turned_to(rig, rotation, rig.world(pose), bent)
 
 
