@@ -48,8 +48,9 @@ def test_any_number_of_hands() -> None:
 
 def test_lights_stand_on_the_skin_and_face_away_from_it() -> None:
     """Each just clears the flesh of the flat hand, not more than a finger's thickness from its marker."""
-    offset, facing = _mounting(HAND)
-    rest, glove, capsules = HAND.path @ HAND.rest_offset, default_glove(), hand_capsules(HAND)
+    glove = default_glove()
+    offset, facing = _mounting(HAND, glove)
+    rest, capsules = HAND.path @ HAND.rest_offset, hand_capsules(HAND)
     light = rest[HAND.indices(glove.carried_by)] + offset
     np.testing.assert_allclose(np.linalg.norm(facing, axis=1), 1, atol=1e-9)
     assert np.linalg.norm(light - template(glove, HAND), axis=1).max() < 0.03
