@@ -110,6 +110,7 @@ class CompletionStep(nn.Module):
     hanging: Tensor
     standing: Tensor
     starts: Tensor
+    start_doubt: Tensor
     middles: Tensor
     ends: Tensor
     hinges: Tensor
@@ -150,9 +151,10 @@ class CompletionStep(nn.Module):
         axes, head, body = self._hung(axes, head * size + frame.floor, rest, tracked)
         contact = torch.sigmoid(answer.contact_logit)
         start = body.points.index_select(2, self.starts)
-        free_end, free, led = holds["limbs"].reshape(-1, 1, 3 * len(LIMBS), 1).split(len(LIMBS), dim=2)
+        limbs = holds["limbs"].reshape(-1, 1, 5 * len(LIMBS), 1)
+        free_end, free, led, hung, goes = limbs.split(len(LIMBS), dim=2)
         shifted, target, pole, ends, feet = self._targets(
-            inputs, body, start, free_end, led, contact, tracked, frame, blend, shown, numbers
+            inputs, body, start, free_end, led, hung, goes, contact, tracked, frame, blend, shown, numbers
         )
         # A knee between a tracked hip and foot bends about what their rotations have to the left.
         hinge = self.hinges @ (tracked.axes[:, :1] * tracked.turned)
@@ -268,6 +270,8 @@ class CompletionStep(nn.Module):
         start: Tensor,
         free: Tensor,
         led: Tensor,
+        hung: Tensor,
+        goes: Tensor,
         contact: Tensor,
         tracked: Tracked,
         frame: Frame,
@@ -281,6 +285,9 @@ class CompletionStep(nn.Module):
         """
         count = len(LIMBS)
         to_end, to_middle, to_start = (tracked.means["limbs"] @ (tracked.near - body.points)).split(count, dim=2)
+        doubt = nn.functional.linear(tracked.accuracy, self.start_doubt).reshape(-1, 1, count, 1)
+        to_start = to_start / (1 + doubt * doubt)
+        to_middle = to_middle + goes * to_start
         end = body.points.index_select(2, self.ends)
         left = tracked.before.index_select(2, self.ends) - end - to_middle - self.legs @ shown.shift
         ends = torch.where(blend.changed, left, shown.ends)
@@ -297,4 +304,4 @@ class CompletionStep(nn.Module):
         pole = to_middle + body.bones.index_select(2, self.middles)
         # Between a measured end and the start, a lower bone of measured rotation tells where the middle joint is.
         pole = pole + led * (target - start - body.bones.index_select(2, self.ends) - pole)
-        return to_start, target, pole, ends, feet._replace(anchor=feet.anchor + tracked.base)
+        return hung * to_start, target, pole, ends, feet._replace(anchor=feet.anchor + tracked.base)

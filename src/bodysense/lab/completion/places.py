@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
@@ -27,6 +29,10 @@ _SKELETON = default_skeleton()
 _AT = _SKELETON.index
 _FOUR_FINGERS = ("index", "middle", "ring", "pinky")
 _FLATTEST = 1e-6  # m: no body is lower than that, also where all offsets are zero
+
+
+# 1/m: a shoulder that is 4 cm off turns its collar, of some 15 cm, half as far as a sure one.
+SHOULDER_DOUBT = 25.0
 
 
 def _knuckles(side: str) -> list[int]:
@@ -72,24 +78,32 @@ def conditions() -> dict[str, list[Condition]]:
                 Condition(points=[end], joints=[middle], without_points=[middle])
                 for middle, end in zip(MIDDLES, ENDS, strict=True)
             ),
+            # Arms that hang from a measured shoulder, whose collar's rotation is not measured; of these, those that go
+            # with it. A measured hip moves the pelvis instead.
+            *(_hung(k) for k in range(len(LIMBS))),
+            *(_hung(k, [MIDDLES[k]]) for k in range(len(LIMBS))),
         ],
         "hands": hands,
     }
+
+
+def _hung(limb: int, without: Sequence[int] = ()) -> Condition:
+    start = STARTS[limb]
+    collar = _SKELETON.parents[start]
+    return Condition([start], without_points=without, without_joints=[collar], never=limb >= ARMS)
 
 
 def means() -> dict[str, list[dict[int, float]]]:
     """What a step takes means of."""
     pelvis = _AT("pelvis")
     ends = [{**dict.fromkeys(others, 1.0), end: SECOND} for end, others in zip(ENDS, _stand_ins(), strict=True)]
-    # An arm goes with its shoulder; a leg with its hip, which moves the pelvis.
-    middles = [{STARTS[k]: 1.0, MIDDLES[k]: SECOND} if k < ARMS else {MIDDLES[k]: 1.0} for k in range(len(LIMBS))]
     starts = [{STARTS[k]: 1.0} if k < ARMS else {} for k in range(len(LIMBS))]
     every = dict.fromkeys(range(POINT_COUNT), 1.0)
     return {
         "frame": [{**every, HEAD: FIRST}],
         "body": [{**every, pelvis: SECOND, HEAD: FIRST}],
         "pelvis": [{_AT("left_hip"): 1.0, _AT("right_hip"): 1.0, pelvis: SECOND}],
-        "limbs": [*ends, *middles, *starts],
+        "limbs": [*ends, *({middle: 1.0} for middle in MIDDLES), *starts],
     }
 
 
@@ -125,6 +139,8 @@ def skeleton_tables() -> dict[str, Tensor]:
     hinges = torch.zeros(len(LIMBS), JOINT_COUNT)
     for leg in (2, 3):
         hinges[leg, [_AT("pelvis"), ENDS[leg]]] = 1
+    doubt = torch.zeros(len(LIMBS), POINT_COUNT)
+    doubt[range(ARMS), STARTS[:ARMS]] = SHOULDER_DOUBT
     root = (torch.arange(JOINT_COUNT) == 0).float()[:, None].expand(3, -1, 3)
     collars = [_SKELETON.parents[start] for start in STARTS]
     turned = [*collars, *STARTS, *MIDDLES]
@@ -140,6 +156,7 @@ def skeleton_tables() -> dict[str, Tensor]:
         "hanging": 1 - root,
         "standing": root * torch.eye(3).unsqueeze(1),
         "starts": torch.tensor(STARTS),
+        "start_doubt": doubt,
         "middles": torch.tensor(MIDDLES),
         "ends": torch.tensor(ENDS),
         "feet": torch.tensor([_AT(f"{side}_{part}") for part in ("ankle", "foot", "toe") for side in SIDES]),
