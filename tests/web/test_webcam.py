@@ -47,6 +47,6 @@ def test_a_webcam_sees_a_person(scenario: Scenario, site: Path, tmp_path: Path) 
     if not all((site / name).is_file() for name in WEBCAM):
         pytest.skip("MediaPipe's files for the page are missing: run scripts/build_landmarkers.py")
     pytest.importorskip("moderngl", reason="needs bodysense[render]")
-    said = scenario("webcam", site, film(tmp_path / "person.mjpeg"), tmp_path)
+    said = scenario("webcam", site, film(tmp_path / "person.mjpeg"))
     assert int(said["points"]) >= 8
     assert said["nobody"].startswith("Nobody is seen yet")

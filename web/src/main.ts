@@ -10,7 +10,7 @@ function fault(text: string): void {
 
 function viewOf(canvas: HTMLCanvasElement): View | null {
   try {
-    return new View(canvas);
+    return new View(canvas, element("transport"));
   } catch (error) {
     fault(
       `This page cannot draw in 3-D: ${String(error)}. Use a browser with WebGL 2, and switch its hardware acceleration on.`,

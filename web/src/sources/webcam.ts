@@ -100,8 +100,10 @@ class Webcam implements Source {
   }
 
   private hear(message: FromCamera): void {
-    if (message.type === "opened") this.isOpen = true;
-    else if (message.type === "failed")
+    if (message.type === "opened") {
+      this.isOpen = true;
+      this.lonely = performance.now();
+    } else if (message.type === "failed")
       this.say(`MediaPipe stopped (${message.reason.split("\n")[0]}): press Webcam again.`);
     else this.see(message);
   }

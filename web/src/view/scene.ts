@@ -46,7 +46,11 @@ export class View {
   });
   private isPortrait = false;
 
-  constructor(canvas: HTMLCanvasElement) {
+  /** `over` lies over the bottom of the canvas where it is fixed: the body stands above it. */
+  constructor(
+    canvas: HTMLCanvasElement,
+    private readonly over: HTMLElement,
+  ) {
     this.renderer = new WebGLRenderer({ canvas, antialias: true, powerPreference: "high-performance" });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.renderer.shadowMap.enabled = true;
@@ -78,7 +82,9 @@ export class View {
     this.controls.listenToKeyEvents(canvas);
     this.controls.keyPanSpeed = 20;
     this.reset();
-    new ResizeObserver(() => this.resize()).observe(canvas.parentElement ?? canvas);
+    const sizes = new ResizeObserver(() => this.resize());
+    sizes.observe(canvas.parentElement ?? canvas);
+    sizes.observe(over);
   }
 
   /** The camera back to its place: before the body, a little to its left. */
@@ -131,8 +137,10 @@ export class View {
     if (width === 0 || height === 0) return;
     const wasPortrait = this.isPortrait;
     this.isPortrait = width < 0.8 * height;
-    this.camera.aspect = width / height;
-    this.camera.updateProjectionMatrix();
+    const isOver = getComputedStyle(this.over).position === "fixed";
+    const free = height - (isOver ? Math.min(height - this.over.offsetTop, height / 2) : 0);
+    this.camera.aspect = width / free;
+    this.camera.setViewOffset(width, free, 0, 0, width, height); // the picture goes on below what is free
     this.renderer.setSize(width, height, false);
     if (wasPortrait !== this.isPortrait) this.reset();
   }

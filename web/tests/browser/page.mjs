@@ -56,7 +56,8 @@ export async function scenario(options, run, more = []) {
     const errors = [];
     page.on("pageerror", (error) => errors.push(String(error)));
     page.on("console", (message) => {
-      if (message.type() === "error") errors.push(message.text());
+      const isInformation = message.text().startsWith("INFO:"); // TensorFlow Lite says everything on stderr
+      if (message.type() === "error" && !isInformation) errors.push(message.text());
     });
     const result = await run(page).catch(async (error) => {
       const said = await page.innerText("body").catch(() => "");
