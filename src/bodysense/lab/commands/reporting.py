@@ -74,10 +74,13 @@ def finish(report: Report, common: Common) -> None:
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console = Console(width=120)
     print_report(report, console)
-    write_csv(common.out / f"{report.name}.csv", report)
-    draw_panels(common.out / f"{report.name}.png", report.panels, report.title)
+    table = common.out / f"{report.name}.csv"
+    picture = common.out / f"{report.name}.png" if report.panels else None
+    write_csv(table, report)
+    if picture is not None:
+        draw_panels(picture, report.panels, report.title)
     write_numbers(common.json, report.numbers)
-    for path in (common.out / f"{report.name}.csv", common.out / f"{report.name}.png", common.json):
+    for path in (table, picture, common.json):
         if path is not None:
             console.print(f"wrote {path}", highlight=False)
 

@@ -1,0 +1,17 @@
+"""A report without a picture is written all the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bodysense.lab.commands.reporting import Common, finish
+from bodysense.lab.table import Report
+
+
+def test_a_report_without_panels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    report = Report("plain", "A table", ("what", "cm"), (("one", 1.0),), {"one_cm": 1.0})
+    finish(report, Common(out=tmp_path, json=tmp_path / "plain.json"))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["plain.csv", "plain.json"]
+    assert "plain.png" not in capsys.readouterr().out
