@@ -36,9 +36,9 @@ def completion(
         data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table.
         split: people, and strangers' bodies, to score.
         sets: Sensor sets; those of the table if omitted.
-        bodies: Whose proportions move and what the tracker is told: the recording's, told; a stranger's, told; a
+        bodies: Proportions that move, and what the tracker is told: the recording's, told; a stranger's, told; a
             stranger's, only the height told; a stranger's, nothing told.
-        limit: So many clips, spread evenly; all if omitted.
+        limit: Number of clips, spread evenly; all if omitted.
         model: A completion network of your own; the packaged one if omitted.
         lattice: Also score 200 random edges of the lattice of sensor sets.
         jobs: Processes. Times of a step are truest with one.
