@@ -50,6 +50,7 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
         (("--device-names", "names.json"), "give --vmc-in, --vmt or --slimevr"),
         (("--vrchat", "--vrchat-host", "no.such.host.invalid"), "--vrchat-host no.such.host.invalid: no such host"),
         (("--slimevr", "--slimevr-host", "no.such.host.invalid"), "--slimevr 6969: no.such.host.invalid"),
+        (("--workers", 2, "--solarxr"), "UDP goes with one process only"),
         (("--workers", 2, "--slimevr"), "UDP goes with one process only"),
         (("--vmt", "--vmt-first", 60), "give 0 to 48"),
     ],
@@ -57,6 +58,12 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
 def test_what_cannot_be_served(refused: Refused, arguments: tuple[object, ...], said: str) -> None:
     port = () if "--port" in arguments else ("--port", 0)
     assert said in refused("serve", *port, *arguments)
+
+
+def test_no_folder_for_sockets(refused: Refused, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("XDG_RUNTIME_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    assert "XDG_RUNTIME_DIR is not set" in refused("serve", "--port", 0, "--solarxr")
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ _TO_ANSWER = 5.0  # s
 
 def calibrate(
     address: Annotated[str, tyro.conf.Positional] = "http://127.0.0.1:8765/",
-    watch: Literal["vmc", "vmt", "vrchat", "slimevr"] = "vmc",
+    watch: Literal["vmc", "vmt", "vrchat", "slimevr", "solarxr"] = "vmc",
     arms_out: bool = False,
     recentre: bool = False,
     wait: float = 5.0,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 from dataclasses import replace
 from pathlib import Path
@@ -48,6 +49,7 @@ def serve(
     vmt_hands: bool = False,
     vrchat: bool = False,
     vrchat_host: str = "127.0.0.1",
+    solarxr: bool = False,
     slimevr: bool = False,
     slimevr_host: str = "0.0.0.0",
     slimevr_port: int = 6969,
@@ -86,6 +88,7 @@ def serve(
         vmt_hands: Give SteamVR skeletal hands, too, as two virtual controllers.
         vrchat: Find VRChat by OSCQuery, take head and wrists from it and give it trackers (docs/runtimes.md).
         vrchat_host: Machine of VRChat.
+        solarxr: Take the headset of Monado or WiVRn, on Linux, and give them trackers and a body (docs/runtimes.md).
         slimevr: Take SlimeVR's trackers, which find this machine in the network by themselves (docs/runtimes.md).
         slimevr_host: Address of this machine at which they are heard; all, if omitted.
         slimevr_port: UDP port at which they are heard.
@@ -112,6 +115,7 @@ def serve(
     from bodysense.serve.safety import Limits
     from bodysense.serve.settings import ServerSettings
     from bodysense.serve.slimevr_link import SlimevrSettings
+    from bodysense.serve.solarxr_link import SolarxrSettings, runtime_folder
     from bodysense.serve.vmc_trackers import VmcTrackers
     from bodysense.serve.vmt_link import VmtSettings
     from bodysense.serve.vrchat_link import VrchatSettings
@@ -121,8 +125,8 @@ def serve(
         check_place(save_person)
     if workers < 1:
         raise BodysenseError(f"--workers {workers}: give 1 or more")
-    others = (vmc_in, markers_in, vmc_out, vrchat_out, vmt, vrchat, slimevr)
-    if workers > 1 and others != (None, None, (), (), False, False, False):
+    others = (vmc_in, markers_in, vmc_out, vrchat_out, vmt, vrchat, slimevr, solarxr)
+    if workers > 1 and others != (None, None, (), (), False, False, False, False):
         raise BodysenseError("--workers: UDP goes with one process only; leave --workers out")
     if device_names is not None and vmc_in is None and not vmt and not slimevr:
         raise BodysenseError(
@@ -157,6 +161,7 @@ def serve(
         receivers=tuple([*(_receiver("vmc", a) for a in vmc_out), *(_receiver("vrchat", a) for a in vrchat_out)]),
         vmt=VmtSettings(vmt_host, port=vmt_port, first=vmt_first, hands=vmt_hands, devices=devices) if vmt else None,
         vrchat=VrchatSettings(vrchat_host) if vrchat else None,
+        solarxr=SolarxrSettings(runtime_folder(os.environ)) if solarxr else None,
         slimevr=SlimevrSettings(slimevr_host, slimevr_port, joints) if slimevr else None,
     )
     bound = listen(access.host, port)

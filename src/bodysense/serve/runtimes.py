@@ -9,6 +9,8 @@ from bodysense.serve.links import DeviceInput, Link, Reader, listened
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.settings import ServerSettings
 from bodysense.serve.slimevr_link import SENSORS, SlimevrLink
+from bodysense.serve.solarxr_input import InputReader
+from bodysense.serve.solarxr_link import SolarxrLink
 from bodysense.serve.tracked_devices import SIGNALS
 from bodysense.serve.vmt import VmtReader
 from bodysense.serve.vmt_link import VmtLink
@@ -29,8 +31,8 @@ def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
 
     try:
         if settings.slimevr is not None:
-            alone = settings.vmc_in is None and settings.vmt is None and settings.vrchat is None
-            sensors = SlimevrLink(settings.slimevr, metrics, alone)
+            headsets = settings.vmc_in, settings.vmt, settings.vrchat, settings.solarxr
+            sensors = SlimevrLink(settings.slimevr, metrics, alone=all(one is None for one in headsets))
             links.append(sensors)
         if settings.vmc_in is not None:
             reader, points = also(settings.vmc_trackers, SIGNALS)
@@ -46,6 +48,8 @@ def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
             links.append(VmtLink(settings.vmt, metrics, *also(VmtReader(settings.vmt.devices), SIGNALS)))
         if settings.vrchat is not None:
             links.append(VrchatLink(settings.vrchat, metrics, *also(VrchatReader(), VRCHAT_POINTS)))
+        if settings.solarxr is not None:
+            links.append(SolarxrLink(settings.solarxr, metrics, *also(InputReader(), SIGNALS)))
     except BaseException:
         for link in links:
             link.close()

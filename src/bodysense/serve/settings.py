@@ -12,6 +12,7 @@ from bodysense.serve.messages import Settings
 from bodysense.serve.replay import Playable
 from bodysense.serve.safety import Access, Limits
 from bodysense.serve.slimevr_link import SlimevrSettings
+from bodysense.serve.solarxr_link import SolarxrSettings
 from bodysense.serve.vmc_trackers import VmcTrackers
 from bodysense.serve.vmt_link import VmtSettings
 from bodysense.serve.vrchat_link import VrchatSettings
@@ -38,3 +39,4 @@ class ServerSettings:
     vmt: VmtSettings | None = None
     vrchat: VrchatSettings | None = None
     slimevr: SlimevrSettings | None = None
+    solarxr: SolarxrSettings | None = None

@@ -273,6 +273,11 @@ def _inverse(axes: Sequence[Sequence[float]] | np.ndarray) -> np.ndarray:
     return matrix_to_quaternion(np.array(axes, dtype=float)) * CONJUGATE
 
 
+def between_eyes(skeleton: Skeleton) -> np.ndarray:
+    """(3,) m from the head's joint, in its axes."""
+    return skeleton.height / default_skeleton().height * _landmark("between_eyes")
+
+
 @lru_cache(maxsize=8)
 def _landmark(name: str) -> np.ndarray:
     """(3,) m from the joint that carries it, on the default body."""
