@@ -6,8 +6,8 @@ import numpy as np
 
 from bodysense.rigs import words
 from bodysense.rigs.limbs import Tree
+from bodysense.rigs.words import FINGERS
 
-FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 _METACARPAL = 0.75  # of the next bone: a first one that begins nearer to the wrist is inside the palm
 _MOST = 8  # chains that a hand may have
 
