@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from further_layouts import FURTHER
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from more_layouts import MORE
@@ -22,7 +23,7 @@ from bodysense.data.rigged import Rigged, read_rigged
 from bodysense.errors import BodysenseError
 from bodysense.rigs.options import ReadingOptions
 
-EVERY = LAYOUTS | MORE
+EVERY = LAYOUTS | MORE | FURTHER
 NEEDED = ["pelvis", "head"] + [
     f"{side}_{part}" for side in ("left", "right") for part in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 ]

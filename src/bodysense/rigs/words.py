@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\W\d_a-zA-Z]+")
-_NOTED = re.compile(r"^.*:")  # a namespace, mixamorig7:
+NAMESPACE = re.compile(r"^.*[:|]")  # mixamorig7:, Armature|
 _ACCENT = re.compile("[\u0300-\u036f]")
 
 # Words, and the parts of a body they may stand for: in names without a tree the first that no surer name has taken.
@@ -25,7 +25,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("lowerback", "waist", "腰", "abdomen", "ab", "stomach", "l5", "l3", "spine"), ("spine",)),
     **dict.fromkeys(("上半身", "脊椎", "척추", "torso", "t12", "upperback", "ribs", "sternum", "chest"), ("spine",)),
     **dict.fromkeys(("胸", "가슴", "t8", "thorax", "upperchest"), ("spine",)),
-    **dict.fromkeys(("neck", "首", "颈", "脖子", "목", "hals"), ("neck",)),
+    **dict.fromkeys(("neck", "shouldercenter", "shouldercentre", "首", "颈", "脖子", "목", "hals"), ("neck",)),
     **dict.fromkeys(("head", "skull", "頭", "头", "머리", "kopf"), ("head",)),
     **dict.fromkeys(("clavicle", "collar", "scapula", "锁骨", "쇄골"), ("collar",)),
     **dict.fromkeys(("upperarm", "uparm", "uarm", "humerus", "bicep", "sjc", "上臂", "oberarm"), ("shoulder",)),
@@ -70,7 +70,7 @@ _ENDS = frozenset(("end", "nub", "null", "tip", "top", "site", "effector", "ende
 _ANIMALS = frozenset(
     ("tail", "paw", "hoof", "wing", "mane", "fin", "claw", "foreleg", "hindleg", "horselink", "abdomenlegs")
 )
-_LEFT = frozenset(("l", "left", "lft", "lt", "links", "izq", "gauche", "sx", "左", "왼", "왼쪽"))
+_LEFT = frozenset(("l", "left", "lf", "lft", "lt", "links", "izq", "gauche", "sx", "左", "왼", "왼쪽"))
 _RIGHT = frozenset(("r", "right", "rgt", "rt", "rechts", "der", "droite", "dx", "右", "오른", "오른쪽"))
 _VERTEBRAE = frozenset(("l5", "l3", "t12", "t8"))  # names in full, of Xsens
 _KNOWN = frozenset((*PARTS, *PHALANGES, *ORDINALS)) | _HELPERS | _ENDS | _ANIMALS | _LEFT | _RIGHT
@@ -80,7 +80,7 @@ _LONGEST = max(map(len, _KNOWN))
 @lru_cache(maxsize=4096)
 def words(name: str) -> tuple[str, ...]:
     """The words of a name, in lower case, as long as they are known: 'mixamorig:LeftUpLeg' is left, upleg."""
-    name = unicodedata.normalize("NFKD", _NOTED.sub("", name))
+    name = unicodedata.normalize("NFKD", NAMESPACE.sub("", name))
     name = unicodedata.normalize("NFC", _ACCENT.sub("", name))
     if name.lower() in _VERTEBRAE:
         return (name.lower(),)
@@ -121,10 +121,10 @@ def parts(name: str) -> frozenset[str]:
 
 
 def part_word(name: str) -> str:
-    """The word of a name that says which part it is: a finger's, or else the longest; '' where none does."""
+    """The word of a name that says which part it is: a finger's, or else the longest, of two the last; or ''."""
     said = [word for word in words(name) if word in PARTS]
     fingers = [word for word in said if PARTS[word][0] in FINGERS] or [word for word in said if word == "finger"]
-    return fingers[-1] if fingers else max(said, key=len, default="")
+    return fingers[-1] if fingers else max(reversed(said), key=len, default="")
 
 
 def _is_in(word: str, joined: str) -> bool:
