@@ -1,17 +1,16 @@
 /** The page: sources, the engine and the person meet here. */
 
 import type { Clip, SensorSet } from "./core/clip";
-import { readNpz } from "./core/npz";
 import { HEIGHTS, NOBODY, personOf } from "./core/person";
 import type { Skeleton } from "./core/skeleton";
 import { Engine } from "./engine/engine";
-import { defaultBody, fetched, unpacked, type DefaultBody } from "./engine/files";
-import { amassClip } from "./files/amass";
+import { unpacked, type DefaultBody } from "./engine/files";
+import { FirstPicture, openPerformance, type FirstFiles } from "./first";
 import { HeadsetDoor } from "./headset_door";
 import { Live } from "./live";
 import { Notice, reasonOf } from "./notice";
 import { FILE_KINDS, saveMotion, type FileKind } from "./out/save";
-import { aboutPage, workOffline, type About } from "./offline";
+import { workOffline, type About } from "./offline";
 import { button, element } from "./page";
 import { Playback } from "./playback";
 import { loadSettings, saveSettings, type Settings } from "./settings";
@@ -35,18 +34,19 @@ import type { View } from "./view/scene";
 const FACTS_EVERY = 150; // ms
 const OWN_AVATAR = "avatar.vrm.gz";
 
-/** Begin: fetch what the page needs, and show the packaged performance. */
-export async function begin(view: View, base: string): Promise<App> {
-  const engine = new Engine(base);
-  const [body, about] = await Promise.all([defaultBody(base), aboutPage(base)]);
-  return new App(view, engine, body, about, base);
+/** Begin with a picture that moves; avatar and network follow. */
+export async function begin(view: View, files: Promise<FirstFiles>, base: string): Promise<App> {
+  return new App(view, new Engine(base), await files, base);
 }
 
 export class App {
   private settings: Settings = loadSettings(localStorage);
   private source: Source | null = null;
   private tree: Skeleton; // of what is shown
-  private performance: Clip | null = null;
+  private performance: Clip | null;
+  private readonly body: DefaultBody;
+  private readonly about: About;
+  private readonly first = new FirstPicture(() => this.goOn());
   private shownAt = 0; // ms
   private toldAt = 0; // ms
   private readonly playback = new Playback();
@@ -62,11 +62,13 @@ export class App {
 
   constructor(
     private readonly view: View,
-    engine: Engine,
-    private readonly body: DefaultBody,
-    private readonly about: About,
+    private readonly engine: Engine,
+    { body, about, performance }: FirstFiles,
     private readonly base: string,
   ) {
+    this.body = body;
+    this.about = about;
+    this.performance = performance;
     this.tree = body.skeleton;
     this.bodies = new Bodies(view.stage);
     this.live = new Live(engine, body.skeleton, (reason) => this.notice.fault(reason));
@@ -114,7 +116,6 @@ export class App {
     onSystemChange(() => this.repaint());
     engine.opened.catch((error: unknown) => this.fault(error));
     this.attempt(() => (about.server ? this.watchServer() : this.perform()));
-    this.attempt(() => this.wearOwn());
     workOffline(about, base);
     view.run((milliseconds, frame) => this.draw(milliseconds, frame));
   }
@@ -150,8 +151,7 @@ export class App {
 
   /** The packaged performance, seen by a simulated headset. */
   private async perform(): Promise<void> {
-    const { skeleton } = this.body;
-    this.performance ??= amassClip(await readNpz(await fetched(this.base, "performance.npz")), "performance", skeleton);
+    this.performance ??= await openPerformance(this.base, this.body);
     this.begin(new ClipSource(this.performance, this.live, this.settings.sensors, "The page's own performance"));
   }
 
@@ -182,6 +182,7 @@ export class App {
     this.sensors.offer(source.sensors, source instanceof ClipSource);
     button("door-performance").hidden = source instanceof ClipSource && source.clip === this.performance;
     this.view.reset();
+    if (!(source instanceof ClipSource)) this.engine.open();
   }
 
   private simulate(sensors: SensorSet): void {
@@ -272,12 +273,19 @@ export class App {
     void what().catch((error: unknown) => this.fault(error));
   }
 
+  /** What would hold up the first picture. */
+  private goOn(): void {
+    this.engine.open();
+    this.attempt(() => this.wearOwn());
+  }
+
   private draw(milliseconds: number, frame: XRFrame | undefined): void {
     const seconds = Math.min((milliseconds - this.shownAt) / 1000, 0.1);
     this.shownAt = milliseconds;
     this.source?.frame(milliseconds, frame);
     const moment = this.playback.step(this.live.history, seconds);
     if (!moment || !this.source) return;
+    this.first.draw(moment);
     this.bodies.show(moment, this.tree, this.settings, seconds);
     if (!this.headset.isWorn) this.view.follow(moment.rootPosition[0], moment.rootPosition[2], seconds);
     if (milliseconds - this.toldAt < FACTS_EVERY) return;

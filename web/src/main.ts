@@ -1,4 +1,6 @@
 import { begin } from "./app";
+import { firstFiles } from "./first";
+import { reasonOf } from "./notice";
 import { element, find } from "./page";
 import { View } from "./view/scene";
 
@@ -19,8 +21,7 @@ function viewOf(canvas: HTMLCanvasElement): View | null {
   }
 }
 
+const base = document.baseURI;
+const files = firstFiles(base); // on their way while the 3-D view is made
 const view = viewOf(find("view", HTMLCanvasElement));
-if (view)
-  begin(view, document.baseURI).catch((error: unknown) =>
-    fault(error instanceof Error ? error.message : String(error)),
-  );
+if (view) begin(view, files, base).catch((error: unknown) => fault(reasonOf(error)));
