@@ -48,6 +48,7 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
         (("--device", "three_point"), "give it with --replay"),
         (("--sessions", 0), "give 1 to 10000"),
         (("--device-names", "names.json"), "give --vmc-in or --vmt"),
+        (("--bridge",), "--bridge has nowhere to send to; give --vmc-out"),
         (("--vmt", "--vmt-first", 60), "give 0 to 48"),
     ],
 )

@@ -3,13 +3,12 @@
 import type { Clip, SensorSet } from "./core/clip";
 import { HEIGHTS, NOBODY, personOf } from "./core/person";
 import type { Skeleton } from "./core/skeleton";
-import { Engine } from "./engine/engine";
+import type { Engine } from "./engine/engine";
 import { unpacked, type DefaultBody } from "./engine/files";
 import { FirstPicture, openPerformance, type FirstFiles } from "./first";
 import { HeadsetDoor } from "./headset_door";
 import { Live } from "./live";
 import { Notice, reasonOf } from "./notice";
-import { FILE_KINDS, saveMotion, type FileKind } from "./out/save";
 import { workOffline, type About } from "./offline";
 import { button, element } from "./page";
 import { Playback } from "./playback";
@@ -17,14 +16,16 @@ import { loadSettings, saveSettings, type Settings } from "./settings";
 import { ClipSource } from "./sources/clip_source";
 import { RecordingSource } from "./sources/recording_source";
 import { ServerSource } from "./sources/server_source";
+import { socketAddress } from "./server/connection";
 import type { Source } from "./sources/source";
-import { Take } from "./take";
+import { BridgePanel } from "./ui/bridge_panel";
 import { onFile } from "./ui/drop";
 import { onKeys } from "./ui/keys";
 import { LookPanel } from "./ui/look_panel";
 import { SensorPanel } from "./ui/sensor_panel";
 import { showStatus } from "./ui/status";
 import { applyTheme, nextTheme, onSystemChange } from "./ui/theme";
+import { TakePanel } from "./ui/take_panel";
 import { Timeline } from "./ui/timeline";
 import { YouPanel } from "./ui/you_panel";
 import type { Avatar } from "./view/avatar";
@@ -33,11 +34,6 @@ import type { View } from "./view/scene";
 
 const FACTS_EVERY = 150; // ms
 const OWN_AVATAR = "avatar.vrm.gz";
-
-/** Begin with a picture that moves; avatar and network follow. */
-export async function begin(view: View, files: Promise<FirstFiles>, base: string): Promise<App> {
-  return new App(view, new Engine(base), await files, base);
-}
 
 export class App {
   private settings: Settings = loadSettings(localStorage);
@@ -53,12 +49,13 @@ export class App {
   private readonly notice = new Notice();
   private readonly bodies: Bodies;
   private readonly live: Live;
-  private readonly take: Take;
+  private readonly takes: TakePanel;
   private readonly timeline: Timeline;
   private readonly look: LookPanel;
   private readonly sensors: SensorPanel;
   private readonly you: YouPanel;
   private readonly headset: HeadsetDoor;
+  private readonly bridge: BridgePanel;
 
   constructor(
     private readonly view: View,
@@ -71,9 +68,18 @@ export class App {
     this.performance = performance;
     this.tree = body.skeleton;
     this.bodies = new Bodies(view.stage);
-    this.live = new Live(engine, body.skeleton, (reason) => this.notice.fault(reason));
+    this.live = new Live(
+      engine,
+      body.skeleton,
+      (reason) => this.notice.fault(reason),
+      (time, moved) => this.bridge.send(time, moved),
+    );
+    this.bridge = new BridgePanel(body.skeleton, (error) => this.fault(error));
     this.live.settings = { floor: 0, holdFeet: this.settings.holdFeet };
-    this.take = new Take(this.live.history);
+    this.takes = new TakePanel(this.live.history, body.skeleton, {
+      skeleton: () => this.tree,
+      fault: (error) => this.fault(error),
+    });
     this.timeline = new Timeline(this.playback, () => this.live.history);
     this.look = new LookPanel(this.settings, {
       changed: (change) => this.change(change),
@@ -100,14 +106,14 @@ export class App {
       say: (text) => this.say(text),
       fault: (error) => this.fault(error),
     });
-    this.headset = new HeadsetDoor(view, this.live, body, about.server ? base : null, {
+    this.headset = new HeadsetDoor(view, this.live, body, {
       begin: (source) => this.begin(source),
       tracked: (frame) => this.you.take(frame),
       measure: () => this.you.measure(),
       taller: (by) => this.attempt(async () => this.tellHeight(this.tallerBy(by))),
       height: () => this.settings.height,
-      record: () => this.record(),
-      isRecording: () => this.take.isRecording,
+      record: () => this.takes.toggle(),
+      isRecording: () => this.takes.take.isRecording,
       nextAvatar: () => this.change({ figure: this.settings.figure === "avatar" ? "figure" : "avatar" }),
       left: (text, isFault) => this.afterHeadset(text, isFault),
     });
@@ -121,7 +127,6 @@ export class App {
   }
 
   private bind(): void {
-    for (const kind of FILE_KINDS) button(`save-${kind}`).onclick = () => this.attempt(() => this.save(kind));
     button("theme").onclick = () => {
       this.change({ theme: nextTheme(this.settings.theme) });
       this.repaint();
@@ -132,12 +137,11 @@ export class App {
       panel.hidden = !panel.hidden;
       settings.setAttribute("aria-expanded", String(!panel.hidden));
     };
-    button("record").onclick = () => this.record();
     onFile((file) => this.attempt(() => this.open(file)));
     button("door-performance").onclick = () => this.attempt(() => this.perform());
     button("door-server").hidden = !this.about.server;
     button("door-server").onclick = () => this.attempt(() => this.watchServer());
-    button("door-headset").onclick = () => this.attempt(() => this.headset.enter());
+    button("door-headset").onclick = () => this.attempt(() => this.enterHeadset());
     button("door-webcam").onclick = () => this.attempt(() => this.watchWebcam());
     onKeys({
       " ": () => this.playback.toggle(),
@@ -165,6 +169,11 @@ export class App {
     this.begin(source);
   }
 
+  private async enterHeadset(): Promise<void> {
+    await this.headset.enter();
+    if (this.about.server) this.bridge.open(socketAddress({ href: this.base }));
+  }
+
   private async watchWebcam(): Promise<void> {
     const { openWebcam } = await import("./sources/webcam"); // MediaPipe is fetched when it is wanted
     this.begin(
@@ -173,7 +182,7 @@ export class App {
   }
 
   private begin(source: Source): void {
-    this.take.end();
+    this.takes.end();
     this.source?.stop();
     this.source = source;
     this.tree = this.body.skeleton;
@@ -224,26 +233,14 @@ export class App {
     if (avatar) this.wear(avatar, false);
   }
 
-  private record(): void {
-    this.take.toggle();
-    const { isRecording, seconds } = this.take;
-    button("record").textContent = isRecording ? "Stop" : "Record a take";
-    button("record").setAttribute("aria-pressed", String(isRecording));
-    if (seconds > 0) element("take").textContent = `The last take has ${seconds.toFixed(1)} s; save it as`;
-  }
-
   private afterHeadset(text: string, isFault: boolean): void {
-    if (this.take.isRecording) this.record();
-    const first = this.take.moments[0];
-    const kept = first ? ` Your take of ${this.take.seconds.toFixed(1)} s is kept: save it under Settings.` : "";
-    if (first) this.playback.seek(first.time);
+    this.takes.end();
+    const { frames, seconds } = this.takes.take;
+    const kept = frames[0] ? ` Your take of ${seconds.toFixed(1)} s is kept: save it under Settings.` : "";
+    if (frames[0]) this.playback.seek(frames[0].time);
     this.playback.playing = true;
     if (isFault) this.notice.fault(text + kept);
     else this.say(text + kept);
-  }
-
-  private async save(kind: FileKind): Promise<void> {
-    await saveMotion(this.tree, this.live.isReady ? this.take.toSave() : [], kind);
   }
 
   private say(text: string): void {
@@ -292,6 +289,7 @@ export class App {
     this.toldAt = milliseconds;
     this.sensors.offer(this.source.sensors, this.source instanceof ClipSource);
     this.timeline.show();
+    this.takes.show();
     this.look.show(this.settings, this.bodies.hasAvatar, moment.truth !== null);
     const title =
       this.live.isReady || this.source instanceof ServerSource ? this.source.title : "The network is on its way";

@@ -1,4 +1,5 @@
-import { begin } from "./app";
+import { App } from "./app";
+import { Engine } from "./engine/engine";
 import { firstFiles } from "./first";
 import { reasonOf } from "./notice";
 import { element, find } from "./page";
@@ -24,4 +25,5 @@ function viewOf(canvas: HTMLCanvasElement): View | null {
 const base = document.baseURI;
 const files = firstFiles(base); // on their way while the 3-D view is made
 const view = viewOf(find("view", HTMLCanvasElement));
-if (view) begin(view, files, base).catch((error: unknown) => fault(reasonOf(error)));
+if (view)
+  files.then((first) => new App(view, new Engine(base), first, base)).catch((error: unknown) => fault(reasonOf(error)));

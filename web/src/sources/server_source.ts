@@ -7,7 +7,6 @@ import type { History } from "../history";
 import type { PoseFrame, Settings, SignalFrame, SignalPoint, Source as Input, Welcome } from "../protocol";
 import { Connection, socketAddress } from "../server/connection";
 import type { Source } from "./source";
-import { XR_POINTS } from "./xr_signal";
 
 export interface ServerEvents {
   /** The skeleton of the server's body. */
@@ -144,36 +143,6 @@ export class ServerSource implements Source {
           cosine * position[2] - sine * position[0] + offset[2],
         ] as Vector),
     }));
-  }
-}
-
-/** What a headset tracks goes to the server as well, which tells avatar programs (VMC, VRChat). */
-export class Bridge {
-  private sequence = 0;
-  private readonly connection: Connection;
-
-  constructor(address: string, lost: (reason: string) => void) {
-    this.connection = new Connection(
-      socketAddress({ href: address }),
-      () => ({ name: "page", points: [...XR_POINTS], watch: null, resume: null }),
-      {
-        welcome: () => undefined,
-        signal: () => undefined,
-        pose: () => undefined,
-        truth: () => undefined,
-        message: (message) => message.type === "error" && lost(message.reason),
-        lost: (reason, retryIn) => retryIn === null && lost(reason),
-      },
-    );
-    this.connection.open();
-  }
-
-  send(time: number, points: readonly SignalPoint[]): void {
-    this.connection.signal({ sequence: this.sequence++, time, points: [...points] });
-  }
-
-  close(): void {
-    this.connection.close();
   }
 }
 

@@ -126,14 +126,15 @@ export class View {
   /** Call `frame` for every picture; in a headset it gets the frame of its session. */
   run(frame: (milliseconds: number, xr: XRFrame | undefined) => void): void {
     this.renderer.setAnimationLoop((milliseconds: number, xr?: XRFrame) => {
-      if (!xr && !this.thrift.isDue(milliseconds)) return;
+      const isDue = this.thrift.isDue(milliseconds);
+      if (!xr && !isDue) return;
       frame(milliseconds, xr);
       if (!this.renderer.xr.isPresenting) {
         this.controls.update();
         if (this.thrift.frame(milliseconds)) this.resize();
         this.shade.visible = this.renderer.shadowMap.enabled;
       }
-      this.renderer.render(this.scene, this.camera);
+      if (isDue) this.renderer.render(this.scene, this.camera);
     });
   }
 
