@@ -22,8 +22,13 @@ function viewOf(canvas: HTMLCanvasElement): View | null {
   }
 }
 
+const canvas = find("view", HTMLCanvasElement);
+canvas.addEventListener("webglcontextlost", () =>
+  fault("The graphics card stopped drawing; takes are kept. Load the page again if it does not come back."),
+);
+canvas.addEventListener("webglcontextrestored", () => (element("notice").hidden = true));
 const base = document.baseURI;
 const files = firstFiles(base); // on their way while the 3-D view is made
-const view = viewOf(find("view", HTMLCanvasElement));
+const view = viewOf(canvas);
 if (view)
   files.then((first) => new App(view, new Engine(base), first, base)).catch((error: unknown) => fault(reasonOf(error)));

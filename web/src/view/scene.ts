@@ -10,11 +10,11 @@ import {
   HemisphereLight,
   Mesh,
   MeshBasicMaterial,
-  PCFShadowMap,
   PerspectiveCamera,
   Scene,
   ShadowMaterial,
   SRGBColorSpace,
+  VSMShadowMap,
   WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
@@ -56,7 +56,7 @@ export class View {
     const isFast = hasGraphicsCard();
     this.renderer = new WebGLRenderer({ canvas, antialias: isFast, powerPreference: "high-performance" });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
-    this.renderer.shadowMap.type = PCFShadowMap;
+    this.renderer.shadowMap.type = VSMShadowMap;
     this.renderer.xr.enabled = true;
     this.finest = isFast ? 4 : 1;
     document.documentElement.dataset["drawing"] = isFast ? "rich" : "plain";
@@ -167,11 +167,12 @@ function sun(): DirectionalLight {
   const light = new DirectionalLight("#fff6ea", 2.1);
   light.position.set(1.6, 4.2, 2.4);
   light.castShadow = true;
-  light.shadow.mapSize.set(1024, 1024);
+  light.shadow.mapSize.set(512, 512);
   light.shadow.camera.left = light.shadow.camera.bottom = -1.8;
   light.shadow.camera.right = light.shadow.camera.top = 1.8;
-  light.shadow.radius = 7;
-  light.shadow.normalBias = 0.02;
+  [light.shadow.camera.near, light.shadow.camera.far] = [1.5, 8]; // m: tight, so that feet touch their shadow
+  light.shadow.radius = 4;
+  light.shadow.blurSamples = 12;
   return light;
 }
 
