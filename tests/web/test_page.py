@@ -138,7 +138,9 @@ def test_a_body_goes_by_a_bridge_to_an_avatar(scenario: Scenario, site: Path) ->
         packets = [avatar.recv(2000) for _ in range(10)]
     assert any(b"/VMC/Ext/Bone/Pos" in packet for packet in packets)
     assert said["before"]["address"] == address
-    assert said["sending"] == {"hint": "Your body is sent there, live.", "button": "Stop sending"}
+    assert said["sending"]["hint"].startswith("Your body is sent there, live. Others watch it at http://")
+    assert said["sending"]["button"] == "Stop sending"
+    assert said["watched"] == "Another wearer"
     assert said["after"] == {"hint": said["before"]["hint"], "button": "Send"}
     assert said["wrong"].startswith("“not an address” is no address of a bridge")
     assert said["gone"] == "No bridge answers there; it is asked again and again."

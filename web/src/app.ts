@@ -15,9 +15,9 @@ import { Playback } from "./playback";
 import { loadSettings, saveSettings, type Settings } from "./settings";
 import { ClipSource } from "./sources/clip_source";
 import { RecordingSource } from "./sources/recording_source";
-import { ServerSource } from "./sources/server_source";
 import { socketAddress } from "./server/connection";
 import type { Source } from "./sources/source";
+import { followedBy, Watching } from "./sources/watching";
 import { BridgePanel } from "./ui/bridge_panel";
 import { onFile } from "./ui/drop";
 import { onKeys } from "./ui/keys";
@@ -90,7 +90,7 @@ export class App {
       (set) => this.simulate(set),
       (hidden) => {
         this.live.hidden = hidden;
-        if (this.source instanceof ServerSource) this.source.tell({ hidden: [...hidden] });
+        if (this.source instanceof Watching) this.source.tell({ hidden: [...hidden] });
       },
     );
     this.you = new YouPanel(this.settings.height, this.settings.holdFeet, {
@@ -101,7 +101,7 @@ export class App {
       holdFeet: (holdFeet) => {
         this.change({ holdFeet });
         this.live.change({ ...this.live.settings, holdFeet });
-        if (this.source instanceof ServerSource) this.source.tell({ hold_feet: holdFeet });
+        if (this.source instanceof Watching) this.source.tell({ hold_feet: holdFeet });
       },
       say: (text) => this.say(text),
       fault: (error) => this.fault(error),
@@ -160,12 +160,13 @@ export class App {
   }
 
   private async watchServer(): Promise<void> {
-    const source = new ServerSource(this.base, this.live.history, {
-      skeleton: (skeleton) => (this.tree = skeleton),
+    const events = {
+      skeleton: (skeleton: Skeleton) => (this.tree = skeleton),
       connected: () => this.notice.clear(),
-      said: (text) => this.say(text),
-      lost: (reason, again) => this.notice.fault(reason, again ? () => source.open() : null),
-    });
+      said: (text: string) => this.say(text),
+      lost: (reason: string, again: boolean) => this.notice.fault(reason, again ? () => source.open() : null),
+    };
+    const source = new Watching(this.base, this.live.history, this.view.stage, events, followedBy(location.hash));
     this.begin(source);
   }
 
@@ -203,7 +204,7 @@ export class App {
 
   private tellHeight(height: number | null): void {
     this.live.tellHeight(height);
-    if (this.source instanceof ServerSource) this.source.tell({ height });
+    if (this.source instanceof Watching) this.source.tell({ height });
     this.change({ height });
     this.you.show(height);
   }
@@ -292,7 +293,7 @@ export class App {
     this.takes.show();
     this.look.show(this.settings, this.bodies.hasAvatar, moment.truth !== null);
     const title =
-      this.live.isReady || this.source instanceof ServerSource ? this.source.title : "The network is on its way";
+      this.live.isReady || this.source instanceof Watching ? this.source.title : "The network is on its way";
     showStatus(this.live, moment, this.tree, title);
   }
 }

@@ -1,14 +1,14 @@
 /** A bridge: whole bodies go to a server of bodysense, which hands them to programs that a page cannot reach. */
 
 import type { Body, Skeleton } from "../core/skeleton";
-import type { SignalPoint } from "../protocol";
+import type { Resume, SignalPoint } from "../protocol";
 import { Connection, socketAddress } from "./connection";
 
 const EXAMPLE = "ws://127.0.0.1:8765/?token=…";
 
 export interface BridgeEvents {
-  /** It takes bodies. */
-  opened(): void;
+  /** It takes bodies; by this session others watch them. */
+  opened(session: Resume): void;
   /** It does not; `isOver` where it refused, and nothing is tried again. */
   lost(reason: string, isOver: boolean): void;
 }
@@ -46,7 +46,7 @@ export class Bridge {
       // Feet were held here already.
       () => ({ name: "page", points, settings: { hold_feet: false }, watch: null, resume: null }),
       {
-        welcome: () => events.opened(),
+        welcome: ({ session, watch_token }) => events.opened({ session, token: watch_token }),
         signal: () => undefined,
         pose: () => undefined,
         truth: () => undefined,

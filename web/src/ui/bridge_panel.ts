@@ -3,6 +3,7 @@
 import type { Body, Skeleton } from "../core/skeleton";
 import { button, element, input } from "../page";
 import { Bridge, bridgeAddress } from "../server/bridge";
+import { watchHash } from "../sources/watching";
 
 const IDLE = element("bridge-hint").textContent;
 
@@ -26,7 +27,11 @@ export class BridgePanel {
   open(address: string): void {
     this.close();
     this.bridge = new Bridge(address, this.skeleton, {
-      opened: () => this.say("Your body is sent there, live."),
+      opened: (session) => {
+        const page = new URL(address.replace(/^ws/, "http"));
+        page.pathname = page.pathname.replace(/ws$/, "");
+        this.say(`Your body is sent there, live. Others watch it at ${page.href}${watchHash(session)}`);
+      },
       lost: (reason, isOver) => {
         if (isOver) {
           this.close();

@@ -20,6 +20,13 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
   await until("#bridge-hint", "sent there");
   await page.waitForTimeout(2000);
   const sending = { hint: await hint(), button: await page.textContent("#bridge-send") };
+  // Somebody else watches, by the link that the page names.
+  const watcher = await page.context().newPage();
+  await watcher.goto(/https?:.*$/.exec(sending.hint)[0]);
+  const isSeen = () => /cm expected/.test(document.querySelector("#shown").textContent);
+  await watcher.waitForFunction(isSeen, null, { polling: 100 });
+  const watched = await watcher.textContent("#source");
+  await watcher.close();
   await send();
   const after = { hint: (await hint()).trim(), button: await page.textContent("#bridge-send") };
   await page.fill("#bridge", "not an address");
@@ -29,5 +36,5 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
   await page.fill("#bridge", "ws://127.0.0.1:8765/?token=nobody");
   await send();
   await until("#bridge-hint", "asked again");
-  return { before, sending, after, wrong, gone: await hint() };
+  return { before, sending, watched, after, wrong, gone: await hint() };
 }).finally(() => site.close());
