@@ -28,7 +28,7 @@ export async function openWebcam(
 ): Promise<Source> {
   if (!about.webcam)
     throw new Error(
-      "This copy of the page has no MediaPipe, which finds people in pictures: write the page anew with `bodysense page` after scripts/build_landmarkers.py.",
+      "A webcam needs MediaPipe, which finds people in pictures, and this copy of the page has none: write the page anew with `bodysense page` after scripts/build_landmarkers.py.",
     );
   if (!navigator.mediaDevices)
     throw new Error("A webcam needs a safe address: open this page by https, or at http://localhost.");
