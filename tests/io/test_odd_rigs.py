@@ -46,7 +46,11 @@ def dressed(layout: Layout) -> Layout:
     hand, head, hips = (mapped(layout)[name] for name in ("right_wrist", "head", "pelvis"))
     more: Bones = [("Sword1", hand, "right_wrist>right_middle1:0.9"), ("Sword2", "Sword1", "right_middle1>head:0.4")]
     more += [("SwordTip", "Sword2", "right_middle1>head:1.2")]
-    more += [("Braid1", head, "head>neck:-0.4"), ("Braid2", "Braid1", "head>neck:0.5"), ("Braid3", "Braid2", "spine3")]
+    more += [
+        ("Braid1", head, "head>neck:-0.4"),
+        ("Braid2", "Braid1", "head>neck:0.5"),
+        ("Braid3", "Braid2", "head>pelvis:0.5"),
+    ]
     for side, other in (("left", "right"), ("right", "left")):
         more += [(f"Skirt1 {side}", hips, f"{side}_hip>{other}_hip:-0.2")]
         more += [(f"Skirt2 {side}", f"Skirt1 {side}", f"{side}_knee>{other}_knee:-0.2")]
@@ -106,6 +110,37 @@ def test_odd_files_are_read(name: str, odd: str) -> None:
 @pytest.mark.parametrize("name", cases(list(EVERY)))
 def test_a_body_that_sits_is_read(name: str) -> None:
     check(EVERY[name], seated())
+
+
+def test_sides_that_nothing_tells_are_a_guess_that_is_said() -> None:
+    """A straight body without feet, in one frame, under numbers."""
+    number = {name: f"n{k}" for k, (name, _, _) in enumerate(LAYOUTS["OpenNI"].bones)} | {"-": "-"}
+    number["End Site"] = "End Site"
+    bones = [(number[name], number[parent], place) for name, parent, place in LAYOUTS["OpenNI"].bones]
+    blank = replace(LAYOUTS["OpenNI"], bones=bones)
+    assert "which side is left is a guess" in of(write(blank, held_still(standing(), blank))).rig.line()
+    assert "guess" not in of(write(blank, held_still(motion(10, 60), blank))).rig.line()
+
+
+def of_shape(clip: Clip, **factors: float) -> Clip:
+    """The same motion on a body some of whose bones are longer or shorter."""
+    skeleton = clip.pose.skeleton
+    offset = skeleton.rest_offset.copy()
+    for k, name in enumerate(skeleton.points):
+        offset[k] *= factors.get(name.rpartition("_")[2].rstrip("123"), 1.0)
+    root = clip.pose.root_position * [1.0, factors.get("knee", 1.0), 1.0]
+    return Clip("shaped", Pose(skeleton.with_offsets(offset), root, clip.pose.rotation), clip.frame_rate)
+
+
+@pytest.mark.parametrize("factors", [
+    {"knee": 0.5, "ankle": 0.5, "elbow": 0.6, "wrist": 0.6, "head": 1.8},
+    {"knee": 1.45, "ankle": 1.45},
+    {"elbow": 1.4, "wrist": 1.4, "collar": 1.5, "shoulder": 1.5},
+    {"knee": 0.75, "ankle": 0.75, "spine": 0.9, "elbow": 0.8, "wrist": 0.8},
+])  # fmt: skip
+@pytest.mark.parametrize("name", ["Mixamo", "Character Creator", "MikuMikuDance"])
+def test_bodies_of_other_shapes_are_read(name: str, factors: dict[str, float]) -> None:
+    check(EVERY[name], of_shape(motion(10, 60), **factors))
 
 
 @pytest.mark.parametrize("name", cases(list(EVERY)))
