@@ -11,11 +11,12 @@ from further_layouts import FURTHER
 from more_layouts import MORE
 from rig_files import Bones, Layout, held_still, mapped, motion, write
 from rig_layouts import LAYOUTS
-from test_rigs import NEEDED, of, unit_of
+from test_rigs import NEEDED, of, unit_of, worst
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.data.clip import Clip
 from bodysense.demo import packaged_performance
+from bodysense.errors import BodysenseError
 
 EVERY = LAYOUTS | MORE | FURTHER
 USUAL = ("Mixamo", "Character Creator", "mocopi")
@@ -146,3 +147,21 @@ def test_bodies_of_other_shapes_are_read(name: str, factors: dict[str, float]) -
 @pytest.mark.parametrize("name", cases(list(EVERY)))
 def test_one_frame_is_read(name: str) -> None:
     check(EVERY[name], standing())
+
+
+def test_of_several_bodies_one_is_chosen() -> None:
+    clip = motion(6, 50)
+    first, second = (write(LAYOUTS[name], clip) for name in ("Mixamo", "classic, two chests"))
+    heads = [text.split("MOTION\n")[0].removeprefix("HIERARCHY\n") for text in (first, second)]
+    rows = [text.split("MOTION\n")[1].splitlines() for text in (first, second)]
+    values = [f"{a} {b}" for a, b in zip(rows[0][2:], rows[1][2:], strict=True)]
+    both = "\n".join(["HIERARCHY", *heads, "MOTION", *rows[0][:2], *values])
+    with pytest.raises(BodysenseError, match=r"2 bodies in it: 1 .mixamorig7:Hips., 2 .Hips.; choose one with"):
+        of(both)
+    assert of(both, figure=2).rig.family == "Biovision"
+    assert worst(of(both, figure=1), clip, LAYOUTS["Mixamo"]) < 1e-3
+    stage = "ROOT Stage\n{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n"
+    under = "\n".join(head.replace("ROOT", "JOINT") for head in heads)
+    values = [f"0 0 0 {row}" for row in values]
+    one_root = "\n".join([f"HIERARCHY\n{stage}{under}}}", "MOTION", *rows[0][:2], *values])
+    assert of(one_root, figure=2).rig.family == "Biovision"
