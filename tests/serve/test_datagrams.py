@@ -14,7 +14,7 @@ from bodysense.body.glove_set import standard_set
 from bodysense.body.hand import hand_skeleton
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.capture.osc import read_packet
+from bodysense.capture.osc import bundled, message_bytes, read_packet
 from bodysense.serve.datagrams import MarkerInput, Receiver
 from bodysense.serve.links import DeviceInput
 from bodysense.serve.metrics import Metrics
@@ -114,3 +114,23 @@ def test_hostile_packets_are_counted(server_of: Serving, connect: Connecting, pa
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hostile:
         hostile.sendto(packet, ("127.0.0.1", port))
     assert client.answered(signal(0, 0.0)).sequence == 0
+
+
+def test_a_packet_of_all_devices_is_a_frame_at_once_and_parts_wait_for_each_other() -> None:
+    async def frames(*packets: tuple[str, ...]) -> list[int]:
+        """How many frames there are after each packet."""
+        played: list[SignalFrame] = []
+        reader = DeviceInput(played.append, Metrics(), VmcTrackers(), SIGNALS)
+        found = []
+        for serials in packets:
+            rows = [message_bytes(f"/VMC/Ext/{kind}/Pos", "sfffffff", kind, *POSE) for kind in serials]
+            reader.datagram_received(bundled(rows)[0], None)
+            found.append(len(played))
+        await asyncio.sleep(0.02)
+        return [*found, len(played)]
+
+    assert asyncio.run(frames(("Hmd", "Con"), ("Hmd", "Con"))) == [1, 2, 2]
+    assert asyncio.run(frames(("Hmd",), ("Con",), ("Tra",))) == [1, 1, 1, 2]  # one alone is all that is known
+
+
+POSE = (0.0, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0)

@@ -85,11 +85,11 @@ class WithoutMarkers:
 
 def device_of(points: Sequence[str], skeleton: Skeleton, calibrated: Mapping[str, GlovedHand]) -> Device | None:
     """What a signal of these points needs before a tracker takes it; None where nothing."""
-    from bodysense.devices.gloves import SIDES, check_calibrated, glove_device, gloved_sides
-
     hands = glove_hands(points)
     if not hands:
         return None
+    from bodysense.devices.gloves import SIDES, check_calibrated, glove_device, gloved_sides
+
     if not any(side in hands for side in SIDES):
         return WithoutMarkers()
     check_calibrated(points, gloved_sides(points), calibrated)

@@ -12,7 +12,7 @@ from typing import Any
 
 from bodysense.errors import BodysenseError, missing_package
 from bodysense.serve.application import application
-from bodysense.serve.estimation import load
+from bodysense.serve.rehearsal import rehearse
 from bodysense.serve.settings import ServerSettings
 
 _SWITCH = 0.0005  # s after which a thread that computes lets the event loop go on
@@ -117,6 +117,6 @@ def serve(
         for one in bound:
             opened.enter_context(one)
         server = prepared(settings, started)
-        load()
+        rehearse()
         sys.setswitchinterval(_SWITCH)
         server.run(list(bound))

@@ -57,13 +57,17 @@ class Reader(Protocol):
         """One frame as of now."""
         ...
 
+    def is_whole(self, now: float, state: Any) -> bool:
+        """Whether everything that is tracked came with the packet that was taken at `now`."""
+        ...
+
     def commands(self, packet: bytes) -> Sequence[Command]:
         """What a packet asks for."""
         ...
 
 
 class DeviceInput(asyncio.DatagramProtocol):
-    """Packets become signal frames of `points`, each of what came within two milliseconds.
+    """Packets become signal frames of `points`, each of one packet, or of what came within two milliseconds.
 
     `sender`: the only address that is listened to, where it is known.
     """
@@ -80,7 +84,7 @@ class DeviceInput(asyncio.DatagramProtocol):
         self._play, self._metrics, self._reader, self._points = play, metrics, reader, points
         self._do, self._sender = do, sender
         self.state: Any = reader.start()
-        self._waits = False
+        self._later: asyncio.TimerHandle | None = None  # a frame that waits for what comes with it
         self._sequence = 0
         self._rate = RateLimit(MOST_PACKETS, 0.0)
 
@@ -90,20 +94,24 @@ class DeviceInput(asyncio.DatagramProtocol):
             self._metrics.dropped("second sender")
             return
         loop = asyncio.get_running_loop()
-        if not self._rate.allows(loop.time()):
+        now = loop.time()
+        if not self._rate.allows(now):
             self._metrics.dropped("flood")
             return
-        self.state, reason = self._reader.take(data, loop.time(), self.state)
+        self.state, reason = self._reader.take(data, now, self.state)
         if reason is not None:
             self._metrics.dropped("malformed packet")
         for command in self._reader.commands(data):
             self._do(command)
-        if not self._waits:
-            self._waits = True
-            loop.call_later(TOGETHER, self._flush)
+        if self._reader.is_whole(now, self.state):
+            self._flush()
+        elif self._later is None:
+            self._later = loop.call_later(TOGETHER, self._flush)
 
     def _flush(self) -> None:
-        self._waits = False
+        if self._later is not None:
+            self._later.cancel()
+            self._later = None
         now = asyncio.get_running_loop().time()
         observation = self._reader.observation(now, self.state)
         if observation is not None:

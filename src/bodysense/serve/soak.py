@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
+import signal
 import sys
 import time
 from dataclasses import dataclass
@@ -19,6 +21,8 @@ from bodysense.serve.protocol import POSE, SUBPROTOCOL, SignalFrame, read_pose, 
 
 _POINTS = ("head", "left_wrist", "right_wrist")
 _STUCK = 5.0  # s without an answer while frames are sent
+_MOST_SILENT = 1.5  # s, of a wearer whose process was killed
+_AGAIN = 0.02  # s until a wearer whose connection was closed comes back
 _WARM = 0.25  # share of the time after which memory is looked at
 
 
@@ -34,6 +38,8 @@ class SoakPlan:
     late: float = 0.05  # share of frames that come up to `latest` s later
     latest: float = 0.3
     seconds_connected: float = 20.0  # on average, until the connection breaks
+    workers: int = 1  # processes of the server
+    seconds_between_kills: float = 0.0  # a process of the server is killed so often; 0: never
 
 
 @dataclass
@@ -45,7 +51,8 @@ class SoakCounts:
     not_finite: int = 0
     breaks: int = 0
     resumed: int = 0
-    longest_silence_s: float = 0.0
+    killed: int = 0  # processes of the server
+    longest_silence_s: float = 0.0  # of a wearer whose network is there
     rss_mb_warm: float = 0.0
     rss_mb_last: float = 0.0
 
@@ -54,7 +61,9 @@ async def soak(plan: SoakPlan, rng: np.random.Generator) -> SoakCounts:
     """Run it. Raises BodysenseError where the server does not start, or ends."""
     counts = SoakCounts()
     command = (sys.executable, "-m", "bodysense", "serve", "--port", "0", "--sessions", str(plan.sessions + 4))
-    server = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+    several = ("--workers", str(plan.workers))
+    server = await asyncio.create_subprocess_exec(*command, *several, stdout=asyncio.subprocess.PIPE)
+    killer: asyncio.Task[None] | None = None
     assert server.stdout is not None
     try:
         line = (await asyncio.wait_for(server.stdout.readline(), 60)).decode()
@@ -66,6 +75,8 @@ async def soak(plan: SoakPlan, rng: np.random.Generator) -> SoakCounts:
             asyncio.create_task(_wearer(address, plan, end, np.random.default_rng(int(seed)), counts))
             for seed in rng.integers(2**32, size=plan.sessions)
         ]
+        if plan.seconds_between_kills:
+            killer = asyncio.create_task(_kill(server.pid, plan, rng, counts))
         await asyncio.sleep(_WARM * plan.seconds)
         counts.rss_mb_warm = rss_mb(server.pid)
         await asyncio.gather(*wearers)
@@ -73,6 +84,8 @@ async def soak(plan: SoakPlan, rng: np.random.Generator) -> SoakCounts:
         if server.returncode is not None:
             raise BodysenseError("the server ended during the soak")
     finally:
+        if killer is not None:
+            killer.cancel()
         if server.returncode is None:
             server.terminate()
         await server.wait()
@@ -81,33 +94,76 @@ async def soak(plan: SoakPlan, rng: np.random.Generator) -> SoakCounts:
 
 async def _wearer(address: str, plan: SoakPlan, end: float, rng: np.random.Generator, counts: SoakCounts) -> None:
     """One wearer who connects again and again and goes on."""
-    from websockets import ConnectionClosed
+    from websockets import WebSocketException
     from websockets.asyncio.client import connect
     from websockets.typing import Subprotocol
 
-    resume, begun = None, time.monotonic()
+    resume, begun, seen = None, time.monotonic(), _Seen()
     while time.monotonic() < end:
         opened = connect(address, subprotocols=[Subprotocol(SUBPROTOCOL)], compression=None)
-        async with opened as client:
-            await client.send(write_message(Hello(1, _POINTS, resume=resume)))
-            welcome = json.loads(await client.recv())
-            counts.resumed += welcome["resumed"]
-            resume = Resume(welcome["session"], welcome["token"])
-            until = min(end, time.monotonic() + rng.exponential(plan.seconds_connected))
-            reader = asyncio.create_task(_read(client, len(welcome["points"]), counts))
-            with contextlib.suppress(ConnectionClosed):
-                await _wear(client, plan, begun, until, rng, counts)
-            client.transport.abort()  # as if the network were gone
-            reader.cancel()
-            await asyncio.gather(reader, return_exceptions=True)
+        try:
+            async with opened as client:
+                await client.send(write_message(Hello(1, _POINTS, resume=resume)))
+                welcome = json.loads(await client.recv())
+                counts.resumed += welcome["resumed"]
+                resume = Resume(welcome["session"], welcome["token"])
+                until = min(end, time.monotonic() + rng.exponential(plan.seconds_connected))
+                reader = asyncio.create_task(_read(client, len(welcome["points"]), counts, seen))
+                await _wear(client, plan, begun, until, rng, counts, reader)
+                was_cut = reader.done()
+                client.transport.abort()  # as if the network were gone
+                reader.cancel()
+                await asyncio.gather(reader, return_exceptions=True)
+        except (WebSocketException, OSError):
+            if not plan.seconds_between_kills:
+                raise
+            was_cut = True
+        if was_cut:  # the server did it: the wearer comes back at once, and is silent meanwhile
+            await asyncio.sleep(_AGAIN)
+            continue
         counts.breaks += 1
+        seen.last = None
         await asyncio.sleep(rng.uniform(0, 2))
 
 
+@dataclass
+class _Seen:
+    """What a wearer has seen."""
+
+    last: float | None = None  # s, when the last answer came; None after their own network was gone
+
+
+async def _kill(server: int, plan: SoakPlan, rng: np.random.Generator, counts: SoakCounts) -> None:
+    """Kill one of the server's processes now and then."""
+    while True:
+        await asyncio.sleep(plan.seconds_between_kills)
+        workers = workers_of(server)
+        if workers:
+            os.kill(int(rng.choice(workers)), signal.SIGKILL)
+            counts.killed += 1
+
+
+def workers_of(server: int) -> list[int]:
+    """The processes in which a server serves, oldest first; none where the system does not tell."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            is_child = f"PPid:\t{server}\n" in (folder / "status").read_text()
+            if is_child and "spawn_main" in (folder / "cmdline").read_text(errors="replace"):
+                found.append(int(folder.name))
+    return sorted(found)
+
+
 async def _wear(
-    client: object, plan: SoakPlan, begun: float, until: float, rng: np.random.Generator, counts: SoakCounts
+    client: object,
+    plan: SoakPlan,
+    begun: float,
+    until: float,
+    rng: np.random.Generator,
+    counts: SoakCounts,
+    reader: asyncio.Task[None],
 ) -> None:
-    """Send frames over a bad network until the connection breaks."""
+    """Send frames over a bad network until the connection breaks, or nothing is to be read from it."""
     loop = asyncio.get_running_loop()
     tasks: set[asyncio.Task[None]] = set()
 
@@ -121,7 +177,7 @@ async def _wear(
         task.add_done_callback(tasks.discard)
 
     due, phase = loop.time(), rng.uniform(0, 10)
-    while time.monotonic() < until:
+    while time.monotonic() < until and not reader.done():
         due += 1 / plan.rate
         await asyncio.sleep(max(0.0, due - loop.time()))
         data = write_signal(worn(counts.sent, time.monotonic() - begun, phase))
@@ -137,9 +193,10 @@ async def _wear(
             await send(data)
 
 
-async def _read(client: object, points: int, counts: SoakCounts) -> None:
+async def _read(client: object, points: int, counts: SoakCounts, seen: _Seen) -> None:
     """Take poses until the connection breaks."""
-    last = time.monotonic()
+    if seen.last is None:
+        seen.last = time.monotonic()
     async for message in client:  # type: ignore[attr-defined]
         if isinstance(message, bytes) and message[0] == POSE:
             pose = read_pose(message, points)
@@ -147,8 +204,8 @@ async def _read(client: object, points: int, counts: SoakCounts) -> None:
             counts.not_finite += not finite
             counts.answered += 1
             now = time.monotonic()
-            counts.longest_silence_s = max(counts.longest_silence_s, now - last)
-            last = now
+            counts.longest_silence_s = max(counts.longest_silence_s, now - seen.last)
+            seen.last = now
 
 
 def worn(sequence: int, now: float, phase: float) -> SignalFrame:
@@ -170,13 +227,15 @@ def rss_mb(process: int) -> float:
     return int(line.split()[1]) / 1024
 
 
-def check(counts: SoakCounts) -> None:
+def check(counts: SoakCounts, plan: SoakPlan) -> None:
     """Raise BodysenseError for what must not happen."""
+    longest = _MOST_SILENT if plan.seconds_between_kills else _STUCK
     grown = counts.rss_mb_last - counts.rss_mb_warm
     faults = {
         f"{counts.not_finite} poses are no numbers": counts.not_finite > 0,
-        f"a session was not answered for {counts.longest_silence_s:.1f} s": counts.longest_silence_s > _STUCK,
+        f"a session was not answered for {counts.longest_silence_s:.1f} s": counts.longest_silence_s > longest,
         f"memory grew by {grown:.0f} MB": grown > max(10.0, 0.05 * counts.rss_mb_warm),
+        "no process was killed": plan.seconds_between_kills > 0 and not counts.killed,
         "nothing was answered": counts.answered == 0,
     }
     found = [text for text, wrong in faults.items() if wrong]

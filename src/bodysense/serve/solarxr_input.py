@@ -66,6 +66,10 @@ class InputReader:
         """One frame, as of the last device that came; None where none came lately."""
         return self.devices.observation(now, state.devices)
 
+    def is_whole(self, now: float, state: InputState) -> bool:
+        """Whether all devices that are tracked came at `now`."""
+        return self.devices.is_whole(now, state.devices)
+
     def commands(self, packet: bytes) -> tuple[()]:
         """Runtimes ask for nothing here."""
         return ()

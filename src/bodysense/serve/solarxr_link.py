@@ -34,7 +34,7 @@ from bodysense.serve.webxr import between_eyes
 
 RPC, INPUT = "SlimeVRRpc", "SlimeVRInput"
 FASTEST = 1 / 120  # s between updates, and so between poses of a headset
-_SLOWEST = 1 / 90  # s
+_SLOWEST = 1 / 45  # s
 _GROWN = 0.01  # m by which a bone must have changed to be told anew: a runtime then makes its skeleton anew
 _LARGEST_REQUEST = 1 << 16  # bytes
 _MOST_BEHIND = 1 << 16  # bytes that a runtime has not read, after which updates are left out for it
@@ -65,6 +65,7 @@ class _Client:
     writer: asyncio.StreamWriter
     interval: float | None = None  # s between updates; None: none were asked for
     sent: float = field(default=-np.inf)  # s, when
+    later: asyncio.TimerHandle | None = None  # an update that waits until it is due
 
 
 class SolarxrLink:
@@ -104,7 +105,8 @@ class SolarxrLink:
         self._shown = asyncio.get_running_loop().time()
         if any(client.interval is not None for client in self._clients):
             self._update = self._updates.of(moved(*answer.in_signal, self._eyes))
-            self._send_all()
+            for client in self._clients:
+                self._offer(client)
 
     def close(self) -> None:
         """Serve no more, and leave no sockets behind."""
@@ -186,15 +188,23 @@ class SolarxrLink:
             await asyncio.sleep(_SLOWEST)
             if loop.time() - self._shown > LOST:
                 self._update = self._updates.nobody
-            self._send_all(_SLOWEST)
+            for client in self._clients:
+                if loop.time() - client.sent >= _SLOWEST:
+                    self._offer(client)
 
-    def _send_all(self, silent: float = 0.0) -> None:
-        """Send the update to all that it is due for, and that were sent nothing for so long, s."""
-        now = asyncio.get_running_loop().time()
-        for client in self._clients:
-            if client.interval is not None and now - client.sent >= max(client.interval, silent) - 1e-4:
-                client.sent = now
-                self._send(client, self._update)
+    def _offer(self, client: _Client) -> None:
+        """Send the update as soon as it is due."""
+        if client.interval is None or client.later is not None:
+            return
+        loop = asyncio.get_running_loop()
+        if loop.time() >= client.sent + client.interval:
+            self._due(client)
+        else:
+            client.later = loop.call_at(client.sent + client.interval, self._due, client)
+
+    def _due(self, client: _Client) -> None:
+        client.later, client.sent = None, asyncio.get_running_loop().time()
+        self._send(client, self._update)
 
     def _send(self, client: _Client, packet: bytes) -> None:
         transport: Any = client.writer.transport

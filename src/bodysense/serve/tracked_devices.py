@@ -132,6 +132,12 @@ class TrackedDevices:
             time=np.array([state.at]),
         )
 
+    def is_whole(self, now: float, state: DeviceState) -> bool:
+        """Whether all devices that are tracked were told of at `now`, and any."""
+        ages = [now - device.at for device in state.devices.values()]
+        fresh = [age for age in ages if age <= self.longest_silence]
+        return bool(fresh) and max(fresh) == 0
+
     def _point(self, serial: str, kind: str) -> str | None:
         """The point that a device is by its name alone."""
         if serial in self.names:

@@ -66,6 +66,10 @@ class VmcTrackers:
         """One frame, as of the last device that came; None where none came lately."""
         return self.devices.observation(now, state.devices)
 
+    def is_whole(self, now: float, state: VmcState) -> bool:
+        """Whether all devices that are tracked came at `now`."""
+        return self.devices.is_whole(now, state.devices)
+
     def commands(self, packet: bytes) -> list[Calibrate | Recentre]:
         """What a packet asks for: calibration (VMC's own), or that the wearer is in the middle (ours)."""
         return commands_of(packet, _ASKED)

@@ -78,6 +78,10 @@ class VmtReader:
         """One frame, as of the last device that came; None where none came lately."""
         return self.devices.observation(now, state.devices)
 
+    def is_whole(self, now: float, state: VmtState) -> bool:
+        """Whether all devices that are tracked came at `now`."""
+        return self.devices.is_whole(now, state.devices)
+
     def commands(self, packet: bytes) -> tuple[()]:
         """The driver asks for nothing."""
         return ()

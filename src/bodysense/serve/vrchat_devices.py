@@ -92,6 +92,11 @@ class VrchatReader:
             time=np.array([max(one.at for one in fresh.values())]),
         )
 
+    def is_whole(self, now: float, state: VrchatState) -> bool:
+        """Whether head and wrists, as far as they are tracked, came at `now`."""
+        fresh = [now - one.at for one in state.seen.values() if now - one.at <= self.longest_silence]
+        return bool(fresh) and max(fresh) == 0
+
     def commands(self, packet: bytes) -> list[Calibrate | Recentre]:
         """What a packet asks for."""
         return commands_of(packet)

@@ -29,6 +29,7 @@ from bodysense.serve.settings import ServerSettings
 _TO_TAKE = 1.0  # s in which a worker has to take a connection
 _TO_SHAKE = 10.0  # s for TLS to be agreed upon
 _LOOK_EVERY = 0.1  # s between looks at workers that load
+_REST = 2.0  # s before another worker loads for one that ended: first its wearers resume, and have the processor
 _SOON, _MOST_ENDED = 30.0, 8  # s, and of each worker's: more that end so soon will not do better
 _TOLD_EVERY = 0.1  # s between words of a worker on connections that ended
 
@@ -55,6 +56,7 @@ class Workers:
         self._settings, self._count, self._folder = settings, count, folder
         self._context = multiprocessing.get_context("spawn")
         self._ended: list[float] = []  # s, when workers ended
+        self._due: list[float] = []  # s, when others start in their place
         self.all = [self._started() for _ in range(count + 1)]
 
     @property
@@ -71,7 +73,11 @@ class Workers:
             time.sleep(0.02)
 
     def look(self) -> None:
-        """See who is ready by now."""
+        """See who is ready by now, and start who is due."""
+        if self._due and self._due[0] <= time.monotonic():
+            self._due.pop(0)
+            # Beside the loop that hands connections out: to start a process takes a while.
+            threading.Thread(target=lambda: self.all.append(self._started()), daemon=True).start()
         for worker in list(self.all):
             if not worker.serves and worker.ready.acquire(block=False):
                 worker.serves = True
@@ -87,8 +93,7 @@ class Workers:
         self.all.remove(worker)
         if len(self._ended) > _MOST_ENDED * self._count:
             raise BodysenseError("workers end again and again; the server was stopped: see above for why")
-        # Beside the loop that hands connections out: to start a process takes a while.
-        threading.Thread(target=lambda: self.all.append(self._started()), daemon=True).start()
+        self._due.append(now + (_REST if len(self.serving) >= self._count else 0.0))
 
     def stop(self) -> None:
         """End them all."""

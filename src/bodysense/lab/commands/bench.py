@@ -14,7 +14,7 @@ from tyro.extras import SubcommandApp
 
 from bodysense.devices.simulated import SensorSetName
 from bodysense.errors import BodysenseError
-from bodysense.lab.commands import arms, bench_live, live_checks
+from bodysense.lab.commands import arms, bench_live, bench_outputs, live_checks
 
 if TYPE_CHECKING:
     from bodysense.observation import Observation
@@ -32,6 +32,7 @@ def commands() -> SubcommandApp:
     group.command(training)
     group.command(name="arms")(arms.bench_arms)
     group.command(name="live")(bench_live.bench_live)
+    group.command(name="live-outputs")(bench_outputs.live_outputs)
     group.command(live_checks.live_fuzz)
     group.command(live_checks.live_soak)
     return group
