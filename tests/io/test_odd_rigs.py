@@ -11,11 +11,12 @@ from further_layouts import FURTHER
 from more_layouts import MORE
 from rig_files import Bones, Layout, held_still, mapped, motion, write
 from rig_layouts import LAYOUTS
-from test_rigs import NEEDED, of, unit_of
+from test_rigs import NEEDED, of, unit_of, worst
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.data.clip import Clip
 from bodysense.demo import packaged_performance
+from bodysense.errors import BodysenseError
 
 EVERY = LAYOUTS | MORE | FURTHER
 USUAL = ("Mixamo", "Character Creator", "mocopi")
@@ -46,7 +47,11 @@ def dressed(layout: Layout) -> Layout:
     hand, head, hips = (mapped(layout)[name] for name in ("right_wrist", "head", "pelvis"))
     more: Bones = [("Sword1", hand, "right_wrist>right_middle1:0.9"), ("Sword2", "Sword1", "right_middle1>head:0.4")]
     more += [("SwordTip", "Sword2", "right_middle1>head:1.2")]
-    more += [("Braid1", head, "head>neck:-0.4"), ("Braid2", "Braid1", "head>neck:0.5"), ("Braid3", "Braid2", "spine3")]
+    more += [
+        ("Braid1", head, "head>neck:-0.4"),
+        ("Braid2", "Braid1", "head>neck:0.5"),
+        ("Braid3", "Braid2", "head>pelvis:0.5"),
+    ]
     for side, other in (("left", "right"), ("right", "left")):
         more += [(f"Skirt1 {side}", hips, f"{side}_hip>{other}_hip:-0.2")]
         more += [(f"Skirt2 {side}", f"Skirt1 {side}", f"{side}_knee>{other}_knee:-0.2")]
@@ -108,6 +113,55 @@ def test_a_body_that_sits_is_read(name: str) -> None:
     check(EVERY[name], seated())
 
 
+def test_sides_that_nothing_tells_are_a_guess_that_is_said() -> None:
+    """A straight body without feet, in one frame, under numbers."""
+    number = {name: f"n{k}" for k, (name, _, _) in enumerate(LAYOUTS["OpenNI"].bones)} | {"-": "-"}
+    number["End Site"] = "End Site"
+    bones = [(number[name], number[parent], place) for name, parent, place in LAYOUTS["OpenNI"].bones]
+    blank = replace(LAYOUTS["OpenNI"], bones=bones)
+    assert "which side is left is a guess" in of(write(blank, held_still(standing(), blank))).rig.line()
+    assert "guess" not in of(write(blank, held_still(motion(10, 60), blank))).rig.line()
+
+
+def of_shape(clip: Clip, **factors: float) -> Clip:
+    """The same motion on a body some of whose bones are longer or shorter."""
+    skeleton = clip.pose.skeleton
+    offset = skeleton.rest_offset.copy()
+    for k, name in enumerate(skeleton.points):
+        offset[k] *= factors.get(name.rpartition("_")[2].rstrip("123"), 1.0)
+    root = clip.pose.root_position * [1.0, factors.get("knee", 1.0), 1.0]
+    return Clip("shaped", Pose(skeleton.with_offsets(offset), root, clip.pose.rotation), clip.frame_rate)
+
+
+@pytest.mark.parametrize("factors", [
+    {"knee": 0.5, "ankle": 0.5, "elbow": 0.6, "wrist": 0.6, "head": 1.8},
+    {"knee": 1.45, "ankle": 1.45},
+    {"elbow": 1.4, "wrist": 1.4, "collar": 1.5, "shoulder": 1.5},
+    {"knee": 0.75, "ankle": 0.75, "spine": 0.9, "elbow": 0.8, "wrist": 0.8},
+])  # fmt: skip
+@pytest.mark.parametrize("name", ["Mixamo", "Character Creator", "MikuMikuDance"])
+def test_bodies_of_other_shapes_are_read(name: str, factors: dict[str, float]) -> None:
+    check(EVERY[name], of_shape(motion(10, 60), **factors))
+
+
 @pytest.mark.parametrize("name", cases(list(EVERY)))
 def test_one_frame_is_read(name: str) -> None:
     check(EVERY[name], standing())
+
+
+def test_of_several_bodies_one_is_chosen() -> None:
+    clip = motion(6, 50)
+    first, second = (write(LAYOUTS[name], clip) for name in ("Mixamo", "classic, two chests"))
+    heads = [text.split("MOTION\n")[0].removeprefix("HIERARCHY\n") for text in (first, second)]
+    rows = [text.split("MOTION\n")[1].splitlines() for text in (first, second)]
+    values = [f"{a} {b}" for a, b in zip(rows[0][2:], rows[1][2:], strict=True)]
+    both = "\n".join(["HIERARCHY", *heads, "MOTION", *rows[0][:2], *values])
+    with pytest.raises(BodysenseError, match=r"2 bodies in it: 1 .mixamorig7:Hips., 2 .Hips.; choose one with"):
+        of(both)
+    assert of(both, figure=2).rig.family == "Biovision"
+    assert worst(of(both, figure=1), clip, LAYOUTS["Mixamo"]) < 1e-3
+    stage = "ROOT Stage\n{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n"
+    under = "\n".join(head.replace("ROOT", "JOINT") for head in heads)
+    values = [f"0 0 0 {row}" for row in values]
+    one_root = "\n".join([f"HIERARCHY\n{stage}{under}}}", "MOTION", *rows[0][:2], *values])
+    assert of(one_root, figure=2).rig.family == "Biovision"

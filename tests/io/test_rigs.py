@@ -255,27 +255,6 @@ def test_animals_are_refused(legs: int, length: float, tail: int) -> None:
         of(beast(legs, length, tail), "dog.bvh")
 
 
-# --- several bodies ---
-
-
-def test_of_several_bodies_one_is_chosen() -> None:
-    clip = motion(6, 50)
-    first, second = (write(LAYOUTS[name], clip) for name in ("Mixamo", "classic, two chests"))
-    heads = [text.split("MOTION\n")[0].removeprefix("HIERARCHY\n") for text in (first, second)]
-    rows = [text.split("MOTION\n")[1].splitlines() for text in (first, second)]
-    values = [f"{a} {b}" for a, b in zip(rows[0][2:], rows[1][2:], strict=True)]
-    both = "\n".join(["HIERARCHY", *heads, "MOTION", *rows[0][:2], *values])
-    with pytest.raises(BodysenseError, match=r"2 bodies in it: 1 .mixamorig7:Hips., 2 .Hips.; choose one with"):
-        of(both)
-    assert of(both, figure=2).rig.family == "Biovision"
-    assert worst(of(both, figure=1), clip, LAYOUTS["Mixamo"]) < 1e-3
-    stage = "ROOT Stage\n{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n"
-    under = "\n".join(head.replace("ROOT", "JOINT") for head in heads)
-    values = [f"0 0 0 {row}" for row in values]
-    one_root = "\n".join([f"HIERARCHY\n{stage}{under}}}", "MOTION", *rows[0][:2], *values])
-    assert of(one_root, figure=2).rig.family == "Biovision"
-
-
 # --- damage ---
 
 WHOLE = write(LAYOUTS["pose lifter"], motion(4, 100))

@@ -109,7 +109,7 @@ def _split(tree: Tree, chain: list[int], height) -> Head | None:
         necks = [k for k in joints if hinted(k, "neck")]
         heads = [k for k in joints if k not in necks] or joints[-1:]
         if not necks and len(heads) > 1:
-            tops = [heads[-1]] if height(heads[-1]) > _TOP_HEIGHT else []
+            tops = [heads[-1]] if height(heads[-1]) > _TOP_HEIGHT and not tree.reach[heads[-1]] else []
             heads = [k for k in heads if k not in tops]
         heads = [min(heads, key=lambda k: abs(height(k) - HEAD_HEIGHT))]
     head = heads[0]
