@@ -10,7 +10,7 @@ const SECONDS = 3; // of the performance that pass before a picture
 /** A clock that runs as fast as pictures are drawn, and no word of what draws them. */
 function unhurried() {
   let milliseconds = 0;
-  window.requestAnimationFrame = (call) => setTimeout(() => call((window.pictureTime = milliseconds += 1000 / 30)), 60);
+  window.requestAnimationFrame = (call) => setTimeout(() => call((window.pictureTime = milliseconds += 1000 / 30)), 250);
   const ask = WebGL2RenderingContext.prototype.getParameter;
   const UNMASKED_RENDERER = 0x9246;
   WebGL2RenderingContext.prototype.getParameter = function (name) {
