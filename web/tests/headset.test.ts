@@ -43,6 +43,7 @@ async function worn() {
     stage: new Group(),
     renderer: { xr: { getReferenceSpace: () => space, setSession: () => Promise.resolve() } },
     reset: vi.fn(),
+    lightAt: vi.fn(),
   };
   vi.stubGlobal("navigator", { xr: { requestSession: () => Promise.resolve(session) } });
   const menu = new VrMenu(["first", "second"].map((id) => ({ id, text: () => id, press: () => pressed.push(id) })));

@@ -125,6 +125,19 @@ describe("a server", () => {
     source.stop();
   });
 
+  it("lets who follows another's session change nothing", () => {
+    const follow = { session: "s9", token: "w9" };
+    const source = new ServerSource("http://here:1/", new History(), { follow }, silent());
+    const socket = FakeSocket.all.at(-1);
+    socket?.onopen?.();
+    socket?.say(JSON.stringify({ ...WELCOME, token: "" }));
+    source.tell({ hidden: ["head"] });
+    expect(socket?.sent).toHaveLength(1);
+    expect(JSON.parse(socket?.sent[0] ?? "{}")).toMatchObject({ watch: null, follow, resume: null });
+    expect(source.title).toBe("Another wearer");
+    source.stop();
+  });
+
   it("without an input says which doors there are", () => {
     const said = vi.fn();
     const source = new ServerSource("http://here:1/", new History(), null, { ...silent(), said });

@@ -127,7 +127,11 @@ export class Headset implements Source {
   private place(position: Vector, rotation: Turn, signal: readonly SignalPoint[]): void {
     this.placement = placedBy(position, rotation, this.lift);
     const viewer = signal.find(({ point }) => XR_POINTS[point] === "headset");
-    if (viewer?.position && viewer.rotation) this.mirror.standBefore(viewer.position, viewer.rotation);
+    if (viewer?.position && viewer.rotation) {
+      this.mirror.standBefore(viewer.position, viewer.rotation);
+      const { x: across, z: along } = new Vector3(...viewer.position).applyMatrix4(this.mirror.reflection());
+      this.view.lightAt(across, along);
+    }
     this.menu.standBeside(this.mirror.frame);
     const [w, x, y, z] = this.placement.turn;
     const toBody = new Matrix4().compose(

@@ -87,8 +87,9 @@ export class ServerSource implements Source {
     this.connection.open();
   }
 
-  /** Change settings of the session that is watched. */
+  /** Change settings of the session that is watched; another client's are its own. */
   tell(change: Partial<Settings>): void {
+    if (this.watched && "follow" in this.watched) return;
     this.connection.tell({ type: "settings", ...change });
   }
 

@@ -27,6 +27,7 @@ const FROM = [0.9, 1.3, 3.4] as const; // m
 const PAPER = { light: "#eceae4", dark: "#15171c" } as const;
 const FLOOR = { light: ["#ffffff", "#cfcabd"], dark: ["#2a2e37", "#3b414d"] } as const; // middle and lines
 const RADIUS = 4.5; // m, of the floor
+const [SHADE, SHADE_AT] = [1.65, [-0.38, 0, -0.56]] as const; // m: within what the light sees of the floor
 const FOLLOW = 2.5; // per s: how fast the camera goes after somebody who walks
 
 export class View {
@@ -62,9 +63,10 @@ export class View {
     document.documentElement.dataset["drawing"] = isFast ? "rich" : "plain";
     this.thrift = new Thrift(this.renderer, isFast);
     const disc = new Mesh(new CircleGeometry(RADIUS, 64), this.paint_);
-    this.shade = new Mesh(new CircleGeometry(RADIUS, 64), new ShadowMaterial({ opacity: 0.28, depthWrite: false }));
+    this.shade = new Mesh(new CircleGeometry(SHADE, 48), new ShadowMaterial({ opacity: 0.28, depthWrite: false }));
     disc.rotation.x = this.shade.rotation.x = -Math.PI / 2;
     disc.renderOrder = -2; // both lie on y = 0 and are drawn one after the other: nothing flickers
+    this.shade.position.set(...SHADE_AT);
     this.shade.renderOrder = -1;
     this.shade.receiveShadow = true;
     this.floor.add(disc, this.shade);
@@ -109,9 +111,14 @@ export class View {
     target.z += dz;
     this.camera.position.x += dx;
     this.camera.position.z += dz;
-    this.sun.position.set(target.x + 1.6, 4.2, target.z + 2.4);
-    this.sun.target.position.set(target.x, 0.8, target.z);
-    this.floor.position.set(target.x, 0, target.z);
+    this.lightAt(target.x, target.z);
+  }
+
+  /** Light and floor for somebody who stands at (x, z), m. */
+  lightAt(x: number, z: number): void {
+    this.sun.position.set(x + 1.6, 4.2, z + 2.4);
+    this.sun.target.position.set(x, 0.8, z);
+    this.floor.position.set(x, 0, z);
   }
 
   paint(look: Look): void {

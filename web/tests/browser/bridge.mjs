@@ -25,6 +25,7 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
   await watcher.goto(/https?:.*$/.exec(sending.hint)[0]);
   const isSeen = () => /cm expected/.test(document.querySelector("#shown").textContent);
   await watcher.waitForFunction(isSeen, null, { polling: 100 });
+  await watcher.waitForTimeout(2000);
   const watched = await watcher.textContent("#source");
   await watcher.close();
   await send();

@@ -12,6 +12,7 @@ const seconds = Number(duration);
 const site = await serveFolder(folder);
 const RATE = 72; // Hz
 const WARM_UP = Math.min(240, 0.4 * seconds); // s: the timeline is full, and proportions are settled
+const LOOK = 60; // s between two looks at the memory
 
 await scenario({ isCalm: false, viewport: { width: 300, height: 200 } }, async (page) => {
   await wearEmulated(page);
@@ -32,18 +33,20 @@ await scenario({ isCalm: false, viewport: { width: 300, height: 200 } }, async (
   const browser = await page.context().browser().newBrowserCDPSession();
   const passed = () => (Date.now() - began) / 1000;
   await page.waitForTimeout(1000 * WARM_UP);
-  const [middle, early] = [passed(), await memory(page, browser)];
-  await page.waitForTimeout(1000 * Math.max(seconds - passed(), 0));
-  const [end, late] = [passed(), await memory(page, browser)];
+  const held = [];
+  const looked = async () => held.push({ at: passed(), ...(await memory(page, browser)) });
+  for (await looked(); passed() < seconds; await looked())
+    await page.waitForTimeout(1000 * Math.min(LOOK, Math.max(seconds - passed(), 0)));
+  const [end, early, late] = [passed(), held[0], held.at(-1)];
   const steps_ = await page.evaluate(() => steps);
   const sorted = [...steps_].sort((a, b) => a - b);
   const quantile = (share) => sorted[Math.floor(share * (sorted.length - 1))];
-  const growth = Object.fromEntries(Object.keys(early).map((key) => [key, late[key] / early[key] - 1]));
+  const growth = Object.fromEntries(["heap", "process"].map((key) => [key, late[key] / early[key] - 1]));
   return {
     seconds: end,
     rate: steps_.length / end,
     ...{ p50: quantile(0.5), p99: quantile(0.99), worst: sorted.at(-1) },
-    ...{ from: middle, early, late, growth, shown: await page.textContent("#shown") },
+    ...{ held, growth, shown: await page.textContent("#shown") },
   };
 });
 site.close();

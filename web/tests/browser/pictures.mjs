@@ -5,12 +5,12 @@ import { launched, serveFolder } from "./page.mjs";
 
 const [folder, pictures, ...names] = process.argv.slice(2);
 const site = await serveFolder(folder);
-const SECONDS = 3; // of the performance that pass before a picture
+const SECONDS = 1; // of the performance that pass before a picture
 
 /** A clock that runs as fast as pictures are drawn, and no word of what draws them. */
 function unhurried() {
   let milliseconds = 0;
-  window.requestAnimationFrame = (call) => setTimeout(() => call((window.pictureTime = milliseconds += 1000 / 30)), 60);
+  window.requestAnimationFrame = (call) => setTimeout(() => call((window.pictureTime = milliseconds += 40)), 150);
   const ask = WebGL2RenderingContext.prototype.getParameter;
   const UNMASKED_RENDERER = 0x9246;
   WebGL2RenderingContext.prototype.getParameter = function (name) {
