@@ -70,8 +70,12 @@ _ENDS = frozenset(("end", "nub", "null", "tip", "top", "site", "effector", "ende
 _ANIMALS = frozenset(
     ("tail", "paw", "hoof", "wing", "mane", "fin", "claw", "foreleg", "hindleg", "horselink", "abdomenlegs")
 )
-_LEFT = frozenset(("l", "left", "lft", "lt", "links", "izq", "gauche", "sx", "左", "왼", "왼쪽"))
-_RIGHT = frozenset(("r", "right", "rgt", "rt", "rechts", "der", "droite", "dx", "右", "오른", "오른쪽"))
+_LEFT = frozenset(
+    ("l", "left", "lft", "lt", "links", "izq", "izquierda", "gauche", "sx", "sinistra", "左", "왼", "왼쪽")
+)
+_RIGHT = frozenset(
+    ("r", "right", "rgt", "rt", "rechts", "der", "derecha", "droite", "dx", "destra", "右", "오른", "오른쪽")
+)
 _VERTEBRAE = frozenset(("l5", "l3", "t12", "t8"))  # names in full, of Xsens
 _KNOWN = frozenset((*PARTS, *PHALANGES, *ORDINALS)) | _HELPERS | _ENDS | _ANIMALS | _LEFT | _RIGHT
 _LONGEST = max(map(len, _KNOWN))
