@@ -19,6 +19,7 @@ from bodysense.io.markers.recording import read_markers, with_hands_of
 from bodysense.io.smpl import PICKLES, is_smpl, read_smpl
 from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
+MOTION_ENDINGS = (".bvh", ".npz", ".npy", *io_gltf.ENDINGS)
 RECORDING_ENDINGS = (".npz", ".jsonl")
 
 
@@ -66,6 +67,8 @@ def read_clip(
         return as_told(clip, replace(options, joints=None), "glTF files", "y"), tuple(
             f"note: {remark}" for remark in remarks
         )
+    if path.suffix.lower() not in MOTION_ENDINGS:
+        raise BodysenseError(f"{path}: unknown kind of file {path.suffix!r}; valid are {', '.join(MOTION_ENDINGS)}")
     clip, rig = read_with_rig(Source(path, person="", split="test"), options)
     return clip, () if rig is None else (f"read {path}: {rig.line()}",)
 

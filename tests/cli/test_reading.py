@@ -104,6 +104,33 @@ def test_a_table_of_joints_is_drafted_edited_and_read(inches: Path, tmp_path: Pa
     assert "not JSON" in refused("simulate", inches, "-o", seen, "--joints", table)
 
 
+def test_a_body_in_part_is_drafted_by_its_names(tmp_path: Path, run, refused) -> None:
+    """Of an upper body no structure is known, but its joints are named."""
+    tree = "JOINT Spine\n{\nOFFSET 0 20 0\nCHANNELS 1 Zrotation\n"
+    tree += "".join(
+        f"JOINT {side}Arm\n{{\nOFFSET {x} 30 0\nCHANNELS 1 Zrotation\n"
+        f"JOINT {side}ForeArm\n{{\nOFFSET {x} 0 0\nCHANNELS 1 Zrotation\nEnd Site\n{{\nOFFSET {x} 0 0\n}}\n}}\n}}\n"
+        for side, x in (("Left", 25), ("Right", -25))
+    )
+    head = "HIERARCHY\nROOT Hips\n{\nOFFSET 0 0 0\nCHANNELS 1 Zrotation\n"
+    path = tmp_path / "upper.bvh"
+    path.write_text(f"{head}{tree}}}\n}}\nMOTION\nFrames: 1\nFrame Time: 0.03\n0 0 0 0 0 0\n")
+    assert "two legs and two arms were not found" in refused("data", "info", path)
+    assert "5 of 8 joints and end sites named, by their names alone: " in run(
+        "data", "joints", path, "-o", tmp_path / "joints.json"
+    )
+    drafted = json.loads((tmp_path / "joints.json").read_text())
+    assert drafted["LeftForeArm"] == "left_elbow" and drafted["Hips"] == "pelvis" and drafted["Spine"] == ""
+
+
+def test_what_is_not_there_and_what_is_never_read(tmp_path: Path, refused) -> None:
+    assert "nowhere.bvh: no such file; give a motion file" in refused("data", "info", tmp_path / "nowhere.bvh")
+    (tmp_path / "notes.txt").write_text("x")
+    assert "unknown kind of file '.txt'; valid are .bvh, .npz, .npy, .glb" in refused(
+        "data", "info", tmp_path / "notes.txt"
+    )
+
+
 def test_the_front_door_takes_the_same_options(inches: Path) -> None:
     import bodysense
     from bodysense.rigs.options import ReadingOptions

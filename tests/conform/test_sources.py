@@ -112,8 +112,9 @@ def test_the_command_says_by_its_status_what_was_found(clip: Clip, tmp_path: Pat
     ("name", "content", "said"),
     [
         ("a.mcap", b"no container", "not a whole MCAP file"),
-        ("a.glb", b"glTF\x02", "no animated glTF"),
-        ("a.gltf", b"[]", "no animated glTF"),
+        ("a.glb", b"glTF\x02", "a .glb file without its JSON"),
+        ("a.gltf", b"[]", "not glTF 2.0"),
+        ("a.gltf", b'{"asset": {"version": "2.0"}}', "no animated glTF 2.0 .KeyError"),
         ("a.xyz", b"", "unknown kind of file"),
         ("a.bvh", b"nothing", "is not a BVH file"),
     ],

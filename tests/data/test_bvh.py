@@ -107,6 +107,8 @@ def test_line_ends_tabs_exponents_and_braces_on_one_line_do_not_matter(small: Pa
     assert a.pose.skeleton.points == b.pose.skeleton.points
     np.testing.assert_array_equal(a.pose.rotation, b.pose.rotation)
     np.testing.assert_array_equal(a.pose.root_position, b.pose.root_position)
+    other.write_bytes(text.replace("MOTION", "Motion").replace("\n", "\r").encode())
+    np.testing.assert_array_equal(read_bvh(other).pose.rotation, b.pose.rotation)
 
 
 def with_knee_at(path: Path, places: list[str]) -> Path:
@@ -168,6 +170,8 @@ BROKEN = [
     ("0.0333333", "0", "Frame Time is '0'; it must be seconds"),
     ("0.0333333", "abc", "Frame Time is 'abc'"),
     ("1 93 2", "1 nan 2", "frame 1 is not finite"),
+    ("1 93 2", "1 -nan(ind) 2", "frame 1 is not finite; cut or mend it, or fill it: bodysense track small.bvh"),
+    ("OFFSET 10 -80 0", "OFFSET 10,5 -80,0 0", "OFFSET '10,5 -80,0 0' has commas for decimal points"),
     ("1 93 2", "1 9e999 2", "frame 1 is not finite"),
     ("1 93 2", "1 93,5 2", "'93,5' in the motion is not a number"),
 ]

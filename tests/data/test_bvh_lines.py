@@ -58,6 +58,7 @@ def test_nothing_replaced_is_the_same_file(tmp_path: Path) -> None:
 
 def test_what_has_no_number(tmp_path: Path) -> None:
     file = opened(tmp_path)
+    assert (opened(tmp_path, TEXT.replace("-1.#IND", "-nan(ind)")).has_number == file.has_number).all()
     assert file.joints == ("Hips", "Leg", "Shin") and file.parents == (-1, 0, 1) and file.order == ("ZXY", "YXZ", "X")
     np.testing.assert_array_equal(~file.has_number, [[False] * 3, [False, True, False], [False, True, False]])
     assert file.mended.values[1, 6] == pytest.approx(26) and file.mended.values[2, 8] == pytest.approx(61)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from further_layouts import FURTHER
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from more_layouts import MORE
@@ -22,7 +23,7 @@ from bodysense.data.rigged import Rigged, read_rigged
 from bodysense.errors import BodysenseError
 from bodysense.rigs.options import ReadingOptions
 
-EVERY = LAYOUTS | MORE
+EVERY = LAYOUTS | MORE | FURTHER
 NEEDED = ["pelvis", "head"] + [
     f"{side}_{part}" for side in ("left", "right") for part in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 ]
@@ -46,7 +47,7 @@ def test_a_rig_is_read_without_options(name: str) -> None:
     layout = EVERY[name]
     clip = held_still(motion(14, 48), layout)
     text = write(layout, clip)
-    rigged = of(text, **({} if layout.told_unit else {"unit": str(layout.unit)}))
+    rigged = of(text, **unit_of(layout))
     rig = rigged.rig
     expected = {ours: given for ours, given in mapped(layout).items() if ours in rig.joints}
     plain = read_plainly(text)
@@ -82,7 +83,7 @@ def test_no_spoilt_world_is_taken_as_it_is(name: str) -> None:
     points = [point for point in mapped(layout) if not point.endswith(("_top", "_tip"))]
     for world, (turn, shift) in WORLDS.items():
         try:
-            rigged = of(write(layout, clip, turn=turn, shift=shift), **_unit(layout))
+            rigged = of(write(layout, clip, turn=turn, shift=shift), **unit_of(layout))
         except BodysenseError:
             continue
         found = [point for point in points if point in rigged.rig.joints]
@@ -96,7 +97,7 @@ def test_no_spoilt_world_is_taken_as_it_is(name: str) -> None:
             assert f", {rigged.rig.up} up," in said or "upside down" in said
 
 
-def _unit(layout: Layout) -> dict[str, str]:
+def unit_of(layout: Layout) -> dict[str, str]:
     return {} if layout.told_unit else {"unit": str(layout.unit)}
 
 
@@ -149,7 +150,7 @@ def test_structure_alone_tells_a_body(name: str) -> None:
     bones, _ = renamed(layout.bones, random.Random(name))
     blank = replace(layout, bones=bones)
     clip = held_still(motion(12, 50), blank)
-    rigged = of(write(blank, clip), **_unit(layout))
+    rigged = of(write(blank, clip), **unit_of(layout))
     spots = {joint: place for joint, _, place in bones if joint != "End Site"}
     for part in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist"):
         for side in ("left", "right"):
@@ -252,27 +253,6 @@ def beast(legs: int, length: float, tail: int) -> str:
 def test_animals_are_refused(legs: int, length: float, tail: int) -> None:
     with pytest.raises(BodysenseError, match=r"^dog.bvh: not a humanoid: two legs and two arms were not found$"):
         of(beast(legs, length, tail), "dog.bvh")
-
-
-# --- several bodies ---
-
-
-def test_of_several_bodies_one_is_chosen() -> None:
-    clip = motion(6, 50)
-    first, second = (write(LAYOUTS[name], clip) for name in ("Mixamo", "classic, two chests"))
-    heads = [text.split("MOTION\n")[0].removeprefix("HIERARCHY\n") for text in (first, second)]
-    rows = [text.split("MOTION\n")[1].splitlines() for text in (first, second)]
-    values = [f"{a} {b}" for a, b in zip(rows[0][2:], rows[1][2:], strict=True)]
-    both = "\n".join(["HIERARCHY", *heads, "MOTION", *rows[0][:2], *values])
-    with pytest.raises(BodysenseError, match=r"2 bodies in it: 1 .mixamorig7:Hips., 2 .Hips.; choose one with"):
-        of(both)
-    assert of(both, figure=2).rig.family == "Biovision"
-    assert worst(of(both, figure=1), clip, LAYOUTS["Mixamo"]) < 1e-3
-    stage = "ROOT Stage\n{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n"
-    under = "\n".join(head.replace("ROOT", "JOINT") for head in heads)
-    values = [f"0 0 0 {row}" for row in values]
-    one_root = "\n".join([f"HIERARCHY\n{stage}{under}}}", "MOTION", *rows[0][:2], *values])
-    assert of(one_root, figure=2).rig.family == "Biovision"
 
 
 # --- damage ---

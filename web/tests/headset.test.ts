@@ -48,7 +48,6 @@ async function worn() {
   const menu = new VrMenu(["first", "second"].map((id) => ({ id, text: () => id, press: () => pressed.push(id) })));
   const headset = new Headset(view as unknown as View, { newest: null } as Live, skeleton, LANDMARKS, menu, {
     tracked: (observation) => tracked.push(observation),
-    raw: () => undefined,
     left: (wasAsked) => left.push(wasAsked),
   });
   await headset.enter();

@@ -51,21 +51,20 @@ def info(
         json: JSON file for the numbers, one flat object.
         reading: what the files do not say of themselves.
     """
-    from rich.console import Console
     from rich.progress import track
 
-    from bodysense.cli.show import write_numbers
+    from bodysense.cli.show import wide_console, write_numbers
     from bodysense.files import check_place
 
     if picture is not None:
         check_place(picture)
     total, every = files_in(place, split, layout, reading)
-    found: list[Found] = []
+    found, console = list[Found](), wide_console()
     if occlusion:
         from bodysense.lab.unoc.occlusion_table import occlusion_table
 
         shown, numbers = occlusion_table(readable(track(every, "looking", total), found), camera)
-        Console().print(shown)
+        console.print(shown)
     else:
         counts = _Counts()
         for clip in readable(track(every, "reading", total) if total > 1 else every, found):
@@ -76,8 +75,8 @@ def info(
         if total == 1:
             print(*(line_of(one) for one in found if not one.reason), end="" if found[0].reason else "\n")
         else:
-            Console().print(table_of(found))
-            Console().print(counts.table(f"{place} ({split})"))
+            console.print(table_of(found))
+            console.print(counts.table(f"{place} ({split})"))
     skipped = [one for one in found if one.reason]
     if len(skipped) == len(found):
         raise BodysenseError(skipped[0].reason if total == 1 else none_of(place, skipped))
@@ -98,6 +97,8 @@ def joints(
 ) -> None:
     """Draft the table for --joints: every joint of a BVH or glTF file, and which of ours it was taken for.
 
+    Where no body is recognised, it holds what the names of the joints tell.
+
     Args:
         file: .bvh, .glb or .gltf file.
         out: JSON file; printed if omitted.
@@ -107,6 +108,7 @@ def joints(
     from bodysense.data.rigged import figure_of_file
     from bodysense.io.gltf import figure_of_gltf
     from bodysense.rigs.joint_map import joint_map_text, write_joint_map
+    from bodysense.rigs.names import joints_of
     from bodysense.rigs.rig import recognise
 
     ending = file.suffix.lower()
@@ -118,14 +120,15 @@ def joints(
         raise BodysenseError(f"{file}: joints are named in .bvh, .glb and .gltf files only; give one")
     try:
         rig = recognise(figure, reading)
-        given, said = dict(rig.joints), rig.line()
+        given, said = dict(rig.joints), f"; {rig.line()}"
     except BodysenseError as error:
-        given, said = {}, f"{error}; name its joints by hand"
+        given = {ours: name for name, ours in joints_of(figure.points).items()}
+        said = f", by their names alone: {error}; name the others by hand"
     if out is None:
         print(joint_map_text(figure, given), end="")
         return
     write_joint_map(out, figure, given)
-    print(f"wrote {out}: {len(given)} of {len(figure.points)} joints and end sites named; {said}")
+    print(f"wrote {out}: {len(given)} of {len(figure.points)} joints and end sites named{said}")
 
 
 class _Counts:

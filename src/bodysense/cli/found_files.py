@@ -162,7 +162,15 @@ def _alike(one: Found) -> tuple[str, ...]:
         return (one.kind, "", "", "", "", f"{one.rate:g}", "")
     rig = one.rig
     unit = rig.unit_name or f"unknown, scaled to {rig.height:.2f} m"
-    return (rig.family, str(rig.count), unit, rig.up, f"{-rig.lift:.2f}", f"{rig.frame_rate:g}", ", ".join(rig.lacking))
+    return (
+        rig.family,
+        str(rig.count),
+        unit,
+        rig.up,
+        f"{0.0 - rig.lift:.2f}",
+        f"{rig.frame_rate:g}",
+        ", ".join(rig.lacking),
+    )
 
 
 def none_of(place: Path, skipped: list[Found]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
     from bodysense.lab.table import Cell, Report
 
+_WIDTH = 160  # characters of a table that no terminal shows
+
 PARTS = {
     "body": "body",  # shoulders, elbows, hands, hips, knees, feet
     "finger": "fingers",  # from their wrist
@@ -27,6 +30,14 @@ SHARES = {
     "known": "hidden again",  # and seen earlier in the clip
     "all": "all",
 }
+
+
+def wide_console() -> Console:
+    """A console whose tables are not folded to 80 characters where no terminal shows them."""
+    from rich.console import Console
+
+    console = Console()
+    return console if console.is_terminal or "COLUMNS" in os.environ else Console(width=_WIDTH)
 
 
 def write_numbers(path: Path | None, numbers: dict[str, float]) -> None:

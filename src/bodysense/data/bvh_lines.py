@@ -19,9 +19,8 @@ from bodysense.body.rotation import euler_to_quaternion, quaternion_canonical, s
 from bodysense.data.euler import euler_near
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
-from bodysense.rigs.bvh_text import parse_bvh
+from bodysense.rigs.bvh_text import parse_bvh, with_plain_nan
 
-_NOT_A_NUMBER = re.compile(rb"(?<![^\s])[-+]?1\.#\w+")  # how some compilers write NaN and infinity
 _TIMING = re.compile(rb"Frames\s*:\s*(\d{1,12})\s+Frame\s+Time\s*:\s*(\S+)\s+", re.IGNORECASE)
 
 
@@ -153,7 +152,7 @@ def open_bvh(path: str | Path) -> BvhLines:
     timing = _TIMING.search(data)
     frames = int(timing[1]) if timing else 0
     begin = timing.end() if timing else 0
-    body = _NOT_A_NUMBER.sub(b"nan", data[begin:])
+    body = with_plain_nan(data[begin:])
     words = body.split()
     numbers = _numbers(words) if frames and words and len(words) % frames == 0 else None
     if numbers is None:

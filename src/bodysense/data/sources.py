@@ -87,7 +87,8 @@ def list_sources(directory: str | Path, layout: Layout | None = None) -> list[So
     """
     directory = Path(directory)
     if not directory.is_dir():
-        raise BodysenseError(f"{directory}: no such folder; give a folder of .bvh or .npz files")
+        what = "file" if directory.suffix else "folder"
+        raise BodysenseError(f"{directory}: no such {what}; give a motion file, or a folder of .bvh or .npz files")
     if layout is None and (directory / "splits.json").is_file():
         sources = _described_sources(directory)
     elif layout is None and directory.name in _described_sets(directory.parent):

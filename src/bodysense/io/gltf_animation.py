@@ -32,6 +32,8 @@ def tracks_of(file: GltfFile) -> dict[tuple[int, str], Track]:
                     continue
                 kind = sampler.get("interpolation", "LINEAR")
                 times, values = file.array(sampler["input"])[:, 0], file.array(sampler["output"])
+                if not (np.isfinite(times).all() and np.isfinite(values).all()):
+                    raise BodysenseError(f"{file.path}: its animation is not all finite; export it again")
                 many = len(times) * (3 if kind == "CUBICSPLINE" else 1)
                 if len(values) != many or (np.diff(times) <= 0).any():
                     raise BodysenseError(f"{file.path}: an animation's times and values do not match; export it again")

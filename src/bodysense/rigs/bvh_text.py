@@ -24,7 +24,8 @@ _TOKEN = re.compile(
     r"|CHANNELS\s+(?P<count>\d{1,2})\b(?P<channels>(?:\s+[XYZ](?:position|rotation)\b)*))",
     re.IGNORECASE,
 )
-_MOTION = re.compile(rb"^[ \t]*MOTION\b", re.MULTILINE)
+_MOTION = re.compile(rb"(?:^|\r)[ \t]*MOTION\b", re.MULTILINE | re.IGNORECASE)
+_NOT_A_NUMBER = re.compile(rb"(?<!\S)[-+]?(?:1\.#\w+|nan\(\w*\))", re.IGNORECASE)  # as some compilers write NaN
 _TIMING = re.compile(rb"\s*Frames\s*:\s*(\d{1,12})\s+Frame\s+Time\s*:\s*(\S+)", re.IGNORECASE)
 
 
@@ -198,7 +199,8 @@ def _three_numbers(text: str, broken: Callable[[str], BodysenseError]) -> tuple[
     try:
         numbers = tuple(float(word) for word in text.split())
     except ValueError:
-        raise broken(f"OFFSET {' '.join(text.split())!r} is not three numbers") from None
+        said = "has commas for decimal points; put points" if "," in text else "is not three numbers"
+        raise broken(f"OFFSET {' '.join(text.split())!r} {said}") from None
     if not np.isfinite(numbers).all():
         raise broken(f"OFFSET {' '.join(text.split())!r} is not finite")
     return numbers
@@ -220,7 +222,7 @@ def _parse_motion(path: Path, data: bytes, start: int, channels: int) -> tuple[n
         )
     if not frames or not channels:
         raise BodysenseError(f"{path}: {frames} frames of {channels} channels are no motion; export it again")
-    block = data[timing.end() :].strip()
+    block = with_plain_nan(data[timing.end() :].strip())
     values = np.empty(0)
     if block:  # np.fromstring reads one number from a blank text
         try:
@@ -240,10 +242,16 @@ def _parse_motion(path: Path, data: bytes, start: int, channels: int) -> tuple[n
     values = values.reshape(frames, channels)
     if not np.isfinite(values).all():
         raise BodysenseError(
-            f"{path}: frame {int(np.argwhere(~np.isfinite(values))[0][0])} is not finite; cut or mend it"
+            f"{path}: frame {int(np.argwhere(~np.isfinite(values))[0][0])} is not finite; cut or mend it, or fill it: "
+            f"bodysense track {path.name} -o filled.bvh"
         )
     rate = 1 / frame_time
     return values, float(round(rate)) if abs(rate - round(rate)) < 1e-4 * rate else rate
+
+
+def with_plain_nan(block: bytes) -> bytes:
+    """A motion block in which what is no number is 'nan', however it was written: 1.#IND, -nan(ind)."""
+    return _NOT_A_NUMBER.sub(b"nan", block) if b"#" in block or b"(" in block else block
 
 
 def _first_bad_number(block: bytes) -> str:

@@ -17,7 +17,8 @@ WORST = 16.0  # penalty of what is still taken for a body
 _CANDIDATES = 24  # legs and arms that are tried with each other
 _WITH_HEAD = 8  # of them, the best, that are searched for a head
 _HEADLESS = 6.0
-HIGH_HUB = 0.18  # of a leg's length: a joint that is so far from the hips is no pelvis
+HIGH_HUB = 0.3  # of the way to the shoulders: a joint that is so far from the hips is no pelvis
+_GUESS = 0.4  # of 6: feet that are not there and knees that are straight say no more of left and right
 _ZERO = 0.01  # of a leg's length: what is nearer is in one place
 
 # What is usual of a body, and how far the logarithm of it strays: legs over arms, trunk over legs.
@@ -93,9 +94,10 @@ def _is_animal(tree: Tree, leg: Limb, arm: Limb, legs: list[Limb]) -> bool:
     stands_on_arms = float((square & on_all_fours).mean()) > 0.7 and arm.length > 0.62 * leg.length
     odd = sum(words.is_animal(name) for name in tree.figure.points)
     more = [one for one in legs if one.hub == leg.hub and abs(np.log(one.length / leg.length)) < 0.35]
-    crowd = {one.joints(k)[1] for one in more for k in (0, 1)}
+    own = {k for limb in (leg, arm) for chain in limb.chains for k in chain}
+    crowd = {one.joints(k)[1] for one in more for k in (0, 1)} - own
     tiny = arm.length < 0.25 * leg.length
-    return stands_on_arms or len(crowd) > 4 or tiny or (odd > 4 and bool(square.mean() > 0.5))
+    return stands_on_arms or len(crowd) > 2 or tiny or (odd > 4 and bool(square.mean() > 0.5))
 
 
 def _cosine(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -110,7 +112,8 @@ def _named(tree: Tree, leg: Limb, arm: Limb, penalty: float) -> Structure:
     spine, pelvis, neck_below = spine_of(tree, leg, arm, zero)
     points: dict[str, int] = {"pelvis": pelvis}
     hips = _middle(tree, leg)
-    if np.median(np.linalg.norm(tree.place[:, pelvis] - hips, axis=-1)) > HIGH_HUB * leg.length:
+    trunk = np.linalg.norm(_middle(tree, arm) - hips, axis=-1)
+    if np.median(np.linalg.norm(tree.place[:, pelvis] - hips, axis=-1)) > HIGH_HUB * np.median(trunk):
         points = {}  # the legs hang on the middle of the trunk, as OpenNI has them
         spine = [pelvis, *spine]
     head = head_of(tree, leg, arm)
@@ -168,7 +171,8 @@ def _foot(tree: Tree, ankle: int, after: tuple[int, ...], zero: float) -> dict[s
     balls = [k for k in named or chain if k < joints]
     if not balls:
         return {}
-    ball = balls[0]
+    sure = [k for k in balls if "ankle" not in words.parts(tree.figure.points[k]) and k != chain[-1]]
+    ball = (sure if named and sure else balls)[0]
     tips = [k for k in chain[chain.index(ball) + 1 :] if tree.distance(k, ball) > zero]
     if not tips:
         return {"foot": ball}
@@ -185,14 +189,16 @@ def _left(tree: Tree, leg: Limb, arm: Limb) -> tuple[int, int, str, tuple[str, .
     seen, sure = _anatomical(tree, leg, arm)
     told = named[0] or (-named[1] if crossed else named[1])
     remarks: tuple[str, ...] = ()
-    if told and sure and told != seen:
+    if told and sure > 1 and told != seen:
         remarks = ("left and right are as its names say, though its feet point backward",)
+    elif not told and sure < _GUESS:
+        remarks = ("which side is left is a guess: no name, foot or knee tells",)
     left_leg = int((told or seen) < 0)
     return left_leg, 1 - left_leg if crossed else left_leg, "names" if told else "the feet", remarks
 
 
-def _anatomical(tree: Tree, leg: Limb, arm: Limb) -> tuple[int, bool]:
-    """1 where the first leg is the left one as feet and knees point forward, else -1; and whether that is sure."""
+def _anatomical(tree: Tree, leg: Limb, arm: Limb) -> tuple[int, float]:
+    """1 where the first leg is the left one as feet and knees point forward, else -1; and how sure that is, 0 to 6."""
     up = _middle(tree, arm) - _middle(tree, leg)
     across = tree.place[:, leg.joints(0)[0]] - tree.place[:, leg.joints(1)[0]]
     votes = np.zeros(len(up))
@@ -207,7 +213,7 @@ def _anatomical(tree: Tree, leg: Limb, arm: Limb) -> tuple[int, bool]:
         bent = np.linalg.norm(bend, axis=-1) / leg.length
         votes += np.minimum(10 * bent, 1.0) * _turn(up, bend, across)
     mean = float(votes.mean())
-    return (1 if mean > 0 else -1), abs(mean) > 1.0
+    return (1 if mean > 0 else -1), abs(mean)
 
 
 def _turn(up: np.ndarray, forward: np.ndarray, across: np.ndarray) -> np.ndarray:

@@ -17,8 +17,6 @@ import { HeadsetReader, XR_POINTS } from "./xr_signal";
 export interface HeadsetEvents {
   /** One frame, as it goes to the engine. */
   tracked(observation: Observation): void;
-  /** The same as the device gave it, for a bridge. */
-  raw(time: number, points: readonly SignalPoint[]): void;
   left(wasAsked: boolean): void;
 }
 
@@ -109,7 +107,6 @@ export class Headset implements Source {
     const space = this.view.renderer.xr.getReferenceSpace();
     if (!frame || !space || !this.session) return;
     const signal = this.reader.read(frame, space, this.session.inputSources);
-    if (signal.length > 0) this.events.raw(milliseconds / 1000, signal);
     const points = this.points.read(signal, this.sizeOfWearer());
     const head = points.find(({ name }) => name === "head");
     if (head?.position && head.rotation) {

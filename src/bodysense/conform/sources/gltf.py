@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import base64
-import binascii
-import json
-import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,49 +14,33 @@ from bodysense.data.canonical import canonical
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.export.humanoid import VRM_BONES
-from bodysense.rigs.namings import recognise
+from bodysense.io.gltf_file import GltfFile, open_gltf
+from bodysense.rigs.joint_map import NEEDED
+from bodysense.rigs.names import joints_of
 
-_KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _AT_REST: dict[str, list[float]] = {"translation": [0, 0, 0], "rotation": [0, 0, 0, 1], "scale": [1, 1, 1]}
 
 
 def read_gltf(path: Path) -> Subject:
     """Read the first animation of a file. Raises BodysenseError, naming the file, where there is no body."""
+    file = open_gltf(path)
     try:
-        document, binary = _document(path)
-        nodes = document["nodes"]
-        animation = document["animations"][0]
-        time, tracks = _animation(path, document, binary, animation)
-        parents = _parents(nodes)
-        rest = _world(nodes, parents, {}, 1)
-        moving = _world(nodes, parents, tracks, len(time))
-    except OSError as error:
-        raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
-    except (
-        AttributeError,
-        KeyError,
-        IndexError,
-        TypeError,
-        ValueError,
-        RecursionError,
-        struct.error,
-        binascii.Error,
-    ) as error:
+        time, tracks = _animation(file)
+        rest, moving = _world(file, {}, 1), _world(file, tracks, len(time))
+        names = _names(file)
+    except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
         raise BodysenseError(
             f"{path}: no animated glTF 2.0 ({error!r:.80}); export a skeleton with an animation"
         ) from None
-    names = _names(path, document)
     if not np.isfinite(time).all() or len(time) < 2:
         raise BodysenseError(f"{path}: its animation has {len(time)} usable times; export one of at least two frames")
-    return _subject(path, names, parents, time, rest, moving)
+    return _subject(file, names, time, rest, moving)
 
 
-def _subject(
-    path: Path, names: dict[int, str], parents: list[int], time: np.ndarray, rest: np.ndarray, moving: np.ndarray
-) -> Subject:
+def _subject(file: GltfFile, names: dict[int, str], time: np.ndarray, rest: np.ndarray, moving: np.ndarray) -> Subject:
     """Joints by their names: places as they move, rotations from the T-pose by the rest pose."""
-    kept = sorted(names, key=lambda node: _depth(parents, node))
+    path, parents = file.path, file.parents
+    kept = [node for node in file.order if node in names]
     index = {node: k for k, node in enumerate(kept)}
     above = []
     for node in kept:
@@ -80,8 +59,7 @@ def _subject(
     good = np.isfinite(turn).all(axis=(-1, -2))
     world = np.where(good[..., None], matrix_to_quaternion(np.where(good[..., None, None], turn, np.eye(3))), np.nan)
     pose = Pose(skeleton, moving[..., :3, 3][:, kept[0]], local_rotation(skeleton, world))
-    known = {name: ours for name, ours in _ends(skeleton.joints).items()}
-    found = recognise(skeleton.joints, str(path), known)
+    found = joints_of(skeleton.joints)
     whole = canonical(Clip(str(path), pose, 1 / float(np.median(np.diff(time)))), joints=found)
     rotation = np.asarray(forward_kinematics(whole.pose)[1])
     ours, points = default_skeleton(), ordered(list(found.values()))
@@ -100,14 +78,9 @@ def _subject(
     )
 
 
-def _ends(joints: tuple[str, ...]) -> dict[str, str]:
-    """Our end sites among joints that bear our own names."""
-    return {name: name for name in joints if name in default_skeleton().end_sites}
-
-
-def _names(path: Path, document: dict[str, Any]) -> dict[int, str]:
+def _names(file: GltfFile) -> dict[int, str]:
     """Names of the nodes that may be joints: of VRM's humanoid if there is one, else those of the skin, or all."""
-    nodes = document["nodes"]
+    path, document, nodes = file.path, file.document, file.nodes
     for extension, entry in document.get("extensions", {}).items():
         bones = entry.get("humanoid", {}).get("humanBones") if isinstance(entry, dict) else None
         if extension in ("VRMC_vrm", "VRMC_vrm_animation") and isinstance(bones, dict):
@@ -118,64 +91,27 @@ def _names(path: Path, document: dict[str, Any]) -> dict[int, str]:
     named = {k: nodes[k].get("name", f"node{k}") for k in chosen}
     if len(set(named.values())) < len(named):
         raise BodysenseError(f"{path}: two joints of its skeleton have one name; rename one")
-    wanted = set(recognise(list(named.values()), str(path), _ends(tuple(named.values()))))
-    return {k: name for k, name in named.items() if name in wanted}
-
-
-def _document(path: Path) -> tuple[dict[str, Any], list[bytes]]:
-    """The JSON of a file and its buffers."""
-    data = path.read_bytes()
-    binary = b""
-    if data[:4] == b"glTF":
-        length = struct.unpack_from("<I", data, 12)[0]
-        document = json.loads(data[20 : 20 + length])
-        if len(data) > 28 + length:
-            binary = data[28 + length :]
-    else:
-        document = json.loads(data)
-    buffers = []
-    for buffer in document.get("buffers", []):
-        uri = buffer.get("uri")
-        if uri is None:
-            buffers.append(binary)
-        elif uri.startswith("data:"):
-            buffers.append(base64.b64decode(uri.partition(",")[2]))
-        else:
-            beside = path.parent / uri
-            if beside.resolve().parent != path.parent.resolve():
-                raise ValueError(f"buffer {uri!r} does not lie beside the file")
-            buffers.append(beside.read_bytes())
-    return document, buffers
-
-
-def _accessor(document: dict[str, Any], buffers: list[bytes], number: int) -> np.ndarray:
-    """(N, width) float64."""
-    row = document["accessors"][number]
-    view = document["bufferViews"][row["bufferView"]]
-    kind, width = np.dtype(_KINDS[row["componentType"]]), _WIDTHS[row["type"]]
-    stride = view.get("byteStride", kind.itemsize * width)
-    start = view.get("byteOffset", 0) + row.get("byteOffset", 0)
-    data = buffers[view["buffer"]]
-    if start + stride * (row["count"] - 1) + kind.itemsize * width > len(data):
-        raise ValueError("an accessor reads beyond its buffer")
-    values = np.ndarray((row["count"], width), kind, data, start, (stride, kind.itemsize)).astype(float)
-    return values / np.iinfo(kind).max if row.get("normalized") and kind.kind != "f" else values
+    ours = joints_of(list(named.values()))
+    if missing := [joint for joint in NEEDED if joint not in ours.values()]:
+        lacks = ", ".join(missing[:4])
+        raise BodysenseError(
+            f"{path}: no node is named as {lacks}; name its joints as VRM or Mixamo do, or export a .vrma"
+        )
+    return {k: name for k, name in named.items() if name in ours}
 
 
 _Tracks = dict[tuple[int, str], np.ndarray]
 
 
-def _animation(
-    path: Path, document: dict[str, Any], buffers: list[bytes], animation: dict[str, Any]
-) -> tuple[np.ndarray, _Tracks]:
+def _animation(file: GltfFile) -> tuple[np.ndarray, _Tracks]:
     """The times of its densest track and all tracks at these."""
+    animation = file.document["animations"][0]
     raw: dict[tuple[int, str], tuple[np.ndarray, np.ndarray]] = {}
     for channel in animation["channels"]:
         target, sampler = channel["target"], animation["samplers"][channel["sampler"]]
         if "node" not in target or target["path"] not in _AT_REST:
             continue
-        times = _accessor(document, buffers, sampler["input"])[:, 0]
-        values = _accessor(document, buffers, sampler["output"])
+        times, values = file.array(sampler["input"])[:, 0], file.array(sampler["output"])
         if sampler.get("interpolation") == "CUBICSPLINE":
             values = values.reshape(len(times), 3, -1)[:, 1]
         raw[target["node"], target["path"]] = times, values
@@ -197,27 +133,11 @@ def _at(time: np.ndarray, times: np.ndarray, values: np.ndarray, path: str) -> n
     return values[before] + share[:, None] * (values[after] - values[before])
 
 
-def _parents(nodes: list[dict[str, Any]]) -> list[int]:
-    parents = [-1] * len(nodes)
-    for k, node in enumerate(nodes):
-        for child in node.get("children", []):
-            parents[child] = k
-    return parents
-
-
-def _depth(parents: list[int], node: int) -> int:
-    depth = 0
-    while parents[node] >= 0:
-        node, depth = parents[node], depth + 1
-        if depth > len(parents):
-            raise ValueError("nodes hang on each other in a circle")
-    return depth
-
-
-def _world(nodes: list[dict[str, Any]], parents: list[int], tracks: _Tracks, frames: int) -> np.ndarray:
+def _world(file: GltfFile, tracks: _Tracks, frames: int) -> np.ndarray:
     """(T, N, 4, 4) world matrices of all nodes."""
+    nodes, parents = file.nodes, file.parents
     world = np.zeros((frames, len(nodes), 4, 4))
-    for k in sorted(range(len(nodes)), key=lambda node: _depth(parents, node)):
+    for k in file.order:
         local = np.broadcast_to(np.eye(4), (frames, 4, 4)).copy()
         if "matrix" in nodes[k] and not any(key[0] == k for key in tracks):
             local[:] = np.array(nodes[k]["matrix"], dtype=float).reshape(4, 4).T

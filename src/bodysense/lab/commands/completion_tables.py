@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -12,8 +11,6 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.lab.commands.reporting import Common, checked, finish, progress_over
 from bodysense.lab.options import Flat
-
-_WIDTH = 160  # characters of the tables, where they are not shown on a terminal
 
 
 def completion(
@@ -47,10 +44,9 @@ def completion(
         csv: Write the table of all measures here.
         picture: Write the reliability diagram here (PNG).
     """
-    from rich.console import Console
     from rich.progress import Progress
 
-    from bodysense.cli.show import print_report, write_numbers
+    from bodysense.cli.show import print_report, wide_console, write_numbers
     from bodysense.lab.clips import open_clips
     from bodysense.lab.completion.baselines import cached_mean_body
     from bodysense.lab.completion.reliability_diagram import draw_reliability
@@ -97,9 +93,7 @@ def completion(
             mean_body=mean_body,
             advance=advance,
         )
-    console = Console()
-    if not console.is_terminal and "COLUMNS" not in os.environ:
-        console = Console(width=_WIDTH)
+    console = wide_console()
     reports = completion_reports(table, census, chosen)
     for report in reports:
         print_report(report, console)

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.format import FORMAT
 from bodysense.lab.completion.graph import CompletionStep
-from bodysense.lab.completion.rewriting import bare, row_step, shortened, stored_small
+from bodysense.lab.completion.rewriting import row_step, shortened, stored_small
 from bodysense.lab.completion.state import JOINT_COUNT, POINT_COUNT, Inputs, Outputs, State
 from bodysense.lab.export import export
 
@@ -103,6 +103,6 @@ def write_completion(step: CompletionStep, path: Path, card: dict[str, Any]) -> 
         card,
         path,
         dynamic_shapes=(tuple({0: batch} for _ in (*inputs, *start)),),
-        shrink=lambda model: bare(stored_small(shortened(model))),
+        shrink=lambda model: stored_small(shortened(model)),
         opset=_OPSET,
     )

@@ -211,19 +211,3 @@ def row_step(values: np.ndarray) -> np.ndarray:
 
 def _cast(name: str, to: str) -> NodeProto:
     return helper.make_node("Cast", [name], [to], to=TensorProto.FLOAT)
-
-
-def bare(model: ModelProto) -> ModelProto:
-    """The model without what only says where its operations come from, constants by number: a third of a file."""
-    numbers = {constant.name: f"c{number}" for number, constant in enumerate(model.graph.initializer)}
-    for constant in model.graph.initializer:
-        constant.name = numbers[constant.name]
-    for node in model.graph.node:
-        del node.metadata_props[:]
-        node.ClearField("doc_string")
-        node.ClearField("name")
-        node.input[:] = [numbers.get(name, name) for name in node.input]
-    del model.graph.value_info[:]
-    del model.graph.metadata_props[:]
-    del model.metadata_props[:]
-    return model

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from bodysense.body.rotation import quaternion_canonical, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
-from bodysense.lab.export import export
+from bodysense.lab.export import export, in_bytes
 from bodysense.lab.hmd_vae.estimator import FORMAT
 from bodysense.lab.hmd_vae.frames import RATE
 from bodysense.lab.hmd_vae.network import BodyVae
@@ -55,7 +55,7 @@ class InWorld(nn.Module):
 
 
 def write_vae_onnx(network: BodyVae, path: Path, card: dict[str, Any]) -> None:
-    """Export encoder and decoder with their card; large weights in half precision. The file appears whole or not.
+    """Export encoder and decoder with their card; large weights in bytes. The file appears whole or not.
 
     Raises BodysenseError for a network whose origin is the pelvis: no device tracks that.
     """
@@ -87,4 +87,4 @@ def write_vae_onnx(network: BodyVae, path: Path, card: dict[str, Any]) -> None:
         "weights": sum(parameter.numel() for parameter in network.parameters()),
         **known,
     }
-    export(InWorld(network), example, list(INPUTS), list(OUTPUTS), FORMAT, card, path)
+    export(InWorld(network), example, list(INPUTS), list(OUTPUTS), FORMAT, card, path, shrink=in_bytes)
