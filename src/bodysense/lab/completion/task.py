@@ -26,7 +26,8 @@ from bodysense.lab.completion.network import (
 )
 from bodysense.lab.completion.points import CONTACT, HEAD, JOINTS, SPIN_PLACES
 from bodysense.lab.completion.sequences import Sequence, draw_sequence
-from bodysense.lab.fit import Schedule, Task, played
+from bodysense.lab.fit import Task, played
+from bodysense.lab.options import Schedule
 
 WORN = ("sit", "talk_gesture", "everyday", "locomotion")  # what wearers of a headset do
 _FEET = [BODY.index(name) for name in CONTACT]

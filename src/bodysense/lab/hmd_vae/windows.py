@@ -9,7 +9,7 @@ heading there, heights are over the floor, and positions in the likelihood are f
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import torch
@@ -19,12 +19,11 @@ from bodysense.body.body_joints import body_skeleton
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.lab.hmd_vae.frames import BodyFrames
+from bodysense.lab.hmd_vae.options import Origin
 from bodysense.lab.windows import Windows
 
 if TYPE_CHECKING:
     from bodysense.lab.hmd_vae.network import BodyVaeConfig
-
-Origin = Literal["head", "pelvis"]
 
 
 class Joints(NamedTuple):

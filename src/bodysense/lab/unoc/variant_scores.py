@@ -143,7 +143,7 @@ def errors_of(position: np.ndarray, truth: np.ndarray, hidden: np.ndarray, clip:
     tallies: Parts = {}
     for part, (values, chosen) in part_errors(position, truth, skeleton, clip.has_fingers).items():
         for share, mask in (("occluded", hidden[:, chosen]), ("all", np.full(values.shape, True))):
-            tallies.setdefault((group, part, share), Tally()).add(values[mask])
+            tallies.setdefault((group, part, share), Tally()).add(values[mask], clip.person)
     tested = scored_points(skeleton)
     bones = {"body": tested}
     if clip.has_fingers:
@@ -152,8 +152,8 @@ def errors_of(position: np.ndarray, truth: np.ndarray, hidden: np.ndarray, clip:
         parents = [skeleton.parents[point] for point in chosen]
         ours, true = (points[:, chosen] - points[:, parents] for points in (position, truth))
         length = np.abs(np.linalg.norm(ours, axis=-1) - np.linalg.norm(true, axis=-1))
-        tallies.setdefault((group, f"parent_{part}", "all"), Tally()).add(100 * np.linalg.norm(ours - true, axis=-1))
-        tallies.setdefault((group, f"bone_{part}", "all"), Tally()).add(100 * length)
+        for name, error in (("parent", np.linalg.norm(ours - true, axis=-1)), ("bone", length)):
+            tallies.setdefault((group, f"{name}_{part}", "all"), Tally()).add(100 * error, clip.person)
     return tallies
 
 
