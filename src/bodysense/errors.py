@@ -7,6 +7,7 @@ EXTRAS = {
     "cryptography": "serve",
     "dask": "lab",
     "distributed": "lab",
+    "h11": "serve",
     "lightning": "lab",
     "lightning_fabric": "lab",
     "mediapipe": "video",
@@ -21,6 +22,7 @@ EXTRAS = {
     "uvloop": "serve",
     "websockets": "serve",
     "zarr": "lab",
+    "zeroconf": "serve",
 }
 
 

@@ -47,13 +47,37 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
         (("--replay", "no-such-file.npz"), "no such file"),
         (("--device", "three_point"), "give it with --replay"),
         (("--sessions", 0), "give 1 to 10000"),
-        (("--device-names", "names.json"), "give --vmc-in or --vmt"),
+        (("--device-names", "names.json"), "give --vmc-in, --vmt or --slimevr"),
+        (("--vrchat", "--vrchat-host", "no.such.host.invalid"), "--vrchat-host no.such.host.invalid: no such host"),
+        (("--slimevr", "--slimevr-host", "no.such.host.invalid"), "--slimevr 6969: no.such.host.invalid"),
+        (("--workers", 2, "--solarxr"), "UDP goes with one process only"),
+        (("--workers", 2, "--slimevr"), "UDP goes with one process only"),
         (("--vmt", "--vmt-first", 60), "give 0 to 48"),
     ],
 )
 def test_what_cannot_be_served(refused: Refused, arguments: tuple[object, ...], said: str) -> None:
     port = () if "--port" in arguments else ("--port", 0)
     assert said in refused("serve", *port, *arguments)
+
+
+def test_no_folder_for_sockets(refused: Refused, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("XDG_RUNTIME_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    assert "XDG_RUNTIME_DIR is not set" in refused("serve", "--port", 0, "--solarxr")
+
+
+@pytest.mark.parametrize(
+    ("table", "option", "said"),
+    [
+        ('{"AA:01:02:03:04:05": "left_knee"}', "--vmt", "AA:01:02:03:04:05 is a SlimeVR tracker; give --slimevr"),
+        ('{"AA:01:02:03:04:05": "left_toe"}', "--slimevr", "'left_toe' (for 'AA:01:02:03:04:05') is no joint"),
+        ('{"LHR-1": "left_knee"}', "--slimevr", "'LHR-1' is a device of VMC or SteamVR; give --vmc-in or --vmt"),
+    ],
+)
+def test_a_table_of_other_devices(refused: Refused, tmp_path: Path, table: str, option: str, said: str) -> None:
+    path = tmp_path / "names.json"
+    path.write_text(table)
+    assert said in refused("serve", "--port", 0, option, "--device-names", path)
 
 
 def test_a_motion_needs_a_device(refused: Refused, motion: Path) -> None:

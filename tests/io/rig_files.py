@@ -64,6 +64,7 @@ class Layout:
     still: tuple[str, ...] = ()  # joints of ours that must not turn, or the rig cannot hold the motion
     told_unit: bool = True  # False: the unit cannot be told; the body comes out at 1.70 m
     lacks: tuple[str, ...] = field(default=())  # points that stand nowhere, though the rig has a joint for them
+    t_posed: bool = False  # a T-pose stands before the motion
 
 
 def _turn_of(up: str) -> Rotation:
@@ -231,7 +232,11 @@ def held_still(clip: Clip, layout: Layout) -> Clip:
     for k, joint in enumerate(clip.pose.skeleton.joints):
         if joint not in carriers or joint in layout.still:
             rotation[:, k] = [1, 0, 0, 0]
-    return Clip(clip.name, Pose(clip.pose.skeleton, clip.pose.root_position, rotation), clip.frame_rate)
+    root = clip.pose.root_position
+    if layout.t_posed:
+        rotation = np.concatenate([np.broadcast_to([1.0, 0, 0, 0], rotation[:1].shape), rotation])
+        root = np.concatenate([clip.pose.skeleton.rest_offset[:1], root])
+    return Clip(clip.name, Pose(clip.pose.skeleton, root, rotation), clip.frame_rate)
 
 
 def of_other_size(clip: Clip, scale: float) -> Clip:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from further_layouts import FURTHER
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from more_layouts import MORE
@@ -22,7 +23,7 @@ from bodysense.data.rigged import Rigged, read_rigged
 from bodysense.errors import BodysenseError
 from bodysense.rigs.options import ReadingOptions
 
-EVERY = LAYOUTS | MORE
+EVERY = LAYOUTS | MORE | FURTHER
 NEEDED = ["pelvis", "head"] + [
     f"{side}_{part}" for side in ("left", "right") for part in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 ]
@@ -46,7 +47,7 @@ def test_a_rig_is_read_without_options(name: str) -> None:
     layout = EVERY[name]
     clip = held_still(motion(14, 48), layout)
     text = write(layout, clip)
-    rigged = of(text, **({} if layout.told_unit else {"unit": str(layout.unit)}))
+    rigged = of(text, **unit_of(layout))
     rig = rigged.rig
     expected = {ours: given for ours, given in mapped(layout).items() if ours in rig.joints}
     plain = read_plainly(text)
@@ -82,7 +83,7 @@ def test_no_spoilt_world_is_taken_as_it_is(name: str) -> None:
     points = [point for point in mapped(layout) if not point.endswith(("_top", "_tip"))]
     for world, (turn, shift) in WORLDS.items():
         try:
-            rigged = of(write(layout, clip, turn=turn, shift=shift), **_unit(layout))
+            rigged = of(write(layout, clip, turn=turn, shift=shift), **unit_of(layout))
         except BodysenseError:
             continue
         found = [point for point in points if point in rigged.rig.joints]
@@ -96,7 +97,7 @@ def test_no_spoilt_world_is_taken_as_it_is(name: str) -> None:
             assert f", {rigged.rig.up} up," in said or "upside down" in said
 
 
-def _unit(layout: Layout) -> dict[str, str]:
+def unit_of(layout: Layout) -> dict[str, str]:
     return {} if layout.told_unit else {"unit": str(layout.unit)}
 
 
@@ -149,7 +150,7 @@ def test_structure_alone_tells_a_body(name: str) -> None:
     bones, _ = renamed(layout.bones, random.Random(name))
     blank = replace(layout, bones=bones)
     clip = held_still(motion(12, 50), blank)
-    rigged = of(write(blank, clip), **_unit(layout))
+    rigged = of(write(blank, clip), **unit_of(layout))
     spots = {joint: place for joint, _, place in bones if joint != "End Site"}
     for part in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist"):
         for side in ("left", "right"):

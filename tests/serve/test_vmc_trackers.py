@@ -127,7 +127,7 @@ def test_a_table_is_read_from_a_file(tmp_path: Path) -> None:
             read_device_names(path)
     path.write_text('{"LHR-1": "hip"}')
     with pytest.raises(BodysenseError, match="'hip' \\(for 'LHR-1'\\) is no device"):
-        read_device_names(path)
+        TrackedDevices(read_device_names(path))
     with pytest.raises(BodysenseError, match="No such file"):
         read_device_names(tmp_path / "gone.json")
 

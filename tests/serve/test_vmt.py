@@ -19,9 +19,10 @@ from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import default_skeleton
 from bodysense.capture.osc import message_bytes
 from bodysense.errors import BodysenseError
+from bodysense.serve.links import DeviceInput
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.settings import ServerSettings
-from bodysense.serve.tracked_devices import TrackedDevices
+from bodysense.serve.tracked_devices import SIGNALS, TrackedDevices
 from bodysense.serve.vmt import TRACKERS, VmtReader, VmtState, subscriptions
 from bodysense.serve.vmt_hands import BONES, hand_bones, hand_messages
 from bodysense.serve.vmt_link import VmtLink, VmtSettings
@@ -212,14 +213,12 @@ def test_a_body_goes_to_steamvr_and_again_after_it_was_restarted(server_of: Serv
 
 
 def test_a_second_sender_is_not_listened_to() -> None:
-    from bodysense.serve.vmt_link import _FromDriver
-
     metrics = Metrics()
-    link = _FromDriver(lambda frame: None, metrics, VmtReader(), "127.0.0.1")
+    link = DeviceInput(lambda frame: None, metrics, VmtReader(), SIGNALS, sender="127.0.0.1")
     link.datagram_received(device("HMD"), ("192.168.0.9", 39570))
     assert 'reason="second sender"} 1.0' in metrics.text()[0].decode() and not link.state.devices.devices
 
 
 def test_a_host_that_is_none() -> None:
     with pytest.raises(BodysenseError, match="--vmt-host no"):
-        VmtLink(VmtSettings(host="no.such.host.invalid"), Metrics())
+        VmtLink(VmtSettings(host="no.such.host.invalid"), Metrics(), VmtReader())

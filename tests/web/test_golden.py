@@ -110,14 +110,7 @@ def unit(rotation: np.ndarray) -> np.ndarray:
     return rotation / np.linalg.norm(rotation, axis=-1, keepdims=True)
 
 
-ROUNDING = pytest.mark.xfail(
-    reason="0.122 mm in one of 10,000 frames, as far as ONNX Runtime is from itself with other optimisations"
-)
-
-
-@pytest.mark.parametrize(
-    ("frames", "height"), [pytest.param(FRAMES, None, marks=ROUNDING), (FRAMES // 10, None), (900, 1.83)]
-)
+@pytest.mark.parametrize(("frames", "height"), [(FRAMES, None), (900, 1.83)])
 def test_the_page_computes_what_the_library_does(
     scenario: Scenario, site: Path, tmp_path: Path, frames: int, height: float | None
 ) -> None:
@@ -129,4 +122,4 @@ def test_the_page_computes_what_the_library_does(
     apart, turned = differences(library, page)
     assert apart.max() <= 0.1  # mm
     # Single precision differs by processor; where a spine hardly bends, that turns its middle by more than it moves it.
-    assert np.quantile(turned, 0.99) <= 0.01 and turned.max() <= 0.1  # degrees
+    assert np.quantile(turned, 0.99) <= 0.01 and turned.max() <= 0.05  # degrees

@@ -20,7 +20,7 @@ export type Region = "torso" | "head" | "arms" | "fingers" | "legs";
 
 export type Posture = "standing" | "seated";
 
-export type Source = "replay" | "vmc" | "markers" | "vmt";
+export type Source = "replay" | "vmc" | "markers" | "vmt" | "vrchat" | "slimevr" | "solarxr";
 
 /** How one person is set up; a client may change each at any time, and keeps them. */
 export interface Settings {

@@ -16,12 +16,12 @@ _TO_ANSWER = 5.0  # s
 
 def calibrate(
     address: Annotated[str, tyro.conf.Positional] = "http://127.0.0.1:8765/",
-    watch: Literal["vmc", "vmt"] = "vmc",
+    watch: Literal["vmc", "vmt", "vrchat", "slimevr", "solarxr"] = "vmc",
     arms_out: bool = False,
     recentre: bool = False,
     wait: float = 5.0,
 ) -> None:
-    """Calibrate whoever a running server tracks by VMC or SteamVR: stand upright and still for a second.
+    """Calibrate whoever a running server tracks by VMC, SteamVR, VRChat or SlimeVR in a standing second.
 
     Args:
         address: what `bodysense serve` printed, token included.

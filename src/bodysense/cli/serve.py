@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from bodysense.serve.datagrams import Receiver
     from bodysense.serve.replay import Playable
     from bodysense.serve.safety import Access
+    from bodysense.serve.tracked_devices import TrackedDevices
 
 Addresses = Annotated[tuple[str, ...], tyro.conf.UseAppendAction]
 
@@ -45,6 +47,12 @@ def serve(
     vmt_port: int = 39575,
     vmt_first: int = 0,
     vmt_hands: bool = False,
+    vrchat: bool = False,
+    vrchat_host: str = "127.0.0.1",
+    solarxr: bool = False,
+    slimevr: bool = False,
+    slimevr_host: str = "0.0.0.0",
+    slimevr_port: int = 6969,
     marker_set: str | None = None,
     vmc_out: Addresses = (),
     vrchat_out: Addresses = (),
@@ -72,14 +80,20 @@ def serve(
         save_person: File (.json) for who VMC or SteamVR track, written after each calibration.
         vmc_in: UDP port on which headset, controllers and trackers come in by VMC (its own is 39539).
         markers_in: UDP port on which markers of gloves come in by OSC (its own is 9123).
-        device_names: Which point each device of VMC or SteamVR is, a .json table by serial (docs/avatars.md).
+        device_names: Which point each device of VMC, SteamVR or SlimeVR is, a .json table by serial (docs/avatars.md).
         vmt: Take headset and controllers from SteamVR and give it trackers, by its driver VMT (docs/runtimes.md).
         vmt_host: Machine of SteamVR.
         vmt_port: UDP port on which VMT's driver answers.
         vmt_first: Index of the first virtual device; others may use those below.
         vmt_hands: Give SteamVR skeletal hands, too, as two virtual controllers.
-        marker_set: Their marker set, a file or a packaged set's name (docs/gloves.md); the person's file holds hands
-            that were calibrated with it.
+        vrchat: Find VRChat by OSCQuery, take head and wrists from it and give it trackers (docs/runtimes.md).
+        vrchat_host: Machine of VRChat.
+        solarxr: Take the headset of Monado or WiVRn, on Linux, and give them trackers and a body (docs/runtimes.md).
+        slimevr: Take SlimeVR's trackers, which find this machine in the network by themselves (docs/runtimes.md).
+        slimevr_host: Address of this machine at which they are heard; all, if omitted.
+        slimevr_port: UDP port at which they are heard.
+        marker_set: Marker set of the gloves, a file or a packaged set's name (docs/gloves.md); the person's file holds
+            hands that were calibrated with it.
         vmc_out: HOST:PORT of an avatar program that takes bones by VMC (usually port 39539). Repeatable.
         vrchat_out: HOST:PORT of a VRChat that takes trackers by OSC (usually port 9000). Repeatable.
         allow_record: Folder for recordings that clients ask for; without it none are made.
@@ -100,20 +114,34 @@ def serve(
     from bodysense.serve.messages import Settings
     from bodysense.serve.safety import Limits
     from bodysense.serve.settings import ServerSettings
-    from bodysense.serve.tracked_devices import TrackedDevices, read_device_names
+    from bodysense.serve.slimevr_link import SlimevrSettings
+    from bodysense.serve.solarxr_link import SolarxrSettings, runtime_folder
     from bodysense.serve.vmc_trackers import VmcTrackers
     from bodysense.serve.vmt_link import VmtSettings
+    from bodysense.serve.vrchat_link import VrchatSettings
     from bodysense.serve.workers import serve_in_workers
 
     if save_person is not None:
         check_place(save_person)
     if workers < 1:
         raise BodysenseError(f"--workers {workers}: give 1 or more")
-    if workers > 1 and (vmc_in, markers_in, vmc_out, vrchat_out, vmt) != (None, None, (), (), False):
+    others = (vmc_in, markers_in, vmc_out, vrchat_out, vmt, vrchat, slimevr, solarxr)
+    if workers > 1 and others != (None, None, (), (), False, False, False, False):
         raise BodysenseError("--workers: UDP goes with one process only; leave --workers out")
-    if device_names is not None and vmc_in is None and not vmt:
-        raise BodysenseError("--device-names is for devices of VMC or SteamVR; give --vmc-in or --vmt")
-    devices = TrackedDevices() if device_names is None else TrackedDevices(read_device_names(device_names))
+    if device_names is not None and vmc_in is None and not vmt and not slimevr:
+        raise BodysenseError(
+            "--device-names is for devices of VMC, SteamVR or SlimeVR; give --vmc-in, --vmt or --slimevr"
+        )
+    devices, joints = _named(device_names)
+    if joints and not slimevr:
+        raise BodysenseError(
+            f"--device-names {device_names}: {next(iter(joints))} is a SlimeVR tracker; give --slimevr"
+        )
+    if devices.names and vmc_in is None and not vmt:
+        serial = next(iter(devices.names))
+        raise BodysenseError(
+            f"--device-names {device_names}: {serial!r} is a device of VMC or SteamVR; give --vmc-in or --vmt"
+        )
     access = _access(host, token, origin, lan, certificate, key)
     wearer = person_of(person, reading.height) or Person(height=reading.height)
     settings = ServerSettings(
@@ -132,6 +160,9 @@ def serve(
         worn=_worn(marker_set, markers_in, wearer),
         receivers=tuple([*(_receiver("vmc", a) for a in vmc_out), *(_receiver("vrchat", a) for a in vrchat_out)]),
         vmt=VmtSettings(vmt_host, port=vmt_port, first=vmt_first, hands=vmt_hands, devices=devices) if vmt else None,
+        vrchat=VrchatSettings(vrchat_host) if vrchat else None,
+        solarxr=SolarxrSettings(runtime_folder(os.environ)) if solarxr else None,
+        slimevr=SlimevrSettings(slimevr_host, slimevr_port, joints) if slimevr else None,
     )
     bound = listen(access.host, port)
     address = _address(access, bound.getsockname()[1], lan)
@@ -146,6 +177,16 @@ def serve(
         serve(settings, [bound], lambda server: started())
     else:
         serve_in_workers(settings, bound, workers, started)
+
+
+def _named(table: Path | None) -> tuple[TrackedDevices, dict[str, str]]:
+    """What a table says of devices by their serials, and of SlimeVR's trackers by theirs."""
+    from bodysense.serve.slimevr_link import is_serial
+    from bodysense.serve.tracked_devices import TrackedDevices, read_device_names
+
+    names = {} if table is None else read_device_names(table)
+    joints = {serial.upper(): point for serial, point in names.items() if is_serial(serial.upper())}
+    return TrackedDevices({serial: point for serial, point in names.items() if not is_serial(serial.upper())}), joints
 
 
 def _access(

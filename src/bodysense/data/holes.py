@@ -12,6 +12,7 @@ from bodysense.body.gaps import runs
 from bodysense.data.bvh_lines import BvhLines
 from bodysense.data.source_joints import SourceJoints
 from bodysense.errors import BodysenseError
+from bodysense.rigs.names import joint_of
 
 FLAT = 0.5  # s: a limb that keeps every digit for so long, while the trunk turns, was not tracked
 _ITEM = re.compile(r"(?P<name>.+?)(?P<below>\+?)(?::(?P<first>\d+)-(?P<last>\d+))?")
@@ -20,12 +21,6 @@ _SIDES = ("left", "right")
 _RESTLESS = tuple(f"{side}_{part}" for side in _SIDES for part in ("shoulder", "elbow", "hip", "wrist", "ankle"))
 _ENDS = ("wrist", "ankle")  # which some rigs never turn, from the first frame to the last
 _LIMB = ("elbow", "wrist", "knee", "ankle")  # which go with a shoulder or hip that was never tracked
-# What people call joints, whatever their file does: the word after the side, and our joint.
-_SPOKEN = {
-    **{"upperarm": "shoulder", "forearm": "elbow", "lowerarm": "elbow", "hand": "wrist", "clavicle": "collar"},
-    **{"thigh": "hip", "upperleg": "hip", "upleg": "hip", "shin": "knee", "calf": "knee", "lowerleg": "knee"},
-    **{"toes": "foot", "toe": "foot", "toebase": "foot"},
-}
 
 
 @dataclass(frozen=True)
@@ -133,9 +128,8 @@ def _joint(name: str, joints: Sequence[str], ours: Mapping[str, int]) -> int:
     if name in ours:
         meant.add(ours[name])
     if not meant:
-        side = next((side for side in _SIDES if _plain(name).startswith(side)), "")
-        spoken = f"{side}_{_SPOKEN.get(_plain(name).removeprefix(side))}"
-        meant = {ours[spoken]} if spoken in ours else set()
+        spoken = joint_of(name)
+        meant = {ours[spoken]} if spoken is not None and spoken in ours else set()
     if len(meant) == 1:
         return meant.pop()
     if meant:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from bodysense.filling import Holed, filled, observed, on_feet, open_holed, pose
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.metrics import foot_skate
 from bodysense.lab.table import Report, cell, finite
+from bodysense.observation import EXACT_ACCURACY, Estimate, Observation
 from bodysense.tracker import Tracker
 
 RATE, LONGEST, LEAD = 30.0, 12.0, 1.0  # Hz; s of a clip that are used; s before a gap
@@ -36,6 +38,7 @@ LIMBS = {
 FINGERED = ("left hand", "left fingers")  # which only clips with fingers have
 FOOT = "left_foot"  # the ball, whose sliding is scored where it truly stands
 METHODS = ("slerp", "filled")
+_TOGETHER = 64  # takes that are tracked in one call
 
 
 @dataclass(frozen=True)
@@ -51,23 +54,70 @@ class Gap:
     skate: float = float("nan")  # cm/s of the ball of the foot while it truly stands; NaN where it does not
 
 
+@dataclass(frozen=True, eq=False)
+class Take:
+    """A clip from which a limb is taken away for some seconds."""
+
+    clip: Clip
+    limb: str
+    seconds: float
+    first: int  # frame that misses the limb
+    holed: Holed
+
+    @property
+    def window(self) -> slice:
+        """The gap and a frame on either side."""
+        return slice(self.first - 1, self.first + int(self.seconds * RATE) + 1)
+
+
 def score_holes(clips: Iterable[Clip], seed: int = 1, advance: Callable[[Clip], None] = lambda clip: None) -> list[Gap]:
     """Fill a gap of each limb and length in every clip that is long enough; where it lies is drawn."""
     found: list[Gap] = []
-    rng = np.random.default_rng(seed)
+    takes = _takes(clips, np.random.default_rng(seed), advance)
+    while group := list(islice(takes, _TOGETHER)):
+        estimate = _tracked(group)
+        for k, take in enumerate(group):
+            found += _gaps(take, estimate.of(k))
+    return found
+
+
+def _takes(clips: Iterable[Clip], rng: np.random.Generator, advance: Callable[[Clip], None]) -> Iterator[Take]:
     for clip in clips:
         short = resample(clip, RATE)
         short = replace(short, pose=short.pose[: int(LONGEST * RATE)])
-        for limb, (roots, points) in LIMBS.items():
+        for limb, (roots, _) in LIMBS.items():
             for seconds in SECONDS:
                 count, lead = int(seconds * RATE), int(LEAD * RATE)
                 if len(short) < count + 2 * lead or (limb in FINGERED and not clip.has_fingers):
                     continue
                 first = int(rng.integers(lead, len(short) - count - lead + 1))
-                frames = (first, first + count - 1)
-                found += _gap(short, limb, seconds, [Missing(root, True, frames) for root in roots], points)
+                missing = [Missing(root, True, (first, first + count - 1)) for root in roots]
+                yield Take(short, limb, seconds, first, open_holed(short, missing))
         advance(clip)
-    return found
+
+
+def _tracked(takes: Sequence[Take]) -> Estimate:
+    """Bodies (B, T) of all takes, tracked in one call; shorter ones go on for as long, with nothing tracked."""
+    frames = max(len(take.clip) for take in takes)
+    seen = [observed(take.holed) for take in takes]
+
+    def together(values: Sequence[np.ndarray], fill: float) -> np.ndarray:
+        blank = np.full((len(values), frames, *values[0].shape[1:]), fill, dtype=values[0].dtype)
+        for row, own in zip(blank, values, strict=True):
+            row[: len(own)] = own
+        return blank
+
+    whole = Observation(
+        points=seen[0].points,
+        position=together([one.position for one in seen], np.nan),
+        rotation=together([one.rotation for one in seen], np.nan),
+        has_position=together([one.has_position for one in seen], False),
+        has_rotation=together([one.has_rotation for one in seen], False),
+        accuracy=together([one.accuracy for one in seen], EXACT_ACCURACY),
+        time=np.arange(frames) / RATE,
+    )
+    tracker = Tracker([Person(take.clip.pose.skeleton) for take in takes])
+    return tracker.step(whole, tracker.start())[0]
 
 
 def report_of(gaps: list[Gap], name: str) -> Report:
@@ -112,25 +162,23 @@ def report_of(gaps: list[Gap], name: str) -> Report:
     )
 
 
-def _gap(clip: Clip, limb: str, seconds: float, missing: list[Missing], points: tuple[str, ...]) -> list[Gap]:
-    holed = open_holed(clip, missing)
-    tracker = Tracker(Person(clip.pose.skeleton))
-    estimate, _ = tracker.step(observed(holed), tracker.start())
-    ours = on_feet(holed, filled(holed, estimate.pose), estimate.contact, 0.0)
-    first, last = missing[0].frames or (0, len(clip) - 1)
+def _gaps(take: Take, estimate: Estimate) -> list[Gap]:
+    """A gap, filled by every method; of the estimate the take's own frames count."""
+    clip, holed, own = take.clip, take.holed, slice(len(take.clip))
+    ours = on_feet(holed, filled(holed, estimate.pose[own]), estimate.contact[own], 0.0)
+    points = LIMBS[take.limb][1]
     places, ball = clip.pose.skeleton.indices(points), [points.index(FOOT)] if FOOT in points else []
-    window = slice(first - 1, last + 2)
 
     def seen(rotation: np.ndarray) -> np.ndarray:
         pose = Pose(clip.pose.skeleton, clip.pose.root_position, rotation)
-        return np.asarray(forward_kinematics(pose)[0])[window][:, places]
+        return np.asarray(forward_kinematics(pose)[0])[take.window][:, places]
 
     truth = seen(np.asarray(clip.pose.rotation))
     found = {"slerp": seen(_slerped(holed)), "filled": seen(np.asarray(pose_of(holed, ours).rotation))}
     return [
         Gap(
-            limb=limb,
-            seconds=seconds,
+            limb=take.limb,
+            seconds=take.seconds,
             method=method,
             error=_distance(place[1:-1] - truth[1:-1]).mean(),
             speed=_speed(place),

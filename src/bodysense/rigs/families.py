@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from bodysense.rigs.words import NAMESPACE
+
 # The first family of which all names are there (lower case, no punctuation; '*' stands for any beginning).
 _FAMILIES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("Mixamo", ("*mixamorig",)),
@@ -22,8 +24,19 @@ _FAMILIES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("Meta", ("broot", "blupleg")),
     ("OpenNI", ("torso", "lefthip", "leftknee", "leftfoot")),
     ("Kinect", ("spinebase", "hipleft")),
-    ("Unreal", ("pelvis", "thighl", "upperarml")),
     ("Blender Rigify", ("*def",)),
+    ("Blender's human metarig", ("thighl", "shinl", "upperarml")),
+    ("Unreal", ("pelvis", "thighl", "upperarml")),
+    ("Auto-Rig Pro", ("thighstretchl", "armstretchl")),
+    ("MakeHuman", ("upperarm01l", "lowerleg02l")),
+    ("Daz Genesis", ("lshldrbend", "lthighbend")),
+    ("Daz Genesis", ("lupperarm", "lshin", "abdomen")),
+    ("ARKit", ("hipsjoint", "spine7joint")),
+    ("mocopi", ("torso7", "luparm")),
+    ("Second Life", ("mpelvis", "mtorso")),
+    ("OptiTrack", ("luarm", "lfarm")),
+    ("CMU", ("lfemur", "ltibia", "lhumerus")),
+    ("Roblox", ("humanoidrootpart", "lowertorso")),
     ("Rokoko", ("leftthigh", "leftshin", "leftarm")),
     ("Unity, VRM", ("leftupperleg", "leftlowerleg")),
     ("Perception Neuron", ("leftinhandindex",)),
@@ -39,7 +52,7 @@ _FAMILIES: tuple[tuple[str, tuple[str, ...]], ...] = (
 
 def family_of(names: Sequence[str]) -> str | None:
     """The family of rigs that joints' names are of; None for none that is known."""
-    plain = {re.sub(r"[\W_]", "", name.rpartition(":")[2].lower()) for name in names}
+    plain = {re.sub(r"[\W_]", "", NAMESPACE.sub("", name).lower()) for name in names}
     whole = {re.sub(r"[\W_]", "", name.lower()) for name in names}
     for family, needed in _FAMILIES:
         if all(_has(word, plain, whole) for word in needed):

@@ -154,14 +154,19 @@ class Figure:
 def placed(position: dict[int, np.ndarray], offset: np.ndarray) -> dict[int, np.ndarray]:
     """Place in the parent of each joint that has position channels: instead of its offset, or added to it.
 
-    MotionBuilder and Blender have them replace it; some programs write what is to be added, which is small or zero.
+    MotionBuilder and Blender have them replace it; some programs write what is to be added, which is small or zero. A
+    joint whose channels are all zero goes with most of the others.
     """
-    result = {}
-    for joint, place in position.items():
-        length = np.linalg.norm(offset[joint])
-        is_added = joint > 0 and (not np.any(place) or np.linalg.norm(place, axis=1).max() < 0.2 * length)
-        if not is_added:
-            result[joint] = place
-        elif np.any(place):
-            result[joint] = place + offset[joint]
-    return result
+    small = {
+        joint
+        for joint, place in position.items()
+        if joint > 0 and np.linalg.norm(place, axis=1).max() < 0.2 * np.linalg.norm(offset[joint])
+    }
+    telling = [joint for joint in position if joint > 0 and (np.any(position[joint]) or not np.any(offset[joint]))]
+    if 2 * sum(joint not in small for joint in telling) > len(position) - 1:
+        small = {joint for joint in small if np.any(position[joint])}
+    return {
+        joint: place + offset[joint] if joint in small else place
+        for joint, place in position.items()
+        if joint not in small or np.any(place)
+    }

@@ -6,10 +6,11 @@ import numpy as np
 
 from bodysense.rigs import words
 from bodysense.rigs.limbs import Tree
+from bodysense.rigs.words import FINGERS
 
-FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 _METACARPAL = 0.75  # of the next bone: a first one that begins nearer to the wrist is inside the palm
 _MOST = 8  # chains that a hand may have
+_HELD = 2.0  # times as long as most chains below a wrist: something that the hand holds
 
 
 def fingers_of(tree: Tree, wrist: int) -> dict[str, int]:
@@ -62,10 +63,13 @@ def _which(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[in
             told.setdefault(hinted[0], chain)
     if told:
         return told
-    if len(chains) < 4 or len(chains) > 5:
+    numbered = [chain for chain in chains if any(words.parts(names[k]) & {"finger"} for k in chain)]
+    if len(numbered) in (4, 5):
+        return dict(zip(FINGERS, sorted(numbered, key=lambda chain: names[chain[0]]), strict=False))
+    usual = np.median([tree.way(wrist, chain) for chain in chains]) if chains else 0.0
+    chains = [chain for chain in chains if tree.way(wrist, chain) < _HELD * usual]
+    if len(chains) not in (4, 5):
         return {}
-    if all(any(words.parts(names[k]) & {"finger"} for k in chain) for chain in chains):
-        return dict(zip(FINGERS, sorted(chains, key=lambda chain: names[chain[0]]), strict=False))
     ways = np.stack([tree.place[:, chain[-1]] - tree.place[:, wrist] for chain in chains])
     ways /= np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), 1e-9)
     rest = (ways.sum(axis=0) - ways) / (len(chains) - 1)

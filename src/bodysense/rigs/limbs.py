@@ -5,6 +5,7 @@ Lengths are medians over frames, so that neither the rest pose nor a bone that s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -55,6 +56,10 @@ class Tree:
     def distance(self, a: int, b: int) -> float:
         """Median distance of two points."""
         return float(np.median(np.linalg.norm(self.place[:, a] - self.place[:, b], axis=-1)))
+
+    def way(self, start: int, chain: Sequence[int]) -> float:
+        """Length of a chain, from a point on which it hangs."""
+        return self.distance(start, chain[0]) + float(sum(self.length[k] for k in chain[1:]))
 
     def is_straight(self, a: int, b: int, c: int) -> bool:
         """Whether three points that hang one on another stay in one line."""
@@ -142,8 +147,11 @@ def _alike(
     for x, y in choices:
         p, q = tree.distance(above[0], x), tree.distance(above[1], y)
         if abs(p - q) <= ALIKE * max(p, q) + 0.01 * scale:
-            unlike = abs(p - q) + 0.3 * abs(tree.reach[x] - tree.reach[y])
-            fitting.append((min(p + tree.reach[x], q + tree.reach[y]) - 2 * unlike, x, y))
+            way = min(p + tree.reach[x], q + tree.reach[y])
+            unlike = abs(p - q) + 0.3 * min(abs(tree.reach[x] - tree.reach[y]), 0.25 * way)  # one hand may hold a sword
+            names = [tree.figure.points[k] for k in (x, y)]
+            aside = sum(words.is_helper(name) or words.is_end(name) for name in names)
+            fitting.append((way - 2 * unlike - 0.1 * aside * way, x, y))
     return fitting
 
 

@@ -93,9 +93,10 @@ def _is_animal(tree: Tree, leg: Limb, arm: Limb, legs: list[Limb]) -> bool:
     stands_on_arms = float((square & on_all_fours).mean()) > 0.7 and arm.length > 0.62 * leg.length
     odd = sum(words.is_animal(name) for name in tree.figure.points)
     more = [one for one in legs if one.hub == leg.hub and abs(np.log(one.length / leg.length)) < 0.35]
-    crowd = {one.joints(k)[1] for one in more for k in (0, 1)}
+    own = {k for limb in (leg, arm) for chain in limb.chains for k in chain}
+    crowd = {one.joints(k)[1] for one in more for k in (0, 1)} - own
     tiny = arm.length < 0.25 * leg.length
-    return stands_on_arms or len(crowd) > 4 or tiny or (odd > 4 and bool(square.mean() > 0.5))
+    return stands_on_arms or len(crowd) > 2 or tiny or (odd > 4 and bool(square.mean() > 0.5))
 
 
 def _cosine(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -168,7 +169,8 @@ def _foot(tree: Tree, ankle: int, after: tuple[int, ...], zero: float) -> dict[s
     balls = [k for k in named or chain if k < joints]
     if not balls:
         return {}
-    ball = balls[0]
+    sure = [k for k in balls if "ankle" not in words.parts(tree.figure.points[k]) and k != chain[-1]]
+    ball = (sure if named and sure else balls)[0]
     tips = [k for k in chain[chain.index(ball) + 1 :] if tree.distance(k, ball) > zero]
     if not tips:
         return {"foot": ball}

@@ -67,7 +67,7 @@ def _below_few(tree: Tree, point: int, wanted: int) -> tuple[int, ...]:
 def _upward(tree: Tree, start: int, height, beside) -> list[int]:
     """From a joint up to a leaf, along what is named head or neck, else the middle and highest."""
     chain = [start]
-    while children := [k for k in tree.figure.children[chain[-1]] if not words.is_helper(tree.figure.points[k])]:
+    while children := [k for k in tree.figure.children[chain[-1]] if not _is_aside(tree.figure.points[k])]:
         best = max(
             children,
             key=lambda k: (
@@ -81,6 +81,11 @@ def _upward(tree: Tree, start: int, height, beside) -> list[int]:
     return chain
 
 
+def _is_aside(name: str) -> bool:
+    """Whether a name is that of a helper that is no part of a neck: NeckTwist02 is."""
+    return words.is_helper(name) and not words.parts(name) & {"neck"}
+
+
 def _split(tree: Tree, chain: list[int], height) -> Head | None:
     """Spine, neck, head and its top of what leads up from the shoulders."""
     figure = tree.figure
@@ -92,12 +97,14 @@ def _split(tree: Tree, chain: list[int], height) -> Head | None:
         return part in words.parts(figure.points[k]) and not words.is_end(figure.points[k])
 
     spine = [k for k in joints if hinted(k, "spine")]
-    if not any(hinted(k, part) for k in joints for part in ("neck", "head")):  # spine.004, spine.006 of Rigify
+    if not any(hinted(k, part) for k in joints for part in ("neck", "head")):
         spine = [k for k in joints[:-2] if height(k) < -0.05]
     joints = [k for k in joints if k not in spine]
     if not joints:
         return None
     heads = [k for k in joints if hinted(k, "head")]
+    if not heads and all(hinted(k, "spine") for k in joints):
+        heads = joints[-1:]  # spine.006 of Rigify
     if not heads:
         necks = [k for k in joints if hinted(k, "neck")]
         heads = [k for k in joints if k not in necks] or joints[-1:]

@@ -63,7 +63,10 @@ class Reader(Protocol):
 
 
 class DeviceInput(asyncio.DatagramProtocol):
-    """Packets become signal frames of `points`, each of what came within two milliseconds."""
+    """Packets become signal frames of `points`, each of what came within two milliseconds.
+
+    `sender`: the only address that is listened to, where it is known.
+    """
 
     def __init__(
         self,
@@ -72,9 +75,10 @@ class DeviceInput(asyncio.DatagramProtocol):
         reader: Reader,
         points: tuple[str, ...],
         do: Callable[[Command], None] = lambda command: None,
+        sender: str | None = None,
     ) -> None:
         self._play, self._metrics, self._reader, self._points = play, metrics, reader, points
-        self._do = do
+        self._do, self._sender = do, sender
         self.state: Any = reader.start()
         self._waits = False
         self._sequence = 0
@@ -82,6 +86,9 @@ class DeviceInput(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         """Take one packet."""
+        if self._sender is not None and addr[0] != self._sender:
+            self._metrics.dropped("second sender")
+            return
         loop = asyncio.get_running_loop()
         if not self._rate.allows(loop.time()):
             self._metrics.dropped("flood")
@@ -119,6 +126,16 @@ def listened(option: str, host: str, port: int) -> socket.socket:
         reason = getattr(error, "strerror", None) or error
         raise BodysenseError(f"{option} {port}: UDP port {port} of {host}: {reason}; choose another port") from None
     return found
+
+
+def address_toward(host: str) -> str:
+    """This machine's address as a host sees it."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((host, 9))
+        except OSError:
+            return "127.0.0.1"
+        return probe.getsockname()[0]
 
 
 def signal_of(observation: Observation, points: tuple[str, ...], sequence: int, time: float) -> SignalFrame:

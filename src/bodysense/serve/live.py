@@ -155,6 +155,12 @@ class Live:
             seat.session.change(message)
         self._tell(seat)
 
+    def change_inputs(self, message: Recentre | Calibrate) -> None:
+        """Do what somebody asks for whoever the server's own inputs track."""
+        for source, seat in self._inputs.items():
+            if source not in ("replay", "markers"):
+                self.change(seat, message)
+
     def _new(self, hello: Hello) -> Seat:
         settings = hello.settings if hello.height is None else changed(hello.settings, {"height": hello.height})
         if hello.watch is not None:

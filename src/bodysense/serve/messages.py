@@ -11,7 +11,7 @@ from bodysense.serve.protocol import MOST_POINTS, VERSION
 
 Region = Literal["torso", "head", "arms", "fingers", "legs"]
 Posture = Literal["standing", "seated"]
-Source = Literal["replay", "vmc", "markers", "vmt"]
+Source = Literal["replay", "vmc", "markers", "vmt", "vrchat", "slimevr", "solarxr"]
 REGIONS: tuple[Region, ...] = get_args(Region)
 LONGEST_NAME = 64  # characters
 _SLOWEST = 0.5  # s, of smoothing

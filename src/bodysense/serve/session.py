@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -19,12 +19,13 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.shape import Measured, stature
 from bodysense.body.skeleton import Skeleton
-from bodysense.completion.calibration import assigned, calibrated
-from bodysense.completion.inertialiser import Inertialiser, Offset
 from bodysense.errors import BodysenseError
 from bodysense.observation import CONTACT_POINTS, Estimate, Observation, chosen_points
 from bodysense.serve.answer import Answer, Job
+from bodysense.serve.calibrating import calibration, is_over
+from bodysense.serve.display import Display, mirrored
 from bodysense.serve.estimation import Pipeline, PipelineState, device_of, step_many
+from bodysense.serve.inertial import Inertial
 from bodysense.serve.message_text import changed
 from bodysense.serve.messages import (
     Calibrate,
@@ -37,9 +38,9 @@ from bodysense.serve.messages import (
     ServerMessage,
     Settings,
 )
+from bodysense.serve.placing import raised, recentred
 from bodysense.serve.protocol import PoseFrame, SignalFrame
-from bodysense.serve.smoothing import Smoothed, at_rest, followed
-from bodysense.serve.webxr import UNDECIDED, Placement, door, rotated, through
+from bodysense.serve.webxr import UNDECIDED, Placement, door, through
 from bodysense.tracker import Tracker, TrackerSettings
 
 CLOCK_SET = 1.0  # s: a clock that jumps as far back, or forward, was set
@@ -48,8 +49,6 @@ SHORTEST_STEP = 1e-4  # s between frames
 NOTICED = 0.001  # m that a point of the T-pose must have moved for the skeleton to be told again
 TOLD_EVERY = 0.1  # s between two skeletons that are told
 _INFERRED = 0.02  # m, standard deviation of a height that was inferred
-_STANDING = 1.0  # s, to take somebody's height in
-INERTIALISER = Inertialiser()  # settings change without a jump
 _OTHER_FOOT = [CONTACT_POINTS.index(name) for name in ("right_ankle", "left_ankle", "right_foot", "left_foot")]
 _PARTS: dict[str, Region] = {
     **dict.fromkeys(("spine1", "spine2", "spine3"), "torso"),
@@ -91,10 +90,8 @@ class Session:
         self._stood: list[Observation] | None = None  # of a wearer who stands to be calibrated
         self._arms_out = False  # in which pose
         self._worn = dict(worn)  # undecided trackers → the joints that they are on
-        self._smoothed: Smoothed | None = None
-        self._shown: Pose | None = None  # of the frame before
-        self._offset: Offset | None = None  # of what is shown from what is completed, after settings changed
-        self._breaks = False  # with the next frame, by settings that changed
+        self._inertial = Inertial()
+        self._display = Display()
         self._told_at = -math.inf  # the moment at which the skeleton was told last
         wearer = self._wearer()
         self.skeleton = wearer.skeleton  # as the clients know it
@@ -176,7 +173,7 @@ class Session:
             return None
         frame, moment, received = self._waiting
         self._waiting, self._busy = None, True
-        if self._stood:
+        if self._stood and is_over(self._stood):
             self._calibrate(self._stood)
         observation = through(self._door, frame, self._seen, self._placement, moment)
         if self._recentres or self._reseats:
@@ -186,15 +183,16 @@ class Session:
         return Job(self._pipeline, self._as_worn(observation), self._state, frame, received, self._placement)
 
     def _as_worn(self, observation: Observation) -> Observation:
-        """The same without the rotations of trackers of which nobody knows how they are strapped on."""
+        """The same without the rotations of what nobody knows how it is strapped on."""
         unknown = self._door.strapped - self._pipeline.tracker.people[0].mounts.keys()
         if not unknown:
-            return observation
+            return self._inertial.joints(observation)
         known = np.array([name not in unknown for name in observation.points])
         observation = replace(observation, has_rotation=observation.has_rotation & known)
         if unknown.isdisjoint(UNDECIDED):
-            return observation
-        return chosen_points(observation, [k for k, name in enumerate(observation.points) if name not in UNDECIDED])
+            return self._inertial.joints(observation)
+        decided = [k for k, name in enumerate(observation.points) if name not in UNDECIDED]
+        return self._inertial.joints(chosen_points(observation, decided))
 
     def answer(self, job: Job, estimate: Estimate, state: PipelineState) -> Answer | None:
         """The pose of a job; None where it is made of numbers that are none."""
@@ -212,12 +210,13 @@ class Session:
         if self._keeps_still:
             rotation = np.where(self._still[:, None], self._standing, rotation)
         if self.settings.mirror:
-            root, rotation = self.mirrored(root, rotation)
+            root, rotation = mirrored(self.skeleton, root, rotation)
             error, hidden, contact = error[self._mirror], hidden[self._mirror], contact[_OTHER_FOOT]
-        root, rotation = self._displayed(root, rotation, moment)
+        shown = Pose(self.skeleton, root, rotation)
+        pose, self._display = self._display.step(shown, moment, self.settings.smoothing)
+        root, rotation = np.asarray(pose.root_position), np.asarray(pose.rotation)
         pose_frame = PoseFrame(job.frame.sequence, job.frame.time, root, rotation, error, hidden, contact)
         estimated = estimate.points[0] if root is before[0] and rotation is before[1] else None
-        pose = Pose(self.skeleton, root, rotation)
         return Answer(job.frame, pose_frame, pose, moment, job.received, estimated, job.placement)
 
     def step(self) -> Answer | None:
@@ -259,9 +258,9 @@ class Session:
             self._retrack(before)
         self._choose()
         if self.settings.mirror != before.mirror:
-            self._smoothed = None
+            self._display = self._display.unsmoothed()
         if any(getattr(self.settings, name) != getattr(before, name) for name in ("regions", "smoothing", "hold_feet")):
-            self._breaks = True
+            self._display = self._display.broken()
         # A person of another height is raised by another height.
         if self.settings.posture != before.posture or (
             self.settings.posture == "seated"
@@ -293,12 +292,7 @@ class Session:
         turned = rotation.copy()
         turned[:1] = self._placement.turn(rotation[:1])
         root = self._placement.place(root[None])[0]
-        return self.mirrored(root, turned) if self.settings.mirror else (root, turned)
-
-    def mirrored(self, root: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """A pose with left and right swapped, across the plane x = 0."""
-        partner = self._mirror[: len(rotation)]
-        return root * [-1, 1, 1], rotation[partner] * [1, 1, -1, -1]
+        return mirrored(self.skeleton, root, turned) if self.settings.mirror else (root, turned)
 
     def _follow(self, offset: np.ndarray, moment: float) -> None:
         """Take over and tell the proportions of the body, where they changed noticeably."""
@@ -312,47 +306,21 @@ class Session:
             self._door = door(self.points, self.skeleton, self._worn)
         self._notes.append(ProportionsChanged(rounded(self.skeleton), round(self.height, 4)))
 
-    def _displayed(self, root: np.ndarray, rotation: np.ndarray, moment: float) -> tuple[np.ndarray, np.ndarray]:
-        """The pose that is shown: as it is, behind it by the smoother, and without a jump where settings changed."""
-        before, half_life = self._smoothed, self.settings.smoothing
-        if before is None or moment - before.time > CLOCK_SET:
-            before = self._offset = self._shown = None
-        if before is None or half_life == 0:
-            self._smoothed = at_rest(moment, root, rotation)
-        else:
-            self._smoothed = followed(before, moment, root, rotation, half_life)
-            root, rotation = self._smoothed.root, self._smoothed.rotation
-        if self._breaks and self._shown is not None:
-            target = Pose(self.skeleton, root, rotation)
-            self._offset = INERTIALISER.start(self._shown, target, self._offset or INERTIALISER.rest(target))
-        self._breaks = False
-        if self._offset is not None and before is not None:
-            shown, offset = INERTIALISER.apply(Pose(self.skeleton, root, rotation), moment - before.time, self._offset)
-            root, rotation = np.asarray(shown.root_position), np.asarray(shown.rotation)
-            self._offset = offset if offset.root.any() or offset.rotation.any() else None
-        self._shown = Pose(self.skeleton, root, rotation)
-        return root, rotation
-
     def _set_up(self, frame: SignalFrame, moment: float, observation: Observation) -> Observation:
         """The observation of a frame, after what waits for a headset was done with it."""
-        if "head" not in observation.points:
+        if "head" not in observation.points:  # sensors alone
+            if self._recentres:
+                self._inertial, self._recentres = self._inertial.reheaded(observation, self.skeleton), False
             return observation
         raw = through(self._door, frame, self._seen, Placement(), moment)
-        head = raw.points.index("head")
-        if not raw.has_position[0, head]:
+        if not raw.has_position[0, raw.points.index("head")]:
             return observation
-        place = raw.position[0, head]
-        placement = self._placement
+        placement, is_seated = self._placement, self.settings.posture == "seated"
         if self._recentres:
-            ahead = rotated(raw.rotation[0, [head]], np.array([[0.0, 0, 1]]))[0]
-            turned = raw.has_rotation[0, head] and math.hypot(ahead[0], ahead[2]) > 0.1
-            heading = -math.atan2(ahead[0], ahead[2]) if turned else 0.0
-            moved = Placement(heading).place(place[None])[0]
-            placement = Placement(heading, (-float(moved[0]), placement.offset[1], -float(moved[2])))
-        if self._reseats or (self._recentres and self.settings.posture == "seated"):
-            x, _, z = placement.offset
-            up = self._head_height() - float(place[1]) if self.settings.posture == "seated" else 0.0
-            placement = replace(placement, offset=(x, up, z))
+            placement = recentred(placement, raw)
+            self._inertial = self._inertial.reheaded(raw, self.skeleton)
+        if self._reseats or (self._recentres and is_seated):
+            placement = raised(placement, raw, self._head_height() if is_seated else None)
         self._recentres = self._reseats = False
         if placement == self._placement:
             return observation
@@ -368,35 +336,27 @@ class Session:
 
     def _calibrate(self, stood: Sequence[Observation]) -> None:
         """Make a person of what was tracked while the wearer stood for a second."""
-        if float(stood[-1].time[0] - stood[0].time[0]) < _STANDING:
-            return
-        self._stood, floor = None, self.settings.floor
+        self._stood = None
         stance = "arms out" if self._arms_out else "standing"
-        whole = joined(stood)
-        undecided = [name for name in whole.points if name in UNDECIDED]
-        found = assigned(whole, undecided, self._told, stance) if undecided else {}
         try:
-            renamed = replace(whole, points=tuple(found.get(name, name) for name in whole.points))
-            wearer = calibrated(renamed, self._told, stance, floor)
-            height = round(float(stature(wearer.skeleton.rest_offset)), 3)
-            self.settings = replace(self.settings, height=height)
+            found = calibration(stood, self._told, stance, self.settings.floor, self._inertial)
+            wearer = found.person
+            if wearer is not None:
+                height = round(float(stature(wearer.skeleton.rest_offset)), 3)
+                self.settings = replace(self.settings, height=height)
         except BodysenseError as error:
             self._notes.append(Said(str(error)))
             return
-        self._base, self._breaks, self.calibrated = wearer, True, wearer
-        if found:
-            self._worn |= found
+        self._inertial, self._display = found.inertial, self._display.broken()
+        self._notes += [Said(text) for text in found.said]
+        if wearer is None:
+            return
+        self._base = self.calibrated = wearer
+        if found.worn:
+            self._worn |= found.worn
             self._door = door(self.points, self.skeleton, self._worn)
-            self._notes.append(Said("worn: " + ", ".join(f"{name} on {joint}" for name, joint in found.items())))
         self._track(wearer)
         self.revision += 1
-        self._notes.append(Said(f"you are {height:.2f} m tall"))
-
-
-def joined(frames: Sequence[Observation]) -> Observation:
-    """Observations of the same points, one after the other."""
-    names = [each.name for each in fields(Observation) if each.name != "points"]
-    return replace(frames[0], **{name: np.concatenate([getattr(one, name) for one in frames]) for name in names})
 
 
 def rounded(skeleton: Skeleton) -> tuple[tuple[float, float, float], ...]:

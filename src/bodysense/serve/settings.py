@@ -11,8 +11,11 @@ from bodysense.serve.datagrams import Receiver
 from bodysense.serve.messages import Settings
 from bodysense.serve.replay import Playable
 from bodysense.serve.safety import Access, Limits
+from bodysense.serve.slimevr_link import SlimevrSettings
+from bodysense.serve.solarxr_link import SolarxrSettings
 from bodysense.serve.vmc_trackers import VmcTrackers
 from bodysense.serve.vmt_link import VmtSettings
+from bodysense.serve.vrchat_link import VrchatSettings
 
 
 @dataclass(frozen=True)
@@ -34,3 +37,6 @@ class ServerSettings:
     worn: GloveSet = field(default_factory=standard_set)  # the marker set of gloves that come in there
     receivers: tuple[Receiver, ...] = ()
     vmt: VmtSettings | None = None
+    vrchat: VrchatSettings | None = None
+    slimevr: SlimevrSettings | None = None
+    solarxr: SolarxrSettings | None = None

@@ -24,6 +24,7 @@ import numpy as np
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation, usual_accuracy
+from bodysense.serve.driver_axes import ABOUT_Y
 from bodysense.serve.webxr import UNDECIDED
 
 HANDS = ("left_controller", "right_controller")
@@ -44,7 +45,6 @@ POINTS = (
 # As sessions name them, and trackers that say nothing.
 SIGNALS = ("headset", *HANDS, *(f"{point}_tracker" for point in POINTS[1 + len(HANDS) :]), *UNDECIDED)
 _ACCURACY = usual_accuracy(SIGNALS)[None]  # (1, P) m
-_ABOUT_Y = np.array([0.0, 0.0, 1.0, 0.0])  # half a turn: from axes whose +Z is forward to those whose −Z is
 MOST_DEVICES = 32
 
 
@@ -118,7 +118,7 @@ class TrackedDevices:
                 newest[place], position[place] = device.at, device.position
                 rotation[place] = np.nan if device.rotation is None else device.rotation
                 if place <= len(HANDS):
-                    rotation[place] = quaternion_multiply(rotation[place], _ABOUT_Y)
+                    rotation[place] = quaternion_multiply(rotation[place], ABOUT_Y)
         known = np.isfinite(newest)
         if not known.any():
             return None
@@ -183,7 +183,10 @@ class TrackedDevices:
 
 
 def read_device_names(path: str | Path) -> dict[str, str]:
-    """A table of devices: a JSON object, {"LHR-5A3C21FF": "left_ankle", …}. Raises BodysenseError for what is none."""
+    """A table of devices: a JSON object, {"LHR-5A3C21FF": "left_ankle", …}. Raises BodysenseError for what is none.
+
+    Whether the points are any is for whoever has the devices to say.
+    """
     try:
         table = json.loads(Path(path).read_text(encoding="utf-8-sig"))
     except OSError as error:
@@ -192,5 +195,4 @@ def read_device_names(path: str | Path) -> dict[str, str]:
         table = None
     if not isinstance(table, dict) or not all(isinstance(point, str) for point in table.values()):
         raise BodysenseError(f"{path}: a table of devices is a JSON object, serial to one of {', '.join(POINTS)}")
-    TrackedDevices(table)  # it checks the points
     return table

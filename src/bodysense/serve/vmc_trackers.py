@@ -14,16 +14,13 @@ import numpy as np
 from bodysense.capture.osc import Argument, Message, read_packet
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation
 from bodysense.serve.messages import Calibrate, Recentre
+from bodysense.serve.osc_commands import OURS, commands_of
 from bodysense.serve.tracked_devices import MOST_DEVICES, Device, DeviceState, TrackedDevices
 from bodysense.serve.unity import from_unity_rotation, unity_position
 
 _KINDS = {f"/VMC/Ext/{kind}/Pos{tail}": (kind, bool(tail)) for kind in ("Hmd", "Con", "Tra") for tail in ("", "/Local")}
-_ASKED: dict[str, Calibrate | Recentre] = {
-    "/VMC/Ext/Set/Calib/Exec": Calibrate(),
-    "/bodysense/calibrate": Calibrate(),
-    "/bodysense/calibrate/arms": Calibrate(arms_out=True),
-    "/bodysense/recentre": Recentre(),
-}
+# Its argument, the mode (0 usual, 1 and 2 for mixed reality), is not looked at.
+_ASKED: dict[str, Calibrate | Recentre] = {**OURS, "/VMC/Ext/Set/Calib/Exec": Calibrate()}
 _MOST_TOLD = 4 * MOST_DEVICES  # poses in a packet
 _LONGEST_SERIAL = 128
 
@@ -71,10 +68,7 @@ class VmcTrackers:
 
     def commands(self, packet: bytes) -> list[Calibrate | Recentre]:
         """What a packet asks for: calibration (VMC's own), or that the wearer is in the middle (ours)."""
-        if b"Calib" not in packet and b"/bodysense/" not in packet:
-            return []
-        messages = read_packet(packet)
-        return [] if isinstance(messages, str) else [_ASKED[one.address] for one in messages if one.address in _ASKED]
+        return commands_of(packet, _ASKED)
 
 
 def _clock(messages: tuple[Message, ...]) -> float | None:

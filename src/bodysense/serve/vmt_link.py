@@ -5,19 +5,16 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 from bodysense.errors import BodysenseError
 from bodysense.serve.answer import Answer
-from bodysense.serve.links import LOST, DeviceInput, Reader, listened
+from bodysense.serve.links import LOST, DeviceInput, Reader, address_toward, listened
 from bodysense.serve.live import Live
 from bodysense.serve.metrics import Metrics
-from bodysense.serve.protocol import SignalFrame
 from bodysense.serve.tracked_devices import SIGNALS, TrackedDevices
-from bodysense.serve.vmt import DRIVER_PORT, LAST_INDEX, TRACKERS, VmtReader, off_messages, subscriptions
+from bodysense.serve.vmt import DRIVER_PORT, LAST_INDEX, TRACKERS, off_messages, subscriptions
 from bodysense.serve.vmt import tracker_messages as trackers_of
 from bodysense.serve.vmt_hands import hand_messages
 
@@ -45,14 +42,16 @@ class VmtSettings:
 class VmtLink:
     """A link (`links.Link`)."""
 
-    def __init__(self, settings: VmtSettings, metrics: Metrics) -> None:
-        self._settings, self._metrics = settings, metrics
+    def __init__(
+        self, settings: VmtSettings, metrics: Metrics, reader: Reader, points: tuple[str, ...] = SIGNALS
+    ) -> None:
+        self._settings, self._metrics, self._reader, self._points = settings, metrics, reader, points
         try:
             address = socket.gethostbyname(settings.host)
         except OSError:
             raise BodysenseError(f"--vmt-host {settings.host}: no such host; give the machine of SteamVR") from None
         self._driver = (address, settings.driver_port)
-        self._here = _address_toward(address)
+        self._here = address_toward(address)
         self._bound = listened("--vmt-port", self._here, settings.port)
         self._port = self._bound.getsockname()[1]
         self._transport: asyncio.DatagramTransport | None = None
@@ -63,12 +62,12 @@ class VmtLink:
 
     async def open(self, live: Live) -> None:
         """Begin to ask, and to listen."""
-        seat = live.own("vmt", SIGNALS)
+        seat = live.own("vmt", self._points)
         loop = asyncio.get_running_loop()
 
-        def protocol() -> _FromDriver:
-            reader = VmtReader(self._settings.devices)
-            return _FromDriver(partial(live.receive, seat), self._metrics, reader, self._driver[0])
+        def protocol() -> DeviceInput:
+            play = partial(live.receive, seat)
+            return DeviceInput(play, self._metrics, self._reader, self._points, sender=self._driver[0])
 
         self._transport, self._input = await loop.create_datagram_endpoint(protocol, sock=self._bound)
         self._asking = loop.create_task(self._ask())
@@ -117,28 +116,3 @@ class VmtLink:
         for message in messages:
             with contextlib.suppress(OSError):  # nobody listens there now: the next one is on its way
                 self._transport.sendto(message, self._driver)
-
-
-class _FromDriver(DeviceInput):
-    """Packets of the one driver; what another machine sends is nobody's."""
-
-    def __init__(self, play: Callable[[SignalFrame], None], metrics: Metrics, reader: Reader, driver: str) -> None:
-        super().__init__(play, metrics, reader, SIGNALS)
-        self._driver = driver
-
-    def datagram_received(self, data: bytes, addr: Any) -> None:
-        """Take one packet."""
-        if addr[0] != self._driver:
-            self._metrics.dropped("second sender")
-            return
-        super().datagram_received(data, addr)
-
-
-def _address_toward(host: str) -> str:
-    """This machine's address as a host sees it."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect((host, 9))
-        except OSError:
-            return "127.0.0.1"
-        return probe.getsockname()[0]

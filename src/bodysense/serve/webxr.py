@@ -21,6 +21,7 @@ from bodysense.body.products import CONJUGATE, MATRIX, multiply
 from bodysense.body.rotation import matrix_to_quaternion
 from bodysense.body.skeleton import Skeleton, default_body, default_skeleton
 from bodysense.observation import CAMERA_ACCURACY, TRACKER_ACCURACY, Observation, usual_accuracy
+from bodysense.serve.inertial import IMUS
 from bodysense.serve.protocol import (
     ACCURACY_UNIT,
     HAS_POSITION,
@@ -231,6 +232,8 @@ def _ours(name: str, skeleton: Skeleton) -> tuple[str, np.ndarray, np.ndarray, b
         return f"{side}_wrist", _inverse(_GRIP[side]), -size * _landmark(f"{side}_palm"), True
     if name in TRACKERS:
         return TRACKERS[name], IDENTITY, STILL, True
+    if name in IMUS:
+        return name, IDENTITY, STILL, True
     if glove_marker(name) is not None:
         return name, IDENTITY, STILL, False
     side, colon, rest = name.partition(":")
@@ -268,6 +271,11 @@ def _accuracy(name: str) -> float:
 def _inverse(axes: Sequence[Sequence[float]] | np.ndarray) -> np.ndarray:
     """(4,) device ← our point, from the device's axes (columns) in the T-pose."""
     return matrix_to_quaternion(np.array(axes, dtype=float)) * CONJUGATE
+
+
+def between_eyes(skeleton: Skeleton) -> np.ndarray:
+    """(3,) m from the head's joint, in its axes."""
+    return skeleton.height / default_skeleton().height * _landmark("between_eyes")
 
 
 @lru_cache(maxsize=8)

@@ -169,7 +169,7 @@ def test_the_spine_takes_the_pelvis_where_it_is_measured(seed: int) -> None:
     assert torch.allclose(after[:, :, [12, 15]], points[:, :, [12, 15]], atol=1e-6)  # neck and head stay
     others = [k for k, name in enumerate(BODY) if not name.startswith("spine")]
     assert torch.equal(turned[:, :, others], axes[:, :, others])
-    assert torch.allclose(Spine()(axes, bones, torch.zeros_like(move)), axes, atol=1e-3)
+    assert torch.allclose(Spine()(axes, bones, torch.zeros_like(move)), axes, atol=3e-3)  # 0.3 mm, by `SOFT`
 
 
 def feet(x: float, low: float = 0.02) -> torch.Tensor:
@@ -194,8 +194,8 @@ def walk(steps: list[tuple[float, float, float]], hold: float = 1.0, dt: float =
 
 
 def test_feet_that_stand_stand_still() -> None:
-    moves = walk([(0.001 * t, 0.9, 0.02) for t in range(80)])
-    x = 0.001 * torch.arange(80)[:, None] + moves[:, :, 0]
+    moves = walk([(0.001 * t, 0.9, 0.02) for t in range(50)])
+    x = 0.001 * torch.arange(50)[:, None] + moves[:, :, 0]
     assert (x - x[0]).abs().max() < 1e-6
     assert moves[:, :, 1:].abs().max() < 1e-6
     # A foot that is dragged too far slides along.
@@ -210,8 +210,8 @@ def test_a_foot_let_go_is_where_it_was_held_and_goes_on_smoothly() -> None:
 
 
 def test_contact_between_the_thresholds_holds_on_but_does_not_begin() -> None:
-    assert walk([(0.001 * t, 0.5, 0.02) for t in range(20)]).abs().max() < 1e-6
-    moves = walk([(0.001 * t, 0.9 if t < 5 else 0.5, 0.02) for t in range(20)])
+    assert walk([(0.001 * t, 0.4, 0.02) for t in range(20)]).abs().max() < 1e-6
+    moves = walk([(0.001 * t, 0.9 if t < 5 else 0.4, 0.02) for t in range(20)])
     assert torch.allclose(moves[:, 0, 0], -0.001 * torch.arange(20), atol=1e-6)
 
 

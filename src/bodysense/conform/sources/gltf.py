@@ -19,7 +19,8 @@ from bodysense.data.canonical import canonical
 from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.export.humanoid import VRM_BONES
-from bodysense.rigs.namings import recognise
+from bodysense.rigs.joint_map import NEEDED
+from bodysense.rigs.names import joints_of
 
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -80,8 +81,7 @@ def _subject(
     good = np.isfinite(turn).all(axis=(-1, -2))
     world = np.where(good[..., None], matrix_to_quaternion(np.where(good[..., None, None], turn, np.eye(3))), np.nan)
     pose = Pose(skeleton, moving[..., :3, 3][:, kept[0]], local_rotation(skeleton, world))
-    known = {name: ours for name, ours in _ends(skeleton.joints).items()}
-    found = recognise(skeleton.joints, str(path), known)
+    found = joints_of(skeleton.joints)
     whole = canonical(Clip(str(path), pose, 1 / float(np.median(np.diff(time)))), joints=found)
     rotation = np.asarray(forward_kinematics(whole.pose)[1])
     ours, points = default_skeleton(), ordered(list(found.values()))
@@ -100,11 +100,6 @@ def _subject(
     )
 
 
-def _ends(joints: tuple[str, ...]) -> dict[str, str]:
-    """Our end sites among joints that bear our own names."""
-    return {name: name for name in joints if name in default_skeleton().end_sites}
-
-
 def _names(path: Path, document: dict[str, Any]) -> dict[int, str]:
     """Names of the nodes that may be joints: of VRM's humanoid if there is one, else those of the skin, or all."""
     nodes = document["nodes"]
@@ -118,8 +113,13 @@ def _names(path: Path, document: dict[str, Any]) -> dict[int, str]:
     named = {k: nodes[k].get("name", f"node{k}") for k in chosen}
     if len(set(named.values())) < len(named):
         raise BodysenseError(f"{path}: two joints of its skeleton have one name; rename one")
-    wanted = set(recognise(list(named.values()), str(path), _ends(tuple(named.values()))))
-    return {k: name for k, name in named.items() if name in wanted}
+    ours = joints_of(list(named.values()))
+    if missing := [joint for joint in NEEDED if joint not in ours.values()]:
+        lacks = ", ".join(missing[:4])
+        raise BodysenseError(
+            f"{path}: no node is named as {lacks}; name its joints as VRM or Mixamo do, or export a .vrma"
+        )
+    return {k: name for k, name in named.items() if name in ours}
 
 
 def _document(path: Path) -> tuple[dict[str, Any], list[bytes]]:

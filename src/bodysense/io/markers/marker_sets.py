@@ -11,8 +11,7 @@ from importlib.resources import files
 from typing import Any
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.errors import BodysenseError
-from bodysense.rigs.namings import recognise
+from bodysense.rigs.names import joints_of
 
 FEWEST = 4  # points that a body of markers has at least
 JOINT_ACCURACY = 0.02  # m, of a marker that is named as a joint: its centre, or a spot on the skin near it
@@ -133,52 +132,13 @@ def _columns(one: MarkerSet, names: Sequence[str]) -> dict[str, int]:
     return found
 
 
-_ROLES = {
-    "hip": r"hip|hjc|hip ?joint|hip ?(joint ?)?cent(er|re)",
-    "knee": r"knee|kjc|knee ?(joint ?)?cent(er|re)",
-    "ankle": r"ankle|ajc|ankle ?(joint ?)?cent(er|re)",
-    "foot": r"foot|toe|toes|big ?toe",
-    "shoulder": r"shoulder|sjc|shoulder ?(joint ?)?cent(er|re)",
-    "elbow": r"elbow|ejc|elbow ?(joint ?)?cent(er|re)",
-    "wrist": r"wrist|wjc|hand|wrist ?(joint ?)?cent(er|re)",
-}
 _TURNED = ("pelvis", "spine3", "head", *(f"{side}_{part}" for side in _SIDES for part in ("wrist", "ankle")))
-_MIDDLE = {"pelvis": r"pelvis|hips|root|mid ?hip", "neck": r"neck", "head": r"head", "spine3": r"chest|thorax"}
 
 
 def _joints(names: Sequence[str]) -> dict[str, int]:
-    """Markers that are named as joints: by a program's whole naming, or one by one: 'LeftElbow', 'l_knee', 'RHJC'."""
-    try:
-        naming = recognise(list(dict.fromkeys(name.rpartition(":")[2] for name in names)))
-    except BodysenseError:
-        naming = {}
-    if naming:
-        tails = [name.rpartition(":")[2] for name in names]
-        return {ours: tails.index(given) for given, ours in naming.items()}
-    found: dict[str, int] = {}
-    for k, name in enumerate(names):
-        point = _joint(name.rpartition(":")[2])
-        if point is not None:
-            found.setdefault(point, k)
-    return found
-
-
-def _joint(name: str) -> str | None:
-    """The point that a marker is named as; None for any other name."""
-    if name.lower() in default_skeleton().points:
-        return name.lower()
-    words = re.sub(r"[^a-z]+", " ", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower()).strip()
-    for point, pattern in _MIDDLE.items():
-        if re.fullmatch(pattern, words):
-            return point
-    side = re.fullmatch(r"(?P<a>left|right|l|r) ?(?P<b>.+)|(?P<c>.+) (?P<d>left|right|l|r)", words)
-    if side is None:
-        return None
-    hand, rest = (side["a"] or side["d"])[0], side["b"] or side["c"]
-    for role, pattern in _ROLES.items():
-        if re.fullmatch(pattern, rest):
-            return f"{'left' if hand == 'l' else 'right'}_{role}"
-    return None
+    """Markers that are named as joints: 'LeftElbow', 'l_knee', 'RHJC', or as a program's skeleton has them."""
+    ours = joints_of(names)
+    return {ours[name]: k for k, name in enumerate(names) if name in ours}
 
 
 def _named(points: tuple[str, ...]) -> MarkerSet:

@@ -23,6 +23,8 @@ STRAIGHT = 0.9995  # of a limb's length: it is never quite straight
 # Of a limb's length, for arms and legs: share of the natural side in where the middle joint points; it decides where a
 # limb is nearly straight. On validation people elbows and knees are the nearer to the truth for it.
 BENT_ARM, BENT_LEG = 0.08, 0.1
+# m: a root is steep at zero, where rounding to single precision would move the middle of a straight spine by 0.1 mm.
+SOFT = 1e-3
 COLLAR_GIVES = 0.8  # of a collar's length: what it gives an arm that is too short
 LIMBS = [tuple(f"{side}_{part}" for part in ("shoulder", "elbow", "wrist")) for side in ("left", "right")]
 LIMBS += [tuple(f"{side}_{part}" for part in ("hip", "knee", "ankle")) for side in ("left", "right")]
@@ -55,7 +57,8 @@ def triangle(toward: Tensor, longest: Tensor, square: Tensor, excess: Tensor) ->
     direction = toward / far
     reach = torch.minimum(far, longest)
     along = 0.5 * reach + excess / reach
-    return Triangle(direction, along, torch.sqrt(torch.relu(square - along * along)), direction * reach)
+    left = torch.relu(square - along * along)
+    return Triangle(direction, along, left / torch.sqrt(left + SOFT * SOFT), direction * reach)
 
 
 class Spine(nn.Module):
@@ -198,9 +201,9 @@ class FootState(NamedTuple):
     shift: Tensor  # (B, 1, 2, 3) m, by how much the feet are moved along the floor
 
 
-HOLD, RELEASE = 0.6, 0.4  # probability of contact from which a foot is held, and below which it is let go
+HOLD, RELEASE = 0.5, 0.3  # probability of contact from which a foot is held, and below which it is let go
 FADE = 0.1  # s in which half of what a released foot was held back by fades
-DRAG = 0.12  # m: a foot that its leg drags farther slides along
+DRAG = 0.06  # m: a foot that its leg drags farther slides along
 LIFT = 0.5  # m: no foot is lifted farther to be on the floor
 _KEEP = 10.0  # by how much a part that holds already goes before the other one, more than any probability
 _BALL_FIRST = torch.tensor([0.0, 1e-5]).reshape(2, 1, 1)
