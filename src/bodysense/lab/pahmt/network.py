@@ -31,7 +31,7 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import default_skeleton
 from bodysense.lab.pahmt.directions import beside_directions, beside_palms, hinged
-from bodysense.lab.pahmt.features import Seen, Window, more_points, seen_in
+from bodysense.lab.pahmt.features import SeenWindow, Window, more_points, seen_in
 from bodysense.lab.pahmt.options import ArmNetworkConfig
 from bodysense.lab.weights_file import read_weights_file, write_weights_file
 
@@ -61,7 +61,7 @@ class Attention(nn.Module):
         return x + self.drop(self.back(torch.relu(self.forth(self.between(x)))))
 
 
-class OverTime(nn.Module):
+class ArmsOverTime(nn.Module):
     """AHMT's body: two convolutions embed a frame, learned places, attention over the frames (eqs. 4 to 6)."""
 
     def __init__(self, config: ArmNetworkConfig) -> None:
@@ -139,7 +139,7 @@ class ArmNetwork(nn.Module):
         super().__init__()
         self.config = config
         width = config.width
-        self.body = Convolutions(config) if config.kind == "cnn" else OverTime(config)
+        self.body = Convolutions(config) if config.kind == "cnn" else ArmsOverTime(config)
         self.beside = OverJoints(config) if config.kind == "pahmt" else None
         last = nn.Conv1d(width, config.size * len(config.joints) + config.shares, 3, padding=1)
         with torch.no_grad():  # it starts near arms that hang
@@ -189,7 +189,7 @@ class ArmNetwork(nn.Module):
         """What the network reads, (B, T, tokens, 3)."""
         return self._read(window, seen_in(window))
 
-    def _read(self, window: Window, seen: Seen) -> Tensor:
+    def _read(self, window: Window, seen: SeenWindow) -> Tensor:
         hands = torch.cat([seen.shape, torch.zeros_like(seen.shape[..., :1])], dim=-1).flatten(-3, -2)
         if self.config.input == "hands":
             return hands

@@ -42,7 +42,7 @@ from bodysense.lab.two_hands.trials import (
 SEEDS = 5
 
 
-class Task(NamedTuple):
+class HandTask(NamedTuple):
     """Motions that are scored together."""
 
     motions: list[HandMotion]
@@ -86,7 +86,7 @@ class GloveTable:
 
 
 def measure(
-    work: Callable[[Task], Means],
+    work: Callable[[HandTask], Means],
     data: DataSet | None,
     synthesised: int,
     jobs: int,
@@ -95,7 +95,7 @@ def measure(
     """Every clip of `data` with fingers, and so many synthesised hands beside, in `jobs` processes."""
     means, census = Means(), Census()
 
-    def tasks() -> Iterator[Task]:
+    def tasks() -> Iterator[HandTask]:
         nonlocal census
         for clip in data.clips() if data is not None else ():
             if clip.has_fingers:
@@ -104,7 +104,7 @@ def measure(
             else:
                 advance()
         for number in range(synthesised):
-            yield Task([synthetic_hand(number)], SYNTHESISED, f"hand {number}")
+            yield HandTask([synthetic_hand(number)], SYNTHESISED, f"hand {number}")
 
     for _, told in spread(work, tasks(), jobs):
         means.merge(told)
@@ -112,9 +112,9 @@ def measure(
     return GloveTable(means, census, data, synthesised)
 
 
-def both_hands(clip: Clip) -> Task:
+def both_hands(clip: Clip) -> HandTask:
     """The hands of a clip at 60 Hz, and its group."""
-    return Task(list(hand_motions([clip])), group_of(clip), clip.person)
+    return HandTask(list(hand_motions([clip])), group_of(clip), clip.person)
 
 
 def synthetic_hand(number: int) -> HandMotion:
@@ -123,7 +123,9 @@ def synthetic_hand(number: int) -> HandMotion:
     return synthesize_hand(draw_hand(rng).skeleton, SYNTHETIC_SECONDS, rng)
 
 
-def measure_markers(task: Task, model: Path | None = None, stride: int = STRIDE, left_out: Path | None = None) -> Means:
+def measure_markers(
+    task: HandTask, model: Path | None = None, stride: int = STRIDE, left_out: Path | None = None
+) -> Means:
     """Table 3 of some motions: errors of hidden markers, cm, under (group, method, hidden, duration)."""
     motions, group, person = task
     network, means = load_marker_network(model), Means(person)
@@ -144,7 +146,7 @@ def measure_markers(task: Task, model: Path | None = None, stride: int = STRIDE,
 
 
 def measure_fingers(
-    task: Task,
+    task: HandTask,
     markers: Path | None = None,
     joints: Path | None = None,
     settings: HandsSettings = ALONE,
