@@ -19,7 +19,7 @@ import numpy as np
 
 from bodysense.export.humanoid import VRM_BONES
 from bodysense.files import written_beside
-from bodysense.lab.rendering.figure import Figure, load_figure
+from bodysense.lab.rendering.figure import Character, load_figure
 
 OUTPUT = Path(__file__).parents[1] / "web" / "public" / "avatar.vrm.gz"
 SKIN, SHIRT, TROUSERS, SHOES, HAIR = range(5)
@@ -122,7 +122,7 @@ def smoothed(values: np.ndarray, triangles: np.ndarray, rounds: int) -> np.ndarr
     return values
 
 
-def fields(figure: Figure) -> dict[int, np.ndarray]:
+def fields(figure: Character) -> dict[int, np.ndarray]:
     """For clothes and hair: (V,) m by which each vertex of the figure is inside of their edges."""
     rest, x = figure.rest, figure.vertices
 
@@ -149,14 +149,14 @@ def fields(figure: Figure) -> dict[int, np.ndarray]:
     return {SHIRT: shirt, TROUSERS: trousers, HAIR: scalp}
 
 
-def outward(figure: Figure, triangles: np.ndarray, rounds: int) -> np.ndarray:
+def outward(figure: Character, triangles: np.ndarray, rounds: int) -> np.ndarray:
     """(V, 3) smooth unit normals."""
     normal = smoothed(figure.normals, triangles, rounds)
     return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
 
 
 def garment(
-    mesh: Mesh, figure: Figure, inside: np.ndarray, kind: int, trim: np.ndarray | None, under: np.ndarray | float
+    mesh: Mesh, figure: Character, inside: np.ndarray, kind: int, trim: np.ndarray | None, under: np.ndarray | float
 ) -> None:
     """Cloth: the skin moved outward and smoothed, with a trim along its edge, and an edge that turns in.
 
@@ -200,7 +200,7 @@ def boundary(triangles: np.ndarray) -> np.ndarray:
     return edges[first[count == 1]]
 
 
-def skin(mesh: Mesh, figure: Figure, covered: list[np.ndarray]) -> None:
+def skin(mesh: Mesh, figure: Character, covered: list[np.ndarray]) -> None:
     """What clothes leave bare, and a little of what they cover; with lips, brows and a blush."""
     bare = 0.02 - np.maximum.reduce(covered)  # 2 cm go on under the cloth
     bare[figure.part == 1] = -1.0
@@ -230,7 +230,7 @@ def grid(rows: int, columns: int) -> np.ndarray:
     return np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
 
 
-def shoes(mesh: Mesh, figure: Figure) -> None:
+def shoes(mesh: Mesh, figure: Character) -> None:
     """Shoes: rings across each foot, as wide and high as it is, round in front and behind, flat below."""
     for side in ("left", "right"):
         ankle, ball = (figure.skeleton.index(f"{side}_{part}") for part in ("ankle", "foot"))
@@ -274,7 +274,7 @@ def shoes(mesh: Mesh, figure: Figure) -> None:
         mesh.add(ring, colour, source, grid(rows, columns))
 
 
-def eyes(mesh: Mesh, figure: Figure) -> None:
+def eyes(mesh: Mesh, figure: Character) -> None:
     """White balls with an iris and a pupil, made anew: the figure's are too coarse to be painted."""
     head = head_vertex(figure)
     rows, columns = 24, 32
@@ -295,13 +295,13 @@ def eyes(mesh: Mesh, figure: Figure) -> None:
         )
 
 
-def head_vertex(figure: Figure) -> int:
+def head_vertex(figure: Character) -> int:
     """A vertex that follows the head alone."""
     head = figure.skeleton.index("head")
     return int(np.flatnonzero((figure.joint[:, 0] == head) & (figure.weight[:, 0] > 0.99))[0])
 
 
-def hair(mesh: Mesh, figure: Figure, inside: np.ndarray) -> None:
+def hair(mesh: Mesh, figure: Character, inside: np.ndarray) -> None:
     """A short cut: the scalp moved outward, fuller on top and behind, combed back into a bun."""
     x, eye = figure.vertices, figure.eye
     near = figure.triangles[(inside[figure.triangles] > -0.03).any(axis=1)]
@@ -337,7 +337,7 @@ def normals_of(position: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
 
 
-def glb(figure: Figure, mesh: Mesh) -> bytes:
+def glb(figure: Character, mesh: Mesh) -> bytes:
     """The bytes of the .vrm."""
     position = np.round(np.concatenate(mesh.position) * 16384) / 16384
     triangles, source = np.concatenate(mesh.triangles), np.concatenate(mesh.source)

@@ -59,7 +59,7 @@ def test_the_table_is_trained_and_scored(people: Path, tmp_path: Path, run) -> N
 
 def test_what_cannot_be(people: Path, tmp_path: Path, small_arms: Path, refused) -> None:
     arguments = ("train", "arms", "--data", people, "-o")
-    assert "a network is written as .onnx or .pt" in refused(*arguments, tmp_path / "arms.zip")
+    assert "the network is written as .onnx or .pt" in refused(*arguments, tmp_path / "arms.zip")
     assert "a network of hands alone is for the table only" in refused(
         *arguments, tmp_path / "a.onnx", "--input", "hands"
     )

@@ -57,18 +57,18 @@ def test_samples_are_of_head_and_hands(small_vae: Path, tmp_path: Path, short_cl
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("-o", "net.txt"), "net.txt: a network is written as .onnx or .pt; give a name that ends so"),
+        (("-o", "net.txt"), "net.txt: the network is written as .onnx or .pt; give a name that ends so"),
         (("-o", "net.pt", "--steps", 0), "--steps 0: give at least 1"),
         (("-o", "net.onnx", "--origin", "pelvis"), "net.onnx: no device tracks the pelvis, so a network with that"),
         (("-o", "net.pt", "--sweep"), "--sweep trains its own decoders into a folder; give a folder as --out"),
         (("-o", "net.pt", "--model", 3), "model 3 takes the decoder of a model 0: train that first"),
         (("-o", "net.pt", "--decoder", "zero.pt"), "--decoder is for models 3 and 4; model 2 trains its own"),
         (("-o", "net.pt", "--grid", "few"), "--grid few is of a sweep; add --sweep, or leave --grid out"),
-        (("-o", "nets", "--sweep", "--model", 2), "--sweep trains models 0 to 4; leave --model 2 out"),
+        (("-o", "nets", "--sweep", "--model", 3), "--sweep trains models 0 to 4; leave --model 3 out"),
         (("-o", "nets", "--sweep", "--beta", 1), "--grid few has settings of its own; leave --beta 1.0 out, or give"),
         (
-            ("-o", "nets", "--sweep", "--grid", "all", "--latent", 30, "--blocks", 3),
-            "--grid all has settings of its own; leave --latent 30 --blocks 3 out, or give --grid one",
+            ("-o", "nets", "--sweep", "--grid", "all", "--latent", 15, "--blocks", 6),
+            "--grid all has settings of its own; leave --latent 15 --blocks 6 out, or give --grid one",
         ),
     ],
 )

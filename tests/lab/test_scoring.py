@@ -109,3 +109,19 @@ def test_a_tracked_clip(waving_clip: Clip, small_network) -> None:
     for method in ("network", *KNOWN):
         np.testing.assert_array_equal(done.position[method][seen], done.observation.position[seen])
     np.testing.assert_allclose(done.position["bodysense"], forward_kinematics(done.pose)[0])
+
+
+def test_a_tally_knows_whose_errors_it_counts() -> None:
+    whole, one, rng = Tally(), Tally(), np.random.default_rng(0)
+    for person, level in (("a", 1.0), ("b", 2.0), ("c", 3.0)):
+        for part in (whole, one):
+            part.add(rng.normal(level, 0.1, 50), person)
+    one.merge(whole)
+    assert one.count == 300 and set(one.people) == {"a", "b", "c"}
+    assert sum(tally.total for tally in one.people.values()) == pytest.approx(one.total)
+    for measure in ("mpjpe", "rmsjpe"):
+        found = one.interval(measure)
+        assert found.value == pytest.approx(getattr(one, measure))
+        assert 1.0 < found.low < found.value < found.high < 3.1
+    whole.people.clear()
+    assert np.isnan(whole.interval().low)

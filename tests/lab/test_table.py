@@ -6,6 +6,7 @@ import csv
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bodysense.errors import BodysenseError
@@ -37,6 +38,19 @@ def test_a_csv_holds_what_the_report_does(tmp_path: Path) -> None:
 def test_orderings(lower: float, higher: tuple[float, float], verdict: str) -> None:
     said = ordering("A is best", Named("A", lower), [Named("B", higher[0]), Named("C", higher[1])], "cm")
     assert said is not None and said.startswith("A is best: ") and verdict in said
+
+
+@pytest.mark.parametrize(
+    ("spread", "verdict"),
+    [(0.0, "A is best: holds (A 1.00, B 1.20 cm)."), (1.0, "A is best: no sure difference to B (A 1.00, B 1.20 cm).")],
+)
+def test_a_difference_that_people_do_not_carry_is_none(spread: float, verdict: str) -> None:
+    away = spread * np.linspace(-1, 1, 9)
+    a, b = ({f"p{k}": (value + sign * away[k], 10.0) for k in range(9)} for value, sign in ((1.0, 1), (1.2, -1)))
+    assert ordering("A is best", Named("A", 1.0, a), [Named("B", 1.2, b)], "cm") == verdict
+    assert ordering("A is best", Named("A", 1.0, {"p": (1.0, 1.0)}), [Named("B", 1.2, {"p": (1.2, 1.0)})], "cm") == (
+        "A is best: holds (A 1.00, B 1.20 cm)."
+    )
 
 
 def test_nothing_is_said_where_a_figure_is_missing() -> None:

@@ -23,6 +23,8 @@ class Interval:
     @property
     def verdict(self) -> str:
         """Of a difference of errors: whether it carries."""
+        if math.isnan(self.low):
+            return "unknown"
         return "none" if self.low <= 0 <= self.high else "worse" if self.value > 0 else "better"
 
 

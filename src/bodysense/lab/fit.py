@@ -26,20 +26,6 @@ from torch.optim.swa_utils import AveragedModel
 from bodysense.lab.checkpoint import identity, load_checkpoint, save_checkpoint
 
 
-@dataclass(frozen=True)
-class Schedule:
-    """How long to train, and how fast."""
-
-    steps: int = 9000
-    learning_rate: float = 1e-3
-    warm_up: int = 100  # steps
-    last_share: float = 0.01  # of the learning rate, at the end of the cosine
-    weight_decay: float = 0.02
-    average_decay: float = 0.999  # of the moving average of the weights, which is what is kept
-    check_every: int = 750  # steps between checkpoints
-    seed: int = 1  # random seed
-
-
 class Pace(Protocol):
     """What the loop itself reads of a schedule."""
 

@@ -55,7 +55,7 @@ class Gap:
 
 
 @dataclass(frozen=True, eq=False)
-class Take:
+class HoleTake:
     """A clip from which a limb is taken away for some seconds."""
 
     clip: Clip
@@ -81,7 +81,7 @@ def score_holes(clips: Iterable[Clip], seed: int = 1, advance: Callable[[Clip], 
     return found
 
 
-def _takes(clips: Iterable[Clip], rng: np.random.Generator, advance: Callable[[Clip], None]) -> Iterator[Take]:
+def _takes(clips: Iterable[Clip], rng: np.random.Generator, advance: Callable[[Clip], None]) -> Iterator[HoleTake]:
     for clip in clips:
         short = resample(clip, RATE)
         short = replace(short, pose=short.pose[: int(LONGEST * RATE)])
@@ -92,11 +92,11 @@ def _takes(clips: Iterable[Clip], rng: np.random.Generator, advance: Callable[[C
                     continue
                 first = int(rng.integers(lead, len(short) - count - lead + 1))
                 missing = [Missing(root, True, (first, first + count - 1)) for root in roots]
-                yield Take(short, limb, seconds, first, open_holed(short, missing))
+                yield HoleTake(short, limb, seconds, first, open_holed(short, missing))
         advance(clip)
 
 
-def _tracked(takes: Sequence[Take]) -> Estimate:
+def _tracked(takes: Sequence[HoleTake]) -> Estimate:
     """Bodies (B, T) of all takes, tracked in one call; shorter ones go on for as long, with nothing tracked."""
     frames = max(len(take.clip) for take in takes)
     seen = [observed(take.holed) for take in takes]
@@ -162,7 +162,7 @@ def report_of(gaps: list[Gap], name: str) -> Report:
     )
 
 
-def _gaps(take: Take, estimate: Estimate) -> list[Gap]:
+def _gaps(take: HoleTake, estimate: Estimate) -> list[Gap]:
     """A gap, filled by every method; of the estimate the take's own frames count."""
     clip, holed, own = take.clip, take.holed, slice(len(take.clip))
     ours = on_feet(holed, filled(holed, estimate.pose[own]), estimate.contact[own], 0.0)

@@ -15,22 +15,65 @@ T = TypeVar("T")
 Flat = Annotated[T, tyro.conf.arg(name="")]  # the fields of a dataclass are the options of the command
 
 
-@dataclass(frozen=True, kw_only=True)
-class Training:
-    """What every training is asked."""
+@dataclass(frozen=True)
+class Schedule:
+    """How long to train, and how fast."""
 
-    data: Path
-    """folder of motion files or a prepared store; its train split is learned, its val split watched"""
-    out: Output
-    """file or folder to write; checkpoint and log lie beside it, and training resumes from them"""
+    steps: int = 9000
+    """optimiser steps"""
+    learning_rate: float = 1e-3
+    """the highest"""
+    warm_up: int = 100
+    """steps until it is reached"""
+    last_share: float = 0.01
+    """share of it at the end of the cosine"""
+    weight_decay: float = 0.02
+    """of the optimiser"""
+    average_decay: float = 0.999
+    """of the moving average of the weights, which is what is kept"""
+    check_every: int = 750
+    """steps between checkpoints"""
     seed: int = 1
     """random seed"""
+
+    def __post_init__(self) -> None:
+        check_fields(self, "steps", "check_every")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """What every run is asked."""
+
+    out: Output
+    """file or folder to write; checkpoint and log lie beside it, and training resumes from them"""
     threads: int | None = None
     """PyTorch threads; its own choice if omitted"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Card:
+    """What a network's file says of itself."""
+
     licence: str = "Apache-2.0"
     """licence of the network, for its card"""
     data_note: str = ""
     """what it was trained on, for its card"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionRun(Run):
+    """A run that learns from motion."""
+
+    data: Path
+    """folder of motion files or a prepared store; its train split is learned, its val split watched"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Training(MotionRun, Card):
+    """A run whose seed is asked here, and not by its schedule."""
+
+    seed: int = 1
+    """random seed"""
 
 
 @dataclass(frozen=True, kw_only=True)

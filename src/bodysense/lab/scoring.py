@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -11,8 +11,10 @@ import numpy as np
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.data.clip import Clip
+from bodysense.lab.bootstrap import Interval, Shares, interval
 from bodysense.lab.hold import Hold
 from bodysense.lab.metrics import joint_error
+from bodysense.lab.table import Named
 from bodysense.observation import Observation
 
 RATE = 30.0
@@ -27,25 +29,49 @@ UNOC_EVAL_JOINTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "foot"
 GROUPS = ("main", "sport", "dance", "other")  # the categories that are scored together
 
 
+Measure = Literal["mpjpe", "rmsjpe"]
+
+
 @dataclass
 class Tally:
-    """Running sums of errors (cm), so that averages are over frames, not over clips."""
+    """Running sums of errors (cm), so that averages are over frames, not over clips; and the same by person."""
 
     count: float = 0.0
     total: float = 0.0
     squared: float = 0.0
+    people: dict[str, Tally] = field(default_factory=dict, repr=False)
 
-    def add(self, error: np.ndarray) -> None:
-        """Count errors of any shape."""
-        self.count += error.size
-        self.total += float(error.sum())
-        self.squared += float((error * error).sum())
+    def add(self, error: np.ndarray, person: str = "") -> None:
+        """Count errors of any shape; whose they are, where that is known."""
+        one = Tally(error.size, float(error.sum()), float((error * error).sum()))
+        self.merge(replace(one, people={person: one}) if person else one)
 
     def merge(self, other: Tally) -> None:
         """Count what another has counted."""
         self.count += other.count
         self.total += other.total
         self.squared += other.squared
+        for person, one in other.people.items():
+            self.people.setdefault(person, Tally()).merge(one)
+
+    def shares(self, measure: Measure = "mpjpe") -> Shares:
+        """By person: the mean (of RMSJPE its square) and its weight."""
+        people = {person: one for person, one in self.people.items() if one.count}
+        return {
+            person: ((one.total if measure == "mpjpe" else one.squared) / one.count, one.count)
+            for person, one in people.items()
+        }
+
+    def named(self, name: str, measure: Measure = "mpjpe") -> Named:
+        """A figure under a name, to be compared."""
+        return Named(name, getattr(self, measure), self.shares(measure))
+
+    def interval(self, measure: Measure = "mpjpe") -> Interval:
+        """Between what a figure lies, by bootstrap over people."""
+        found = interval(self.shares(measure))
+        if measure == "mpjpe":
+            return found
+        return Interval(math.sqrt(found.value), math.sqrt(found.low), math.sqrt(found.high))
 
     @property
     def mpjpe(self) -> float:

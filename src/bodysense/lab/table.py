@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from bodysense.files import written_beside
+from bodysense.lab.bootstrap import Interval, Shares, interval
 from bodysense.lab.chart import Panel
 
 Cell = float | str | None
@@ -37,6 +38,17 @@ class Named:
 
     name: str
     value: float
+    shares: Shares = field(default_factory=dict, repr=False)  # by person, of the figure or of what grows with it
+
+
+def surely(numbers: Mapping[str, Interval]) -> dict[str, float]:
+    """The bounds of figures by their keys: KEY_low, KEY_high."""
+    return finite({f"{key}_{end}": getattr(one, end) for key, one in numbers.items() for end in ("low", "high")})
+
+
+def bounds(one: Interval) -> tuple[Cell, Cell]:
+    """Two cells: between what a figure lies; empty where there are fewer than two people."""
+    return cell(one.low), cell(one.high)
 
 
 def finite(numbers: dict[str, float]) -> dict[str, float]:
@@ -50,12 +62,17 @@ def cell(value: float) -> float | None:
 
 
 def ordering(claim: str, lower: Named, higher: Sequence[Named], unit: str, digits: int = 2) -> str | None:
-    """Whether `lower` lies below all of `higher`, as the paper claims; None where a figure is missing."""
+    """Whether `lower` lies below all of `higher`, as the paper claims; None where a figure is missing.
+
+    A difference whose interval over people holds 0 is none.
+    """
     if not higher or not all(math.isfinite(one.value) for one in (lower, *higher)):
         return None
-    wrong = [one for one in higher if not lower.value < one.value]
+    none = [one for one in higher if interval(lower.shares, one.shares).verdict == "none"]
+    wrong = [one for one in higher if one not in none and not lower.value < one.value]
     shown = ", ".join(f"{one.name} {one.value:.{digits}f}" for one in (lower, *higher))
-    verdict = f"does not hold against {', '.join(one.name for one in wrong)}" if wrong else "holds"
+    verdicts = (("does not hold against", wrong), ("no sure difference to", none))
+    verdict = "; ".join(f"{text} {', '.join(one.name for one in ones)}" for text, ones in verdicts if ones) or "holds"
     return f"{claim}: {verdict} ({shown} {unit})."
 
 

@@ -10,18 +10,18 @@ import pytest
 
 from bodysense.body.person import Person
 from bodysense.data.clip import Clip
-from bodysense.lab.completion.scenes import Scene, Truth, scene_of
+from bodysense.lab.completion.scenes import TrackedScene, Truth, scene_of
 from bodysense.lab.completion.tracking import TrackedBatch
 from bodysense.observation import Observation
 
-Change = Callable[[np.ndarray, Scene], np.ndarray]  # positions (T, P, 3) m of a scene → what is said of them
+Change = Callable[[np.ndarray, TrackedScene], np.ndarray]  # positions (T, P, 3) m of a scene → what is said of them
 
 
 @dataclass(frozen=True)
 class Oracle:
     """Knows every scene, and says of it what `change` makes of the truth; after its end it says nonsense."""
 
-    scenes: Sequence[Scene]
+    scenes: Sequence[TrackedScene]
     change: Change = lambda position, scene: position
     confidence: float | None = None  # m; None: the true error
 
@@ -44,13 +44,13 @@ class Oracle:
             batch.bound[index, own] = 1.001 * batch.confidence[index, own]
         return batch
 
-    def find(self, head: np.ndarray) -> Scene:
+    def find(self, head: np.ndarray) -> TrackedScene:
         """The scene, whose head moves so; the longest of those that begin alike."""
         found = [one for one in self.scenes if len(one) <= len(head) and np.array_equal(_head(one), head[: len(one)])]
         return max(found, key=len)
 
 
-def _head(scene: Scene) -> np.ndarray:
+def _head(scene: TrackedScene) -> np.ndarray:
     return scene.placed[0][:, scene.skeleton.index("head")]
 
 
@@ -66,7 +66,7 @@ def clips(waving_clip: Clip) -> list[Clip]:
 
 
 @pytest.fixture(scope="session")
-def scenes(clips: list[Clip]) -> list[Scene]:
+def scenes(clips: list[Clip]) -> list[TrackedScene]:
     """Their scenes, on their own bodies and on strangers, and the beginnings of them."""
     truths: tuple[Truth, ...] = ("own", "stranger")
     return [scene_of(clip, truth, "test") for clip in clips for truth in truths]

@@ -9,7 +9,7 @@ from onnx import TensorProto, helper, numpy_helper
 from torch import Tensor
 
 from bodysense.lab.completion.features import WIDTHS, mirror_places, mirror_signs
-from bodysense.lab.completion.network import Before, CompletionConfig, CompletionNetwork, Signal, reading_of
+from bodysense.lab.completion.network import Before, CompletionConfig, CompletionNetwork, TrackedSignal, reading_of
 from bodysense.lab.completion.points import SPIN_PLACES, reference_offsets
 from bodysense.lab.completion.rewriting import row_step, shortened, stored_small
 
@@ -17,7 +17,7 @@ PEOPLE, FRAMES = 3, 5
 
 
 @pytest.fixture
-def signal() -> Signal:
+def signal() -> TrackedSignal:
     torch.manual_seed(1)
 
     def normal(*shape: int) -> Tensor:
@@ -29,7 +29,7 @@ def signal() -> Signal:
     def rotations(*shape: int) -> Tensor:
         return torch.linalg.qr(normal(*shape, 3, 3))[0]
 
-    return Signal(
+    return TrackedSignal(
         position=normal(27, 3),
         rotation=rotations(22),
         has_position=some(27),
@@ -45,7 +45,7 @@ def signal() -> Signal:
     )
 
 
-def spelled_out(of: Signal) -> dict[str, Tensor]:
+def spelled_out(of: TrackedSignal) -> dict[str, Tensor]:
     size, into, interval = of.size[:, None, None, None], of.turn.mT[:, :, None], of.interval[..., None]
     both = (of.has_position & of.before.has_position)[..., None]
     known = of.has_rotation[..., None, None]
@@ -68,7 +68,7 @@ def spelled_out(of: Signal) -> dict[str, Tensor]:
     }
 
 
-def test_features_mean_what_they_should(signal: Signal) -> None:
+def test_features_mean_what_they_should(signal: TrackedSignal) -> None:
     features = CompletionNetwork(CompletionConfig(hidden=8)).read(signal)
     for (name, wanted), part in zip(
         spelled_out(signal).items(), features.split(list(WIDTHS.values()), dim=-1), strict=True
@@ -76,7 +76,7 @@ def test_features_mean_what_they_should(signal: Signal) -> None:
         assert torch.allclose(part, wanted.flatten(2), atol=2e-5), name
 
 
-def test_the_mirror_image_is_read_beside(signal: Signal) -> None:
+def test_the_mirror_image_is_read_beside(signal: TrackedSignal) -> None:
     network = CompletionNetwork(CompletionConfig(hidden=8))
     features = network.read(signal)
     both = network.reader(reading_of(signal)).unflatten(0, (PEOPLE, FRAMES))

@@ -44,9 +44,10 @@ from bodysense.lab.completion.finger_task import (
 )
 from bodysense.lab.completion.finger_validation import finger_validation, last_known_error, mean_hand
 from bodysense.lab.completion.fingers import HAND_JOINTS, HAND_POINTS, FingerConfig, FingerNetwork
+from bodysense.lab.completion.options import FingerTraining
 from bodysense.lab.completion.sequences import Body, Draw
-from bodysense.lab.completion.train_fingers import FingerTraining, load_finger_network, train_fingers, without
-from bodysense.lab.fit import Schedule
+from bodysense.lab.completion.train_fingers import load_finger_network, train_fingers, without
+from bodysense.lab.options import Schedule
 
 SMALL = FingerTaskConfig(network=FingerConfig(16, 16), streams=4, chunk=12, generated_hours=0.01)
 SKELETON = default_skeleton()
@@ -274,8 +275,8 @@ def test_training_goes_on_and_its_network_comes_back(corpus: Corpus, tmp_path: P
         np.savez(tmp_path / f"{split}.npz", format=FORMAT, **vars(corpus))
     checkpoint = tmp_path / "fingers.ckpt"
     schedule = Schedule(steps=4, warm_up=1, check_every=2)
-    options = FingerTraining(tmp_path, tmp_path, checkpoint, schedule, SMALL)
-    network = train_fingers(options)
+    options = FingerTraining(data=tmp_path, out=checkpoint, schedule=schedule, generated_hours=0.01)
+    network = train_fingers(options, SMALL)
     again, task = load_finger_network(checkpoint)
     assert again.config == SMALL.network and task.generated_hours == SMALL.generated_hours
     for name, value in network.state_dict().items():
@@ -284,7 +285,7 @@ def test_training_goes_on_and_its_network_comes_back(corpus: Corpus, tmp_path: P
     figures = FingerTask(again, SMALL, Schedule(), corpus, validation).validate(again)
     assert figures["nothing_cm"] == pytest.approx(100 * validation["nothing"].baseline * figures["nothing_ratio"])
     with pytest.raises(BodysenseError, match=r"fingers\.ckpt.*another configuration"):
-        train_fingers(replace(options, schedule=replace(schedule, steps=5)))
+        train_fingers(replace(options, schedule=replace(schedule, steps=5)), SMALL)
     with pytest.raises(BodysenseError, match="no such checkpoint"):
         load_finger_network(tmp_path / "none.ckpt")
 

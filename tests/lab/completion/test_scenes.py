@@ -13,7 +13,7 @@ from bodysense.body.shape import sample_bodies, stature
 from bodysense.data.clip import Clip
 from bodysense.lab.completion.scenes import (
     STRANGERS,
-    Scene,
+    TrackedScene,
     batches,
     body_split,
     person_of,
@@ -79,7 +79,7 @@ def test_batches_are_of_clips_of_similar_length(clips: list[Clip]) -> None:
     assert list(batches([])) == []
 
 
-def test_shorter_observations_end_with_their_last_frame(scenes: list[Scene]) -> None:
+def test_shorter_observations_end_with_their_last_frame(scenes: list[TrackedScene]) -> None:
     seen = [scene.observe(SENSOR_SETS["headset_camera"]) for scene in scenes]
     batch = check_observation(stacked(seen))
     assert batch.position.shape == (len(scenes), 90, 65, 3)

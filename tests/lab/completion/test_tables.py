@@ -21,7 +21,7 @@ from bodysense.lab.completion.lattice import choose_scenes
 from bodysense.lab.completion.measures import count_jumps
 from bodysense.lab.completion.reliability_diagram import draw_reliability
 from bodysense.lab.completion.reports import completion_reports
-from bodysense.lab.completion.scenes import BODIES, Scene
+from bodysense.lab.completion.scenes import BODIES, TrackedScene
 from bodysense.lab.completion.scoring import evaluate_completion
 from bodysense.lab.completion.tables import CompletionSettings, CompletionTable, headline
 from bodysense.lab.completion.tracking import TrackBatch, TrackedBatch, TrackedBy
@@ -41,12 +41,12 @@ def score(clips: list[Clip], track: TrackBatch, settings: CompletionSettings = S
     return evaluate_completion(clips, settings, track=track, times=None)
 
 
-def legs_moved(position: np.ndarray, scene: Scene) -> np.ndarray:
+def legs_moved(position: np.ndarray, scene: TrackedScene) -> np.ndarray:
     position[:, scene.skeleton.indices(LOWER_BODY)] += [0.0, 0.0, 0.05]
     return position
 
 
-def test_the_truth_scores_nothing(clips: list[Clip], scenes: list[Scene]) -> None:
+def test_the_truth_scores_nothing(clips: list[Clip], scenes: list[TrackedScene]) -> None:
     table = score(clips, Oracle(scenes, confidence=0.01))
     for sensors in SMALL.sets:
         for body in BODIES:
@@ -66,7 +66,7 @@ def test_the_truth_scores_nothing(clips: list[Clip], scenes: list[Scene]) -> Non
     assert table.truths["own", "sport"].get("jitter") == pytest.approx(jitter(own.placed[0][:, : len(BODY)], 30.0))
 
 
-def test_a_known_displacement_gives_known_figures(clips: list[Clip], scenes: list[Scene]) -> None:
+def test_a_known_displacement_gives_known_figures(clips: list[Clip], scenes: list[TrackedScene]) -> None:
     """Nine of 22 joints are off by 5 cm, from the head and in the world; what is expected is the true error."""
     table = score(clips, Oracle(scenes, legs_moved))
     for body in BODIES:
@@ -92,15 +92,15 @@ def test_a_known_displacement_gives_known_figures(clips: list[Clip], scenes: lis
     assert doubted.ece == pytest.approx(1.0)
 
 
-def test_what_is_tracked_is_no_test_of_confidence(clips: list[Clip], scenes: list[Scene]) -> None:
+def test_what_is_tracked_is_no_test_of_confidence(clips: list[Clip], scenes: list[TrackedScene]) -> None:
     counted = score(clips, Oracle(scenes, legs_moved)).calibration("three_point", "own", "upper").count
     assert counted == (13 - 3) * (90 + 60)  # without head and wrists
 
 
-def test_padding_and_company_do_not_count(clips: list[Clip], scenes: list[Scene]) -> None:
+def test_padding_and_company_do_not_count(clips: list[Clip], scenes: list[TrackedScene]) -> None:
     """Each clip scores alone what it scores beside longer ones; averages are over frames."""
 
-    def drifting(position: np.ndarray, scene: Scene) -> np.ndarray:
+    def drifting(position: np.ndarray, scene: TrackedScene) -> np.ndarray:
         body = [point for point in range(65) if scene.skeleton.points[point] != "head"]
         position[:, body] += 0.001 * np.arange(len(position))[:, None, None]
         return position
@@ -130,7 +130,7 @@ def test_jumps_are_counted_beyond_the_truth() -> None:
     assert count_jumps(smooth, truth, 2) == 2  # off its course, and back on it
 
 
-def test_the_lattice_finds_sensors_that_harm(clips: list[Clip], scenes: list[Scene]) -> None:
+def test_the_lattice_finds_sensors_that_harm(clips: list[Clip], scenes: list[TrackedScene]) -> None:
     chosen = [scene for scene in scenes if scene.name.startswith("anna")]
     assert [scene.name for scene in choose_scenes([*chosen, *scenes])][:1] == ["anna/anna-waves"]
 
@@ -145,7 +145,7 @@ def test_the_lattice_finds_sensors_that_harm(clips: list[Clip], scenes: list[Sce
 
 
 @pytest.fixture(scope="module")
-def table(clips: list[Clip], scenes: list[Scene]) -> CompletionTable:
+def table(clips: list[Clip], scenes: list[TrackedScene]) -> CompletionTable:
     settings = CompletionSettings(edges=4)
     return evaluate_completion(
         clips, settings, track=Oracle(scenes, legs_moved), times=lambda person, seen: np.full(len(seen), 0.001)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.lab.completion.scenes import Scene, person_of, stacked
+from bodysense.lab.completion.scenes import TrackedScene, person_of, stacked
 from bodysense.lab.completion.tracking import step_times, track_batch
 from bodysense.occlusion.sensors import SENSOR_SETS
 
 
-def test_a_batch_is_what_each_gets_alone(scenes: list[Scene]) -> None:
+def test_a_batch_is_what_each_gets_alone(scenes: list[TrackedScene]) -> None:
     some = [scene.beginning(frames) for scene, frames in zip(scenes[1::2], (20, 12, 8), strict=True)]
     seen = [scene.observe(SENSOR_SETS["headset_camera"]) for scene in some]
     people = [person_of("height", scene.skeleton) for scene in some]
@@ -24,7 +24,7 @@ def test_a_batch_is_what_each_gets_alone(scenes: list[Scene]) -> None:
     assert (together.confidence > 0).all()
 
 
-def test_steps_are_timed(scenes: list[Scene]) -> None:
+def test_steps_are_timed(scenes: list[TrackedScene]) -> None:
     scene = scenes[0].beginning(40)
     taken = step_times(person_of("own", scene.skeleton), scene.observe(SENSOR_SETS["head"]))
     assert len(taken) == 20 and (taken > 0).all()

@@ -19,7 +19,8 @@ from bodysense.lab.completion.points import BODY_POINTS, HEAD, INPUT_POINTS, par
 from bodysense.lab.completion.sensor_draws import KINDS, DrawnSensors, draw_tracked
 from bodysense.lab.completion.sequences import Body, Draw, Sequence, draw_sequence, make_sequence
 from bodysense.lab.completion.task import CompletionTask, CompletionTaskConfig, collate
-from bodysense.lab.fit import Schedule, fit, rate_at
+from bodysense.lab.fit import fit, rate_at
+from bodysense.lab.options import Schedule
 from bodysense.occlusion.headset_camera import see
 
 FRAMES = 90

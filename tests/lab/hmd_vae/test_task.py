@@ -22,9 +22,10 @@ from bodysense.errors import BodysenseError
 from bodysense.lab.fit import Progress, fit
 from bodysense.lab.hmd_vae.estimator import load_body_vae
 from bodysense.lab.hmd_vae.frames import BodyFrames, read_body_frames
-from bodysense.lab.hmd_vae.network import BodyVae, BodyVaeConfig, read_vae, write_vae
-from bodysense.lab.hmd_vae.task import VaeSchedule, VaeTask, joint_errors, one_cycle
-from bodysense.lab.hmd_vae.train import VaeRun, run_sweep, run_vae, sweep_configs, sweep_name
+from bodysense.lab.hmd_vae.network import BodyVae, read_vae, write_vae
+from bodysense.lab.hmd_vae.options import BodyVaeConfig, VaeRun, VaeSchedule
+from bodysense.lab.hmd_vae.task import VaeTask, joint_errors, one_cycle
+from bodysense.lab.hmd_vae.train import run_sweep, run_vae, sweep_configs, sweep_name
 from bodysense.lab.hmd_vae.windows import VaeBatch, make_batch, mirrored
 
 SMALL = BodyVaeConfig(latent=4, width=16, sequence_width=8, length=8)
@@ -149,7 +150,7 @@ def test_names_in_a_sweep_tell_what_is_not_swept() -> None:
 
 
 def test_a_run_writes_what_can_be_loaded(folder: Path, tmp_path: Path) -> None:
-    run = VaeRun(folder, tmp_path / "net.pt", replace(SMALL, model=0), SCHEDULE, threads=1)
+    run = VaeRun(data=folder, out=tmp_path / "net.pt", config=replace(SMALL, model=0), schedule=SCHEDULE, threads=1)
     run_vae(run)
     network, card = read_vae(tmp_path / "net.pt")
     assert network.config == run.config
@@ -168,14 +169,16 @@ def test_a_run_writes_what_can_be_loaded(folder: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_run_exports(folder: Path, tmp_path: Path) -> None:
-    run_vae(VaeRun(folder, tmp_path / "net.onnx", replace(SMALL, model=1), SCHEDULE, threads=1))
+    run_vae(
+        VaeRun(data=folder, out=tmp_path / "net.onnx", config=replace(SMALL, model=1), schedule=SCHEDULE, threads=1)
+    )
     model, (network, card) = load_body_vae(tmp_path / "net.onnx"), read_vae(tmp_path / "net.pt")
     assert model.card["validation"] == {"position_cm": card["validation_position_cm"]}
     assert model.latent == network.config.latent
 
 
 def test_a_sweep_keeps_what_is_there(folder: Path, tmp_path: Path) -> None:
-    run = VaeRun(folder, tmp_path / "sweep", SMALL, replace(SCHEDULE, steps=2), threads=1)
+    run = VaeRun(data=folder, out=tmp_path / "sweep", config=SMALL, schedule=replace(SCHEDULE, steps=2), threads=1)
     run_sweep(run, sweep_configs(SMALL, "one")[:2])
     first = (tmp_path / "sweep" / f"{sweep_name(replace(SMALL, model=0))}.pt").read_bytes()
     run_sweep(run, sweep_configs(SMALL, "one"))
@@ -191,7 +194,7 @@ def test_a_sweep_keeps_what_is_there(folder: Path, tmp_path: Path) -> None:
 
 
 def test_a_network_of_other_data_is_not_kept(folder: Path, tmp_path: Path) -> None:
-    run = VaeRun(folder, tmp_path / "net.pt", replace(SMALL, model=1), SCHEDULE, threads=1)
+    run = VaeRun(data=folder, out=tmp_path / "net.pt", config=replace(SMALL, model=1), schedule=SCHEDULE, threads=1)
     run_vae(run)
     listing = tmp_path / "split.txt"
     listing.write_text("".join(f"{path.relative_to(folder).as_posix()} train\n" for path in folder.rglob("*.bvh")))
@@ -214,7 +217,14 @@ def test_a_network_of_another_decoder_is_not_kept(folder: Path, tmp_path: Path) 
     for seed, path in enumerate((first, second)):
         torch.manual_seed(seed)
         write_vae(BodyVae(replace(SMALL, model=0)), path, {})
-    run = VaeRun(folder, tmp_path / "net.pt", replace(SMALL, model=3), SCHEDULE, decoder=first, threads=1)
+    run = VaeRun(
+        data=folder,
+        out=tmp_path / "net.pt",
+        config=replace(SMALL, model=3),
+        schedule=SCHEDULE,
+        decoder=first,
+        threads=1,
+    )
     run_vae(run)
     other = r"another configuration \(source.decoder: [0-9a-f]{12} → [0-9a-f]{12}\)"
     with pytest.raises(BodysenseError, match=rf"net\.pt is of {other}"):
@@ -225,7 +235,7 @@ def test_a_network_of_another_decoder_is_not_kept(folder: Path, tmp_path: Path) 
 
 
 def test_a_sweep_looks_at_decoder_and_data(folder: Path, tmp_path: Path) -> None:
-    run = VaeRun(folder, tmp_path / "sweep", SMALL, replace(SCHEDULE, steps=2), threads=1)
+    run = VaeRun(data=folder, out=tmp_path / "sweep", config=SMALL, schedule=replace(SCHEDULE, steps=2), threads=1)
     configs = sweep_configs(SMALL, "one", (3,))
     run_sweep(run, configs)
     zero, three = (run.out / f"{sweep_name(config)}.pt" for config in configs)
@@ -249,11 +259,11 @@ def test_a_sweep_into_a_bad_place(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     configs = sweep_configs(SMALL, "one", ())
     for out in (tmp_path / "file", tmp_path / "file" / "below"):
-        run = VaeRun(folder, out, SMALL, SCHEDULE)
+        run = VaeRun(data=folder, out=out, config=SMALL, schedule=SCHEDULE)
         with pytest.raises(BodysenseError, match=rf"^{out}: no folder can be made there .*; choose another --out$"):
             run_sweep(run, configs)
     with pytest.raises(BodysenseError):
-        run_sweep(VaeRun(tmp_path / "gone", tmp_path / "sweep", SMALL, SCHEDULE), configs)
+        run_sweep(VaeRun(data=tmp_path / "gone", out=tmp_path / "sweep", config=SMALL, schedule=SCHEDULE), configs)
     assert not (tmp_path / "sweep").exists()
 
 
@@ -261,6 +271,15 @@ def test_a_published_list_holds_out_its_own(folder: Path, tmp_path: Path) -> Non
     listing = tmp_path / "split.txt"
     names = [path.relative_to(folder).as_posix() for path in sorted(folder.rglob("*.bvh"))]
     listing.write_text("".join(f"{name} train\n" for name in names))
-    run_vae(VaeRun(folder, tmp_path / "net.pt", replace(SMALL, model=1), SCHEDULE, split_file=listing, threads=1))
+    run_vae(
+        VaeRun(
+            data=folder,
+            out=tmp_path / "net.pt",
+            config=replace(SMALL, model=1),
+            schedule=SCHEDULE,
+            split_file=listing,
+            threads=1,
+        )
+    )
     card = read_vae(tmp_path / "net.pt")[1]
     assert card["validation_position_cm"] == card["within_position_cm"]

@@ -17,10 +17,9 @@ from bodysense.lab.pahmt.network import (
     ArmNetworkConfig,
     Attention,
     Convolutions,
-    Input,
-    Kind,
     read_arms,
 )
+from bodysense.lab.pahmt.options import Input, Kind
 from bodysense.lab.pahmt.task import Discriminator
 
 SMALL: dict[str, Any] = {

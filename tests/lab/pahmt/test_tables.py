@@ -18,7 +18,7 @@ from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.lab.chart import LinePanel
 from bodysense.lab.datasets import DataSet
-from bodysense.lab.pahmt.network import FINGERS
+from bodysense.lab.pahmt.options import FINGERS
 from bodysense.lab.pahmt.tables import arm_report, measures, rows_in, score_arms
 
 EVERY = tuple(range(len(ARM_JOINTS)))

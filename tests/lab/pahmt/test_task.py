@@ -20,6 +20,7 @@ from bodysense.lab.fit import Progress, fit
 from bodysense.lab.pahmt.export import mirrored, mirrored_rotations, write_arms_onnx
 from bodysense.lab.pahmt.features import Window, window_of
 from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig, read_arms
+from bodysense.lab.pahmt.options import ArmTableTraining, Studio
 from bodysense.lab.pahmt.rows import TABLE_1
 from bodysense.lab.pahmt.task import (
     ArmSchedule,
@@ -29,8 +30,8 @@ from bodysense.lab.pahmt.task import (
     batch_of,
     validate_arms,
 )
-from bodysense.lab.pahmt.train import ArmRun, row_run, run_table
-from bodysense.lab.pahmt.windows import ArmBatch, ArmRecordings, Studio, make_batch, read_arm_recordings
+from bodysense.lab.pahmt.train import row_run, run_table
+from bodysense.lab.pahmt.windows import ArmBatch, ArmRecordings, make_batch, read_arm_recordings
 from bodysense.occlusion.camera_view import FRONT, sample_cameras, view, view_points
 
 SMALL: dict[str, Any] = {
@@ -205,19 +206,25 @@ def folder(tmp_path: Path, waving_clip: Clip) -> Path:
 
 
 def test_the_table_is_trained_into_a_folder_once(folder: Path, tmp_path: Path) -> None:
-    run = ArmRun(folder, tmp_path / "table", ArmNetworkConfig(**SMALL), ArmSchedule(epochs=1, batch=8))
-    run_table(run, ("cnn-hands", "ahmt"))
+    run = ArmTableTraining(
+        data=folder,
+        out=tmp_path / "table",
+        config=ArmNetworkConfig(**SMALL),
+        schedule=ArmSchedule(epochs=1, batch=8),
+        networks=("cnn-hands", "ahmt"),
+    )
+    run_table(run)
     assert {path.name for path in (tmp_path / "table").glob("*.pt")} == {"cnn-hands.pt", "ahmt.pt"}
     assert row_run(run, "cnn-hands").config.input == "hands" and row_run(run, "pahmt").config.kind == "pahmt"
     log = (tmp_path / "table" / "ahmt.jsonl").read_text()
     assert set(json.loads(log.splitlines()[-1])["terms"]) == {"loss", "rotation", "smooth", "fk", "gan", "told"}
-    run_table(run, ("cnn-hands", "ahmt"))
+    run_table(run)
     assert (tmp_path / "table" / "ahmt.jsonl").read_text() == log
     other = replace(run, schedule=replace(run.schedule, epochs=2))
     with pytest.raises(BodysenseError, match=r"ahmt\.pt is of another configuration \(schedule\.epochs: 1 → 2\)"):
-        run_table(other, ("ahmt",))
+        run_table(replace(other, networks=("ahmt",)))
     with pytest.raises(BodysenseError, match="unknown network 'lstm'; valid are cnn-hands"):
-        run_table(run, ("lstm",))
+        run_table(replace(run, networks=("lstm",)))
 
 
 def test_the_table_has_every_row_of_the_paper() -> None:

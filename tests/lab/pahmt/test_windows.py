@@ -19,7 +19,7 @@ from bodysense.errors import BodysenseError
 from bodysense.lab.pahmt.windows import ArmRecordings, Studio, arm_positions, film, make_batch, read_arm_recordings
 from bodysense.occlusion.camera_view import FRONT, view_points
 
-PLAIN = Studio(cameras=FRONT, noise=None, mirrored=False, begun=0.0)
+PLAIN = Studio(cameras=FRONT, keypoints="perfect", mirrored=False, begun=0.0)
 
 
 @pytest.fixture(scope="module")

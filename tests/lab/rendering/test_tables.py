@@ -19,7 +19,7 @@ from bodysense.errors import BodysenseError
 from bodysense.estimators.arms import ArmModel
 from bodysense.lab.rendering import tables as video_rendered
 from bodysense.lab.rendering.tables import VideoTable, completed, score_videos, video_report, watch
-from bodysense.lab.rendering.take import Take, film, plan_takes, write_take
+from bodysense.lab.rendering.take import RenderedTake, film, plan_takes, write_take
 from bodysense.occlusion.camera_view import view, view_points
 
 FACE = {"nose": (0.0, 0.04, 0.13), "left_ear": (0.07, 0.06, 0.0), "right_ear": (-0.07, 0.06, 0.0)}  # m, from the head
@@ -42,11 +42,11 @@ MODEL = ArmModel(Still())  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
-def take(waving_clip: Clip) -> Take:
+def take(waving_clip: Clip) -> RenderedTake:
     return plan_takes(waving_clip, 1, 0.5, np.random.default_rng(2))[0][0]
 
 
-def perfect(take: Take) -> PersonLandmarks:
+def perfect(take: RenderedTake) -> PersonLandmarks:
     """Landmarks without any error."""
     position, rotation = (np.asarray(values) for values in forward_kinematics(take.pose))
     skeleton, frames = take.pose.skeleton, len(take.time)
@@ -75,7 +75,7 @@ def perfect(take: Take) -> PersonLandmarks:
     )
 
 
-def test_perfect_landmarks_give_fingers_but_not_twist(take: Take, completion: CompletionModel) -> None:
+def test_perfect_landmarks_give_fingers_but_not_twist(take: RenderedTake, completion: CompletionModel) -> None:
     table = VideoTable()
     person = perfect(take)
     said, bones = completed(take, person, MODEL, completion)
@@ -101,7 +101,7 @@ def test_perfect_landmarks_give_fingers_but_not_twist(take: Take, completion: Co
         assert numbers[f"network_true_{measure}"] == pytest.approx(values.mean(), rel=1e-5)
 
 
-def test_what_was_not_found_is_counted(take: Take) -> None:
+def test_what_was_not_found_is_counted(take: RenderedTake) -> None:
     table, person = VideoTable(), perfect(take)
     half = np.arange(len(person)) < len(person) // 2
     person = replace(person, has_body=half, has_hand=person.has_hand & half[:, None])
@@ -114,7 +114,7 @@ def test_what_was_not_found_is_counted(take: Take) -> None:
     assert "network_arms_deg" not in numbers and "detection_rate" not in numbers
 
 
-def test_the_report_says_what_holds(take: Take) -> None:
+def test_the_report_says_what_holds(take: RenderedTake) -> None:
     table, truth, rest = VideoTable(), arms_from_torso(take.pose), np.zeros((len(take.time), len(ARM_JOINTS), 4))
     rest[..., 0] = 1
     methods = {"network": truth, "landmarks_ik": rest, "network_true": truth, "positions_ik": rest}
@@ -128,7 +128,7 @@ def test_the_report_says_what_holds(take: Take) -> None:
 
 
 def test_a_video_that_does_not_fit_its_truth_is_refused(
-    take: Take, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    take: RenderedTake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_take(tmp_path / "take.npz", take)
     monkeypatch.setattr(video_rendered, "watch", lambda path, files: perfect(take)[:10])

@@ -17,7 +17,7 @@ from bodysense.lab.datasets import Census
 from bodysense.lab.two_hands.occlusion import (
     PUBLISHED_AT_ONCE,
     SETTINGS,
-    Hiding,
+    MarkerHiding,
     count_clips,
     count_hidden,
     numbers_of,
@@ -83,7 +83,7 @@ def test_clips_are_counted_by_category_and_those_without_fingers_left_out(waving
 def test_published_shares_are_of_frames_with_one_to_four_hidden() -> None:
     """The paper's network is trained with them: they make up the whole."""
     assert sum(PUBLISHED_AT_ONCE) == pytest.approx(1.0)
-    hiding = Hiding(np.array([5.0, 7.0, 1.7, 0.8, 0.5, 9, 0, 0, 0, 0]), np.array([0.1, 0.2, 0.5]))
+    hiding = MarkerHiding(np.array([5.0, 7.0, 1.7, 0.8, 0.5, 9, 0, 0, 0, 0]), np.array([0.1, 0.2, 0.5]))
     report = occlusion_report({"main": dict.fromkeys(SETTINGS, hiding)}, RING, None, Census())
     rows = {row[1]: row for row in report.rows}
     for n, published in enumerate(PUBLISHED_AT_ONCE, start=1):

@@ -22,7 +22,7 @@ from bodysense.lab.synthesis.pairs import synthesize_pair
 from bodysense.lab.two_hands.comparison import compare_memory, compare_two_hands
 from bodysense.lab.two_hands.export import write_glove_network
 from bodysense.lab.two_hands.network import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig
-from bodysense.lab.two_hands.scores import ALONE, GloveTable, Task, measure_fingers, measure_markers
+from bodysense.lab.two_hands.scores import ALONE, GloveTable, HandTask, measure_fingers, measure_markers
 from bodysense.lab.two_hands.tables import finger_report, marker_report, published_ratio
 from bodysense.lab.two_hands.trials import (
     BEFORE,
@@ -126,7 +126,7 @@ def test_nothing_is_missed_of_fingers_by_a_network_that_knows_them(motion: HandM
 
 @pytest.mark.slow
 def test_reports_hold_the_figures_and_the_published_ones(networks: Path, motion: HandMotion) -> None:
-    task = Task([motion], "main")
+    task = HandTask([motion], "main")
     markers, joints = networks / "glove_markers.onnx", networks / "glove_joints.onnx"
     table = GloveTable(measure_markers(task, markers, stride=60), Census(), None, 1)
     report = marker_report(table)

@@ -44,9 +44,10 @@ from bodysense.lab.two_hands.network import (
     MarkerNetwork,
     MarkerNetworkConfig,
 )
+from bodysense.lab.two_hands.options import GloveTraining
 from bodysense.lab.two_hands.task import GloveSchedule, Lesson, train_glove
 from bodysense.lab.two_hands.told import EXACT, UNTOLD, draw_told
-from bodysense.lab.two_hands.train import GloveRun, run_gloves
+from bodysense.lab.two_hands.train import run_gloves
 
 SMALL = GloveSchedule(steps=60, batch=64, learning_rate=4e-3, check_every=30, warm_up=5, average_decay=0.8)
 
@@ -294,7 +295,7 @@ def test_the_file_answers_as_the_network_for_any_number_of_hands(
 
 @pytest.mark.slow
 def test_a_run_without_data_writes_both_networks(tmp_path: Path) -> None:
-    run = GloveRun(("markers", "joints"), None, tmp_path / "out", "shipped", 2, 0.1, 0.1, 1, 1, "none", "")
+    run = GloveTraining(out=tmp_path / "out", steps=2, hand_minutes=0.1, pair_minutes=0.1, threads=1)
     run_gloves(run)
     for name in ("glove_markers", "glove_joints"):
         session = onnxruntime.InferenceSession(str(tmp_path / "out" / f"{name}.onnx"))
@@ -304,13 +305,13 @@ def test_a_run_without_data_writes_both_networks(tmp_path: Path) -> None:
 
 
 def test_a_run_that_cannot_be_is_refused(tmp_path: Path) -> None:
-    good = GloveRun(("markers",), None, tmp_path, "shipped", 2, 0.1, 0.1, 1, 1, "none", "")
+    good = GloveTraining(out=tmp_path, network="markers", steps=2, hand_minutes=0.1, pair_minutes=0.1, threads=1)
     with pytest.raises(BodysenseError, match="--steps 0"):
         replace(good, steps=0)
     with pytest.raises(BodysenseError, match="--hand-minutes -1"):
         replace(good, hand_minutes=-1.0)
     with pytest.raises(BodysenseError, match="the paper has no such network"):
-        replace(good, networks=("recurrent",), form="paper")
+        replace(good, network="recurrent", form="paper")
 
 
 def default_hand() -> Skeleton:

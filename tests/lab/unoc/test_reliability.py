@@ -15,7 +15,7 @@ from bodysense.lab.datasets import DataSet
 from bodysense.lab.scoring import scored_points
 from bodysense.lab.unoc.learned import Learned, load_model
 from bodysense.lab.unoc.reliability import (
-    Pairs,
+    ErrorPairs,
     measure_reliability,
     pairs_of_clip,
     reliability_of,
@@ -29,7 +29,7 @@ def test_bins_and_correlations(count: int) -> None:
     rng = np.random.default_rng(count)
     expected = np.round(rng.gamma(2.0, size=count), 1)  # with ties
     error = expected * rng.gamma(2.0, size=count)
-    found = reliability_of(Pairs(expected, error))
+    found = reliability_of(ErrorPairs(expected, error))
     assert [one.count for one in found.bins] == sorted((one.count for one in found.bins), reverse=True)
     assert max(one.count for one in found.bins) - min(one.count for one in found.bins) <= 1
     assert sum(one.count for one in found.bins) == count and len(found.bins) == 10
@@ -41,9 +41,9 @@ def test_bins_and_correlations(count: int) -> None:
 
 
 def test_few_and_equal_values() -> None:
-    three = reliability_of(Pairs(np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 3.0])))
+    three = reliability_of(ErrorPairs(np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 3.0])))
     assert len(three.bins) == 3 and three.correlation == pytest.approx(1.0)
-    assert np.isnan(reliability_of(Pairs(np.ones(5), np.arange(5.0))).correlation)
+    assert np.isnan(reliability_of(ErrorPairs(np.ones(5), np.arange(5.0))).correlation)
 
 
 def test_pairs_are_of_hidden_points(waving_clip: Clip, small_network: Path) -> None:

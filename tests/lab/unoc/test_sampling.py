@@ -9,7 +9,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bodysense.lab.unoc.episodes import Batch, Episode, collate, lanes, windows
+from bodysense.lab.unoc.episodes import Episode, EpisodeBatch, collate, lanes, windows
 
 LENGTHS = st.lists(st.integers(2, 30), min_size=1, max_size=5)
 
@@ -30,7 +30,7 @@ def episodes(lengths: list[int]) -> list[Episode]:
     ]
 
 
-def frames_of(batch: Batch, row: int) -> tuple[int, list[int]]:
+def frames_of(batch: EpisodeBatch, row: int) -> tuple[int, list[int]]:
     """Which clip and which frames a row holds; never of two clips."""
     clip = set(batch.features[row, :, 0].tolist()) | set(batch.known[row].flatten().tolist())
     assert len(clip) == 1

@@ -17,7 +17,7 @@ from lightning_fabric import Fabric
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.lab.fit import Progress, fit, moving_average
-from bodysense.lab.unoc.episodes import Batch, Episode, Variation, make_episode
+from bodysense.lab.unoc.episodes import Episode, EpisodeBatch, Variation, make_episode
 from bodysense.lab.unoc.network import PAPER, BodyNetwork, BodyNetworkConfig
 from bodysense.lab.unoc.task import BodySchedule, BodyTask, make_batches, step_count, validate
 
@@ -74,7 +74,7 @@ def test_the_state_is_carried_until_a_clip_ends(
         return read(features, memory)
 
     def watched(
-        self: BodyTask, batch: Batch, memory: torch.Tensor | None
+        self: BodyTask, batch: EpisodeBatch, memory: torch.Tensor | None
     ) -> tuple[dict[str, torch.Tensor], torch.Tensor | None]:
         terms, after = loss(self, batch, memory)
         assert after is not None

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from bodysense.lab.rendering.scene import Scene
-    from bodysense.lab.rendering.take import Take
+    from bodysense.lab.rendering.take import RenderedTake
 
 Split = Literal["train", "val", "test", "all"]
 
@@ -80,7 +80,7 @@ def render(
 
 def _planned(
     motion: Path, videos: int, seconds: float, split: Split, rng: np.random.Generator, reading: ReadingOptions
-) -> list[tuple[Take, Scene]]:
+) -> list[tuple[RenderedTake, Scene]]:
     """Takes of recorded motion."""
     from rich.progress import track
 
@@ -98,7 +98,7 @@ def _planned(
             f"{motion}: no clip of {min(2.0, seconds):g} s or more with fingers; a rendered set needs them"
         )
     each = -(-videos // len(fingered))
-    planned: list[tuple[Take, Scene]] = []
+    planned: list[tuple[RenderedTake, Scene]] = []
     for number in rng.permutation(len(fingered)):
         planned += plan_takes(fingered[number], min(each, videos - len(planned)), seconds, rng, len(planned))
         if len(planned) == videos:

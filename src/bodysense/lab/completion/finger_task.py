@@ -28,7 +28,8 @@ from bodysense.lab.completion.fingers import (
     FingerNetwork,
     FingerSignal,
 )
-from bodysense.lab.fit import Schedule, Task, played
+from bodysense.lab.fit import Task, played
+from bodysense.lab.options import Schedule
 
 _CARRIED_BY = [1 + above for above in PARENT_PLACES]  # among [wrist, joints]
 _PATH = torch.tensor(default_skeleton().path[np.ix_(HAND_POINTS[0], HAND_POINTS[0])], dtype=torch.float32)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodysense.body.skeleton import BODY
-from bodysense.lab.completion.scenes import Scene, person_of, stacked
+from bodysense.lab.completion.scenes import TrackedScene, person_of, stacked
 from bodysense.lab.completion.tracking import TrackBatch
 from bodysense.lab.metrics import joint_error
 from bodysense.occlusion.sensors import Edge, SensorSet
@@ -32,7 +32,7 @@ class EdgeScore:
 
 
 def score_lattice(
-    scenes: Sequence[Scene], edges: Sequence[Edge], track: TrackBatch, advance: Callable[[], None] = lambda: None
+    scenes: Sequence[TrackedScene], edges: Sequence[Edge], track: TrackBatch, advance: Callable[[], None] = lambda: None
 ) -> list[EdgeScore]:
     """Score edges on scenes whose proportions are told; `advance` is called after each edge."""
     known: dict[SensorSet, float] = {}
@@ -49,7 +49,7 @@ def score_lattice(
     return scores
 
 
-def choose_scenes(scenes: Sequence[Scene]) -> list[Scene]:
+def choose_scenes(scenes: Sequence[TrackedScene]) -> list[TrackedScene]:
     """The beginnings of some main scenes, spread evenly over all that last long enough, or over all if none does."""
     main = [scene for scene in scenes if scene.group == "main"] or list(scenes)
     long = [scene for scene in main if len(scene) >= FRAMES] or main
@@ -57,7 +57,7 @@ def choose_scenes(scenes: Sequence[Scene]) -> list[Scene]:
     return [long[place].beginning(FRAMES) for place in places]
 
 
-def _mean_error(scenes: Sequence[Scene], sensors: SensorSet, track: TrackBatch) -> float:
+def _mean_error(scenes: Sequence[TrackedScene], sensors: SensorSet, track: TrackBatch) -> float:
     """MPJPE from the head, cm, mean over the scenes."""
     people = [person_of("stranger", scene.skeleton) for scene in scenes]
     tracked = track(people, stacked([scene.observe(sensors) for scene in scenes]))

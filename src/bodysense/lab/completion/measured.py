@@ -49,7 +49,7 @@ class Directions(NamedTuple):
         return bone, bone + self.trust * (self.apart - bone)
 
 
-class Measured(NamedTuple):
+class MeasuredParts(NamedTuple):
     """What measured points say."""
 
     body: Directions  # of the 22 joints
@@ -133,7 +133,7 @@ class MeasuredDirections(nn.Module):
         ):
             self.register_buffer(name, values, persistent=False)
 
-    def forward(self, near: Tensor, rest: Tensor, accuracy: Tensor) -> Measured:
+    def forward(self, near: Tensor, rest: Tensor, accuracy: Tensor) -> MeasuredParts:
         """What points (B, 1, 65, 3) with `accuracy` (B, 65), m, say, for rest offsets (B, 3, 65, 3) as `spread`."""
         rest = rest.index_select(2, self.child)
         square = (rest * rest).sum(dim=1, keepdim=True)
@@ -144,4 +144,4 @@ class MeasuredDirections(nn.Module):
         *apart, from_wrist = (self.apart @ near).split([JOINTS, fingers, self.apart.shape[0] - JOINT_COUNT], dim=2)
         parts = zip(apart, trust.split([JOINTS, fingers], dim=2), rest.split([JOINTS, fingers], dim=2), strict=True)
         body, hands = (Directions(*part) for part in parts)
-        return Measured(body, hands, from_wrist)
+        return MeasuredParts(body, hands, from_wrist)

@@ -13,7 +13,7 @@ import numpy as np
 
 from bodysense.body.skeleton import BODY, LOWER_BODY, Skeleton
 from bodysense.lab.completion.calibration import Calibration
-from bodysense.lab.completion.scenes import Scene
+from bodysense.lab.completion.scenes import TrackedScene
 from bodysense.lab.completion.tracking import TrackedBatch
 from bodysense.lab.metrics import (
     floor_penetration,
@@ -61,7 +61,7 @@ class Averages:
         return math.sqrt(self.get(name))
 
 
-def measure(scene: Scene, tracked: TrackedBatch) -> Averages:
+def measure(scene: TrackedScene, tracked: TrackedBatch) -> Averages:
     """Every measure of a scene's frames but those of hidden joints."""
     averages, skeleton, frames = Averages(), scene.skeleton, len(scene)
     head, body = skeleton.index("head"), skeleton.indices(BODY)
@@ -105,7 +105,7 @@ def count_jumps(position: np.ndarray, truth: np.ndarray, order: int = 1) -> int:
     return int((way - own > JUMP).any(axis=-1).sum())
 
 
-def measure_hidden(position: np.ndarray, scene: Scene) -> Averages:
+def measure_hidden(position: np.ndarray, scene: TrackedScene) -> Averages:
     """Errors, in the world, of positions (T, P, 3) m of the joints that UNOC tests, where cameras do not see them."""
     averages, tested = Averages(), scored_points(scene.skeleton)
     hidden = ~scene.visible[:, tested]
@@ -116,7 +116,7 @@ def measure_hidden(position: np.ndarray, scene: Scene) -> Averages:
     return averages
 
 
-def measure_confidence(scene: Scene, seen: Observation, tracked: TrackedBatch) -> dict[str, Calibration]:
+def measure_confidence(scene: TrackedScene, seen: Observation, tracked: TrackedBatch) -> dict[str, Calibration]:
     """By region: expected and true errors, in the world, of joints that are not tracked; `seen` is (T, P)."""
     known = observed_points(seen, scene.skeleton)[2]
     error = joint_error(tracked.position, scene.placed[0]) / 100

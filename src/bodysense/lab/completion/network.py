@@ -45,7 +45,7 @@ class CompletionConfig:
     dropout: float = 0.15  # of what the recurrent layers give, while training
 
 
-class Signal(NamedTuple):
+class TrackedSignal(NamedTuple):
     """What was tracked in T frames of B sequences, and what is known of the wearers. Absent values are finite."""
 
     position: Tensor  # (B, T, 27, 3) m, world
@@ -111,7 +111,7 @@ class CompletionNetwork(nn.Module):
     from_head: Tensor
     bone_parents: Tensor
 
-    def read(self, signal: Signal) -> Tensor:
+    def read(self, signal: TrackedSignal) -> Tensor:
         """Features (B, T, F) of a signal."""
         features = self.reader(reading_of(signal))[:, : self.features]
         return features.unflatten(0, signal.interval.shape)
@@ -139,7 +139,7 @@ class CompletionNetwork(nn.Module):
         return self.from_head @ bones[..., 0]
 
 
-def reading_of(signal: Signal) -> Reading:
+def reading_of(signal: TrackedSignal) -> Reading:
     """What the features are made of, frame by frame."""
     frames = signal.interval.shape
     placed = signal.position - signal.origin[..., None, :]

@@ -17,7 +17,7 @@ from bodysense.lab.completion.export import write_completion
 from bodysense.lab.completion.fingers import FingerNetwork
 from bodysense.lab.completion.graph import CompletionStep
 from bodysense.lab.completion.network import CompletionNetwork
-from bodysense.lab.completion.scenes import Scene, Truth, batches, scene_of
+from bodysense.lab.completion.scenes import TrackedScene, Truth, batches, scene_of
 from bodysense.lab.completion.task import WORN
 from bodysense.lab.completion.uncertainty import QUANTILE, fit_error_map, sample_errors
 
@@ -48,7 +48,7 @@ def _write(
     write_completion(CompletionStep(body, fingers, mean, bound), out, {**configured, **card})
 
 
-def _judged_scenes(data: Path) -> dict[Truth, list[list[Scene]]]:
+def _judged_scenes(data: Path) -> dict[Truth, list[list[TrackedScene]]]:
     """Batches of scenes of what wearers do, on their own bodies and on strangers'.
 
     Of people that were watched all clips, and of people that were learned from a few each: the former are few, and how
@@ -56,7 +56,7 @@ def _judged_scenes(data: Path) -> dict[Truth, list[list[Scene]]]:
     """
     truths: tuple[Truth, ...] = ("own", "stranger")
     splits: tuple[Split, ...] = ("train", "val")
-    scenes: dict[Truth, list[list[Scene]]] = {truth: [] for truth in truths}
+    scenes: dict[Truth, list[list[TrackedScene]]] = {truth: [] for truth in truths}
     for split in splits:
         clips = [_piece(clip) for clip in open_clips(data, split) if clip.category in WORN]
         if split == "train":

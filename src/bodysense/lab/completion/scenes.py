@@ -34,7 +34,7 @@ _MOST_CLIPS, _MOST_FRAMES = 32, 24_000  # of a batch, padding included
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class TrackedScene:
     """A clip on one body, at `RATE`: the truth."""
 
     name: str
@@ -71,16 +71,16 @@ class Scene:
         visible = self.visible if sensors.camera else None
         return observe_points(self.skeleton, *self.placed, self.time, sensors, visible)
 
-    def beginning(self, frames: int) -> Scene:
+    def beginning(self, frames: int) -> TrackedScene:
         """The first frames of the scene."""
         return replace(self, pose=self.pose[:frames])
 
 
-def scene_of(clip: Clip, truth: Truth, split: Split | Literal["all"]) -> Scene:
+def scene_of(clip: Clip, truth: Truth, split: Split | Literal["all"]) -> TrackedScene:
     """A clip at `RATE`, on its own body or on the stranger of its name."""
     clip = resample(clip, RATE)
     pose = clip.pose if truth == "own" else retargeted(clip.pose, stranger_of(clip, split))
-    return Scene(f"{clip.person}/{clip.name}", group_of(clip), pose, clip.person)
+    return TrackedScene(f"{clip.person}/{clip.name}", group_of(clip), pose, clip.person)
 
 
 def stranger_of(clip: Clip, split: Split | Literal["all"]) -> Skeleton:

@@ -11,7 +11,7 @@ from bodysense.lab.completion.baselines import MeanBody
 from bodysense.lab.completion.calibration import Calibration
 from bodysense.lab.completion.lattice import EdgeScore, choose_scenes, score_lattice
 from bodysense.lab.completion.measures import Averages, measure, measure_confidence, measure_hidden, motion_measures
-from bodysense.lab.completion.scenes import TRUTH_OF, Scene, Truth, batches, person_of, scene_of, stacked
+from bodysense.lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of, stacked
 from bodysense.lab.completion.tables import CompletionSettings, CompletionTable
 from bodysense.lab.completion.tracking import StepTimes, TrackBatch, step_times, track_batch
 from bodysense.lab.scoring import last_known
@@ -89,7 +89,7 @@ def _score_batch(
     return table
 
 
-def _score_edges(edges: Sequence[Edge], scenes: Sequence[Scene], track: TrackBatch) -> list[EdgeScore]:
+def _score_edges(edges: Sequence[Edge], scenes: Sequence[TrackedScene], track: TrackBatch) -> list[EdgeScore]:
     return score_lattice(scenes, edges, track)
 
 
@@ -98,7 +98,7 @@ def work_of(count: int, settings: CompletionSettings) -> int:
     return count * len(settings.sets) * len(settings.bodies) + settings.edges
 
 
-def _score_truth(table: CompletionTable, scenes: Sequence[Scene], truth: Truth) -> None:
+def _score_truth(table: CompletionTable, scenes: Sequence[TrackedScene], truth: Truth) -> None:
     for scene in scenes:
         position = scene.placed[0]
         averages = table.truths.setdefault((truth, scene.group), Averages())
@@ -107,7 +107,7 @@ def _score_truth(table: CompletionTable, scenes: Sequence[Scene], truth: Truth) 
 
 def _score_set(
     table: CompletionTable,
-    scenes: Sequence[Scene],
+    scenes: Sequence[TrackedScene],
     truth: Truth,
     sensors: str,
     mean_body: MeanBody | None,
@@ -137,7 +137,7 @@ def _score_set(
 
 
 def _score_baselines(
-    table: CompletionTable, scene: Scene, seen: Observation, truth: Truth, mean_body: MeanBody | None
+    table: CompletionTable, scene: TrackedScene, seen: Observation, truth: Truth, mean_body: MeanBody | None
 ) -> None:
     """Errors of hidden joints of what knows nothing of this wearer's motion."""
     methods = last_known(seen, scene.skeleton)

@@ -20,13 +20,14 @@ from bodysense.lab.completion.network import (
     CompletionConfig,
     CompletionNetwork,
     Prediction,
-    Signal,
+    TrackedSignal,
     orthonormal,
     turn_about_up,
 )
 from bodysense.lab.completion.points import CONTACT, HEAD, JOINTS, SPIN_PLACES
 from bodysense.lab.completion.sequences import Sequence, draw_sequence
-from bodysense.lab.fit import Schedule, Task, played
+from bodysense.lab.fit import Task, played
+from bodysense.lab.options import Schedule
 
 WORN = ("sit", "talk_gesture", "everyday", "locomotion")  # what wearers of a headset do
 _FEET = [BODY.index(name) for name in CONTACT]
@@ -57,10 +58,10 @@ class CompletionTaskConfig:
     losses: Losses = field(default_factory=Losses)
 
 
-class Batch(NamedTuple):
+class SequenceBatch(NamedTuple):
     """Frames of B sequences; `begins` marks those that start with this batch."""
 
-    signal: Signal
+    signal: TrackedSignal
     true_position: Tensor  # (B, T, 25, 3) m, world
     true_rotation: Tensor  # (B, T, 22, 3, 3) world ← joint
     contact: Tensor  # (B, T, 4)
@@ -76,13 +77,13 @@ class CompletionTask(Task):
     configuration: CompletionTaskConfig
     schedule: Schedule
     corpus: Corpus
-    validation: dict[str, list[Batch]]
+    validation: dict[str, list[SequenceBatch]]
 
     def identity(self) -> str:
         """What a checkpoint must agree on."""
         return identity(self.configuration, self.schedule)
 
-    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[Batch]:
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[SequenceBatch]:
         """Streams that play whole sequences, side by side; drawn by the length of their clips."""
         chunk = self.configuration.chunk
         weight = self.corpus.length / self.corpus.rate * np.where(np.isin(self.corpus.category, WORN), 1.0, 0.6)
@@ -94,7 +95,7 @@ class CompletionTask(Task):
         for pieces, begins in played(draw, self.configuration.streams, chunk):
             yield collate(pieces, chunk, begins)
 
-    def loss(self, batch: Batch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:
+    def loss(self, batch: SequenceBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:
         """Losses of a chunk, with the memory carried over where no sequence begins."""
         before = self.network.begin(len(batch.begins)) if memory is None else memory
         before = torch.where(batch.begins[None, :, None], 0.0, before.detach().float())
@@ -125,7 +126,7 @@ class CompletionTask(Task):
         return {"score": score, **figures}
 
 
-def _answer(network: CompletionNetwork, prediction: Prediction, batch: Batch) -> tuple[Tensor, Tensor]:
+def _answer(network: CompletionNetwork, prediction: Prediction, batch: SequenceBatch) -> tuple[Tensor, Tensor]:
     """Rotations in the frame under the head, measured ones in their place, and positions from the head."""
     signal = batch.signal
     measured = signal.turn.mT[..., None, :, :] @ signal.rotation
@@ -133,7 +134,7 @@ def _answer(network: CompletionNetwork, prediction: Prediction, batch: Batch) ->
     return rotation, network.places(rotation, signal.rest_offset / signal.size[:, None, None])
 
 
-def _missed(network: CompletionNetwork, prediction: Prediction, batch: Batch) -> tuple[Tensor, Tensor]:
+def _missed(network: CompletionNetwork, prediction: Prediction, batch: SequenceBatch) -> tuple[Tensor, Tensor]:
     """Errors of positions from the head (B, T, 25, 3), and of rotations (B, T, 22)."""
     rotation, position = _answer(network, prediction, batch)
     truth = batch.true_position - batch.true_position[..., HEAD : HEAD + 1, :]
@@ -142,7 +143,9 @@ def _missed(network: CompletionNetwork, prediction: Prediction, batch: Batch) ->
     return position - truth, (rotation - wanted).abs().mean(dim=(-2, -1))
 
 
-def losses(network: CompletionNetwork, prediction: Prediction, batch: Batch, weights: Losses) -> dict[str, Tensor]:
+def losses(
+    network: CompletionNetwork, prediction: Prediction, batch: SequenceBatch, weights: Losses
+) -> dict[str, Tensor]:
     """The sum, 'loss', and its weighted terms."""
     signal = batch.signal
     size = signal.size[:, None, None, None]
@@ -191,7 +194,7 @@ def _length(vector: Tensor) -> Tensor:
     return torch.sqrt((vector * vector).sum(dim=-1) + 1e-10)
 
 
-def collate(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) -> Batch:
+def collate(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) -> SequenceBatch:
     """Cut `chunk` frames from each sequence at its start; past the end the last frame repeats, not valid."""
     rows = [np.minimum(np.arange(start, start + chunk), len(one) - 1) for one, start in pieces]
     earlier = [np.maximum(row - 1, 0) for row in rows]
@@ -210,7 +213,7 @@ def collate(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) 
     has_before = torch.ones(len(pieces), chunk, 1, dtype=torch.bool)
     has_before[first, 0] = False
     spinning = quaternion_to_matrix(stack("rotation", earlier)[..., SPIN_PLACES, :])
-    signal = Signal(
+    signal = TrackedSignal(
         position=stack("position"),
         rotation=quaternion_to_matrix(stack("rotation")),
         has_position=stack("has_position"),
@@ -229,7 +232,7 @@ def collate(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) 
         certainty=each("certainty"),
         size=each("size"),
     )
-    return Batch(
+    return SequenceBatch(
         signal=signal,
         true_position=stack("true_position"),
         true_rotation=quaternion_to_matrix(stack("true_rotation")),

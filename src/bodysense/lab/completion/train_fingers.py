@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from bodysense.errors import BodysenseError
 from bodysense.lab.checkpoint import best_weights, checkpoint_identity
@@ -16,32 +15,23 @@ from bodysense.lab.completion.finger_task import FingerTask, FingerTaskConfig
 from bodysense.lab.completion.finger_validation import finger_validation
 from bodysense.lab.completion.fingers import FingerConfig, FingerNetwork
 from bodysense.lab.completion.generated_fingers import generate_fingers, read_fingers, write_fingers
-from bodysense.lab.fit import Schedule, fit
+from bodysense.lab.completion.options import FingerTraining
+from bodysense.lab.fit import begin, fit
 
 
-@dataclass(frozen=True)
-class FingerTraining:
-    """Train the finger network."""
-
-    data: Path  # folder of motion with splits (docs/data.md)
-    run: Path  # folder of the motion as it was read
-    checkpoint: Path  # training resumes from it
-    schedule: Schedule = Schedule(steps=2000, learning_rate=2e-3, weight_decay=0.1, check_every=500)
-    task: FingerTaskConfig = field(default_factory=FingerTaskConfig)
-    threads: int = 1  # PyTorch threads
-
-
-def train_fingers(options: FingerTraining) -> FingerNetwork:
+def train_fingers(options: FingerTraining, task: FingerTaskConfig = FingerTaskConfig()) -> FingerNetwork:
     """Train, or resume, and return the network with the weights that did best on validation clips."""
-    torch.set_num_threads(options.threads)
-    torch.manual_seed(options.schedule.seed)
-    train, val = (read_corpus(options.data, split, options.run / f"{split}.npz") for split in ("train", "val"))
-    if options.task.left_out:
-        train, val = (without(corpus, options.task.left_out) for corpus in (train, val))
-    generated = _generated(options) if options.task.generated_hours else None
-    network = FingerNetwork(options.task.network)
-    task = FingerTask(network, options.task, options.schedule, train, finger_validation(val, train), generated)
-    fit(task, options.checkpoint)
+    begin(options.schedule.seed, options.threads)
+    train, val = (read_corpus(options.data, split, options.folder / f"{split}.npz") for split in ("train", "val"))
+    if options.leave_out:
+        train, val = (without(corpus, options.leave_out) for corpus in (train, val))
+    generated = _generated(options) if options.generated_hours else None
+    network = FingerNetwork(task.network)
+    task = replace(task, generated_hours=options.generated_hours, left_out=options.leave_out)
+    fit(
+        FingerTask(network, task, options.schedule, train, finger_validation(val, train), generated),
+        options.out,
+    )
     return network
 
 
@@ -56,8 +46,8 @@ def without(corpus: Corpus, person: str) -> Corpus:
 
 def _generated(options: FingerTraining) -> np.ndarray:
     """Generated fingers, kept in the folder of the run."""
-    hours, seed = options.task.generated_hours, options.schedule.seed
-    kept = options.run / f"fingers-{hours:g}h-{seed}.npz"
+    hours, seed = options.generated_hours, options.schedule.seed
+    kept = options.folder / f"fingers-{hours:g}h-{seed}.npz"
     if not kept.is_file():
         write_fingers(kept, generate_fingers(hours, seed))
     return read_fingers(kept)

@@ -21,7 +21,7 @@ from bodysense.body.skeleton import BODY
 from bodysense.completion.model import CompletionModel
 from bodysense.lab.completion.error_map import CERTAINTY_SCALE, LOG_TRACKED, ErrorMap, unchanged_errors
 from bodysense.lab.completion.points import body_places
-from bodysense.lab.completion.scenes import BODIES, TRUTH_OF, Body, Scene, Truth, person_of, stacked
+from bodysense.lab.completion.scenes import BODIES, TRUTH_OF, Body, TrackedScene, Truth, person_of, stacked
 from bodysense.occlusion.sensors import SENSOR_SETS, TABLE_SETS, SensorSet, random_edges
 from bodysense.tracker import Tracker
 
@@ -41,14 +41,14 @@ class ErrorSamples:
 
 
 def sample_errors(
-    scenes: Mapping[Truth, Sequence[Sequence[Scene]]], model: CompletionModel, seed: int = 5
+    scenes: Mapping[Truth, Sequence[Sequence[TrackedScene]]], model: CompletionModel, seed: int = 5
 ) -> ErrorSamples:
     """Run a step whose expected errors are the network's own over batches of scenes, 'own' and 'stranger'."""
     rng = np.random.default_rng(seed)
     draws: list[tuple[SensorSet, Body]] = [(SENSOR_SETS[name], body) for name in TABLE_SETS for body in BODIES]
     for edge in random_edges(12, rng):
         draws.append((edge.more, BODIES[int(rng.integers(len(BODIES)))]))
-    jobs: list[tuple[SensorSet, Body, Sequence[Scene]]] = []
+    jobs: list[tuple[SensorSet, Body, Sequence[TrackedScene]]] = []
     for sensors, body in draws:
         for batch in scenes[TRUTH_OF[body]]:
             jobs.append((sensors, body, batch))
@@ -57,7 +57,7 @@ def sample_errors(
 
 
 def _sampled(
-    sensors: SensorSet, body: Body, batch: Sequence[Scene], model: CompletionModel
+    sensors: SensorSet, body: Body, batch: Sequence[TrackedScene], model: CompletionModel
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     seen = [scene.observe(sensors) for scene in batch]
     tracker = Tracker([person_of(body, scene.skeleton) for scene in batch], model)

@@ -10,7 +10,7 @@ from bodysense.lab.completion.corpus import Corpus
 from bodysense.lab.completion.points import INPUT_POINTS
 from bodysense.lab.completion.sensor_draws import DrawnSensors
 from bodysense.lab.completion.sequences import Body, Draw, Track, make_sequence
-from bodysense.lab.completion.task import WORN, Batch, collate
+from bodysense.lab.completion.task import WORN, SequenceBatch, collate
 
 SETS = ("three_point", "head", "six_point", "headset_camera")
 _HANDS = ("head", "left_wrist", "right_wrist")
@@ -23,12 +23,12 @@ _SENSORS = {
 _GROUP = 16  # sequences side by side
 
 
-def validation_batches(corpus: Corpus, stride: int) -> dict[str, list[Batch]]:
+def validation_batches(corpus: Corpus, stride: int) -> dict[str, list[SequenceBatch]]:
     """Whole clips of what wearers do, every `stride`-th, on their own body and on a stranger's; by set and body."""
     clips = [k for k in range(len(corpus)) if corpus.category[k] in WORN][::stride]
     clips.sort(key=lambda k: corpus.length[k] / corpus.rate[k])
     strangers = sample_bodies("validation", len(clips))
-    batches: dict[str, list[Batch]] = {}
+    batches: dict[str, list[SequenceBatch]] = {}
     for name in SETS:
         for whose in ("own", "stranger"):
             pieces = []

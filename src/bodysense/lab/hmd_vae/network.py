@@ -18,7 +18,6 @@ Where the origin is, and what that gives away, says `body_windows`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,54 +35,9 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.lab.hmd_vae.windows import Joints, Origin
+from bodysense.lab.hmd_vae.options import BodyVaeConfig
+from bodysense.lab.hmd_vae.windows import Joints
 from bodysense.lab.weights_file import read_weights_file, write_weights_file
-from bodysense.occlusion.three_point import POINTS
-
-MODELS = (0, 1, 2, 3, 4)
-
-
-@dataclass(frozen=True)
-class BodyVaeConfig:
-    """One of the paper's settings (sections 4 and 5)."""
-
-    model: int = 2  # 0: whole body; 1, 3: head and hands now; 2, 4: their history; 3, 4 with the decoder of 0, frozen
-    latent: int = 30  # d; the paper's sweep has 15, 30, 60
-    blocks: int = 3  # residual blocks of every part; the paper's sweep has 3, 6
-    beta: float = 0.01  # weight of the divergence (eq. 7)
-    samples: int = 1  # S (eq. 7)
-    position_deviation: float = 0.02  # s₁, m
-    angle_deviation: float = 0.1  # s₂, rad
-    width: int = 256
-    sequence_width: int = 128
-    length: int = 16  # L, frames of history at 30 Hz
-    origin: Origin = "head"
-
-    def __post_init__(self) -> None:
-        if self.model not in MODELS:
-            raise BodysenseError(f"model {self.model} does not exist; valid are 0, 1, 2, 3, 4")
-        if self.origin not in ("head", "pelvis"):
-            raise BodysenseError(f"origin {self.origin!r} does not exist; valid are head, pelvis")
-        for name in ("latent", "blocks", "samples", "width", "sequence_width", "length"):
-            if getattr(self, name) < 1:
-                raise BodysenseError(f"{name} is {getattr(self, name)}; give at least 1")
-        if not (self.beta >= 0 and self.position_deviation > 0 and self.angle_deviation > 0):
-            raise BodysenseError("beta must be 0 or more, and both deviations positive")
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        """The joints that the encoder sees."""
-        return BODY if self.model == 0 else POINTS
-
-    @property
-    def frames(self) -> int:
-        """How many frames the encoder sees."""
-        return self.length if self.model in (2, 4) else 1
-
-    @property
-    def pretrained(self) -> bool:
-        """Whether the decoder is that of a model 0."""
-        return self.model in (3, 4)
 
 
 class Decoded(NamedTuple):

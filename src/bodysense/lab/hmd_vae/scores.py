@@ -33,6 +33,7 @@ from bodysense.lab.hmd_vae.network import BodyVae, BodyVaeConfig, read_vae
 from bodysense.lab.hmd_vae.windows import make_batch
 from bodysense.lab.metrics import on_floor
 from bodysense.lab.scoring import Tally, group_named
+from bodysense.lab.table import Named
 from bodysense.lab.windows import Windows
 
 LEGS = tuple(name for name in BODY if name.partition("_")[2] in ("knee", "ankle", "foot"))
@@ -54,7 +55,15 @@ class Scored:
 
     def get(self, measure: str, group: str = "main") -> float:
         """A mean; NaN where nothing was counted."""
-        return self.tallies.get((group, measure), Tally()).mpjpe
+        return self.tally(measure, group).mpjpe
+
+    def tally(self, measure: str, group: str = "main") -> Tally:
+        """One cell; empty where nothing was counted."""
+        return self.tallies.get((group, measure), Tally())
+
+    def named(self, name: str, measure: str, group: str = "main") -> Named:
+        """A mean under a name, with its shares by person."""
+        return self.tally(measure, group).named(name)
 
 
 def vaes_in(folder: Path) -> dict[str, Path]:
@@ -102,7 +111,7 @@ def score_vae(name: str, path: Path, frames: BodyFrames, threads: int | None = N
         now = windows.frames()[:, -1]
         group = group_named(frames.category[clip])
         for measure, values in measures(position, local, frames.position[now], frames.rotation[now]).items():
-            tallies.setdefault((group, measure), Tally()).add(values)
+            tallies.setdefault((group, measure), Tally()).add(values, frames.person[clip])
     return Scored(name, network.config, card, tallies)
 
 

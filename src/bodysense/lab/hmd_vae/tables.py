@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from bodysense.lab.chart import BarPanel, Bars, plain_bars
 from bodysense.lab.datasets import Census, DataSet, describe, missing
 from bodysense.lab.scoring import GROUPS
-from bodysense.lab.table import Cell, Named, Report, cell, finite, ordering
+from bodysense.lab.table import Cell, Report, bounds, cell, finite, ordering, surely
 
 if TYPE_CHECKING:
     from bodysense.lab.hmd_vae.scores import Scored
@@ -73,21 +73,27 @@ def vae_report(scored: Sequence[Scored], census: Census, data: DataSet) -> Repor
             others = (cell(one.get(f"{part}_position_cm", g)) for g in groups if g != main)
             within = one.card.get("within_position_cm") if part == "full" else None
             settings = (f"{c.beta:g}", str(c.latent), str(c.blocks), c.origin)
-            rows.append((joints, MODELS[c.model], *settings, *ours, within, *others))
+            sure = bounds(one.tally(f"{part}_position_cm", main).interval())
+            rows.append((joints, MODELS[c.model], *settings, *ours, *sure, within, *others))
         truth = cell(scored[0].get(f"{part}_truth_acceleration_m_s2", main))
-        rows.append((joints, "truth", "", "", "", "", None, None, truth, None, *(None for g in groups if g != main)))
+        rows.append(
+            (joints, "truth", "", "", "", "", None, None, truth, None, None, None, *(None for g in groups if g != main))
+        )
     return Report(
         name="hmd-vae",
         title="HMD-VAE, Figs 5 to 7: static and sequence, from scratch and pretrained",
-        columns=("joints", "model", *setting, *figures, "within, cm", *(f"{g}, cm" for g in groups if g != main)),
+        columns=(
+            *("joints", "model", *setting, *figures, "position low", "high", "within, cm"),
+            *(f"{g}, cm" for g in groups if g != main),
+        ),
         rows=tuple(rows),
         numbers=_numbers(scored) | census.numbers(),
         data=(describe(data, census), *missing(("AMASS",), [data])),
         remarks=tuple(_remarks(scored, main)),
         caption="Means over frames, each answered from the window that ends with it. Positions from the head; legs are "
         "knees, ankles and feet; acceleration is the mean L1 norm of the prediction's. Within: sequences of the "
-        "training people that were held out. Of several settings of a model the figures below are of the one that was "
-        "best in validation.",
+        "training people that were held out. Low and high: 95 % by bootstrap over people. Of several settings of a "
+        "model the figures below are of the one that was best in validation.",
         digits=2,
         panels=tuple(_panels(scored, main)),
     )
@@ -148,7 +154,9 @@ def _numbers(scored: Sequence[Scored]) -> dict[str, float]:
     for (origin, model), one in best_of(scored).items():
         prefix = f"model{model}" if origin == "head" else f"{origin}_model{model}"
         for group, measure in one.tallies:
-            result[f"{prefix}_{measure}" + ("" if group == "main" else f"_{group}")] = one.get(measure, group)
+            key = f"{prefix}_{measure}" + ("" if group == "main" else f"_{group}")
+            tally = one.tally(measure, group)
+            result |= {key: tally.mpjpe} | surely({key: tally.interval()})
         result[f"{prefix}_within_position_cm"] = float(one.card["within_position_cm"])
         result[f"{prefix}_validation_position_cm"] = float(one.card["validation_position_cm"])
     bests = [one.get("full_position_cm") for (origin, _), one in best_of(scored).items() if origin == "head"]
@@ -165,8 +173,8 @@ def _remarks(scored: Sequence[Scored], main: str) -> Iterator[str]:
         if low not in best or not set(high) <= set(best):
             continue
         name, unit = f"legs_{measure}", MEASURES[measure][1]
-        others = [Named(f"model {k}", best[k].get(name, main)) for k in high]
-        verdict = ordering(f"Legs: {text}", Named(f"model {low}", best[low].get(name, main)), others, unit)
+        others = [best[k].named(f"model {k}", name, main) for k in high]
+        verdict = ordering(f"Legs: {text}", best[low].named(f"model {low}", name, main), others, unit)
         if verdict is None:
             continue
         settings = [at for at in _settings(scored, origin) if {low, *high} <= set(at)]

@@ -15,24 +15,11 @@ from bodysense.body.skeleton import BODY
 from bodysense.lab.fit import Task
 from bodysense.lab.hmd_vae.frames import BodyFrames
 from bodysense.lab.hmd_vae.network import BodyVae
+from bodysense.lab.hmd_vae.options import VaeSchedule
 from bodysense.lab.hmd_vae.windows import Joints, VaeBatch, make_batch, mirrored
 from bodysense.lab.windows import Windows
 
 _VALIDATED = 2048  # windows that are enough to see how a run goes
-
-
-@dataclass(frozen=True)
-class VaeSchedule:
-    """How long and on what. The paper does not print its own."""
-
-    steps: int = 6000
-    batch: int = 256  # windows
-    learning_rate: float = 3e-3  # the highest of one cycle
-    weight_decay: float = 0.01
-    average_decay: float = 0.995  # the kept weights are a moving average; 0 keeps the last ones
-    mirrored: bool = True  # half of the windows in the mirror, which the paper does not do
-    check_every: int = 500  # steps between checkpoints
-    seed: int = 1
 
 
 @dataclass(frozen=True, eq=False)

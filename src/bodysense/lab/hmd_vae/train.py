@@ -8,9 +8,9 @@ import itertools
 import json
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from rich.progress import track
@@ -30,31 +30,14 @@ from bodysense.lab.hmd_vae.frames import (
     read_split_file,
     split_clips,
 )
-from bodysense.lab.hmd_vae.network import MODELS, BodyVae, BodyVaeConfig, pretrained, read_vae, write_vae
-from bodysense.lab.hmd_vae.task import VaeSchedule, VaeTask, joint_errors
+from bodysense.lab.hmd_vae.network import BodyVae, pretrained, read_vae, write_vae
+from bodysense.lab.hmd_vae.options import MODELS, BodyVaeConfig, Grid, VaeRun
+from bodysense.lab.hmd_vae.task import VaeTask, joint_errors
 from bodysense.lab.sweep import is_same, sweep
 from bodysense.lab.windows import Windows
 
 BETAS, LATENTS, BLOCKS = (0.0001, 0.01, 0.1, 1.0, 5.0), (15, 30, 60), (3, 6)  # the paper's 30 settings
 FEW_BETAS, FEW_LATENTS = (0.01, 1.0), (30,)  # of these, what a small machine trains: 4 settings
-Grid = Literal["one", "few", "all"]
-
-
-@dataclass(frozen=True)
-class VaeRun:
-    """What `bodysense train hmd-vae` was asked for."""
-
-    data: Path
-    out: Path  # NAME.onnx or NAME.pt; of a sweep, a folder
-    config: BodyVaeConfig = BodyVaeConfig()
-    schedule: VaeSchedule = VaeSchedule()
-    decoder: Path | None = None  # weights of a model 0, for models 3 and 4
-    split_file: Path | None = None
-    threads: int | None = None
-    devices: int = 1
-    nodes: int = 1  # machines, which share the folder of `out`
-    licence: str = "Apache-2.0"
-    data_note: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +166,8 @@ def sweep_name(config: BodyVaeConfig) -> str:
 def swept(run: VaeRun, config: BodyVaeConfig) -> VaeRun:
     """The run of one network of a sweep."""
     decoder = run.out / f"{sweep_name(replace(config, model=0))}.pt" if config.pretrained else None
-    return replace(run, config=config, out=run.out / f"{sweep_name(config)}.pt", decoder=decoder)
+    plain = {one.name: getattr(run, one.name) for one in fields(VaeRun)}
+    return VaeRun(**plain | {"config": config, "out": run.out / f"{sweep_name(config)}.pt", "decoder": decoder})
 
 
 def sweep_configs(config: BodyVaeConfig, grid: Grid, models: Sequence[int] = MODELS) -> list[BodyVaeConfig]:

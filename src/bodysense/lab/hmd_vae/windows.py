@@ -9,7 +9,7 @@ heading there, heights are over the floor, and positions in the likelihood are f
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import torch
@@ -19,12 +19,11 @@ from bodysense.body.body_joints import body_skeleton
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.lab.hmd_vae.frames import BodyFrames
+from bodysense.lab.hmd_vae.options import Origin
 from bodysense.lab.windows import Windows
 
 if TYPE_CHECKING:
     from bodysense.lab.hmd_vae.network import BodyVaeConfig
-
-Origin = Literal["head", "pelvis"]
 
 
 class Joints(NamedTuple):
@@ -34,21 +33,21 @@ class Joints(NamedTuple):
     rotation: Tensor  # (B, T, P, 4) wxyz
 
 
-class Frame(NamedTuple):
+class HeadFrame(NamedTuple):
     """Where the axes of a window stand in the world."""
 
     start: Tensor  # (B, 1 or T, 3) m
     facing: Tensor  # (B, 4) wxyz, world ← frame: a turn about +Y
 
 
-def frame_of(origin: Origin, position: Tensor, rotation: Tensor) -> Frame:
+def frame_of(origin: Origin, position: Tensor, rotation: Tensor) -> HeadFrame:
     """The axes of a window from the joint `origin` in it: (B, T, 3) m, (B, T, 4) wxyz, world."""
     if origin == "pelvis":
-        return Frame(position, heading(rotation[:, -1]))
-    return Frame(position[:, -1:] * position.new_tensor([1.0, 0.0, 1.0]), heading(rotation[:, -1]))
+        return HeadFrame(position, heading(rotation[:, -1]))
+    return HeadFrame(position[:, -1:] * position.new_tensor([1.0, 0.0, 1.0]), heading(rotation[:, -1]))
 
 
-def seen_from(frame: Frame, joints: Joints) -> Joints:
+def seen_from(frame: HeadFrame, joints: Joints) -> Joints:
     """Joints of the world in the axes of a window."""
     away = quaternion_conjugate(frame.facing)[:, None, None].expand_as(joints.rotation)
     position = quaternion_rotate(away, joints.position - frame.start[:, :, None])
@@ -61,7 +60,7 @@ class VaeBatch(NamedTuple):
     seen: Joints  # (B, T, P): what the encoder reads
     truth: Joints  # (B, 22): the last frame
     rest_offset: Tensor  # (B, 22, 3) m
-    frame: Frame
+    frame: HeadFrame
 
 
 def make_batch(config: BodyVaeConfig, frames: BodyFrames, windows: Windows, which: np.ndarray) -> VaeBatch:
@@ -80,7 +79,7 @@ def make_batch(config: BodyVaeConfig, frames: BodyFrames, windows: Windows, whic
         torch.from_numpy(frames.rotation[history[..., None], reads]),
     )
     truth = Joints(torch.from_numpy(frames.position[last, None]), torch.from_numpy(frames.rotation[last, None]))
-    now = Frame(frame.start[:, -1:], frame.facing)
+    now = HeadFrame(frame.start[:, -1:], frame.facing)
     truth = Joints(*(values[:, 0] for values in seen_from(now, truth)))
     offset = torch.from_numpy(frames.rest_offset[windows.clip[which]])
     return VaeBatch(seen_from(frame, seen), truth, offset, frame)

@@ -36,7 +36,7 @@ def window_of(keypoints: ArmKeypoints) -> Window:
     return Window(*(one if one.dtype == torch.bool else torch.nan_to_num(one.float()) for one in tensors))
 
 
-class Seen(NamedTuple):
+class SeenWindow(NamedTuple):
     """What was found, or last found, in every frame of B windows."""
 
     shape: Tensor  # (B, T, 2, 21, 2) hands
@@ -47,7 +47,7 @@ class Seen(NamedTuple):
     palms: Tensor  # (B, T, 2, 2, 4) torso ← wrist, both answers (`palm_turns`)
 
 
-def seen_in(window: Window) -> Seen:
+def seen_in(window: Window) -> SeenWindow:
     """Key-points with their gaps filled, in the axes that networks read."""
     size = window.hand.amax(dim=-2) - window.hand.amin(dim=-2)
     box = size.amax(dim=-1).clamp(min=1e-6)
@@ -58,7 +58,7 @@ def seen_in(window: Window) -> Seen:
     torso = held(window.torso[..., None, :], window.has_torso[..., None], upright[..., None, :])[..., 0, :]
     arms = held(window.arm.flatten(-2), window.has_arm).unflatten(-1, (2, 3))
     inverse = quaternion_conjugate(torso)[..., None, None, :].expand(*arms.shape[:-1], 4)
-    return Seen(
+    return SeenWindow(
         shape=shape,
         box=box,
         arms=arms,
@@ -68,7 +68,7 @@ def seen_in(window: Window) -> Seen:
     )
 
 
-def more_points(window: Window, seen: Seen) -> Tensor:
+def more_points(window: Window, seen: SeenWindow) -> Tensor:
     """Ours (B, T, 10, 3): arms in the camera's axes, the torso's turn, hands' place and size, and what was found."""
     place = torch.cat([window.hand[..., 0, :], torch.log(seen.box / _BOX)[..., None]], dim=-1)
     found = torch.cat([window.has_arm, window.has_torso[..., None]], dim=-1)

@@ -12,15 +12,14 @@ found. A hand's picture alone does not tell how its wrist is bent while the pers
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import interpolate
 
-from bodysense.body.arms import ARM_JOINTS, HAND_POINTS, arm_rotations
+from bodysense.body.arms import arm_rotations
 from bodysense.body.pose import standing_pose
 from bodysense.body.rotation import (
     matrix_to_quaternion,
@@ -31,79 +30,12 @@ from bodysense.body.rotation import (
     sixd_to_matrix,
 )
 from bodysense.body.skeleton import default_skeleton
-from bodysense.errors import BodysenseError
 from bodysense.lab.pahmt.directions import beside_directions, beside_palms, hinged
-from bodysense.lab.pahmt.features import Seen, Window, more_points, seen_in
+from bodysense.lab.pahmt.features import SeenWindow, Window, more_points, seen_in
+from bodysense.lab.pahmt.options import ArmNetworkConfig
 from bodysense.lab.weights_file import read_weights_file, write_weights_file
 
-Kind = Literal["cnn", "ahmt", "pahmt"]
-Input = Literal["hands", "arms-hands"]
-KINDS: tuple[Kind, ...] = ("cnn", "ahmt", "pahmt")
-FINGERS = tuple(k for k, name in enumerate(ARM_JOINTS) if name[-1] in "123")  # of `ARM_JOINTS`
 _LARGEST = 0.02  # deviation of learned places and tokens at the start
-
-
-@dataclass(frozen=True)
-class ArmNetworkConfig:
-    """How the network is built; the defaults are the paper's (section 3.3)."""
-
-    kind: Kind = "pahmt"
-    input: Input = "arms-hands"  # "hands" sees hands alone and answers for the fingers alone (Table 1, h2h)
-    width: int = 512  # D_t
-    layers: int = 4  # L_t
-    heads: int = 8
-    feed_forward: int = 2  # times the width
-    spatial_width: int = 64  # D_s
-    spatial_layers: int = 2  # L_s
-    spatial_heads: int = 4
-    dropout: float = 0.1
-    frames: int = 32  # f
-    rotation: Literal["axis-angle", "6d"] = "axis-angle"
-    more_inputs: bool = False
-    from_directions: bool = False  # `arm_directions.beside_directions`
-    from_palms: bool = False  # `arm_directions.beside_palms`
-
-    def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise BodysenseError(f"kind {self.kind!r} does not exist; valid are {', '.join(KINDS)}")
-        if self.input not in ("hands", "arms-hands"):
-            raise BodysenseError(f"input {self.input!r} does not exist; valid are hands, arms-hands")
-        if self.rotation not in ("axis-angle", "6d"):
-            raise BodysenseError(f"rotation {self.rotation!r} does not exist; valid are axis-angle, 6d")
-        for name in ("width", "layers", "heads", "feed_forward", "spatial_width", "spatial_layers", "spatial_heads"):
-            if getattr(self, name) < 1:
-                raise BodysenseError(f"{name} is {getattr(self, name)}; give at least 1")
-        if self.width % self.heads or self.spatial_width % self.spatial_heads:
-            raise BodysenseError(f"width {self.width} must be a multiple of {self.heads} heads, and so over joints")
-        if self.frames < 2 or (self.frames % 16 and self.kind == "cnn"):
-            raise BodysenseError(f"frames is {self.frames}; give at least 2, and a multiple of 16 for a cnn")
-        if self.input == "hands" and self.more_inputs:
-            raise BodysenseError("more_inputs are of arms; leave them out with input 'hands'")
-        if self.from_directions and (self.input == "hands" or self.rotation != "6d"):
-            raise BodysenseError("from_directions needs input 'arms-hands' and rotation '6d'")
-        if self.from_palms and not self.from_directions:
-            raise BodysenseError("from_palms needs from_directions: palms are turned against forearms")
-
-    @property
-    def joints(self) -> tuple[int, ...]:
-        """Which of `ARM_JOINTS` it answers for."""
-        return FINGERS if self.input == "hands" else tuple(range(len(ARM_JOINTS)))
-
-    @property
-    def tokens(self) -> int:
-        """Points a frame: the paper's arms and hands, 2 · 2 + 2 · 21, and ours, ten and eight."""
-        arms = 4 if self.input == "arms-hands" else 0
-        return arms + 2 * len(HAND_POINTS) + 10 * self.more_inputs + 8 * self.from_palms
-
-    @property
-    def shares(self) -> int:
-        """Numbers that say what is believed: four bones' directions, and of each hand what was said and two palms."""
-        return 4 * self.from_directions + 6 * self.from_palms
-
-    @property
-    def size(self) -> int:
-        """Numbers of a rotation."""
-        return 3 if self.rotation == "axis-angle" else 6
 
 
 class Attention(nn.Module):
@@ -129,7 +61,7 @@ class Attention(nn.Module):
         return x + self.drop(self.back(torch.relu(self.forth(self.between(x)))))
 
 
-class OverTime(nn.Module):
+class ArmsOverTime(nn.Module):
     """AHMT's body: two convolutions embed a frame, learned places, attention over the frames (eqs. 4 to 6)."""
 
     def __init__(self, config: ArmNetworkConfig) -> None:
@@ -207,7 +139,7 @@ class ArmNetwork(nn.Module):
         super().__init__()
         self.config = config
         width = config.width
-        self.body = Convolutions(config) if config.kind == "cnn" else OverTime(config)
+        self.body = Convolutions(config) if config.kind == "cnn" else ArmsOverTime(config)
         self.beside = OverJoints(config) if config.kind == "pahmt" else None
         last = nn.Conv1d(width, config.size * len(config.joints) + config.shares, 3, padding=1)
         with torch.no_grad():  # it starts near arms that hang
@@ -257,7 +189,7 @@ class ArmNetwork(nn.Module):
         """What the network reads, (B, T, tokens, 3)."""
         return self._read(window, seen_in(window))
 
-    def _read(self, window: Window, seen: Seen) -> Tensor:
+    def _read(self, window: Window, seen: SeenWindow) -> Tensor:
         hands = torch.cat([seen.shape, torch.zeros_like(seen.shape[..., :1])], dim=-1).flatten(-3, -2)
         if self.config.input == "hands":
             return hands

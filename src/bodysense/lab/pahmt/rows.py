@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
-from bodysense.lab.pahmt.network import Input, Kind
-
-Loss = Literal["rotation", "smooth", "fk", "gan", "motion"]
-PAPER_LOSSES: tuple[Loss, ...] = ("rotation", "smooth", "fk", "gan")
+from bodysense.lab.pahmt.options import PAPER_LOSSES, Input, Kind, Loss
 
 
 @dataclass(frozen=True)

@@ -22,13 +22,13 @@ from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
 from bodysense.lab.chart import BarPanel, Line, LinePanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, census_of, describe
-from bodysense.lab.pahmt.network import FINGERS, ArmNetwork, read_arms
+from bodysense.lab.pahmt.network import ArmNetwork, read_arms
+from bodysense.lab.pahmt.options import FINGERS, Studio
 from bodysense.lab.pahmt.rows import TABLE_1, Row
 from bodysense.lab.pahmt.twist import ARMS, solved_from_positions, twist_errors
 from bodysense.lab.pahmt.windows import (
     FRAMES,
     RATE,
-    Studio,
     arm_positions,
     arms_alone,
     film,
@@ -36,7 +36,7 @@ from bodysense.lab.pahmt.windows import (
     window_of,
 )
 from bodysense.lab.scoring import GROUPS, Tally, group_named
-from bodysense.lab.table import Cell, Named, Report, cell, finite, ordering
+from bodysense.lab.table import Cell, Report, bounds, cell, finite, ordering, surely
 
 MEASURES = {
     "hands_m": "hands, m",
@@ -63,7 +63,11 @@ class ScoredRow:
 
     def get(self, measure: str, group: str = "main") -> float:
         """A mean over frames and joints; NaN where nothing was counted."""
-        return self.tallies.get((group, measure), Tally()).mpjpe
+        return self.tally(measure, group).mpjpe
+
+    def tally(self, measure: str, group: str = "main") -> Tally:
+        """One cell; empty where nothing was counted."""
+        return self.tallies.get((group, measure), Tally())
 
 
 def rows_in(folder: Path, model: Path | None = None) -> list[ScoredRow]:
@@ -111,7 +115,7 @@ def score_arms(
 
     def count(row: ScoredRow, clip: Clip, errors: dict[str, np.ndarray]) -> None:
         for measure, values in errors.items():
-            tallies[row.name].setdefault((group_named(clip.category), measure), Tally()).add(values)
+            tallies[row.name].setdefault((group_named(clip.category), measure), Tally()).add(values, clip.person)
 
     for number, clip in enumerate(data.clips()):
         advance(clip)
@@ -176,7 +180,7 @@ def arm_report(scored: tuple[list[ScoredRow], Census], data: DataSet, perfect: b
         name="pahmt-table1",
         title="PAHMT, Table 1: arms and hands from key-points",
         columns=(
-            *("motion", "network", "smooth", "fk", *MEASURES.values()),
+            *("motion", "network", "smooth", "fk", *MEASURES.values(), "arms, ° low", "high"),
             *("paper: hands, m", "paper: overall, m", "paper: arms, rad"),
         ),
         rows=tuple(_rows(rows)),
@@ -186,7 +190,8 @@ def arm_report(scored: tuple[list[ScoredRow], Census], data: DataSet, perfect: b
         caption=f"Windows of 32 frames as {seen}, averages over all frames. Hands: "
         "finger joints and tips from their wrist, in its axes. Overall: all joints from the chest, on one character. "
         "Arms: mean difference of axis-angle components (the paper's) and geodesic angle of collars, upper arms, "
-        "forearms and hands. The paper's figures are of its own motion, whose sizes and cameras are not published.",
+        "forearms and hands. Low and high: 95 % by bootstrap over people. "
+        "The paper's figures are of its own motion, whose sizes and cameras are not published.",
         digits=4,
         panels=(_panel(rows, "overall_m", 1), _panel(rows, "hands_m", 0), *_curves(rows)),
     )
@@ -225,7 +230,8 @@ def _rows(rows: list[ScoredRow]) -> Iterator[tuple[Cell, ...]]:
             if any(value is not None for value in figures):
                 marks = ("yes" if loss in row.row.losses else "" for loss in ("smooth", "fk"))
                 published = [*row.row.published, None, None, None][:3] if group == "main" else [None] * 3
-                yield (group, row.row.title, *marks, *figures, *published)
+                sure = bounds(row.tally("arms_deg", group).interval())
+                yield (group, row.row.title, *marks, *figures, *sure, *published)
 
 
 def _numbers(rows: list[ScoredRow]) -> dict[str, float]:
@@ -237,7 +243,7 @@ def _numbers(rows: list[ScoredRow]) -> dict[str, float]:
             for measure in MEASURES:
                 value = row.get(measure, group)
                 key = f"{row.name.replace('-', '_')}_{measure}{suffix}"
-                numbers[key] = value
+                numbers |= {key: value} | surely({key: row.tally(measure, group).interval()})
                 if measure.endswith("_m"):
                     numbers[f"{key[:-2] if not suffix else key[: -len(suffix) - 2]}_cm{suffix}"] = 100 * value
     return numbers
@@ -254,7 +260,7 @@ def _remarks(rows: Mapping[str, ScoredRow]) -> Iterator[str]:
     )
     for claim, better, worse, measure in claims:
         if better in rows and worse in rows:
-            figures = [Named(rows[name].row.title, rows[name].get(measure)) for name in (better, worse)]
+            figures = [rows[name].tally(measure).named(rows[name].row.title) for name in (better, worse)]
             said = ordering(claim, figures[0], figures[1:], MEASURES[measure].rpartition(", ")[2], 4)
             share = 1 - figures[0].value / figures[1].value
             if said is not None and math.isfinite(share):

@@ -18,37 +18,13 @@ from bodysense.body.arms import ARM_JOINTS, ARM_PARTS
 from bodysense.body.rotation import geodesic_angle
 from bodysense.lab.checkpoint import identity
 from bodysense.lab.fit import Task
-from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig
-from bodysense.lab.pahmt.rows import PAPER_LOSSES, Loss
-from bodysense.lab.pahmt.windows import ArmBatch, ArmRecordings, Studio, arm_positions, arms_alone, make_batch
+from bodysense.lab.pahmt.network import ArmNetwork
+from bodysense.lab.pahmt.options import ArmNetworkConfig, ArmSchedule, Studio
+from bodysense.lab.pahmt.windows import ArmBatch, ArmRecordings, arm_positions, arms_alone, make_batch
 from bodysense.lab.windows import Windows
 
 _ARMS = [k for k, name in enumerate(ARM_JOINTS) if name.partition("_")[2] in ARM_PARTS]
 _VALIDATED = 192  # windows that are enough to see how a run goes
-
-
-@dataclass(frozen=True)
-class ArmSchedule:
-    """How long and on what; the defaults are the paper's (section 4.2)."""
-
-    epochs: int = 300
-    batch: int = 128  # windows
-    learning_rate: float = 1e-3
-    halve_every: int = 50  # epochs
-    weight_decay: float = 5e-4
-    momentum: float = 0.95  # of Adam
-    losses: tuple[Loss, ...] = PAPER_LOSSES
-    rotation: float = 1.0  # weights of the terms, each a mean over frames and joints: per radian
-    arms: float = 1.0  # how much more a joint of an arm, the wrist included, counts in it than one of a finger
-    smooth: float = 1.0  # γ, of the change from frame to frame
-    fk: float = 1.0  # β, per metre
-    gan: float = 0.05  # λ
-    motion: float = 0.0  # per metre, of the difference between estimated and true change; not the paper's
-    without_hands: float = 0.0  # share of windows from recordings without hands
-    average_decay: float = 0.99  # the kept weights are a moving average
-    check_every: int = 250  # steps between checkpoints, each of which measures the average and keeps it if it is best
-    studio: Studio = Studio()
-    seed: int = 1
 
 
 class Pair(nn.Module):

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,25 +16,12 @@ from bodysense.lab.checkpoint import identity
 from bodysense.lab.clips import count_clips, open_clips
 from bodysense.lab.fit import Report, begin, fit
 from bodysense.lab.pahmt.export import write_arms_onnx
-from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig, read_arms, write_arms
+from bodysense.lab.pahmt.network import ArmNetwork, read_arms, write_arms
+from bodysense.lab.pahmt.options import ArmRun, ArmTableTraining, ArmTraining
 from bodysense.lab.pahmt.rows import TABLE_1
-from bodysense.lab.pahmt.task import ArmSchedule, ArmTask, Pair, epoch_steps
+from bodysense.lab.pahmt.task import ArmTask, Pair, epoch_steps
 from bodysense.lab.pahmt.windows import ArmRecordings, read_arm_recordings
 from bodysense.lab.sweep import is_same, sweep
-
-
-@dataclass(frozen=True)
-class ArmRun:
-    """What `bodysense train arms` was asked for."""
-
-    data: Path
-    out: Path  # NAME.onnx or NAME.pt; of a table, a folder
-    config: ArmNetworkConfig = ArmNetworkConfig()
-    schedule: ArmSchedule = ArmSchedule()
-    bodies: int = 1  # every clip on so many bodies
-    threads: int | None = None
-    licence: str = "Apache-2.0"
-    data_note: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +48,7 @@ def read_data(run: ArmRun) -> ArmData:
     return ArmData(learned, watched)
 
 
-def run_arms(run: ArmRun) -> None:
+def run_arms(run: ArmTraining) -> None:
     """Train one network; the weights (.pt), log (.jsonl) and checkpoint (.ckpt) lie beside `run.out`."""
     check_place(run.out)
     weights = run.out.with_suffix(".pt")
@@ -76,8 +62,9 @@ def run_arms(run: ArmRun) -> None:
     print(f"wrote {run.out} ({run.out.stat().st_size / 1e6:.1f} MB)")
 
 
-def run_table(run: ArmRun, names: Sequence[str] = tuple(TABLE_1)) -> None:
+def run_table(run: ArmTableTraining) -> None:
     """Train what is not trained yet of the table's networks into the folder `run.out`."""
+    names = run.networks or tuple(TABLE_1)
     unknown = [name for name in names if name not in TABLE_1]
     if unknown:
         raise BodysenseError(f"unknown network {unknown[0]!r}; valid are {', '.join(TABLE_1)}")
@@ -101,7 +88,8 @@ def row_run(run: ArmRun, name: str) -> ArmRun:
     row = TABLE_1[name]
     config = replace(run.config, kind=row.kind, input=row.input)
     schedule = replace(run.schedule, losses=row.losses)
-    return replace(run, out=run.out / f"{name}.pt", config=config, schedule=schedule)
+    plain = {one.name: getattr(run, one.name) for one in fields(ArmRun)}
+    return ArmRun(**plain | {"out": run.out / f"{name}.pt", "config": config, "schedule": schedule})
 
 
 def train_network(run: ArmRun, weights: Path, data: ArmData, report: Report | None = None) -> None:

@@ -22,9 +22,10 @@ from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
 from bodysense.lab.pahmt.augment import with_arms_of, with_wandering_arms
 from bodysense.lab.pahmt.features import Window, window_of
-from bodysense.lab.pahmt.keypoint_noise import DetectorNoise, detect
+from bodysense.lab.pahmt.keypoint_noise import detect
+from bodysense.lab.pahmt.options import Studio
 from bodysense.lab.windows import Windows, find_windows
-from bodysense.occlusion.camera_view import CameraRange, sample_cameras, view, view_points
+from bodysense.occlusion.camera_view import sample_cameras, view, view_points
 
 RATE = 30.0  # Hz
 FRAMES, STRIDE = 32, 5  # of a window, and from one to the next (section 4.2)
@@ -103,16 +104,6 @@ def varied(clip: Clip, donors: Sequence[Clip], rng: np.random.Generator) -> Clip
     if clip.has_fingers and rng.random() < 0.5:
         other = with_arms_of(other, donors, rng)
     return with_limb_proportions(with_wandering_arms(other, rng.random(), rng), 0.05, rng)
-
-
-@dataclass(frozen=True)
-class Studio:
-    """How windows are filmed: cameras, the detector's errors, and that a video may have just begun."""
-
-    cameras: CameraRange = CameraRange()
-    noise: DetectorNoise | None = DetectorNoise()  # None: perfect key-points
-    mirrored: bool = True  # half of the windows in a mirror
-    begun: float = 0.1  # share of windows before whose later frames there was nothing
 
 
 def film(

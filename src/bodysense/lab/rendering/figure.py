@@ -21,7 +21,7 @@ _STEPS = (0.0, 0.5, 1.0)  # shares of a limb's twist that the skin takes from it
 
 
 @dataclass(frozen=True, eq=False)
-class Figure:
+class Character:
     """A triangle mesh in the T-pose of its skeleton; world axes, metres."""
 
     name: str
@@ -112,7 +112,7 @@ class Figure:
 
 
 @lru_cache(maxsize=len(FIGURES))
-def load_figure(name: FigureName) -> Figure:
+def load_figure(name: FigureName) -> Character:
     """One of the packaged figures. Raises BodysenseError for another name."""
     if name not in FIGURES:
         raise BodysenseError(f"unknown figure {name!r}; valid are {', '.join(FIGURES)}")
@@ -121,7 +121,7 @@ def load_figure(name: FigureName) -> Figure:
         raise BodysenseError("figures.npz comes with a clone of the repository, not with the wheel: work in a clone")
     with packaged.open("rb") as file, np.load(file) as data:
         place = list(data["names"]).index(name)
-        return Figure(
+        return Character(
             name=name,
             skeleton=default_skeleton().with_offsets(data["rest_offset"][place]),
             vertices=(data["vertices"][place] * data["grain"]).astype(np.float32),

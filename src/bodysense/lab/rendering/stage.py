@@ -12,7 +12,7 @@ import numpy as np
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_exp, quaternion_rotate
 from bodysense.errors import BodysenseError
-from bodysense.lab.rendering.figure import Figure, load_figure
+from bodysense.lab.rendering.figure import Character, load_figure
 from bodysense.lab.rendering.scene import Scene
 from bodysense.occlusion.camera_view import Camera
 
@@ -32,7 +32,7 @@ class Renderer:
     def __init__(
         self, context: moderngl.Context, scene: Scene, camera: Camera, height: int, around: np.ndarray
     ) -> None:
-        self.figure: Figure = load_figure(scene.figure)
+        self.figure: Character = load_figure(scene.figure)
         self._context, self._scene, self._around = context, scene, np.array([around[0], 0.0, around[2]])
         self.size = size = (2 * round(height * float(camera.aspect) / 2), height)  # pixels, width and height
         self._body_program = _program(context, "body.vert", "noise.frag", "shadow.frag", "light.frag", "body.frag")

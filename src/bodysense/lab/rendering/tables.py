@@ -28,7 +28,7 @@ from bodysense.lab.rendering.arm_bones import ArmBones, bone_errors, bones_of, b
 from bodysense.lab.rendering.gestures import GESTURES
 from bodysense.lab.rendering.keypoint_errors import Errors, keypoint_errors, noise_figures
 from bodysense.lab.rendering.landmark_ik import LandmarkIk
-from bodysense.lab.rendering.take import Take, read_take
+from bodysense.lab.rendering.take import RenderedTake, read_take
 from bodysense.lab.scoring import GROUPS, Tally, group_named
 from bodysense.lab.table import Cell, Named, Report, cell, finite, ordering
 from bodysense.occlusion.camera_view import Camera, view, view_points
@@ -64,7 +64,7 @@ class VideoTable:
         """A mean over frames and joints; NaN where nothing was counted."""
         return self.tallies.get((group, method, measure), Tally()).mpjpe
 
-    def add(self, take: Take, person: PersonLandmarks, said: dict[str, np.ndarray]) -> None:
+    def add(self, take: RenderedTake, person: PersonLandmarks, said: dict[str, np.ndarray]) -> None:
         """Count a video: what was found in it, and rotations (T, 38, 4), as of `arms_from_torso`, by method."""
         group, truth = _group(take), arms_from_torso(take.pose)
         for method, rotation in said.items():
@@ -77,7 +77,7 @@ class VideoTable:
         self.videos.append(take.name)
         self.seconds.append(float(take.time[-1] - take.time[0]))
 
-    def add_bones(self, take: Take, said: dict[str, ArmBones]) -> None:
+    def add_bones(self, take: RenderedTake, said: dict[str, ArmBones]) -> None:
         """Count where the bones of a video's arms point, by method."""
         truth, interval = bones_of(take.pose, take.camera), float(np.median(np.diff(take.time)))
         for method, bones in said.items():
@@ -137,7 +137,7 @@ def watch(video: Path, files: LandmarkerFiles) -> PersonLandmarks:
 
 
 def completed(
-    take: Take, person: PersonLandmarks, model: ArmModel, tracker: CompletionModel | None = None
+    take: RenderedTake, person: PersonLandmarks, model: ArmModel, tracker: CompletionModel | None = None
 ) -> tuple[dict[str, np.ndarray], dict[str, ArmBones]]:
     """What is made of a video's landmarks, and of what is true of it, by method.
 
@@ -224,7 +224,7 @@ def video_report(table: VideoTable, name: str) -> Report:
     )
 
 
-def _group(take: Take) -> str:
+def _group(take: RenderedTake) -> str:
     """Whose row a video counts in."""
     return take.category if take.category in GESTURES else group_named(take.category)
 

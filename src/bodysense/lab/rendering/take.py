@@ -29,7 +29,7 @@ _LIVELY = 0.05  # m/s: wrists that move less on average are no motion to speak o
 
 
 @dataclass(frozen=True, eq=False)
-class Take:
+class RenderedTake:
     """Everything that a video shows of a person's motion."""
 
     name: str
@@ -42,7 +42,7 @@ class Take:
 
 def plan_takes(
     clip: Clip, count: int, seconds: float, rng: np.random.Generator, first: int = 0, where: CameraRange = ROOM
-) -> list[tuple[Take, Scene]]:
+) -> list[tuple[RenderedTake, Scene]]:
     """Up to `count` takes of a clip and the scenes for them: pieces of `seconds`, or the whole where it is shorter.
 
     Pieces do not overlap; hands move in them, and both arms are nearly always in the picture. Figures go by turns,
@@ -53,7 +53,7 @@ def plan_takes(
     clip = resample(clip, RATE)
     length = min(len(clip), round(seconds * RATE))
     starts = rng.permutation(np.arange(0, len(clip) - length + 1, length))
-    taken: list[tuple[Take, Scene]] = []
+    taken: list[tuple[RenderedTake, Scene]] = []
     for start in starts:
         if len(taken) == count:
             break
@@ -65,13 +65,15 @@ def plan_takes(
         camera = _camera(pose, rng, where)
         if camera is not None:
             name = f"{clip.name}_{start}_{scene.figure}"
-            taken.append((Take(name, scene.figure, pose, np.arange(length) / RATE, camera, clip.category), scene))
+            taken.append(
+                (RenderedTake(name, scene.figure, pose, np.arange(length) / RATE, camera, clip.category), scene)
+            )
     return taken
 
 
-def plan_gestures(rng: np.random.Generator) -> list[tuple[Take, Scene]]:
+def plan_gestures(rng: np.random.Generator) -> list[tuple[RenderedTake, Scene]]:
     """Every one of `GESTURES` by every figure, seen whole, and the scenes for them."""
-    planned: list[tuple[Take, Scene]] = []
+    planned: list[tuple[RenderedTake, Scene]] = []
     for clip in map(gesture, GESTURES):
         for number in range(len(FIGURES)):
             planned += plan_takes(clip, 1, np.ceil(clip.seconds), rng, number, WHOLE)
@@ -79,7 +81,7 @@ def plan_gestures(rng: np.random.Generator) -> list[tuple[Take, Scene]]:
 
 
 def film(
-    take: Take, scene: Scene, folder: Path, height: int = 480, advance: Callable[[], object] = lambda: None
+    take: RenderedTake, scene: Scene, folder: Path, height: int = 480, advance: Callable[[], object] = lambda: None
 ) -> Path:
     """Draw a take into NAME.mp4 (H.264) of a folder and its truth into NAME.npz; returns the video's path.
 
@@ -105,7 +107,7 @@ def film(
     return path
 
 
-def write_take(path: Path, take: Take) -> None:
+def write_take(path: Path, take: RenderedTake) -> None:
     """Write the truth of a video."""
     with written_beside(path) as beside:
         np.savez_compressed(
@@ -125,7 +127,7 @@ def write_take(path: Path, take: Take) -> None:
         )
 
 
-def read_take(path: Path) -> Take:
+def read_take(path: Path) -> RenderedTake:
     """The truth of a video, from its .npz. Raises BodysenseError for another file."""
     try:
         with np.load(path) as data:
@@ -134,7 +136,9 @@ def read_take(path: Path) -> Take:
             skeleton = default_skeleton().with_offsets(data["rest_offset"])
             pose = Pose(skeleton, data["root_position"].astype(float), data["rotation"].astype(float))
             camera = Camera(*(data[f"camera_{name}"] for name in ("position", "axes", "focal", "aspect")))
-            return Take(str(data["name"]), str(data["figure"]), pose, data["time"], camera, str(data["category"]))
+            return RenderedTake(
+                str(data["name"]), str(data["figure"]), pose, data["time"], camera, str(data["category"])
+            )
     except (OSError, ValueError, KeyError) as error:
         raise BodysenseError(f"{path}: not the truth of a rendered video ({error}); render the set again") from None
 

@@ -25,7 +25,7 @@ from bodysense.lab.synthesis.gestures import NAMES, key_poses
 from bodysense.lab.synthesis.hand_motion import RATE, HandMotion
 from bodysense.lab.synthesis.hands import DIGIT, FASTEST_FINGER, FASTEST_TURN, FASTEST_WRIST, frame_times
 from bodysense.lab.synthesis.key_paths import Timing, along, along_rotations, draw_timing
-from bodysense.lab.synthesis.meetings import MEETINGS, Hold, Meeting
+from bodysense.lab.synthesis.meetings import MEETINGS, HandMeeting, HeldMeeting
 from bodysense.lab.synthesis.touch import posed, settled
 
 SIDES: tuple[Side, Side] = ("left", "right")
@@ -81,7 +81,7 @@ def _draw_keys(hand: Skeleton, count: int, rng: np.random.Generator) -> _Keys:
     slide, rub = np.array([meeting.slide for meeting in meetings]), np.array([meeting.rub for meeting in meetings])
     angles, root, turn = np.empty((2, count, len(FREEDOMS))), np.empty((2, count, 3)), np.empty((2, count, 4))
     for k, side in enumerate(SIDES):
-        holds: list[Hold] = [getattr(meeting, side) for meeting in meetings]
+        holds: list[HeldMeeting] = [getattr(meeting, side) for meeting in meetings]
         gesture = [NAMES.index(hold.gestures[rng.integers(len(hold.gestures))]) for hold in holds]
         angles[k] = settled(hand, key_poses(np.array(gesture), rng))
         tilt = quaternion_exp(np.minimum(_TILT * slide, 0.12)[:, None] * rng.standard_normal((count, 3)))
@@ -103,7 +103,7 @@ def _draw_keys(hand: Skeleton, count: int, rng: np.random.Generator) -> _Keys:
     return _Keys(np.where(held[:, None], closed[:, owner], angles[:, owner]), shifted, turn[:, owner], held)
 
 
-def _script(meetings: Sequence[Meeting], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _script(meetings: Sequence[HandMeeting], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of every key which meeting it is of, how far apart the hands are, metres, and whether they meet."""
     rows: list[tuple[int, float, bool]] = []
     for which, meeting in enumerate(meetings):
@@ -140,7 +140,7 @@ def _closed(
     angles: np.ndarray,
     root: np.ndarray,
     turn: np.ndarray,
-    meetings: Sequence[Meeting],
+    meetings: Sequence[HandMeeting],
     rng: np.random.Generator,
 ) -> np.ndarray:
     """Angles (2, K, 26) with the fingers closed in meetings that ask for it, as far as flesh lets them."""
@@ -162,7 +162,7 @@ def _closed(
     return result
 
 
-def _turn(hold: Hold) -> np.ndarray:
+def _turn(hold: HeldMeeting) -> np.ndarray:
     """Rotation (4,) of a hand whose fingers point, and whose back faces, as its hold says; fingers exactly."""
     fingers = np.array(hold.fingers) / np.linalg.norm(hold.fingers)
     thumb = np.cross(fingers, hold.back)

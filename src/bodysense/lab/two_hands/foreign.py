@@ -72,7 +72,7 @@ class ForeignModels:
 
 def foreign_markers(motions: list[HandMotion], person: str, models: ForeignModels, stride: int) -> Means:
     """Errors of hidden markers, cm, under (place, way, hidden, duration)."""
-    means = Means()
+    means = Means(person)
     for place, files, trials, ways in _settings(motions, person, models, stride, calibrate=False):
         network = load_marker_network(files[0])
         fillers: dict[str, Filler] = {
@@ -91,7 +91,7 @@ def foreign_fingers(
     motions: list[HandMotion], person: str, models: ForeignModels, settings: HandsSettings, stride: int
 ) -> Means:
     """Errors of the joints of fingers, cm, under (place, way, hidden, duration); nothing hidden: (…, 0, 0.0)."""
-    means = Means()
+    means = Means(person)
     for place, files, trials, ways in _settings(motions, person, models, stride, calibrate=True):
         loaded = GloveModels(load_marker_network(files[0]), load_joint_network(files[1]))
         for count in FEW_MANY:

@@ -17,7 +17,7 @@ from bodysense.occlusion.camera_ring import CameraRing
 SYNTHESISED = "synthesised"
 
 
-class Line(NamedTuple):
+class LimitLine(NamedTuple):
     """A row: the limit, what is told, and the keys of the truth, without and with the remedy."""
 
     limit: str
@@ -26,8 +26,8 @@ class Line(NamedTuple):
     factor: float = 1.0
 
 
-def _both(limit: str, figure: str, key: str, factor: float = 1.0, truth: bool = True) -> Line:
-    return Line(limit, figure, (f"{key}_truth" if truth else None, f"{key}_before", f"{key}_after"), factor)
+def _both(limit: str, figure: str, key: str, factor: float = 1.0, truth: bool = True) -> LimitLine:
+    return LimitLine(limit, figure, (f"{key}_truth" if truth else None, f"{key}_before", f"{key}_after"), factor)
 
 
 LINES = (
@@ -47,19 +47,19 @@ LINES = (
     _both("changes of the error", "largest, mm a frame", "largest_error_step_mm", truth=False),
     _both("changes of the error", "frames above 5 mm, %", "error_step_share", 100, truth=False),
     *(
-        Line(
+        LimitLine(
             "wrong markers",
             f"mean error with {100 * share:g} % of them, cm",
             (None, f"spikes_{100 * share:g}_error_cm_believed", f"spikes_{100 * share:g}_error_cm_rejected"),
         )
         for share in SPIKES
     ),
-    Line("markers without names", "named rightly, of those seen, %", (None, None, "label_accuracy_share"), 100),
-    Line("markers without names", "named wrongly, of those seen, %", (None, None, "label_wrong_share"), 100),
-    Line("hidden markers, both hands at once", "error, cm", (None, "single_hidden_cm", "two_hands_hidden_cm")),
-    Line("of these, five or more of a hand", "error, cm", (None, "single_mutual_cm", "two_hands_mutual_cm")),
+    LimitLine("markers without names", "named rightly, of those seen, %", (None, None, "label_accuracy_share"), 100),
+    LimitLine("markers without names", "named wrongly, of those seen, %", (None, None, "label_wrong_share"), 100),
+    LimitLine("hidden markers, both hands at once", "error, cm", (None, "single_hidden_cm", "two_hands_hidden_cm")),
+    LimitLine("of these, five or more of a hand", "error, cm", (None, "single_mutual_cm", "two_hands_mutual_cm")),
     *(
-        Line(
+        LimitLine(
             "a network with memory",
             f"error after {duration:g} s, {count} hidden, cm",
             (None, f"feed_forward_{count}_{duration:.1f}_cm", f"recurrent_{count}_{duration:.1f}_cm"),

@@ -41,14 +41,14 @@ SYNTHESISED_SECONDS, SYNTHESISED_PIECES, SPREAD = 20.0, 12, 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Hiding:
+class MarkerHiding:
     """What was hidden of hands that were watched for a while."""
 
     at_once: np.ndarray  # (N + 1,) s with so many of N markers hidden
     spans: np.ndarray  # (S,) s: how long markers were hidden; of spans that begin and end while they are watched
 
-    def __add__(self, other: Hiding) -> Hiding:
-        return Hiding(self.at_once + other.at_once, np.concatenate([self.spans, other.spans]))
+    def __add__(self, other: MarkerHiding) -> MarkerHiding:
+        return MarkerHiding(self.at_once + other.at_once, np.concatenate([self.spans, other.spans]))
 
     @property
     def shares(self) -> np.ndarray:
@@ -65,10 +65,10 @@ class Hiding:
         return float((self.spans < seconds).mean()) if len(self.spans) else float("nan")
 
 
-Counted = dict[str, dict[Setting, Hiding]]  # by GROUPS
+Counted = dict[str, dict[Setting, MarkerHiding]]  # by GROUPS
 
 
-def count_hidden(seen: np.ndarray, rate: float) -> Hiding:
+def count_hidden(seen: np.ndarray, rate: float) -> MarkerHiding:
     """Count in one recording `seen` (T, N) bool at `rate` Hz."""
     hidden = ~seen
     change = np.diff(hidden.T.astype(np.int8), axis=1)  # (N, T − 1)
@@ -78,12 +78,12 @@ def count_hidden(seen: np.ndarray, rate: float) -> Hiding:
         ends = ends[ends > begins[0]] if len(begins) else ends[:0]
         spans.append(ends - begins[: len(ends)])
     at_once = np.bincount(hidden.sum(axis=1), minlength=seen.shape[1] + 1)
-    return Hiding(at_once / rate, np.concatenate(spans) / rate)
+    return MarkerHiding(at_once / rate, np.concatenate(spans) / rate)
 
 
 def count_pair(
     left: Pose, right: Pose, rate: float, cameras: CameraRing, body: Pose | None = None
-) -> dict[Setting, Hiding]:
+) -> dict[Setting, MarkerHiding]:
     """Count in one recording of two hands (T, …), each a left hand in its own world, and of the body if it is known."""
     both = visible({"left": left, "right": right}, cameras, body)
     alone = [visible({name: hand}, cameras, body) for name, hand in (("left", left), ("right", right))]
@@ -157,12 +157,12 @@ def occlusion_report(counted: Counted, cameras: CameraRing, data: DataSet | None
     )
 
 
-def _of_clip(clip: Clip, cameras: CameraRing) -> dict[Setting, Hiding]:
+def _of_clip(clip: Clip, cameras: CameraRing) -> dict[Setting, MarkerHiding]:
     pose = resample(clip, RATE).pose
     return count_pair(hand_pose(pose, "left"), hand_pose(pose, "right"), RATE, cameras, pose)
 
 
-def _of_seed(seed: tuple[int, int], cameras: CameraRing) -> dict[Setting, Hiding]:
+def _of_seed(seed: tuple[int, int], cameras: CameraRing) -> dict[Setting, MarkerHiding]:
     rng = np.random.default_rng(seed)
     hand = varied_hand(hand_skeleton(default_skeleton(), "left"), SPREAD, rng)
     left, right = synthesize_pair(hand, SYNTHESISED_SECONDS, rng)
@@ -178,7 +178,7 @@ def _told_of_others(clips: Iterable[Clip], advance: Callable[[Clip], None]) -> I
             advance(clip)
 
 
-def _add(counted: Counted, group: str, found: dict[Setting, Hiding]) -> None:
+def _add(counted: Counted, group: str, found: dict[Setting, MarkerHiding]) -> None:
     there = counted.get(group)
     counted[group] = found if there is None else {setting: there[setting] + found[setting] for setting in SETTINGS}
 
@@ -191,7 +191,7 @@ def _told(cameras: CameraRing) -> str:
     )
 
 
-def _rows(group: str, settings: Mapping[Setting, Hiding]) -> Iterator[tuple[Cell, ...]]:
+def _rows(group: str, settings: Mapping[Setting, MarkerHiding]) -> Iterator[tuple[Cell, ...]]:
     columns = [settings[setting] for setting in SETTINGS]
     yield (group, "no marker hidden", *(100 * float(one.shares[0]) for one in columns), None)
     for n in range(1, 5):
@@ -205,13 +205,13 @@ def _rows(group: str, settings: Mapping[Setting, Hiding]) -> Iterator[tuple[Cell
     yield (group, "median span, s", *(float(np.median(one.spans)) if len(one.spans) else None for one in columns), None)
 
 
-def _of_few(hiding: Hiding, n: int) -> float:
+def _of_few(hiding: MarkerHiding, n: int) -> float:
     """Share with n markers hidden of the time with one to four; NaN where there is none."""
     few = hiding.at_once[1:5].sum()
     return float(hiding.at_once[n] / few) if few else float("nan")
 
 
-def _remarks(main: Mapping[Setting, Hiding]) -> Iterator[str]:
+def _remarks(main: Mapping[Setting, MarkerHiding]) -> Iterator[str]:
     one, each, both = (main[setting] for setting in SETTINGS)
     several = [100 * float(hiding.shares[3:].sum()) for hiding in (one, each, both)]
     holds = "holds" if several[2] > several[0] else "does not hold"
@@ -227,7 +227,7 @@ def _remarks(main: Mapping[Setting, Hiding]) -> Iterator[str]:
         yield f"Spans below {SHORT:g} s: {share:.0f} % with one hand, published {100 * PUBLISHED_SHORT:.0f} %."
 
 
-def _at_once_panel(main: Mapping[Setting, Hiding]) -> BarPanel:
+def _at_once_panel(main: Mapping[Setting, MarkerHiding]) -> BarPanel:
     groups = tuple(str(n) for n in range(len(MARKERS) + 1))
     bars = [
         plain_bars(name, [100 * float(share) for share in main[setting].shares[: len(groups)]])
@@ -236,7 +236,7 @@ def _at_once_panel(main: Mapping[Setting, Hiding]) -> BarPanel:
     return BarPanel("markers hidden at once", groups, tuple(bars), "% of the time")
 
 
-def _span_panel(main: Mapping[Setting, Hiding]) -> BarPanel:
+def _span_panel(main: Mapping[Setting, MarkerHiding]) -> BarPanel:
     edges = (0.0, *EDGES, np.inf)
     names = (*(f"< {edge:g} s" for edge in EDGES), "longer")
     bars = []

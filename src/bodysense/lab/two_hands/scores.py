@@ -20,7 +20,7 @@ from bodysense.estimators.gloves.hands import GloveModels, HandsSettings
 from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
 from bodysense.lab.datasets import Census, DataSet, census_of
 from bodysense.lab.metrics import joint_error
-from bodysense.lab.scoring import GROUPS, group_of
+from bodysense.lab.scoring import GROUPS, Tally, group_of
 from bodysense.lab.spread import spread
 from bodysense.lab.synthesis.hand_motion import HandMotion, hand_motions
 from bodysense.lab.synthesis.hands import synthesize_hand
@@ -42,7 +42,7 @@ from bodysense.lab.two_hands.trials import (
 SEEDS = 5
 
 
-class Task(NamedTuple):
+class HandTask(NamedTuple):
     """Motions that are scored together."""
 
     motions: list[HandMotion]
@@ -76,13 +76,17 @@ class GloveTable:
         """One cell, cm; of the main group without one."""
         return self.means.get(group or self.groups[0], method, hidden, duration)
 
+    def tally(self, method: str, hidden: int, duration: float, group: str | None = None) -> Tally:
+        """One cell with its shares by person; of the main group without one."""
+        return self.means.tally(group or self.groups[0], method, hidden, duration)
+
     def suffix(self, group: str) -> str:
         """Of the group's keys."""
         return "" if group == self.groups[0] else f"_{group}"
 
 
 def measure(
-    work: Callable[[Task], Means],
+    work: Callable[[HandTask], Means],
     data: DataSet | None,
     synthesised: int,
     jobs: int,
@@ -91,7 +95,7 @@ def measure(
     """Every clip of `data` with fingers, and so many synthesised hands beside, in `jobs` processes."""
     means, census = Means(), Census()
 
-    def tasks() -> Iterator[Task]:
+    def tasks() -> Iterator[HandTask]:
         nonlocal census
         for clip in data.clips() if data is not None else ():
             if clip.has_fingers:
@@ -100,7 +104,7 @@ def measure(
             else:
                 advance()
         for number in range(synthesised):
-            yield Task([synthetic_hand(number)], SYNTHESISED)
+            yield HandTask([synthetic_hand(number)], SYNTHESISED, f"hand {number}")
 
     for _, told in spread(work, tasks(), jobs):
         means.merge(told)
@@ -108,9 +112,9 @@ def measure(
     return GloveTable(means, census, data, synthesised)
 
 
-def both_hands(clip: Clip) -> Task:
+def both_hands(clip: Clip) -> HandTask:
     """The hands of a clip at 60 Hz, and its group."""
-    return Task(list(hand_motions([clip])), group_of(clip), clip.person)
+    return HandTask(list(hand_motions([clip])), group_of(clip), clip.person)
 
 
 def synthetic_hand(number: int) -> HandMotion:
@@ -119,10 +123,12 @@ def synthetic_hand(number: int) -> HandMotion:
     return synthesize_hand(draw_hand(rng).skeleton, SYNTHETIC_SECONDS, rng)
 
 
-def measure_markers(task: Task, model: Path | None = None, stride: int = STRIDE, left_out: Path | None = None) -> Means:
+def measure_markers(
+    task: HandTask, model: Path | None = None, stride: int = STRIDE, left_out: Path | None = None
+) -> Means:
     """Table 3 of some motions: errors of hidden markers, cm, under (group, method, hidden, duration)."""
     motions, group, person = task
-    network, means = load_marker_network(model), Means()
+    network, means = load_marker_network(model), Means(person)
     for trials, count, hidden in _all_trials(motions, stride):
         fillers = {
             "lk": LastKnown(),
@@ -140,7 +146,7 @@ def measure_markers(task: Task, model: Path | None = None, stride: int = STRIDE,
 
 
 def measure_fingers(
-    task: Task,
+    task: HandTask,
     markers: Path | None = None,
     joints: Path | None = None,
     settings: HandsSettings = ALONE,
@@ -149,7 +155,7 @@ def measure_fingers(
 ) -> Means:
     """Table 4 of some motions: errors of the joints of fingers, cm, under (group, method, hidden, duration)."""
     motions, group, person = task
-    models, means = GloveModels(load_marker_network(markers), load_joint_network(joints)), Means()
+    models, means = GloveModels(load_marker_network(markers), load_joint_network(joints)), Means(person)
     for method, limits in (("ik", None), ("ik_tuned", FingerLimits())):
         for motion in motions:
             means.add((group, method, 0, 0.0), descent_error(motion, limits, stride))

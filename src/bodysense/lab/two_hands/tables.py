@@ -8,9 +8,10 @@ from functools import partial
 from pathlib import Path
 
 from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
+from bodysense.lab.bootstrap import Interval, interval
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import DataSet, describe
-from bodysense.lab.table import Cell, Report, cell, finite
+from bodysense.lab.table import Cell, Report, cell, finite, ordering, surely
 from bodysense.lab.two_hands.foreign import ALONE, FEW_MANY, PLACES, WAYS, foreign_numbers
 from bodysense.lab.two_hands.scores import (
     SEEDS,
@@ -180,7 +181,8 @@ def _marker_numbers(table: GloveTable) -> dict[str, float]:
             for duration in DURATIONS:
                 at, suffix = f"{hidden}_{duration:.1f}", table.suffix(group)
                 for method in METHODS:
-                    numbers[f"{method}_{at}_cm{suffix}"] = table.get(method, hidden, duration, group)
+                    tally, key = table.tally(method, hidden, duration, group), f"{method}_{at}_cm{suffix}"
+                    numbers |= {key: tally.mpjpe} | surely({key: tally.interval()})
                 numbers[f"ratio_{at}{suffix}"] = _ratio(table, hidden, duration, group)
     return numbers
 
@@ -209,7 +211,16 @@ def _marker_remarks(table: GloveTable) -> Iterator[str]:
         yield f"{_motion(table, group)}: network ÷ last known is at most the paper's: {verdict}."
     for method in ("lk", "ls", "ma", "ac"):
         better = all(table.get("nn", *one) < table.get(method, *one) for one in cells)
-        yield f"The network is better than {METHODS[method]} in every cell: {'holds' if better else 'does not hold'}."
+        sure = sum(_less(table, "nn", method, *one).verdict == "better" for one in cells)
+        held = "holds" if better else "does not hold"
+        text = f"The network is better than {METHODS[method]} in every cell: {held}"
+        yield f"{text}; the interval over people carries it in {sure} of {len(cells)}."
+
+
+def _less(table: GloveTable, method: str, other: str, hidden: int, duration: float) -> Interval:
+    """How much less one method errs than another."""
+    ours, theirs = (table.tally(one, hidden, duration).shares() for one in (method, other))
+    return interval(ours, theirs)
 
 
 def _marker_panels(table: GloveTable) -> Iterator[BarPanel]:
@@ -238,18 +249,21 @@ def _finger_numbers(table: GloveTable) -> dict[str, float]:
     for group in table.groups:
         suffix = table.suffix(group)
         for method, key in (("ik", "ik_cm"), ("ik_tuned", "ik_tuned_cm"), ("nn", "nn_0_cm")):
-            numbers[f"{key}{suffix}"] = table.get(method, 0, 0.0, group)
+            tally = table.tally(method, 0, 0.0, group)
+            numbers |= {f"{key}{suffix}": tally.mpjpe} | surely({f"{key}{suffix}": tally.interval()})
         for hidden in HIDDEN:
             for duration in DURATIONS:
-                numbers[f"nn_{hidden}_{duration:.1f}_cm{suffix}"] = table.get("nn", hidden, duration, group)
+                tally, key = table.tally("nn", hidden, duration, group), f"nn_{hidden}_{duration:.1f}_cm{suffix}"
+                numbers |= {key: tally.mpjpe} | surely({key: tally.interval()})
     return numbers
 
 
 def _finger_remarks(table: GloveTable) -> Iterator[str]:
     for method in ("ik", "ik_tuned"):
-        ours, other = table.get("nn", 0, 0.0), table.get(method, 0, 0.0)
-        verdict = "holds" if ours < other else "does not hold"
-        yield f"The network is better than {_STILL[method]}, nothing hidden: {verdict} ({ours:.2f}, {other:.2f} cm)."
+        lower, higher = (table.tally(one, 0, 0.0).named(_STILL[one]) for one in ("nn", method))
+        said = ordering(f"The network is better than {_STILL[method]}, nothing hidden", lower, [higher], "cm")
+        if said is not None:
+            yield said
 
 
 def _finger_panels(table: GloveTable) -> Iterator[BarPanel]:

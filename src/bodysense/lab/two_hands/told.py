@@ -20,7 +20,7 @@ _SIZED = 0.03  # log, likewise, of the size; that of a hand whose shape is not t
 _CHAIN = [HAND_JOINTS.index(f"middle{k}") for k in (1, 2, 3)]
 
 
-class Told(NamedTuple):
+class ToldHand(NamedTuple):
     """What n hands are taken for, at one size; the true ones are `scale` times as large as that makes them."""
 
     rest: np.ndarray  # (n, 21, 3) m
@@ -30,7 +30,7 @@ class Told(NamedTuple):
     scale: np.ndarray  # (n, 1, 1)
 
 
-def draw_told(frames: GloveFrames, of: np.ndarray, rng: np.random.Generator) -> Told:
+def draw_told(frames: GloveFrames, of: np.ndarray, rng: np.random.Generator) -> ToldHand:
     """Of the hands `of` (n,) of motions."""
     count, kind = len(of), rng.random(len(of))
     error = np.where(kind < EXACT, 0.0, rng.random(count))[:, None, None]
@@ -48,7 +48,7 @@ def draw_told(frames: GloveFrames, of: np.ndarray, rng: np.random.Generator) -> 
     shape = np.concatenate([rest[:, 1:].reshape(count, -1), flat.reshape(count, -1)], axis=1) / size[:, 0]
     shape = np.where(untold[:, 0], 0.0, shape).astype(np.float32)
     scale = np.exp(error * _SIZED * rng.standard_normal((count, 1, 1))) / size
-    return Told(rest / size, np.asarray(axes), flat / size, shape, scale)
+    return ToldHand(rest / size, np.asarray(axes), flat / size, shape, scale)
 
 
 @lru_cache(maxsize=1)

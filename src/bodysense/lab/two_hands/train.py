@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -33,6 +33,7 @@ from bodysense.lab.two_hands.network import (
     MarkerNetwork,
     MarkerNetworkConfig,
 )
+from bodysense.lab.two_hands.options import Form, GloveTraining, Network
 from bodysense.lab.two_hands.task import (
     PAPER_JOINT_SCHEDULE,
     PAPER_MARKER_SCHEDULE,
@@ -41,8 +42,6 @@ from bodysense.lab.two_hands.task import (
     train_glove,
 )
 
-Network = Literal["markers", "joints", "two-hands", "recurrent"]
-Form = Literal["shipped", "paper"]
 FILES: dict[Network, str] = {name: f"glove_{name.replace('-', '_')}.onnx" for name in get_args(Network)}
 RATE = 30.0  # Hz, of the frames that are learned
 MEMORY_RATE = 60.0  # of the recurrent network's, for which time matters
@@ -59,38 +58,7 @@ _DRAWN_TOO = 2  # likewise, of a synthesised one beside once on its own
 _TRAIN, _VALIDATION = 1, 2  # of the generators of synthesised hands
 
 
-@dataclass(frozen=True)
-class GloveRun:
-    """What `bodysense train gloves` was asked for."""
-
-    networks: tuple[Network, ...]
-    data: Path | None  # None: synthesised hands alone
-    out: Path  # a folder
-    form: Form
-    steps: int | None
-    hand_minutes: float  # of synthesised single hands
-    pair_minutes: float  # of synthesised pairs
-    seed: int
-    threads: int | None
-    licence: str
-    data_note: str
-    without: tuple[str, ...] = ()  # people of the data that are left out
-
-    def __post_init__(self) -> None:
-        if self.steps is not None and self.steps < 1:
-            raise BodysenseError(f"--steps {self.steps}: give at least 1")
-        if "two-hands" in self.networks and self.data is None and not self.pair_minutes > 0:
-            raise BodysenseError("--pair-minutes 0: the network of two hands needs pairs; give more than 0, or --data")
-        for name in ("hand_minutes", "pair_minutes"):
-            if not 0 <= getattr(self, name) < float("inf"):
-                option = name.replace("_", "-")
-                raise BodysenseError(f"--{option} {getattr(self, name):g}: give 0 or more")
-        for network in self.networks:
-            if (network, self.form) not in SCHEDULES:
-                raise BodysenseError(f"--network {network}: the paper has no such network; leave --form out")
-
-
-def run_gloves(run: GloveRun) -> None:
+def run_gloves(run: GloveTraining) -> None:
     """Train, export, and leave log (`.jsonl`) and checkpoint (`.ckpt`) of each network beside it in the folder."""
     make_folder(run.out)
     if run.threads is not None:
@@ -117,12 +85,12 @@ def people_with_fingers(data: Path | None) -> tuple[str, ...]:
     return people
 
 
-def prepare(run: GloveRun, split: Literal["train", "val"], rate: float) -> GloveFrames:
+def prepare(run: GloveTraining, split: Literal["train", "val"], rate: float) -> GloveFrames:
     """The hands of a split: recorded ones in every variation, and synthesised ones."""
     return join([*_recorded(run, split, rate), *_synthesised(run, split, rate)])
 
 
-def _recorded(run: GloveRun, split: Literal["train", "val"], rate: float) -> Iterator[GloveFrames]:
+def _recorded(run: GloveTraining, split: Literal["train", "val"], rate: float) -> Iterator[GloveFrames]:
     if run.data is None:
         return
     own, drawn = (1, 0) if run.form == "paper" else (_OWN, _DRAWN) if split == "train" else (1, 1)
@@ -131,7 +99,7 @@ def _recorded(run: GloveRun, split: Literal["train", "val"], rate: float) -> Ite
         yield from _both(left, right, own, drawn, [run.seed, index])
 
 
-def _synthesised(run: GloveRun, split: Literal["train", "val"], rate: float) -> Iterator[GloveFrames]:
+def _synthesised(run: GloveTraining, split: Literal["train", "val"], rate: float) -> Iterator[GloveFrames]:
     """Half-minute motions of hands of the family; those of validation are a tenth, and of another generator."""
     part, stream, drawn = (1.0, _TRAIN, _DRAWN_TOO) if split == "train" else (0.1, _VALIDATION, 1)
     for number in range(math.ceil(2 * part * run.hand_minutes)):
@@ -155,7 +123,7 @@ def _both(left: HandMotion, right: HandMotion, own: int, drawn: int, seed: list[
 
 
 def _train(
-    run: GloveRun, name: Network, frames: GloveFrames, validation: GloveFrames, rate: float, console: Console
+    run: GloveTraining, name: Network, frames: GloveFrames, validation: GloveFrames, rate: float, console: Console
 ) -> None:
     schedule = replace(SCHEDULES[name, run.form], seed=run.seed)
     if run.steps is not None:

@@ -19,6 +19,7 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.estimators.gloves.fillers import Filler
 from bodysense.estimators.gloves.hands import GloveModels, Hands, HandsSettings
 from bodysense.lab.metrics import joint_error
+from bodysense.lab.scoring import Tally
 from bodysense.lab.synthesis.hand_motion import RATE, HandMotion
 from bodysense.observation import EXACT_ACCURACY, Observation
 
@@ -72,24 +73,25 @@ def together(several: Sequence[Trials]) -> Trials:
 class Means:
     """Means of what is added, each under a key."""
 
-    sums: dict[tuple, tuple[float, int]] = field(default_factory=dict)
+    person: str = ""  # whose what is added is
+    sums: dict[tuple, Tally] = field(default_factory=dict)
 
     def add(self, key: tuple, values: np.ndarray) -> None:
         """Values of any shape; those that are not numbers are left out."""
-        known = values[np.isfinite(values)]
-        total, count = self.sums.get(key, (0.0, 0))
-        self.sums[key] = (total + float(known.sum()), count + known.size)
+        self.sums.setdefault(key, Tally()).add(values[np.isfinite(values)], self.person)
 
     def merge(self, other: Means) -> None:
         """Add what another one was told."""
-        for key, (more, number) in other.sums.items():
-            total, count = self.sums.get(key, (0.0, 0))
-            self.sums[key] = (total + more, count + number)
+        for key, tally in other.sums.items():
+            self.sums.setdefault(key, Tally()).merge(tally)
+
+    def tally(self, *key: object) -> Tally:
+        """What was added under a key."""
+        return self.sums.get(key, Tally())
 
     def get(self, *key: object) -> float:
         """The mean; NaN where there is none."""
-        total, count = self.sums.get(key, (0.0, 0))
-        return total / count if count else float("nan")
+        return self.tally(*key).mpjpe
 
 
 def cut(

@@ -25,14 +25,14 @@ _BLOCK = 128  # frames at a time
 
 
 @dataclass(frozen=True, eq=False)
-class Contact:
+class ContactPrediction:
     """Where a body touches itself."""
 
     body: np.ndarray  # (...) bool: two bones of trunk, head, arms or legs touch (the paper's self-contact)
     hand: np.ndarray  # (...) bool: a hand touches the other one or the body (the paper's hand-body contact)
 
 
-def self_contact(pose: Pose, margin: float = 0.005) -> Contact:
+def self_contact(pose: Pose, margin: float = 0.005) -> ContactPrediction:
     """Whether a body, with any leading axes, touches itself; every primitive is enlarged by `margin` (m).
 
     Raises BodysenseError for a skeleton of another tree than the default body's.
@@ -50,7 +50,7 @@ def self_contact(pose: Pose, margin: float = 0.005) -> Contact:
         frame, pair = np.nonzero(touching)
         body[first + frame[~pairs.of_hand[pair]]] = True
         hand[first + frame[pairs.of_hand[pair]]] = True
-    return Contact(body.reshape(batch), hand.reshape(batch))
+    return ContactPrediction(body.reshape(batch), hand.reshape(batch))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import DataSet, describe, missing
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.scoring import RATE, Tally, group_of
-from bodysense.lab.table import Cell, Named, Report, cell, finite, ordering
+from bodysense.lab.table import Cell, Report, cell, finite, ordering
 from bodysense.lab.unoc.finger_scores import finger_offsets
 from bodysense.lab.unoc.finger_synthesis import FingerSynthesis
 from bodysense.lab.unoc.point_model import PointModel
@@ -120,7 +120,7 @@ def synthesis_errors(sets: Sequence[DataSet], models: Mapping[str, PointModel]) 
                 method = FingerSynthesis(clip.pose.skeleton, model, half_life=0)
                 placed, _ = method.step(clip.pose, clip.time, method.start())
                 tally = errors.setdefault((train, data.name), Tally())
-                tally.add(joint_error(placed[:, np.argsort(method.places)], truth))
+                tally.add(joint_error(placed[:, np.argsort(method.places)], truth), clip.person)
     return errors
 
 
@@ -140,13 +140,13 @@ def _rows(
 
 def _remarks(title: str, found: Mapping[Pair, Tally], inputs: Mapping[str, Tally]) -> Iterator[str]:
     for test in dict.fromkeys(test for _, test in found):
-        named = {train: Named(train, tally.rmsjpe) for (train, other), tally in found.items() if other == test}
+        named = {train: tally.named(train, "rmsjpe") for (train, other), tally in found.items() if other == test}
         rest = [one for train, one in named.items() if train != test]
         verdicts = []
         if test in named:
             verdicts.append(ordering(f"{title}, on {test}: its own network is the best", named[test], rest, "cm"))
         if test in inputs:
-            known = [Named("last known", inputs[test].rmsjpe)]
+            known = [inputs[test].named("last known", "rmsjpe")]
             claim = "{}, on {}: the network of {} is better than the last known position"
             verdicts += [ordering(claim.format(title, test, one.name), one, known, "cm") for one in named.values()]
         yield from (verdict for verdict in verdicts if verdict is not None)

@@ -76,7 +76,7 @@ def make_episode(clip: Clip, model: BodyNetwork, variation: Variation, rng: np.r
     )
 
 
-class Batch(NamedTuple):
+class EpisodeBatch(NamedTuple):
     """A chunk of B episodes; `begins` marks those that start with this chunk."""
 
     features: Tensor  # (B, T, F)
@@ -90,7 +90,7 @@ class Batch(NamedTuple):
 
 def lanes(
     episodes: Sequence[Episode], weight: np.ndarray, lane_count: int, chunk: int, rng: np.random.Generator
-) -> Iterator[Batch]:
+) -> Iterator[EpisodeBatch]:
     """Endless chunks for truncated backpropagation: each of B lanes plays whole clips, drawn by `weight`.
 
     The state of a lane carries over from batch to batch, except where `begins`. A clip's last chunk is padded.
@@ -118,7 +118,7 @@ def walk(
         place += chunk
 
 
-def collate(pieces: Sequence[tuple[Episode, int]], chunk: int, begins: np.ndarray) -> Batch:
+def collate(pieces: Sequence[tuple[Episode, int]], chunk: int, begins: np.ndarray) -> EpisodeBatch:
     """Cut `chunk` frames from each episode at its start frame; past the end the last frame repeats, not valid.
 
     A negative start repeats the first frame before it.
@@ -129,7 +129,7 @@ def collate(pieces: Sequence[tuple[Episode, int]], chunk: int, begins: np.ndarra
     def stack(name: str) -> Tensor:
         return torch.from_numpy(np.stack([getattr(e, name)[r] for (e, _), r in zip(pieces, rows, strict=True)]))
 
-    return Batch(
+    return EpisodeBatch(
         features=stack("features"),
         known=stack("known"),
         offset=stack("offset"),
@@ -142,7 +142,7 @@ def collate(pieces: Sequence[tuple[Episode, int]], chunk: int, begins: np.ndarra
 
 def windows(
     episodes: Sequence[Episode], window: int, stride: int, batch: int, rng: np.random.Generator
-) -> Iterator[Batch]:
+) -> Iterator[EpisodeBatch]:
     """One epoch of windows that end at every `stride`-th frame of every clip, shuffled (papers.md 1.5)."""
     first = [int(rng.integers(min(stride, len(episode)))) for episode in episodes]
     ends = [(k, end) for k, episode in enumerate(episodes) for end in range(first[k], len(episode), stride)]

@@ -30,7 +30,7 @@ PARTS = {"body": "body", "finger": "fingers"}
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs:
+class ErrorPairs:
     """What was expected and what came, of hidden points."""
 
     expected: np.ndarray  # (N,) cm
@@ -56,7 +56,7 @@ class Reliability:
     bias: float  # cm, mean of expected less true
 
 
-def pairs_of_clip(clip: Clip, model: Path | None) -> dict[tuple[str, str], Pairs]:
+def pairs_of_clip(clip: Clip, model: Path | None) -> dict[tuple[str, str], ErrorPairs]:
     """By group of categories and part: expected and true errors of what a headset does not see of a clip."""
     clip = resample(clip, RATE)
     skeleton = clip.pose.skeleton
@@ -69,15 +69,15 @@ def pairs_of_clip(clip: Clip, model: Path | None) -> dict[tuple[str, str], Pairs
     for part, (error, points) in part_errors(estimate.position, truth, skeleton, clip.has_fingers).items():
         if part in PARTS:
             mask = hidden[:, points]
-            result[group_of(clip), part] = Pairs(100 * estimate.confidence[:, points][mask], error[mask])
+            result[group_of(clip), part] = ErrorPairs(100 * estimate.confidence[:, points][mask], error[mask])
     return result
 
 
 def measure_reliability(
     data: DataSet, model: Path | None, jobs: int, advance: Callable[[Clip], None]
-) -> tuple[dict[tuple[str, str], Pairs], Census]:
+) -> tuple[dict[tuple[str, str], ErrorPairs], Census]:
     """All pairs of a data set, by group of categories and part. `advance` is told of every clip that is done."""
-    found: dict[tuple[str, str], list[Pairs]] = {}
+    found: dict[tuple[str, str], list[ErrorPairs]] = {}
     census = Census()
     for clip, one in spread(partial(pairs_of_clip, model=model), data.clips(), jobs):
         census += census_of(clip)
@@ -87,7 +87,7 @@ def measure_reliability(
     return {key: _joined(pairs) for key, pairs in found.items()}, census
 
 
-def reliability_of(pairs: Pairs, bins: int = BINS) -> Reliability:
+def reliability_of(pairs: ErrorPairs, bins: int = BINS) -> Reliability:
     """Bins of equal count (the first ones are larger by one where it does not divide) and correlations."""
     order = np.argsort(pairs.expected, kind="stable")
     expected, error = pairs.expected[order], pairs.error[order]
@@ -100,7 +100,7 @@ def reliability_of(pairs: Pairs, bins: int = BINS) -> Reliability:
     )
 
 
-def reliability_report(pairs: dict[tuple[str, str], Pairs], census: Census, data: DataSet) -> Report:
+def reliability_report(pairs: dict[tuple[str, str], ErrorPairs], census: Census, data: DataSet) -> Report:
     """The table of the main categories, and correlations of the others."""
     rows, numbers, remarks, panels = [], {}, [], []
     for (group, part), some in sorted(pairs.items()):
@@ -144,9 +144,9 @@ def reliability_report(pairs: dict[tuple[str, str], Pairs], census: Census, data
     )
 
 
-def _joined(pairs: Iterable[Pairs]) -> Pairs:
+def _joined(pairs: Iterable[ErrorPairs]) -> ErrorPairs:
     pairs = list(pairs)
-    return Pairs(np.concatenate([one.expected for one in pairs]), np.concatenate([one.error for one in pairs]))
+    return ErrorPairs(np.concatenate([one.expected for one in pairs]), np.concatenate([one.error for one in pairs]))
 
 
 def _ranks(values: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from bodysense.files import written_beside
 from bodysense.lab.datasets import Census, DataSet
 from bodysense.lab.scoring import KNOWN, Tally
 
-FORMAT = 1  # of the files; another number makes them be counted again
+FORMAT = 2  # of the files; another number makes them be counted again
 Parts = dict[tuple[str, str, str], Tally]  # by category group, part of the body, share of joints
 
 
@@ -49,7 +49,7 @@ def identity_of(data: DataSet, stride: int, file: Path | None, settings: str = "
 
 def write_scores(path: Path, scores: Scores, identity: Mapping[str, Any]) -> None:
     """Write scores with what they depend on."""
-    tallies = {"/".join(key): [tally.count, tally.total, tally.squared] for key, tally in scores.tallies.items()}
+    tallies = {"/".join(key): _sums(tally) for key, tally in scores.tallies.items()}
     census = asdict(scores.census) | {"people": sorted(scores.census.people)}
     with written_beside(path) as beside:
         kept = {"identity": identity, "census": census, "tallies": tallies}
@@ -65,10 +65,16 @@ def read_scores(path: Path, identity: Mapping[str, Any]) -> Scores | None:
         tallies: Parts = {}
         for key, sums in kept["tallies"].items():
             group, part, share = key.split("/")
-            tallies[group, part, share] = Tally(*sums)
+            people = {person: Tally(*of_person) for person, of_person in sums["people"].items()}
+            tallies[group, part, share] = Tally(*sums["all"], people=people)
         return Scores(tallies, Census(**kept["census"] | {"people": frozenset(kept["census"]["people"])}))
     except (OSError, ValueError, KeyError, TypeError):
         return None
+
+
+def _sums(tally: Tally) -> dict[str, Any]:
+    people = {person: [one.count, one.total, one.squared] for person, one in tally.people.items()}
+    return {"all": [tally.count, tally.total, tally.squared], "people": people}
 
 
 def better_last_known(scores: Mapping[str, Scores]) -> str:

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import DataSet, describe, missing
-from bodysense.lab.scoring import GROUPS
-from bodysense.lab.table import Cell, Named, Report, cell, finite, ordering
+from bodysense.lab.scoring import GROUPS, Measure
+from bodysense.lab.table import Cell, Named, Report, bounds, cell, finite, ordering, surely
 from bodysense.lab.unoc.scores import Scores, better_last_known
 
 Place = tuple[str, str]  # part of the body, share of joints
-MEASURES = ("rmsjpe", "mpjpe")
+MEASURES: tuple[Measure, ...] = ("rmsjpe", "mpjpe")
 OWN_NAMES = {"last_known": "last known", "best": "shipped, before IK", "tracker": "shipped"}
 PARTS = {
     "body": "body",
@@ -35,7 +35,7 @@ class Claim:
     lower: str
     higher: tuple[str, ...]
     place: Place = ("body", "occluded")
-    measure: str = "rmsjpe"
+    measure: Measure = "rmsjpe"
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,8 @@ def network_report(table: NetworkTable, scores: Mapping[str, Scores], data: Data
     groups = [g for g in GROUPS[1:] if any(scores[m].get(*table.places[0], g).count for m in table.methods)]
     change = ("change, %", "UNOC's change, %") if table.change_from else ()
     published = ("UNOC's RMSJPE", "UNOC's MPJPE")
-    columns = ("joints", "network", "RMSJPE", "MPJPE", *published, *change, *(f"{g} RMSJPE" for g in groups))
+    ours = ("RMSJPE", "MPJPE", "RMSJPE low", "high")
+    columns = ("joints", "network", *ours, *published, *change, *(f"{g} RMSJPE" for g in groups))
     return Report(
         name=table.name,
         title=table.title,
@@ -180,7 +181,8 @@ def network_report(table: NetworkTable, scores: Mapping[str, Scores], data: Data
         data=(describe(data, census), *missing(("UNOC",), [data])),
         remarks=tuple(_remarks(table, scores, frame)),
         caption="cm. Body: shoulders to feet, in the world; fingers from their wrist, but with the body in the world. "
-        "Over sitting, gestures, everyday motion and locomotion; other motion stands in columns of its own.",
+        "Over sitting, gestures, everyday motion and locomotion; other motion stands in columns of its own. "
+        "Low and high: 95 % by bootstrap over people.",
         digits=table.digits,
         panels=tuple(_panels(table, scores)),
     )
@@ -207,7 +209,8 @@ def numbers_of(scores: Scores, method: str, parts: Mapping[str, str] = KEYS) -> 
             continue
         key = f"{method}_{parts[part]}" + ("" if part.startswith(("parent", "bone")) else f"_{share}")
         for measure in MEASURES:
-            result[f"{key}_{measure}_cm" + ("" if group == "main" else f"_{group}")] = getattr(tally, measure)
+            name = f"{key}_{measure}_cm" + ("" if group == "main" else f"_{group}")
+            result |= {name: getattr(tally, measure)} | surely({name: tally.interval(measure)})
     return finite(result)
 
 
@@ -222,7 +225,8 @@ def _table_rows(table: NetworkTable, scores: Mapping[str, Scores], groups: list[
                 change.append(cell(100 * (tally.rmsjpe / before - 1) if before else math.nan))
                 change.append(None if published is None else 100 * (published[0] / before_published - 1))
             others = (cell(scores[method].get(*place, group).rmsjpe) for group in groups)
-            figures = (cell(tally.rmsjpe), cell(tally.mpjpe), *(published or (None, None)))
+            sure = bounds(tally.interval("rmsjpe"))
+            figures = (cell(tally.rmsjpe), cell(tally.mpjpe), *sure, *(published or (None, None)))
             if any(figure is not None for figure in figures[:2]):
                 yield (joints_of(place), name_of(method), *figures, *change, *others)
 
@@ -238,7 +242,7 @@ def _remarks(table: NetworkTable, scores: Mapping[str, Scores], frame: str) -> I
     for claim in table.claims:
 
         def named(method: str, claim: Claim = claim) -> Named:
-            return Named(name_of(method), getattr(scores[method].get(*claim.place), claim.measure))
+            return scores[method].get(*claim.place).named(name_of(method), claim.measure)
 
         verdict = ordering(claim.text, named(claim.lower), [named(method) for method in claim.higher], "cm")
         if verdict is not None:

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from bodysense.lab.fit import Task, rate_at
 from bodysense.lab.scoring import UNOC_EVAL_JOINTS
-from bodysense.lab.unoc.episodes import Batch, Episode, collate, lanes, windows
+from bodysense.lab.unoc.episodes import Episode, EpisodeBatch, collate, lanes, windows
 from bodysense.lab.unoc.losses import LossWeights, Truth, body_loss
 from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig
 
@@ -59,11 +59,11 @@ class BodyTask(Task):
             return self.schedule.learning_rate
         return rate_at(self.schedule, step)
 
-    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[Batch]:
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[EpisodeBatch]:
         """See `make_batches`."""
         return make_batches(self.network.config, self.schedule, self.episodes, rng, done)
 
-    def loss(self, batch: Batch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor | None]:
+    def loss(self, batch: EpisodeBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor | None]:
         """Loss terms of a chunk with carried memory, or of the last frame of windows."""
         network = self.network
         if memory is None:
@@ -95,7 +95,7 @@ def step_count(config: BodyNetworkConfig, schedule: BodySchedule, episodes: Sequ
 
 def make_batches(
     config: BodyNetworkConfig, schedule: BodySchedule, episodes: Sequence[Episode], rng: np.random.Generator, done: int
-) -> Iterator[Batch]:
+) -> Iterator[EpisodeBatch]:
     """The run's batches from step `done` on: sequences without end, or the epochs of windows."""
     if config.window is None:
         fingers = np.array([episode.fingers for episode in episodes])

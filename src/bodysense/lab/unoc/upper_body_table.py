@@ -28,7 +28,7 @@ from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, describe, missing
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.scoring import GROUPS, RATE, Tally, group_of
-from bodysense.lab.table import Cell, Named, Report, cell, finite, ordering
+from bodysense.lab.table import Cell, Report, cell, finite, ordering
 from bodysense.lab.unoc.upper_body_ik import UpperBodyIk
 from bodysense.occlusion.three_point import observe
 
@@ -86,11 +86,12 @@ def _rows(table: UpperBodyTable, groups: list[str]) -> Iterator[tuple[Cell, ...]
 def _remarks(table: UpperBodyTable) -> Iterator[str]:
     for poses, where in POSES.items():
         for joints in JOINTS:
-            network, ik = (Named(METHODS[m], table.get("main", poses, m, joints).rmsjpe) for m in ("network", "ik"))
+            network, ik = (table.get("main", poses, m, joints).named(METHODS[m], "rmsjpe") for m in ("network", "ik"))
             verdict = ordering(f"{joints}, {where}: the network is better than IK", network, [ik], "cm")
             if verdict is not None:
                 yield verdict
-    every, standing = (Named(where, table.get("main", poses, "ik", "all").rmsjpe) for poses, where in POSES.items())
+    of_ik = {where: table.get("main", poses, "ik", "all") for poses, where in POSES.items()}
+    every, standing = (tally.named(where, "rmsjpe") for where, tally in of_ik.items())
     verdict = ordering("IK is better at standing poses", standing, [every], "cm")
     if verdict is not None:
         yield verdict
@@ -183,7 +184,7 @@ def score_clip(clip: Clip, methods: Mapping[str, MakeEstimator]) -> Tallies:
             chosen = error[:, skeleton.indices(names)]
             for poses, mask in shares.items():
                 for group in _groups(clip):
-                    tallies.setdefault((group, poses, method, joints), Tally()).add(chosen[mask])
+                    tallies.setdefault((group, poses, method, joints), Tally()).add(chosen[mask], clip.person)
     return tallies
 
 

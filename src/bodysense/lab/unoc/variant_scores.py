@@ -59,7 +59,7 @@ class Work:
 
 
 @dataclass(frozen=True)
-class Reading:
+class ClipReading:
     """A clip as networks read it that have the same inputs; T frames, a batch of one."""
 
     tracked: TrackedBody
@@ -68,15 +68,15 @@ class Reading:
     into: Tensor  # (1, T, 3, 3)
 
 
-def read_observation(model: BodyNetwork, observation: Observation, skeleton: Skeleton) -> Reading:
+def read_observation(model: BodyNetwork, observation: Observation, skeleton: Skeleton) -> ClipReading:
     """What a network reads of an observation of a wearer with `skeleton`."""
     tracked = tracked_of(observation, skeleton)
     with torch.no_grad():
         features, known, into, _ = model.prepare(tracked, model.start(1))
-    return Reading(tracked, features, known, into)
+    return ClipReading(tracked, features, known, into)
 
 
-def complete(model: BodyNetwork, reading: Reading, frames: np.ndarray) -> np.ndarray:
+def complete(model: BodyNetwork, reading: ClipReading, frames: np.ndarray) -> np.ndarray:
     """World positions (N, P, 3) m that a window network gives N frames, each answered from the window that ends there.
 
     A window that begins before the clip begins with repetitions of its first frame.
@@ -101,7 +101,7 @@ def positions_of(
     networks: Mapping[str, Path], observation: Observation, skeleton: Skeleton, frames: np.ndarray
 ) -> dict[str, np.ndarray]:
     """World positions (N, P, 3) m of every network at N frames; networks of the same inputs share what they read."""
-    readings: dict[tuple[str, str, str], Reading] = {}
+    readings: dict[tuple[str, str, str], ClipReading] = {}
     result = {}
     for name, path in networks.items():
         model = _network(path)
@@ -143,7 +143,7 @@ def errors_of(position: np.ndarray, truth: np.ndarray, hidden: np.ndarray, clip:
     tallies: Parts = {}
     for part, (values, chosen) in part_errors(position, truth, skeleton, clip.has_fingers).items():
         for share, mask in (("occluded", hidden[:, chosen]), ("all", np.full(values.shape, True))):
-            tallies.setdefault((group, part, share), Tally()).add(values[mask])
+            tallies.setdefault((group, part, share), Tally()).add(values[mask], clip.person)
     tested = scored_points(skeleton)
     bones = {"body": tested}
     if clip.has_fingers:
@@ -152,8 +152,8 @@ def errors_of(position: np.ndarray, truth: np.ndarray, hidden: np.ndarray, clip:
         parents = [skeleton.parents[point] for point in chosen]
         ours, true = (points[:, chosen] - points[:, parents] for points in (position, truth))
         length = np.abs(np.linalg.norm(ours, axis=-1) - np.linalg.norm(true, axis=-1))
-        tallies.setdefault((group, f"parent_{part}", "all"), Tally()).add(100 * np.linalg.norm(ours - true, axis=-1))
-        tallies.setdefault((group, f"bone_{part}", "all"), Tally()).add(100 * length)
+        for name, error in (("parent", np.linalg.norm(ours - true, axis=-1)), ("bone", length)):
+            tallies.setdefault((group, f"{name}_{part}", "all"), Tally()).add(100 * error, clip.person)
     return tallies
 
 

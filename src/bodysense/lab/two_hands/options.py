@@ -1,0 +1,62 @@
+"""What the training of a glove's networks is asked; read by the command line, so without PyTorch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import Literal
+
+from tyro.conf import Suppress
+
+from bodysense.errors import BodysenseError
+from bodysense.lab.options import Card, Run, check_positive
+
+Network = Literal["markers", "joints", "two-hands", "recurrent"]
+Form = Literal["shipped", "paper"]
+OF_THE_PAPER: tuple[Network, ...] = ("markers", "joints")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GloveTraining(Run, Card):
+    """Train the networks of a glove (two-hands, 3.2) into a folder: glove_markers.onnx, glove_joints.onnx and so on."""
+
+    data: Path | None = None
+    """folder of motion files or a prepared store; of its train split the clips with fingers are learned, left hands
+    and right ones, and the weights that do best on its val split are kept; without it synthesised hands alone"""
+    network: Network | Literal["both"] = "both"
+    """'both' is the two that run: 'markers' fills hidden markers, 'joints' tells angles. 'two-hands' fills those of one
+    hand from both, 'recurrent' remembers"""
+    form: Form = "shipped"
+    """'shipped' is larger and reads the lengths of bones and which markers are hidden; 'paper' is as Tables 1 and 2
+    have it"""
+    steps: int | None = None
+    """optimiser steps; by default the form's own"""
+    hand_minutes: float = 40.0
+    """minutes of synthesised hands beside the recorded ones"""
+    pair_minutes: float = 10.0
+    """minutes of synthesised pairs of hands that touch"""
+    leave_one_out: bool = False
+    """train as often as there are people in the data, each time without one of them, in a folder `without-PERSON` each,
+    for `bodysense evaluate gloves-table3 --left-out`"""
+    seed: int = 1
+    """random seed"""
+    without: Suppress[tuple[str, ...]] = ()  # people of the data that are left out
+
+    @property
+    def networks(self) -> tuple[Network, ...]:
+        """Which are trained."""
+        return OF_THE_PAPER if self.network == "both" else (self.network,)
+
+    def __post_init__(self) -> None:
+        if self.out.suffix == ".onnx":
+            raise BodysenseError(f"{self.out}: several networks are written; give a folder")
+        check_positive(steps=self.steps)
+        if self.network == "two-hands" and self.data is None and not self.pair_minutes > 0:
+            raise BodysenseError("--pair-minutes 0: the network of two hands needs pairs; give more than 0, or --data")
+        for name in ("hand_minutes", "pair_minutes"):
+            if not 0 <= getattr(self, name) < inf:
+                option = name.replace("_", "-")
+                raise BodysenseError(f"--{option} {getattr(self, name):g}: give 0 or more")
+        if self.form == "paper" and not {*self.networks} <= {*OF_THE_PAPER}:
+            raise BodysenseError(f"--network {self.network}: the paper has no such network; leave --form out")
