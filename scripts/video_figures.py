@@ -2,6 +2,8 @@
 
     bodysense data render DIR -o RENDERED --videos 24 --seconds 6
     bodysense evaluate video-rendered RENDERED --json FIGURES/video-rendered.json
+    bodysense data render -o GESTURES
+    bodysense evaluate video-rendered GESTURES --json FIGURES/gestures.json
     bodysense train arms-table --data DIR -o NETWORKS …
     bodysense evaluate pahmt-table1 --data DIR --networks NETWORKS --out FIGURES --json FIGURES/pahmt-table1.json
     … train and evaluate with --keypoints perfect, into FIGURES/pahmt-table1-perfect.json
@@ -32,6 +34,14 @@ METHODS = {
     "network_true": "bodysense, from perfect key-points",
     "positions_ik": "inverse kinematics on true positions",
 }
+GESTURES = {"t_pose": "T-pose", "arms_up": "arms up", "arms_ahead": "arms ahead", "punches": "punches"}
+BONES = {
+    "upper_arm_picture_deg": "upper arm, picture °",
+    "forearm_picture_deg": "forearm °",
+    "upper_arm_space_deg": "upper arm, space °",
+    "forearm_space_deg": "forearm °",
+    "wrist_acceleration": "wrists m/s²",
+}
 MEASURES = {
     "arms_deg": "arms °",
     "upper_arm_twist_deg": "twist of upper arms °",
@@ -47,6 +57,8 @@ def main(folder: Path) -> None:
     if "video-rendered" in read:
         for page in ("README.md", "docs/rendered.md"):
             _write(page, "video", rendered(read["video-rendered"]))
+    if "gestures" in read:
+        _write("docs/rendered.md", "gestures", gestures(read["gestures"]))
     if "pahmt-table1" in read:
         _write("docs/arms.md", "table1", table(read["pahmt-table1"], read.get("pahmt-table1-perfect", {})))
     if (drawn := folder / "pahmt-table1.png").is_file():
@@ -65,6 +77,22 @@ def rendered(numbers: Numbers) -> str:
         f"{numbers['detection_rate']:.0%} of the pictures, {numbers['hand_detection_rate']:.0%} of the hands."
     )
     return markdown(["", *MEASURES.values()], rows) + "\n\n" + said
+
+
+def gestures(numbers: Numbers) -> str:
+    """Rows of gestures: bones of arms, in brackets those of the landmarks, and how wrists truly accelerate."""
+    rows = [
+        [
+            title,
+            *(
+                f"{_one(numbers, f'network_{bone}_{key}')} ({_one(numbers, f'landmarks_ik_{bone}_{key}')})"
+                for bone in BONES
+            ),
+            _one(numbers, f"positions_ik_wrist_acceleration_{key}"),
+        ]
+        for key, title in GESTURES.items()
+    ]
+    return markdown(["", *BONES.values(), "true"], rows)
 
 
 def table(numbers: Numbers, perfect: Numbers) -> str:

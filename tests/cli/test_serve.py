@@ -52,6 +52,7 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
         (("--slimevr", "--slimevr-host", "no.such.host.invalid"), "--slimevr 6969: no.such.host.invalid"),
         (("--workers", 2, "--solarxr"), "UDP goes with one process only"),
         (("--workers", 2, "--slimevr"), "UDP goes with one process only"),
+        (("--bridge",), "--bridge has nowhere to send to; give --vmc-out"),
         (("--vmt", "--vmt-first", 60), "give 0 to 48"),
     ],
 )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 pytest.importorskip("prometheus_client", reason="needs bodysense[serve]")
 from bodysense.serve.fuzz import FuzzCounts, run_fuzz
+from bodysense.serve.packet_fuzz import fuzz_packets
 
 
 def test_hostile_clients_are_refused_and_others_are_served() -> None:
@@ -20,3 +22,8 @@ def test_hostile_clients_are_refused_and_others_are_served() -> None:
 @pytest.mark.parametrize("seed", [2, 3])
 def test_hostile_clients_for_longer(seed: int) -> None:
     run_fuzz(50_000, seed, FuzzCounts())
+
+
+def test_hostile_packets_of_every_protocol() -> None:
+    found = fuzz_packets(3000, np.random.default_rng(3))
+    assert set(found) == {"vmc", "vmt", "vrchat", "solarxr input", "slimevr", "solarxr"} and sum(found.values()) == 3000

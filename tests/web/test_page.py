@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
+import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -42,6 +44,13 @@ Used = tuple[Path, dict[str, Any]]
 def test_the_first_visit_fetches_little(used: Used) -> None:
     assert used[1]["bytes"] < 13e6
     assert "3 points tracked" in used[1]["shown"]
+
+
+def test_a_person_moves_soon(scenario: Scenario, site: Path, tmp_path: Path) -> None:
+    first = min((scenario("first", site, tmp_path / "first.png") for _ in range(2)), key=lambda facts: facts["moving"])
+    assert first["words"] < first["moving"] < 10  # s, on a busy machine without a graphics card; docs/page.md: 2 s
+    assert not set(first["before"]) & {"worker.js", "avatar.js", "avatar.vrm.gz"}
+    assert picture_of(tmp_path / "first.png")[:, 560:720].std() > 20  # somebody is there
 
 
 def test_axe_finds_no_serious_fault(used: Used) -> None:
@@ -99,20 +108,66 @@ def test_a_wearer_sees_themselves_and_keeps_their_take(scenario: Scenario, site:
     assert picture_of(tmp_path / "vr.png").std() > 3  # something is drawn
 
 
+def test_a_headset_is_followed_at_its_own_rate_without_growth(scenario: Scenario, site: Path) -> None:
+    facts = scenario("endurance", site, 20)
+    assert facts["rate"] > 50  # Hz, of 72, on a busy machine; docs/page.md has ten minutes
+    assert facts["p50"] < 10  # ms
+    assert facts["growth"]["process"] < 0.05  # the timeline is filling up
+    assert "3 points tracked" in facts["shown"]
+
+
+def test_a_take_is_there_after_a_reload(scenario: Scenario, site: Path, tmp_path: Path) -> None:
+    said = scenario("kept", site, tmp_path / "take.bvh")
+    seconds = [float(re.findall(r"take has ([\d.]+) s", said[when])[0]) for when in ("before", "after")]
+    assert seconds[0] == seconds[1] > 0.5
+    clip = read_bvh(tmp_path / "take.bvh")
+    assert abs((len(clip) - 1) / clip.frame_rate - seconds[0]) < 0.2
+    assert said["full"] == (
+        "This browser's storage is full: your take is kept until you leave the page; save it as a file."
+    )
+    assert said["still"] == "bodysense.bvh"
+
+
+def test_a_body_goes_by_a_bridge_to_an_avatar(scenario: Scenario, site: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as avatar:
+        avatar.bind(("127.0.0.1", 0))
+        avatar.settimeout(1)
+        out = f"127.0.0.1:{avatar.getsockname()[1]}"
+        with served("--bridge", "--vmc-out", out, found=r"ws://\S+") as address:
+            said = scenario("bridge", site, address)
+        packets = [avatar.recv(2000) for _ in range(10)]
+    assert any(b"/VMC/Ext/Bone/Pos" in packet for packet in packets)
+    assert said["before"]["address"] == address
+    assert said["sending"]["hint"].startswith("Your body is sent there, live. Others watch it at http://")
+    assert said["sending"]["button"] == "Stop sending"
+    assert said["watched"] == "Another wearer"
+    assert said["after"] == {"hint": said["before"]["hint"], "button": "Send"}
+    assert said["wrong"].startswith("“not an address” is no address of a bridge")
+    assert said["gone"] == "No bridge answers there; it is asked again and again."
+
+
+@contextlib.contextmanager
+def served(*options: str, found: str) -> Iterator[str]:
+    """A real server; what it prints that matches."""
+    pytest.importorskip("starlette", reason="needs bodysense[serve]")
+    command = [sys.executable, "-m", "bodysense", "serve", "--port", "0", *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        match = next(filter(None, (re.search(found, line) for line in server.stdout)), None)
+        assert match is not None
+        try:
+            yield match.group()
+        finally:
+            server.terminate()
+
+
 @pytest.fixture(scope="module")
 def address(waving_clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """A real server that replays somebody who waves, watched by a headset and two controllers."""
-    pytest.importorskip("starlette", reason="needs bodysense[serve]")
     motion = tmp_path_factory.mktemp("replay") / "waving.bvh"
     write_bvh(motion, waving_clip)
-    command = [sys.executable, "-m", "bodysense", "serve", "--port", "0"]
-    command += ["--replay", str(motion), "--device", "three_point"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
-        assert server.stdout is not None
-        found = next(filter(None, (re.search(r"http://\S+", line) for line in server.stdout)), None)
-        assert found is not None
-        yield found.group()
-        server.terminate()
+    with served("--replay", str(motion), "--device", "three_point", found=r"http://\S+") as found:
+        yield found
 
 
 def test_a_servers_replay_is_watched_and_parts_are_switched_off(

@@ -1,31 +1,31 @@
 /** The page: sources, the engine and the person meet here. */
 
 import type { Clip, SensorSet } from "./core/clip";
-import { readNpz } from "./core/npz";
 import { HEIGHTS, NOBODY, personOf } from "./core/person";
 import type { Skeleton } from "./core/skeleton";
-import { Engine } from "./engine/engine";
-import { defaultBody, fetched, unpacked, type DefaultBody } from "./engine/files";
-import { amassClip } from "./files/amass";
+import type { Engine } from "./engine/engine";
+import { unpacked, type DefaultBody } from "./engine/files";
+import { FirstPicture, openPerformance, type FirstFiles } from "./first";
 import { HeadsetDoor } from "./headset_door";
 import { Live } from "./live";
 import { Notice, reasonOf } from "./notice";
-import { FILE_KINDS, saveMotion, type FileKind } from "./out/save";
-import { aboutPage, workOffline, type About } from "./offline";
+import { workOffline, type About } from "./offline";
 import { button, element } from "./page";
 import { Playback } from "./playback";
 import { loadSettings, saveSettings, type Settings } from "./settings";
 import { ClipSource } from "./sources/clip_source";
 import { RecordingSource } from "./sources/recording_source";
-import { ServerSource } from "./sources/server_source";
+import { socketAddress } from "./server/connection";
 import type { Source } from "./sources/source";
-import { Take } from "./take";
+import { followedBy, Watching } from "./sources/watching";
+import { BridgePanel } from "./ui/bridge_panel";
 import { onFile } from "./ui/drop";
 import { onKeys } from "./ui/keys";
 import { LookPanel } from "./ui/look_panel";
 import { SensorPanel } from "./ui/sensor_panel";
 import { showStatus } from "./ui/status";
 import { applyTheme, nextTheme, onSystemChange } from "./ui/theme";
+import { TakePanel } from "./ui/take_panel";
 import { Timeline } from "./ui/timeline";
 import { YouPanel } from "./ui/you_panel";
 import type { Avatar } from "./view/avatar";
@@ -35,43 +35,51 @@ import type { View } from "./view/scene";
 const FACTS_EVERY = 150; // ms
 const OWN_AVATAR = "avatar.vrm.gz";
 
-/** Begin: fetch what the page needs, and show the packaged performance. */
-export async function begin(view: View, base: string): Promise<App> {
-  const engine = new Engine(base);
-  const [body, about] = await Promise.all([defaultBody(base), aboutPage(base)]);
-  return new App(view, engine, body, about, base);
-}
-
 export class App {
   private settings: Settings = loadSettings(localStorage);
   private source: Source | null = null;
   private tree: Skeleton; // of what is shown
-  private performance: Clip | null = null;
+  private performance: Clip | null;
+  private readonly body: DefaultBody;
+  private readonly about: About;
+  private readonly first = new FirstPicture(() => this.goOn());
   private shownAt = 0; // ms
   private toldAt = 0; // ms
   private readonly playback = new Playback();
   private readonly notice = new Notice();
   private readonly bodies: Bodies;
   private readonly live: Live;
-  private readonly take: Take;
+  private readonly takes: TakePanel;
   private readonly timeline: Timeline;
   private readonly look: LookPanel;
   private readonly sensors: SensorPanel;
   private readonly you: YouPanel;
   private readonly headset: HeadsetDoor;
+  private readonly bridge: BridgePanel;
 
   constructor(
     private readonly view: View,
-    engine: Engine,
-    private readonly body: DefaultBody,
-    private readonly about: About,
+    private readonly engine: Engine,
+    { body, about, performance }: FirstFiles,
     private readonly base: string,
   ) {
+    this.body = body;
+    this.about = about;
+    this.performance = performance;
     this.tree = body.skeleton;
     this.bodies = new Bodies(view.stage);
-    this.live = new Live(engine, body.skeleton, (reason) => this.notice.fault(reason));
+    this.live = new Live(
+      engine,
+      body.skeleton,
+      (reason) => this.notice.fault(reason),
+      (time, moved) => this.bridge.send(time, moved),
+    );
+    this.bridge = new BridgePanel(body.skeleton, (error) => this.fault(error));
     this.live.settings = { floor: 0, holdFeet: this.settings.holdFeet };
-    this.take = new Take(this.live.history);
+    this.takes = new TakePanel(this.live.history, body.skeleton, {
+      skeleton: () => this.tree,
+      fault: (error) => this.fault(error),
+    });
     this.timeline = new Timeline(this.playback, () => this.live.history);
     this.look = new LookPanel(this.settings, {
       changed: (change) => this.change(change),
@@ -82,7 +90,7 @@ export class App {
       (set) => this.simulate(set),
       (hidden) => {
         this.live.hidden = hidden;
-        if (this.source instanceof ServerSource) this.source.tell({ hidden: [...hidden] });
+        if (this.source instanceof Watching) this.source.tell({ hidden: [...hidden] });
       },
     );
     this.you = new YouPanel(this.settings.height, this.settings.holdFeet, {
@@ -93,19 +101,19 @@ export class App {
       holdFeet: (holdFeet) => {
         this.change({ holdFeet });
         this.live.change({ ...this.live.settings, holdFeet });
-        if (this.source instanceof ServerSource) this.source.tell({ hold_feet: holdFeet });
+        if (this.source instanceof Watching) this.source.tell({ hold_feet: holdFeet });
       },
       say: (text) => this.say(text),
       fault: (error) => this.fault(error),
     });
-    this.headset = new HeadsetDoor(view, this.live, body, about.server ? base : null, {
+    this.headset = new HeadsetDoor(view, this.live, body, {
       begin: (source) => this.begin(source),
       tracked: (frame) => this.you.take(frame),
       measure: () => this.you.measure(),
       taller: (by) => this.attempt(async () => this.tellHeight(this.tallerBy(by))),
       height: () => this.settings.height,
-      record: () => this.record(),
-      isRecording: () => this.take.isRecording,
+      record: () => this.takes.toggle(),
+      isRecording: () => this.takes.take.isRecording,
       nextAvatar: () => this.change({ figure: this.settings.figure === "avatar" ? "figure" : "avatar" }),
       left: (text, isFault) => this.afterHeadset(text, isFault),
     });
@@ -114,13 +122,11 @@ export class App {
     onSystemChange(() => this.repaint());
     engine.opened.catch((error: unknown) => this.fault(error));
     this.attempt(() => (about.server ? this.watchServer() : this.perform()));
-    this.attempt(() => this.wearOwn());
     workOffline(about, base);
     view.run((milliseconds, frame) => this.draw(milliseconds, frame));
   }
 
   private bind(): void {
-    for (const kind of FILE_KINDS) button(`save-${kind}`).onclick = () => this.attempt(() => this.save(kind));
     button("theme").onclick = () => {
       this.change({ theme: nextTheme(this.settings.theme) });
       this.repaint();
@@ -131,12 +137,11 @@ export class App {
       panel.hidden = !panel.hidden;
       settings.setAttribute("aria-expanded", String(!panel.hidden));
     };
-    button("record").onclick = () => this.record();
     onFile((file) => this.attempt(() => this.open(file)));
     button("door-performance").onclick = () => this.attempt(() => this.perform());
     button("door-server").hidden = !this.about.server;
     button("door-server").onclick = () => this.attempt(() => this.watchServer());
-    button("door-headset").onclick = () => this.attempt(() => this.headset.enter());
+    button("door-headset").onclick = () => this.attempt(() => this.enterHeadset());
     button("door-webcam").onclick = () => this.attempt(() => this.watchWebcam());
     onKeys({
       " ": () => this.playback.toggle(),
@@ -150,19 +155,24 @@ export class App {
 
   /** The packaged performance, seen by a simulated headset. */
   private async perform(): Promise<void> {
-    const { skeleton } = this.body;
-    this.performance ??= amassClip(await readNpz(await fetched(this.base, "performance.npz")), "performance", skeleton);
+    this.performance ??= await openPerformance(this.base, this.body);
     this.begin(new ClipSource(this.performance, this.live, this.settings.sensors, "The page's own performance"));
   }
 
   private async watchServer(): Promise<void> {
-    const source = new ServerSource(this.base, this.live.history, {
-      skeleton: (skeleton) => (this.tree = skeleton),
+    const events = {
+      skeleton: (skeleton: Skeleton) => (this.tree = skeleton),
       connected: () => this.notice.clear(),
-      said: (text) => this.say(text),
-      lost: (reason, again) => this.notice.fault(reason, again ? () => source.open() : null),
-    });
+      said: (text: string) => this.say(text),
+      lost: (reason: string, again: boolean) => this.notice.fault(reason, again ? () => source.open() : null),
+    };
+    const source = new Watching(this.base, this.live.history, this.view.stage, events, followedBy(location.hash));
     this.begin(source);
+  }
+
+  private async enterHeadset(): Promise<void> {
+    await this.headset.enter();
+    if (this.about.server) this.bridge.open(socketAddress({ href: this.base }));
   }
 
   private async watchWebcam(): Promise<void> {
@@ -173,7 +183,7 @@ export class App {
   }
 
   private begin(source: Source): void {
-    this.take.end();
+    this.takes.end();
     this.source?.stop();
     this.source = source;
     this.tree = this.body.skeleton;
@@ -182,6 +192,7 @@ export class App {
     this.sensors.offer(source.sensors, source instanceof ClipSource);
     button("door-performance").hidden = source instanceof ClipSource && source.clip === this.performance;
     this.view.reset();
+    if (!(source instanceof ClipSource)) this.engine.open();
   }
 
   private simulate(sensors: SensorSet): void {
@@ -193,7 +204,7 @@ export class App {
 
   private tellHeight(height: number | null): void {
     this.live.tellHeight(height);
-    if (this.source instanceof ServerSource) this.source.tell({ height });
+    if (this.source instanceof Watching) this.source.tell({ height });
     this.change({ height });
     this.you.show(height);
   }
@@ -223,26 +234,14 @@ export class App {
     if (avatar) this.wear(avatar, false);
   }
 
-  private record(): void {
-    this.take.toggle();
-    const { isRecording, seconds } = this.take;
-    button("record").textContent = isRecording ? "Stop" : "Record a take";
-    button("record").setAttribute("aria-pressed", String(isRecording));
-    if (seconds > 0) element("take").textContent = `The last take has ${seconds.toFixed(1)} s; save it as`;
-  }
-
   private afterHeadset(text: string, isFault: boolean): void {
-    if (this.take.isRecording) this.record();
-    const first = this.take.moments[0];
-    const kept = first ? ` Your take of ${this.take.seconds.toFixed(1)} s is kept: save it under Settings.` : "";
-    if (first) this.playback.seek(first.time);
+    this.takes.end();
+    const { frames, seconds } = this.takes.take;
+    const kept = frames[0] ? ` Your take of ${seconds.toFixed(1)} s is kept: save it under Settings.` : "";
+    if (frames[0]) this.playback.seek(frames[0].time);
     this.playback.playing = true;
     if (isFault) this.notice.fault(text + kept);
     else this.say(text + kept);
-  }
-
-  private async save(kind: FileKind): Promise<void> {
-    await saveMotion(this.tree, this.live.isReady ? this.take.toSave() : [], kind);
   }
 
   private say(text: string): void {
@@ -272,21 +271,29 @@ export class App {
     void what().catch((error: unknown) => this.fault(error));
   }
 
+  /** What would hold up the first picture. */
+  private goOn(): void {
+    this.engine.open();
+    this.attempt(() => this.wearOwn());
+  }
+
   private draw(milliseconds: number, frame: XRFrame | undefined): void {
     const seconds = Math.min((milliseconds - this.shownAt) / 1000, 0.1);
     this.shownAt = milliseconds;
     this.source?.frame(milliseconds, frame);
     const moment = this.playback.step(this.live.history, seconds);
     if (!moment || !this.source) return;
+    this.first.draw(moment);
     this.bodies.show(moment, this.tree, this.settings, seconds);
     if (!this.headset.isWorn) this.view.follow(moment.rootPosition[0], moment.rootPosition[2], seconds);
     if (milliseconds - this.toldAt < FACTS_EVERY) return;
     this.toldAt = milliseconds;
     this.sensors.offer(this.source.sensors, this.source instanceof ClipSource);
     this.timeline.show();
+    this.takes.show();
     this.look.show(this.settings, this.bodies.hasAvatar, moment.truth !== null);
     const title =
-      this.live.isReady || this.source instanceof ServerSource ? this.source.title : "The network is on its way";
+      this.live.isReady || this.source instanceof Watching ? this.source.title : "The network is on its way";
     showStatus(this.live, moment, this.tree, title);
   }
 }

@@ -4,7 +4,6 @@ import type { Observation } from "./core/observation";
 import type { DefaultBody } from "./engine/files";
 import type { Live } from "./live";
 import { Headset, missingForHeadset } from "./sources/headset";
-import { Bridge } from "./sources/server_source";
 import type { Source } from "./sources/source";
 import type { View } from "./view/scene";
 import { VrMenu } from "./view/vr_menu";
@@ -23,7 +22,6 @@ export interface DoorEvents {
 
 export class HeadsetDoor {
   isWorn = false;
-  private bridge: Bridge | null = null;
   private isSeated = false;
   private readonly headset: Headset;
   private readonly menu: VrMenu;
@@ -32,7 +30,6 @@ export class HeadsetDoor {
     view: View,
     live: Live,
     body: DefaultBody,
-    private readonly server: string | null, // its address, where the page has one
     private readonly events: DoorEvents,
   ) {
     this.menu = new VrMenu([
@@ -62,7 +59,6 @@ export class HeadsetDoor {
         events.tracked(observation);
         live.track(observation, null);
       },
-      raw: (time, points) => this.bridge?.send(time, points),
       left: (wasAsked) => this.leave(wasAsked),
     });
   }
@@ -74,7 +70,6 @@ export class HeadsetDoor {
     await this.headset.enter();
     this.isWorn = true;
     this.events.begin(this.headset);
-    if (this.server) this.bridge = new Bridge(this.server, (reason) => this.say(reason));
   }
 
   /** One line on the menu in VR. */
@@ -98,8 +93,6 @@ export class HeadsetDoor {
 
   private leave(wasAsked: boolean): void {
     this.isWorn = false;
-    this.bridge?.close();
-    this.bridge = null;
     if (wasAsked) this.events.left("You are back.", false);
     else this.events.left("The headset ended the session.", true);
   }

@@ -3,13 +3,17 @@
 import type { Point } from "./core/observation";
 import type { Body } from "./core/skeleton";
 
-/** One completed frame. */
-export interface Moment {
+/** How a body moved, as files have it. */
+export interface BodyFrame {
   readonly time: number; // s, since the first; goes on where its source jumps
-  readonly sourceTime: number; // s, of the source's own clock
   readonly rootPosition: Float32Array; // (3) m
   readonly rotation: Float32Array; // (joints × 4) wxyz, parent ← joint
   readonly restOffset: Float32Array; // (points × 3) m, of this frame
+}
+
+/** One completed frame. */
+export interface Moment extends BodyFrame {
+  readonly sourceTime: number; // s, of the source's own clock
   readonly body: Body;
   readonly signal: readonly Point[]; // what was tracked, in the body's world
   readonly truth: Body | null;
@@ -25,6 +29,7 @@ const JUMP = 1 / 30; // s that a jump takes on the timeline
 
 export class History {
   readonly moments: Moment[] = [];
+  added: (moment: Moment) => void = () => undefined; // is told of every new one
 
   constructor(private readonly limit: number = LIMIT) {}
 
@@ -40,7 +45,9 @@ export class History {
     const before = this.moments.at(-1);
     const step = before ? frame.sourceTime - before.sourceTime : 0;
     const isJump = before !== undefined && !(step > 0 && step < LONGEST_STEP);
-    this.moments.push({ ...frame, time: before ? before.time + (isJump ? JUMP : step) : 0, isJump });
+    const moment = { ...frame, time: before ? before.time + (isJump ? JUMP : step) : 0, isJump };
+    this.moments.push(moment);
+    this.added(moment);
     if (this.moments.length > this.limit) this.moments.splice(0, Math.ceil(this.limit / 10));
   }
 
@@ -57,11 +64,6 @@ export class History {
       else high = middle - 1;
     }
     return high < 0 ? -1 : low;
-  }
-
-  /** The moments from one time to another. */
-  between(from: number, to: number): readonly Moment[] {
-    return this.moments.filter(({ time }) => time >= from && time <= to);
   }
 
   /** The longest stretch without a jump, the newest of the longest. */

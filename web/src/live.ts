@@ -26,6 +26,7 @@ export class Live implements Sink {
     private readonly engine: Engine,
     readonly skeleton: Skeleton,
     private readonly failed: (reason: string) => void,
+    private readonly completed: (time: number, body: Body) => void,
   ) {
     void engine.opened.then(
       () => {
@@ -103,6 +104,8 @@ export class Live implements Sink {
 
   private keep({ body, milliseconds }: Step, { points }: Observation, truth: Body | null): void {
     this.newest = body;
+    const placed = place(withOffsets(this.skeleton, body.restOffset), body.rootPosition, body.rotation);
+    this.completed(body.time, placed);
     this.times.push(milliseconds);
     if (this.times.length > COUNTED) this.times.shift();
     this.history.add({
@@ -110,7 +113,7 @@ export class Live implements Sink {
       rootPosition: body.rootPosition,
       rotation: body.rotation,
       restOffset: body.restOffset,
-      body: place(withOffsets(this.skeleton, body.restOffset), body.rootPosition, body.rotation),
+      body: placed,
       signal: points,
       truth,
       expected: body.confidence,

@@ -1,4 +1,7 @@
-import { begin } from "./app";
+import { App } from "./app";
+import { Engine } from "./engine/engine";
+import { firstFiles } from "./first";
+import { reasonOf } from "./notice";
 import { element, find } from "./page";
 import { View } from "./view/scene";
 
@@ -19,8 +22,13 @@ function viewOf(canvas: HTMLCanvasElement): View | null {
   }
 }
 
-const view = viewOf(find("view", HTMLCanvasElement));
+const canvas = find("view", HTMLCanvasElement);
+canvas.addEventListener("webglcontextlost", () =>
+  fault("The graphics card stopped drawing; takes are kept. Load the page again if it does not come back."),
+);
+canvas.addEventListener("webglcontextrestored", () => (element("notice").hidden = true));
+const base = document.baseURI;
+const files = firstFiles(base); // on their way while the 3-D view is made
+const view = viewOf(canvas);
 if (view)
-  begin(view, document.baseURI).catch((error: unknown) =>
-    fault(error instanceof Error ? error.message : String(error)),
-  );
+  files.then((first) => new App(view, new Engine(base), first, base)).catch((error: unknown) => fault(reasonOf(error)));

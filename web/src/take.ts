@@ -1,39 +1,82 @@
 /** A take: what was recorded between two presses, kept until the next one, also where its source is gone. */
 
-import type { History, Moment } from "./history";
+import type { BodyFrame, History, Moment } from "./history";
+
+/** Keeps frames of a take over a reload. */
+export interface Keeper {
+  /** More frames of a take; the first ones end what was kept before. */
+  add(frames: readonly BodyFrame[], isFirst: boolean): void;
+}
+
+const KEPT_AT_A_TIME = 300; // frames: what a page that dies loses at most
+const GROWN = 1e-4; // m: offsets that differ by less are one
+export const LONGEST_TAKE = 100_000; // frames: 23 minutes at 72 Hz, about 90 MB
 
 export class Take {
-  moments: readonly Moment[] = [];
-  private begun: number | null = null; // s, in the history
+  frames: readonly BodyFrame[] = [];
+  private recorded: BodyFrame[] | null = null;
+  private kept = 0; // frames of it
 
-  constructor(private readonly history: History) {}
+  constructor(
+    private readonly history: History,
+    private readonly keeper: Keeper = { add: () => undefined },
+  ) {
+    history.added = (moment) => this.add(moment);
+  }
 
   get isRecording(): boolean {
-    return this.begun !== null;
+    return this.recorded !== null;
   }
 
   /** How long the take is, s. */
   get seconds(): number {
-    const first = this.moments[0];
-    const last = this.moments.at(-1);
+    const first = this.frames[0];
+    const last = this.frames.at(-1);
     return first && last ? last.time - first.time : 0;
   }
 
   toggle(): void {
-    if (this.begun === null) this.begun = this.history.last;
-    else this.end();
+    if (this.recorded) {
+      this.end();
+      return;
+    }
+    this.recorded = [];
+    this.kept = 0;
+    const last = this.history.moments.at(-1);
+    if (last) this.add(last);
   }
 
   /** End the recording, if there is one. */
   end(): void {
-    if (this.begun === null) return;
-    const moments = this.history.between(this.begun, this.history.last);
-    this.begun = null;
-    if (moments.length > 1) this.moments = moments;
+    const { recorded } = this;
+    this.recorded = null;
+    if (!recorded || recorded.length < 2) return;
+    this.keep(recorded);
+    this.frames = recorded;
+  }
+
+  /** A take that was kept. */
+  restore(frames: readonly BodyFrame[]): void {
+    if (frames.length > 1 && this.frames.length === 0) this.frames = frames;
   }
 
   /** What is saved: the take, or else the longest stretch of the history. */
-  toSave(): readonly Moment[] {
-    return this.moments.length > 1 ? this.moments : this.history.longestRun();
+  toSave(): readonly BodyFrame[] {
+    return this.frames.length > 1 ? this.frames : this.history.longestRun();
+  }
+
+  private add({ time, rootPosition, rotation, restOffset }: Moment): void {
+    const { recorded } = this;
+    if (!recorded) return;
+    const before = recorded.at(-1)?.restOffset;
+    const isSame = before?.every((value, k) => Math.abs(value - restOffset[k]) < GROWN);
+    recorded.push({ time, rootPosition, rotation, restOffset: isSame && before ? before : restOffset });
+    if (recorded.length - this.kept >= KEPT_AT_A_TIME) this.keep(recorded);
+    if (recorded.length >= LONGEST_TAKE) this.end();
+  }
+
+  private keep(recorded: readonly BodyFrame[]): void {
+    this.keeper.add(recorded.slice(this.kept), this.kept === 0);
+    this.kept = recorded.length;
   }
 }

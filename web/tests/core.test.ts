@@ -4,7 +4,7 @@ import { readFileSync } from "node:fs";
 import { describe, expect, it } from "vitest";
 import { calibrated } from "../src/core/calibration";
 import { interval } from "../src/core/clock";
-import { axisAngle, fromAxes, multiply, rotate, type Vector } from "../src/core/math";
+import { axisAngle, cholesky, forward, fromAxes, multiply, rotate, solve, type Vector } from "../src/core/math";
 import { numbers, readNpz } from "../src/core/npz";
 import type { Observation } from "../src/core/observation";
 import { Growing, NOBODY, personOf, trackedPoints } from "../src/core/person";
@@ -25,6 +25,21 @@ const standing = (time: number, head: Vector, span = 1.4): Observation => ({
     { name: "left_wrist", position: [span / 2, 1.4, 0], rotation: null, accuracy: 0.001 },
     { name: "right_wrist", position: [-span / 2, 1.4, 0], rotation: null, accuracy: 0.001 },
   ],
+});
+
+it("a factor gives what solving gives: values by the inverse, by values", () => {
+  const random = (k: number): number => Math.sin(97 * k) * 2;
+  const rows = [0, 1, 2, 3, 4].map((i) => [0, 1, 2, 3, 4].map((j) => random(5 * i + j)));
+  const matrix = rows.map((a, i) =>
+    Float64Array.from(rows, (b, j) => a.reduce((sum, x, k) => sum + x * (b[k] ?? 0), i === j ? 1 : 0)),
+  );
+  const values = Float64Array.from({ length: 5 }, (_, k) => random(40 + k));
+  const solved = solve(
+    matrix.map((row) => row.slice()),
+    values.slice(),
+  );
+  const expected = values.reduce((sum, value, k) => sum + value * (solved[k] ?? 0), 0);
+  expect(Math.hypot(...forward(cholesky(matrix), values.slice())) ** 2).toBeCloseTo(expected, 9);
 });
 
 describe("the clock", () => {

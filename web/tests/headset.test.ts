@@ -43,12 +43,12 @@ async function worn() {
     stage: new Group(),
     renderer: { xr: { getReferenceSpace: () => space, setSession: () => Promise.resolve() } },
     reset: vi.fn(),
+    lightAt: vi.fn(),
   };
   vi.stubGlobal("navigator", { xr: { requestSession: () => Promise.resolve(session) } });
   const menu = new VrMenu(["first", "second"].map((id) => ({ id, text: () => id, press: () => pressed.push(id) })));
   const headset = new Headset(view as unknown as View, { newest: null } as Live, skeleton, LANDMARKS, menu, {
     tracked: (observation) => tracked.push(observation),
-    raw: () => undefined,
     left: (wasAsked) => left.push(wasAsked),
   });
   await headset.enter();

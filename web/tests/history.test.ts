@@ -85,7 +85,7 @@ describe("a take", () => {
     [0.3, 0.4, 0.5].forEach((time, k) => history.add(moment(3 + k, time)));
     take.toggle();
     history.clear();
-    expect(take.toSave().map(numberOf)).toEqual([2, 3, 4, 5]);
+    expect(take.toSave().map(({ rootPosition }) => rootPosition[0])).toEqual([2, 3, 4, 5]);
     expect(take.seconds).toBeCloseTo(0.3, 6);
   });
 
@@ -93,10 +93,38 @@ describe("a take", () => {
     const history = filled([0, 0.1]);
     const take = new Take(history);
     take.end();
-    expect(take.toSave().map(numberOf)).toEqual([0, 1]);
+    expect(take.toSave().map(({ rootPosition }) => rootPosition[0])).toEqual([0, 1]);
     take.toggle();
     history.add(moment(2, 0.2));
     take.end();
-    expect([take.isRecording, take.toSave().map(numberOf)]).toEqual([false, [1, 2]]);
+    expect([take.isRecording, take.toSave().map(({ rootPosition }) => rootPosition[0])]).toEqual([false, [1, 2]]);
+  });
+
+  it("is kept in parts, and is longer than the timeline", () => {
+    const history = new History(50);
+    const kept: [number, boolean][] = [];
+    const take = new Take(history, { add: (frames, isFirst) => kept.push([frames.length, isFirst]) });
+    history.add(moment(0, 0));
+    take.toggle();
+    for (let k = 1; k < 700; k++) history.add(moment(k, k / 100));
+    take.toggle();
+    expect(kept).toEqual([
+      [300, true],
+      [300, false],
+      [100, false],
+    ]);
+    expect(take.toSave()).toHaveLength(700);
+    take.restore([]);
+    expect(take.seconds).toBeCloseTo(6.99, 6);
+  });
+
+  it("keeps the one before where nothing was recorded", () => {
+    const history = filled([0, 0.1]);
+    const take = new Take(history);
+    take.restore(history.moments.slice());
+    history.clear();
+    take.toggle();
+    take.toggle();
+    expect(take.toSave()).toHaveLength(2);
   });
 });

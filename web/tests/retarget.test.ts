@@ -57,8 +57,10 @@ describe("thrift", () => {
     };
     return state;
   };
+  const thriftOf = (of: ReturnType<typeof renderer>, isFast: boolean) =>
+    new Thrift(of as unknown as ConstructorParameters<typeof Thrift>[0], isFast);
   const run = (of: ReturnType<typeof renderer>, took: number, frames: number) => {
-    const thrift = new Thrift(of as unknown as ConstructorParameters<typeof Thrift>[0]);
+    const thrift = thriftOf(of, true);
     for (let k = 1; k <= frames; k++) thrift.frame(k * took);
   };
 
@@ -73,5 +75,13 @@ describe("thrift", () => {
     const slowest = renderer();
     run(slowest, 600, 5);
     expect(slowest.shadowMap.enabled).toBe(false);
+  });
+
+  it("draws seldom and small from the beginning where no graphics card draws", () => {
+    const of = renderer();
+    const thrift = thriftOf(of, false);
+    expect([of.shadowMap.enabled, of.ratio]).toEqual([false, 0.6]); // pixels for one of the page
+    expect([100, 116, 132, 151].map((milliseconds) => thrift.isDue(milliseconds))).toEqual([true, false, false, true]);
+    expect([100, 116].map((milliseconds) => thriftOf(of, true).isDue(milliseconds))).toEqual([true, true]);
   });
 });

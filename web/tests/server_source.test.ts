@@ -1,9 +1,11 @@
 /** A server as a source, against a fake socket. */
 
+import { Group } from "three";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import { History } from "../src/history";
 import { POSE, type Welcome } from "../src/protocol";
 import { ServerSource } from "../src/sources/server_source";
+import { followedBy, Watching, watchHash } from "../src/sources/watching";
 import { skeleton } from "./body";
 
 class FakeSocket {
@@ -58,11 +60,49 @@ afterEach(() => {
   vi.useRealTimers();
 });
 
+const silent = () => ({ skeleton: vi.fn(), connected: vi.fn(), said: vi.fn(), lost: vi.fn(), others: vi.fn() });
+
+describe("several wearers", () => {
+  it("are named by a link", () => {
+    const [a, b] = [
+      { session: "s1", token: "t-1_" },
+      { session: "s2", token: "t2" },
+    ];
+    expect(followedBy(watchHash(a))).toEqual([a]);
+    expect(followedBy(`${watchHash(a)},s2:t2`)).toEqual([a, b]);
+    for (const hash of ["", "#", "#watch=", "#watch=s1", "#watch=:t1", "#bridge=ws://a:1"])
+      expect(followedBy(hash)).toEqual([]);
+  });
+
+  it("of one server stand on one stage, and one that goes is said", () => {
+    const stage = new Group();
+    const events = silent();
+    FakeSocket.all.length = 0;
+    const watching = new Watching("http://here:1/", new History(), stage, events, []);
+    FakeSocket.all[0]?.say(JSON.stringify({ ...WELCOME, sources: ["vmc", "markers"] }));
+    const asked = FakeSocket.all.slice(1).map((socket) => {
+      socket.onopen?.();
+      socket.say(JSON.stringify(WELCOME));
+      socket.say(poseBytes(0.5));
+      return (JSON.parse(socket.sent[0] ?? "{}") as Record<string, unknown>)["watch"];
+    });
+    expect(new Set(asked)).toEqual(new Set(["vmc", "markers"]));
+    watching.frame();
+    expect(watching.title).toBe("The server's own input, and 1 more");
+    expect(stage.children).toHaveLength(1);
+    const other = FakeSocket.all[asked.indexOf("markers") + 1];
+    other?.onclose?.({ code: 1008, reason: "the session that was watched is over" });
+    expect(events.said).toHaveBeenCalledWith("One wearer is gone: the session that was watched is over.");
+    expect([watching.title, stage.children.length]).toEqual(["The server's own input", 0]);
+    watching.stop();
+  });
+});
+
 describe("a server", () => {
   it("is asked for its input, shows it, and is said to be gone when it is", () => {
     const history = new History();
     const [said, lost] = [vi.fn(), vi.fn()];
-    const source = new ServerSource("http://here:1/", history, { skeleton: vi.fn(), connected: vi.fn(), said, lost });
+    const source = new ServerSource("http://here:1/", history, null, { ...silent(), said, lost });
     const hello = () => {
       const socket = FakeSocket.all.at(-1) ?? new FakeSocket();
       socket.onopen?.();
@@ -85,10 +125,22 @@ describe("a server", () => {
     source.stop();
   });
 
+  it("lets who follows another's session change nothing", () => {
+    const follow = { session: "s9", token: "w9" };
+    const source = new ServerSource("http://here:1/", new History(), { follow }, silent());
+    const socket = FakeSocket.all.at(-1);
+    socket?.onopen?.();
+    socket?.say(JSON.stringify({ ...WELCOME, token: "" }));
+    source.tell({ hidden: ["head"] });
+    expect(socket?.sent).toHaveLength(1);
+    expect(JSON.parse(socket?.sent[0] ?? "{}")).toMatchObject({ watch: null, follow, resume: null });
+    expect(source.title).toBe("Another wearer");
+    source.stop();
+  });
+
   it("without an input says which doors there are", () => {
     const said = vi.fn();
-    const events = { skeleton: vi.fn(), connected: vi.fn(), said, lost: vi.fn() };
-    const source = new ServerSource("http://here:1/", new History(), events);
+    const source = new ServerSource("http://here:1/", new History(), null, { ...silent(), said });
     FakeSocket.all.at(-1)?.say(JSON.stringify({ ...WELCOME, sources: [] }));
     expect(said).toHaveBeenCalledWith(
       expect.stringMatching(/^The server has no input of its own; start it with[^\n]*$/),

@@ -56,6 +56,7 @@ def serve(
     marker_set: str | None = None,
     vmc_out: Addresses = (),
     vrchat_out: Addresses = (),
+    bridge: bool = False,
     allow_record: Path | None = None,
     seated: bool = False,
     recentre: bool = False,
@@ -96,6 +97,7 @@ def serve(
             hands that were calibrated with it.
         vmc_out: HOST:PORT of an avatar program that takes bones by VMC (usually port 39539). Repeatable.
         vrchat_out: HOST:PORT of a VRChat that takes trackers by OSC (usually port 9000). Repeatable.
+        bridge: Let pages anywhere send their bodies, with the token of the address that is printed, to those programs.
         allow_record: Folder for recordings that clients ask for; without it none are made.
         seated: Whoever those inputs track is seated, and shown standing.
         recentre: Where they stand when they are first tracked, and face, is the middle, facing +Z.
@@ -112,7 +114,7 @@ def serve(
     from bodysense.serve.certificate import qr_code
     from bodysense.serve.launch import listen, serve
     from bodysense.serve.messages import Settings
-    from bodysense.serve.safety import Limits
+    from bodysense.serve.safety import ANY_ORIGIN, Limits
     from bodysense.serve.settings import ServerSettings
     from bodysense.serve.slimevr_link import SlimevrSettings
     from bodysense.serve.solarxr_link import SolarxrSettings, runtime_folder
@@ -142,6 +144,11 @@ def serve(
         raise BodysenseError(
             f"--device-names {device_names}: {serial!r} is a device of VMC or SteamVR; give --vmc-in or --vmt"
         )
+    if bridge and not (vmc_out or vrchat_out or vmt or vrchat or solarxr):
+        raise BodysenseError(
+            "--bridge has nowhere to send to; give --vmc-out, --vrchat-out, --vrchat, --vmt or --solarxr"
+        )
+    origin = (*origin, ANY_ORIGIN) if bridge else origin
     access = _access(host, token, origin, lan, certificate, key)
     wearer = person_of(person, reading.height) or Person(height=reading.height)
     settings = ServerSettings(
@@ -170,6 +177,9 @@ def serve(
     def started() -> None:
         console = Console()
         console.print(f"bodysense serves at {address}", highlight=False, soft_wrap=True)
+        if bridge:
+            text = f"for a page elsewhere, under Settings, Send to a bridge: {address.replace('http', 'ws', 1)}"
+            console.print(text, highlight=False, soft_wrap=True)
         if lan:
             print(qr_code(address))
 
@@ -194,7 +204,7 @@ def _access(
 ) -> Access:
     """Who may connect, and how. Raises BodysenseError, naming the options, for what does not go together."""
     from bodysense.serve.certificate import check_pair, lan_address, own_certificate, state_folder
-    from bodysense.serve.safety import Access, is_loopback
+    from bodysense.serve.safety import ANY_ORIGIN, Access, is_loopback
 
     if (certificate is None) != (key is None):
         raise BodysenseError("--certificate and --key: give both, a certificate and its own key")
@@ -205,7 +215,7 @@ def _access(
             certificate, key = own_certificate(state_folder(), (address, "localhost", "127.0.0.1"))
     if certificate is not None and key is not None:
         check_pair(certificate, key)
-    if token is None and not is_loopback(host):
+    if token is None and (ANY_ORIGIN in origin or not is_loopback(host)):
         token = secrets.token_urlsafe(16)
     return Access(host, token, origin, certificate, key)
 

@@ -178,16 +178,16 @@ def message_of(rng: np.random.Generator, k: int) -> str | bytes:
     if choice < 0.985:
         return str(rng.choice(['{"type":"recentre"}', '{"type":"calibrate"}', '{"type":"record","on":true}']))
     if choice < 0.99:
-        return _broken(write_signal(_tracked(rng, k)), rng)
+        return broken(write_signal(_tracked(rng, k)), rng)
     if choice < 0.993:
         return rng.bytes(int(rng.integers(0, 300)))
     if choice < 0.996:
         text = write_message(Hello(1, _POINTS)) if rng.random() < 0.5 else write_message(Change({"height": 1.8}))
-        return _broken(text.encode(), rng).decode(errors="replace")
+        return broken(text.encode(), rng).decode(errors="replace")
     return "".join(rng.choice(_WORDS, int(rng.integers(1, 12))))
 
 
-def _broken(data: bytes, rng: np.random.Generator) -> bytes:
+def broken(data: bytes, rng: np.random.Generator) -> bytes:
     """The same with some bytes changed, and perhaps cut or doubled."""
     found = bytearray(data)
     for place in rng.integers(0, len(found), int(rng.integers(1, 8))):

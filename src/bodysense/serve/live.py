@@ -98,7 +98,7 @@ class Live:
 
     def own(self, source: Source, points: tuple[str, ...]) -> Seat:
         """A session for an input of the server's own."""
-        seat = self._seated(source, Session(points, self._person, self._settings), source)
+        seat = self._seated(source, Session(points, self._person, self._settings, eased=True), source)
         if self._recentre:
             seat.session.change(Recentre())
         self._inputs[source] = seat

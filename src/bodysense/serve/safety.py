@@ -16,6 +16,7 @@ from bodysense.serve.protocol import LARGEST_SIGNAL
 
 FIRST_WAIT, LONGEST_WAIT = 0.25, 8.0  # s that a wrong token takes to be refused
 FORGIVEN = 60.0  # s after which wrong tokens count from the beginning
+ANY_ORIGIN = "*"
 _WRONG_TOKEN = "the token is missing or wrong"
 _MOST_WAITING = 4  # refusals at a time of one address
 _MOST_ADDRESSES = 4096
@@ -47,13 +48,15 @@ class Access:
 
     host: str = "127.0.0.1"  # that the server is bound to
     token: str | None = None  # that clients must show; None is for loopback alone
-    origins: tuple[str, ...] = ()  # of pages elsewhere that may connect, as `http://localhost:5173`
+    origins: tuple[str, ...] = ()  # of pages elsewhere that may connect, as `http://localhost:5173`, or ANY_ORIGIN
     certificate: Path | None = None  # PEM, with `key`: connections are encrypted
     key: Path | None = None
 
     def __post_init__(self) -> None:
         if self.token is None and not is_loopback(self.host):
             raise BodysenseError(f"--host {self.host} can be reached by others: it needs a token")
+        if self.token is None and ANY_ORIGIN in self.origins:
+            raise BodysenseError("pages of any origin can reach this server: it needs a token")
         if self.token is not None and (len(self.token) < 8 or not self.token.isascii()):
             raise BodysenseError("the token is too easily guessed; give at least 8 characters of ASCII, or none")
 
@@ -140,7 +143,8 @@ def why_refused(access: Access, host: str | None, origin: str | None, tokens: Se
             return f"the host {_short(host)} is not this machine's; open the page at http://{access.host}"
     elif not any([hmac.compare_digest(access.token.encode(), token.encode()) for token in tokens]):
         return f"{_WRONG_TOKEN}; open the page with the address that the server printed"
-    if origin is not None and origin not in access.origins and _authority(origin) != (host or "").lower():
+    known = {origin, ANY_ORIGIN} & set(access.origins)
+    if origin is not None and not known and _authority(origin) != (host or "").lower():
         return f"the page's origin {_short(origin)} may not connect; start the server with --origin {_short(origin)}"
     return None
 

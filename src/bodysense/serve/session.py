@@ -46,6 +46,7 @@ from bodysense.tracker import Tracker, TrackerSettings
 CLOCK_SET = 1.0  # s: a clock that jumps as far back, or forward, was set
 AFRESH = 2.0  # s
 SHORTEST_STEP = 1e-4  # s between frames
+LEAP = 0.03  # m from one frame to the next
 NOTICED = 0.001  # m that a point of the T-pose must have moved for the skeleton to be told again
 TOLD_EVERY = 0.1  # s between two skeletons that are told
 _INFERRED = 0.02  # m, standard deviation of a height that was inferred
@@ -61,8 +62,9 @@ _PARTS: dict[str, Region] = {
 class Session:
     """One person who is tracked.
 
-    `points` are the names of the signal, `person` is what is known of the wearer when no height is set. Raises
-    ProtocolError for points that nobody knows.
+    `points` are the names of the signal, `person` is what is known of the wearer when no height is set. `eased`: a body
+    that leaps where a tracker is lost or found comes there within half a second instead. Raises ProtocolError for
+    points that nobody knows.
     """
 
     def __init__(
@@ -72,6 +74,7 @@ class Session:
         settings: Settings = Settings(),
         placement: Placement = Placement(),
         worn: Mapping[str, str] = MappingProxyType({}),
+        eased: bool = False,
     ) -> None:
         self.points = tuple(points)
         self.settings = settings
@@ -91,7 +94,8 @@ class Session:
         self._arms_out = False  # in which pose
         self._worn = dict(worn)  # undecided trackers → the joints that they are on
         self._inertial = Inertial()
-        self._display = Display()
+        self._display, self._eased = Display(), eased
+        self._seen_before: tuple[list[str], np.ndarray] | None = None  # what was tracked, and (P, 3) m the body
         self._told_at = -math.inf  # the moment at which the skeleton was told last
         wearer = self._wearer()
         self.skeleton = wearer.skeleton  # as the clients know it
@@ -205,6 +209,8 @@ class Session:
         self._state = state if ours else self._pipeline.continued(job.pipeline, state)
         moment = float(job.observation.time[0])
         self._follow(estimate.rest_offset[0], moment)
+        if self._eased:
+            self._lead_over(job.observation, estimate.points[0])
         error, hidden, contact = estimate.confidence[0], 1.0 - estimate.measured[0], estimate.contact[0]
         before = root, rotation
         if self._keeps_still:
@@ -218,6 +224,13 @@ class Session:
         pose_frame = PoseFrame(job.frame.sequence, job.frame.time, root, rotation, error, hidden, contact)
         estimated = estimate.points[0] if root is before[0] and rotation is before[1] else None
         return Answer(job.frame, pose_frame, pose, moment, job.received, estimated, job.placement)
+
+    def _lead_over(self, observation: Observation, points: np.ndarray) -> None:
+        """Where something came to be tracked, or is not any more, and the body leaps for it, let it come there soon."""
+        seen = [name for k, name in enumerate(observation.points) if observation.has_position[0, k]]
+        before, self._seen_before = self._seen_before, (seen, points)
+        if before is not None and before[0] != seen and np.abs(points - before[1]).max() > LEAP:
+            self._display = self._display.broken()
 
     def step(self) -> Answer | None:
         """The pose that answers the newest frame, None where there is none."""

@@ -101,3 +101,25 @@ export function solve(matrix: Float64Array[], values: Float64Array): Float64Arra
   }
   return values;
 }
+
+/** The lower triangle L of a positive definite matrix L L'. */
+export function cholesky(matrix: readonly Float64Array[]): Float64Array[] {
+  const lower = matrix.map((row) => new Float64Array(row.length));
+  matrix.forEach((values, row) => {
+    for (let column = 0; column <= row; column++) {
+      let rest = values[column];
+      for (let k = 0; k < column; k++) rest -= lower[row][k] * lower[column][k];
+      lower[row][column] = row === column ? Math.sqrt(rest) : rest / lower[column][column];
+    }
+  });
+  return lower;
+}
+
+/** Solve L x = values in place, L a lower triangle. */
+export function forward(lower: readonly Float64Array[], values: Float64Array): Float64Array {
+  for (let row = 0; row < values.length; row++) {
+    for (let k = 0; k < row; k++) values[row] -= lower[row][k] * values[k];
+    values[row] /= lower[row][row];
+  }
+  return values;
+}

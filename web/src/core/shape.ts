@@ -1,6 +1,6 @@
 /** The shape space: the likeliest proportions given a few lengths (bodysense.body.shape). */
 
-import { solve } from "./math";
+import { cholesky, forward, solve } from "./math";
 import { numbers, type Archive } from "./npz";
 import type { Skeleton } from "./skeleton";
 
@@ -121,6 +121,7 @@ export class ShapeSpace {
   /** Standard deviations of all bones' lengths, 0 for the root. */
   private deviations(offset: Float64Array, precision: readonly Float64Array[]): Float64Array {
     const { count, components } = this;
+    const factor = cholesky(precision);
     return Float64Array.from({ length: offset.length / 3 }, (_, point) => {
       if (point === 0) return 0;
       const at = 3 * point;
@@ -134,11 +135,7 @@ export class ShapeSpace {
           length
         );
       });
-      const spread = solve(
-        precision.map((row) => row.slice()),
-        slope.slice(),
-      );
-      return Math.sqrt(slope.reduce((sum, value, k) => sum + value * spread[k], 0));
+      return Math.hypot(...forward(factor, slope)); // slope' precision^-1 slope is what the factor makes of it, squared
     });
   }
 

@@ -12,21 +12,34 @@ export interface Step {
 
 export class Engine {
   readonly opened: Promise<void>;
-  private readonly worker = new Worker(new URL("./worker.ts", import.meta.url), { type: "module", name: "engine" });
+  private worker: Worker | null = null;
+  private readonly early: ToEngine[] = []; // told before it was opened
   private readonly waiting = new Map<number, (step: Step | Error) => void>();
   private id = 0;
 
-  constructor(base: string) {
+  private resolve: () => void = () => undefined;
+  private reject: (error: Error) => void = () => undefined;
+
+  constructor(private readonly base: string) {
     this.opened = new Promise((resolve, reject) => {
-      this.worker.onmessage = ({ data }: MessageEvent<FromEngine>) => {
-        if (data.type === "opened") resolve();
-        else if (data.type === "completed") this.answer(data.id, data);
-        else if (data.id === null) reject(new Error(data.reason));
-        else this.answer(data.id, new Error(data.reason));
-      };
-      this.worker.onerror = () => reject(new Error("This browser cannot run the network; use a newer one."));
+      this.resolve = resolve;
+      this.reject = reject;
     });
-    this.tell({ type: "open", base });
+  }
+
+  /** Begin to fetch the network and its runtime; once. */
+  open(): void {
+    if (this.worker) return;
+    this.worker = new Worker(new URL("./worker.ts", import.meta.url), { type: "module", name: "engine" });
+    this.worker.onmessage = ({ data }: MessageEvent<FromEngine>) => {
+      if (data.type === "opened") this.resolve();
+      else if (data.type === "completed") this.answer(data.id, data);
+      else if (data.id === null) this.reject(new Error(data.reason));
+      else this.answer(data.id, new Error(data.reason));
+    };
+    this.worker.onerror = () => this.reject(new Error("This browser cannot run the network; use a newer one."));
+    this.tell({ type: "open", base: this.base });
+    for (const message of this.early.splice(0)) this.tell(message);
   }
 
   /** How many frames were given and are not answered yet. */
@@ -60,6 +73,7 @@ export class Engine {
   }
 
   private tell(message: ToEngine): void {
-    this.worker.postMessage(message);
+    if (this.worker) this.worker.postMessage(message);
+    else this.early.push(message);
   }
 }

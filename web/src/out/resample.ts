@@ -1,7 +1,8 @@
 /** The history at one even rate, as files of motion want it. */
 
 import { mixRotation } from "../core/clip";
-import type { Moment } from "../history";
+import type { BodyFrame } from "../history";
+import { LONGEST_TAKE } from "../take";
 
 export interface Motion {
   readonly rate: number; // Hz
@@ -10,15 +11,13 @@ export interface Motion {
   readonly frames: number;
 }
 
-const LONGEST = 20_000; // frames
-
 /** Between two moments positions are interpolated linearly, rotations along the shorter arc. Needs two moments. */
-export function resample(moments: readonly Moment[], joints: number): Motion {
+export function resample(moments: readonly BodyFrame[], joints: number): Motion {
   const [first, last] = [moments[0].time, moments[moments.length - 1].time];
   const steps = moments.slice(1).map((moment, k) => moment.time - moments[k].time);
   steps.sort((a, b) => a - b);
   const rate = Math.min(Math.max(Math.round(1 / steps[steps.length >> 1]), 1), 240);
-  const frames = Math.min(Math.floor((last - first) * rate + 1e-6) + 1, LONGEST);
+  const frames = Math.min(Math.floor((last - first) * rate + 1e-6) + 1, 2 * LONGEST_TAKE);
   const root = new Float32Array(3 * frames);
   const rotation = new Float32Array(4 * joints * frames);
   let before = 0;

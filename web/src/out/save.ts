@@ -1,7 +1,7 @@
 /** Downloads: what the timeline holds, as BVH, glTF or VRMA. */
 
 import { withOffsets, type Skeleton } from "../core/skeleton";
-import type { Moment } from "../history";
+import type { BodyFrame } from "../history";
 import { bvhText } from "./bvh";
 import { resample } from "./resample";
 
@@ -9,7 +9,7 @@ export const FILE_KINDS = ["bvh", "glb", "vrma"] as const;
 export type FileKind = (typeof FILE_KINDS)[number];
 
 /** Throws an Error of one line while there is nothing to save. */
-export async function saveMotion(tree: Skeleton, run: readonly Moment[], kind: FileKind): Promise<void> {
+export async function saveMotion(tree: Skeleton, run: readonly BodyFrame[], kind: FileKind): Promise<void> {
   const last = run.at(-1);
   if (!last || run.length < 2) throw new Error("There is no motion to save yet; wait until the body moves.");
   const skeleton = withOffsets(tree, last.restOffset);

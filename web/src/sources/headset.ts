@@ -17,8 +17,6 @@ import { HeadsetReader, XR_POINTS } from "./xr_signal";
 export interface HeadsetEvents {
   /** One frame, as it goes to the engine. */
   tracked(observation: Observation): void;
-  /** The same as the device gave it, for a bridge. */
-  raw(time: number, points: readonly SignalPoint[]): void;
   left(wasAsked: boolean): void;
 }
 
@@ -109,7 +107,6 @@ export class Headset implements Source {
     const space = this.view.renderer.xr.getReferenceSpace();
     if (!frame || !space || !this.session) return;
     const signal = this.reader.read(frame, space, this.session.inputSources);
-    if (signal.length > 0) this.events.raw(milliseconds / 1000, signal);
     const points = this.points.read(signal, this.sizeOfWearer());
     const head = points.find(({ name }) => name === "head");
     if (head?.position && head.rotation) {
@@ -130,7 +127,11 @@ export class Headset implements Source {
   private place(position: Vector, rotation: Turn, signal: readonly SignalPoint[]): void {
     this.placement = placedBy(position, rotation, this.lift);
     const viewer = signal.find(({ point }) => XR_POINTS[point] === "headset");
-    if (viewer?.position && viewer.rotation) this.mirror.standBefore(viewer.position, viewer.rotation);
+    if (viewer?.position && viewer.rotation) {
+      this.mirror.standBefore(viewer.position, viewer.rotation);
+      const { x: across, z: along } = new Vector3(...viewer.position).applyMatrix4(this.mirror.reflection());
+      this.view.lightAt(across, along);
+    }
     this.menu.standBeside(this.mirror.frame);
     const [w, x, y, z] = this.placement.turn;
     const toBody = new Matrix4().compose(

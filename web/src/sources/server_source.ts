@@ -4,10 +4,12 @@ import type { Quaternion, Vector } from "../core/math";
 import type { Point } from "../core/observation";
 import { place, type Body, type Skeleton } from "../core/skeleton";
 import type { History } from "../history";
-import type { PoseFrame, Settings, SignalFrame, SignalPoint, Source as Input, Welcome } from "../protocol";
+import type { PoseFrame, Resume, Settings, SignalFrame, SignalPoint, Source as Input, Welcome } from "../protocol";
 import { Connection, socketAddress } from "../server/connection";
 import type { Source } from "./source";
-import { XR_POINTS } from "./xr_signal";
+
+/** One of the server's own inputs, or the session of another client; null: the first of the inputs. */
+export type Watched = { readonly watch: Input } | { readonly follow: Resume } | null;
 
 export interface ServerEvents {
   /** The skeleton of the server's body. */
@@ -15,6 +17,8 @@ export interface ServerEvents {
   /** The connection is there again. */
   connected(): void;
   said(text: string): void;
+  /** The server has more inputs than the one that is watched. */
+  others(inputs: readonly Input[]): void;
   /** `again` where the page waits for the person. */
   lost(reason: string, again: boolean): void;
 }
@@ -22,7 +26,7 @@ export interface ServerEvents {
 const WATCHING = "The server's own input";
 const WAITING = 64; // signals and truths that wait for their pose
 
-/** The server's own input, watched. */
+/** One wearer of a server, watched. */
 export class ServerSource implements Source {
   title = WATCHING;
   sensors: readonly string[] = [];
@@ -31,12 +35,12 @@ export class ServerSource implements Source {
   private readonly truths = new Map<number, Body>();
   private skeleton: Skeleton | null = null;
   private welcome: Welcome | null = null;
-  private watched: Input | null = null; // of the server's inputs
   private placement = { offset: [0, 0, 0] as readonly number[], heading: 0 };
 
   constructor(
     address: string,
     private readonly history: History,
+    private watched: Watched,
     private readonly events: ServerEvents,
   ) {
     this.connection = new Connection(
@@ -44,8 +48,10 @@ export class ServerSource implements Source {
       () => ({
         name: "page",
         points: [],
-        watch: this.watched,
-        resume: this.welcome && { session: this.welcome.session, token: this.welcome.token },
+        watch: null,
+        follow: null,
+        ...this.watched,
+        resume: this.welcome?.token ? { session: this.welcome.session, token: this.welcome.token } : null,
       }),
       {
         welcome: (message) => this.begin(message),
@@ -81,15 +87,17 @@ export class ServerSource implements Source {
     this.connection.open();
   }
 
-  /** Change settings of the session that is watched. */
+  /** Change settings of the session that is watched; another client's are its own. */
   tell(change: Partial<Settings>): void {
+    if (this.watched && "follow" in this.watched) return;
     this.connection.tell({ type: "settings", ...change });
   }
 
   private begin(message: Welcome): void {
-    const [offered] = message.sources;
+    const [offered, ...others] = message.sources;
     if (this.watched === null && offered !== undefined) {
-      this.watched = offered;
+      this.watched = { watch: offered };
+      this.events.others(others);
       this.connection.open(); // hello again, with what there is to be watched
       return;
     }
@@ -98,7 +106,7 @@ export class ServerSource implements Source {
     const { joints, points, parents, rest_offset } = message;
     this.skeleton = { joints: joints.length, points, parents, restOffset: Float32Array.from(rest_offset.flat()) };
     this.events.skeleton(this.skeleton);
-    this.title = WATCHING;
+    this.title = this.watched && "follow" in this.watched ? "Another wearer" : WATCHING;
     this.events.connected();
     if (this.watched === null) {
       this.events.said(
@@ -144,36 +152,6 @@ export class ServerSource implements Source {
           cosine * position[2] - sine * position[0] + offset[2],
         ] as Vector),
     }));
-  }
-}
-
-/** What a headset tracks goes to the server as well, which tells avatar programs (VMC, VRChat). */
-export class Bridge {
-  private sequence = 0;
-  private readonly connection: Connection;
-
-  constructor(address: string, lost: (reason: string) => void) {
-    this.connection = new Connection(
-      socketAddress({ href: address }),
-      () => ({ name: "page", points: [...XR_POINTS], watch: null, resume: null }),
-      {
-        welcome: () => undefined,
-        signal: () => undefined,
-        pose: () => undefined,
-        truth: () => undefined,
-        message: (message) => message.type === "error" && lost(message.reason),
-        lost: (reason, retryIn) => retryIn === null && lost(reason),
-      },
-    );
-    this.connection.open();
-  }
-
-  send(time: number, points: readonly SignalPoint[]): void {
-    this.connection.signal({ sequence: this.sequence++, time, points: [...points] });
-  }
-
-  close(): void {
-    this.connection.close();
   }
 }
 

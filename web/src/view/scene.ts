@@ -10,11 +10,11 @@ import {
   HemisphereLight,
   Mesh,
   MeshBasicMaterial,
-  PCFShadowMap,
   PerspectiveCamera,
   Scene,
   ShadowMaterial,
   SRGBColorSpace,
+  VSMShadowMap,
   WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
@@ -27,6 +27,7 @@ const FROM = [0.9, 1.3, 3.4] as const; // m
 const PAPER = { light: "#eceae4", dark: "#15171c" } as const;
 const FLOOR = { light: ["#ffffff", "#cfcabd"], dark: ["#2a2e37", "#3b414d"] } as const; // middle and lines
 const RADIUS = 4.5; // m, of the floor
+const [SHADE, SHADE_AT] = [1.65, [-0.38, 0, -0.56]] as const; // m: within what the light sees of the floor
 const FOLLOW = 2.5; // per s: how fast the camera goes after somebody who walks
 
 export class View {
@@ -36,6 +37,7 @@ export class View {
   readonly renderer: WebGLRenderer;
   private readonly controls: OrbitControls;
   private readonly floor = new Group();
+  private readonly shade: Mesh;
   private readonly sun = sun();
   private readonly thrift: Thrift;
   private readonly paint_ = new MeshBasicMaterial({
@@ -44,6 +46,7 @@ export class View {
     toneMapped: false,
     fog: false,
   });
+  private readonly finest: number; // anisotropy of textures
   private isPortrait = false;
 
   /** `over` lies over the bottom of the canvas where it is fixed: the body stands above it. */
@@ -51,19 +54,22 @@ export class View {
     canvas: HTMLCanvasElement,
     private readonly over: HTMLElement,
   ) {
-    this.renderer = new WebGLRenderer({ canvas, antialias: true, powerPreference: "high-performance" });
+    const isFast = hasGraphicsCard();
+    this.renderer = new WebGLRenderer({ canvas, antialias: isFast, powerPreference: "high-performance" });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
-    this.renderer.shadowMap.enabled = true;
-    this.renderer.shadowMap.type = PCFShadowMap;
+    this.renderer.shadowMap.type = VSMShadowMap;
     this.renderer.xr.enabled = true;
-    this.thrift = new Thrift(this.renderer);
+    this.finest = isFast ? 4 : 1;
+    document.documentElement.dataset["drawing"] = isFast ? "rich" : "plain";
+    this.thrift = new Thrift(this.renderer, isFast);
     const disc = new Mesh(new CircleGeometry(RADIUS, 64), this.paint_);
-    const shade = new Mesh(new CircleGeometry(RADIUS, 64), new ShadowMaterial({ opacity: 0.28, depthWrite: false }));
-    disc.rotation.x = shade.rotation.x = -Math.PI / 2;
+    this.shade = new Mesh(new CircleGeometry(SHADE, 48), new ShadowMaterial({ opacity: 0.28, depthWrite: false }));
+    disc.rotation.x = this.shade.rotation.x = -Math.PI / 2;
     disc.renderOrder = -2; // both lie on y = 0 and are drawn one after the other: nothing flickers
-    shade.renderOrder = -1;
-    shade.receiveShadow = true;
-    this.floor.add(disc, shade);
+    this.shade.position.set(...SHADE_AT);
+    this.shade.renderOrder = -1;
+    this.shade.receiveShadow = true;
+    this.floor.add(disc, this.shade);
     const rim = new DirectionalLight("#ffe8d0", 1.1);
     rim.position.set(-2.5, 2.6, -3);
     this.scene.add(
@@ -105,9 +111,14 @@ export class View {
     target.z += dz;
     this.camera.position.x += dx;
     this.camera.position.z += dz;
-    this.sun.position.set(target.x + 1.6, 4.2, target.z + 2.4);
-    this.sun.target.position.set(target.x, 0.8, target.z);
-    this.floor.position.set(target.x, 0, target.z);
+    this.lightAt(target.x, target.z);
+  }
+
+  /** Light and floor for somebody who stands at (x, z), m. */
+  lightAt(x: number, z: number): void {
+    this.sun.position.set(x + 1.6, 4.2, z + 2.4);
+    this.sun.target.position.set(x, 0.8, z);
+    this.floor.position.set(x, 0, z);
   }
 
   paint(look: Look): void {
@@ -115,18 +126,22 @@ export class View {
     this.scene.fog = new Fog(PAPER[look], 7, 14);
     this.paint_.map?.dispose();
     this.paint_.map = floorTexture(FLOOR[look][0], FLOOR[look][1]);
+    this.paint_.map.anisotropy = this.finest;
     this.paint_.needsUpdate = true;
   }
 
   /** Call `frame` for every picture; in a headset it gets the frame of its session. */
   run(frame: (milliseconds: number, xr: XRFrame | undefined) => void): void {
     this.renderer.setAnimationLoop((milliseconds: number, xr?: XRFrame) => {
+      const isDue = this.thrift.isDue(milliseconds);
+      if (!xr && !isDue) return;
       frame(milliseconds, xr);
       if (!this.renderer.xr.isPresenting) {
         this.controls.update();
         if (this.thrift.frame(milliseconds)) this.resize();
+        this.shade.visible = this.renderer.shadowMap.enabled;
       }
-      this.renderer.render(this.scene, this.camera);
+      if (isDue) this.renderer.render(this.scene, this.camera);
     });
   }
 
@@ -146,15 +161,25 @@ export class View {
   }
 }
 
+/** Whether a graphics card draws; where a browser does not say, it is believed. */
+function hasGraphicsCard(): boolean {
+  const context = document.createElement("canvas").getContext("webgl2");
+  const names = context?.getExtension("WEBGL_debug_renderer_info");
+  const name = String(context?.getParameter(names?.UNMASKED_RENDERER_WEBGL ?? context.RENDERER));
+  context?.getExtension("WEBGL_lose_context")?.loseContext();
+  return !/swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+}
+
 function sun(): DirectionalLight {
   const light = new DirectionalLight("#fff6ea", 2.1);
   light.position.set(1.6, 4.2, 2.4);
   light.castShadow = true;
-  light.shadow.mapSize.set(1024, 1024);
+  light.shadow.mapSize.set(512, 512);
   light.shadow.camera.left = light.shadow.camera.bottom = -1.8;
   light.shadow.camera.right = light.shadow.camera.top = 1.8;
-  light.shadow.radius = 7;
-  light.shadow.normalBias = 0.02;
+  [light.shadow.camera.near, light.shadow.camera.far] = [1.5, 8]; // m: tight, so that feet touch their shadow
+  light.shadow.radius = 4;
+  light.shadow.blurSamples = 12;
   return light;
 }
 
@@ -183,6 +208,5 @@ function floorTexture(middle: string, line: string): CanvasTexture {
   }
   const texture = new CanvasTexture(canvas);
   texture.colorSpace = SRGBColorSpace;
-  texture.anisotropy = 4;
   return texture;
 }

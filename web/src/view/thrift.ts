@@ -1,24 +1,40 @@
-/** Fewer pixels and no shadows on a device that cannot keep up. */
+/** Fewer pixels, no shadows and fewer pictures on a device that cannot keep up. */
 
 import type { WebGLRenderer } from "three";
 
 const SLOW = 45; // ms a frame
 const FRAMES = 20; // that are averaged before anything is given up,
 const [FEW, SECONDS] = [3, 1.2]; // or as few as these, where they took so long
+const [SMALL, SMALLEST] = [0.6, 0.4]; // pixels of the picture for one of the page
+const SELDOM = 50; // ms between two pictures where the processor draws them: it has other work as well
 
 export class Thrift {
   private count = 0;
   private sum = 0;
   private last = 0;
+  private drawn = 0; // ms
   private readonly steps: (() => void)[];
 
-  constructor(renderer: WebGLRenderer) {
+  /** `isFast`: a graphics card draws; without one nearly everything is given up at once. */
+  constructor(
+    renderer: WebGLRenderer,
+    private readonly isFast: boolean,
+  ) {
+    renderer.shadowMap.enabled = isFast;
+    if (!isFast) renderer.setPixelRatio(SMALL);
     this.steps = [
       () => (renderer.shadowMap.enabled = false),
       () => renderer.setPixelRatio(Math.min(renderer.getPixelRatio(), 1)),
-      () => renderer.setPixelRatio(0.6),
-      () => renderer.setPixelRatio(0.4),
-    ];
+      () => renderer.setPixelRatio(SMALL),
+      () => renderer.setPixelRatio(SMALLEST),
+    ].slice(isFast ? 0 : -1);
+  }
+
+  /** Whether a picture is due, at `milliseconds`. */
+  isDue(milliseconds: number): boolean {
+    if (!this.isFast && milliseconds - this.drawn < SELDOM) return false;
+    this.drawn = milliseconds;
+    return true;
   }
 
   /** To be called once a frame, with its time (ms); true where something was given up. */
@@ -29,7 +45,7 @@ export class Thrift {
     this.sum += took;
     this.count += 1;
     if (this.count < FRAMES && !(this.count >= FEW && this.sum > 1000 * SECONDS)) return false;
-    const isSlow = this.sum / this.count > SLOW;
+    const isSlow = this.sum / this.count > (this.isFast ? SLOW : SLOW + SELDOM);
     this.sum = this.count = 0;
     const step = isSlow ? this.steps.shift() : undefined;
     step?.();

@@ -3,23 +3,14 @@
  * iwer stands for the headset: first with two controllers, then with two hands.
  */
 
-import { fileURLToPath } from "node:url";
+import { wearEmulated } from "./emulated_headset.mjs";
 import { scenario, serveFolder } from "./page.mjs";
 
 const [folder, pictures] = process.argv.slice(2);
-const IWER = fileURLToPath(new URL("../../node_modules/iwer/build/iwer.min.js", import.meta.url));
 const site = await serveFolder(folder);
 
 await scenario({ colorScheme: "light", viewport: { width: 480, height: 320 } }, async (page) => {
-  await page.addInitScript({ path: IWER });
-  await page.addInitScript(() => {
-    const device = (window.device = new IWER.XRDevice(IWER.metaQuest3));
-    device.installRuntime({ forceInstall: true });
-    device.position.set(0.4, 1.6, 0.2);
-    device.quaternion.set(0, Math.sin(0.5), 0, Math.cos(0.5)); // turned to the left
-    device.controllers.left.position.set(-0.25, 1.3, -0.4);
-    device.controllers.right.position.set(0.25, 1.1, -0.35);
-  });
+  await wearEmulated(page);
   await page.goto(site.address);
   const text = (id) => page.textContent(id);
   const says = (id, part) =>

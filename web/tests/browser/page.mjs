@@ -14,7 +14,7 @@ const KINDS = {
 };
 const ARGUMENTS = [
   ...["--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"],
-  ...["--disable-component-update", "--disable-sync", "--use-gl=angle", "--use-angle=swiftshader"],
+  ...["--disable-component-update", "--disable-sync"],
   "--enable-unsafe-swiftshader",
 ];
 
@@ -32,8 +32,8 @@ export async function serveFolder(folder) {
   return { address: `http://localhost:${server.address().port}/`, close: () => server.close() };
 }
 
-/** Run something in a fresh page of a browser of its own. */
-export async function launched(more, options, run) {
+/** Run something in a fresh page of a browser of its own; unless `isCalm` is false it draws few pictures. */
+export async function launched(more, { isCalm = true, ...options }, run) {
   const browser = await chromium.launch({
     executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
     args: [...ARGUMENTS, ...more],
@@ -41,9 +41,9 @@ export async function launched(more, options, run) {
   try {
     const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, ...options });
     const page = await context.newPage();
-    page.setDefaultTimeout(500_000); // software rendering on a busy machine
+    page.setDefaultTimeout(60_000); // software rendering on a busy machine
     if (process.env.TRACE) trace(page);
-    await page.addInitScript(calm);
+    if (isCalm) await page.addInitScript(calm);
     return await run(page);
   } finally {
     await browser.close();

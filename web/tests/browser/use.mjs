@@ -32,7 +32,6 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
         () => undefined,
       ),
   );
-  const began = Date.now();
   await page.goto(site.address);
   const until = (id, part) =>
     page.waitForFunction(([where, what]) => document.querySelector(where).textContent.includes(what), [id, part], {
@@ -41,9 +40,8 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
   const text = (id) => page.textContent(id);
   const notice = async (part) => (await until("#notice-text", part), text("#notice-text"));
   await until("#shown", "tracked");
-  const facts = { moving: Date.now() - began };
+  const facts = {};
   await until("#rate", "completed here");
-  facts.completed = Date.now() - began;
   await until("#shown", "from the truth");
   facts.bytes = bytes;
   facts.shown = await text("#shown");

@@ -34,6 +34,7 @@ def commands() -> SubcommandApp:
     group.command(name="live")(bench_live.bench_live)
     group.command(name="live-outputs")(bench_outputs.live_outputs)
     group.command(live_checks.live_fuzz)
+    group.command(live_checks.packet_fuzz)
     group.command(live_checks.live_soak)
     return group
 

@@ -38,6 +38,24 @@ def live_fuzz(frames: int = 1_000_000, seed: int = 1, json: Path | None = None) 
     write_numbers(json, numbers | {"seed": seed, "seconds": round(seconds, 1)})
 
 
+def packet_fuzz(packets: int = 1_000_000, seed: int = 1) -> None:
+    """Read hostile packets of all that comes in by UDP or sockets (VMC, VMT, VRChat, SlimeVR, SolarXR); none may raise.
+
+    Args:
+        packets: Packets to read.
+        seed: random seed of the packets.
+    """
+    import numpy as np
+
+    from bodysense.errors import BodysenseError
+    from bodysense.serve.packet_fuzz import fuzz_packets
+
+    if packets < 1:
+        raise BodysenseError(f"--packets {packets}: give 1 or more")
+    found = fuzz_packets(packets, np.random.default_rng(seed))
+    print(f"{packets} packets, no failure: " + ", ".join(f"{name} {count}" for name, count in found.items()))
+
+
 def live_soak(
     minutes: float = 10.0,
     sessions: int = 8,

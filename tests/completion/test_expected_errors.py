@@ -1,0 +1,29 @@
+"""Expected errors of the packaged network: about as large as the true ones, and larger where those are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import spearmanr
+
+from bodysense.body.person import Person
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.skeleton import BODY
+from bodysense.demo import performance_of_stranger
+from bodysense.devices.simulated import simulate
+from bodysense.tracker import Tracker
+
+
+@pytest.mark.parametrize("device", ["head", "three_point", "six_point"])
+def test_expected_errors_are_true(device: str) -> None:
+    clip = performance_of_stranger()
+    body = clip.pose.skeleton.indices(BODY)
+    tracker = Tracker(Person(skeleton=clip.pose.skeleton))
+    estimate, _ = tracker.step(simulate(clip, device), tracker.start())
+    truth = np.asarray(forward_kinematics(clip.pose)[0])
+    guessed = ~estimate.measured[:, body]
+    error = np.linalg.norm(estimate.points - truth, axis=-1)[:, body][guessed]
+    expected, bound = estimate.confidence[:, body][guessed], estimate.bound[:, body][guessed]
+    assert 0.75 < expected.mean() / error.mean() < 1.25
+    assert 0.78 < (error <= bound).mean() < 0.96
+    assert spearmanr(expected, error)[0] > 0.65

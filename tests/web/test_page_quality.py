@@ -1,0 +1,61 @@
+"""What one asks of any page: named checks as Lighthouse has them, and one sentence for whatever goes wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+Scenario = Callable[..., dict[str, Any]]
+
+
+@pytest.fixture(scope="module")
+def checked(scenario: Scenario, site: Path) -> dict[str, Any]:
+    return scenario("checks", site)
+
+
+def test_head_says_what_the_page_is(checked: dict[str, Any]) -> None:
+    head = checked["head"]
+    assert head["language"] == "en" and head["title"]
+    assert {"viewport", "description", "color-scheme"} <= set(head)
+
+
+def test_scripts_are_small_and_nothing_comes_from_elsewhere(checked: dict[str, Any]) -> None:
+    scripts = {name: size for name, size in checked["sizes"].items() if name.endswith(".js")}
+    assert scripts and max(scripts.values()) < 750_000  # bytes, unpacked
+    assert checked["sizes"]["index.css"] < 20_000
+    assert checked["elsewhere"] == []
+
+
+def test_labels_roles_and_contrast_in_light_and_dark(checked: dict[str, Any]) -> None:
+    assert checked["axe"] == {"light": [], "dark": []}
+
+
+def test_nothing_jumps_while_the_page_loads(checked: dict[str, Any]) -> None:
+    assert checked["shift"] < 0.1  # cumulative layout shift
+
+
+def test_a_small_phone_holds_the_page(checked: dict[str, Any]) -> None:
+    assert checked["tooWide"] == 0
+    assert checked["tooSmall"] == []
+
+
+def test_doors_are_reached_by_keyboard_and_focus_is_seen(checked: dict[str, Any]) -> None:
+    reached = [name for name, _ in checked["keyboard"]]
+    assert reached[0] == "skip" and {"door-headset", "door-webcam", "door-file"} <= set(reached)
+    assert all(is_seen for _, is_seen in checked["keyboard"])
+
+
+def test_a_second_visit_fetches_nothing(checked: dict[str, Any]) -> None:
+    assert checked["fetchedAgain"] == []
+
+
+def test_whatever_goes_wrong_is_one_sentence(scenario: Scenario, site: Path) -> None:
+    said = scenario("faults", site)["said"]
+    assert len(said) == 12
+    for text in said.values():
+        assert "\n" not in text and 20 < len(text) < 200 and text.endswith(".")

@@ -1,0 +1,79 @@
+/** A bridge: whole bodies go to a server of bodysense, which hands them to programs that a page cannot reach. */
+
+import type { Body, Skeleton } from "../core/skeleton";
+import type { Resume, SignalPoint } from "../protocol";
+import { Connection, socketAddress } from "./connection";
+
+const EXAMPLE = "ws://127.0.0.1:8765/?token=…";
+
+export interface BridgeEvents {
+  /** It takes bodies; by this session others watch them. */
+  opened(session: Resume): void;
+  /** It does not; `isOver` where it refused, and nothing is tried again. */
+  lost(reason: string, isOver: boolean): void;
+}
+
+/** The address of a bridge in what somebody typed. Throws an Error of one line where it is none, or cannot be reached. */
+export function bridgeAddress(text: string, page: Pick<Location, "protocol">): string {
+  const typed = text.trim();
+  const found = URL.parse(/^\w+:\/\//.test(typed) ? typed : `ws://${typed}`);
+  if (!found || !/^(ws|http)s?:$/.test(found.protocol) || /\s/.test(typed) || typed === "")
+    throw new Error(
+      `“${typed}” is no address of a bridge: paste what \`bodysense serve --bridge\` printed, as ${EXAMPLE}`,
+    );
+  found.protocol = found.protocol.replace("ws", "http");
+  const isNear = /^(localhost|127(\.\d+){3}|\[::1\])$/.test(found.hostname);
+  if (page.protocol === "https:" && found.protocol === "http:" && !isNear)
+    throw new Error(
+      "A page by https reaches a bridge on another machine by wss:// only: start `bodysense serve --bridge --lan`.",
+    );
+  return socketAddress(found);
+}
+
+export class Bridge {
+  private sequence = 0;
+  private readonly connection: Connection;
+
+  /** `address`: of the server's WebSocket; bodies are those of a skeleton with these joints. */
+  constructor(
+    address: string,
+    private readonly skeleton: Pick<Skeleton, "points" | "joints">,
+    events: BridgeEvents,
+  ) {
+    const points = skeleton.points.slice(0, skeleton.joints);
+    this.connection = new Connection(
+      address,
+      // Feet were held here already.
+      () => ({ name: "page", points, settings: { hold_feet: false }, watch: null, resume: null }),
+      {
+        welcome: ({ session, watch_token }) => events.opened({ session, token: watch_token }),
+        signal: () => undefined,
+        pose: () => undefined,
+        truth: () => undefined,
+        message: () => undefined,
+        lost: (reason, retryIn) =>
+          events.lost(
+            retryIn === null
+              ? `The bridge refused: ${reason}`
+              : "No bridge answers there; it is asked again and again.",
+            retryIn === null,
+          ),
+      },
+    );
+    this.connection.open();
+  }
+
+  /** Send a body as of `time` s; dropped where the line is slow or not open. */
+  send(time: number, { position, rotation }: Body): void {
+    const points = Array.from({ length: this.skeleton.joints }, (_, point): SignalPoint => {
+      const [x, y, z] = position.subarray(3 * point, 3 * point + 3);
+      const [w, a, b, c] = rotation.subarray(4 * point, 4 * point + 4);
+      return { point, position: [x, y, z], rotation: [w, a, b, c] };
+    });
+    this.connection.signal({ sequence: this.sequence++, time, points });
+  }
+
+  close(): void {
+    this.connection.close();
+  }
+}

@@ -1,0 +1,129 @@
+/** The wearers of a server: the first is looked at, the others stand beside it. */
+
+import { Group, type Object3D } from "three";
+import type { Skeleton } from "../core/skeleton";
+import { History } from "../history";
+import type { Resume, Settings } from "../protocol";
+import { Bodies, type Shown } from "../view/bodies";
+import { ServerSource, type ServerEvents, type Watched } from "./server_source";
+import type { Source } from "./source";
+
+const APART = 1.1; // m between two wearers
+const LOOK: Shown = { figure: "figure", colouring: "plain", truth: false, signal: false };
+
+/** Sessions that a link names, `#watch=SESSION:TOKEN,…`. */
+export function followedBy(hash: string): readonly Resume[] {
+  const named = new URLSearchParams(hash.replace(/^#/, "")).get("watch") ?? "";
+  return named
+    .split(",")
+    .map((pair) => pair.split(":", 2))
+    .flatMap(([session, token]) => (session && token ? [{ session, token }] : []));
+}
+
+/** The link's end by which others watch a session. */
+export function watchHash({ session, token }: Resume): string {
+  return `#watch=${session}:${token}`;
+}
+
+class Companion {
+  private readonly place = new Group();
+  private readonly history = new History(2);
+  private readonly bodies = new Bodies(this.place);
+  private readonly source: ServerSource;
+  private tree: Skeleton | null = null;
+
+  constructor(
+    address: string,
+    watched: Watched,
+    number: number,
+    stage: Object3D,
+    over: (companion: Companion, reason: string) => void,
+  ) {
+    this.place.position.x = APART * Math.ceil(number / 2) * (number % 2 === 1 ? 1 : -1); // left, right, left …
+    stage.add(this.place);
+    const nothing = (): void => undefined;
+    this.source = new ServerSource(address, this.history, watched, {
+      skeleton: (skeleton) => (this.tree = skeleton),
+      connected: nothing,
+      said: nothing,
+      others: nothing,
+      lost: (reason, again) => again && over(this, reason),
+    });
+  }
+
+  get isThere(): boolean {
+    return this.history.moments.length > 0;
+  }
+
+  draw(): void {
+    const moment = this.history.moments.at(-1);
+    if (moment && this.tree) this.bodies.show(moment, this.tree, LOOK, 0);
+  }
+
+  stop(): void {
+    this.source.stop();
+    this.bodies.clear();
+    this.place.removeFromParent();
+  }
+}
+
+export class Watching implements Source {
+  private readonly first: ServerSource;
+  private companions: Companion[] = [];
+
+  /** `followed`: sessions of others; without any the server's own inputs. */
+  constructor(
+    private readonly address: string,
+    history: History,
+    private readonly stage: Object3D,
+    private readonly events: Omit<ServerEvents, "others">,
+    followed: readonly Resume[],
+  ) {
+    const [first, ...others] = followed.map((follow): Watched => ({ follow }));
+    this.first = new ServerSource(address, history, first ?? null, {
+      ...events,
+      others: (inputs) => this.invite(inputs.map((watch) => ({ watch }))),
+    });
+    this.invite(others);
+  }
+
+  get title(): string {
+    const count = this.companions.filter(({ isThere }) => isThere).length;
+    return count > 0 ? `${this.first.title}, and ${count} more` : this.first.title;
+  }
+
+  get sensors(): readonly string[] {
+    return this.first.sensors;
+  }
+
+  frame(): void {
+    for (const companion of this.companions) companion.draw();
+  }
+
+  stop(): void {
+    this.first.stop();
+    for (const companion of this.companions.splice(0)) companion.stop();
+  }
+
+  open(): void {
+    this.first.open();
+  }
+
+  /** Change settings of the session that is looked at. */
+  tell(change: Partial<Settings>): void {
+    this.first.tell(change);
+  }
+
+  private invite(others: readonly Watched[]): void {
+    for (const watched of others) {
+      const number = this.companions.length + 1;
+      this.companions.push(
+        new Companion(this.address, watched, number, this.stage, (companion, reason) => {
+          companion.stop();
+          this.companions = this.companions.filter((other) => other !== companion);
+          this.events.said(`One wearer is gone: ${reason}.`);
+        }),
+      );
+    }
+  }
+}

@@ -1,0 +1,77 @@
+/** What goes wrong, and what the page says of it: node faults.mjs FOLDER */
+
+import { scenario, serveFolder } from "./page.mjs";
+
+const [folder] = process.argv.slice(2);
+const site = await serveFolder(folder);
+
+/** A camera of which MediaPipe sees nobody. */
+const NOBODY = `postMessage({ type: "opened" });
+  onmessage = ({ data }) => postMessage({ type: "seen", world: [], picture: [], milliseconds: data.milliseconds });`;
+
+await scenario({ viewport: { width: 500, height: 400 }, serviceWorkers: "block" }, async (page) => {
+  const about = { server: false, webcam: true, version: "fake", files: [] };
+  await page.route("**/page.json", (route) => route.fulfill({ json: about }));
+  await page.route("**/camera_worker.js", (route) => route.fulfill({ body: NOBODY, contentType: "text/javascript" }));
+  await page.goto(site.address);
+  const until = (id, part) =>
+    page.waitForFunction(([where, what]) => document.querySelector(where).textContent.includes(what), [id, part], {
+      polling: 100,
+    });
+  const said = {};
+  const keep = async (name, part) => {
+    await until("#notice-text", part);
+    said[name] = await page.textContent("#notice-text");
+  };
+  await until("#rate", "completed here");
+
+  for (const name of ["NotAllowedError", "NotFoundError", "NotReadableError", "OverconstrainedError"]) {
+    await page.evaluate((reason) => {
+      navigator.mediaDevices.getUserMedia = () => Promise.reject(new DOMException("no", reason));
+    }, name);
+    await page.dispatchEvent("#door-webcam", "click");
+    const parts = { NotAllowedError: "refused", NotFoundError: "No webcam", NotReadableError: "another program" };
+    await keep(name, parts[name] ?? name);
+  }
+  await page.evaluate(() => {
+    const canvas = document.createElement("canvas");
+    const draw = () => canvas.getContext("2d").fillRect(0, 0, Math.random() * 9, 9);
+    setInterval(draw, 50);
+    window.stream = canvas.captureStream();
+    navigator.mediaDevices.getUserMedia = () => Promise.resolve(stream);
+  });
+  await page.dispatchEvent("#door-webcam", "click");
+  await keep("nobody", "Nobody");
+  await page.evaluate(() => stream.getTracks()[0].dispatchEvent(new Event("ended")));
+  await keep("unplugged", "unplugged");
+  await page.dispatchEvent("#door-performance", "click");
+  await until("#source", "performance");
+
+  const drop = (name, content) =>
+    page.setInputFiles("#file", { name, mimeType: "application/octet-stream", buffer: Buffer.from(content) });
+  const header = '{"format": "bodysense-recording-1", "points": ["head"]}';
+  await drop("cut.jsonl", `${header}\n{"time": 0, "position": {"head": [0, 1.6`);
+  await keep("cut", "cut.jsonl");
+  await drop("empty.bvh", "");
+  await keep("empty", "empty.bvh");
+  await drop("numbers.npz", "PK is no archive");
+  await keep("numbers", "numbers.npz");
+  await drop("model.glb", "glTF");
+  await keep("model", "model.glb");
+  await until("#shown", "from the truth"); // and the performance goes on
+
+  await page.evaluate(() => {
+    const context = document.getElementById("view").getContext("webgl2");
+    window.loss = context.getExtension("WEBGL_lose_context");
+    loss.loseContext();
+  });
+  await keep("drawing", "graphics");
+  await page.evaluate(() => loss.restoreContext());
+  await page.waitForSelector("#notice", { state: "hidden" });
+
+  await page.route("**/completion.onnx.gz", (route) => route.fulfill({ body: "not packed" }));
+  await page.reload();
+  await keep("damaged", "damaged");
+  await until("#shown", "tracked"); // the motion itself is shown
+  return { said };
+}).finally(() => site.close());
