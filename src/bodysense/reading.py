@@ -9,6 +9,7 @@ from bodysense.arrays import conversion
 from bodysense.body.skeleton import default_skeleton
 from bodysense.capture.recording import Recording, is_recording, read_recording, write_recording
 from bodysense.capture.video import is_video
+from bodysense.data.archive import ZIP
 from bodysense.data.clip import Clip
 from bodysense.data.sources import Source, as_told, read_with_rig
 from bodysense.errors import BodysenseError
@@ -67,7 +68,7 @@ def read_clip(
         return as_told(clip, replace(options, joints=None), "glTF files", "y"), tuple(
             f"note: {remark}" for remark in remarks
         )
-    if path.suffix.lower() not in MOTION_ENDINGS:
+    if path.suffix.lower() not in (*MOTION_ENDINGS, ZIP):
         raise BodysenseError(f"{path}: unknown kind of file {path.suffix!r}; valid are {', '.join(MOTION_ENDINGS)}")
     clip, rig = read_with_rig(Source(path, person="", split="test"), options)
     return clip, () if rig is None else (f"read {path}: {rig.line()}",)

@@ -94,7 +94,8 @@ def recognised(names: Sequence[str], table: Mapping[str, str] | None = None) -> 
         found = _joints(names) if one is None else _columns(one, names)
         chosen = _named(tuple(found)) if one is None else one
         count = len({recipe.name for recipe in chosen.points if follows(recipe, chosen, found)})
-        if count > most:
+        sure = one is not None or best is None or len(found) > len(best.columns)  # a set goes before names alone
+        if count > most and sure:
             best, most = Recognised(chosen, found), count
     return best
 
