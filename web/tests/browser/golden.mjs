@@ -5,7 +5,7 @@ import { scenario, serveFolder } from "./page.mjs";
 
 const [folder, takes, result] = process.argv.slice(2);
 const site = await serveFolder(folder);
-await scenario({}, async (page) => {
+await scenario({ serviceWorkers: "block" }, async (page) => {
   await page.goto(site.address);
   await page.route("**/golden.bin", (route) => route.fulfill({ body: readFileSync(takes) }));
   const bodies = await page.evaluate(run);
