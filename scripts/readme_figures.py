@@ -34,6 +34,7 @@ from bodysense.occlusion.sensors import SENSOR_SETS, TABLE_SETS
 ROOT = Path(__file__).parents[1]
 README, OCCLUSION = ROOT / "README.md", ROOT / "docs" / "occlusion.md"
 COMPLETION = ROOT / "docs" / "completion.md"
+CARD = ROOT / "src" / "bodysense" / "weights" / "completion.md"
 BODIES = ("own", "stranger", "height", "nothing")
 EVALUATION, VAE = ROOT / "docs" / "evaluation.md", ROOT / "docs" / "hmd-vae.md"
 GROUPS = {"": "main", "_sport": "sport", "_dance": "dance", "_other": "other"}
@@ -60,6 +61,8 @@ def main(folder: Path) -> None:
         whole = put(whole, "completion", completion_measures(read["completion"]))
         whole = put(whole, "published", published(read["completion"]))
         COMPLETION.write_text(whole, encoding="utf-8")
+        card = CARD.read_text(encoding="utf-8")
+        CARD.write_text(put(card, "completion", completion(read["completion"])), encoding="utf-8")
     if {"step", "ik", "occlusion", "bvh", "import"} <= set(read):
         text = put(text, "speed", speed(read))
     README.write_text(text, encoding="utf-8")
