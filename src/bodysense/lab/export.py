@@ -87,8 +87,10 @@ def in_bytes(model: ModelProto, most: int = 127) -> ModelProto:
 
 def bare(model: ModelProto) -> ModelProto:
     """The model without what only says where its operations come from, constants by number: a third of a file."""
-    numbers = {constant.name: f"c{number}" for number, constant in enumerate(model.graph.initializer)}
-    for constant in model.graph.initializer:
+    said = {output.name for output in model.graph.output}  # an output that is a constant keeps its name
+    constants = [constant for constant in model.graph.initializer if constant.name not in said]
+    numbers = {constant.name: f"c{number}" for number, constant in enumerate(constants)}
+    for constant in constants:
         constant.name = numbers[constant.name]
     for node in model.graph.node:
         del node.metadata_props[:]

@@ -46,19 +46,19 @@ def test_the_other_models_files_are_theirs(tmp_path: Path, frames: BodyFrames, w
     torch.manual_seed(3)
     network = BodyVae(BodyVaeConfig(model=which, latent=4, width=16)).eval()
     write_vae_onnx(network, tmp_path / "net.onnx", {"expected_error": [0.05] * 22})
-    agree(load_body_vae(tmp_path / "net.onnx"), network, frames, 1.0)
+    agree(load_body_vae(tmp_path / "net.onnx"), network, frames, 1.0, 10)  # its weights are stored in bytes
 
 
-def agree(model: BodyVaeModel, network: BodyVae, frames: BodyFrames, trust: float) -> None:
-    """The same body of the same window and noise."""
+def agree(model: BodyVaeModel, network: BodyVae, frames: BodyFrames, trust: float, times: float = 1) -> None:
+    """The same body of the same window and noise, to 0.1 mm and 0.06°, or so many times that."""
     position, rotation, offset = window(model, frames, 40)
     noise = np.random.default_rng(0).standard_normal(model.latent)
     root, local = model.body(position, rotation, trust, noise, offset)
     given = (position, rotation, np.array([trust]), noise, offset)
     with torch.no_grad():
         wanted = InWorld(network)(*(torch.tensor(value[None], dtype=torch.float32) for value in given))
-    np.testing.assert_allclose(root, wanted[0][0].numpy(), atol=1e-4)
-    assert geodesic_angle(local, wanted[1][0].double().numpy()).max() < 1e-3
+    np.testing.assert_allclose(root, wanted[0][0].numpy(), atol=1e-4 * times)
+    assert geodesic_angle(local, wanted[1][0].double().numpy()).max() < 1e-3 * times
 
 
 def test_the_mean_is_what_training_measures(small_vae: Path, frames: BodyFrames) -> None:
