@@ -17,7 +17,7 @@ from bodysense.body.rotation import normalize
 _NEARER, _SAID_ERROR = np.array([0.0, 0.1]), np.array([0.25, 0.2])
 _LENGTH_ERROR = (0.08, 0.28)  # of a length that is seen, as a share: where the whole body is, and only its upper half
 _WHOLE = (0.3, 0.8)  # share of the legs seen, below which the network alone says depth, and above which this does
-_SHARE = 0.5  # of this, beside the network's: on videos of validation people arms are nearest so
+_SHARE = 0.5  # of this, beside the network's: chosen on videos of validation clips
 _DEPTHS = np.linspace(-0.98, 0.98, 50)
 _BLUNT = 0.13  # m: of a bone that is seen so short the picture tells its direction no better than the network
 

@@ -82,10 +82,6 @@ class Rig:
         """World rotations (..., 4) of the file in our world."""
         return quaternion_multiply(self.turn, rotation)
 
-    def turned_to_file(self, rotation: np.ndarray) -> np.ndarray:
-        """World rotations (..., 4) of our world in the file's."""
-        return quaternion_multiply(quaternion_conjugate(self.turn), rotation)
-
     def line(self) -> str:
         """What was recognised, in one line."""
         unit = self.unit_name or f"unknown unit, scaled to {self.height:.2f} m"
