@@ -6,7 +6,7 @@ import numpy as np
 
 import bodysense as bs
 from bodysense.demo import packaged_performance
-from bodysense.devices.simulated import simulate
+from bodysense.devices.simulated.device import simulate
 from bodysense.tracker import step_together
 
 seen = simulate(packaged_performance(), "three_point")

@@ -5,8 +5,8 @@ import numpy as np
 import bodysense as bs
 from bodysense.body.pose import forward_kinematics
 from bodysense.demo import packaged_performance
-from bodysense.devices.gloves import glove_device
-from bodysense.occlusion.glove import observe
+from bodysense.devices.gloves.device import glove_device
+from bodysense.devices.simulated.glove import observe
 
 clip = packaged_performance()
 seen = observe(clip.pose, clip.time)  # points 'left_glove_index_tip' …: positions alone, NaN where hidden

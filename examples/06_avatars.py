@@ -4,9 +4,9 @@ import socket
 import tempfile
 from pathlib import Path
 
-from bodysense.capture.osc import read_packet
 from bodysense.demo import packaged_performance
-from bodysense.export.motion_files import write_motion
+from bodysense.io.motion_files import write_motion
+from bodysense.serve.osc import read_packet
 from bodysense.serve.vmc import vmc_packets
 from bodysense.serve.vrchat import vrchat_packets
 

@@ -25,7 +25,7 @@ import flatbuffers
 from mediapipe.tasks.metadata import metadata_schema_py_generated as metadata_schema  # pyright: ignore[reportMissingImports]
 from mediapipe.tasks.metadata import schema_py_generated as model_schema  # pyright: ignore[reportMissingImports]
 
-from bodysense.capture.landmarker_files import HAND_LANDMARKER, POSE_LANDMARKER, landmarker_folder
+from bodysense.devices.video.landmarker_files import HAND_LANDMARKER, POSE_LANDMARKER, landmarker_folder
 from bodysense.files import written_beside
 
 WHEEL = "mediapipe==0.10.21"

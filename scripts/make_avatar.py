@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.export.humanoid import VRM_BONES
 from bodysense.files import written_beside
+from bodysense.io.gltf.humanoid import VRM_BONES
 from bodysense.lab.rendering.figure import Character, load_figure
 
 OUTPUT = Path(__file__).parents[1] / "web" / "public" / "avatar.vrm.gz"

@@ -1,7 +1,7 @@
 """Write the demonstration's motion, the project's own: a performer who crosses the arms, thinks, sits, walks.
 
-Nothing in it was recorded. `performance/choreography.py` says what happens when; one optimisation finds the smoothest
-motion of the default body that meets it. Run it with the packages of the tests (SciPy) installed::
+Nothing in it was recorded. `scripts/performance/choreography.py` says what happens when; one optimisation finds the
+smoothest motion of the default body that meets it. Run it with the packages of the tests (SciPy) installed::
 
     python scripts/make_performance.py [--output FILE.npz] [--iterations N]
 """

@@ -13,10 +13,10 @@ from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.model import CompletionModel, packaged_model
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.dropout import hide
+from bodysense.devices.simulated.glove import observe
+from bodysense.io.clip import Clip
 from bodysense.observation import Observation
-from bodysense.occlusion.dropout import hide
-from bodysense.occlusion.glove import observe
 
 
 @pytest.fixture(scope="session")
@@ -162,7 +162,7 @@ def landmarkers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPat
     import runpy
 
     pytest.importorskip("mediapipe")
-    from bodysense.capture.landmarker_files import HAND_LANDMARKER, POSE_LANDMARKER, landmarker_folder
+    from bodysense.devices.video.landmarker_files import HAND_LANDMARKER, POSE_LANDMARKER, landmarker_folder
 
     cache = getattr(request.config, "cache", None)  # none with `-p no:cacheprovider`
     built = tmp_path_factory.mktemp("landmarkers") if cache is None else cache.mkdir("landmarkers")
@@ -183,8 +183,8 @@ def filmed() -> tuple[np.ndarray, Clip]:
     from dataclasses import replace
 
     from bodysense.demo import packaged_performance
-    from bodysense.export.animation import draw_pose
-    from bodysense.export.shot import Lens, frame_shot
+    from bodysense.pictures.animation import draw_pose
+    from bodysense.pictures.shot import Lens, frame_shot
 
     clip = packaged_performance()
     clip = replace(clip, pose=clip.pose[600:624:3], frame_rate=15.0)  # here it is not taken for somebody's back

@@ -10,8 +10,8 @@ import pytest
 
 from bodysense import arrays
 from bodysense.arrays import array_shapes, read_array, read_arrays
-from bodysense.data.archive import MotionFile
 from bodysense.errors import BodysenseError
+from bodysense.io.archive import MotionFile
 from bodysense.reading import read
 
 

@@ -17,14 +17,14 @@ import pytest
 
 import bodysense as bs
 from bodysense.body.keypoints import ArmKeypoints
-from bodysense.capture import marker_stream
-from bodysense.capture.landmarker_files import find_landmarkers
-from bodysense.capture.marker_stream import MarkerReceiver
 from bodysense.cli import main
-from bodysense.data.clip import Clip
 from bodysense.demo import packaged_performance
-from bodysense.devices.simulated import simulate
-from bodysense.occlusion.camera_view import FRONT, sample_cameras, view, view_points
+from bodysense.devices.simulated.camera_view import FRONT, sample_cameras, view, view_points
+from bodysense.devices.simulated.device import simulate
+from bodysense.devices.video.landmarker_files import find_landmarkers
+from bodysense.io.clip import Clip
+from bodysense.serve import marker_stream
+from bodysense.serve.marker_stream import MarkerReceiver
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -144,7 +144,9 @@ def test_the_snippet_on_video_runs(
 ) -> None:
     av = pytest.importorskip("av")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("bodysense.capture.landmarker_files.find_landmarkers", partial(find_landmarkers, landmarkers))
+    monkeypatch.setattr(
+        "bodysense.devices.video.landmarker_files.find_landmarkers", partial(find_landmarkers, landmarkers)
+    )
     with av.open("video.mp4", "w") as container:
         stream = container.add_stream("libx264", rate=15)
         stream.height, stream.width, stream.pix_fmt = *filmed[0].shape[1:3], "yuv420p"
@@ -177,3 +179,14 @@ def test_links_lead_somewhere() -> None:
         for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text()):
             if "://" not in target:
                 assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_files_that_are_named_exist() -> None:
+    roots = (ROOT, ROOT / "web", ROOT / "src", ROOT / "src" / "bodysense", ROOT / "src" / "bodysense" / "lab")
+    named = [
+        (page.name, name)
+        for page in [*PAGES, *(ROOT / "src").rglob("*.py"), *(ROOT / "scripts").glob("*.py")]
+        for name in re.findall(r"`([a-z_]+/[\w/]+\.(?:py|ts|mjs))`", page.read_text(encoding="utf-8"))
+    ]
+    assert len(named) >= 20
+    assert not [(page, name) for page, name in named if not any((root / name).exists() for root in roots)]

@@ -12,13 +12,13 @@ import bodysense
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.retarget import side_clearance
 from bodysense.body.rotation import geodesic_angle
-from bodysense.data.bvh import read_bvh, write_bvh
-from bodysense.data.bvh_lines import BvhLines, open_bvh
-from bodysense.data.clip import Clip
-from bodysense.data.holes import missing_items
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
 from bodysense.filling import filled, observed, on_feet, open_holed
+from bodysense.io.bvh import read_bvh, write_bvh
+from bodysense.io.bvh_lines import BvhLines, open_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.holes import missing_items
 from bodysense.observation import CONTACT_POINTS
 from bodysense.reading import read_clip
 from bodysense.take import track

@@ -10,7 +10,7 @@ from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.occlusion.sensors import SENSOR_SETS, observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.tracker import Tracker
 
 RATE, SECONDS = 30, 6

@@ -16,11 +16,11 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.shape import stature
 from bodysense.body.skeleton import default_skeleton
-from bodysense.capture.recording import Recording, write_recording
-from bodysense.data.bvh import read_bvh, write_bvh
-from bodysense.data.clip import Clip
-from bodysense.devices.simulated import DEVICES, DeviceName, simulate
+from bodysense.devices.simulated.device import DEVICES, DeviceName, simulate
 from bodysense.errors import BodysenseError
+from bodysense.io.bvh import read_bvh, write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.recording import Recording, write_recording
 from bodysense.observation import Observation
 from bodysense.reading import read, write
 from bodysense.take import track
@@ -188,7 +188,7 @@ def pictures(
     """A folder of four pictures of a drawn body."""
     from PIL import Image
 
-    from bodysense.capture import landmarker_files
+    from bodysense.devices.video import landmarker_files
 
     for k, picture in enumerate(filmed[0][:4]):
         Image.fromarray(picture).save(tmp_path / f"{k:02d}.png")

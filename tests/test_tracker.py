@@ -13,9 +13,9 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quatern
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import default_skeleton
 from bodysense.demo import packaged_performance
+from bodysense.devices.simulated.sensors import SENSOR_SETS, observe, strapped
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
-from bodysense.occlusion.sensors import SENSOR_SETS, observe, strapped
 from bodysense.tracker import Tracker, TrackerSettings, step_together
 
 SETS = ("head", "three_point", "three_point_imu_feet", "four_point", "six_point", "ten_point", "headset_camera")

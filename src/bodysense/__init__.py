@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bodysense.body.person import Person
     from bodysense.body.pose import Pose
     from bodysense.body.skeleton import Skeleton
-    from bodysense.data.clip import Clip
+    from bodysense.io.clip import Clip
     from bodysense.observation import Estimate, Observation, observe
     from bodysense.reading import read, write
     from bodysense.take import Take, track
@@ -38,7 +38,7 @@ __all__ = [
 
 # Where each name lives; its module is imported when the name is first used.
 _HOMES = {
-    "Clip": "data.clip",
+    "Clip": "io.clip",
     "Estimate": "observation",
     "Observation": "observation",
     "Person": "body.person",

@@ -23,16 +23,16 @@ from bodysense.body.rotation import (
     quaternion_conjugate,
     quaternion_multiply,
 )
-from bodysense.data.bvh_lines import BvhLines, open_bvh
-from bodysense.data.clip import Clip
-from bodysense.data.fingers import is_finger
-from bodysense.data.holes import Missing, flat_lined, told_missing
-from bodysense.data.rigged import read_rigged
-from bodysense.data.source_joints import SourceJoints, joints_of_file, own_joints
-from bodysense.data.sources import Source, read_source
 from bodysense.errors import BodysenseError
+from bodysense.io.bvh_lines import BvhLines, open_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.sources import Source, read_source
+from bodysense.io.fingers import is_finger
+from bodysense.io.holes import Missing, flat_lined, told_missing
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.rigs.rigged import read_rigged
+from bodysense.io.rigs.source_joints import SourceJoints, joints_of_file, own_joints
 from bodysense.observation import CONTACT_POINTS, EXACT_ACCURACY, Observation
-from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
 Array = np.ndarray
 # s away from known frames where the tracker's guess counts as much as the turn between them: legs follow from the

@@ -7,18 +7,18 @@ from pathlib import Path
 
 from bodysense.arrays import conversion
 from bodysense.body.skeleton import default_skeleton
-from bodysense.capture.recording import Recording, is_recording, read_recording, write_recording
-from bodysense.capture.video import is_video
-from bodysense.data.archive import ZIP
-from bodysense.data.clip import Clip
-from bodysense.data.sources import Source, as_told, read_with_rig
+from bodysense.devices.video.pictures import is_video
 from bodysense.errors import BodysenseError
-from bodysense.export.motion_files import ENDINGS, write_motion
-from bodysense.io import gltf as io_gltf
+from bodysense.io.archive import ZIP
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.sources import Source, as_told, read_with_rig
+from bodysense.io.gltf import motion as io_gltf
 from bodysense.io.markers.files import is_marker_file
 from bodysense.io.markers.recording import read_markers, with_hands_of
+from bodysense.io.motion_files import ENDINGS, write_motion
+from bodysense.io.recording import Recording, is_recording, read_recording, write_recording
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.smpl import PICKLES, is_smpl, read_smpl
-from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
 MOTION_ENDINGS = (".bvh", ".npz", ".npy", *io_gltf.ENDINGS)
 RECORDING_ENDINGS = (".npz", ".jsonl")

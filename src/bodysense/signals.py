@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.person import Person
-from bodysense.capture.recording import Recording
-from bodysense.capture.video import is_video, open_video
-from bodysense.data.clip import Clip
-from bodysense.devices.gloves import calibrated_hands, has_standard_gloves
-from bodysense.devices.simulated import DEVICES, simulate
+from bodysense.devices.gloves.device import calibrated_hands, has_standard_gloves
+from bodysense.devices.simulated.device import DEVICES, simulate
+from bodysense.devices.video.pictures import is_video, open_video
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.recording import Recording
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.observation import Observation, check_observation
 from bodysense.reading import read
-from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
 Source = str | Path | Clip | Observation | Recording
 
@@ -85,12 +85,12 @@ def refuse(name: str, kind: str, **options: object) -> None:
 
 def _filmed(source: str, person: Person, follow: int | None, roll: float | None) -> Observation:
     """What the pictures of a video show of a person: number `follow`, by a camera rolled by `roll` degrees."""
-    from bodysense.capture.landmarker_files import find_landmarkers
-    from bodysense.capture.landmarks import Landmarker, LandmarkerSettings
-    from bodysense.capture.person import PersonSettings
-    from bodysense.devices.video import VideoDevice, VideoSettings
-    from bodysense.devices.watching import Seen, watch
-    from bodysense.estimators.arms import Arms, load_arms
+    from bodysense.devices.video.arms import Arms, load_arms
+    from bodysense.devices.video.device import VideoDevice, VideoSettings
+    from bodysense.devices.video.landmarker_files import find_landmarkers
+    from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
+    from bodysense.devices.video.person import PersonSettings
+    from bodysense.devices.video.watching import Seen, watch
 
     settings, people = VideoSettings(roll=roll), PersonSettings(number=follow)
     arms, parts, seen = Arms(person.skeleton, load_arms()), [], Seen()

@@ -13,24 +13,24 @@ import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.capture.recording import is_recording
-from bodysense.capture.video import is_video
 from bodysense.completion.model import CompletionModel
-from bodysense.data.bvh_lines import BvhLines
-from bodysense.data.clip import Clip
-from bodysense.data.holes import missing_items
-from bodysense.data.resample import at_constant_rate
-from bodysense.devices.gloves import check_calibrated, glove_device, gloved_sides, has_gloves
-from bodysense.devices.simulated import DEVICES
+from bodysense.devices.gloves.device import check_calibrated, glove_device, gloved_sides, has_gloves
+from bodysense.devices.simulated.device import DEVICES
+from bodysense.devices.video.pictures import is_video
 from bodysense.errors import BodysenseError
-from bodysense.export.motion_files import write_motion
-from bodysense.export.rig_file import write_on_rig_of
-from bodysense.export.rigs import OWN, SOURCE, check_rig
 from bodysense.filling import Holed, filled, observed, on_feet, open_holed, pose_of
+from bodysense.io.bvh_lines import BvhLines
+from bodysense.io.clip import Clip
+from bodysense.io.holes import missing_items
 from bodysense.io.markers.files import is_marker_file
+from bodysense.io.motion_files import write_motion
+from bodysense.io.recording import is_recording
+from bodysense.io.resample import at_constant_rate
+from bodysense.io.rigs.named import OWN, SOURCE, check_rig
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.rigs.rig_file import write_on_rig_of
 from bodysense.observation import Estimate, Observation
 from bodysense.reading import read_clip
-from bodysense.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.signals import Signal, Source, called, refuse, signal_of
 from bodysense.tracker import Tracker, TrackerSettings
 

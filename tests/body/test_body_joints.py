@@ -7,7 +7,7 @@ import numpy as np
 from bodysense.body.body_joints import body_pose, body_skeleton, whole_pose
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import BODY, default_skeleton
-from bodysense.data.clip import Clip
+from bodysense.io.clip import Clip
 
 
 def test_the_22_joints_are_where_the_whole_body_has_them(waving_clip: Clip) -> None:

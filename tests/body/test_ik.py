@@ -23,9 +23,9 @@ from bodysense.body.rotation import (
     quaternion_rotate,
 )
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.data.bvh import read_bvh
-from bodysense.data.canonical import canonical
 from bodysense.errors import BodysenseError
+from bodysense.io.bvh import read_bvh
+from bodysense.io.rigs.canonical import canonical
 
 BODY = default_skeleton()
 IK = InverseKinematics(BODY)

@@ -20,8 +20,8 @@ from bodysense.body.keypoints import (
 )
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
 from bodysense.body.rotation import geodesic_angle
-from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
 
 
 def keypoints(frames: int = 4) -> ArmKeypoints:

@@ -11,7 +11,7 @@ from bodysense.body.retarget import leg_length, on_body, side_clearance
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.clip import Clip
+from bodysense.io.clip import Clip
 
 ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
 

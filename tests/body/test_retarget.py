@@ -10,9 +10,9 @@ import pytest
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
 from bodysense.body.retarget import leg_length, retargeted, sole_clearance
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.data.augment import with_limb_proportions
-from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
+from bodysense.io.augment import with_limb_proportions
+from bodysense.io.clip import Clip
 
 SKELETON = default_skeleton()
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from bodysense.cli import main
-from bodysense.data.bvh import write_bvh
-from bodysense.data.clip import Clip
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
 
 Command = Callable[..., str]
 Refused = Callable[..., str]

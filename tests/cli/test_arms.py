@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from bodysense.data.bvh import write_bvh
-from bodysense.data.clip import Clip
-from bodysense.data.splits import split_of
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.splits import split_of
 
 SMALL = ("--width", 16, "--layers", 1, "--spatial-width", 8, "--spatial-layers", 1, "--epochs", 1, "--batch", 4)
 

@@ -14,11 +14,11 @@ import pytest
 from bodysense import __version__
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
-from bodysense.capture.recording import read_recording, write_recording
 from bodysense.cli import main
-from bodysense.data.bvh import read_bvh, write_bvh
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
+from bodysense.io.bvh import read_bvh, write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.recording import read_recording, write_recording
+from bodysense.io.resample import resample
 from bodysense.lab.unoc.learned import load_model
 
 WEIGHTS, DEMO = (Path(str(files(f"bodysense.{room}"))) for room in ("weights", "demo"))

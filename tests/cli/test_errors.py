@@ -10,11 +10,11 @@ import numpy as np
 import onnx
 import pytest
 
-from bodysense.capture.recording import Recording, write_recording
 from bodysense.cli import main
-from bodysense.data.bvh import write_bvh
-from bodysense.data.clip import Clip
-from bodysense.occlusion.headset_camera import observe
+from bodysense.devices.simulated.headset_camera import observe
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.recording import Recording, write_recording
 
 
 def files(folder: Path) -> list[str]:

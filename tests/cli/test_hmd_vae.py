@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.capture.recording import Recording
 from bodysense.cli.samples import write_samples
-from bodysense.data.bvh import read_bvh, write_bvh
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated import headset_camera, three_point
 from bodysense.errors import BodysenseError
-from bodysense.occlusion import headset_camera, three_point
+from bodysense.io.bvh import read_bvh, write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.recording import Recording
 
 
 def test_bodies_from_the_prior(run, small_vae: Path, tmp_path: Path) -> None:

@@ -12,16 +12,15 @@ import pytest
 
 from bodysense.body.glove import glove_points
 from bodysense.body.pose import forward_kinematics
-from bodysense.capture.recording import Recording, read_recording, write_recording
-from bodysense.data.bvh import read_bvh
-from bodysense.data.clip import Clip
-from bodysense.devices import gloves as device
-from bodysense.estimators.gloves import hands
+from bodysense.devices.gloves import device, hands
+from bodysense.devices.simulated import three_point
+from bodysense.devices.simulated.glove import observe
+from bodysense.io.bvh import read_bvh
+from bodysense.io.clip import Clip
 from bodysense.io.markers.files import write_markers
 from bodysense.io.markers.recording import read_markers
+from bodysense.io.recording import Recording, read_recording, write_recording
 from bodysense.observation import Observation, chosen_points
-from bodysense.occlusion import three_point
-from bodysense.occlusion.glove import observe
 
 Command = Callable[..., str]
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import Pose
-from bodysense.data.bvh import read_bvh, write_bvh
-from bodysense.data.clip import Clip
-from bodysense.export.motion_files import write_motion
+from bodysense.io.bvh import read_bvh, write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.motion_files import write_motion
 
 
 @pytest.fixture
@@ -133,7 +133,7 @@ def test_what_is_not_there_and_what_is_never_read(tmp_path: Path, refused) -> No
 
 def test_the_front_door_takes_the_same_options(inches: Path) -> None:
     import bodysense
-    from bodysense.rigs.options import ReadingOptions
+    from bodysense.io.rigs.options import ReadingOptions
 
     clip = bodysense.read(inches, ReadingOptions(height=1.9))
     assert isinstance(clip, Clip) and clip.pose.skeleton.height == pytest.approx(1.9)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bodysense.data.bvh import write_bvh
-from bodysense.data.clip import Clip
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
 from bodysense.lab.study.study import draw_key, write_key
 
 

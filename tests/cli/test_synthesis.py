@@ -10,9 +10,9 @@ import pytest
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.cli.recordings import load_clip
-from bodysense.data.bvh import write_bvh
-from bodysense.data.clip import Clip
-from bodysense.rigs.options import AS_FOUND
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.rigs.options import AS_FOUND
 
 
 def without_fingers(clip: Clip) -> Clip:

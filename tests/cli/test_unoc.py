@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.bvh import write_bvh
-from bodysense.data.clip import Clip
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
 
 
 @pytest.fixture

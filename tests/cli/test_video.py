@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.capture.video import Picture
 from bodysense.cli import main
-from bodysense.data.bvh import read_bvh
-from bodysense.data.clip import Clip
+from bodysense.devices.video.pictures import Picture
+from bodysense.io.bvh import read_bvh
+from bodysense.io.clip import Clip
 
 av = pytest.importorskip("av")
 pytest.importorskip("mediapipe")
@@ -89,7 +89,7 @@ def test_a_webcam_is_answered_at_once_and_ended_by_ctrl_c(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    from bodysense.capture import video
+    from bodysense.devices.video import pictures as video
 
     def pictures() -> Iterator[Picture]:
         for k in range(3):

@@ -12,9 +12,9 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.calibration import assigned, calibrated
+from bodysense.devices.simulated.sensors import SENSOR_SETS, observe, strapped
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
-from bodysense.occlusion.sensors import SENSOR_SETS, observe, strapped
 
 FRAMES = 30
 

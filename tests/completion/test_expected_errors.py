@@ -10,7 +10,7 @@ from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import BODY
 from bodysense.demo import performance_of_stranger
-from bodysense.devices.simulated import simulate
+from bodysense.devices.simulated.device import simulate
 from bodysense.tracker import Tracker
 
 

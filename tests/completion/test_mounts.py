@@ -15,8 +15,8 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.completion.calibration import calibrated
 from bodysense.completion.inputs import frames_of
 from bodysense.completion.mounts import WORN, Mounts, mounts_of
+from bodysense.devices.simulated.sensors import SENSOR_SETS, observe, strapped
 from bodysense.observation import Observation
-from bodysense.occlusion.sensors import SENSOR_SETS, observe, strapped
 from bodysense.tracker import Tracker
 
 RATE = 30

@@ -9,7 +9,7 @@ from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.inputs import frames_of
 from bodysense.completion.proportions import Proportions, proportions_of
-from bodysense.occlusion.sensors import SENSOR_SETS, SensorSet, observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
 
 RATE, SECONDS = 30, 6
 EVERYTHING = SensorSet(default_skeleton().points, ("head",))

@@ -12,10 +12,10 @@ from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.refinement import INTERIOR
-from bodysense.data.clip import Clip
 from bodysense.demo import packaged_performance
+from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.io.clip import Clip
 from bodysense.observation import Estimate, Observation
-from bodysense.occlusion.sensors import SENSOR_SETS, observe
 from bodysense.tracker import Tracker, TrackerSettings, step_together
 
 FRAMES = 12

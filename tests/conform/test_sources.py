@@ -24,11 +24,11 @@ from bodysense.conform.sources.vmc import vmc_subject
 from bodysense.conform.sources.websocket import messages_subject
 from bodysense.conform.subject import Step, Subject
 from bodysense.conform.verdict import judge
-from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
-from bodysense.export.mcap_take import BODY_JOINTS, BODY_LAYOUT
-from bodysense.export.mcap_take import record as mcap_record
-from bodysense.export.motion_files import write_motion
+from bodysense.io.clip import Clip
+from bodysense.io.mcap_take import BODY_JOINTS, BODY_LAYOUT
+from bodysense.io.mcap_take import record as mcap_record
+from bodysense.io.motion_files import write_motion
 from bodysense.serve.protocol import PoseFrame, write_pose
 from bodysense.serve.vmc import vmc_packets
 

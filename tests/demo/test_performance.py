@@ -11,8 +11,8 @@ import pytest
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle, quaternion_rotate
 from bodysense.body.skeleton import default_body, default_skeleton
-from bodysense.data.amass import read_amass
-from bodysense.data.fingers import is_finger
+from bodysense.io.amass import read_amass
+from bodysense.io.fingers import is_finger
 
 FILE = Path(str(files("bodysense.demo").joinpath("performance.npz")))
 SCRIPT = Path(__file__).parents[2] / "scripts" / "make_performance.py"

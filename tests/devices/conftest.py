@@ -12,11 +12,11 @@ from bodysense.body.arms import SIDES
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
-from bodysense.capture.landmarks import BODY_LANDMARKS
-from bodysense.capture.person import PersonLandmarks
-from bodysense.devices.video import POINTS, VideoDevice, VideoFrames, VideoSettings
-from bodysense.estimators.arms import Arms, ArmSettings, load_arms
-from bodysense.estimators.gloves.hands import GloveModels
+from bodysense.devices.gloves.hands import GloveModels
+from bodysense.devices.video.arms import Arms, ArmSettings, load_arms
+from bodysense.devices.video.device import POINTS, VideoDevice, VideoFrames, VideoSettings
+from bodysense.devices.video.landmarks import BODY_LANDMARKS
+from bodysense.devices.video.person import PersonLandmarks
 from bodysense.observation import Observation, check_observation
 
 SKELETON = default_skeleton()

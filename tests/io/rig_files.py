@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.clip import Clip
 from bodysense.demo import packaged_performance
+from bodysense.io.clip import Clip
 
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 OURS = default_skeleton()

@@ -18,16 +18,16 @@ from scipy.spatial.transform import Rotation
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY
-from bodysense.data.bvh import read_bvh
-from bodysense.data.canonical import canonical
-from bodysense.data.clip import Clip
 from bodysense.demo import performance_of_stranger
 from bodysense.errors import BodysenseError
-from bodysense.export.motion_files import write_motion
-from bodysense.io.gltf import figure_of_gltf, read_gltf
+from bodysense.io.bvh import read_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.gltf.motion import figure_of_gltf, read_gltf
+from bodysense.io.motion_files import write_motion
+from bodysense.io.rigs.canonical import canonical
+from bodysense.io.rigs.options import ReadingOptions
+from bodysense.io.rigs.rig import recognise
 from bodysense.reading import read
-from bodysense.rigs.options import ReadingOptions
-from bodysense.rigs.rig import recognise
 
 MIXAMO = {
     "pelvis": "mixamorig:Hips", "spine1": "mixamorig:Spine", "spine2": "mixamorig:Spine1", "spine3": "mixamorig:Spine2",

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.rigs import words
-from bodysense.rigs.names import joint_of, joints_of
+from bodysense.io.rigs import words
+from bodysense.io.rigs.names import joint_of, joints_of
 
 MIXAMO = """
 Hips Spine Spine1 Spine2 Neck Head HeadTop_End LeftShoulder LeftArm LeftForeArm LeftHand LeftHandThumb1

@@ -14,9 +14,9 @@ from rig_layouts import LAYOUTS
 from test_rigs import NEEDED, of, unit_of, worst
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.data.clip import Clip
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
 
 EVERY = LAYOUTS | MORE | FURTHER
 USUAL = ("Mixamo", "Character Creator", "mocopi")

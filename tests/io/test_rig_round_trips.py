@@ -12,13 +12,13 @@ from rig_layouts import LAYOUTS
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import sample_bodies
-from bodysense.data.bvh import write_bvh
-from bodysense.data.bvh_lines import open_bvh
-from bodysense.data.clip import Clip
-from bodysense.data.rigged import read_rigged
-from bodysense.export.rig_file import on_rig, write_on_rig_of
-from bodysense.export.rigs import on_rig as under_names
-from bodysense.export.rigs import renamed
+from bodysense.io.bvh import write_bvh
+from bodysense.io.bvh_lines import open_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.rigs.named import on_rig as under_names
+from bodysense.io.rigs.named import renamed
+from bodysense.io.rigs.rig_file import on_rig, write_on_rig_of
+from bodysense.io.rigs.rigged import read_rigged
 from bodysense.reading import read
 from bodysense.take import track
 

@@ -18,10 +18,10 @@ from rig_layouts import LAYOUTS
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.data.clip import Clip
-from bodysense.data.rigged import Rigged, read_rigged
 from bodysense.errors import BodysenseError
-from bodysense.rigs.options import ReadingOptions
+from bodysense.io.clip import Clip
+from bodysense.io.rigs.options import ReadingOptions
+from bodysense.io.rigs.rigged import Rigged, read_rigged
 
 EVERY = LAYOUTS | MORE | FURTHER
 NEEDED = ["pelvis", "head"] + [

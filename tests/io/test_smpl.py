@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
 from bodysense.io.smpl import is_smpl, read_smpl
 from bodysense.reading import read
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.data.bvh import write_bvh
-from bodysense.data.clip import Clip
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
 from bodysense.lab.datasets import DataSet
 from bodysense.observation import Observation, check_observation
 

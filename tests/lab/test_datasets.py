@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from bodysense.data.bvh import write_bvh
-from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
 from bodysense.lab.datasets import (
     QUICK_SECONDS,
     Census,

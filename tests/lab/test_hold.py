@@ -8,11 +8,11 @@ import pytest
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
 from bodysense.lab.hold import Hold
 from bodysense.observation import Observation
-from bodysense.occlusion.headset_camera import observe
 
 SKELETON = default_skeleton()
 FORWARD = [1.0, 0.0, 0.0, 0.0]

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bodysense.data.clip import Clip
 from bodysense.demo import packaged_performance
+from bodysense.io.clip import Clip
 from bodysense.lab import holes
 
 

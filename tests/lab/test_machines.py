@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from bodysense.data.bvh import write_bvh
-from bodysense.data.clip import Clip
-from bodysense.data.splits import split_of
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.splits import split_of
 
 
 def machines(folder: Path, clip: Clip, asked: str) -> list[str]:

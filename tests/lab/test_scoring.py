@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.headset_camera import observe
+from bodysense.io.clip import Clip
 from bodysense.lab.scoring import KNOWN, Tallies, Tally, TrackedClip, score
 from bodysense.lab.unoc.ik_tracker import IkTrackerSettings, track_clip
-from bodysense.occlusion.headset_camera import observe
 
 
 @pytest.fixture(scope="module")

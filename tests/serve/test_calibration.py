@@ -15,8 +15,8 @@ from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import default_skeleton
-from bodysense.capture.osc import bundled, message_bytes
 from bodysense.serve.messages import Calibrate, Recentre
+from bodysense.serve.osc import bundled, message_bytes
 from bodysense.serve.settings import ServerSettings
 from bodysense.serve.unity import unity_position, unity_rotation
 from bodysense.serve.vmc_trackers import VmcTrackers

@@ -14,10 +14,10 @@ from bodysense.body.glove_set import standard_set
 from bodysense.body.hand import hand_skeleton
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.capture.osc import bundled, message_bytes, read_packet
 from bodysense.serve.datagrams import MarkerInput, Receiver
 from bodysense.serve.links import DeviceInput
 from bodysense.serve.metrics import Metrics
+from bodysense.serve.osc import bundled, message_bytes, read_packet
 from bodysense.serve.protocol import SignalFrame
 from bodysense.serve.settings import ServerSettings
 from bodysense.serve.tracked_devices import SIGNALS
@@ -66,7 +66,7 @@ def test_trackers_by_vmc_and_what_is_none(server_of: Serving, connect: Connectin
 
 
 def test_markers_by_osc(server_of: Serving, connect: Connecting) -> None:
-    from bodysense.capture.marker_stream import send_frame
+    from bodysense.serve.marker_stream import send_frame
 
     port = free_port()
     client = connect(server_of(ServerSettings(markers_in=port)), points=(), watch="markers")

@@ -19,8 +19,8 @@ from pythonosc.osc_packet import OscPacket
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
-from bodysense.capture.osc import read_packet
 from bodysense.serve import vmc, vrchat
+from bodysense.serve.osc import read_packet
 from bodysense.serve.vmc import vmc_packets
 from bodysense.serve.vmt import DRIVER_PORT, TRACKERS, tracker_messages
 from bodysense.serve.vmt_hands import hand_messages

@@ -12,8 +12,8 @@ from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.demo import packaged_performance
+from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.observation import Observation
-from bodysense.occlusion.sensors import SENSOR_SETS, observe
 from bodysense.serve.answer import Answer
 from bodysense.serve.estimation import step_many
 from bodysense.serve.messages import Settings
@@ -134,7 +134,7 @@ def test_a_sensor_that_comes_and_goes_is_followed_without_a_leap_elsewhere() -> 
 
 
 def test_markers_of_gloves_become_hands() -> None:
-    from bodysense.occlusion import glove
+    from bodysense.devices.simulated import glove
 
     clip = packaged_performance()
     pose = replace(clip.pose, root_position=clip.pose.root_position[:60], rotation=clip.pose.rotation[:60])

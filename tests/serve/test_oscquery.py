@@ -21,11 +21,11 @@ from pythonosc.osc_message_builder import OscMessageBuilder
 from pythonosc.osc_packet import OscPacket
 
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
-from bodysense.capture.osc import message_bytes
 from bodysense.errors import BodysenseError
 from bodysense.serve.driver_axes import ABOUT_Y
 from bodysense.serve.messages import Calibrate, Recentre
 from bodysense.serve.metrics import Metrics
+from bodysense.serve.osc import message_bytes
 from bodysense.serve.oscquery import OscService
 from bodysense.serve.settings import ServerSettings
 from bodysense.serve.unity import unity_euler

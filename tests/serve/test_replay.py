@@ -10,8 +10,8 @@ import pytest
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.simulated.three_point import ThreePoint, observe
 from bodysense.errors import BodysenseError
-from bodysense.occlusion.three_point import ThreePoint, observe
 from bodysense.serve.messages import Replay
 from bodysense.serve.protocol import SignalFrame, read_signal, write_signal
 from bodysense.serve.replay import Playable, Player

@@ -17,8 +17,8 @@ import pytest
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.bvh import read_bvh
-from bodysense.occlusion.three_point import observe
+from bodysense.devices.simulated.three_point import observe
+from bodysense.io.bvh import read_bvh
 from bodysense.serve.messages import (
     Calibrate,
     Change,

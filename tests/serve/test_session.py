@@ -16,10 +16,10 @@ from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import stature
 from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.simulated.sensors import SENSOR_SETS, strapped
+from bodysense.devices.simulated.sensors import observe as see
+from bodysense.devices.simulated.three_point import observe
 from bodysense.observation import Observation
-from bodysense.occlusion.sensors import SENSOR_SETS, strapped
-from bodysense.occlusion.sensors import observe as see
-from bodysense.occlusion.three_point import observe
 from bodysense.serve.answer import Answer
 from bodysense.serve.estimation import step_many
 from bodysense.serve.messages import Calibrate, Change, Placed, ProportionsChanged, Recentre, Said, Settings

@@ -19,11 +19,11 @@ from hypothesis import strategies as st
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import geodesic_angle, quaternion_conjugate, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
-from bodysense.capture.osc import message_bytes
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 from bodysense.serve.inertial import FACING, IMUS, Inertial, stood_still
 from bodysense.serve.messages import Calibrate, Recentre, Said
+from bodysense.serve.osc import message_bytes
 from bodysense.serve.protocol import SignalFrame
 from bodysense.serve.session import Session
 from bodysense.serve.settings import ServerSettings

@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.capture.osc import DATAGRAM
-from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
-from bodysense.export.humanoid import VRM_BONES, unity_bone
+from bodysense.io.clip import Clip
+from bodysense.io.gltf.humanoid import VRM_BONES, unity_bone
+from bodysense.serve.osc import DATAGRAM
 from bodysense.serve.vmc import vmc_packets
 from bodysense.serve.vrchat import TRACKERS, vrchat_packets
 

@@ -12,9 +12,9 @@ from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
 from pythonosc.osc_message_builder import OscMessageBuilder
 from scipy.spatial.transform import Rotation
 
-from bodysense.capture.osc import bundled, message_bytes
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation, check_observation
+from bodysense.serve.osc import bundled, message_bytes
 from bodysense.serve.tracked_devices import POINTS, TrackedDevices, read_device_names
 from bodysense.serve.vmc_trackers import VmcState, VmcTrackers
 

@@ -17,10 +17,10 @@ from bodysense.body.pose import Pose, forward_kinematics, rest_pose
 from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import default_skeleton
-from bodysense.capture.osc import message_bytes
 from bodysense.errors import BodysenseError
 from bodysense.serve.links import DeviceInput
 from bodysense.serve.metrics import Metrics
+from bodysense.serve.osc import message_bytes
 from bodysense.serve.settings import ServerSettings
 from bodysense.serve.tracked_devices import SIGNALS, TrackedDevices
 from bodysense.serve.vmt import TRACKERS, VmtReader, VmtState, subscriptions

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodysense.capture.marker_stream import ADDRESS
-from bodysense.capture.osc import Message, bundled, message_bytes, read_packet
-from bodysense.data.clip import Clip
+from bodysense.io.clip import Clip
 from bodysense.serve import vmc, vrchat
+from bodysense.serve.marker_stream import ADDRESS
+from bodysense.serve.osc import Message, bundled, message_bytes, read_packet
 from bodysense.serve.vmc import vmc_packets
 from bodysense.serve.vrchat import vrchat_packets
 

@@ -15,7 +15,7 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import geodesic_angle
 from bodysense.demo import performance_of_stranger
-from bodysense.devices.simulated import simulate
+from bodysense.devices.simulated.device import simulate
 from bodysense.observation import Observation, observed_points
 from bodysense.tracker import Tracker
 

@@ -16,9 +16,9 @@ import pytest
 from PIL import Image
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.data.bvh import read_bvh, write_bvh
-from bodysense.data.clip import Clip
-from bodysense.io.gltf import read_gltf
+from bodysense.io.bvh import read_bvh, write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.gltf.motion import read_gltf
 
 pytestmark = pytest.mark.slow
 

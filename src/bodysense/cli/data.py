@@ -26,7 +26,7 @@ def sources() -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from bodysense.data.catalogue import CATALOGUE
+    from bodysense.io.datasets.catalogue import CATALOGUE
 
     shown = Table(title="Motion data that bodysense reads")
     for column in ("name", "what", "format", "fingers", "licence", "where", "tables"):

@@ -11,15 +11,15 @@ import tyro
 
 from bodysense.cli.found_files import Found, Split, files_in, line_of, none_of, readable, table_of
 from bodysense.cli.options import Reading
-from bodysense.data.layouts import Layout
+from bodysense.devices.simulated.headset_camera import HeadsetCamera
 from bodysense.errors import BodysenseError
-from bodysense.occlusion.headset_camera import HeadsetCamera
-from bodysense.rigs.options import AS_FOUND
+from bodysense.io.datasets.layouts import Layout
+from bodysense.io.rigs.options import AS_FOUND
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from bodysense.data.clip import Clip
+    from bodysense.io.clip import Clip
 
 PICTURED = 6  # frames of a picture
 REASONS = 20  # of files that cannot be read, that are printed
@@ -104,12 +104,12 @@ def joints(
         out: JSON file; printed if omitted.
         reading: what the file does not say of itself.
     """
-    from bodysense.data.archive import MotionFile
-    from bodysense.data.rigged import figure_of_file
-    from bodysense.io.gltf import figure_of_gltf
-    from bodysense.rigs.joint_map import joint_map_text, write_joint_map
-    from bodysense.rigs.names import joints_of
-    from bodysense.rigs.rig import recognise
+    from bodysense.io.archive import MotionFile
+    from bodysense.io.gltf.motion import figure_of_gltf
+    from bodysense.io.rigs.joint_map import joint_map_text, write_joint_map
+    from bodysense.io.rigs.names import joints_of
+    from bodysense.io.rigs.rig import recognise
+    from bodysense.io.rigs.rigged import figure_of_file
 
     ending = file.suffix.lower()
     if ending in (".glb", ".gltf"):
@@ -179,7 +179,7 @@ def _draw(path: Path, clip: Clip) -> None:
     import numpy as np
 
     from bodysense.body.pose import forward_kinematics
-    from bodysense.export.picture import draw_sheet
+    from bodysense.pictures.sheet import draw_sheet
 
     frames = np.unique(np.linspace(0, len(clip) - 1, PICTURED).astype(int))
     draw_sheet(path, clip.pose.skeleton, np.asarray(forward_kinematics(clip.pose[frames])[0]))

@@ -11,12 +11,12 @@ import tyro
 
 from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
-from bodysense.rigs.options import AS_FOUND
+from bodysense.io.rigs.options import AS_FOUND
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from bodysense.data.clip import Clip
+    from bodysense.io.clip import Clip
     from bodysense.lab.scoring import Tallies
 
 PICTURES = 10.0  # Hz of the animation, about
@@ -41,15 +41,15 @@ def demo(
 
     from bodysense.body.person import Person
     from bodysense.body.pose import forward_kinematics
-    from bodysense.capture.recording import Recording
     from bodysense.cli.recordings import load_clip
     from bodysense.cli.show import processor
-    from bodysense.data.bvh import write_bvh
-    from bodysense.data.resample import resample
     from bodysense.demo import performance_of_stranger
-    from bodysense.devices.simulated import simulate
-    from bodysense.export.comparison import View, write_comparison, write_moments
+    from bodysense.devices.simulated.device import simulate
+    from bodysense.io.bvh import write_bvh
+    from bodysense.io.recording import Recording
+    from bodysense.io.resample import resample
     from bodysense.lab.scoring import RATE, TrackedClip, last_known, score
+    from bodysense.pictures.comparison import View, write_comparison, write_moments
     from bodysense.take import track
 
     console = Console()

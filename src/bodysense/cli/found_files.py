@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from bodysense.data.layouts import Layout
-from bodysense.data.splits import empty_split
 from bodysense.errors import BodysenseError
-from bodysense.rigs.options import ReadingOptions
+from bodysense.io.datasets.layouts import Layout
+from bodysense.io.datasets.splits import empty_split
+from bodysense.io.rigs.options import ReadingOptions
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from bodysense.data.clip import Clip
-    from bodysense.data.sources import Source
-    from bodysense.rigs.rig import Rig
+    from bodysense.io.clip import Clip
+    from bodysense.io.datasets.sources import Source
+    from bodysense.io.rigs.rig import Rig
 
 Split = Literal["train", "val", "test", "all"]
 LISTED = 40  # files of a folder that are listed one by one; of more, those alike are counted
@@ -43,7 +43,7 @@ class Found:
 
 def files_in(place: Path, split: Split, layout: Layout | None, reading: ReadingOptions) -> tuple[int, Iterable[Found]]:
     """How many files a place has, and each of them when its turn comes."""
-    from bodysense.data.sources import Source, list_sources
+    from bodysense.io.datasets.sources import Source, list_sources
     from bodysense.lab.clips import count_clips, open_clips
     from bodysense.lab.store import is_store
 
@@ -62,7 +62,7 @@ def files_in(place: Path, split: Split, layout: Layout | None, reading: ReadingO
 
 
 def _has_motion(folder: Path) -> bool:
-    from bodysense.data.archive import motion_files
+    from bodysense.io.archive import motion_files
 
     return bool(motion_files(folder))
 
@@ -75,7 +75,7 @@ def _others(folder: Path) -> list[Path]:
 
 
 def _read(key: str, source: Source, reading: ReadingOptions) -> Found:
-    from bodysense.data.sources import read_with_rig
+    from bodysense.io.datasets.sources import read_with_rig
 
     alone = source.skeleton is None and not source.member
     try:
@@ -89,9 +89,9 @@ def _read(key: str, source: Source, reading: ReadingOptions) -> Found:
 
 def _read_other(key: str, source: Source, reading: ReadingOptions) -> Found:
     """A file that has no rig: AMASS, results of SMPL, glTF; markers and recordings, which are no motion yet."""
-    from bodysense.capture.recording import is_recording, read_recording
     from bodysense.io.markers.files import is_marker_file
     from bodysense.io.markers.recording import read_markers
+    from bodysense.io.recording import is_recording, read_recording
     from bodysense.reading import check_kind, read_clip
 
     path = source.path

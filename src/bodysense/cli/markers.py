@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
 from bodysense.errors import BodysenseError
-from bodysense.rigs.options import ReadingOptions
+from bodysense.io.rigs.options import ReadingOptions
 
 if TYPE_CHECKING:
     from bodysense.body.glove_set import GloveSet
-    from bodysense.capture.raw_markers import MarkerFormat
-    from bodysense.capture.recording import Recording
+    from bodysense.io.markers.raw_markers import MarkerFormat
+    from bodysense.io.recording import Recording
     from bodysense.observation import Observation
 
 SIDES = ("left", "right")
@@ -36,7 +36,7 @@ class MarkerOptions:
 
     def form(self, reading: ReadingOptions) -> MarkerFormat:
         """These options as the readers take them. Raises BodysenseError for what marker files cannot be."""
-        from bodysense.capture.raw_markers import METRES, MarkerFormat, Unit, Up, read_names
+        from bodysense.io.markers.raw_markers import METRES, MarkerFormat, Unit, Up, read_names
 
         if reading.unit not in (None, *METRES) or reading.up not in (None, "y", "z"):
             raise BodysenseError(f"--unit {reading.unit} --up {reading.up}: marker files are in m, cm or mm, y or z up")
@@ -63,9 +63,9 @@ def recording_of_markers(file: Path, options: MarkerOptions, reading: ReadingOpt
     are inferred. Prints what was recognised and what is doubtful. Raises BodysenseError for a file that shows neither.
     """
     from bodysense.body.skeleton import default_skeleton
-    from bodysense.capture.recording import Recording
-    from bodysense.devices.gloves import has_gloves
+    from bodysense.devices.gloves.device import has_gloves
     from bodysense.io.markers.recording import read_markers, with_hands_of
+    from bodysense.io.recording import Recording
 
     height = reading.height
     body = default_skeleton() if height is None else default_skeleton().scaled(height)
@@ -88,7 +88,7 @@ def recording_of_markers(file: Path, options: MarkerOptions, reading: ReadingOpt
 def check_gloves_of(observation: Observation, place: Path) -> None:
     """Look at the gloves of a recording; prints what is doubtful."""
     from bodysense.body.glove import glove_hands
-    from bodysense.capture.marker_checks import check_gloves
+    from bodysense.io.markers.checks import check_gloves
 
     others = [hand for hand in glove_hands(observation.points) if hand not in SIDES]
     if others:
@@ -99,8 +99,8 @@ def check_gloves_of(observation: Observation, place: Path) -> None:
 
 def write_seen(out: Path, recording: Recording, frame_rate: float) -> None:
     """Write a recording, or, by the ending of its name, the markers of its gloves."""
-    from bodysense.capture.recording import write_recording
     from bodysense.io.markers.files import is_marker_file, write_markers
+    from bodysense.io.recording import write_recording
 
     if is_marker_file(out):
         write_markers(out, recording.observation, frame_rate)
@@ -112,7 +112,7 @@ def _labelled(file: Path, options: MarkerOptions, reading: ReadingOptions) -> Ob
     """The gloves among the points of a file that does not tell them apart."""
     from bodysense.body.hand import Side, hand_skeleton
     from bodysense.body.skeleton import default_skeleton
-    from bodysense.capture.labelling import Labeller
+    from bodysense.devices.gloves.labelling import Labeller
     from bodysense.io.markers.files import read_unlabelled
 
     if options.names is not None:

@@ -14,10 +14,10 @@ from bodysense.cli.options import Reading
 from bodysense.cli.overwriting import check_apart
 from bodysense.cli.recordings import load_clip, person_of, source_of
 from bodysense.cli.video import NO_VIDEO, VideoOptions, track_video
-from bodysense.devices.simulated import DeviceName
+from bodysense.devices.simulated.device import DeviceName
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
-from bodysense.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
@@ -53,9 +53,9 @@ def simulate(
     from rich.console import Console
 
     from bodysense.body.glove_set import read_set
-    from bodysense.capture.recording import Recording
     from bodysense.cli.markers import write_seen
-    from bodysense.devices.simulated import simulate as simulated
+    from bodysense.devices.simulated.device import simulate as simulated
+    from bodysense.io.recording import Recording
 
     check_place(out)
     clip = load_clip(file, reading, rate)
@@ -120,11 +120,11 @@ def track(  # noqa: PLR0915
     """
     from rich.progress import Progress
 
-    from bodysense.capture.recording import Recording, is_recording
-    from bodysense.capture.video import is_video
     from bodysense.completion.model import load_completion
-    from bodysense.data.clip import Clip
+    from bodysense.devices.video.pictures import is_video
+    from bodysense.io.clip import Clip
     from bodysense.io.markers.files import is_marker_file
+    from bodysense.io.recording import Recording, is_recording
     from bodysense.lab.unoc.finger_synthesis import synthesize
     from bodysense.reading import check_kind
     from bodysense.signals import signal_of
@@ -195,8 +195,8 @@ def track(  # noqa: PLR0915
 
 def _check_outputs(file: Path, out: Path, rig: str | None, save_person: Path | None) -> None:
     """Refuse, before any work, what cannot be written."""
-    from bodysense.export.motion_files import check_ending
-    from bodysense.export.rigs import check_rig
+    from bodysense.io.motion_files import check_ending
+    from bodysense.io.rigs.named import check_rig
 
     check_ending(out)
     if rig is not None:
@@ -226,7 +226,7 @@ def _check_video_options(file: Path, reading: ReadingOptions, person: Path | Non
 
 def _write_with_fingers(file: Path, out: Path, reading: ReadingOptions, rate: float | None, model: Path | None) -> None:
     """A motion that nothing watches, with plausible fingers, and otherwise as it is."""
-    from bodysense.export.motion_files import write_motion
+    from bodysense.io.motion_files import write_motion
     from bodysense.lab.unoc.finger_synthesis import synthesize
     from bodysense.lab.unoc.point_model import load_point_model
 

@@ -6,6 +6,6 @@ from typing import Annotated
 
 import tyro
 
-from bodysense.rigs.options import ReadingOptions
+from bodysense.io.rigs.options import ReadingOptions
 
 Reading = Annotated[ReadingOptions, tyro.conf.arg(name="")]  # of a motion file: --unit, --up, --floor …

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 from bodysense.cli.markers import NO_OPTIONS, MarkerOptions, check_gloves_of, recording_of_markers
 from bodysense.errors import BodysenseError
-from bodysense.rigs.options import ReadingOptions
+from bodysense.io.rigs.options import ReadingOptions
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
-    from bodysense.capture.recording import Recording
-    from bodysense.data.clip import Clip
+    from bodysense.io.clip import Clip
+    from bodysense.io.recording import Recording
 
 
 def load_clip(file: Path, reading: ReadingOptions, rate: float | None = None) -> Clip:
@@ -42,9 +42,9 @@ def source_of(
 
     `fingers` are to be made up, which those of gloves are not.
     """
-    from bodysense.capture.recording import is_recording, read_recording
-    from bodysense.devices.gloves import has_gloves
+    from bodysense.devices.gloves.device import has_gloves
     from bodysense.io.markers.files import ENDINGS, is_marker_file
+    from bodysense.io.recording import is_recording, read_recording
 
     if not file.is_file():
         raise BodysenseError(f"{file}: no such file")

@@ -11,7 +11,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 
 if TYPE_CHECKING:
-    from bodysense.capture.recording import Recording
+    from bodysense.io.recording import Recording
 
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 
@@ -32,10 +32,10 @@ def generate(
 
     from bodysense.body.pose import forward_kinematics
     from bodysense.body.skeleton import default_skeleton
-    from bodysense.data.bvh import write_bvh
-    from bodysense.data.clip import Clip
-    from bodysense.export.picture import draw_sheet
+    from bodysense.io.bvh import write_bvh
+    from bodysense.io.clip import Clip
     from bodysense.lab.hmd_vae.estimator import load_body_vae, sample_prior
+    from bodysense.pictures.sheet import draw_sheet
 
     check_place(out)
     if out.suffix.lower() not in (".bvh", ".png"):
@@ -64,12 +64,12 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
     import numpy as np
     from rich.progress import track as progress
 
-    from bodysense.data.clip import Clip
-    from bodysense.data.resample import at_constant_rate
-    from bodysense.export.motion_files import write_motion
+    from bodysense.devices.simulated.three_point import POINTS
+    from bodysense.io.clip import Clip
+    from bodysense.io.motion_files import write_motion
+    from bodysense.io.resample import at_constant_rate
     from bodysense.lab.hmd_vae.estimator import BodyVae, load_body_vae, sample_noise
     from bodysense.lab.unoc.ik_tracker import IkTracker
-    from bodysense.occlusion.three_point import POINTS
 
     observation = recording.observation
     other = [name for name in observation.points if name not in POINTS]

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from bodysense.cli.options import Reading
-from bodysense.devices.simulated import DeviceName
+from bodysense.devices.simulated.device import DeviceName
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
-from bodysense.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 
 if TYPE_CHECKING:
     from bodysense.body.glove_set import GloveSet
@@ -273,9 +273,9 @@ def _receiver(protocol: Literal["vmc", "vrchat"], address: str) -> Receiver:
 def _playable(file: Path | None, device: str | None, reading: ReadingOptions, wearer: Person) -> Playable | None:
     """What is replayed: a recording, or what a device tracks of a motion, with its truth."""
     from bodysense.body.person import Person
-    from bodysense.capture.recording import is_recording, read_recording
     from bodysense.cli.recordings import load_clip
-    from bodysense.devices.simulated import DEVICES, simulate
+    from bodysense.devices.simulated.device import DEVICES, simulate
+    from bodysense.io.recording import is_recording, read_recording
     from bodysense.serve.replay import Playable
 
     if file is None:

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from bodysense.body.person import Person
     from bodysense.body.skeleton import Skeleton
-    from bodysense.devices.video import VideoDevice
-    from bodysense.devices.watching import Seen, Watched
+    from bodysense.devices.video.device import VideoDevice
+    from bodysense.devices.video.watching import Seen, Watched
     from bodysense.tracker import TrackerSettings
 
 
@@ -64,14 +64,14 @@ def track_video(
     from rich.progress import Progress, SpinnerColumn
 
     from bodysense.body.person import Person
-    from bodysense.capture.landmarker_files import find_landmarkers
-    from bodysense.capture.landmarks import Landmarker, LandmarkerSettings
-    from bodysense.capture.person import PersonSettings
-    from bodysense.capture.video import VideoBrokenError, open_video
-    from bodysense.devices.watching import Seen, watch
-    from bodysense.export.motion_files import motion_stream
-    from bodysense.export.overlay import Overlay
-    from bodysense.export.rigs import OWN
+    from bodysense.devices.video.landmarker_files import find_landmarkers
+    from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
+    from bodysense.devices.video.person import PersonSettings
+    from bodysense.devices.video.pictures import VideoBrokenError, open_video
+    from bodysense.devices.video.watching import Seen, watch
+    from bodysense.io.motion_files import motion_stream
+    from bodysense.io.rigs.named import OWN
+    from bodysense.pictures.overlay import Overlay
     from bodysense.tracker import Tracker
 
     _check(options)
@@ -135,7 +135,7 @@ def _check(options: VideoOptions) -> None:
 
 def _look_ahead(source: str, options: VideoOptions) -> float:
     """Seconds that answers wait: those asked for; a webcam is answered at once."""
-    from bodysense.devices.video import VideoSettings
+    from bodysense.devices.video.device import VideoSettings
 
     if options.look_ahead is not None:
         return options.look_ahead
@@ -146,8 +146,8 @@ def _maker(
     skeleton: Skeleton, options: VideoOptions, model: Path | None, look_ahead: float
 ) -> Callable[[float], VideoDevice]:
     """What makes the device, for pictures of a width / height."""
-    from bodysense.devices.video import VideoDevice, VideoSettings
-    from bodysense.estimators.arms import Arms, ArmSettings, load_arms
+    from bodysense.devices.video.arms import Arms, ArmSettings, load_arms
+    from bodysense.devices.video.device import VideoDevice, VideoSettings
 
     settings = VideoSettings(look_ahead, field_of_view=options.field_of_view, tilt=options.tilt, roll=options.roll)
     arms = Arms(skeleton, load_arms(model), ArmSettings(look_ahead=look_ahead))

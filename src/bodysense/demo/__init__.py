@@ -7,14 +7,14 @@ from importlib.resources import as_file, files
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bodysense.data.clip import Clip
+    from bodysense.io.clip import Clip
 
 STRANGER = 0  # which of the shape space's test bodies performs
 
 
 def packaged_performance() -> Clip:
     """The project's own motion: arms crossed, chin on hand, sitting down, a few steps."""
-    from bodysense.data.amass import read_amass
+    from bodysense.io.amass import read_amass
 
     with as_file(files("bodysense.demo").joinpath("performance.npz")) as path:
         return replace(read_amass(path), name="performance")

@@ -22,9 +22,9 @@ from bodysense.body.rotation import (
     quaternion_rotate,
 )
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.clip import Clip
-from bodysense.data.fingers import is_finger, with_fingers
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.fingers import is_finger, with_fingers
 
 PICKLES = (".pkl", ".pickle", ".pt", ".pth", ".joblib")
 USUAL_RATE = 30.0  # Hz, of a file that does not say it

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from bodysense.export.picture import INK, MUTED, load_pyplot
 from bodysense.files import written_beside
+from bodysense.pictures.sheet import INK, MUTED, load_pyplot
 
 COLORS = ("#5b7fa6", "#1b7f79", "#c98a2b")
 

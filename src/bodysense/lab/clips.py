@@ -7,13 +7,13 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, Literal
 
-from bodysense.data.clip import Clip
-from bodysense.data.layouts import Layout
-from bodysense.data.sources import Source, list_sources, read_source
-from bodysense.data.splits import SPLITS, Split, empty_split
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.layouts import Layout
+from bodysense.io.datasets.sources import Source, list_sources, read_source
+from bodysense.io.datasets.splits import SPLITS, Split, empty_split
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.lab.store import read_store
-from bodysense.rigs.options import AS_FOUND, ReadingOptions
 
 OPTIONS = tuple(field.name for field in fields(ReadingOptions))
 

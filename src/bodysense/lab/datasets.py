@@ -8,10 +8,10 @@ from itertools import islice
 from pathlib import Path
 from typing import Literal
 
-from bodysense.data.catalogue import CATALOGUE, entry, require
-from bodysense.data.clip import Clip
-from bodysense.data.splits import Split
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.catalogue import CATALOGUE, entry, require
+from bodysense.io.datasets.splits import Split
 from bodysense.lab.clips import count_clips, open_clips
 
 QUICK_CLIPS, QUICK_FINGER_CLIPS = 12, 4  # at most; the latter only where the former have too few fingers

@@ -11,7 +11,7 @@ import numpy as np
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
-from bodysense.estimators.estimate import PointEstimate
+from bodysense.devices.estimate import PointEstimate
 from bodysense.observation import Observation, observed_points
 
 

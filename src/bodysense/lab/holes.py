@@ -12,11 +12,11 @@ from bodysense.body.gaps import runs
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import slerp
-from bodysense.data.clip import Clip
-from bodysense.data.fingers import FINGERS
-from bodysense.data.holes import Missing
-from bodysense.data.resample import resample
 from bodysense.filling import Holed, filled, observed, on_feet, open_holed, pose_of
+from bodysense.io.clip import Clip
+from bodysense.io.fingers import FINGERS
+from bodysense.io.holes import Missing
+from bodysense.io.resample import resample
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.metrics import foot_skate
 from bodysense.lab.table import Report, cell, finite

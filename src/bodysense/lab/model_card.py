@@ -11,13 +11,13 @@ from typing import Any
 import onnx
 
 from bodysense.completion import format as completion
+from bodysense.devices.gloves import networks as glove
+from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
+from bodysense.devices.video import arms
 from bodysense.errors import BodysenseError
-from bodysense.estimators import arms
-from bodysense.estimators.gloves import networks as glove
 from bodysense.files import written_beside
 from bodysense.lab.hmd_vae import estimator as body_vae
 from bodysense.lab.unoc import learned, point_model
-from bodysense.occlusion.sensors import SENSOR_SETS, TABLE_SETS
 
 Numbers = Mapping[str, float]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
-from bodysense.data.clip import Clip
+from bodysense.io.clip import Clip
 from bodysense.lab.bootstrap import Interval, Shares, interval
 from bodysense.lab.hold import Hold
 from bodysense.lab.metrics import joint_error

@@ -23,13 +23,13 @@ import numpy as np
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import normalize
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.clip import Clip
-from bodysense.data.layouts import Layout
-from bodysense.data.resample import resample
-from bodysense.data.sources import Source, list_sources, read_source
-from bodysense.data.splits import Split
 from bodysense.errors import BodysenseError, missing_package
-from bodysense.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.layouts import Layout
+from bodysense.io.datasets.sources import Source, list_sources, read_source
+from bodysense.io.datasets.splits import Split
+from bodysense.io.resample import resample
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 
 FORMAT = "bodysense-motion-1"
 CHUNK = 512  # frames that are compressed together: a random window reads one or two chunks

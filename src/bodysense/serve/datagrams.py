@@ -10,12 +10,12 @@ from functools import partial
 from typing import Any, Literal
 
 from bodysense.body.glove_set import GloveSet
-from bodysense.capture.marker_stream import read_frame
-from bodysense.capture.raw_markers import MarkerFormat
 from bodysense.errors import BodysenseError
+from bodysense.io.markers.raw_markers import MarkerFormat
 from bodysense.serve.answer import Answer
 from bodysense.serve.links import MOST_PACKETS, Command, signal_of
 from bodysense.serve.live import Live
+from bodysense.serve.marker_stream import read_frame
 from bodysense.serve.messages import Source
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.protocol import SignalFrame

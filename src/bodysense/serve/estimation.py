@@ -67,7 +67,7 @@ class Pipeline:
 @lru_cache(maxsize=1)
 def _glove_models() -> Any:
     """The packaged networks of gloves, loaded once."""
-    from bodysense.estimators.gloves.hands import load_glove_models
+    from bodysense.devices.gloves.hands import load_glove_models
 
     return load_glove_models()
 
@@ -88,7 +88,7 @@ def device_of(points: Sequence[str], skeleton: Skeleton, calibrated: Mapping[str
     hands = glove_hands(points)
     if not hands:
         return None
-    from bodysense.devices.gloves import SIDES, check_calibrated, glove_device, gloved_sides
+    from bodysense.devices.gloves.device import SIDES, check_calibrated, glove_device, gloved_sides
 
     if not any(side in hands for side in SIDES):
         return WithoutMarkers()

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from bodysense.capture.osc import read_packet
 from bodysense.serve.messages import Calibrate, Recentre
+from bodysense.serve.osc import read_packet
 
 OURS: Mapping[str, Calibrate | Recentre] = MappingProxyType(
     {

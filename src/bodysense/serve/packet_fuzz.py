@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from bodysense.capture.osc import bundled, message_bytes
 from bodysense.errors import BodysenseError
 from bodysense.serve.fuzz import broken
 from bodysense.serve.links import Reader
+from bodysense.serve.osc import bundled, message_bytes
 from bodysense.serve.slimevr import SlimevrState, take
 from bodysense.serve.solarxr import read_bundle, settings_bundle, start_bundle
 from bodysense.serve.solarxr_input import InputReader

@@ -13,8 +13,8 @@ import numpy as np
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import normalize
 from bodysense.body.skeleton import Skeleton
-from bodysense.capture.osc import bundled, message_bytes
-from bodysense.export.humanoid import VRM_BONES, check_humanoid, t_posed, unity_bone
+from bodysense.io.gltf.humanoid import VRM_BONES, check_humanoid, t_posed, unity_bone
+from bodysense.serve.osc import bundled, message_bytes
 from bodysense.serve.unity import one_finite_pose, unity_position, unity_rotation
 
 PORT = 39539  # where receivers ("marionettes") listen

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bodysense.capture.osc import Argument, Message, read_packet
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation
 from bodysense.serve.messages import Calibrate, Recentre
+from bodysense.serve.osc import Argument, Message, read_packet
 from bodysense.serve.osc_commands import OURS, commands_of
 from bodysense.serve.tracked_devices import MOST_DEVICES, Device, DeviceState, TrackedDevices
 from bodysense.serve.unity import from_unity_rotation, unity_position

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bodysense.capture.osc import Message, message_bytes, read_packet
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation
 from bodysense.serve.driver_axes import driver_rotation, from_driver_rotation
+from bodysense.serve.osc import Message, message_bytes, read_packet
 from bodysense.serve.tracked_devices import Device, DeviceState, TrackedDevices
 
 DRIVER_PORT = 39570  # the driver listens here

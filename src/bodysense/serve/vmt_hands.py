@@ -15,8 +15,8 @@ import numpy as np
 from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import matrix_to_quaternion, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
-from bodysense.capture.osc import bundled, message_bytes
-from bodysense.export.mcap_take import hand_axes
+from bodysense.io.mcap_take import hand_axes
+from bodysense.serve.osc import bundled, message_bytes
 from bodysense.serve.vmt import LEFT_HAND, RIGHT_HAND, device_message
 
 BONES = 31

@@ -10,7 +10,7 @@ from collections.abc import Collection
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.capture.osc import bundled, message_bytes
+from bodysense.serve.osc import bundled, message_bytes
 from bodysense.serve.unity import one_finite_pose, unity_euler, unity_position
 
 PORT = 9000

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bodysense.body.rotation import euler_to_quaternion, quaternion_multiply
-from bodysense.capture.osc import Message, read_packet
 from bodysense.observation import FARTHEST, Observation, usual_accuracy
 from bodysense.serve.driver_axes import ABOUT_Y
 from bodysense.serve.messages import Calibrate, Recentre
+from bodysense.serve.osc import Message, read_packet
 from bodysense.serve.osc_commands import commands_of
 from bodysense.serve.oscquery import Taken
 from bodysense.serve.unity import unity_position

@@ -12,13 +12,13 @@ from virtual import BASELINE, PLUG_IN_GAIT, RIZZOLI, worn
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle, quaternion_multiply
 from bodysense.body.skeleton import BODY
-from bodysense.capture.raw_markers import MarkerFormat, RawMarkers, points_alone, read_names
-from bodysense.data.clip import Clip
 from bodysense.demo import performance_of_stranger
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
 from bodysense.io.markers.body import body_of
 from bodysense.io.markers.c3d import write_c3d
 from bodysense.io.markers.marker_sets import marker_sets, recognised
+from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers, points_alone, read_names
 from bodysense.io.markers.recording import read_markers
 from bodysense.take import track
 

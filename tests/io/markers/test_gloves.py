@@ -17,13 +17,13 @@ from bodysense.body.glove import MARKERS, glove_points
 from bodysense.body.glove_set import packaged_sets
 from bodysense.body.hand import mirrored_vectors
 from bodysense.body.skeleton import default_skeleton
-from bodysense.capture.marker_checks import check_gloves
-from bodysense.capture.raw_markers import MarkerFormat, points_alone, read_names
-from bodysense.capture.recording import Recording, read_recording, write_recording
 from bodysense.errors import BodysenseError
+from bodysense.io.markers.checks import check_gloves
 from bodysense.io.markers.columns import read_csv
 from bodysense.io.markers.files import is_marker_file, read_unlabelled, write_markers
+from bodysense.io.markers.raw_markers import MarkerFormat, points_alone, read_names
 from bodysense.io.markers.recording import read_markers, with_hands_of
+from bodysense.io.recording import Recording, read_recording, write_recording
 from bodysense.observation import Observation, chosen_points, without_gloves
 
 RATE = 30.0

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bodysense.body.person import Person
-from bodysense.data.clip import Clip
+from bodysense.io.clip import Clip
 from bodysense.lab.completion.scenes import TrackedScene, Truth, scene_of
 from bodysense.lab.completion.tracking import TrackedBatch
 from bodysense.observation import Observation

@@ -10,10 +10,10 @@ import pytest
 
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.augment import at_height, turned
-from bodysense.data.bvh import write_bvh
-from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
+from bodysense.io.augment import at_height, turned
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
 from bodysense.lab.completion.baselines import cached_mean_body, fit_mean_body
 
 SKELETON = default_skeleton()

@@ -10,7 +10,8 @@ from scipy.spatial.distance import cdist
 
 from bodysense.body.pose import Pose
 from bodysense.body.shape import sample_bodies, stature
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.sensors import SENSOR_SETS
+from bodysense.io.clip import Clip
 from bodysense.lab.completion.scenes import (
     STRANGERS,
     TrackedScene,
@@ -22,7 +23,6 @@ from bodysense.lab.completion.scenes import (
     stranger_of,
 )
 from bodysense.observation import check_observation
-from bodysense.occlusion.sensors import SENSOR_SETS
 
 
 def test_strangers_are_in_no_other_split() -> None:

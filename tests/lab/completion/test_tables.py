@@ -14,8 +14,9 @@ import pytest
 from bodysense.body.person import Person
 from bodysense.body.skeleton import BODY, LOWER_BODY
 from bodysense.cli import main
-from bodysense.data.bvh import write_bvh
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.sensors import TABLE_SETS
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
 from bodysense.lab.completion import scoring, tables
 from bodysense.lab.completion.lattice import choose_scenes
 from bodysense.lab.completion.measures import count_jumps
@@ -30,7 +31,6 @@ from bodysense.lab.metrics import jitter
 from bodysense.lab.scoring import scored_points
 from bodysense.lab.spread import spread
 from bodysense.observation import Observation
-from bodysense.occlusion.sensors import TABLE_SETS
 
 from .conftest import Oracle
 

@@ -12,6 +12,7 @@ from bodysense.body.retarget import retargeted
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
+from bodysense.devices.simulated.headset_camera import see
 from bodysense.errors import BodysenseError
 from bodysense.lab.completion.corpus import Corpus
 from bodysense.lab.completion.network import CompletionConfig, CompletionNetwork, reading_of
@@ -21,7 +22,6 @@ from bodysense.lab.completion.sequences import Body, Draw, Sequence, draw_sequen
 from bodysense.lab.completion.task import CompletionTask, CompletionTaskConfig, collate
 from bodysense.lab.fit import fit, rate_at
 from bodysense.lab.options import Schedule
-from bodysense.occlusion.headset_camera import see
 
 FRAMES = 90
 

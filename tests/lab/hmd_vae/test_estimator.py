@@ -14,10 +14,11 @@ from bodysense.body.body_joints import body_skeleton
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY, default_skeleton
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
+from bodysense.devices.estimate import PointEstimate
+from bodysense.devices.simulated.three_point import observe
 from bodysense.errors import BodysenseError
-from bodysense.estimators.estimate import PointEstimate
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.hmd_vae.estimator import (
     POINTS,
     BodyVae,
@@ -29,7 +30,6 @@ from bodysense.lab.hmd_vae.estimator import (
 )
 from bodysense.lab.unoc.ik_tracker import IkTracker
 from bodysense.observation import Observation
-from bodysense.occlusion.three_point import observe
 
 SKELETON = default_skeleton()
 

@@ -12,8 +12,8 @@ import torch
 
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import BODY
-from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
 from bodysense.lab.hmd_vae.estimator import BodyVaeModel, load_body_vae
 from bodysense.lab.hmd_vae.export import InWorld, write_vae_onnx
 from bodysense.lab.hmd_vae.frames import BodyFrames, read_body_frames

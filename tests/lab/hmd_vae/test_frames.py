@@ -10,10 +10,10 @@ import pytest
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import BODY
-from bodysense.data.bvh import write_bvh
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.hmd_vae.frames import (
     TEST_LENGTH,
     held_out,

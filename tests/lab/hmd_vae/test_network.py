@@ -15,6 +15,7 @@ from torch import Tensor
 
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate, quaternion_to_matrix
 from bodysense.body.skeleton import BODY
+from bodysense.devices.simulated.three_point import POINTS
 from bodysense.errors import BodysenseError
 from bodysense.lab.hmd_vae.network import (
     BodyVae,
@@ -27,7 +28,6 @@ from bodysense.lab.hmd_vae.network import (
     write_vae,
 )
 from bodysense.lab.hmd_vae.windows import Joints, Origin, frame_of, seen_from
-from bodysense.occlusion.three_point import POINTS
 
 SMALL = BodyVaeConfig(latent=4, width=16, sequence_width=8, length=8)
 HEAD = BODY.index("head")

@@ -13,9 +13,9 @@ import torch
 from bodysense.body.body_joints import body_pose
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import BODY
-from bodysense.data.bvh import write_bvh
-from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
 from bodysense.lab.datasets import Census, DataSet
 from bodysense.lab.hmd_vae.frames import BodyFrames, read_body_frames
 from bodysense.lab.hmd_vae.network import BodyVae, BodyVaeConfig, write_vae

@@ -14,11 +14,11 @@ from lightning_fabric import Fabric
 
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import BODY
-from bodysense.data.augment import mirrored as mirrored_clip
-from bodysense.data.bvh import read_bvh, write_bvh
-from bodysense.data.clip import Clip
-from bodysense.data.splits import split_of
 from bodysense.errors import BodysenseError
+from bodysense.io.augment import mirrored as mirrored_clip
+from bodysense.io.bvh import read_bvh, write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.splits import split_of
 from bodysense.lab.fit import Progress, fit
 from bodysense.lab.hmd_vae.estimator import load_body_vae
 from bodysense.lab.hmd_vae.frames import BodyFrames, read_body_frames

@@ -10,8 +10,8 @@ import pytest
 from bodysense.body.arms import ARM_JOINTS, arm_rotations
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import geodesic_angle
-from bodysense.data.augment import mirrored
-from bodysense.data.clip import Clip
+from bodysense.io.augment import mirrored
+from bodysense.io.clip import Clip
 from bodysense.lab.pahmt.augment import with_arms_of, with_wandering_arms
 
 

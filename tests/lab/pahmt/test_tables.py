@@ -13,9 +13,9 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.arms import ARM_JOINTS
-from bodysense.data.bvh import write_bvh
-from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
 from bodysense.lab.chart import LinePanel
 from bodysense.lab.datasets import DataSet
 from bodysense.lab.pahmt.options import FINGERS

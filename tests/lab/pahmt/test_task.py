@@ -12,10 +12,11 @@ import pytest
 import torch
 
 from bodysense.body.rotation import normalize, quaternion_canonical
-from bodysense.data.augment import mirrored as mirrored_clip
-from bodysense.data.bvh import write_bvh
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.camera_view import FRONT, sample_cameras, view, view_points
 from bodysense.errors import BodysenseError
+from bodysense.io.augment import mirrored as mirrored_clip
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
 from bodysense.lab.fit import Progress, fit
 from bodysense.lab.pahmt.export import mirrored, mirrored_rotations, write_arms_onnx
 from bodysense.lab.pahmt.features import Window, window_of
@@ -32,7 +33,6 @@ from bodysense.lab.pahmt.task import (
 )
 from bodysense.lab.pahmt.train import row_run, run_table
 from bodysense.lab.pahmt.windows import ArmBatch, ArmRecordings, make_batch, read_arm_recordings
-from bodysense.occlusion.camera_view import FRONT, sample_cameras, view, view_points
 
 SMALL: dict[str, Any] = {
     "width": 16,
@@ -149,7 +149,7 @@ def test_a_run_learns_and_goes_on_as_if_it_had_not_stopped(recordings: ArmRecord
 
 
 def test_the_exported_file_says_what_the_network_says(small_arms: Path, recordings: ArmRecordings) -> None:
-    from bodysense.estimators.arms import load_arms
+    from bodysense.devices.video.arms import load_arms
 
     network, _ = read_arms(small_arms.with_suffix(".pt"))
     window = batch(recordings, [4]).window
@@ -195,7 +195,7 @@ def test_a_network_of_hands_alone_is_not_exported(tmp_path: Path) -> None:
 @pytest.fixture
 def folder(tmp_path: Path, waving_clip: Clip) -> Path:
     """People for training and validation."""
-    from bodysense.data.splits import split_of
+    from bodysense.io.datasets.splits import split_of
 
     for number in range(40):
         if split_of(f"p{number}") in ("train", "val"):

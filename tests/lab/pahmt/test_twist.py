@@ -9,7 +9,7 @@ from bodysense.body.keypoints import arms_from_torso
 from bodysense.body.pose import Pose, rest_pose
 from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.clip import Clip
+from bodysense.io.clip import Clip
 from bodysense.lab.pahmt.twist import ARMS, TWISTS, arm_errors, solved_from_positions, twist_errors
 
 SKELETON = default_skeleton()

@@ -13,11 +13,11 @@ from bodysense.body.keypoints import arms_from_torso
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.augment import mirrored
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.camera_view import FRONT, view_points
 from bodysense.errors import BodysenseError
+from bodysense.io.augment import mirrored
+from bodysense.io.clip import Clip
 from bodysense.lab.pahmt.windows import ArmRecordings, Studio, arm_positions, film, make_batch, read_arm_recordings
-from bodysense.occlusion.camera_view import FRONT, view_points
 
 PLAIN = Studio(cameras=FRONT, keypoints="perfect", mirrored=False, begun=0.0)
 

@@ -6,8 +6,8 @@ import pytest
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
 from bodysense.lab.rendering.figure import FIGURES, FigureName, load_figure
 
 

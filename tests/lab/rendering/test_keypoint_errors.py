@@ -7,10 +7,10 @@ import pytest
 
 from bodysense.body.keypoints import ArmKeypoints
 from bodysense.body.rotation import normalize, quaternion_exp, quaternion_multiply
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.camera_view import FRONT, Camera, sample_cameras, view, view_points
+from bodysense.io.clip import Clip
 from bodysense.lab.pahmt.keypoint_noise import DetectorNoise, detect, flattened
 from bodysense.lab.rendering.keypoint_errors import BONES, keypoint_errors, noise_figures
-from bodysense.occlusion.camera_view import FRONT, Camera, sample_cameras, view, view_points
 
 
 @pytest.fixture(scope="module")

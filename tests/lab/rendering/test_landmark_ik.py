@@ -7,8 +7,8 @@ from bodysense.body.arms import HAND_POINTS, SIDES
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
-from bodysense.capture.landmarks import BODY_LANDMARKS
-from bodysense.capture.person import PersonLandmarks
+from bodysense.devices.video.landmarks import BODY_LANDMARKS
+from bodysense.devices.video.person import PersonLandmarks
 from bodysense.lab.rendering.landmark_ik import LandmarkIk
 
 SKELETON = default_skeleton()

@@ -11,16 +11,16 @@ from bodysense.body.arms import ARM_JOINTS, HAND_POINTS, SIDES
 from bodysense.body.keypoints import arms_from_torso
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import quaternion_rotate
-from bodysense.capture.landmarks import BODY_LANDMARKS
-from bodysense.capture.person import PersonLandmarks
 from bodysense.completion.model import CompletionModel
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.camera_view import view, view_points
+from bodysense.devices.video.arms import ArmModel
+from bodysense.devices.video.landmarks import BODY_LANDMARKS
+from bodysense.devices.video.person import PersonLandmarks
 from bodysense.errors import BodysenseError
-from bodysense.estimators.arms import ArmModel
+from bodysense.io.clip import Clip
 from bodysense.lab.rendering import tables as video_rendered
 from bodysense.lab.rendering.tables import VideoTable, completed, score_videos, video_report, watch
 from bodysense.lab.rendering.take import RenderedTake, film, plan_takes, write_take
-from bodysense.occlusion.camera_view import view, view_points
 
 FACE = {"nose": (0.0, 0.04, 0.13), "left_ear": (0.07, 0.06, 0.0), "right_ear": (-0.07, 0.06, 0.0)}  # m, from the head
 STANDS_FOR = {"pinky": "pinky1", "index": "index1", "thumb": "thumb2", "heel": "ankle"}
@@ -138,7 +138,7 @@ def test_a_video_that_does_not_fit_its_truth_is_refused(
 
 @pytest.mark.slow
 def test_a_rendered_person_is_found(waving_clip: Clip, landmarkers: Path, tmp_path: Path) -> None:
-    from bodysense.capture.landmarker_files import find_landmarkers
+    from bodysense.devices.video.landmarker_files import find_landmarkers
 
     for name in ("moderngl", "av"):
         pytest.importorskip(name)

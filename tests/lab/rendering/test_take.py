@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import rest_pose
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.camera_view import Camera, view, view_points
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
 from bodysense.lab.rendering.figure import FIGURES, load_figure
 from bodysense.lab.rendering.scene import Scene, sample_camera, sample_scene
 from bodysense.lab.rendering.stage import Renderer, open_stage
 from bodysense.lab.rendering.take import RATE, film, list_takes, plan_takes, read_take, write_take
-from bodysense.occlusion.camera_view import Camera, view, view_points
 
 HEIGHT = 120  # pixels
 

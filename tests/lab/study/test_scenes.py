@@ -11,12 +11,12 @@ import pytest
 from PIL import Image
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
-from bodysense.export.shot import Lens
+from bodysense.io.clip import Clip
 from bodysense.lab.study.scenes import StudySettings, build_study, complete_clip, cut_scenes
 from bodysense.lab.study.study import read_key
-from bodysense.occlusion.headset_camera import observe
+from bodysense.pictures.shot import Lens
 
 TINY = Lens(width=24, height=30)
 

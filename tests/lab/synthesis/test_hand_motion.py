@@ -10,7 +10,7 @@ import pytest
 
 from bodysense.body.hand import FINGERTIPS, HAND_JOINTS, angles_of, limits, mirrored_vectors
 from bodysense.body.pose import forward_kinematics
-from bodysense.data.clip import Clip
+from bodysense.io.clip import Clip
 from bodysense.lab.clips import open_clips
 from bodysense.lab.synthesis.hand_motion import hand_motions, hand_pairs
 

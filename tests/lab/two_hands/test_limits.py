@@ -10,8 +10,9 @@ import pytest
 from bodysense.body.hand import hand_skeleton, rotations_of
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.gloves.hands import GloveModels
+from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.errors import BodysenseError
-from bodysense.estimators.gloves.hands import GloveModels
 from bodysense.lab.datasets import Census
 from bodysense.lab.two_hands.limits import (
     Findings,
@@ -27,7 +28,6 @@ from bodysense.lab.two_hands.limits import (
     synthesised_pair,
 )
 from bodysense.lab.two_hands.limits_report import LINES, SYNTHESISED, limits_report
-from bodysense.occlusion.camera_ring import CameraRing
 
 HAND = hand_skeleton(default_skeleton(), "left")
 

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from bodysense.cli import main
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.camera_ring import CameraRing
+from bodysense.io.clip import Clip
 from bodysense.lab.datasets import Census
 from bodysense.lab.two_hands.occlusion import (
     PUBLISHED_AT_ONCE,
@@ -23,7 +24,6 @@ from bodysense.lab.two_hands.occlusion import (
     numbers_of,
     occlusion_report,
 )
-from bodysense.occlusion.camera_ring import CameraRing
 
 RING = CameraRing(count=4)
 

@@ -12,13 +12,13 @@ import torch
 from bodysense.body.glove import default_glove, marker_positions
 from bodysense.body.hand import hand_skeleton
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.estimators.gloves.baselines import LastKnown
-from bodysense.estimators.gloves.hands import GloveModels
-from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
+from bodysense.devices.gloves.hands import GloveModels
+from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
 from bodysense.lab.datasets import Census
 from bodysense.lab.synthesis.hand_motion import HandMotion
 from bodysense.lab.synthesis.hands import synthesize_hand
 from bodysense.lab.synthesis.pairs import synthesize_pair
+from bodysense.lab.two_hands.baselines import LastKnown
 from bodysense.lab.two_hands.comparison import compare_memory, compare_two_hands
 from bodysense.lab.two_hands.export import write_glove_network
 from bodysense.lab.two_hands.network import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig

@@ -15,8 +15,8 @@ from bodysense.body.hand import hand_skeleton
 from bodysense.body.hand_family import draw_hand
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.devices.gloves.networks import known_shapes, load_joint_network, load_marker_network, size_ratios
 from bodysense.errors import BodysenseError
-from bodysense.estimators.gloves.networks import known_shapes, load_joint_network, load_marker_network, size_ratios
 from bodysense.lab.fit import Progress
 from bodysense.lab.synthesis.hand_motion import HandMotion
 from bodysense.lab.synthesis.hands import synthesize_hand

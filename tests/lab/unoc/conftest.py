@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.clip import Clip
+from bodysense.io.clip import Clip
 from bodysense.lab.unoc.episodes import Episode, Variation, make_episode
 from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig
 

@@ -8,12 +8,12 @@ import numpy as np
 import torch
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.data.augment import mirrored
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
+from bodysense.devices.simulated.headset_camera import observe
+from bodysense.io.augment import mirrored
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.unoc.episodes import Variation, make_episode
 from bodysense.lab.unoc.network import BodyNetwork, BodyPrediction, TrackedBody
-from bodysense.occlusion.headset_camera import observe
 
 
 def test_the_truth_in_the_networks_frame_is_the_truth_in_the_world(waving_clip: Clip, network: BodyNetwork) -> None:

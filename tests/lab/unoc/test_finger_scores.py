@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from bodysense.body.pose import Pose
 from bodysense.body.resting import hand_length
 from bodysense.cli import main
-from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
 from bodysense.lab.clips import open_clips
 from bodysense.lab.unoc.finger_scores import (
     METHODS,

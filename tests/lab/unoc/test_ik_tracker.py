@@ -16,14 +16,14 @@ from bodysense.body.ik import IkSettings
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose, standing_pose
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.data.clip import Clip
+from bodysense.devices.estimate import PointEstimate
+from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
-from bodysense.estimators.estimate import PointEstimate
+from bodysense.io.clip import Clip
 from bodysense.lab.hold import Hold
 from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings, IkTrackerState, smooth
 from bodysense.lab.unoc.learned import Learned, load_model
 from bodysense.observation import Observation, accuracy_like, observed_points
-from bodysense.occlusion.headset_camera import observe
 
 SKELETON = default_skeleton()
 HEAD = SKELETON.index("head")

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
+from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.unoc.learned import MEASURED_ERROR, Learned, LearnedState, load_model
 from bodysense.observation import Observation
-from bodysense.occlusion.headset_camera import observe
 
 SKELETON = default_skeleton()
 

@@ -20,6 +20,7 @@ from torch import Tensor
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
 from bodysense.lab.unoc.export import write_onnx
 from bodysense.lab.unoc.learned import load_model
@@ -34,7 +35,6 @@ from bodysense.lab.unoc.network import (
     tracked_of,
     write_weights,
 )
-from bodysense.occlusion.headset_camera import observe
 
 CARRIED = BodyNetworkConfig(hidden=16, branch=(16,), finger_branch=(8,), judge_branch=(8,))
 WINDOWED = replace(PAPER, hidden=16, branch=(16,), judge_branch=(16,), window=5)

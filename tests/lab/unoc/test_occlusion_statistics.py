@@ -10,11 +10,11 @@ import pytest
 from bodysense.body.pose import Pose, rest_pose
 from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.sources import list_sources, read_source
+from bodysense.devices.simulated.headset_camera import HeadsetCamera, Visibility, see
 from bodysense.errors import BodysenseError
+from bodysense.io.datasets.sources import list_sources, read_source
 from bodysense.lab.unoc import occlusion_statistics as statistics
 from bodysense.lab.unoc.occlusion_statistics import GROUPS, PUBLISHED, column, count, group_points, table
-from bodysense.occlusion.headset_camera import HeadsetCamera, Visibility, see
 
 
 def waving(frames: int, seed: int = 0) -> Pose:

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.headset_camera import HeadsetCamera, see
+from bodysense.io.clip import Clip
 from bodysense.lab.datasets import DataSet
 from bodysense.lab.unoc.occlusion_statistics import GROUPS, PUBLISHED
 from bodysense.lab.unoc.occlusion_table import columns_of, count_clips, numbers_of, occlusion_report
-from bodysense.occlusion.headset_camera import HeadsetCamera, see
 
 
 @pytest.fixture(scope="module")

@@ -17,15 +17,15 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.resting import local_offset
 from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
+from bodysense.devices.simulated.three_point import observe
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.unoc.finger_synthesis import FingerSynthesis, finger_rotations, synthesize
 from bodysense.lab.unoc.ik_tracker import IkTracker
 from bodysense.lab.unoc.learned_upper_body import LEG_ERROR, LearnedUpperBody, fitted_arms, packaged_upper_body
 from bodysense.lab.unoc.point_model import PACKAGED, PointModel, Task, load_point_model
 from bodysense.observation import Observation
-from bodysense.occlusion.three_point import observe
 
 SKELETON = default_skeleton()
 FINGER = np.flatnonzero(SKELETON.wrist_of >= 0)

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.three_point import POINTS
+from bodysense.io.clip import Clip
 from bodysense.lab.unoc.export import write_point_network
 from bodysense.lab.unoc.point_episodes import tracked_of
 from bodysense.lab.unoc.point_model import WARM_UP, PointRunner, Task, load_point_model
@@ -30,7 +31,6 @@ from bodysense.lab.unoc.point_network import (
     TrackedPoints,
     bones,
 )
-from bodysense.occlusion.three_point import POINTS
 
 SKELETON = default_skeleton()
 FORMS: dict[str, tuple[Task, PointNetworkConfig]] = {

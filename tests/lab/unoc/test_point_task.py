@@ -13,10 +13,10 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.bvh import write_bvh
-from bodysense.data.clip import Clip
-from bodysense.data.splits import split_of
 from bodysense.errors import BodysenseError
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.splits import split_of
 from bodysense.lab.fit import Progress, Report, fit
 from bodysense.lab.unoc.options import FingersTraining
 from bodysense.lab.unoc.point_episodes import (

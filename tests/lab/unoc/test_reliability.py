@@ -10,7 +10,8 @@ import pytest
 from scipy import stats
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.headset_camera import observe
+from bodysense.io.clip import Clip
 from bodysense.lab.datasets import DataSet
 from bodysense.lab.scoring import scored_points
 from bodysense.lab.unoc.learned import Learned, load_model
@@ -21,7 +22,6 @@ from bodysense.lab.unoc.reliability import (
     reliability_of,
     reliability_report,
 )
-from bodysense.occlusion.headset_camera import observe
 
 
 @pytest.mark.parametrize("count", [10, 57, 1000])

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.data.clip import Clip
-from bodysense.estimators.estimate import PointEstimate
+from bodysense.devices.estimate import PointEstimate
+from bodysense.devices.simulated.headset_camera import observe
+from bodysense.io.clip import Clip
 from bodysense.lab.datasets import DataSet
 from bodysense.lab.metrics import strong_acceleration_share
 from bodysense.lab.scoring import scored_points
@@ -24,7 +25,6 @@ from bodysense.lab.unoc.smoothness import (
     smoothness_of,
     smoothness_report,
 )
-from bodysense.occlusion.headset_camera import observe
 
 
 def test_counts_are_those_of_the_metric(waving_clip: Clip) -> None:

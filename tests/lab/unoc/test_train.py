@@ -10,15 +10,15 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from bodysense.data.augment import mirrored
-from bodysense.data.bvh import write_bvh
-from bodysense.data.clip import Clip
-from bodysense.data.splits import split_of
+from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
+from bodysense.io.augment import mirrored
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.splits import split_of
 from bodysense.lab.unoc.learned import Learned, load_model
 from bodysense.lab.unoc.options import BodyTraining
 from bodysense.lab.unoc.train import train_body, variation_of
-from bodysense.occlusion.headset_camera import observe
 
 PEOPLE = {which: next(f"person{k}" for k in range(99) if split_of(f"person{k}") == which) for which in ("train", "val")}
 

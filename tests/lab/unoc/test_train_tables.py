@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.bvh import write_bvh
-from bodysense.data.clip import Clip
-from bodysense.data.splits import split_of
 from bodysense.errors import BodysenseError
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.splits import split_of
 from bodysense.lab.unoc import train_tables as tables
 from bodysense.lab.unoc import variants
 from bodysense.lab.unoc.episode_cache import cached_episodes

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.headset_camera import observe
+from bodysense.io.clip import Clip
 from bodysense.lab.datasets import DataSet
 from bodysense.lab.scoring import scored_points
 from bodysense.lab.unoc.ik_tracker import IkTrackerSettings
@@ -23,7 +24,6 @@ from bodysense.lab.unoc.transitions import (
     transitions_of,
     transitions_report,
 )
-from bodysense.occlusion.headset_camera import observe
 
 
 def test_moments_are_those_of_naive_loops() -> None:

@@ -11,13 +11,13 @@ import pytest
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
-from bodysense.estimators.estimate import PointEstimate
+from bodysense.devices.estimate import PointEstimate
+from bodysense.devices.simulated.three_point import observe
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.unoc.upper_body_ik import UpperBodyIk
 from bodysense.lab.unoc.upper_body_table import UpperBodyTable, evaluate_upper_body, is_standing, score_clip
 from bodysense.observation import Observation
-from bodysense.occlusion.three_point import observe
 
 SKELETON = default_skeleton()
 JOINTS = ("neck", "shoulders", "elbows", "all")

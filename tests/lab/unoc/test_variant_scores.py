@@ -12,8 +12,9 @@ import torch
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
 from bodysense.lab.datasets import DataSet
 from bodysense.lab.hold import Hold
 from bodysense.lab.scoring import KNOWN, UNOC_EVAL_JOINTS
@@ -32,7 +33,6 @@ from bodysense.lab.unoc.variant_scores import (
     score_pairs,
 )
 from bodysense.lab.unoc.variants import VARIANTS
-from bodysense.occlusion.headset_camera import observe
 
 
 def never(clip: Clip) -> None:

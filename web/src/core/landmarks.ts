@@ -1,4 +1,4 @@
-/** A person's landmarks in a picture as points of the body (bodysense.devices.landmark_points).
+/** A person's landmarks in a picture as points of the body (bodysense.devices.video.landmark_points).
  *
  * Landmarks come from a picture: their directions are good, their lengths are guesses. So every limb is laid along its
  * landmarks with the body's own bones, from the pelvis outward. Where the body is follows from where it is seen.

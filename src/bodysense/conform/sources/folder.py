@@ -10,8 +10,8 @@ import numpy as np
 
 from bodysense.conform.sources.files import ENDINGS, motion_subject, read_subject
 from bodysense.conform.subject import Subject
-from bodysense.data.sources import Source, list_sources
 from bodysense.errors import BodysenseError
+from bodysense.io.datasets.sources import Source, list_sources
 
 
 @dataclass(frozen=True)

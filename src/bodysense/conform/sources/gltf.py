@@ -10,13 +10,13 @@ from bodysense.body.pose import Pose, forward_kinematics, local_rotation
 from bodysense.body.rotation import matrix_to_quaternion, normalize, quaternion_to_matrix, slerp
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.conform.subject import Subject, ordered
-from bodysense.data.canonical import canonical
-from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
-from bodysense.export.humanoid import VRM_BONES
-from bodysense.io.gltf_file import GltfFile, open_gltf
-from bodysense.rigs.joint_map import NEEDED
-from bodysense.rigs.names import joints_of
+from bodysense.io.clip import Clip
+from bodysense.io.gltf.file import GltfFile, open_gltf
+from bodysense.io.gltf.humanoid import VRM_BONES
+from bodysense.io.rigs.canonical import canonical
+from bodysense.io.rigs.joint_map import NEEDED
+from bodysense.io.rigs.names import joints_of
 
 _AT_REST: dict[str, list[float]] = {"translation": [0, 0, 0], "rotation": [0, 0, 0, 1], "scale": [1, 1, 1]}
 

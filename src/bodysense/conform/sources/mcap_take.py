@@ -12,7 +12,7 @@ import numpy as np
 from bodysense.body.skeleton import default_skeleton
 from bodysense.conform.subject import Subject, Transport, ordered
 from bodysense.errors import BodysenseError
-from bodysense.export.mcap_take import (
+from bodysense.io.mcap_take import (
     BODY_JOINTS,
     BODY_LAYOUT,
     BODY_SCHEMA,

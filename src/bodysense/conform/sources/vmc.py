@@ -10,10 +10,10 @@ import numpy as np
 
 from bodysense.body.rotation import normalize, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
-from bodysense.capture.osc import LARGEST, Message, read_packet
 from bodysense.conform.subject import Subject, Transport, ordered
 from bodysense.errors import BodysenseError
-from bodysense.export.humanoid import VRM_BONES, unity_bone
+from bodysense.io.gltf.humanoid import VRM_BONES, unity_bone
+from bodysense.serve.osc import LARGEST, Message, read_packet
 from bodysense.serve.unity import from_unity_rotation, unity_position
 
 _OURS = {unity_bone(bone): joint for joint, bone in VRM_BONES.items()}

@@ -9,10 +9,10 @@ import numpy as np
 
 from bodysense.body.rotation import matrix_to_quaternion, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
-from bodysense.capture.raw_markers import METRES, MarkerFormat, RawMarkers, Unit, in_our_world, listed
 from bodysense.errors import BodysenseError
 from bodysense.io.markers.centres import Places, axes_of, centre_of, turns_of
 from bodysense.io.markers.marker_sets import MarkerSet, Recipe, Recognised
+from bodysense.io.markers.raw_markers import METRES, MarkerFormat, RawMarkers, Unit, in_our_world, listed
 from bodysense.observation import Observation
 
 SIZES = (0.55, 1.45)  # of an adult: what a person's may be

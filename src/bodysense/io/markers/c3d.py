@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.capture.raw_markers import RawMarkers, Unit
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.io.markers.c3d_parameters import (
@@ -23,6 +22,7 @@ from bodysense.io.markers.c3d_parameters import (
     parameter_blocks,
     read_parameters,
 )
+from bodysense.io.markers.raw_markers import RawMarkers, Unit
 from bodysense.observation import Observation
 
 _KEY = 0x50  # second byte of every C3D file

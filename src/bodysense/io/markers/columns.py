@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.capture.raw_markers import RawMarkers
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text, written_beside
+from bodysense.io.markers.raw_markers import RawMarkers
 from bodysense.observation import Observation
 
 _COORDINATE = re.compile(r"(?P<name>.*\S)(?:[ ._:/(-]+pos(?:ition)?)?[ ._:/(-]+(?P<axis>[xyz])\)?", re.IGNORECASE)

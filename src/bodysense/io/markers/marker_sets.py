@@ -11,7 +11,7 @@ from importlib.resources import files
 from typing import Any
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.rigs.names import joints_of
+from bodysense.io.rigs.names import joints_of
 
 FEWEST = 4  # points that a body of markers has at least
 JOINT_ACCURACY = 0.02  # m, of a marker that is named as a joint: its centre, or a spot on the skin near it

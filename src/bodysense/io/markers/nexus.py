@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.capture.raw_markers import RawMarkers
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text
+from bodysense.io.markers.raw_markers import RawMarkers
 from bodysense.io.markers.text import markers_of, numbers, rate_of, unit_of
 
 _SECTIONS = ("trajectories", "devices", "joints", "model outputs", "segments", "gaze vector", "events")

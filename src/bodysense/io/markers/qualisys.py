@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.capture.raw_markers import RawMarkers
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text
+from bodysense.io.markers.raw_markers import RawMarkers
 from bodysense.io.markers.text import Rows, markers_of, numbered, numbers, rate_of, whole
 
 _LAYOUTS = {"MARKER_NAMES": ("NO_OF_MARKERS", 3), "BODY_NAMES": ("NO_OF_BODIES", 16)}

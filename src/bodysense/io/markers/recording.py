@@ -9,12 +9,12 @@ import numpy as np
 
 from bodysense.body.hand import FINGERS
 from bodysense.body.skeleton import Skeleton
-from bodysense.capture.marker_checks import check_gloves
-from bodysense.capture.raw_markers import MarkerFormat, RawMarkers, Unit, has_glove, listed, observed_markers
 from bodysense.errors import BodysenseError
 from bodysense.io.markers.body import body_of
+from bodysense.io.markers.checks import check_gloves
 from bodysense.io.markers.files import read_raw
 from bodysense.io.markers.marker_sets import nearest, recognised
+from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers, Unit, has_glove, listed, observed_markers
 from bodysense.observation import Observation, check_observation
 
 

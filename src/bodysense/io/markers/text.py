@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.capture.raw_markers import RawMarkers, Unit
 from bodysense.errors import BodysenseError
+from bodysense.io.markers.raw_markers import RawMarkers, Unit
 
 MISSING = {"", "nan", "null", "none", "-", "-nan(ind)", "1.#qnan"}
 UNITS: dict[str, Unit] = {

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tyro.extras import SubcommandApp
 
-from bodysense.devices.simulated import SensorSetName
+from bodysense.devices.simulated.device import SensorSetName
 from bodysense.errors import BodysenseError
 from bodysense.lab.commands import arms, bench_live, bench_outputs, live_checks
 
@@ -61,7 +61,7 @@ def step(
     from bodysense.completion.inputs import frames_of
     from bodysense.completion.model import PACKAGED, load_completion
     from bodysense.demo import performance_of_stranger
-    from bodysense.occlusion.sensors import SENSOR_SETS, observe
+    from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
     from bodysense.tracker import Tracker, step_together
 
     if people < 1:
@@ -106,7 +106,7 @@ def gloves(frames: int = 3000, json: Path | None = None) -> None:
         frames: Frames to time of each, after 100 to warm up.
         json: Write the numbers here, as one flat object.
     """
-    from bodysense.estimators.gloves.hands import Hands, HandsSettings, load_glove_models
+    from bodysense.devices.gloves.hands import Hands, HandsSettings, load_glove_models
     from bodysense.lab.commands.glove_stream import glove_stream
 
     numbers, models = {}, load_glove_models()
@@ -169,7 +169,7 @@ def occlusion(frames: int = 30_000, json: Path | None = None) -> None:
         json: Write the numbers here, as one flat object.
     """
     from bodysense.demo import packaged_performance
-    from bodysense.occlusion.headset_camera import see
+    from bodysense.devices.simulated.headset_camera import see
 
     clip = packaged_performance()
     many = clip.pose[np.arange(frames) % len(clip)]
@@ -191,8 +191,8 @@ def bvh(megabytes: int = 60, json: Path | None = None) -> None:
     from dataclasses import replace
     from tempfile import TemporaryDirectory
 
-    from bodysense.data.bvh import read_bvh, write_bvh
     from bodysense.demo import packaged_performance
+    from bodysense.io.bvh import read_bvh, write_bvh
 
     clip = packaged_performance()
     with TemporaryDirectory() as folder:

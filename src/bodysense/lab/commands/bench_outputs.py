@@ -171,7 +171,7 @@ def _runtime(folder: Path) -> Iterator[socket.socket]:
 
 def _devices(time: float) -> bytes:
     """Headset and controllers of somebody who sways, in one packet of VMC."""
-    from bodysense.capture.osc import bundled, message_bytes
+    from bodysense.serve.osc import bundled, message_bytes
 
     sway = 0.1 * float(np.sin(2 * np.pi * 0.3 * time))
     rows = (

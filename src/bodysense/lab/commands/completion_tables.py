@@ -47,6 +47,7 @@ def completion(
     from rich.progress import Progress
 
     from bodysense.cli.show import print_report, wide_console, write_numbers
+    from bodysense.devices.simulated.sensors import TABLE_SETS
     from bodysense.lab.clips import open_clips
     from bodysense.lab.completion.baselines import cached_mean_body
     from bodysense.lab.completion.reliability_diagram import draw_reliability
@@ -57,7 +58,6 @@ def completion(
     from bodysense.lab.datasets import Census, census_of, named_data
     from bodysense.lab.spread import spread
     from bodysense.lab.table import write_csv
-    from bodysense.occlusion.sensors import TABLE_SETS
 
     for path in (json, csv, picture):
         if path is not None:
@@ -108,7 +108,7 @@ def completion(
 
 
 def _check(sets: tuple[str, ...], bodies: tuple[str, ...], limit: int | None, jobs: int) -> None:
-    from bodysense.occlusion.sensors import SENSOR_SETS
+    from bodysense.devices.simulated.sensors import SENSOR_SETS
 
     for name in sets:
         if name not in SENSOR_SETS:

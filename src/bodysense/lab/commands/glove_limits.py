@@ -37,6 +37,7 @@ def gloves_limits(
     from rich.console import Console
     from rich.progress import Progress
 
+    from bodysense.devices.simulated.camera_ring import CameraRing
     from bodysense.lab.datasets import Census, named_data
     from bodysense.lab.scoring import group_of
     from bodysense.lab.two_hands.limits import (
@@ -51,7 +52,6 @@ def gloves_limits(
         synthesised_pair,
     )
     from bodysense.lab.two_hands.limits_report import SYNTHESISED, limits_report
-    from bodysense.occlusion.camera_ring import CameraRing
 
     jobs, ring, networks = checked(common), CameraRing(count=cameras), Networks(markers, joints)
     found: dict[str, Findings] = {}

@@ -33,6 +33,7 @@ def gloves_occlusion(
     """
     from rich.progress import Progress
 
+    from bodysense.devices.simulated.camera_ring import CameraRing
     from bodysense.lab.datasets import Census, named_data
     from bodysense.lab.two_hands.occlusion import (
         SYNTHESISED_PIECES,
@@ -40,7 +41,6 @@ def gloves_occlusion(
         count_synthesised,
         occlusion_report,
     )
-    from bodysense.occlusion.camera_ring import CameraRing
 
     jobs, ring = checked(common), CameraRing(count=cameras)
     if data is not None:

@@ -8,11 +8,11 @@ from typing import Annotated
 import tyro
 
 from bodysense.cli.options import Reading
-from bodysense.data.layouts import Layout
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
+from bodysense.io.datasets.layouts import Layout
+from bodysense.io.rigs.options import AS_FOUND
 from bodysense.lab.options import Output
-from bodysense.rigs.options import AS_FOUND
 
 Folder = Annotated[Path, tyro.conf.Positional]
 

@@ -10,7 +10,7 @@ import tyro
 from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder
-from bodysense.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 
 if TYPE_CHECKING:
     import numpy as np
@@ -126,8 +126,8 @@ def video_rendered(
     """
     from rich.progress import Progress
 
-    from bodysense.capture.landmarker_files import find_landmarkers
-    from bodysense.estimators.arms import load_arms
+    from bodysense.devices.video.arms import load_arms
+    from bodysense.devices.video.landmarker_files import find_landmarkers
     from bodysense.lab.commands.reporting import Common, checked, finish
     from bodysense.lab.rendering.tables import score_videos, video_report
     from bodysense.lab.rendering.take import list_takes

@@ -13,7 +13,7 @@ from bodysense.files import check_place, make_folder
 from bodysense.lab.options import check_positive
 
 if TYPE_CHECKING:
-    from bodysense.data.clip import Clip
+    from bodysense.io.clip import Clip
     from bodysense.lab.datasets import DataSet
     from bodysense.lab.table import Report
     from bodysense.lab.unoc.ik_tracker import IkTrackerSettings

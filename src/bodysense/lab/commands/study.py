@@ -12,8 +12,8 @@ from tyro.extras import SubcommandApp
 from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place, make_folder
+from bodysense.io.rigs.options import AS_FOUND
 from bodysense.lab.commands.reporting import tracker_settings
-from bodysense.rigs.options import AS_FOUND
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -11,7 +11,7 @@ from bodysense.lab.commands.reporting import Common, checked, finish, progress_o
 from bodysense.lab.options import Flat
 
 if TYPE_CHECKING:
-    from bodysense.data.clip import Clip
+    from bodysense.io.clip import Clip
     from bodysense.lab.unoc.tables import NetworkTable
     from bodysense.lab.unoc.variant_scores import Shipped
 

@@ -16,10 +16,10 @@ import numpy as np
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.clips import count_clips, open_clips
 
 FORMAT = "bodysense-mean-body-1"

@@ -11,11 +11,11 @@ from rich.progress import track
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import BODY
-from bodysense.data.splits import Split
+from bodysense.devices.simulated.headset_camera import see
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
+from bodysense.io.datasets.splits import Split
 from bodysense.lab.clips import count_clips, open_clips
-from bodysense.occlusion.headset_camera import see
 
 FORMAT = "bodysense-corpus-1"
 _JOINTS = len(BODY)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodysense.body.skeleton import BODY
+from bodysense.devices.simulated.sensors import Edge, SensorSet
 from bodysense.lab.completion.scenes import TrackedScene, person_of, stacked
 from bodysense.lab.completion.tracking import TrackBatch
 from bodysense.lab.metrics import joint_error
-from bodysense.occlusion.sensors import Edge, SensorSet
 
 TOLERANCE = 0.01  # by so much of itself a mean error may grow
 CLIPS, FRAMES = 24, 300  # strangers on which an edge is judged: so many scenes, their first 10 s

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from bodysense.completion.model import load_completion
-from bodysense.data.clip import Clip
-from bodysense.data.splits import Split
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.splits import Split
 from bodysense.lab.clips import open_clips
 from bodysense.lab.completion.error_map import ErrorMap, unchanged_errors
 from bodysense.lab.completion.export import write_completion

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bodysense.export.picture import INK, MUTED, load_pyplot
 from bodysense.files import written_beside
 from bodysense.lab.chart import COLORS
 from bodysense.lab.completion.calibration import REGIONS
 from bodysense.lab.completion.tables import CompletionTable
+from bodysense.pictures.sheet import INK, MUTED, load_pyplot
 
 _COLUMNS = 4
 _RANGE, _TICKS = (0.1, 60.0), (0.1, 1, 10)  # cm

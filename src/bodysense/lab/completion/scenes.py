@@ -16,13 +16,13 @@ from bodysense.body.retarget import retargeted
 from bodysense.body.shape import Split as BodySplit
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import Skeleton
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
-from bodysense.data.splits import Split
+from bodysense.devices.simulated.headset_camera import see_points
+from bodysense.devices.simulated.sensors import SensorSet, observe_points
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.splits import Split
+from bodysense.io.resample import resample
 from bodysense.lab.scoring import RATE, group_of
 from bodysense.observation import Observation
-from bodysense.occlusion.headset_camera import see_points
-from bodysense.occlusion.sensors import SensorSet, observe_points
 
 Body = Literal["own", "stranger", "height", "nothing"]
 Truth = Literal["own", "stranger"]

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import TypeVar
 
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.sensors import SENSOR_SETS, Edge, random_edges
+from bodysense.io.clip import Clip
 from bodysense.lab.completion.baselines import MeanBody
 from bodysense.lab.completion.calibration import Calibration
 from bodysense.lab.completion.lattice import EdgeScore, choose_scenes, score_lattice
@@ -16,7 +17,6 @@ from bodysense.lab.completion.tables import CompletionSettings, CompletionTable
 from bodysense.lab.completion.tracking import StepTimes, TrackBatch, step_times, track_batch
 from bodysense.lab.scoring import last_known
 from bodysense.observation import Observation
-from bodysense.occlusion.sensors import SENSOR_SETS, Edge, random_edges
 
 TIMED_FRAMES = 330  # of one wearer, to tell how long a step takes
 _EDGES = 10  # of the lattice that one process scores at a time

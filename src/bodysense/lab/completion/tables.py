@@ -7,14 +7,14 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from bodysense.data.splits import Split
+from bodysense.devices.simulated.sensors import TABLE_SETS
+from bodysense.io.datasets.splits import Split
 from bodysense.lab.bootstrap import Interval, interval
 from bodysense.lab.completion.calibration import REGIONS, Calibration
 from bodysense.lab.completion.lattice import EdgeScore
 from bodysense.lab.completion.measures import Averages
 from bodysense.lab.completion.scenes import BODIES, TRUTH_OF, Body, Truth
 from bodysense.lab.scoring import GROUPS, KNOWN
-from bodysense.occlusion.sensors import TABLE_SETS
 
 Key = TypeVar("Key")
 

@@ -27,11 +27,11 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import BODY, Skeleton
 from bodysense.completion.network import Network, NetworkFormat
+from bodysense.devices.estimate import PointEstimate
+from bodysense.devices.simulated.three_point import POINTS
 from bodysense.errors import BodysenseError
-from bodysense.estimators.estimate import PointEstimate
 from bodysense.lab.unoc.learned import MEASURED_ERROR
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, check_order, observed_points
-from bodysense.occlusion.three_point import POINTS
 
 FORMAT = "bodysense body vae 1"
 NETWORK = NetworkFormat(

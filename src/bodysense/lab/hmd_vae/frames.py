@@ -16,10 +16,10 @@ import numpy as np
 
 from bodysense.body.body_joints import body_pose
 from bodysense.body.pose import forward_kinematics
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
-from bodysense.data.sources import list_sources, read_source
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.sources import list_sources, read_source
+from bodysense.io.resample import resample
 from bodysense.lab.clips import open_clips
 from bodysense.lab.store import is_store, read_store
 from bodysense.lab.windows import Windows, find_windows

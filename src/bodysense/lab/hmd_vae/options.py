@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Literal
 
 from bodysense.body.skeleton import BODY
+from bodysense.devices.simulated.three_point import POINTS
 from bodysense.errors import BodysenseError
 from bodysense.lab.options import Card, Flat, Machines, MotionRun, check_ending, check_fields
-from bodysense.occlusion.three_point import POINTS
 
 MODELS = (0, 1, 2, 3, 4)
 Origin = Literal["head", "pelvis"]

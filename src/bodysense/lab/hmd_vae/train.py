@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from rich.progress import track
 
-from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.files import check_folder, check_place, make_folder, written_beside
+from bodysense.io.clip import Clip
 from bodysense.lab.checkpoint import identity
 from bodysense.lab.clips import count_clips, open_clips
 from bodysense.lab.fit import Report, begin, fit, launched

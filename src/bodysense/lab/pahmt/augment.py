@@ -9,7 +9,7 @@ import numpy as np
 
 from bodysense.body.arms import ARM_JOINTS, arm_rotations, with_arms
 from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply
-from bodysense.data.clip import Clip
+from bodysense.io.clip import Clip
 
 # Degrees by which a joint wanders, one deviation; of fingers every joint. Elbows stay hinges.
 _WANDER = {"collar": 2.0, "shoulder": 12.0, "elbow": 4.0, "wrist": 12.0}

@@ -12,8 +12,8 @@ from torch import Tensor, nn
 
 from bodysense.body.arms import ARM_JOINTS
 from bodysense.body.rotation import normalize, quaternion_canonical
+from bodysense.devices.video.arms import FORMAT
 from bodysense.errors import BodysenseError
-from bodysense.estimators.arms import FORMAT
 from bodysense.lab.export import export, in_bytes
 from bodysense.lab.pahmt.features import Window
 from bodysense.lab.pahmt.network import ArmNetwork

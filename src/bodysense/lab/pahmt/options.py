@@ -8,10 +8,10 @@ from typing import Annotated, Literal
 from tyro.conf import Suppress, arg
 
 from bodysense.body.arms import ARM_JOINTS, HAND_POINTS
+from bodysense.devices.simulated.camera_view import CameraRange
 from bodysense.errors import BodysenseError
 from bodysense.lab.options import Card, Flat, MotionRun, check_ending, check_fields
 from bodysense.lab.pahmt.keypoint_noise import DetectorNoise
-from bodysense.occlusion.camera_view import CameraRange
 
 Kind = Literal["cnn", "ahmt", "pahmt"]
 Input = Literal["hands", "arms-hands"]

@@ -17,9 +17,9 @@ import torch
 from bodysense.body.arms import ARM_JOINTS
 from bodysense.body.keypoints import arms_from_torso
 from bodysense.body.rotation import geodesic_angle, quaternion_canonical, quaternion_log
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.chart import BarPanel, Line, LinePanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, census_of, describe
 from bodysense.lab.pahmt.network import ArmNetwork, read_arms

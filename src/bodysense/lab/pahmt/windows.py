@@ -16,16 +16,16 @@ from bodysense.body.keypoints import ArmKeypoints, arms_from_torso
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_identity
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.data.augment import with_limb_proportions
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
+from bodysense.devices.simulated.camera_view import sample_cameras, view, view_points
 from bodysense.errors import BodysenseError
+from bodysense.io.augment import with_limb_proportions
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.pahmt.augment import with_arms_of, with_wandering_arms
 from bodysense.lab.pahmt.features import Window, window_of
 from bodysense.lab.pahmt.keypoint_noise import detect
 from bodysense.lab.pahmt.options import Studio
 from bodysense.lab.windows import Windows, find_windows
-from bodysense.occlusion.camera_view import sample_cameras, view, view_points
 
 RATE = 30.0  # Hz
 FRAMES, STRIDE = 32, 5  # of a window, and from one to the next (section 4.2)

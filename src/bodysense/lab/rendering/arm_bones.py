@@ -9,9 +9,9 @@ import numpy as np
 from bodysense.body.arms import ARM_POINTS, SIDES
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import normalize
-from bodysense.capture.landmarks import BODY_LANDMARKS
-from bodysense.capture.person import PersonLandmarks
-from bodysense.occlusion.camera_view import Camera
+from bodysense.devices.simulated.camera_view import Camera
+from bodysense.devices.video.landmarks import BODY_LANDMARKS
+from bodysense.devices.video.person import PersonLandmarks
 
 BONES = ("upper_arm", "forearm")
 MEASURES = {

@@ -101,7 +101,7 @@ class Character:
         Raises BodysenseError where the pose has other joints.
         """
         if pose.skeleton.joints != self.skeleton.joints:
-            raise BodysenseError("figure: the motion has other joints; read it with bodysense.data, which names ours")
+            raise BodysenseError("figure: the motion has other joints; read it with bodysense.read, which names ours")
         other = pose.skeleton.path @ pose.skeleton.rest_offset
         scale = np.ptp(self.rest[self._legs, 1]) / np.ptp(other[self._legs, 1])
         return Pose(self.skeleton, pose.root_position * scale, pose.rotation)

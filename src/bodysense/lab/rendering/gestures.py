@@ -7,7 +7,7 @@ import numpy as np
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_rotate, shortest_arc, slerp
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.clip import Clip
+from bodysense.io.clip import Clip
 
 RATE = 30.0  # Hz
 _ARM = tuple[tuple[float, float, float], tuple[float, float, float]]

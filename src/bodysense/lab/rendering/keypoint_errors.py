@@ -1,4 +1,4 @@
-"""How a detector of key-points errs, in the terms of `occlusion/keypoint_noise.py`, which imitates it."""
+"""How a detector of key-points errs, in the terms of `lab/pahmt/keypoint_noise.py`, which imitates it."""
 
 from __future__ import annotations
 

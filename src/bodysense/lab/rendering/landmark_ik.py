@@ -11,11 +11,11 @@ from bodysense.body.arms import HAND_POINTS, SIDES
 from bodysense.body.ik import IkSettings, IkState, InverseKinematics
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
-from bodysense.capture.landmarks import BODY_LANDMARKS
-from bodysense.capture.person import VISIBLE, PersonLandmarks
-from bodysense.devices.landmark_points import LandmarkPoints, along
-from bodysense.devices.landmark_smoothing import smoothed
-from bodysense.devices.video import VideoSettings
+from bodysense.devices.video.device import VideoSettings
+from bodysense.devices.video.landmark_points import LandmarkPoints, along
+from bodysense.devices.video.landmark_smoothing import smoothed
+from bodysense.devices.video.landmarks import BODY_LANDMARKS
+from bodysense.devices.video.person import VISIBLE, PersonLandmarks
 
 _KNUCKLES = {"index1": "index", "pinky1": "pinky", "thumb2": "thumb"}  # of a hand that is seen only as part of an arm
 _LAID = tuple(f"{side}_{part}" for side in SIDES for part in ("elbow", "wrist", "knee", "ankle", "toe"))

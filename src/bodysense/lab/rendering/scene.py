@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bodysense.body.pose import Pose
+from bodysense.devices.simulated.camera_view import Camera, CameraRange, sample_cameras, view_points
 from bodysense.lab.rendering.figure import FIGURES, FigureName
-from bodysense.occlusion.camera_view import Camera, CameraRange, sample_cameras, view_points
 
 Color = tuple[float, float, float]  # red, green, blue, sRGB, 0 to 1
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_exp, quaternion_rotate
+from bodysense.devices.simulated.camera_view import Camera
 from bodysense.errors import BodysenseError
 from bodysense.lab.rendering.figure import Character, load_figure
 from bodysense.lab.rendering.scene import Scene
-from bodysense.occlusion.camera_view import Camera
 
 if TYPE_CHECKING:
     import moderngl

@@ -13,14 +13,15 @@ from bodysense.body.keypoints import arms_from_torso
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.capture.landmarker_files import LandmarkerFiles
-from bodysense.capture.landmarks import Landmarker, LandmarkerSettings
-from bodysense.capture.person import PersonLandmarks, PersonState, arm_keypoints, follow, joined_landmarks
-from bodysense.capture.video import open_video
 from bodysense.completion.model import CompletionModel
-from bodysense.devices.video import VideoDevice
+from bodysense.devices.simulated.camera_view import Camera, view, view_points
+from bodysense.devices.video.arms import ArmModel, Arms
+from bodysense.devices.video.device import VideoDevice
+from bodysense.devices.video.landmarker_files import LandmarkerFiles
+from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
+from bodysense.devices.video.person import PersonLandmarks, PersonState, arm_keypoints, follow, joined_landmarks
+from bodysense.devices.video.pictures import open_video
 from bodysense.errors import BodysenseError
-from bodysense.estimators.arms import ArmModel, Arms
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.pahmt.twist import arm_errors, solved_from_positions
 from bodysense.lab.rendering.arm_bones import MEASURES as BONES
@@ -31,7 +32,6 @@ from bodysense.lab.rendering.landmark_ik import LandmarkIk
 from bodysense.lab.rendering.take import RenderedTake, read_take
 from bodysense.lab.scoring import GROUPS, Tally, group_named
 from bodysense.lab.table import Cell, Named, Report, cell, finite, ordering
-from bodysense.occlusion.camera_view import Camera, view, view_points
 from bodysense.tracker import Tracker, TrackerSettings
 
 METHODS = {  # key: how it is called in the table

@@ -11,15 +11,15 @@ import numpy as np
 
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
+from bodysense.devices.simulated.camera_view import VIEW_POINTS, Camera, CameraRange, view, view_points
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.rendering.figure import FIGURES, load_figure
 from bodysense.lab.rendering.gestures import GESTURES, gesture
 from bodysense.lab.rendering.scene import ROOM, WHOLE, Scene, sample_camera, sample_scene
 from bodysense.lab.rendering.stage import open_stage
-from bodysense.occlusion.camera_view import VIEW_POINTS, Camera, CameraRange, view, view_points
 
 FORMAT = "bodysense take 1"
 RATE = 30.0  # Hz

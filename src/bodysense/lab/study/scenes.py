@@ -16,12 +16,11 @@ import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
+from bodysense.devices.estimate import Estimator
+from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
-from bodysense.estimators.estimate import Estimator
-from bodysense.export.animation import write_animation
-from bodysense.export.shot import Lens, Shot, frame_shot
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.hold import Hold
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.scoring import RATE, UNOC_EVAL_JOINTS
@@ -29,7 +28,8 @@ from bodysense.lab.study.page import write_study_page
 from bodysense.lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
 from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense.lab.unoc.learned import Learned, load_model
-from bodysense.occlusion.headset_camera import observe
+from bodysense.pictures.animation import write_animation
+from bodysense.pictures.shot import Lens, Shot, frame_shot
 
 _SHORTEST = 0.5  # s that can be judged at all
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 from bodysense.body.hand import Side, hand_pose
 from bodysense.body.pose import Pose
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 
 RATE = 60.0  # Hz, the rate of the paper's recordings (two-hands, section 6.1.1)
 

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.glove import default_glove, marker_positions
-from bodysense.estimators.gloves.continuity import Continuous
-from bodysense.estimators.gloves.fillers import Filler, LastShape, NetworkFiller, Stack
-from bodysense.estimators.gloves.hands import natural_markers
-from bodysense.estimators.gloves.networks import load_marker_network
-from bodysense.estimators.gloves.variants import MEMORY_NETWORK, TWO_HANDS_NETWORK, load_memory, load_two_hands
+from bodysense.devices.gloves.continuity import Continuous
+from bodysense.devices.gloves.fillers import Filler, LastShape, NetworkFiller, Stack
+from bodysense.devices.gloves.hands import natural_markers
+from bodysense.devices.gloves.networks import load_marker_network
+from bodysense.devices.simulated.camera_ring import CameraRing
+from bodysense.devices.simulated.glove import visible
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.synthesis.hand_motion import RATE, HandMotion
 from bodysense.lab.two_hands.trials import DURATIONS, HIDDEN, Means, cut, hide_some, marker_error
-from bodysense.occlusion.camera_ring import CameraRing
-from bodysense.occlusion.glove import visible
+from bodysense.lab.two_hands.variants import MEMORY_NETWORK, TWO_HANDS_NETWORK, load_memory, load_two_hands
 
 _STRIDE = 30  # frames from one trial to the next
 

@@ -11,10 +11,10 @@ from torch import Tensor, nn
 
 from bodysense.body.glove import MARKERS
 from bodysense.body.hand import FREEDOMS
-from bodysense.estimators.gloves.networks import JOINT_FORMAT, MARKER_FORMAT
-from bodysense.estimators.gloves.variants import MEMORY_FORMAT, TWO_HANDS_FORMAT
+from bodysense.devices.gloves.networks import JOINT_FORMAT, MARKER_FORMAT
 from bodysense.lab.export import export
 from bodysense.lab.two_hands.network import MARKER_VALUES, SHAPE_VALUES, JointNetwork, MarkerNetwork
+from bodysense.lab.two_hands.variants import MEMORY_FORMAT, TWO_HANDS_FORMAT
 
 
 class _Folded(nn.Module):

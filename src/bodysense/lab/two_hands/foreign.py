@@ -20,17 +20,17 @@ from bodysense.body.glove import Glove, default_glove, hand_size, marker_positio
 from bodysense.body.hand import FINGERS, hand_skeleton
 from bodysense.body.hand_family import COUNT, GlovedHand, carried_over, draw_hand, hand_of, plain_hand
 from bodysense.body.skeleton import default_skeleton
-from bodysense.errors import BodysenseError
-from bodysense.estimators.gloves.calibration import FEWEST, fit_hand
-from bodysense.estimators.gloves.continuity import Continuous
-from bodysense.estimators.gloves.fillers import Filler, NetworkFiller
-from bodysense.estimators.gloves.hands import GloveModels, HandsSettings
-from bodysense.estimators.gloves.networks import (
+from bodysense.devices.gloves.calibration import FEWEST, fit_hand
+from bodysense.devices.gloves.continuity import Continuous
+from bodysense.devices.gloves.fillers import Filler, NetworkFiller
+from bodysense.devices.gloves.hands import GloveModels, HandsSettings
+from bodysense.devices.gloves.networks import (
     JOINT_NETWORK,
     MARKER_NETWORK,
     load_joint_network,
     load_marker_network,
 )
+from bodysense.errors import BodysenseError
 from bodysense.lab.synthesis.hand_motion import HandMotion
 from bodysense.lab.two_hands.trials import DURATIONS, Means, Trials, cut, finger_error, hide_some, marker_error
 

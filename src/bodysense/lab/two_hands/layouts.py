@@ -17,9 +17,9 @@ from bodysense.body.hand import FINGERS
 from bodysense.body.hand_family import GlovedHand, carried_over, draw_hand
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.gloves import glove_device
-from bodysense.estimators.gloves.calibration import fit_hand
-from bodysense.estimators.gloves.hands import GloveModels, load_glove_models
+from bodysense.devices.gloves.calibration import fit_hand
+from bodysense.devices.gloves.device import glove_device
+from bodysense.devices.gloves.hands import GloveModels, load_glove_models
 from bodysense.lab.synthesis.hand_motion import RATE
 from bodysense.lab.synthesis.hands import synthesize_hand
 from bodysense.lab.table import Report, finite

@@ -18,13 +18,13 @@ from bodysense.body.hand import FINGERS, Side, hand_pose, hand_skeleton, mirrore
 from bodysense.body.hand_capsules import GIVE, NAMES, hand_capsules, mutual_depth, own_depth, own_pairs
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
-from bodysense.capture.label_score import label_accuracy
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
+from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
+from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
+from bodysense.devices.simulated.camera_ring import CameraRing
+from bodysense.devices.simulated.glove import GloveCapture, observe_hands
 from bodysense.errors import BodysenseError
-from bodysense.estimators.gloves.hands import GloveModels, Hands, HandsSettings
-from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
-from bodysense.estimators.gloves.variants import MEMORY_NETWORK, TWO_HANDS_NETWORK
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.datasets import Census, census_of
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.scoring import group_of
@@ -33,9 +33,9 @@ from bodysense.lab.synthesis.hand_motion import RATE, HandMotion
 from bodysense.lab.synthesis.hands import varied_hand
 from bodysense.lab.synthesis.pairs import synthesize_pair
 from bodysense.lab.two_hands.comparison import compare_memory, compare_two_hands
+from bodysense.lab.two_hands.label_score import label_accuracy
+from bodysense.lab.two_hands.variants import MEMORY_NETWORK, TWO_HANDS_NETWORK
 from bodysense.observation import Observation
-from bodysense.occlusion.camera_ring import CameraRing
-from bodysense.occlusion.glove import GloveCapture, observe_hands
 
 SIDES: tuple[Side, Side] = ("left", "right")
 COUNTED = 0.001  # m: a deeper penetration counts

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, describe
 from bodysense.lab.scoring import GROUPS
@@ -12,7 +13,6 @@ from bodysense.lab.synthesis.hand_motion import RATE
 from bodysense.lab.table import Cell, Report, finite
 from bodysense.lab.two_hands.limits import COUNTED, JUMP, SPIKES, TOUCHING, Findings
 from bodysense.lab.two_hands.trials import DURATIONS, HIDDEN
-from bodysense.occlusion.camera_ring import CameraRing
 
 SYNTHESISED = "synthesised"
 

@@ -17,8 +17,10 @@ from bodysense.body.glove import MARKERS
 from bodysense.body.hand import hand_pose, hand_skeleton
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
+from bodysense.devices.simulated.camera_ring import CameraRing
+from bodysense.devices.simulated.glove import visible
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, census_of, describe
 from bodysense.lab.scoring import GROUPS, group_of
@@ -27,8 +29,6 @@ from bodysense.lab.synthesis.hand_motion import RATE
 from bodysense.lab.synthesis.hands import varied_hand
 from bodysense.lab.synthesis.pairs import synthesize_pair
 from bodysense.lab.table import Cell, Report, cell, finite
-from bodysense.occlusion.camera_ring import CameraRing
-from bodysense.occlusion.glove import visible
 
 Setting = Literal["one", "each", "both"]
 SETTINGS: dict[Setting, str] = {"one": "one hand", "each": "each of two hands", "both": "both hands"}

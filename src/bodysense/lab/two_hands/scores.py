@@ -12,18 +12,18 @@ import numpy as np
 from bodysense.body.hand import FINGERS
 from bodysense.body.hand_family import draw_hand
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.data.clip import Clip
-from bodysense.estimators.gloves.baselines import AffineCombination, LastKnown, MovingAverage
-from bodysense.estimators.gloves.continuity import Continuous
-from bodysense.estimators.gloves.fillers import LastShape, NetworkFiller
-from bodysense.estimators.gloves.hands import GloveModels, HandsSettings
-from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
+from bodysense.devices.gloves.continuity import Continuous
+from bodysense.devices.gloves.fillers import LastShape, NetworkFiller
+from bodysense.devices.gloves.hands import GloveModels, HandsSettings
+from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
+from bodysense.io.clip import Clip
 from bodysense.lab.datasets import Census, DataSet, census_of
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.scoring import GROUPS, Tally, group_of
 from bodysense.lab.spread import spread
 from bodysense.lab.synthesis.hand_motion import HandMotion, hand_motions
 from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense.lab.two_hands.baselines import AffineCombination, LastKnown, MovingAverage
 from bodysense.lab.two_hands.cyclic_descent import FingerLimits, solve_fingers
 from bodysense.lab.two_hands.foreign import ForeignModels, foreign_fingers, foreign_markers
 from bodysense.lab.two_hands.trials import (

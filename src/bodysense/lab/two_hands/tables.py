@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from bodysense.estimators.gloves.networks import load_joint_network, load_marker_network
+from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
 from bodysense.lab.bootstrap import Interval, interval
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import DataSet, describe

@@ -16,8 +16,8 @@ from bodysense.body.hand import FINGERS
 from bodysense.body.hand_family import GlovedHand, carried_over, plain_hand
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton
-from bodysense.estimators.gloves.fillers import Filler
-from bodysense.estimators.gloves.hands import GloveModels, Hands, HandsSettings
+from bodysense.devices.gloves.fillers import Filler
+from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.scoring import Tally
 from bodysense.lab.synthesis.hand_motion import RATE, HandMotion

@@ -17,7 +17,7 @@ from bodysense.body.capsules import Primitives, fit_primitives
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import default_skeleton
-from bodysense.occlusion.rays import segment_distance_squared
+from bodysense.devices.simulated.rays import segment_distance_squared
 
 _TRUNK = ("pelvis", "spine1", "spine2", "spine3", "neck", "head", "left_collar", "right_collar")
 _CAPSULES_IN_BOX = 3

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from bodysense.data.resample import resample
+from bodysense.io.resample import resample
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import DataSet, describe, missing
 from bodysense.lab.metrics import joint_error

@@ -11,12 +11,12 @@ import torch
 from torch import Tensor
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.data.augment import mirrored, with_limb_proportions
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
+from bodysense.devices.simulated.dropout import hide_hands
+from bodysense.devices.simulated.headset_camera import HeadsetCamera, observe
+from bodysense.io.augment import mirrored, with_limb_proportions
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.unoc.network import BodyNetwork, tracked_of
-from bodysense.occlusion.dropout import hide_hands
-from bodysense.occlusion.headset_camera import HeadsetCamera, observe
 
 RATE = 30.0  # Hz, of the paper
 

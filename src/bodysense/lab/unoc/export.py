@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from bodysense.devices.simulated.three_point import POINTS
 from bodysense.lab.export import export
 from bodysense.lab.unoc.episodes import RATE
 from bodysense.lab.unoc.learned import FORMAT
@@ -17,7 +18,6 @@ from bodysense.lab.unoc.network import BodyNetwork, State, TrackedBody
 from bodysense.lab.unoc.point_model import FORMAT as POINT_FORMAT
 from bodysense.lab.unoc.point_model import Task
 from bodysense.lab.unoc.point_network import PointNetwork, TrackedPoints
-from bodysense.occlusion.three_point import POINTS
 
 
 class _BodyStep(nn.Module):

@@ -19,10 +19,10 @@ import numpy as np
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.resting import hand_length, local_offset
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
-from bodysense.data.augment import mirrored
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
 from bodysense.errors import BodysenseError
+from bodysense.io.augment import mirrored
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.scoring import RATE, Tally, group_of
 from bodysense.lab.unoc.finger_synthesis import FingerSynthesis, synthesize

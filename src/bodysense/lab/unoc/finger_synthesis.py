@@ -24,11 +24,11 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import Skeleton
 from bodysense.body.spring import spring_step
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.three_point import POINTS
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
 from bodysense.lab.unoc.point_model import PointModel, PointRunner, PointState, load_point_model
 from bodysense.observation import check_order
-from bodysense.occlusion.three_point import POINTS
 
 HALF_LIFE = 0.05  # s until the smoother has closed half of a jump
 

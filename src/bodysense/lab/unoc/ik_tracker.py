@@ -18,14 +18,14 @@ from bodysense.body.ik import IkSettings, IkState, InverseKinematics
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.products import CONJUGATE, exp, log, multiply, world_rotation
 from bodysense.body.spring import spring_step
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
+from bodysense.devices.estimate import Estimator, PointEstimate
+from bodysense.devices.simulated.headset_camera import HeadsetCamera, observe
 from bodysense.errors import BodysenseError
-from bodysense.estimators.estimate import Estimator, PointEstimate
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.scoring import RATE, TrackedClip, last_known
 from bodysense.lab.unoc.learned import Learned, load_model
 from bodysense.observation import Observation, check_order, observed_points
-from bodysense.occlusion.headset_camera import HeadsetCamera, observe
 
 
 @dataclass(frozen=True)

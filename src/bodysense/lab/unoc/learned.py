@@ -11,8 +11,8 @@ import numpy as np
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.network import Network, NetworkFormat
+from bodysense.devices.estimate import PointEstimate
 from bodysense.errors import BodysenseError
-from bodysense.estimators.estimate import PointEstimate
 from bodysense.observation import Observation, observed_points
 
 FORMAT = "bodysense body 1"
@@ -59,7 +59,7 @@ class Learned:
             raise BodysenseError(
                 f"{self.model.name} completes a skeleton of {len(wanted)} points; the one given has "
                 f"{len(self.skeleton.points)} (differs in {', '.join(odd[:3])}): bring the motion to the default "
-                "skeleton with `bodysense.data.canonical`"
+                "skeleton with `bodysense.io.rigs.canonical`"
             )
 
     @cached_property

@@ -17,11 +17,11 @@ from bodysense.body.rotation import (
     quaternion_rotate,
 )
 from bodysense.body.skeleton import Skeleton
-from bodysense.estimators.estimate import PointEstimate
+from bodysense.devices.estimate import PointEstimate
+from bodysense.devices.simulated.three_point import POINTS
 from bodysense.lab.unoc.learned import MEASURED_ERROR
 from bodysense.lab.unoc.point_model import PointModel, PointRunner, PointState, load_point_model
 from bodysense.observation import Observation, observed_points
-from bodysense.occlusion.three_point import POINTS
 
 LOST_ERROR = 0.15  # m: of a hand that is not tracked now
 FINGER_ERROR = 0.03  # m: of a relaxed finger about its wrist

@@ -13,9 +13,9 @@ import numpy as np
 
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.devices.simulated.headset_camera import BODY_JOINTS, FOOT_POINTS, SIDES, HeadsetCamera, see
 from bodysense.errors import BodysenseError
 from bodysense.lab.unoc.contact import self_contact
-from bodysense.occlusion.headset_camera import BODY_JOINTS, FOOT_POINTS, SIDES, HeadsetCamera, see
 
 GROUPS = ("body", "shoulder", "elbow", "hand", "hip", "knee", "foot", "all")  # the rows of Table 1, in its order
 

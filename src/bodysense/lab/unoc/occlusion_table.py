@@ -6,19 +6,19 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from bodysense.data.clip import Clip
+from bodysense.devices.simulated.headset_camera import HeadsetCamera
+from bodysense.io.clip import Clip
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, census_of, describe, missing
 from bodysense.lab.scoring import MAIN
 from bodysense.lab.spread import spread
 from bodysense.lab.table import Cell, Report
 from bodysense.lab.unoc.occlusion_statistics import GROUPS, PUBLISHED, Column, Counts, column, count
-from bodysense.occlusion.headset_camera import HeadsetCamera
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from bodysense.data.clip import Clip
+    from bodysense.io.clip import Clip
 
 
 Counted = dict[str, list[Counts]]  # by category

@@ -13,12 +13,12 @@ from torch import Tensor
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.resting import resting_offset
 from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, swing_twist
-from bodysense.data.augment import mirrored, with_limb_proportions
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
+from bodysense.devices.simulated.three_point import POINTS
+from bodysense.io.augment import mirrored, with_limb_proportions
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.unoc.episodes import RATE
 from bodysense.lab.unoc.point_network import PointNetwork, TrackedPoints
-from bodysense.occlusion.three_point import POINTS
 
 STIFF = np.radians(2.0)  # wrists that never bend further than this were not recorded
 

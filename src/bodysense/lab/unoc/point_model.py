@@ -94,7 +94,7 @@ class PointRunner:
             raise BodysenseError(
                 f"{self.model.name} needs a skeleton of {self.model.card['points']} points; the one given has "
                 f"{len(self.skeleton.points)}{f' and no {missing[0]}' if missing else ''}: bring the motion to the "
-                "default skeleton with `bodysense.data.canonical`"
+                "default skeleton with `bodysense.io.rigs.canonical`"
             )
 
     @cached_property

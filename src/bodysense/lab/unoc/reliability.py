@@ -15,15 +15,15 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
+from bodysense.devices.simulated.headset_camera import observe
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, census_of, describe
 from bodysense.lab.scoring import RATE, group_of, part_errors
 from bodysense.lab.spread import spread
 from bodysense.lab.table import Report, cell, finite
 from bodysense.lab.unoc.learned import Learned, load_model
-from bodysense.occlusion.headset_camera import observe
 
 BINS = 10
 PARTS = {"body": "body", "finger": "fingers"}

@@ -16,8 +16,8 @@ import numpy as np
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton
-from bodysense.data.clip import Clip
-from bodysense.estimators.estimate import PointEstimate
+from bodysense.devices.estimate import PointEstimate
+from bodysense.io.clip import Clip
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, census_of, describe, missing
 from bodysense.lab.metrics import acceleration

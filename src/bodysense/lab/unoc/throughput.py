@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.clip import Clip
+from bodysense.io.clip import Clip
 from bodysense.lab.unoc.episodes import Variation, make_episode
 from bodysense.lab.unoc.network import PAPER, BodyNetwork
 from bodysense.lab.unoc.task import BodySchedule, BodyTask

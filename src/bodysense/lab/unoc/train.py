@@ -13,9 +13,9 @@ import torch
 from rich.progress import track
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.data.clip import Clip
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
+from bodysense.io.clip import Clip
 from bodysense.lab.clips import open_clips
 from bodysense.lab.fit import begin, fit, launched
 from bodysense.lab.unoc.episodes import RATE, Episode, Variation, make_episode

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.data.clip import Clip
+from bodysense.io.clip import Clip
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, census_of, describe
 from bodysense.lab.scoring import GROUPS, RATE, Tally, group_of, part_errors, scored_points

@@ -43,8 +43,8 @@ from bodysense.body.rotation import (
     shortest_arc,
 )
 from bodysense.body.skeleton import Skeleton
+from bodysense.devices.estimate import PointEstimate
 from bodysense.errors import BodysenseError
-from bodysense.estimators.estimate import PointEstimate
 from bodysense.observation import Observation, observed_points
 
 # m: mean error of points of either side on the train split; of wrists and head while they are lost, for up to a second.

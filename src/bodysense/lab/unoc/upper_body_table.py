@@ -21,16 +21,16 @@ import numpy as np
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
-from bodysense.estimators.estimate import Estimator
+from bodysense.devices.estimate import Estimator
+from bodysense.devices.simulated.three_point import observe
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, describe, missing
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.scoring import GROUPS, RATE, Tally, group_of
 from bodysense.lab.table import Cell, Report, cell, finite, ordering
 from bodysense.lab.unoc.upper_body_ik import UpperBodyIk
-from bodysense.occlusion.three_point import observe
 
 METHODS = {"network": "network", "ik": "IK"}
 POSES = {"all": "all poses", "standing": "standing"}

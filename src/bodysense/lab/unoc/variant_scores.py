@@ -17,9 +17,10 @@ from torch import Tensor
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.data.clip import Clip
-from bodysense.data.resample import resample
+from bodysense.devices.simulated.headset_camera import HeadsetCamera, observe
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.lab.datasets import Census, DataSet, census_of
 from bodysense.lab.scoring import (
     KNOWN,
@@ -35,7 +36,6 @@ from bodysense.lab.unoc.ik_tracker import IkTrackerSettings, track_clip
 from bodysense.lab.unoc.network import BodyNetwork, TrackedBody, read_weights, tracked_of
 from bodysense.lab.unoc.scores import Parts, Scores, identity_of, read_scores, scores_path, write_scores
 from bodysense.observation import Observation
-from bodysense.occlusion.headset_camera import HeadsetCamera, observe
 
 _WINDOWS = 256  # that are computed together
 

@@ -1,1 +1,0 @@
-"""Signals of devices, and recordings of them, to observations."""

@@ -1,1 +1,0 @@
-"""Motion files to clips in one canonical form, and from clips to what training reads."""

@@ -1,0 +1,299 @@
+"""Hands that do not pass through each other or themselves, and fingertips that meet where their markers do.
+
+What the networks say of a hand is moved as little as possible so that no two capsules (body/hand_capsules.py) stand in
+each other: fingers turn, within their limits, and hands that meet give way to each other alike. Where the markers of a
+thumb and a finger, or of fingertips of two hands, are seen as near as touching fingertips, the model's fingertips are
+brought as near; fingertips that touch stay so. Every frame starts from the correction of the one before, and no point
+is corrected faster than at a stated speed: a sudden collision takes a few frames to be resolved, and nothing jumps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bodysense.body.glove import ALIGNMENT, MARKERS
+from bodysense.body.hand import FINGERS, Side
+from bodysense.body.hand_capsules import GIVE
+from bodysense.body.registration import to_matrix
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.gloves.contact_rows import (
+    ANGLES,
+    PARTS,
+    Ends,
+    Pinches,
+    growth_rows,
+    joined,
+    pinches,
+    tip_ends,
+    tip_pairs,
+)
+from bodysense.devices.gloves.contact_settings import ContactSettings
+from bodysense.devices.gloves.finger_chains import (
+    FREE,
+    HIGH,
+    LOW,
+    FingerChains,
+    PlacedFingers,
+    angles_of_turns,
+    finger_chains,
+    levers,
+    own_turns,
+    placed_fingers,
+    turned_by,
+    turning_axes,
+    turns_of_angles,
+)
+from bodysense.devices.gloves.joints import HandPoses
+from bodysense.devices.gloves.least_change import least_change
+from bodysense.devices.gloves.meetings import Flesh, Meeting, Pairs, meet, nearest, points_on
+from bodysense.errors import BodysenseError
+
+_TIP_MARKERS = [MARKERS.index(f"{finger}_tip") for finger in FINGERS]
+_LONGEST_STEP, _SHORT_STEP = 0.3, 0.01  # rad of a linear step; a short one needs no other after it
+_MOST_ROWS = 48  # of collisions at a time, the deepest
+_SOFT, _SOFT_PINCH = 1e-3, 1e-2  # how softly collisions and touches, and pinches are met, of 1 for a finger's own ease
+_UNSEEN = 2e-4  # m: a correction that takes no point so far is none
+_SLACK = 3e-4  # m: what is missed by less is left
+_HORIZON = 0.015  # m: pairs with a wider gap are not looked at again in a frame
+
+
+@dataclass(frozen=True, eq=False)
+class ContactState:
+    """What the next frame starts from."""
+
+    begun: bool = False  # whether there was a frame
+    change: np.ndarray | None = None  # (H, 48): correction of 45 angles, rad, and of the wrist, m; None: there is none
+
+
+@dataclass(frozen=True, eq=False)
+class _Given:
+    """A frame before contact: what a change is made to, and what it may be."""
+
+    root: np.ndarray  # (H, 3)
+    wrist: np.ndarray  # (H, 3, 3)
+    angles: np.ndarray  # (H, 15, 3) rad
+    rest: np.ndarray  # (H, 15, 3, 3) what of the joints' turns is none of their angles
+    ease: np.ndarray  # (H · 48,)
+    bounds: tuple[np.ndarray, np.ndarray]  # (H · 48,)
+    pinches: Pinches
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """The contact of certain hands: their skeletons (body.hand.hand_skeleton), and which hand each is.
+
+    Few hands: every two of them can meet. Raises BodysenseError where there are not as many sides as hands.
+    """
+
+    hands: Sequence[Skeleton]
+    sides: Sequence[Side]
+    settings: ContactSettings = ContactSettings()
+
+    def __post_init__(self) -> None:
+        if len(self.hands) != len(self.sides):
+            raise BodysenseError(f"contact: {len(self.hands)} hands and {len(self.sides)} sides; give one side a hand")
+
+    @cached_property
+    def _flesh(self) -> Flesh:
+        return Flesh(self.hands, self.sides)
+
+    @cached_property
+    def _chains(self) -> FingerChains:
+        return finger_chains(self.hands)
+
+    @cached_property
+    def _lever(self) -> np.ndarray:
+        """(H, 15) m."""
+        return np.stack([levers(hand) for hand in self.hands])
+
+    @cached_property
+    def _reach(self) -> np.ndarray:
+        """(H, 45, 5) m that each angle can carry each fingertip, a radian."""
+        return self._lever.repeat(3, axis=1)[..., None] * np.eye(5).repeat(9, axis=0)
+
+    @cached_property
+    def _tips(self) -> tuple[np.ndarray, np.ndarray]:
+        return tip_pairs(len(self.hands))
+
+    def start(self) -> ContactState:
+        """The state before the first frame."""
+        return ContactState()
+
+    def step(
+        self, posed: HandPoses, markers: np.ndarray, known: np.ndarray, interval: float, state: ContactState
+    ) -> tuple[HandPoses, ContactState]:
+        """The hands of the next frame, moved as little as contact asks for.
+
+        Args:
+            posed: what is known of them without regard to contact.
+            markers: (H, 9, 3) m in each hand's own mirrored world, seen or filled; NaN where there is none.
+            known: (H, 9) bool: markers that are seen.
+            interval: seconds since the frame before.
+            state: from `start` or the frame before.
+
+        Returns:
+            The very same `posed` where nothing is to be moved, and the state for the next frame.
+        """
+        pairs, pinching = self._flesh.pairs(posed.position), self._pinches(posed, markers, known)
+        meeting = meet(self._flesh.axes(posed.position), pairs)
+        needed = len(pinching.first) > 0 or bool(self._collides(pairs, meeting).any())
+        if state.change is None and not needed:
+            return posed, ContactState(True)
+        before = np.zeros((len(posed.root), PARTS)) if state.change is None else state.change
+        rest = 0.5 ** (interval / self.settings.half_life) * before
+        if not needed and self._way(rest) < _UNSEEN:
+            return posed, ContactState(True)
+        given = self._given(posed, known, pinching)
+        wanted, placed = self._solved(given, *self._near(pairs, meeting), rest)
+        limited = self._limited(wanted, before, interval) if state.begun else wanted
+        if self._way(limited) < _UNSEEN:
+            return posed, ContactState(True)
+        if limited is not wanted:
+            placed = self._placed(given, limited)
+        return _moved(posed, given, limited, placed), ContactState(True, limited)
+
+    def _collides(self, pairs: Pairs, meeting: Meeting) -> np.ndarray:
+        """(P,) whether pairs stand in each other so deep that something is done about it."""
+        return meeting.squared < (pairs.reach - self.settings.tolerance - _SLACK) ** 2
+
+    def _near(self, pairs: Pairs, meeting: Meeting) -> tuple[Pairs, np.ndarray]:
+        """The pairs that are to be looked at in a frame, and how far (P,) m they may be from each other.
+
+        Fingertips that touch, or nearly, stay as near as they are; other pairs may be anywhere.
+        """
+        pairs, meeting = nearest(pairs, meeting, _HORIZON)
+        farthest, tips = np.full(len(pairs.reach), np.inf), np.flatnonzero(pairs.tips)
+        distance, touch = np.sqrt(meeting.squared[tips]), pairs.reach[tips] / (1 - GIVE)
+        gap, keeping = np.maximum(distance - touch, 0.0), self.settings.keeping
+        most = np.maximum(distance, touch) + gap**3 / keeping**2
+        farthest[tips] = np.where(gap < keeping, most, np.inf)
+        return pairs, farthest
+
+    def _pinches(self, posed: HandPoses, markers: np.ndarray, known: np.ndarray) -> Pinches:
+        """The fingertips whose markers are seen near each other, and that are farther apart than these."""
+        flip, settings = self._flesh.flip[:, None], self.settings
+        told = (markers.take(_TIP_MARKERS, axis=1) * flip).reshape(-1, 3)
+        tips = (posed.position[:, -5:] * flip).reshape(-1, 3)
+        seen = known.take(_TIP_MARKERS, axis=1).ravel()
+        return pinches(self._tips, told, tips, seen, settings.touching, settings.apart, settings.missed)
+
+    def _given(self, posed: HandPoses, known: np.ndarray, pinching: Pinches) -> _Given:
+        """A frame taken apart into what may change and what may not."""
+        matrix = to_matrix(posed.rotation)
+        turn = own_turns(matrix[:, 1:])
+        angles = np.where(FREE, angles_of_turns(turn), 0.0)
+        rest = turns_of_angles(angles).swapaxes(-1, -2) @ turn
+        seen = np.where(known[:, _TIP_MARKERS], self.settings.seen_weight, 1.0).repeat(3, axis=1)
+        back = np.where(known[:, list(ALIGNMENT)].all(axis=1), self.settings.seen_weight, 1.0)
+        ease = np.empty((len(angles), PARTS))
+        ease[:, :ANGLES] = (FREE / (seen * self._lever**2)[..., None]).reshape(-1, ANGLES)
+        ease[:, ANGLES:] = 1 / (self.settings.hand_weight * back[:, None])
+        bounds = np.full((2, len(angles), PARTS), [[[-np.inf]], [[np.inf]]])
+        bounds[0, :, :ANGLES] = np.minimum(LOW - angles, 0).reshape(-1, ANGLES)
+        bounds[1, :, :ANGLES] = np.maximum(HIGH - angles, 0).reshape(-1, ANGLES)
+        low, high = bounds.reshape(2, -1)
+        return _Given(posed.root, matrix[:, 0], angles, rest, ease.ravel(), (low, high), pinching)
+
+    def _placed(self, given: _Given, change: np.ndarray) -> PlacedFingers:
+        """Hands after a change (H, 48)."""
+        turn = turns_of_angles(_angles(given, change)) @ given.rest
+        return placed_fingers(self._chains, given.root + change[:, ANGLES:], given.wrist, turn)
+
+    def _solved(
+        self, given: _Given, pairs: Pairs, farthest: np.ndarray, rest: np.ndarray
+    ) -> tuple[np.ndarray, PlacedFingers]:
+        """The change (H, 48) after which nothing collides, in linear steps from what rests of the last one.
+
+        And the hands after it.
+        """
+        change, placed = rest, self._placed(given, rest)
+        for _ in range(self.settings.max_iterations):
+            meeting = meet(self._flesh.axes(placed.position), pairs)
+            if not len(given.pinches.first):
+                apart = meeting.squared > (farthest + _SLACK) ** 2
+                if not (apart | self._collides(pairs, meeting)).any():
+                    break
+            rows, demand, softness = self._demands(given, change, placed, pairs, farthest, meeting)
+            bounds = (given.bounds[0] - change.ravel(), given.bounds[1] - change.ravel())
+            exact = np.arange(len(rows)) >= len(rows) - 3 * len(given.pinches.first)
+            way = least_change(rows, demand, exact, given.ease, bounds, softness)
+            way = np.clip(way, -_LONGEST_STEP, _LONGEST_STEP)
+            change = change + way.reshape(change.shape)
+            placed = self._placed(given, change)
+            if np.abs(way).max() < _SHORT_STEP:
+                break
+        return change, placed
+
+    def _demands(
+        self,
+        given: _Given,
+        change: np.ndarray,
+        placed: PlacedFingers,
+        pairs: Pairs,
+        farthest: np.ndarray,
+        meeting: Meeting,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows (K, H · 48), how much (K,) they are to grow, and how softly (K,).
+
+        First of collisions, then of fingertips that are not to part, then of pinches, which are to be met exactly.
+        """
+        distance = np.sqrt(meeting.squared)
+        gap = distance - pairs.reach
+        parting = distance > (pairs.reach + farthest) / 2  # of fingertips: nearer to parting than to colliding
+        close = np.flatnonzero((gap < self.settings.nearby) & ~parting)
+        if len(close) > _MOST_ROWS:
+            close = close[np.argsort(gap[close])[:_MOST_ROWS]]
+        held = np.flatnonzero(parting)
+        which = np.concatenate([close, held])
+        sign = np.concatenate([np.ones(len(close)), -np.ones(len(held))])
+        start, end = (
+            Ends(side[which], points_on(meeting.axes, side[which], along[which]))
+            for side, along in zip((pairs.first, pairs.second), meeting.along, strict=True)
+        )
+        toward = (end.point - start.point) * (sign / np.maximum(distance[which], 1e-9))[:, None]
+        demand = np.concatenate([-gap[close] - self.settings.tolerance, distance[held] - farthest[held]])
+        softness = np.full(len(which), _SOFT)
+        if len(given.pinches.first):
+            tips = (placed.position[:, -5:] * self._flesh.flip[:, None]).reshape(-1, 3)
+            first, second, wanted = given.pinches
+            start, end = joined(start, tip_ends(first, tips[first])), joined(end, tip_ends(second, tips[second]))
+            toward = np.concatenate([toward, np.tile(np.eye(3), (len(first), 1))])
+            demand = np.concatenate([demand, (wanted - tips[second] + tips[first]).ravel()])
+            softness = np.concatenate([softness, np.full(3 * len(first), _SOFT_PINCH)])
+        axes = turning_axes(placed, _angles(given, change))
+        return growth_rows(placed, axes, self._flesh.flip, start, end, toward), demand, softness
+
+    def _way(self, change: np.ndarray) -> float:
+        """m: so far the farthest point goes, at most, by a change (H, 48)."""
+        turned = (np.abs(change[:, None, :ANGLES]) @ self._reach)[:, 0]
+        shift = change[:, ANGLES:]
+        return float((turned.max(axis=1) + np.sqrt((shift * shift).sum(axis=1))).max())
+
+    def _limited(self, change: np.ndarray, before: np.ndarray, interval: float) -> np.ndarray:
+        """The change (H, 48) no farther from the one before than the speed allows."""
+        way = change - before
+        farthest, allowed = self._way(way), self.settings.speed * interval
+        return change if farthest <= allowed else before + (allowed / farthest) * way
+
+
+def _angles(given: _Given, change: np.ndarray) -> np.ndarray:
+    """(H, 15, 3) rad, after a change (H, 48)."""
+    return given.angles + change[:, :ANGLES].reshape(given.angles.shape)
+
+
+def _moved(posed: HandPoses, given: _Given, change: np.ndarray, placed: PlacedFingers) -> HandPoses:
+    """The hands after a change; what it does not touch stays as it is to the bit."""
+    touched = change != 0
+    turned = touched[:, :ANGLES].reshape(-1, 5, 9).max(axis=-1)
+    shifted = touched[:, ANGLES:].max(axis=-1, keepdims=True)
+    joints = turned.repeat(3, axis=1)
+    points = shifted | np.concatenate([shifted, joints, turned], axis=1)
+    position = np.where(points[..., None], placed.position, posed.position)
+    rotation = posed.rotation.copy()
+    new = turned_by(rotation[:, 1:], given.angles, _angles(given, change))
+    rotation[:, 1:] = np.where(joints[..., None], new, rotation[:, 1:])
+    return HandPoses(position[:, 0], rotation, position)

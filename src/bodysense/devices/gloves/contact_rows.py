@@ -1,0 +1,126 @@
+"""How points on hands move with the parts of a hand's change, and which fingertips can pinch (`contact`)."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import combinations, product
+from typing import NamedTuple
+
+import numpy as np
+
+from bodysense.body.hand import FINGERS, HAND_JOINTS
+from bodysense.body.hand_capsules import NAMES
+from bodysense.devices.gloves.finger_chains import PlacedFingers
+from bodysense.devices.gloves.meetings import COUNT
+
+_ONES = np.ones(3)
+ANGLES, PARTS = 45, 48  # of a hand's change: three angles a finger joint, then the wrist's shift
+_JOINTS_OF = np.array([[joint[:-1] == name[:-1] and joint <= name for joint in HAND_JOINTS[1:]] for name in NAMES])
+# (C, 48): the parts of its hand's change that move a capsule: the joints before it in its finger, and the wrist.
+_MOVED_BY = np.concatenate([_JOINTS_OF.repeat(3, axis=1), np.ones((COUNT, 3), bool)], axis=1).astype(float)
+
+
+class Ends(NamedTuple):
+    """Points on capsules; capsule c of hand h is number h · C + c."""
+
+    capsule: np.ndarray  # (K,)
+    point: np.ndarray  # (K, 3) m, world
+
+
+class Pinches(NamedTuple):
+    """Pairs of fingertips that are to be brought together."""
+
+    first: np.ndarray  # (N,) number of a fingertip, hand · 5 + finger
+    second: np.ndarray  # (N,)
+    offset: np.ndarray  # (N, 3) m world, from the first to the second as it is to be
+
+
+def joined(one: Ends, other: Ends) -> Ends:
+    """Both, one after the other."""
+    return Ends(np.concatenate([one.capsule, other.capsule]), np.concatenate([one.point, other.point]))
+
+
+def growth_rows(
+    placed: PlacedFingers, axes: np.ndarray, flip: np.ndarray, start: Ends, end: Ends, toward: np.ndarray
+) -> np.ndarray:
+    """By how much each part of a change takes ends from starts along `toward`: (K, H · 48).
+
+    Args:
+        placed: H hands, each in its own mirrored world.
+        axes: (H, 15, 3, 3) of their joints' angles (`finger_chains.turning_axes`).
+        flip: (H, 3) from a hand's own world to the world.
+        start: K points.
+        end: K points.
+        toward: (K, 3) directions, world.
+    """
+    hands, count = len(flip), len(toward)
+    both, away = joined(start, end), np.concatenate([-toward, toward])
+    hand = both.capsule // COUNT
+    away = away * flip[hand]
+    # A joint at p that turns about a takes a point x along w by a · (x × w) + (p × a) · w: screws, all at once.
+    wrench = np.concatenate([cross(both.point * flip[hand], away), away], axis=1)
+    screws = np.zeros((hands, PARTS, 6))
+    screws[:, :ANGLES, :3] = axes.reshape(hands, ANGLES, 3)
+    screws[:, :ANGLES, 3:] = cross(placed.position[:, 1:16, None], axes).reshape(hands, ANGLES, 3)
+    screws[:, ANGLES:, 3:] = np.eye(3)
+    parts = (wrench @ screws.reshape(-1, 6).T) * _moved_by(hands)[both.capsule]
+    return parts[:count] + parts[count:]
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a × b (..., 3), without the overhead of numpy's."""
+    ax, ay, az, bx, by, bz = a[..., 0], a[..., 1], a[..., 2], b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
+@lru_cache(maxsize=8)
+def _moved_by(hands: int) -> np.ndarray:
+    """(H · C, H · 48): the parts of the change of all hands that move each capsule."""
+    return np.kron(np.eye(hands), _MOVED_BY)
+
+
+def tip_ends(tip: np.ndarray, place: np.ndarray) -> Ends:
+    """Fingertips (N,), number hand · 5 + finger, at `place` (N, 3) m, three times each, once an axis."""
+    capsule = tip // len(FINGERS) * COUNT + tip % len(FINGERS) * 3 + 2
+    return Ends(capsule.repeat(3), place.repeat(3, axis=0))
+
+
+def tip_pairs(hands: int) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (N,), (N,) of fingertips that can pinch: a thumb and its fingers, any two of two hands."""
+    count = len(FINGERS)
+    pairs = [(count * hand, count * hand + finger) for hand in range(hands) for finger in range(1, count)]
+    for one, other in combinations(range(hands), 2):
+        pairs += [(count * one + a, count * other + b) for a, b in product(range(count), repeat=2)]
+    first, second = np.array(pairs).T
+    return first, second
+
+
+def pinches(
+    pairs: tuple[np.ndarray, np.ndarray],
+    markers: np.ndarray,
+    tips: np.ndarray,
+    seen: np.ndarray,
+    touching: float,
+    apart: float,
+    missed: float,
+) -> Pinches:
+    """The fingertips that stand farther apart than their markers say, which are near each other.
+
+    Args:
+        pairs: (N,), (N,) numbers of fingertips (`tip_pairs`).
+        markers: (H · 5, 3) m, world; NaN where there is none.
+        tips: (H · 5, 3) m, world.
+        seen: (H · 5,) bool; a marker that is filled says nothing of touch.
+        touching: m between markers from which on fingertips are brought as near.
+        apart: m from which on they are left; in between they are brought nearer in part.
+        missed: m that is too little to be brought nearer.
+    """
+    one, other = pairs
+    offset = markers[other] - markers[one]
+    squared = (offset * offset) @ _ONES
+    chosen = np.flatnonzero((squared < apart**2) & seen[one] & seen[other])
+    one, other, offset, distance = one[chosen], other[chosen], offset[chosen], np.sqrt(squared[chosen])
+    present = tips[other] - tips[one]
+    share = np.minimum((apart - distance) / (apart - touching), 1.0)[:, None]
+    wide = np.sqrt((present * present) @ _ONES) - distance > missed
+    return Pinches(one[wide], other[wide], (present + share * (offset - present))[wide])

@@ -1,0 +1,237 @@
+"""Gloves as a device: the markers of hands in, their wrists, finger joints and fingertips out, as observed points.
+
+The solver (`estimators.gloves`) fills hidden markers, rejects wrong ones and keeps hands from jumping. What it gives is
+observed like any other point, with the error that it expects: 1-2 mm where markers are seen, more the longer they are
+hidden. A hand whose markers have all been hidden for more than a moment, 0.1 s, is not observed, so that the tracker
+completes it. Where nothing but gloves is tracked a head is assumed (`standing_head`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from bodysense.body.glove import MARKERS, glove_hands, glove_marker, side_of
+from bodysense.body.glove_set import GloveSet, packaged_sets
+from bodysense.body.hand import FINGERTIPS, HAND_JOINTS, Side, hand_skeleton, mirrored_vectors
+from bodysense.body.hand_family import GlovedHand, plain_hand
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.gloves.calibration import checked_fit, enough_frames
+from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings, HandsState, load_glove_models
+from bodysense.devices.gloves.standing_head import ACCURACY, StandingHead, StandingHeadState
+from bodysense.devices.gloves.virtual_markers import SolvedHand, VirtualGlove, VirtualMarkers, is_standard
+from bodysense.errors import BodysenseError
+from bodysense.observation import OPTICAL_ACCURACY, Observation, without_gloves
+
+SIDES: tuple[Side, ...] = ("left", "right")
+
+
+@dataclass(frozen=True)
+class GloveSettings:
+    """When a hand is observed."""
+
+    lost: float = 0.05  # m of expected error of its wrist from which on a hand is not observed any more
+
+    def __post_init__(self) -> None:
+        if not self.lost > 0:
+            raise BodysenseError(f"gloves: lost is {self.lost:g}; it must be positive, in metres")
+
+
+class GloveState(NamedTuple):
+    """Everything that the next frame depends on."""
+
+    hands: HandsState
+    head: StandingHeadState
+    virtual: tuple[SolvedHand, ...] = ()  # of hands whose markers are not the standard ones
+
+
+@dataclass(frozen=True, eq=False)
+class GloveDevice:
+    """A glove on one hand or both. Immutable; state is an argument.
+
+    `hands` solves the hands 'left' and 'right', either or both: `glove_device` makes one for a wearer. Raises
+    BodysenseError for hands that a body does not have.
+    """
+
+    hands: Hands
+    settings: GloveSettings = GloveSettings()
+    wearer: StandingHead | None = None  # whose head is assumed where nothing but gloves is tracked; None: nobody's
+    virtual: VirtualMarkers = VirtualMarkers({})  # of hands whose markers are not the standard ones
+
+    def __post_init__(self) -> None:
+        strange = [name for name in self.hands.hands if name not in SIDES]
+        if strange:
+            raise BodysenseError(f"gloves: the hand {strange[0]!r} is not of this body; it has 'left' and 'right'")
+
+    @cached_property
+    def points(self) -> tuple[str, ...]:
+        """The points that are observed: of every hand the wrist, 15 finger joints and five fingertips."""
+        return tuple(f"{side}_{name}" for side in self.hands.hands for name in (*HAND_JOINTS, *FINGERTIPS))
+
+    def start(self) -> GloveState:
+        """The state before the first frame."""
+        return GloveState(self.hands.start(), StandingHeadState(), self.virtual.start())
+
+    def step(self, observation: Observation, state: GloveState) -> tuple[Observation, GloveState]:
+        """Replace the gloves' markers of T frames by points of the hands; one call equals T calls with one frame.
+
+        Other points stay as they are. A hand's own points, observed by something else as well, are the glove's where
+        it knows the hand. Raises BodysenseError for a point that is named twice and where time does not increase.
+        """
+        virtual = state.virtual
+        if self.virtual.gloves:
+            observation, virtual = self.virtual.step(observation, virtual)
+        answers, hands = self.hands.step(observation, state.hands)
+        others = without_gloves(observation)
+        alone = self.wearer is not None and not others.points
+        assumed = ("head",) if alone else ()
+        points = tuple(dict.fromkeys((*others.points, *self.points, *assumed)))
+        merged = _widened(others, points)
+        for side, answer in answers.items():
+            seen = np.flatnonzero(answer.confidence[:, 0] <= self.settings.lost)  # the wrist's
+            place = np.array([points.index(f"{side}_{name}") for name in (*HAND_JOINTS, *FINGERTIPS)])
+            joints = place[: len(HAND_JOINTS)]
+            assert answer.pose is not None
+            rotation = np.asarray(forward_kinematics(answer.pose)[1])
+            merged.position[np.ix_(seen, place)] = answer.position[seen]
+            merged.has_position[np.ix_(seen, place)] = True
+            merged.accuracy[np.ix_(seen, place)] = np.maximum(answer.confidence[seen], OPTICAL_ACCURACY)
+            merged.rotation[np.ix_(seen, joints)] = rotation[seen]
+            merged.has_rotation[np.ix_(seen, joints)] = True
+        head = self._with_head(merged, state.head) if alone else state.head
+        return merged, GloveState(hands, head, virtual)
+
+    def _with_head(self, observation: Observation, state: StandingHeadState) -> StandingHeadState:
+        """Fill in the assumed head, in place, where a hand is observed."""
+        assert self.wearer is not None
+        wrists = [observation.points.index(f"{side}_wrist") if side in self.hands.hands else -1 for side in SIDES]
+        worn, head = np.array([place >= 0 for place in wrists]), observation.points.index("head")
+        for t, now in enumerate(observation.time.tolist()):
+            known = observation.has_position[t, wrists] & worn
+            if known.any():
+                place, turn, state = self.wearer.follow(
+                    observation.position[t, wrists], observation.rotation[t, wrists], known, now, state
+                )
+                observation.position[t, head], observation.rotation[t, head] = place, turn
+                observation.has_position[t, head] = observation.has_rotation[t, head] = True
+                observation.accuracy[t, head] = ACCURACY
+        return state
+
+
+def has_gloves(observation: Observation) -> bool:
+    """Whether any of the points is a marker of a glove."""
+    return bool(glove_hands(observation.points))
+
+
+def has_standard_gloves(observation: Observation) -> bool:
+    """Whether no glove has other markers than the standard ones, of which the hand need not be known."""
+    return all(found[1] in MARKERS for found in map(glove_marker, observation.points) if found)
+
+
+def gloved_sides(points: Iterable[str]) -> tuple[Side, ...]:
+    """The hands of a body whose markers are among the points. Raises BodysenseError where there is none."""
+    found = glove_hands(points)
+    sides: tuple[Side, ...] = tuple(side for side in SIDES if side in found)
+    if not sides:
+        names = ", ".join(map(repr, found)) or "missing"
+        raise BodysenseError(f"the gloves are {names}; name the hands of a body 'left' and 'right'")
+    return sides
+
+
+def glove_device(
+    skeleton: Skeleton,
+    sides: Iterable[Side] = SIDES,
+    models: GloveModels | None = None,
+    settings: HandsSettings = HandsSettings(),
+    calibrated: Mapping[str, GlovedHand] | None = None,
+) -> GloveDevice:
+    """Gloves of a wearer.
+
+    Args:
+        skeleton: the wearer's; its hands are the gloves'.
+        sides: which hands wear one.
+        models: the solver's networks; the packaged ones if omitted.
+        settings: of the solver.
+        calibrated: hands as a calibration found them (`calibrated_hands`), by their sides.
+    """
+    worn = {side: plain_hand(hand_skeleton(skeleton, side_of(side))) for side in sides}
+    worn |= {side: hand for side, hand in (calibrated or {}).items() if side in worn}
+    virtual = {side: VirtualGlove(hand) for side, hand in worn.items() if not is_standard(hand)}
+    worn |= {side: glove.standard for side, glove in virtual.items()}
+    solver = Hands(
+        {side: hand.skeleton for side, hand in worn.items()},
+        load_glove_models() if models is None else models,
+        settings,
+        gloves={side: hand.glove for side, hand in worn.items()},
+        axes=np.stack([hand.axes for hand in worn.values()]),
+    )
+    return GloveDevice(solver, wearer=StandingHead(skeleton), virtual=VirtualMarkers(virtual))
+
+
+def check_calibrated(points: Iterable[str], sides: Iterable[Side], calibrated: Mapping[str, GlovedHand]) -> None:
+    """Refuse gloves of another marker set than the standard one on hands that were not calibrated with it."""
+    for side in sides:
+        names = {found[1] for found in map(glove_marker, points) if found and found[0] == side}
+        known = calibrated[side].glove.markers if side in calibrated else MARKERS
+        if not names & set(known):
+            raise BodysenseError(
+                f"the {side} hand is not calibrated with the markers of its glove ({', '.join(sorted(names)[:4])} …): "
+                "bodysense track TAKE.c3d --marker-set FILE -o OUT.bvh --save-person ME.json finds it"
+            )
+
+
+def calibrated_hands(observation: Observation, worn: GloveSet | None = None) -> dict[str, GlovedHand]:
+    """The hands of a body as their gloves show them; none of a hand that is not seen well enough (`fit_hand`).
+
+    `worn` is the gloves' marker set; if omitted, the packaged one whose names the points have. Raises BodysenseError
+    for a glove of another set that is not seen well enough, for nothing is known without it.
+    """
+    found, worn = {}, set_of(observation.points) if worn is None else worn
+    for side in gloved_sides(observation.points):
+        markers = markers_of(observation, side, worn)
+        if enough_frames(markers, worn) or worn.names != MARKERS:
+            found[side] = checked_fit(markers, worn, side).hand
+    return found
+
+
+def set_of(points: Iterable[str]) -> GloveSet:
+    """The packaged set that gloves' points are named after. Raises BodysenseError where there is none."""
+    names = {found[1] for found in map(glove_marker, points) if found}
+    for one in packaged_sets().values():
+        if names <= set(one.names):
+            return one
+    strange = sorted(names - set(MARKERS))
+    raise BodysenseError(f"the gloves have the marker {strange[0]!r}, of no set that is known; give --marker-set FILE")
+
+
+def markers_of(observation: Observation, side: Side, worn: GloveSet) -> np.ndarray:
+    """(T, M, 3) m, the markers of a hand as of a left one; NaN where hidden."""
+    markers = np.full((len(observation), len(worn.names), 3), np.nan)
+    for row, name in enumerate(worn.names):
+        if (point := f"{side}_glove_{name}") in observation.points:
+            place = observation.points.index(point)
+            markers[:, row] = np.where(observation.has_position[:, place, None], observation.position[:, place], np.nan)
+    return mirrored_vectors(markers, side)
+
+
+def _widened(observation: Observation, points: tuple[str, ...]) -> Observation:
+    """A copy of an observation with more points behind its own, hidden."""
+    frames, more = len(observation), len(points) - len(observation.points)
+
+    def wider(values: np.ndarray, filler: float | bool) -> np.ndarray:
+        return np.concatenate([values, np.full((frames, more, *values.shape[2:]), filler, values.dtype)], axis=1)
+
+    return Observation(
+        points=points,
+        position=wider(np.asarray(observation.position, dtype=float), np.nan),
+        rotation=wider(np.asarray(observation.rotation, dtype=float), np.nan),
+        has_position=wider(observation.has_position, False),
+        has_rotation=wider(observation.has_rotation, False),
+        accuracy=wider(np.asarray(observation.accuracy, dtype=float), OPTICAL_ACCURACY),
+        time=observation.time,
+    )

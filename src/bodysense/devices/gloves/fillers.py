@@ -1,0 +1,207 @@
+"""Hidden markers filled: every way has one signature, and they stack (two-hands, section 3.2; papers.md 4.5, 4.6).
+
+A filler works in whatever frame its markers are given in. It gives back what it was given, and in place of NaN what
+it knows; NaN where it knows nothing. State is an argument. The paper's baselines are in `baselines`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from bodysense.body.glove import Glove, default_glove, template
+from bodysense.body.registration import Levers, brought_back, fit, levers, moved, register
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.gloves.networks import HandNetwork, known_shapes, size_ratios
+from bodysense.errors import BodysenseError
+
+MARKER_COUNT = 9
+
+
+class Filler(Protocol):
+    """A way to fill hidden markers."""
+
+    def start(self, hands: int) -> Any:
+        """The state before the first frame, of this many hands."""
+        ...
+
+    def fill(self, markers: np.ndarray, interval: float, state: Any) -> tuple[np.ndarray, Any]:
+        """Markers (H, 9, 3) m, NaN where missing, `interval` s after the last ones: filled, and the state after."""
+        ...
+
+    def axes(self, markers: np.ndarray, state: Any) -> np.ndarray | None:
+        """(H, 3, 3) world ← axes that turn with the hand, of the frame just filled; None: the world's."""
+        ...
+
+
+def missing(markers: np.ndarray) -> np.ndarray:
+    """(H, 9) bool."""
+    return np.isnan(markers[..., 0])
+
+
+def any_of(flags: np.ndarray) -> bool:
+    """`flags.any()` of a few, in a fifth of the time."""
+    return b"\x01" in flags.tobytes()
+
+
+class NetworkState(NamedTuple):
+    """How the hand was registered when it last was, whether that was in the last frame, and by what."""
+
+    rotation: np.ndarray  # (H, 3, 3)
+    translation: np.ndarray  # (H, 3) m
+    fresh: bool
+    known: bytes  # which markers
+    levers: Levers | None
+    scale: np.ndarray | None  # (H, 9, 1) to the size that the network knows; 0 of what is hidden
+
+
+@dataclass(frozen=True, eq=False)
+class NetworkFiller:
+    """A network tells all markers of the registered hand from the known ones (4.6, section 3.2.2).
+
+    `hands` are left-model hands, as many as there are in a batch, or one for all, and `gloves` what they wear, the
+    default one where none is given. Fills hands with at least `fewest` known markers.
+    """
+
+    model: HandNetwork
+    hands: Sequence[Skeleton]
+    gloves: Sequence[Glove] = ()
+    fewest: int = 3
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.fewest <= 4:
+            raise BodysenseError(f"network filler: fewest is {self.fewest}; give 1, 2, 3 or 4 markers")
+        if len(self.gloves) not in (0, len(self.hands)):
+            raise BodysenseError(
+                f"network filler: {len(self.hands)} hands and {len(self.gloves)} gloves; give each hand one, or none"
+            )
+
+    @cached_property
+    def _gloves(self) -> Sequence[Glove]:
+        return self.gloves or (default_glove(),) * len(self.hands)
+
+    @cached_property
+    def _template(self) -> np.ndarray:
+        """(H, 9, 3) m."""
+        return np.stack([template(glove, hand) for glove, hand in zip(self._gloves, self.hands, strict=True)])
+
+    @cached_property
+    def _ratio(self) -> np.ndarray:
+        """(H, 1, 1)."""
+        return size_ratios(self.hands)[:, None, None]
+
+    @cached_property
+    def _shapes(self) -> np.ndarray:
+        return known_shapes(self.hands, self._gloves)
+
+    def start(self, hands: int) -> NetworkState:
+        """Registered nowhere. Raises BodysenseError where there are other hands than told."""
+        if len(self.hands) not in (1, hands):
+            raise BodysenseError(f"network filler: made for {len(self.hands)} hands, started for {hands}; give either")
+        return NetworkState(np.broadcast_to(np.eye(3), (hands, 3, 3)), np.zeros((hands, 3)), False, b"", None, None)
+
+    def fill(self, markers: np.ndarray, interval: float, state: NetworkState) -> tuple[np.ndarray, NetworkState]:
+        """See `Filler`."""
+        hidden = missing(markers)
+        if not any_of(hidden):
+            return markers, state._replace(fresh=False)
+        known = ~hidden
+        which, used, scale, there = known.tobytes(), state.levers, state.scale, known[..., None]
+        if used is None or scale is None or which != state.known:
+            used, scale = levers(self._template, known), there / self._ratio
+        seen, hands = np.where(there, markers, 0.0), len(markers)
+        _, rotation, translation = fit(used, seen, state[:2])
+        local = brought_back(seen, rotation, translation) * scale
+        shapes = self._shapes if len(self._shapes) == hands else self._shapes.repeat(hands, axis=0)
+        answer = self.model.run(local.reshape(hands, -1).astype(np.float32), shapes)
+        guess = moved(answer.reshape(hands, MARKER_COUNT, 3) * self._ratio, rotation, translation)
+        if used.loose:
+            guess[known.sum(axis=1) < self.fewest] = np.nan
+        return np.where(there, markers, guess), NetworkState(rotation, translation, True, which, used, scale)
+
+    def axes(self, markers: np.ndarray, state: NetworkState) -> np.ndarray:
+        """Those of the registered hand."""
+        return state.rotation if state.fresh else register(self._template, markers, ~missing(markers), state[:2])[0]
+
+
+class ShapeState(NamedTuple):
+    """The last complete frame, the one in which the hand was last seen, and for how long it has not been."""
+
+    shape: np.ndarray  # (H, 9, 3) m
+    lost: np.ndarray  # (H, 9, 3) m
+    unseen: np.ndarray  # (H,) s
+
+
+@dataclass(frozen=True, eq=False)
+class LastShape:
+    """The hand keeps its last shape, moved rigidly onto the markers that are known.
+
+    A hand of which nothing is known stays for `hold` s where it was, then relaxes to its `natural` shape (H, 9, 3) m
+    within `relaxing` s, the back of the hand in place. A hand that was never seen has that shape, at the origin.
+    """
+
+    natural: np.ndarray
+    hold: float = 0.5
+    relaxing: float = 1.0
+
+    def start(self, hands: int) -> ShapeState:
+        """The natural shape."""
+        shape = np.array(np.broadcast_to(self.natural, (hands, MARKER_COUNT, 3)))
+        return ShapeState(shape, shape, np.zeros(hands))
+
+    def fill(self, markers: np.ndarray, interval: float, state: ShapeState) -> tuple[np.ndarray, ShapeState]:
+        """See `Filler`."""
+        hidden = missing(markers)
+        if not any_of(hidden):
+            return markers, ShapeState(markers, markers, np.zeros(len(markers)))
+        known = ~hidden
+        rotation, translation = register(state.shape, markers, known)
+        guess = moved(state.shape, rotation, translation)
+        unseen = np.where(known.any(axis=1), 0.0, state.unseen + interval)
+        lost = np.where(unseen[:, None, None] > 0, state.lost, guess)
+        if (unseen > self.hold).any():
+            guess = np.where(unseen[:, None, None] > 0, self._relaxed(lost, unseen), guess)
+        filled = np.where(known[..., None], markers, guess)
+        return filled, ShapeState(filled, np.where(unseen[:, None, None] > 0, lost, filled), unseen)
+
+    def _relaxed(self, lost: np.ndarray, unseen: np.ndarray) -> np.ndarray:
+        """(H, 9, 3) m: between the shape that was lost and the natural one, as far as the time has come."""
+        back = np.zeros(lost.shape[:2], dtype=bool)
+        back[:, :3] = True  # the alignment markers
+        natural = np.broadcast_to(self.natural, lost.shape)
+        rest = moved(natural, *register(natural, lost, back))
+        way = np.clip((unseen - self.hold) / self.relaxing, 0.0, 1.0)
+        return lost + (way * way * (3 - 2 * way))[:, None, None] * (rest - lost)
+
+    def axes(self, markers: np.ndarray, state: ShapeState) -> None:
+        """The world's."""
+
+
+@dataclass(frozen=True)
+class Stack:
+    """Fillers one after the other: each fills what those before it left missing."""
+
+    fillers: tuple[Filler, ...]
+
+    def start(self, hands: int) -> tuple[Any, ...]:
+        """The state of every one."""
+        return tuple(filler.start(hands) for filler in self.fillers)
+
+    def fill(self, markers: np.ndarray, interval: float, state: tuple[Any, ...]) -> tuple[np.ndarray, tuple[Any, ...]]:
+        """See `Filler`."""
+        after = []
+        for filler, one in zip(self.fillers, state, strict=True):
+            markers, new = filler.fill(markers, interval, one)
+            after.append(new)
+        return markers, tuple(after)
+
+    def axes(self, markers: np.ndarray, state: tuple[Any, ...]) -> np.ndarray | None:
+        """Those of the first filler that has any."""
+        for filler, one in zip(self.fillers, state, strict=True):
+            if (axes := filler.axes(markers, one)) is not None:
+                return axes
+        return None

@@ -1,0 +1,187 @@
+"""A hand as numbers: its shape, its glove and its pose in, its markers out, many at once; and what poses are likely.
+
+A pose is 32 numbers: 26 angles (`body.hand.FREEDOMS`), then the turn (rotation vector) and the place (m) of the wrist.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from importlib.resources import as_file, files
+from typing import NamedTuple
+
+import numpy as np
+
+from bodysense.body.glove import Glove
+from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, limits, rotations_of
+from bodysense.body.hand_family import HandShapes
+from bodysense.body.registration import register, to_matrix
+from bodysense.body.rotation import matrix_to_quaternion, quaternion_conjugate, quaternion_exp, quaternion_multiply
+
+ANGLES = len(FREEDOMS)
+POSE = ANGLES + 6
+_ANGLE = {"flexion": 2.5, "abduction": 0.3, "twist": 0.2}  # rad, from those of a relaxed hand
+_COUPLED, _BEYOND = 0.15, 0.05  # rad: of a last joint from two thirds of the middle one, and of what is beyond limits
+
+
+_BELIEVED = 0.5  # how far usual postures are believed: real hands have others, too
+
+
+class Place(NamedTuple):
+    """Where a marker is on a hand."""
+
+    finger: int  # among `FINGERS`; -1: none
+    point: int  # of the finger's four
+    carrier: int  # of the finger's joints; -1: the wrist
+
+
+@dataclass(frozen=True, eq=False)
+class MarkedHand:
+    """Which markers a hand has; `shapes` say where they sit."""
+
+    places: tuple[Place, ...]
+
+    @classmethod
+    def of(cls, glove: Glove) -> MarkedHand:
+        """That of a glove."""
+        return cls(tuple(_place(*row) for row in zip(glove.points, glove.carried_by, strict=True)))
+
+    @cached_property
+    def on_hand(self) -> np.ndarray:
+        """Markers that the wrist carries."""
+        return np.array([place.carrier < 0 for place in self.places])
+
+    @cached_property
+    def farthest(self) -> tuple[int | None, ...]:
+        """Of every finger the marker that is nearest to its tip, and None where it has none."""
+        found: list[int | None] = []
+        for finger in range(len(FINGERS)):
+            own = [(p.carrier, p.point, k) for k, p in enumerate(self.places) if p.finger == finger and p.carrier >= 0]
+            found.append(max(own)[2] if own else None)
+        return tuple(found)
+
+    def markers(self, shapes: HandShapes, pose: np.ndarray) -> np.ndarray:
+        """(..., M, 3) m of hands (shapes …) with poses (..., 32)."""
+        turn = rotations_of(pose[..., :ANGLES])
+        turn = quaternion_multiply(quaternion_multiply(shapes.axes, turn), quaternion_conjugate(shapes.axes))
+        matrix = to_matrix(np.asarray(turn)).reshape(*turn.shape[:-2], 5, 3, 3, 3)
+        rest = shapes.rest[..., _chains(), :][..., None]  # (..., 5, 4, 3, 1)
+        place, world, at, frame = rest[..., 0, :, :], matrix[..., 0, :, :], [], []
+        for joint in range(3):
+            at.append(place)
+            frame.append(world)
+            place = place + world @ rest[..., joint + 1, :, :]
+            if joint < 2:
+                world = world @ matrix[..., joint + 1, :, :]
+        at.append(place)
+        wrist = to_matrix(np.asarray(quaternion_exp(pose[..., -6:-3])))
+        batch = np.broadcast_shapes(shapes.rest.shape[:-2], pose.shape[:-1])
+        local = np.empty((*batch, len(self.places), 3))
+        for marker, (finger, point, carrier) in enumerate(self.places):
+            offset = shapes.worn[..., marker, :]
+            if carrier >= 0:
+                offset = (frame[carrier][..., finger, :, :] @ offset[..., None])[..., 0]
+            local[..., marker, :] = offset + (at[point][..., finger, :, 0] if finger >= 0 else 0.0)
+        return local @ wrist.swapaxes(-1, -2) + pose[..., None, -3:]
+
+    def placed(self, shapes: HandShapes, poses: np.ndarray, seen: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """Poses (K, S, 32) with the wrists where the known (K, M) of markers (K, M, 3) put them."""
+        local = poses.copy()
+        local[..., -6:] = 0.0
+        count, shown = poses.shape[1], np.where(known[..., None], seen, 0.0)
+        rotation, translation = register(
+            self.markers(shapes, local).reshape(-1, len(self.places), 3),
+            shown.repeat(count, axis=0),
+            known.repeat(count, axis=0),
+        )
+        turns = rotation_vectors(np.asarray(matrix_to_quaternion(rotation)))
+        local[..., -6:-3], local[..., -3:] = turns.reshape(-1, count, 3), translation.reshape(-1, count, 3)
+        return local
+
+    def best(self, shapes: HandShapes, poses: np.ndarray, seen: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """(K, 32) of poses (K, S, 32) those that meet the known markers best."""
+        far = np.where(known[:, None, :, None], self.markers(shapes, poses) - seen[:, None], 0.0)
+        return poses[np.arange(len(poses)), (far**2).sum(axis=(-1, -2)).argmin(axis=1)]
+
+
+def unlikely(pose: np.ndarray) -> np.ndarray:
+    """(..., R) how far poses are from likely ones, in standard deviations."""
+    angles, (low, high) = pose[..., :ANGLES], limits()
+    middle, last = _couples()
+    coupled = (angles[..., last] - angles[..., middle] / 1.5) / _COUPLED
+    beyond = (np.maximum(angles - high, 0.0) + np.minimum(angles - low, 0.0)) / _BEYOND
+    usual, white = _usual()
+    unusual = _BELIEVED * ((angles - usual) @ white)
+    return np.concatenate([(angles - relaxed()) / _deviations(), coupled, beyond, unusual], axis=-1)
+
+
+def moved(pose: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """Poses after a change, whose turn of the wrist comes before its present one."""
+    after = pose + change
+    turn = quaternion_multiply(quaternion_exp(change[..., -6:-3]), quaternion_exp(pose[..., -6:-3]))
+    after[..., -6:-3] = rotation_vectors(np.asarray(turn))
+    return after
+
+
+def rotation_vectors(turn: np.ndarray) -> np.ndarray:
+    """(..., 3) of quaternions (..., 4)."""
+    turn = turn * np.copysign(1.0, turn[..., :1])
+    sine = np.linalg.norm(turn[..., 1:], axis=-1, keepdims=True)
+    return turn[..., 1:] * np.where(sine > 1e-9, 2 * np.arctan2(sine, turn[..., :1]) / np.maximum(sine, 1e-12), 2.0)
+
+
+@lru_cache(maxsize=1)
+def relaxed() -> np.ndarray:
+    """(26,) rad."""
+    flexion = {"1": 25.0, "2": 35.0, "3": 20.0}
+    bent = {"thumb1": 5.0, "thumb2": 10.0, "thumb3": 15.0}
+    rows = [bent.get(row.joint, flexion[row.joint[-1]]) if row.angle == "flexion" else 0.0 for row in FREEDOMS]
+    return np.radians(rows)
+
+
+@lru_cache(maxsize=1)
+def postures() -> np.ndarray:
+    """(5, 26) rad: a relaxed hand, a flat one, half closed and nearly closed ones."""
+    high = limits()[1]
+    flexion = np.array([row.angle == "flexion" for row in FREEDOMS])
+    thumb = np.array([row.joint.startswith("thumb") for row in FREEDOMS])
+    shares = ((0.0, 0.0), (0.25, 0.2), (0.5, 0.4), (0.8, 0.6))  # of their range, fingers and thumb
+    return np.stack([relaxed(), *(np.where(thumb, t, f) * flexion * high for f, t in shares)])
+
+
+def _place(point: str, carrier: str) -> Place:
+    if point == "wrist":
+        return Place(-1, 0, -1)
+    finger = FINGERS.index(point.removesuffix("_tip").rstrip("123"))
+    joint = -1 if carrier == "wrist" else int(carrier[-1]) - 1
+    return Place(finger, 3 if point.endswith("_tip") else int(point[-1]) - 1, joint)
+
+
+@lru_cache(maxsize=1)
+def _usual() -> tuple[np.ndarray, np.ndarray]:
+    """The mean posture (26,) rad, and what takes differences from it to unit variance (26, 26)."""
+    with as_file(files("bodysense.devices.gloves").joinpath("postures.npy")) as path:
+        stored = np.load(path, allow_pickle=False).astype(float)
+    return stored[0], stored[1:]
+
+
+@lru_cache(maxsize=1)
+def _deviations() -> np.ndarray:
+    """(26,) rad; the base of a thumb turns more to the side and about itself than those of fingers."""
+    return np.array(
+        [_ANGLE[row.angle] * (2.0 if row.joint == "thumb1" and row.angle != "flexion" else 1.0) for row in FREEDOMS]
+    )
+
+
+@lru_cache(maxsize=1)
+def _couples() -> tuple[list[int], list[int]]:
+    """Flexions of the fingers' middle and last joints among the angles."""
+    where = {row.joint: place for place, row in enumerate(FREEDOMS) if row.angle == "flexion"}
+    return [where[f"{finger}2"] for finger in FINGERS[1:]], [where[f"{finger}3"] for finger in FINGERS[1:]]
+
+
+@lru_cache(maxsize=1)
+def _chains() -> np.ndarray:
+    """(5, 4) points of fingers."""
+    first = [HAND_JOINTS.index(f"{finger}1") for finger in FINGERS]
+    return np.array([[k, k + 1, k + 2, len(HAND_JOINTS) + row] for row, k in enumerate(first)])

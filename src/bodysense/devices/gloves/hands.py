@@ -1,0 +1,307 @@
+"""Hands from gloves: markers, some of them hidden or wrong, become posed hands with all their joints.
+
+Every hand is handled as a left one, right hands mirrored at the door; all go through as one batch. A frame's way:
+wrong markers are left out (`rejection`), hidden ones filled without jumps (`fillers`, `continuity`), the hand is placed
+and its fingers posed (`joints`), it settles where some are found again (`settling`), and what stands in each other is
+moved apart (`contact`).
+
+What is not as it should be:
+
+- All markers of a hand hidden: it stays for 0.5 s where it was, then relaxes within 1 s, its wrist in place
+  (`LastShape`), and its expected error grows. Found again it moves to its place at 24 cm/s, or within 0.5 s if that is
+  far (`settling`). A hand that was never seen is relaxed, at the origin.
+- Alignment markers hidden: the hand is placed by the filled ones. Fewer than three markers known: it keeps its last
+  shape, moved onto what is known.
+- Identifiers exchanged between markers are set right; of two in one place one is left out (`rejection`).
+- A marker that is not finite or `FARTHEST` from the origin counts as hidden, and so does one an observation lacks.
+- After more than `longest_gap` without a frame everything starts afresh. A point that is named twice and time that does
+  not increase (a stream of 0 Hz) are errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bodysense.body.glove import Glove, default_glove, glove_points, marker_positions, side_of
+from bodysense.body.hand import HAND_JOINTS, Side, mirrored_vectors
+from bodysense.body.pose import Pose
+from bodysense.body.rotation import quaternion_canonical, quaternion_conjugate
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.estimate import PointEstimate
+from bodysense.devices.gloves.contact import Contact, ContactSettings, ContactState
+from bodysense.devices.gloves.continuity import FADING, Remembered
+from bodysense.devices.gloves.expectation import expected_error, influence
+from bodysense.devices.gloves.fillers import Filler, LastShape, NetworkFiller, Stack, any_of, missing
+from bodysense.devices.gloves.fingers import POINT_COUNT, Aim
+from bodysense.devices.gloves.joints import HandPoses, JointReader
+from bodysense.devices.gloves.networks import HandNetwork, load_joint_network, load_marker_network
+from bodysense.devices.gloves.rejection import Rejection, RejectionSettings, RejectionState
+from bodysense.devices.gloves.settling import Settling, SettlingState
+from bodysense.errors import BodysenseError
+from bodysense.io.fingers import relaxed_rotation
+from bodysense.observation import FARTHEST, Observation, check_order
+
+FIRST_INTERVAL = 1 / 60  # s: the time step of a frame that has none before it
+NEVER = 1e6  # s for which a marker that was never seen has been hidden
+_ONES = np.ones(3)
+
+
+@dataclass(frozen=True)
+class GloveModels:
+    """The networks that hands are completed with."""
+
+    markers: HandNetwork
+    joints: HandNetwork
+
+
+def load_glove_models() -> GloveModels:
+    """The packaged networks."""
+    return GloveModels(load_marker_network(), load_joint_network())
+
+
+@dataclass(frozen=True)
+class HandsSettings:
+    """How markers become hands."""
+
+    rejection: RejectionSettings | None = field(default_factory=RejectionSettings)  # None believes every marker
+    speed: float = 0.24  # m/s at which hands settle where markers are found again (`settling`); the paper: 0.25 (4.7)
+    unseen_speed: float = 0.12  # m/s, of points whose markers are not seen
+    fading: float | None = FADING  # s, half-life of a hidden marker's offset (`continuity`); None keeps it
+    hold: float = 0.5  # s for which a hand of which nothing is seen stays as it was
+    relaxing: float = 1.0  # s within which it then relaxes
+    aim: Aim = "marker"  # what of a finger points at its marker
+    restraint: float = 4.0  # of fingers' large turns to their markers (`fingers.shortest_arcs`); 0 turns all the way
+    contact: ContactSettings | None = field(default_factory=ContactSettings)  # None lets hands pass through each other
+    longest_gap: float = 1.0  # s without frames after which everything starts afresh
+
+    def __post_init__(self) -> None:
+        for name in ("speed", "unseen_speed", "relaxing", "longest_gap"):
+            if not getattr(self, name) > 0:
+                raise BodysenseError(f"gloves: {name} is {getattr(self, name):g}; it must be positive")
+        for name in ("hold", "restraint"):
+            if not getattr(self, name) >= 0:
+                raise BodysenseError(f"gloves: {name} is {getattr(self, name):g}; it must be 0 or more")
+
+
+class HandsState(NamedTuple):
+    """Everything that the next frame depends on."""
+
+    time: float | None  # s, of the last frame
+    rejection: RejectionState
+    filler: Any
+    contact: ContactState
+    hidden: np.ndarray  # (H, 9) s for which each marker has been
+    settling: SettlingState | None  # None before the first frame
+
+
+@dataclass(frozen=True, eq=False)
+class Hands:
+    """Posed hands from the markers of gloves.
+
+    `hands` names every hand ('left', 'right', 'left2' …) and gives its skeleton as a left hand (`hand_skeleton`).
+    `filler` replaces the way in which hidden markers are filled; `calibration` is found by `calibrated`.
+    Raises BodysenseError for no hand, or a name that begins with neither 'left' nor 'right'.
+    """
+
+    hands: Mapping[str, Skeleton]
+    models: GloveModels
+    settings: HandsSettings = HandsSettings()
+    glove: Glove = field(default_factory=default_glove)
+    gloves: Mapping[str, Glove] = field(default_factory=dict)  # of hands that do not wear `glove`
+    filler: Filler | None = None
+    calibration: np.ndarray | None = None  # (H, 15, 4)
+    axes: np.ndarray | None = None  # (H, 15, 4) by which joints' axes are turned from the default hand's
+
+    def __post_init__(self) -> None:
+        if not self.hands:
+            raise BodysenseError("gloves: no hand is named; give {'left': …, 'right': …}")
+        for name in self.hands:
+            side_of(name)
+
+    @cached_property
+    def skeletons(self) -> dict[str, Skeleton]:
+        """What the estimate of every hand is of: its skeleton, mirrored back."""
+        return {
+            name: hand.with_offsets(mirrored_vectors(hand.rest_offset, side_of(name)))
+            for name, hand in self.hands.items()
+        }
+
+    @cached_property
+    def _flip(self) -> np.ndarray:
+        """(H, 1, 3)."""
+        return np.stack([mirrored_vectors(np.ones((1, 3)), side_of(name)) for name in self.hands])
+
+    @cached_property
+    def _turned_over(self) -> np.ndarray:
+        """(H, 1, 4): rotations of the mirror image."""
+        return np.concatenate([np.ones_like(self._flip[..., :1]), self._flip[..., :1] * self._flip], axis=-1)
+
+    @cached_property
+    def _gloves(self) -> tuple[Glove, ...]:
+        """Of every hand."""
+        return tuple(self.gloves.get(name, self.glove) for name in self.hands)
+
+    @cached_property
+    def _reader(self) -> JointReader:
+        hands, settings = tuple(self.hands.values()), self.settings
+        return JointReader(
+            self.models.joints, hands, self._gloves, settings.aim, settings.restraint, self.calibration, self.axes
+        )
+
+    @cached_property
+    def _filler(self) -> Filler:
+        if self.filler is not None:
+            return self.filler
+        hands = tuple(self.hands.values())
+        natural = np.stack([natural_markers(glove, hand) for glove, hand in zip(self._gloves, hands, strict=True)])
+        last = LastShape(natural, self.settings.hold, self.settings.relaxing)
+        network = NetworkFiller(self.models.markers, hands, self._gloves)
+        return Remembered(Stack((network, last)), self.settings.fading)
+
+    @cached_property
+    def _rejection(self) -> Rejection:
+        return Rejection(tuple(self.hands.values()), self.glove, self.settings.rejection or RejectionSettings())
+
+    @cached_property
+    def _contact(self) -> Contact:
+        sides: list[Side] = [side_of(name) for name in self.hands]
+        return Contact(tuple(self.hands.values()), sides, self.settings.contact or ContactSettings())
+
+    @cached_property
+    def _settling(self) -> Settling:
+        return Settling(self._reader.shape, self.glove, self.settings.speed, self.settings.unseen_speed)
+
+    @cached_property
+    def _influence(self) -> np.ndarray:
+        """(9, 21)."""
+        return influence(self.glove)
+
+    def start(self) -> HandsState:
+        """Nothing seen yet."""
+        hidden, filler = np.full((len(self.hands), len(self.glove.markers)), NEVER), self._filler.start(len(self.hands))
+        return HandsState(None, self._rejection.start(), filler, self._contact.start(), hidden, None)
+
+    def step(self, observation: Observation, state: HandsState) -> tuple[dict[str, PointEstimate], HandsState]:
+        """Complete T frames, one after the other: an estimate of every hand on its skeleton, with its pose.
+
+        Raises BodysenseError for a point that is named twice and for time that does not increase.
+        """
+        markers, _ = self._measured(observation)
+        frames, hands = len(observation.time), len(self.hands)
+        root, rotation = np.empty((frames, hands, 3)), np.empty((frames, hands, len(HAND_JOINTS), 4))
+        position = np.empty((frames, hands, POINT_COUNT, 3))
+        error, occluded = np.empty((2, frames, hands, POINT_COUNT))
+        for frame, now in enumerate(observation.time.tolist()):
+            interval, state = self._continued(now, state)
+            pose, state = self.complete(markers[frame], interval, state)
+            state = HandsState(now, *state[1:])
+            root[frame], rotation[frame], position[frame] = pose
+            error[frame], occluded[frame] = expected_error(state.hidden, self._influence)
+        root *= self._flip[:, 0]
+        position *= self._flip
+        rotation *= self._turned_over * np.copysign(1.0, rotation[..., :1])
+        return {
+            name: PointEstimate(
+                skeleton,
+                position[:, k],
+                occluded[:, k],
+                error[:, k],
+                Pose(skeleton, root[:, k], rotation[:, k]),
+            )
+            for k, (name, skeleton) in enumerate(self.skeletons.items())
+        }, state
+
+    def calibrated(self, observation: Observation) -> Hands:
+        """These hands with a calibration: the inverse of what is told of hands held flat, applied ever after (4.4).
+
+        Takes the frames in which all markers of all hands are seen. Raises BodysenseError where there is none.
+        """
+        markers, known = self._measured(observation)
+        whole = known.all(axis=(1, 2))
+        if not whole.any():
+            raise BodysenseError(
+                f"gloves: in none of {len(known)} frames are all markers of {', '.join(self.hands)} seen; "
+                "calibrate with flat hands that every camera sees"
+            )
+        reader = replace(self._reader, calibration=None)
+        told = np.mean([reader.told(frame) for frame in markers[whole]], axis=0)
+        told /= np.linalg.norm(told, axis=-1, keepdims=True)
+        return replace(self, calibration=np.asarray(quaternion_conjugate(told)))
+
+    def complete(self, markers: np.ndarray, interval: float, state: HandsState) -> tuple[HandPoses, HandsState]:
+        """One frame of H left hands, each in its own mirrored world: markers (H, 9, 3) m, NaN where hidden."""
+        rejection, checking = state.rejection, self.settings.rejection is not None
+        if checking:
+            markers, rejection = self._rejection.check(markers, interval, state.hidden, rejection)
+        known = ~missing(markers)
+        shown, filler = self._filler.fill(markers, interval, state.filler)
+        if checking:
+            rejection = self._rejection.remember(np.where(known[..., None], markers, shown), known, interval, rejection)
+        hidden = np.where(known, 0.0, state.hidden + interval)
+        told, contact = self._reader.read(shown), state.contact
+        without = self._without(told, shown, known, interval, state)
+        poses, settling = self._settling.step(told, without, known, interval, state.settling)
+        if self.settings.contact is not None:
+            poses, contact = self._contact.step(poses, shown, known, interval, contact)
+        return poses, HandsState(state.time, rejection, filler, contact, hidden, settling)
+
+    def _without(
+        self, told: HandPoses, filled: np.ndarray, known: np.ndarray, interval: float, state: HandsState
+    ) -> HandPoses:
+        """Where hands would be had no marker (H, 9, 3) m been found in this frame."""
+        if state.settling is None or not any_of(found := known & ~state.settling.known):
+            return told
+        found &= (state.hidden < NEVER).any(axis=1, keepdims=True)
+        kept = np.where((known & ~found)[..., None], filled, np.nan)
+        fewer, _ = self._filler.fill(kept, interval, state.filler)
+        return self._reader.read(np.where(np.isnan(fewer), filled, fewer))
+
+    def _continued(self, now: float, state: HandsState) -> tuple[float, HandsState]:
+        """The time step, and the state, fresh after a gap."""
+        check_order(now, state.time, "gloves")
+        if state.time is None:
+            return FIRST_INTERVAL, state
+        if now - state.time > self.settings.longest_gap:
+            return FIRST_INTERVAL, self.start()
+        return now - state.time, state
+
+    def _measured(self, observation: Observation) -> tuple[np.ndarray, np.ndarray]:
+        """Markers (T, H, 9, 3) m as of left hands, NaN where hidden, and where they are known (T, H, 9)."""
+        place, every = _where(observation.points, tuple(self.hands))
+        known = observation.has_position.take(place, axis=-1)
+        if not every:
+            known = known & (place >= 0)
+        markers = np.where(known[..., None], observation.position.take(place, axis=-2) * self._flip, np.nan)
+        near = (markers * markers) @ _ONES < FARTHEST**2  # false for what is no number
+        if near.tobytes() != known.tobytes():
+            known, markers = near, np.where(near[..., None], markers, np.nan)
+        return markers, known
+
+
+def natural_pose(hand: Skeleton) -> Pose:
+    """A relaxed left-model hand at the origin."""
+    rotation = np.zeros((len(HAND_JOINTS), 4))
+    rotation[0, 0] = 1.0
+    rotation[1:] = [relaxed_rotation(f"left_{joint}") for joint in HAND_JOINTS[1:]]
+    return Pose(hand, np.zeros(3), np.asarray(quaternion_canonical(rotation)))
+
+
+def natural_markers(glove: Glove, hand: Skeleton) -> np.ndarray:
+    """Markers (9, 3) m on a relaxed left-model hand at the origin."""
+    return np.asarray(marker_positions(glove, natural_pose(hand)))
+
+
+@lru_cache(maxsize=64)
+def _where(points: tuple[str, ...], hands: tuple[str, ...]) -> tuple[np.ndarray, bool]:
+    """Which points (H, 9) are the markers of hands, -1 where there is none, and whether all are there."""
+    if len(set(points)) != len(points):
+        twice = next(point for point in points if points.count(point) > 1)
+        raise BodysenseError(f"gloves: the point {twice!r} is named twice; names must differ")
+    index = {point: place for place, point in enumerate(points)}
+    place = np.array([[index.get(point, -1) for point in glove_points(hand)] for hand in hands])
+    return place, bool((place >= 0).all())

@@ -1,0 +1,122 @@
+"""From nine markers of a hand to its pose: placed, angles told by a network, fingers turned to their markers.
+
+The hand is placed by its alignment markers (4.2), the joint network tells 26 angles from the markers in the hand's axes
+(4.8), a calibration corrects them (4.4), and every finger is turned at its base to point at its marker (4.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from bodysense.body.glove import ALIGNMENT, Glove, template
+from bodysense.body.pose import Pose
+from bodysense.body.registration import Levers, brought_back, fit, levers
+from bodysense.body.rotation import quaternion_canonical
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.gloves.fingers import (
+    Aim,
+    HandShape,
+    hand_shape,
+    in_order,
+    local_rotations,
+    pointed,
+    turning,
+)
+from bodysense.devices.gloves.networks import HandNetwork, known_shapes, size_ratios
+
+
+class HandPoses(NamedTuple):
+    """H posed left-model hands in their worlds."""
+
+    root: np.ndarray  # (H, 3) m
+    rotation: np.ndarray  # (H, 16, 4) wxyz, parent ← joint, the wrist's world ← wrist; of either sign
+    position: np.ndarray  # (H, 21, 3) m, every point
+
+
+@dataclass(frozen=True, eq=False)
+class JointReader:
+    """Poses of H hands from all their markers.
+
+    Every hand wears one of `gloves`; its joints turn about the default hand's axes turned by `axes` (H, 15, 4), and
+    `calibration` (H, 15, 4) follows every local rotation.
+    """
+
+    model: HandNetwork
+    hands: Sequence[Skeleton]
+    gloves: Sequence[Glove]
+    aim: Aim = "marker"
+    restraint: float = 0.0  # of fingers' large turns to their markers
+    calibration: np.ndarray | None = None
+    axes: np.ndarray | None = None
+
+    @cached_property
+    def shape(self) -> HandShape:
+        """Of the hands."""
+        return hand_shape(self.hands, self.gloves, self.aim)
+
+    @cached_property
+    def _turning(self) -> np.ndarray:
+        return turning(self.calibration, self.axes)
+
+    @cached_property
+    def _shapes(self) -> np.ndarray:
+        return known_shapes(self.hands, self.gloves)
+
+    @cached_property
+    def _ratio(self) -> np.ndarray:
+        return size_ratios(self.hands)[:, None, None]
+
+    @cached_property
+    def _levers(self) -> Levers:
+        """Of the hands by their alignment markers."""
+        known = np.zeros((len(self.hands), len(self.gloves[0].markers)), dtype=bool)
+        known[:, list(ALIGNMENT)] = True
+        return levers(np.stack([template(*worn) for worn in zip(self.gloves, self.hands, strict=True)]), known)
+
+    def read(self, markers: np.ndarray) -> HandPoses:
+        """Poses from markers (H, 9, 3) m, none missing."""
+        quaternion, rotation, root = fit(self._levers, markers)
+        own = brought_back(markers, rotation, root)
+        local, ways = pointed(self._local(own), own, self.shape, self.restraint)
+        turned = np.empty((len(markers), 16, 4))
+        turned[:, 0] = quaternion
+        turned[:, 1:] = local
+        return HandPoses(root, turned, in_order(ways, rotation, root))
+
+    def told(self, markers: np.ndarray) -> np.ndarray:
+        """Local rotations (H, 15, 4) that the network tells, before fingers are turned to their markers."""
+        _, rotation, root = fit(self._levers, markers)
+        return np.asarray(quaternion_canonical(self._local(brought_back(markers, rotation, root))))
+
+    def _local(self, own: np.ndarray) -> np.ndarray:
+        """Local rotations (H, 15, 4) that the network tells of markers (H, 9, 3) m in the hands' axes, calibrated."""
+        single = (own / self._ratio).astype(np.float32)
+        angles = self.model.run(single.reshape(len(single), -1), self._shapes)
+        return local_rotations(angles.astype(float), self._turning)
+
+
+def fuse(flexion: np.ndarray, markers: np.ndarray, hand: Skeleton, glove: Glove, aim: Aim = "last segment") -> Pose:
+    """Pose (T, …) of a left-model hand from inertial flexion and markers: what the paper trained on (section 2.2).
+
+    The hand is placed by its alignment markers, and every finger turned by the shortest arc, so that the middle of its
+    last segment, by default, points at its marker.
+
+    Args:
+        flexion: (T, 15, 4) wxyz, local rotations of finger joints by inertial sensors.
+        markers: (T, 9, 3) m, none missing.
+        hand: the hand's skeleton.
+        glove: where markers are worn.
+        aim: what of a finger points at its marker.
+    """
+    known = np.zeros(markers.shape[:2], dtype=bool)
+    known[:, list(ALIGNMENT)] = True
+    quaternion, rotation, translation = fit(levers(template(glove, hand), known), np.nan_to_num(markers))
+    own = brought_back(markers, rotation, translation)
+    local, _ = pointed(np.array(flexion, dtype=float), own, hand_shape([hand], [glove], aim))
+    turned = np.concatenate([quaternion[:, None], local], axis=1)
+    return Pose(hand, translation, quaternion_canonical(turned))

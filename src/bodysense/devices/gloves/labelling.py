@@ -1,0 +1,344 @@
+"""Labels for passive markers: which of the points that cameras see is which marker of which glove.
+
+Points have no names, come in any order, and some are none of ours. While a hand is followed, every marker is expected
+where its motion and its hand carry it, and where a hand can have it; points are assigned at the least cost in all.
+Where another assignment has long been the better hand, it is taken. A hand that is not followed is looked for: three
+points that form the triangle on the back of a hand say where it would be, and the one counts whose other markers are
+there too. This begins a recording, and mends it after occlusion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove, glove_points, side_of, template
+from bodysense.body.hand import mirrored_vectors
+from bodysense.body.hand_shapes import marker_ranges
+from bodysense.body.registration import register
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.gloves.assignment import assigned_or_none, cost_of
+from bodysense.devices.gloves.hand_search import SIDES, FoundHand, find_hands, surest, unlikeness
+from bodysense.errors import BodysenseError
+from bodysense.io.markers.raw_markers import points_alone
+from bodysense.observation import Observation, check_order
+
+_COUNT = len(MARKERS)
+_BACK = list(ALIGNMENT)
+_UNKNOWN = np.full((_COUNT, 3), np.nan)  # velocities of a hand that was just found
+_FIRMNESS = 8  # how much a marker on the back of the hand says of where the hand is, beside one of a finger
+
+
+@dataclass(frozen=True)
+class LabellingSettings:
+    """How points become markers."""
+
+    near: float = 0.015  # m from where it is expected that a marker may be
+    acceleration: float = 40.0  # m/s² of a hand: what that adds to it in a frame
+    drift: float = 0.3  # m/s by which it grows while a marker is hidden
+    farthest: float = 0.05  # m that it grows to
+    shape: float = 0.035  # m from where a hand can have it that a marker of a finger may be
+    back: float = 0.02  # m, the same of one on the back of the hand or at the middle of the thumb
+    shape_share: float = 0.3  # how much that counts beside where a marker is expected
+    no_hand: float = 0.4  # mean of these distances, squared and as a share of what may be: more is no hand
+    better: float = 0.8  # of the cost of the labels that there are: another assignment with less is the better hand
+    patience: float = 0.1  # s for which it must be, and for which a hand with few markers is followed on
+    fewest: int = 6  # markers that a hand must show to be found
+    again: int = 5  # the same once the size of the hands is known
+    followed: int = 3  # markers that it must show to be followed on
+    stiffness: float = 0.008  # m by which sides of the triangle on the back of the hand may differ from the template's
+    sizes: tuple[float, float] = (0.8, 1.25)  # of the hand that is given, that are looked for
+    same_size: float = 0.05  # share by which sizes differ that are looked for once one hand is known
+    proven: float = 0.2  # s of following after which the size of a hand is known
+    margin: float = (
+        0.5  # markers that another hand must cost more: points that are two hands nearly as well are neither
+    )
+    worst: float = 0.12  # mean of the distances, squared and as a share of what may be, of a hand that is found
+    kept: float = 1.0  # markers that another hand must cost less than one that is followed
+    check: float = 0.1  # s after which hands that are followed are compared with others
+    half_life: float = 0.008  # s in which the velocity of a marker adapts by half
+
+    def __post_init__(self) -> None:
+        for name in ("near", "farthest", "shape", "stiffness", "half_life"):
+            if not getattr(self, name) > 0:
+                raise BodysenseError(f"labelling: {name} is {getattr(self, name):g}; it must be positive")
+
+
+class HandTrack(NamedTuple):
+    """One hand as it was last seen, in its own mirrored world."""
+
+    size: float  # as a factor of the hand that is given; 0 while the hand is not followed
+    place: np.ndarray  # (9, 3) m, where markers were seen or are thought to be
+    velocity: np.ndarray  # (9, 3) m/s
+    hidden: np.ndarray  # (9,) s for which each was not seen
+    weak: float  # s for which fewer than enough markers were seen, or they were no hand
+    age: float = 0.0  # s for which it has been followed
+    usual: float = 0.0  # its size when it was followed for long; 0 if it never was
+
+
+class LabelState(NamedTuple):
+    """Everything that the next frame depends on."""
+
+    time: float | None
+    hands: tuple[HandTrack, ...]
+    doubt: float  # s for which another assignment has been the better hand
+    checked: float  # s, when hands that are followed were last compared with others
+
+
+@dataclass(frozen=True, eq=False)
+class Labeller:
+    """Finds the markers of gloves among unnamed points. `hands` gives every hand's skeleton as a left hand.
+
+    State is an argument, as for estimators: `step` takes the next frames.
+    """
+
+    hands: Mapping[str, Skeleton]
+    settings: LabellingSettings = field(default_factory=LabellingSettings)
+
+    @cached_property
+    def points(self) -> tuple[str, ...]:
+        """Names of all markers."""
+        return tuple(name for hand in self.hands for name in glove_points(hand))
+
+    @cached_property
+    def _ranges(self) -> list[np.ndarray]:
+        """Of every hand (9, K, 3) m where markers may be."""
+        return [marker_ranges(hand) for hand in self.hands.values()]
+
+    @cached_property
+    def _templates(self) -> list[np.ndarray]:
+        """Of every hand (9, 3) m."""
+        return [template(default_glove(), hand) for hand in self.hands.values()]
+
+    @cached_property
+    def _flips(self) -> np.ndarray:
+        """(H, 3)."""
+        return np.stack([mirrored_vectors(np.ones(3), side_of(hand)) for hand in self.hands])
+
+    def start(self) -> LabelState:
+        """No hand is followed yet."""
+        return LabelState(None, tuple(_nowhere() for _ in self.hands), 0.0, -np.inf)
+
+    def step(self, observation: Observation, state: LabelState) -> tuple[Observation, LabelState]:
+        """Label T frames of points, whatever they are called: the markers of all gloves, by name.
+
+        Raises BodysenseError when time does not increase.
+        """
+        placed = np.full((len(observation), len(self.points), 3), np.nan)
+        for t, now in enumerate(np.asarray(observation.time, dtype=float).tolist()):
+            points = observation.position[t, np.flatnonzero(observation.has_position[t])]
+            labels, state = self.label(points, now, state)
+            placed[t, labels[labels >= 0]] = points[labels >= 0]
+        return points_alone(self.points, placed, observation.time), state
+
+    def label(self, points: np.ndarray, now: float, state: LabelState) -> tuple[np.ndarray, LabelState]:
+        """Labels (N,) of the points (N, 3) m of one frame: places in `points`, −1 for what is no marker."""
+        check_order(now, state.time, "labelling")
+        interval = 0.0 if state.time is None else now - state.time
+        expected = [_carried_on(hand, interval) for hand in state.hands]
+        labels, doubt = self._followed(points, expected, interval, state.doubt)
+        hands = [self._taken(k, points, labels, hand, interval) for k, hand in enumerate(expected)]
+        for k, hand in enumerate(hands):
+            if not hand.size:
+                labels[_of_hand(labels, k)] = -1
+        # A hand that was just found is looked for once more: how it moves is not known yet.
+        doubtful = {
+            k
+            for k, (hand, before) in enumerate(zip(hands, state.hands, strict=True))
+            if not hand.size or hand.weak > 0 or not before.velocity.any()
+        }
+        check = now - state.checked >= self.settings.check
+        self._look_for(doubtful, set(range(len(hands))) if check else doubtful, points, labels, hands)
+        moved = [
+            _with_velocity(hand, before, interval) if hand.velocity is _UNKNOWN else hand
+            for hand, before in zip(hands, state.hands, strict=True)
+        ]
+        return labels, LabelState(now, tuple(moved), doubt, now if check else state.checked)
+
+    def _followed(
+        self, points: np.ndarray, expected: list[HandTrack], interval: float, doubt: float
+    ) -> tuple[np.ndarray, float]:
+        """Labels (N,) of points as markers of the hands that are followed, and for how long they have been doubtful."""
+        labels, settings = np.full(len(points), -1), self.settings
+        rows = [k for k, hand in enumerate(expected) if hand.size]
+        if not rows or not len(points):
+            return labels, 0.0
+        names = np.concatenate([k * _COUNT + np.arange(_COUNT) for k in rows])
+        shape = np.minimum(np.concatenate([self._unlike(k, points, expected[k]) for k in rows]), 1.0)
+        place = np.concatenate([expected[k].place * self._flips[k] for k in rows])
+        hidden = np.concatenate([expected[k].hidden for k in rows])
+        near = settings.near + settings.acceleration * interval**2 / 2
+        near = np.minimum(near + settings.drift * np.maximum(hidden - interval, 0), settings.farthest)
+        apart = ((place[:, None] - points) ** 2).sum(axis=-1) / near[:, None] ** 2
+        # A marker is expected within some distance; a farther point costs more than none. One that was hidden is
+        # found again only where a hand can have it.
+        share, found_again = settings.shape_share, (hidden > 1.5 * interval)[:, None]
+        possible = (apart < 1) & ((shape < 1) | ~found_again)
+        chosen = assigned_or_none(np.where(possible, (1 - share) * apart + share * shape, np.inf))
+        alone = assigned_or_none(np.where(shape < 1, shape, np.inf))
+        if cost_of(shape, alone) < settings.better * cost_of(shape, chosen):
+            doubt += interval
+            if doubt > settings.patience:
+                chosen, doubt = alone, 0.0
+        else:
+            doubt = 0.0
+        labels[chosen[chosen >= 0]] = names[chosen >= 0]
+        return labels, doubt
+
+    def _unlike(self, k: int, points: np.ndarray, hand: HandTrack) -> np.ndarray:
+        """(9, N) how far points are from where a hand, placed by its back, can have each marker: squared, 1 too far."""
+        known = np.ones((1, len(_BACK)), dtype=bool)
+        rotation, translation = register(hand.size * self._templates[k][_BACK], hand.place[None, _BACK], known)[:2]
+        local = (points * self._flips[k] - translation[0]) @ rotation[0] / hand.size
+        return unlikeness(local, self._ranges[k], self._allowed)
+
+    @cached_property
+    def _allowed(self) -> np.ndarray:
+        """(9, 1) m²: how far, squared, markers may be from where a hand can have them."""
+        allowed = np.full((_COUNT, 1), self.settings.shape**2)
+        allowed[[*_BACK, MARKERS.index("thumb_middle")]] = self.settings.back**2
+        return allowed
+
+    def _taken(self, k: int, points: np.ndarray, labels: np.ndarray, expected: HandTrack, interval: float) -> HandTrack:
+        """A hand after its points were labelled; labels of points that cannot be its markers are taken back."""
+        if not expected.size:
+            return expected
+        place, seen = self._seen(k, points, labels)
+        for marker in self._stray(k, place, seen, expected.size):
+            seen[marker] = False
+            labels[labels == k * _COUNT + marker] = -1
+        enough = seen.sum() >= self.settings.followed
+        now = np.where(seen[:, None], place, expected.place)
+        if enough and not seen.all():  # the hidden ones follow what is seen
+            now = np.where(seen[:, None], place, _moved_along(expected.place, now, seen))
+        hand = expected._replace(place=now)
+        own = np.diagonal(self._unlike(k, now * self._flips[k], hand))
+        good = enough and np.minimum(own[seen], 1.0).mean() < self.settings.no_hand
+        weak = 0.0 if good else expected.weak + interval
+        if weak > self.settings.patience:
+            return _nowhere(expected.usual)
+        velocity = expected.velocity
+        if interval:
+            share = 1 - 0.5 ** (interval / self.settings.half_life)
+            velocity = velocity + share * (now - expected.place) / interval
+        age = expected.age + interval if good else expected.age
+        hidden = np.where(seen, 0.0, expected.hidden)
+        usual = expected.usual or expected.size * (age > self.settings.proven)
+        return HandTrack(expected.size, now, velocity, hidden, weak, age, usual)
+
+    def _seen(self, k: int, points: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Markers (9, 3) of a hand, in its mirrored world, and which are seen."""
+        place, mine = np.full((_COUNT, 3), np.nan), _of_hand(labels, k)
+        place[labels[mine] - k * _COUNT] = points[mine] * self._flips[k]
+        return place, np.asarray(np.isfinite(place[:, 0]))
+
+    def _stray(self, k: int, place: np.ndarray, seen: np.ndarray, size: float) -> list[int]:
+        """Markers on the back of the hand that are where they cannot be: those whose distances are most often wrong."""
+        wrong: dict[int, int] = dict.fromkeys(_BACK, 0)
+        for one, other in ((_BACK[a], _BACK[b]) for a, b in SIDES):
+            if seen[one] and seen[other]:
+                usual = np.linalg.norm(self._templates[k][one] - self._templates[k][other]) * size
+                if abs(np.linalg.norm(place[one] - place[other]) - usual) > 2 * self.settings.stiffness:
+                    wrong[one] += 1
+                    wrong[other] += 1
+        most = max(wrong.values())
+        return [marker for marker, count in wrong.items() if most and count == most]
+
+    def _look_for(
+        self, doubtful: set[int], asked: set[int], points: np.ndarray, labels: np.ndarray, hands: list[HandTrack]
+    ) -> None:
+        """Label those hands that are `asked` for by their shape alone, the surest first, where it says something new.
+
+        What is followed is one reading of its points among others, and gives way to another that is better. `labels`
+        and `hands` are filled in place.
+        """
+        free = np.flatnonzero((labels < 0) | np.isin(labels // _COUNT, list(asked)))
+        held = {k: self._held(k, points, labels, hands[k]) for k in asked if hands[k].size}
+        readings = [*held.values(), *(found for k in asked for found in self._found(k, points, free, hands))]
+        while readings and (sure := surest(readings, self.settings.margin)) is not None:
+            k, seen = sure.hand, sure.chosen >= 0
+            before = held.pop(k, None)
+            mended = k not in doubtful and (before is None or not sure.same_as(before))
+            if k in doubtful or mended:
+                known = hands[k]
+                for other in list(held):
+                    if len(np.intersect1d(held[other].points, sure.points)) > 2:
+                        hands[other] = _nowhere(hands[other].usual)
+                        labels[_of_hand(labels, other)] = -1
+                        del held[other]
+                labels[_of_hand(labels, k)] = -1
+                labels[sure.points] = k * _COUNT + np.flatnonzero(seen)
+                place = np.where(seen[:, None], (points * self._flips[k])[sure.chosen], sure.flat)
+                hidden = np.where(seen, 0.0, 1.0)
+                velocity = np.zeros((_COUNT, 3)) if mended else _UNKNOWN  # where it was says nothing of how it moves
+                hands[k] = HandTrack(sure.size, place, velocity, hidden, 0.0, known.age, known.usual)
+            readings = [one for one in readings if one.hand != k and not len(np.intersect1d(one.points, sure.points))]
+
+    def _held(self, k: int, points: np.ndarray, labels: np.ndarray, hand: HandTrack) -> FoundHand:
+        """A hand that is followed, as its labels say."""
+        chosen, mine = np.full(_COUNT, -1), np.flatnonzero(_of_hand(labels, k))
+        chosen[labels[mine] - k * _COUNT] = mine
+        cost = cost_of(self._unlike(k, points, hand), chosen)
+        cost -= self.settings.kept * (hand.weak == 0 and hand.age > self.settings.proven)
+        return FoundHand(k, cost, chosen, hand.size, hand.place)
+
+    def _found(self, k: int, points: np.ndarray, free: np.ndarray, hands: list[HandTrack]) -> list[FoundHand]:
+        """Readings of those of the points (N, 3) m that are free; of the size of what is known of the hands."""
+        settings = self.settings
+        known = [hand.usual for hand in hands if hand.usual] or [hand.size for hand in hands if hand.size]
+        sizes, fewest = settings.sizes, settings.fewest
+        if known:
+            size = float(np.mean(known))
+            sizes, fewest = (size * (1 - settings.same_size), size * (1 + settings.same_size)), settings.again
+        found = find_hands(
+            k,
+            points[free] * self._flips[k],
+            self._templates[k],
+            self._ranges[k],
+            self._allowed,
+            settings.stiffness,
+            sizes,
+            fewest,
+            settings.worst,
+            bool(known),
+        )
+        return [one._replace(chosen=np.where(one.chosen >= 0, free[one.chosen], -1)) for one in found]
+
+
+def _with_velocity(hand: HandTrack, before: HandTrack, interval: float) -> HandTrack:
+    """A hand that was found: it has moved rigidly from where it was last, or stands if that is not known."""
+    if not before.size or not interval:
+        return hand._replace(velocity=np.zeros((_COUNT, 3)))
+    seen = hand.hidden <= 0
+    return hand._replace(velocity=(hand.place - _moved_along(hand.place, before.place, seen)) / interval)
+
+
+def _carried_on(hand: HandTrack, interval: float) -> HandTrack:
+    """Where a hand's markers are thought to be now: those that were seen move on, the others with their hand."""
+    if not hand.size or not interval:
+        return hand
+    seen = hand.hidden <= 0
+    moved = hand.place + hand.velocity * interval
+    place = np.where(seen[:, None], moved, _moved_along(hand.place, moved, seen))
+    return hand._replace(place=place, hidden=hand.hidden + interval)
+
+
+def _moved_along(before: np.ndarray, now: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """All markers (9, 3) moved as rigidly as those that are seen, above all as those on the back of the hand."""
+    rows = _BACK * _FIRMNESS + list(range(_COUNT))
+    rotation, translation = register(before[rows], now[None, rows], seen[None, rows])[:2]
+    return before @ rotation[0].T + translation[0]
+
+
+def _of_hand(labels: np.ndarray, k: int) -> np.ndarray:
+    """(N,) whether points are labelled as markers of a hand."""
+    return (labels >= k * _COUNT) & (labels < (k + 1) * _COUNT)
+
+
+def _nowhere(usual: float = 0.0) -> HandTrack:
+    zeros = np.zeros((_COUNT, 3))
+    return HandTrack(0.0, zeros, zeros, np.full(_COUNT, np.inf), 0.0, 0.0, usual)

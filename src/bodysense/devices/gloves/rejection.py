@@ -1,0 +1,227 @@
+"""Wrong markers found and left out: spikes, ghosts, swapped identifiers (two-hands, section 7.2, Figure 16b).
+
+A frame is expected to be the last one, moved on. Where every marker is near, nothing more is asked. Otherwise the hand
+may be anywhere, for it moves faster than its fingers do in it: the rigid motion on which most markers agree is found,
+once of a hand that keeps its shape, once of one whose fingers move on. Markers that are too far from both are judged:
+two whose places are exchanged are exchanged back; one that stays where it is for `patience` s is believed, unless
+another marker is there; others are left out. How far is too far grows with the time for which the marker was hidden.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from bodysense.body.glove import ALIGNMENT, Glove, hand_size, template
+from bodysense.body.registration import moved, register
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.gloves.fillers import any_of, missing
+from bodysense.errors import BodysenseError
+
+_SAME_PLACE = 0.005  # m: two identifiers nearer than this are one marker
+_TRIPLES = np.array(list(combinations(range(9), 3)))
+
+
+@dataclass(frozen=True)
+class RejectionSettings:
+    """What is too far from what is expected."""
+
+    tolerance: float = 0.005  # m
+    speed: float = 0.3  # m/s: by how much the tolerance grows with time
+    haste: float = 1.0  # of its last step in the hand: by how much the tolerance of a marker is larger
+    patience: float = 0.015  # s for which a marker stays where it was not expected until it is believed
+    slack: float = 0.02  # m: by how much more than the hand allows two markers may be apart
+
+    def __post_init__(self) -> None:
+        for name in ("tolerance", "speed", "haste", "patience", "slack"):
+            if not getattr(self, name) >= 0:
+                raise BodysenseError(f"rejection: {name} is {getattr(self, name):g}; it must be 0 or more")
+
+
+class RejectionState(NamedTuple):
+    """What the next frame is expected to be, and what was not believed in the last."""
+
+    place: np.ndarray  # (H, 9, 3) m, NaN before the first frame
+    before: np.ndarray  # (H, 9, 3) m, a frame earlier
+    interval: float  # s between these two
+    known: np.ndarray  # (H, 9) bool, in the last frame
+    known_before: np.ndarray  # (H, 9) bool, in the one before
+    doubted: np.ndarray  # (H, 9, 3) m, from where it was expected; NaN where nothing was doubted
+    since: np.ndarray  # (H, 9) s for which it has been doubted
+    settled: bool  # whether nothing was doubted
+
+
+@dataclass(frozen=True, eq=False)
+class Rejection:
+    """Leaves wrong markers of H left-model hands out."""
+
+    hands: Sequence[Skeleton]
+    glove: Glove
+    settings: RejectionSettings = RejectionSettings()
+
+    def start(self) -> RejectionState:
+        """Nothing expected."""
+        shape = (len(self.hands), 9, 3)
+        nothing, none = np.full(shape, np.nan), np.zeros(shape[:2])
+        return RejectionState(nothing, nothing, 1.0, none > 0, none > 0, nothing, none, False)
+
+    @cached_property
+    def _farthest(self) -> np.ndarray:
+        """(H, 9, 9) m: how far two markers can be apart: along the bones between them."""
+        return np.stack([_way(hand, self.glove) for hand in self.hands]) + self.settings.slack
+
+    @cached_property
+    def _nearest(self) -> np.ndarray:
+        """(H, 9, 9) m: how near two markers can be: 0, but for those on the back of the hand."""
+        nearest = np.zeros((len(self.hands), 9, 9))
+        for place, hand in enumerate(self.hands):
+            back = template(self.glove, hand)[list(ALIGNMENT)]
+            apart = np.linalg.norm(back[:, None] - back, axis=-1)
+            nearest[place][np.ix_(ALIGNMENT, ALIGNMENT)] = np.maximum(0.7 * apart - self.settings.slack, 0.0)
+        return nearest
+
+    def check(
+        self, markers: np.ndarray, interval: float, hidden: np.ndarray, state: RejectionState
+    ) -> tuple[np.ndarray, RejectionState]:
+        """Markers (H, 9, 3) m, NaN where hidden: NaN also where they are wrong, identifiers set right.
+
+        `hidden` (H, 9) s says for how long each was by the last frame. The state says what is doubted; `remember` must
+        follow with what the frame was found to be.
+        """
+        steps = interval / state.interval
+        expected = state.place + (state.place - state.before) * steps
+        far = np.abs(markers - expected)
+        limit = 0.577 * (self.settings.tolerance + self.settings.speed * interval)
+        if state.settled and not any_of(far > limit):  # of hidden markers the comparison is false
+            return markers, state
+        known = ~missing(markers)
+        # A marker that was filled in one of the last two frames has no velocity to go by.
+        moving = np.where((state.known & state.known_before)[..., None], expected, np.nan)
+        shapes = np.stack([state.place, moving], axis=1)
+        markers, doubted, since = markers.copy(), np.full_like(state.doubted, np.nan), np.zeros_like(state.since)
+        for hand in range(len(markers)):
+            markers[hand], doubted[hand], since[hand] = self._judge(
+                hand, markers[hand], known[hand], shapes[hand], hidden[hand] + interval, interval, state
+            )
+        return markers, state._replace(doubted=doubted, since=since, settled=not since.any())
+
+    def remember(
+        self, markers: np.ndarray, known: np.ndarray, interval: float, state: RejectionState
+    ) -> RejectionState:
+        """The state after a frame: all markers (H, 9, 3) m, measured where `known` (H, 9), else filled."""
+        before = markers if np.isnan(state.place[0, 0, 0]) else state.place
+        return RejectionState(markers, before, interval, known, state.known, state.doubted, state.since, state.settled)
+
+    def _judge(
+        self,
+        hand: int,
+        markers: np.ndarray,
+        known: np.ndarray,
+        shapes: np.ndarray,
+        unseen: np.ndarray,
+        interval: float,
+        state: RejectionState,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """One hand of two expected shapes (2, 9, 3): its markers (9, 3), what is doubted (9, 3) and since when (9,)."""
+        settings = self.settings
+        markers, since, wrong = np.where(known[:, None], markers, np.nan), np.zeros(9), np.zeros(9, dtype=bool)
+        held = ~np.isnan(shapes[0, :, 0])
+        tolerance = settings.tolerance + settings.speed * (unseen - state.since[hand])  # doubt does not widen it
+        sure = known & held
+        if sure.sum() >= 4:
+            shapes = np.stack([_agreed(shape, markers, sure, tolerance) for shape in shapes])
+            step = np.linalg.norm(shapes[1] - shapes[0], axis=-1)
+            tolerance = tolerance + settings.haste * np.nan_to_num(step)
+            outside = sure & ~(np.linalg.norm(markers - shapes, axis=-1) < tolerance).any(axis=0)
+            if 2 * outside.sum() <= sure.sum():  # else the hand is another than was expected
+                wrong = outside
+        expected = np.where(np.isnan(shapes[1]), shapes[0], shapes[1])
+        wrong = self._exchanged(markers, wrong, expected, tolerance)
+        wrong = wrong | self._impossible(hand, np.where(wrong[:, None], np.nan, markers), expected)
+        doubted = np.where(wrong[:, None], markers - np.where(held[:, None], expected, 0.0), np.nan)
+        moved_since = np.linalg.norm(doubted - state.doubted[hand], axis=-1)
+        stays = wrong & (moved_since < tolerance)
+        since[wrong] = np.where(stays, state.since[hand] + interval, 1e-9)[wrong]
+        for marker in np.flatnonzero(stays & (since >= settings.patience)):
+            trial = np.where(wrong[:, None], np.nan, markers)
+            others = np.linalg.norm(trial - markers[marker], axis=-1)
+            trial[marker] = markers[marker]
+            if not (others < _SAME_PLACE).any() and not self._violations(hand, trial)[marker]:
+                wrong[marker], doubted[marker], since[marker] = False, np.nan, 0.0
+        return np.where(wrong[:, None], np.nan, markers), doubted, since
+
+    def _violations(self, hand: int, markers: np.ndarray) -> np.ndarray:
+        """(9,) with how many others each marker is impossibly far apart, or impossibly near."""
+        apart = np.linalg.norm(markers[:, None] - markers, axis=-1)
+        return ((apart > self._farthest[hand]) | (apart < self._nearest[hand])).sum(axis=1)
+
+    def _impossible(self, hand: int, markers: np.ndarray, expected: np.ndarray) -> np.ndarray:
+        """(9,) markers that no hand of this size can have: the worst is taken out until the rest is possible."""
+        trial, wrong = markers.copy(), np.zeros(9, dtype=bool)
+        apart = np.nan_to_num(np.linalg.norm(markers - expected, axis=-1))
+        while (count := self._violations(hand, trial)).any():
+            worst = np.flatnonzero(count == count.max())
+            marker = worst[np.argmax(apart[worst])]
+            trial[marker], wrong[marker] = np.nan, True
+        return wrong
+
+    def _exchanged(
+        self, markers: np.ndarray, wrong: np.ndarray, expected: np.ndarray, tolerance: np.ndarray
+    ) -> np.ndarray:
+        """What is still wrong (9,) after wrong markers that lie in each other's places are exchanged, in place."""
+        rows = np.flatnonzero(wrong)
+        if len(rows) < 2:
+            return wrong
+        apart = np.linalg.norm(markers[rows][:, None] - expected[rows], axis=-1)  # measured × expected
+        origin = np.argmin(apart, axis=0)  # of every wrong marker the measurement nearest to its place
+        fits = apart[origin, np.arange(len(rows))] < tolerance[rows]
+        fits &= np.bincount(origin, minlength=len(rows))[origin] == 1
+        found = markers[rows[origin[fits]]]
+        markers[rows[fits]] = found
+        still = wrong.copy()
+        still[rows[fits]] = False
+        return still
+
+
+def _agreed(expected: np.ndarray, markers: np.ndarray, sure: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
+    """Expected places (9, 3), moved rigidly as most of the sure markers (9,) agree."""
+    sure = sure & ~np.isnan(expected[:, 0])
+    triples = _TRIPLES[sure[_TRIPLES].all(axis=1)]
+    if not len(triples):
+        return np.full_like(expected, np.nan)
+    known = np.zeros((len(triples), 9), dtype=bool)
+    np.put_along_axis(known, triples, True, axis=1)
+    many = np.broadcast_to(np.nan_to_num(markers), (len(triples), 9, 3))
+    source = np.nan_to_num(expected)
+    trials = moved(np.broadcast_to(source, many.shape), *register(source, many, known))
+    apart = np.linalg.norm(trials - markers, axis=-1)
+    near = sure & (apart < tolerance)
+    score = near.sum(axis=1) - np.where(near, apart / (9 * tolerance), 0.0).sum(axis=1)  # most, then nearest
+    best = near[np.argmax(score)] if near.any() else sure
+    agreed = moved(source[None], *register(source, np.nan_to_num(markers)[None], best[None]))[0]
+    return np.where(np.isnan(expected), np.nan, agreed)
+
+
+def _way(hand: Skeleton, glove: Glove) -> np.ndarray:
+    """(9, 9) m: the way along the bones between the points that carry two markers, and out to the markers."""
+    points = hand.indices(glove.points)
+    joints = hand.indices(glove.carried_by)
+    length = hand.bone_length
+    back = hand.index("wrist")
+    out = np.linalg.norm(glove.offset, axis=1) * (hand_size(hand) / glove.size)
+    ways = np.zeros((9, 9))
+    on_back = joints == back
+    flat = template(glove, hand)
+    for a, b in combinations(range(9), 2):
+        if on_back[a] and on_back[b]:
+            ways[a, b] = ways[b, a] = 1.15 * np.linalg.norm(flat[a] - flat[b])
+            continue
+        one, other = hand.path[points[a]], hand.path[points[b]]
+        along = float((np.abs(one - other) * length).sum())
+        ways[a, b] = ways[b, a] = along + out[a] + out[b]
+    return ways

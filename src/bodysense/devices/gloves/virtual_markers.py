@@ -1,0 +1,196 @@
+"""Gloves of any marker set: the hand is solved from the markers there are, and shows where the standard ones would be.
+
+The networks, the rejection of wrong markers and the continuity of hidden ones know the standard markers alone. A
+calibrated hand (`calibration`) knows where its own markers sit; every frame its pose is found by least squares, begun
+from the last one, and standard markers are read off it. One is hidden where what tells of it is: a fingertip where
+its finger's nearest marker is hidden, the back of the hand where fewer than three of its markers are seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from bodysense.body.glove import MARKERS, glove_of, glove_points, hand_size, side_of
+from bodysense.body.glove_set import standard_set
+from bodysense.body.hand import mirrored_vectors
+from bodysense.body.hand_family import GlovedHand, HandShapes
+from bodysense.devices.gloves.hand_model import POSE, MarkedHand, moved, postures, unlikely
+from bodysense.observation import Observation, accuracy_like
+
+_MARKER = 0.002  # m: standard deviation of a marker from where the hand has it
+_WRONG = 0.015  # m: a marker that is so far from where the hand has it counts little, and tells nothing
+_FIRST, _NEXT = 30, 2  # steps of a hand that is found, and of one that is followed
+_STEP = 1e-5  # of the numerical derivative, rad and m
+_FEWEST = 3  # markers of which a hand is solved
+_FORGOTTEN = 1.0  # s unseen after which a hand is found anew
+
+
+class SolvedHand(NamedTuple):
+    """Where a hand was last."""
+
+    pose: np.ndarray | None = None  # (32,); None: never seen
+    time: float = -np.inf  # s, when that was
+
+
+@dataclass(frozen=True, eq=False)
+class VirtualGlove:
+    """Standard markers of one hand, a left one, by the markers that it wears."""
+
+    worn: GlovedHand  # calibrated, with its own markers
+
+    @cached_property
+    def standard(self) -> GlovedHand:
+        """The same hand as if it wore the standard markers."""
+        hand = self.worn.skeleton
+        return GlovedHand(hand, self.worn.axes, glove_of(standard_set(), hand, self.worn.axes))
+
+    @cached_property
+    def _own(self) -> tuple[MarkedHand, HandShapes]:
+        return _numbers(self.worn)
+
+    @cached_property
+    def _shown(self) -> tuple[MarkedHand, HandShapes]:
+        return _numbers(self.standard)
+
+    @cached_property
+    def _tellers(self) -> tuple[np.ndarray, np.ndarray]:
+        """Which own markers (9, M) tell of a standard one, and how many of them (9,) must be seen."""
+        own, shown = self._own[0].places, self._shown[0].places
+        tell, fewest = np.zeros((len(shown), len(own)), dtype=bool), np.ones(len(shown), dtype=int)
+        for row, marker in enumerate(shown):
+            if marker.carrier < 0:
+                tell[row] = self._own[0].on_hand
+                fewest[row] = min(3, max(int(tell[row].sum()), 1))
+                continue
+            beside = {k: abs(p.point - marker.point) for k, p in enumerate(own) if p[::2] != (-1, -1)}
+            beside = {k: far for k, far in beside.items() if own[k].finger == marker.finger and own[k].carrier >= 0}
+            tell[row, [k for k, far in beside.items() if far == min(beside.values())]] = True
+        return tell, fewest
+
+    def step(self, seen: np.ndarray, now: float, state: SolvedHand) -> tuple[np.ndarray, SolvedHand]:
+        """Standard markers (9, 3) m, NaN where hidden, of own ones (M, 3) m, NaN where hidden, at `now` s."""
+        known = ~np.isnan(seen[:, 0])
+        hidden = np.full((len(MARKERS), 3), np.nan)
+        if known.sum() < _FEWEST:
+            return hidden, state
+        pose, weight = self._solved(seen, known, None if now - state.time > _FORGOTTEN else state.pose)
+        tell, fewest = self._tellers
+        told = (tell & known & (weight > 0.5)).sum(axis=1) >= fewest
+        marked, shapes = self._shown
+        return np.where(told[:, None], marked.markers(shapes, pose), hidden), SolvedHand(pose, now)
+
+    def _solved(self, seen: np.ndarray, known: np.ndarray, last: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """The pose (32,), and how far each marker (M,) is believed."""
+        marked, shapes = self._own
+        tried = last[None] if last is not None else np.concatenate([postures(), np.zeros((len(postures()), 6))], axis=1)
+        back = known & marked.on_hand
+        by = back if back.sum() >= 3 else known
+        target, use = np.where(known[:, None], seen, 0.0), known.astype(float)
+        placed = marked.placed(shapes, tried[None], target[None], by[None])[0]
+        if last is None:
+            if by is back:  # the wrist is known well
+                placed = marked.best(shapes, placed[None], target[None], known[None])
+            begun = [self._refined(pose, target, use, _FIRST) for pose in placed]
+            pose = min(begun, key=lambda one: float((self._off(one, target, use) ** 2).sum()))
+        else:
+            pose = self._refined(placed[0], target, use, _NEXT - 1)
+        pose = self._refined(pose, target, self._believed(pose, target, known), 1)
+        return pose, self._believed(pose, target, known)
+
+    def _believed(self, pose: np.ndarray, target: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """(M,) less of markers that are far from where the hand has them."""
+        marked, shapes = self._own
+        far = np.linalg.norm(marked.markers(shapes, pose) - target, axis=-1)
+        return known / (1 + (far / _WRONG) ** 4)
+
+    def _off(self, pose: np.ndarray, target: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """(..., R) residuals of poses (..., 32), in standard deviations."""
+        marked, shapes = self._own
+        missed = (marked.markers(shapes, pose) - target) * np.sqrt(weight)[:, None] / _MARKER
+        return np.concatenate([missed.reshape(*missed.shape[:-2], -1), unlikely(pose)], axis=-1)
+
+    def _refined(self, pose: np.ndarray, target: np.ndarray, weight: np.ndarray, steps: int) -> np.ndarray:
+        """A pose after so many steps of Gauss-Newton with Levenberg's damping."""
+        damping = 1e-3
+        for _ in range(steps):
+            off = self._off(np.concatenate([pose[None], moved(pose, _STEP * np.eye(POSE))]), target, weight)
+            slope = (off[1:] - off[0]) / _STEP  # (32, R)
+            cost, inner, drawn = float(off[0] @ off[0]), slope @ slope.T, slope @ off[0]
+            while damping < 1e6:
+                damped = inner + np.diag(damping * inner.diagonal() + 1e-9)
+                trial = moved(pose, -np.linalg.solve(damped, drawn))
+                if steps == 1:
+                    return trial
+                after = float((self._off(trial, target, weight) ** 2).sum())
+                if after < cost:
+                    break
+                damping *= 8
+            else:
+                return pose
+            pose, damping = trial, damping / 4
+            if cost - after < 1e-4 * cost:
+                return pose
+        return pose
+
+
+@dataclass(frozen=True, eq=False)
+class VirtualMarkers:
+    """Replaces the markers of hands, by name, by standard ones. Immutable; state is an argument."""
+
+    gloves: Mapping[str, VirtualGlove]
+
+    def start(self) -> tuple[SolvedHand, ...]:
+        """Nothing seen yet."""
+        return (SolvedHand(),) * len(self.gloves)
+
+    def step(
+        self, observation: Observation, state: tuple[SolvedHand, ...]
+    ) -> tuple[Observation, tuple[SolvedHand, ...]]:
+        """T frames: the points '<hand>_glove_…' of these hands become the standard ones, others stay as they are."""
+        kept = [k for k, name in enumerate(observation.points) if name.partition("_glove_")[0] not in self.gloves]
+        points = tuple(observation.points[k] for k in kept)
+        columns = [np.asarray(observation.position, dtype=float)[:, kept]]
+        after = []
+        for (hand, glove), last in zip(self.gloves.items(), state, strict=True):
+            place = [self._column(observation, f"{hand}_glove_{name}") for name in glove.worn.glove.markers]
+            known = observation.has_position[:, place] & (np.array(place) >= 0)
+            seen = mirrored_vectors(np.where(known[..., None], observation.position[:, place], np.nan), side_of(hand))
+            shown, solved = np.empty((len(observation), len(MARKERS), 3)), last
+            for frame, now in enumerate(observation.time.tolist()):
+                shown[frame], solved = glove.step(seen[frame], now, solved)
+            after.append(solved)
+            points += glove_points(hand)
+            columns.append(mirrored_vectors(shown, side_of(hand)))
+        position = np.concatenate(columns, axis=1)
+        more = position.shape[1] - len(kept)
+        has = np.concatenate([observation.has_position[:, kept], ~np.isnan(position[:, len(kept) :, 0])], axis=1)
+        turned = np.full((len(position), more, 4), np.nan)
+        nothing = np.zeros((len(position), more), dtype=bool)
+        accuracy = accuracy_like(nothing, _MARKER)
+        return Observation(
+            points=points,
+            position=position,
+            rotation=np.concatenate([observation.rotation[:, kept], turned], axis=1),
+            has_position=has,
+            has_rotation=np.concatenate([observation.has_rotation[:, kept], nothing], axis=1),
+            accuracy=np.concatenate([observation.accuracy[:, kept], accuracy], axis=1),
+            time=observation.time,
+        ), tuple(after)
+
+    def _column(self, observation: Observation, point: str) -> int:
+        return observation.points.index(point) if point in observation.points else -1
+
+
+def is_standard(hand: GlovedHand) -> bool:
+    """Whether a hand wears the markers that the networks know."""
+    return hand.glove.markers == MARKERS
+
+
+def _numbers(hand: GlovedHand) -> tuple[MarkedHand, HandShapes]:
+    worn = hand.glove.offset * (hand_size(hand.skeleton) / hand.glove.size)
+    return MarkedHand.of(hand.glove), HandShapes(hand.skeleton.rest_offset, hand.axes, worn)

@@ -1,0 +1,246 @@
+"""What an optical capture finds of gloves with markers (two-hands, 2.1): seen or hidden, noisy, sometimes wrong.
+
+A marker is a light on the skin. It stands out of the flesh along the way that it faces, so that the finger or palm that
+carries it hides it from behind and from nowhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from bodysense.body.capsules import PlacedPrimitives, Primitives, fit_primitives, place
+from bodysense.body.glove import MARKERS, Glove, default_glove, glove_of, marker_positions, side_of, template
+from bodysense.body.glove_set import GloveSet, standard_set
+from bodysense.body.hand import Side, hand_pose, joint_bases, mirrored_vectors
+from bodysense.body.hand_capsules import hand_capsules, placed_axes
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import quaternion_rotate
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.simulated.camera_ring import CameraRing, seen
+from bodysense.devices.simulated.dropout import hide
+from bodysense.errors import BodysenseError
+from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
+
+_HANDS: tuple[Side, Side] = ("left", "right")
+_TIP = np.array([0.6, 0.8, 0.0])  # a light on a fingertip faces away from the palm and ahead, in the joint's own axes
+_CLEAR = 0.002  # m that a light stands out of the flesh
+_HIGHEST = 0.06  # m: no flesh is thicker
+_MEAN_DISTANCE = (8 / np.pi) ** 0.5  # of normal noise in space, in deviations along one axis
+
+
+@dataclass(frozen=True)
+class GloveCapture:
+    """How gloves are captured. By default every marker is found where it is."""
+
+    cameras: CameraRing | None = None  # None: nothing hides a marker
+    noise: float = 0.0  # m, standard deviation along each axis
+    spikes: float = 0.0  # share of the samples that are wrong
+    spike_size: float = 0.08  # m, mean distance of a wrong sample from the marker
+    losses: float = 0.0  # a minute and marker: short spans in which a marker is lost whatever the cameras see
+    loss: float = 0.05  # s, their mean length
+
+    def __post_init__(self) -> None:
+        for name in ("noise", "spikes", "spike_size", "losses", "loss"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise BodysenseError(f"glove capture: {name} {value:g} cannot be; give 0 or more")
+        if self.spikes > 1:
+            raise BodysenseError(f"glove capture: spikes {self.spikes:g} is a share; give 0 to 1")
+
+
+def observe(
+    pose: Pose,
+    time: np.ndarray,
+    capture: GloveCapture = GloveCapture(),
+    rng: np.random.Generator | None = None,
+    worn: GloveSet | None = None,
+) -> Observation:
+    """The markers of both gloves of a person (T, …) at `time` (T,) s; the body hides what it stands before.
+
+    Points are named 'left_glove_pinky_base' …, left before right, by the marker set `worn`, the standard one if
+    omitted. `rng` is needed for what is random. Raises BodysenseError for a skeleton without fingers, and where poses
+    and times differ in number.
+    """
+    return observe_hands({side: hand_pose(pose, side) for side in _HANDS}, time, capture, rng, pose, worn)
+
+
+def observe_hands(
+    hands: Mapping[str, Pose],
+    time: np.ndarray,
+    capture: GloveCapture = GloveCapture(),
+    rng: np.random.Generator | None = None,
+    body: Pose | None = None,
+    worn: GloveSet | None = None,
+) -> Observation:
+    """The same of hands (T, …) by name, 'left', 'right', 'left2' …, each a left hand in its own world (`body.hand`)."""
+    time = np.asarray(time, dtype=float)
+    for name, pose in hands.items():
+        if time.shape != pose.root_position.shape[:-1]:
+            raise BodysenseError(
+                f"{name}: poses of shape {pose.root_position.shape[:-1]} need as many times, but got {time.shape}"
+            )
+    worn = standard_set() if worn is None else worn
+    gloves = {name: glove_of(worn, pose.skeleton) for name, pose in hands.items()}
+    position = np.concatenate(
+        [mirrored_vectors(marker_positions(gloves[name], pose), side_of(name)) for name, pose in hands.items()],
+        axis=-2,
+    )
+    known = np.ones(position.shape[:-1], dtype=bool)
+    if capture.cameras is not None:
+        known = visible(hands, capture.cameras, body, gloves=gloves)
+    if rng is None and (capture.noise or capture.spikes or capture.losses):
+        raise BodysenseError("glove capture: noise, spikes and losses are random; give a generator, rng=…")
+    if rng is not None:
+        position = _disturbed(position, capture, rng)
+        known &= ~_lost(time, position.shape[1], capture, rng)
+    rotation = np.full((*position.shape[:-1], 4), np.nan)
+    points = tuple(f"{name}_glove_{marker}" for name in hands for marker in worn.names)
+    whole = np.ones(known.shape, dtype=bool)
+    observation = Observation(
+        points=points,
+        position=position,
+        rotation=rotation,
+        has_position=whole,
+        has_rotation=~whole,
+        accuracy=accuracy_like(whole, max(EXACT_ACCURACY, _MEAN_DISTANCE * capture.noise)),
+        time=time,
+    )
+    return hide(observation, ~known)
+
+
+def visible(
+    hands: Mapping[str, Pose],
+    cameras: CameraRing,
+    body: Pose | None = None,
+    others: Sequence[tuple[Pose, Side]] = (),
+    gloves: Mapping[str, Glove] | None = None,
+) -> np.ndarray:
+    """Which markers of hands (F, …) the cameras find: (F, 9 a hand) bool, in the order of `hands`.
+
+    They wear the default glove, or `gloves`. The hands, `others` without gloves, and the body, if it is given, hide
+    what is behind them. The ring stands about the mean place of the hands.
+    """
+    lit = [_lights(pose, side_of(name), (gloves or {}).get(name, default_glove())) for name, pose in hands.items()]
+    light, facing = (np.concatenate(parts, axis=1) for parts in zip(*lit, strict=True))
+    solid = [*((pose, side_of(name)) for name, pose in hands.items()), *others]
+    return seen(cameras, light.mean(axis=(0, 1)), light, facing, _solids(solid, body))
+
+
+def hide_markers(
+    observation: Observation, at_once: int, seconds: float, per_minute: float, rng: np.random.Generator
+) -> Observation:
+    """Hide `at_once` random markers of a glove together, for `seconds`, `per_minute` times a minute on average.
+
+    Each glove by itself. Raises BodysenseError for more markers than a glove has.
+    """
+    if not 1 <= at_once <= len(MARKERS):
+        raise BodysenseError(f"{at_once} markers cannot be hidden at once; give 1 to {len(MARKERS)}")
+    hidden = np.zeros(observation.has_position.shape, dtype=bool)
+    time = observation.time
+    for first in range(0, len(observation.points), len(MARKERS)):
+        for _ in range(rng.poisson(per_minute * (time[-1] - time[0]) / 60)):
+            begin = rng.uniform(time[0], time[-1])
+            during = np.flatnonzero((time >= begin) & (time < begin + seconds))
+            hidden[np.ix_(during, first + rng.choice(len(MARKERS), at_once, replace=False))] = True
+    return hide(observation, hidden)
+
+
+def _disturbed(position: np.ndarray, capture: GloveCapture, rng: np.random.Generator) -> np.ndarray:
+    """Positions (T, R, 3) with noise, some of them wrong."""
+    position = position + capture.noise * rng.standard_normal(position.shape)
+    wrong = rng.random(position.shape[:-1]) < capture.spikes
+    way = rng.standard_normal(position.shape)
+    way /= np.linalg.norm(way, axis=-1, keepdims=True)
+    far = rng.exponential(capture.spike_size, position.shape[:-1])
+    return position + (wrong * far)[..., None] * way
+
+
+def _lost(time: np.ndarray, count: int, capture: GloveCapture, rng: np.random.Generator) -> np.ndarray:
+    """(T, R) bool: spans that are lost at random."""
+    lost = np.zeros((len(time), count), dtype=bool)
+    for marker, spans in enumerate(rng.poisson(capture.losses * (time[-1] - time[0]) / 60, count)):
+        begin = rng.uniform(time[0], time[-1], (spans, 1))
+        lost[:, marker] = ((time >= begin) & (time < begin + rng.exponential(capture.loss, (spans, 1)))).any(axis=0)
+    return lost
+
+
+def _lights(pose: Pose, side: Side, glove: Glove) -> tuple[np.ndarray, np.ndarray]:
+    """Where the lights of a hand (F, …) are, and the ways that they face: (F, M, 3) m and unit, world."""
+    offset, facing = _mounting(pose.skeleton, glove)
+    position, world = forward_kinematics(pose)
+    carrier = pose.skeleton.indices(glove.carried_by)
+    light = position[:, carrier] + quaternion_rotate(world[:, carrier], offset)
+    return mirrored_vectors(light, side), mirrored_vectors(quaternion_rotate(world[:, carrier], facing), side)
+
+
+@lru_cache(maxsize=64)
+def _mounting(hand: Skeleton, glove: Glove) -> tuple[np.ndarray, np.ndarray]:
+    """Of every marker its light, from the joint that carries it, and the way that it faces: (9, 3) m and unit.
+
+    Lights are moved out of the flat hand's flesh the way they face.
+    """
+    capsules = hand_capsules(hand)
+    rest = hand.path @ hand.rest_offset
+    carrier = hand.indices(glove.carried_by)
+    bases = np.array([(1.0, 0.0, 0.0, 0.0), *joint_bases()])
+    own = np.array([_TIP if point.endswith("_tip") else [0.0, 1.0, 0.0] for point in glove.points])
+    facing = quaternion_rotate(bases[carrier], own)
+    height = np.arange(0.0, _HIGHEST, 0.0005)
+    point = template(glove, hand)[:, None] + height[:, None] * facing[:, None]  # (9, heights, 3)
+    start = rest[capsules.joint] + capsules.start
+    bone = capsules.end - capsules.start
+    from_start = point[:, :, None] - start
+    share = np.clip(np.einsum("mhcx,cx->mhc", from_start, bone) / np.einsum("cx,cx->c", bone, bone), 0, 1)
+    clear = np.linalg.norm(from_start - share[..., None] * bone, axis=-1) - capsules.radius
+    inside = (clear < _CLEAR).any(axis=-1)
+    highest = np.where(inside.any(axis=1), len(height) - np.argmax(inside[:, ::-1], axis=1), 0)
+    light = point[np.arange(len(carrier)), np.minimum(highest, len(height) - 1)]
+    return light - rest[carrier], facing
+
+
+def _solids(hands: Sequence[tuple[Pose, Side]], body: Pose | None) -> PlacedPrimitives:
+    """What stands in the way: the flesh of hands, and of a body all but its hands."""
+    start, end, radius = [], [], []
+    for pose, side in hands:
+        begins, bones = placed_axes(pose)
+        start.append(mirrored_vectors(begins, side))
+        end.append(mirrored_vectors(begins + bones, side))
+        radius.append(hand_capsules(pose.skeleton).radius)
+    frames = len(start[0])
+    boxes = np.zeros((frames, 0, 3)), np.zeros((frames, 0, 3, 3)), np.zeros((0, 3))
+    if body is not None:
+        placed = place(fit_primitives(body.skeleton), *(np.asarray(part) for part in forward_kinematics(body)))
+        capsules, other = _beside_hands(body.skeleton)
+        start.append(placed.start[:, capsules])
+        end.append(placed.end[:, capsules])
+        radius.append(placed.primitives.radius[capsules])
+        boxes = placed.center[:, other], placed.axes[:, other], placed.primitives.half_size[other]
+    center, axes, half_size = boxes
+    starts, ends, radii = np.concatenate(start, axis=1), np.concatenate(end, axis=1), np.concatenate(radius)
+    count = len(radii) + len(half_size)
+    primitives = Primitives(
+        skeleton=hands[0][0].skeleton,
+        names=("",) * count,
+        joint=np.zeros(count, dtype=int),
+        start=starts[0],
+        end=ends[0],
+        radius=radii,
+        center=center[0],
+        half_size=half_size,
+        nose=np.zeros(3),
+    )
+    return PlacedPrimitives(primitives, starts, ends, center, axes)
+
+
+@lru_cache(maxsize=64)
+def _beside_hands(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
+    """Places of the capsules, and of the boxes, of a body that belong to no hand."""
+    body = fit_primitives(skeleton)
+    wrists = skeleton.indices(["left_wrist", "right_wrist"])
+    hand = np.any(skeleton.path[body.joint][:, wrists] > 0, axis=1)
+    capsules = len(body.radius)
+    return np.flatnonzero(~hand[:capsules]), np.flatnonzero(~hand[capsules:])

@@ -1,0 +1,205 @@
+"""Sensor sets: which points of a body are tracked, the sets that are sold, and what they track of a motion.
+
+A sensor sits on a joint and gives its position, its rotation or both. A sensor strapped to a bone is one on the joint
+at which the bone begins: the shin turns with the knee, the chest is `spine3`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rigid import RigidTransform
+from bodysense.body.rotation import quaternion_canonical, quaternion_multiply, quaternion_rotate
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.simulated.headset_camera import see_points
+from bodysense.errors import BodysenseError
+from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
+
+Kind = Literal["position and rotation", "position", "rotation"]
+KINDS: tuple[Kind, ...] = ("position and rotation", "position", "rotation")
+SIDES = ("left", "right")
+WRISTS = ("left_wrist", "right_wrist")
+
+
+@dataclass(frozen=True)
+class SensorSet:
+    """Points that are tracked in every frame; with `camera` also the positions that a headset's cameras see."""
+
+    position: tuple[str, ...]
+    rotation: tuple[str, ...]
+    camera: bool = False  # occlusion.headset_camera
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """The points that are tracked in every frame."""
+        return tuple(dict.fromkeys((*self.position, *self.rotation)))
+
+    def with_sensor(self, name: str, kind: Kind = "position and rotation") -> SensorSet:
+        """The set with one sensor more."""
+        return SensorSet(
+            self.position if kind == "rotation" else (*self.position, name),
+            self.rotation if kind == "position" else (*self.rotation, name),
+            self.camera,
+        )
+
+
+def _posed(*names: str) -> SensorSet:
+    """Position and rotation of some points."""
+    return SensorSet(names, names)
+
+
+def _pair(name: str) -> tuple[str, str]:
+    return (f"left_{name}", f"right_{name}")
+
+
+_HANDS = ("head", *WRISTS)
+_SIX = (*_HANDS, "pelvis", *_pair("ankle"))
+SENSOR_SETS = {
+    "head": _posed("head"),
+    "three_point": _posed(*_HANDS),
+    # Two IMUs strapped above the ankles, as they are sold: they turn with the shins.
+    "three_point_imu_feet": SensorSet(_HANDS, (*_HANDS, *_pair("knee"))),
+    "four_point": _posed(*_HANDS, "pelvis"),
+    "six_point": _posed(*_SIX),
+    "ten_point": _posed(*_SIX, "spine3", *_pair("elbow"), *_pair("knee")),
+    "headset_camera": SensorSet(("head",), ("head",), camera=True),
+    # Beside the sets of the tables: IMUs in the shoes, and on shins and shoes.
+    "three_point_imu_shoes": SensorSet(_HANDS, (*_HANDS, *_pair("ankle"))),
+    "three_point_imu_legs": SensorSet(_HANDS, (*_HANDS, *_pair("knee"), *_pair("ankle"))),
+}
+TABLE_SETS = (
+    "head",
+    "three_point",
+    "three_point_imu_feet",
+    "four_point",
+    "six_point",
+    "ten_point",
+    "headset_camera",
+)
+
+
+def observe(pose: Pose, time: np.ndarray, sensors: SensorSet) -> Observation:
+    """What sensors track of a motion, without errors.
+
+    Args:
+        pose: poses (..., T).
+        time: (T,) s.
+        sensors: the set. Without a camera the observation has its points only, with one all points of the skeleton.
+
+    Raises BodysenseError for points that the skeleton does not have, and for rotations of end sites.
+    """
+    position, rotation = (np.asarray(part) for part in forward_kinematics(pose))
+    visible = see_points(pose.skeleton, position, rotation).visible if sensors.camera else None
+    return observe_points(pose.skeleton, position, rotation, time, sensors, visible)
+
+
+def observe_points(
+    skeleton: Skeleton,
+    position: np.ndarray,
+    rotation: np.ndarray,
+    time: np.ndarray,
+    sensors: SensorSet,
+    visible: np.ndarray | None = None,
+) -> Observation:
+    """`observe`, from `position` (..., T, P, 3) m and world `rotation` (..., T, J, 4); `visible` (..., T, P) is the
+    camera's.
+    """
+    joints = len(skeleton.joints)
+    for name in sensors.rotation:
+        if skeleton.index(name) >= joints:
+            raise BodysenseError(f"{name!r} is an end site and has no rotation; put the sensor on a joint")
+    points = skeleton.points if sensors.camera else sensors.points
+    places = skeleton.indices(points)
+    has_position = np.zeros((*position.shape[:-2], len(points)), dtype=bool)
+    has_rotation = np.zeros_like(has_position)
+    has_position[..., [points.index(name) for name in sensors.position]] = True
+    has_rotation[..., [points.index(name) for name in sensors.rotation]] = True
+    if sensors.camera:
+        if visible is None:
+            raise BodysenseError("a set with a camera needs to know what it sees; give `visible`")
+        has_position |= visible
+    turned = rotation[..., np.minimum(places, joints - 1), :]
+    return Observation(
+        points=points,
+        position=np.where(has_position[..., None], position[..., places, :], np.nan),
+        rotation=np.where(has_rotation[..., None], quaternion_canonical(turned), np.nan),
+        has_position=has_position,
+        has_rotation=has_rotation,
+        accuracy=accuracy_like(has_position, EXACT_ACCURACY),
+        time=np.asarray(time, dtype=float),
+    )
+
+
+@dataclass(frozen=True)
+class Edge:
+    """An edge of the lattice of sensor sets: a set, and the set with one sensor more."""
+
+    fewer: SensorSet
+    more: SensorSet
+    sensor: str  # the point of the sensor that is added
+    kind: Kind
+
+
+# Where the lattice has sensors beside the head; those of a side are sensors of their own.
+LATTICE_PARTS = ("pelvis", "spine3", "knee", "elbow", "ankle", "hip", "shoulder")
+_WRISTS_SHARE, _BOTH_SIDES_SHARE, _MOST = 0.85, 0.8, 0.7
+_KIND_SHARES = (0.5, 0.25, 0.25)
+
+
+def random_edges(count: int = 200, rng: np.random.Generator | None = None) -> tuple[Edge, ...]:
+    """Draw edges of the lattice: the head with its pose, mostly both wrists, any other parts, each of any kind.
+
+    `rng` None always draws the same edges.
+    """
+    rng = rng or np.random.default_rng(2026)
+    edges: list[Edge] = []
+    while len(edges) < count:
+        fewer = _random_set(rng)
+        left_out = [name for name in (*WRISTS, *_lattice_joints()) if name not in fewer.points]
+        if left_out:
+            name, kind = left_out[int(rng.integers(len(left_out)))], _random_kind(rng)
+            edges.append(Edge(fewer, fewer.with_sensor(name, kind), name, kind))
+    return tuple(edges)
+
+
+def _random_set(rng: np.random.Generator) -> SensorSet:
+    sensors = SENSOR_SETS["head"]
+    if rng.uniform() < _WRISTS_SHARE:
+        sensors = SENSOR_SETS["three_point"]
+    share = rng.uniform(0, _MOST)
+    for part in LATTICE_PARTS:
+        if rng.uniform() < share:
+            kind, names = _random_kind(rng), _joints_of(part)
+            if rng.uniform() >= _BOTH_SIDES_SHARE:
+                names = (names[int(rng.integers(len(names)))],)
+            for name in names:
+                sensors = sensors.with_sensor(name, kind)
+    return sensors
+
+
+def _random_kind(rng: np.random.Generator) -> Kind:
+    return KINDS[int(rng.choice(len(KINDS), p=_KIND_SHARES))]
+
+
+def _joints_of(part: str) -> tuple[str, ...]:
+    return (part,) if part in ("pelvis", "spine3") else _pair(part)
+
+
+def _lattice_joints() -> tuple[str, ...]:
+    return tuple(name for part in LATTICE_PARTS for name in _joints_of(part))
+
+
+def strapped(observation: Observation, mounts: Mapping[str, RigidTransform]) -> Observation:
+    """What trackers give that are strapped beside their joints, by the joint that carries each: T_joint_tracker."""
+    position, rotation = observation.position.copy(), observation.rotation.copy()
+    for joint, mount in mounts.items():
+        k = observation.points.index(joint)
+        turn = rotation[..., k, :]
+        position[..., k, :] += quaternion_rotate(turn, np.broadcast_to(mount.translation, position[..., k, :].shape))
+        rotation[..., k, :] = quaternion_multiply(turn, np.broadcast_to(mount.rotation, turn.shape))
+    return replace(observation, position=position, rotation=rotation)

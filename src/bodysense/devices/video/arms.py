@@ -1,0 +1,251 @@
+"""Arms and hands from key-points of a video by a network of windows: `lab/pahmt/network.py`, ONNX Runtime.
+
+The network sees windows of 32 frames, a second. Windows follow each other by `stride` and overlap; what they say of a
+frame is blended, the middle of a window counting more than its ends. A frame is answered when a frame has come in that
+is `look_ahead` later: that is the delay of a live use, and with 0 each frame is answered at once, by one window that
+ends with it. One call with many frames equals many calls with one.
+
+Frames may come at any rate; windows are interpolated at the network's. After `longest_gap` without a frame everything
+starts afresh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bodysense.body.arms import ARM_JOINTS, SIDES, with_arms
+from bodysense.body.keypoints import ArmKeypoints, body_torso, check_keypoints
+from bodysense.body.pose import Pose, forward_kinematics, standing_pose
+from bodysense.body.rotation import normalize, quaternion_canonical, quaternion_conjugate, quaternion_multiply
+from bodysense.body.skeleton import Skeleton
+from bodysense.completion.network import Network, NetworkFormat
+from bodysense.devices.estimate import PointEstimate
+from bodysense.devices.video.arm_window import ArmFrame, alike, calmed, window_of
+from bodysense.errors import BodysenseError
+from bodysense.observation import check_order
+
+FORMAT = "bodysense arms 1"
+NETWORK = NetworkFormat(
+    name=FORMAT,
+    kind="network of arms",
+    command="bodysense train arms",
+    fields=("joints", "frames", "rate", "validation"),
+    packaged="arms.onnx",
+)
+UNSEEN_ERROR = 0.5  # m: of legs, which stand whatever the person does
+_ENDS = 0.1  # weight of a window's last frame beside its middle
+_SAME = 1e-6  # s, frames
+_UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class ArmModel:
+    """A network of arms and hands."""
+
+    network: Network
+
+    @property
+    def card(self) -> Mapping[str, Any]:
+        """What its file says of it."""
+        return self.network.card
+
+    def rotations(self, window: dict[str, np.ndarray]) -> np.ndarray:
+        """Local rotations (T, 38, 4) of a window's key-points by field, (T, …), finite throughout."""
+        return self.network.run({name: value[None] for name, value in window.items()})["rotation"][0].astype(float)
+
+
+def load_arms(path: str | Path | None = None) -> ArmModel:
+    """Load a network: a path, or None for the packaged one. Raises BodysenseError for a file that is not ours."""
+    network = Network.open(path, NETWORK)
+    if tuple(network.card["joints"]) != ARM_JOINTS:
+        raise BodysenseError(f"{network.name}: its joints are not ours; export it again with `{NETWORK.command}`")
+    return ArmModel(network)
+
+
+@dataclass(frozen=True)
+class ArmSettings:
+    """How windows follow each other."""
+
+    look_ahead: float = 0.25  # s that an answer waits for frames to come; 0 answers at once
+    stride: float = 0.1  # s from one window to the next
+    calm: float = 0.03  # s: standard deviation by which a window's key-points are smoothed over time
+    longest_gap: float = 0.5  # s without frames after which everything starts afresh
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.look_ahead <= 0.5:
+            raise BodysenseError(f"look-ahead {self.look_ahead:g} s; give 0 to 0.5, half of what the network sees")
+        if not self.calm > 0:
+            raise BodysenseError(f"smoothing of key-points over {self.calm:g} s; give more than 0")
+        if not (self.stride > 0 and 0 < self.longest_gap <= 0.5):
+            raise BodysenseError(f"stride {self.stride:g} s, longest gap {self.longest_gap:g} s: give up to 0.5 each")
+
+
+@dataclass(frozen=True, eq=False)
+class ArmFrames:
+    """Frames that are answered; +y up, axes of the camera."""
+
+    time: np.ndarray  # (T,) s
+    estimate: PointEstimate  # a body that stands, turned as the torso; arms and hands are the network's
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+@dataclass(frozen=True, eq=False)
+class ArmState:
+    """The last second of frames, and which of them wait for an answer."""
+
+    frames: tuple[ArmFrame, ...] = ()
+    waiting: int = 0  # so many of the last frames
+    window: float = -np.inf  # s, the last frame of the last window
+
+
+@dataclass(frozen=True, eq=False)
+class Arms:
+    """Both arms and hands of a skeleton from key-points."""
+
+    skeleton: Skeleton
+    model: ArmModel
+    settings: ArmSettings = field(default_factory=ArmSettings)
+
+    def start(self) -> ArmState:
+        """Nothing seen yet."""
+        return ArmState()
+
+    def complete(self, keypoints: ArmKeypoints) -> ArmFrames:
+        """All frames at once: `step`, then `finish`."""
+        answered, state = self._taken(keypoints, self.start())
+        return self._answer([*answered, *self._flushed(state)])
+
+    def step(self, keypoints: ArmKeypoints, state: ArmState) -> tuple[ArmFrames, ArmState]:
+        """Take in T ≥ 1 frames; the frames that can be answered now.
+
+        Raises BodysenseError for key-points that `check_keypoints` refuses, and where time does not increase.
+        """
+        answered, state = self._taken(keypoints, state)
+        return self._answer(answered), state
+
+    def finish(self, state: ArmState) -> ArmFrames:
+        """The frames that still wait, at the end of a video."""
+        return self._answer(self._flushed(state))
+
+    def _taken(self, keypoints: ArmKeypoints, state: ArmState) -> tuple[list[ArmFrame], ArmState]:
+        answered: list[ArmFrame] = []
+        for frame in _frames(check_keypoints(keypoints)):
+            last = state.frames[-1] if state.frames else frame
+            check_order(frame.time, state.frames[-1].time if state.frames else None, "arms")
+            if frame.time - last.time > self.settings.longest_gap:
+                answered += self._flushed(state)
+                state, last = self.start(), frame
+            torso = frame.torso if frame.values["has_torso"] else last.torso
+            frames = (*state.frames, replace(frame, torso=torso))
+            state = replace(state, frames=frames, waiting=state.waiting + 1)
+            due = sum(one.time + self.settings.look_ahead <= frame.time + _SAME for one in _waiting(state))
+            answered_next = slice(len(state.frames) - state.waiting, len(state.frames) - state.waiting + due)
+            unheard = due > 0 and state.window < state.frames[answered_next][-1].time
+            if unheard or frame.time - state.window >= self.settings.stride - _SAME:
+                state = self._windowed(state)
+            answered += state.frames[answered_next]
+            state = self._forgotten(replace(state, waiting=state.waiting - due))
+        return answered, state
+
+    @property
+    def _span(self) -> float:
+        """s from a window's first frame to its last."""
+        return (int(self.model.card["frames"]) - 1) / float(self.model.card["rate"])
+
+    def _flushed(self, state: ArmState) -> list[ArmFrame]:
+        if state.waiting and state.window < state.frames[-1].time:
+            state = self._windowed(state)
+        return list(_waiting(state))
+
+    def _forgotten(self, state: ArmState) -> ArmState:
+        """Without frames that no window will see again; one from before stays, to interpolate from."""
+        first = 0
+        while first + 1 < len(state.frames) - state.waiting and (
+            state.frames[first + 1].time < state.frames[-1].time - self._span
+        ):
+            first += 1
+        return replace(state, frames=state.frames[first:])
+
+    def _windowed(self, state: ArmState) -> ArmState:
+        """What a window that ends with the last frame says is added to the frames that wait."""
+        count, rate = int(self.model.card["frames"]), float(self.model.card["rate"])
+        now = state.frames[-1].time
+        time = now - np.arange(count - 1, -1, -1) / rate
+        said = self.model.rotations(calmed(window_of(state.frames, time), time, self.settings.calm))
+        begin = len(state.frames) - state.waiting
+        frames = list(state.frames[:begin])
+        for frame in _waiting(state):
+            place = max(count - 1 - (now - frame.time) * rate, 0.0)
+            before = min(int(place + _SAME), count - 2)
+            share = place - before
+            after = alike(said[before + 1], said[before])
+            turn = np.asarray(normalize(said[before] + share * (after - said[before])))
+            middle = (count - 1) / 2
+            weight = _ENDS + (1 - _ENDS) * (1 - abs(place - middle) / middle)
+            total = weight * turn if frame.said is None else frame.said + weight * alike(turn, frame.said)
+            frames.append(replace(frame, said=total))
+        return ArmState(tuple(frames), state.waiting, now)
+
+    @cached_property
+    def _standing(self) -> tuple[Pose, np.ndarray]:
+        """The standing body, and the turn (4,) from its torso's axes to its root's."""
+        pose = standing_pose(self.skeleton)
+        return pose, np.asarray(quaternion_conjugate(body_torso(pose)))
+
+    @cached_property
+    def _kind(self) -> np.ndarray:
+        """(P,) for each point: 0 and 1 of the left and right arm, 2 and 3 of the hands' fingers, 4 of the rest."""
+        arm = ("shoulder", "elbow", "wrist")
+        kinds = []
+        for point, name in enumerate(self.skeleton.points):
+            side, _, part = name.partition("_")
+            hand = self.skeleton.wrist_of[point] >= 0
+            kinds.append(4 if not (hand or part in arm) else SIDES.index(side) + 2 * hand)
+        return np.array(kinds)
+
+    def _answer(self, frames: list[ArmFrame]) -> ArmFrames:
+        """Answered frames on the body."""
+        pose, from_torso = self._standing
+        said = np.zeros((0, len(ARM_JOINTS), 4))
+        if frames:
+            said = np.stack([one.said for one in frames if one.said is not None])
+        turned = with_arms(pose, np.asarray(quaternion_canonical(normalize(said))))
+        torso = np.array([one.torso for one in frames]).reshape(-1, 4)
+        root = quaternion_multiply(torso, np.broadcast_to(from_torso, torso.shape))
+        turned.rotation[:, 0] = quaternion_canonical(root)
+        found = np.ones((len(frames), 5))
+        for t, one in enumerate(frames):
+            found[t, :4] = 1.0 - np.concatenate([one.values["has_arm"], one.values["has_hand"]])
+        figures = self.model.card["validation"]
+        error = np.array([figures["overall_m"]] * 2 + [figures["overall_m"] + figures["hands_m"]] * 2 + [UNSEEN_ERROR])
+        estimate = PointEstimate(
+            skeleton=self.skeleton,
+            position=np.asarray(forward_kinematics(turned)[0]),
+            occluded=found[:, self._kind],
+            confidence=np.broadcast_to(error[self._kind], (len(frames), len(self._kind))).copy(),
+            pose=turned,
+        )
+        return ArmFrames(np.array([one.time for one in frames]), estimate)
+
+
+def _frames(keypoints: ArmKeypoints) -> Iterator[ArmFrame]:
+    """Key-points frame by frame, finite throughout."""
+    shown = {"arm": "has_arm", "torso": "has_torso", "hand": "has_hand"}
+    values = {name: np.nan_to_num(np.asarray(getattr(keypoints, name), dtype=np.float32)) for name in shown}
+    values |= {mask: np.asarray(getattr(keypoints, mask), dtype=bool) for mask in shown.values()}
+    values["torso"][np.logical_not(values["has_torso"])] = _UPRIGHT
+    for t, time in enumerate(keypoints.time):
+        row = {name: value[t] for name, value in values.items()}
+        yield ArmFrame(float(time), row, row["torso"].astype(float))
+
+
+def _waiting(state: ArmState) -> Sequence[ArmFrame]:
+    return state.frames[len(state.frames) - state.waiting :]

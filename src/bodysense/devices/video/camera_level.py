@@ -1,0 +1,92 @@
+"""How a camera is turned against gravity, from how the person stands: what stands upright is upright.
+
+Two angles: by how much the camera looks down, its tilt, and by how much it is rolled about where it looks. Landmarks
+are turned upright before anything else is made of them, for networks of bodies know level cameras.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bodysense.body.arms import SIDES
+from bodysense.devices.video.landmarks import BODY_LANDMARKS
+from bodysense.devices.video.person import VISIBLE, PersonLandmarks
+
+_STRAIGHT = np.radians(25.0)  # by how much the bones of a body that stands differ from its own upright
+_STEEPEST, _MOST_ROLLED = np.radians(35.0), np.radians(50.0)  # beyond it a body rather leans than the camera
+_LONGEST_MEAN = 10.0  # s
+_LONGEST_STEP = 0.1  # s for which a frame counts
+_SWAY = np.radians(3.0)  # people who stand lean so much to a side: a camera so little rolled is rather level
+_PARTS = ("shoulder", "hip", "knee", "ankle")
+_MARKS = np.array([[BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES] for part in _PARTS])
+
+
+@dataclass(frozen=True)
+class CameraLevel:
+    """Mean angles of bodies that stood, and for how long."""
+
+    tilt: float = 0.0  # rad by which the camera looks down
+    roll: float = 0.0  # rad by which what is upright leans to the right in the picture
+    stood: float = 0.0  # s
+    time: float = -np.inf  # s, of the last frame that counted
+
+    def step(self, person: PersonLandmarks) -> CameraLevel:
+        """The level after one more frame, as it was found."""
+        up = _upright(person)
+        if up is None:
+            return self
+        time = float(person.time[0])
+        elapsed = min(time - self.time, _LONGEST_STEP)
+        share = 1.0 if not self.stood else elapsed / (self.stood + elapsed)
+        tilt, roll = np.arctan2(up[2], np.hypot(up[0], up[1])), np.arctan2(up[0], up[1])
+        return CameraLevel(
+            tilt=self.tilt + share * (float(tilt) - self.tilt),
+            roll=self.roll + share * (float(roll) - self.roll),
+            stood=min(self.stood + elapsed, _LONGEST_MEAN),
+            time=time,
+        )
+
+    @property
+    def likely_roll(self) -> float:
+        """rad: the roll, less where it is no more than people sway."""
+        return self.roll**3 / (self.roll**2 + _SWAY**2)
+
+
+def tilted(tilt: float) -> np.ndarray:
+    """(3, 3) room ← upright camera that looks down by `tilt` rad."""
+    cosine, sine = np.cos(tilt), np.sin(tilt)
+    return np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
+
+
+def rolled(roll: float) -> np.ndarray:
+    """(3, 3) upright camera ← camera in whose picture upright things lean to the right by `roll` rad."""
+    cosine, sine = np.cos(roll), np.sin(roll)
+    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+
+
+def upright(person: PersonLandmarks, roll: float) -> PersonLandmarks:
+    """Landmarks as an upright camera in the same place sees them."""
+    turn = rolled(roll)
+    flat = turn[:2, :2]
+    return replace(
+        person,
+        world=person.world @ turn.T,
+        picture=person.picture @ flat.T,
+        hand=person.hand @ flat.T,
+        hand_world=person.hand_world @ turn.T,
+    )
+
+
+def _upright(person: PersonLandmarks) -> np.ndarray | None:
+    """(3,) from feet to shoulders of one frame, in the camera's axes; None of a body that does not stand or walk."""
+    if not person.has_body[0] or person.visible[0, _MARKS].min() < VISIBLE:
+        return None
+    joints = person.world[0, _MARKS]  # (part, side, 3)
+    bones = [*(joints[1] - joints[2]), *(joints[2] - joints[3]), (joints[0] - joints[1]).mean(axis=0)]
+    up = joints[0].mean(axis=0) - joints[3].mean(axis=0)
+    up = up / max(float(np.linalg.norm(up)), 1e-9)
+    straight = min(float(bone @ up) / max(float(np.linalg.norm(bone)), 1e-9) for bone in bones)
+    level = abs(np.arctan2(up[2], np.hypot(up[0], up[1]))) < _STEEPEST and abs(np.arctan2(up[0], up[1])) < _MOST_ROLLED
+    return up if straight > np.cos(_STRAIGHT) and level else None

@@ -1,0 +1,299 @@
+"""Video as a device: a person's landmarks in, points of their body in the room out.
+
+Head, shoulders and legs are laid along the landmarks with the wearer's own bones (`landmark_points`). Arms and hands
+are rotations by a network, arms along the lines on which they are seen (`arm_lines`); where they are follows from
+these. What is not seen is not observed, so that the tracker completes it. The room's axes are the camera's, but for its
+tilt and roll, which are learned from how the person stands (`camera_level`); z is 0 where they begin, and the lowest
+point of their legs is on the floor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bodysense.body.arms import ARM_JOINTS, ARM_PARTS, ARM_POINTS, CHEST, SIDES, arm_rotations, arm_skeleton
+from bodysense.body.keypoints import arm_directions
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import (
+    matrix_to_quaternion,
+    normalize,
+    quaternion_canonical,
+    quaternion_multiply,
+    shortest_arc,
+)
+from bodysense.body.skeleton import Skeleton
+from bodysense.body.spring import spring_step
+from bodysense.devices.simulated.camera_view import Camera
+from bodysense.devices.video.arm_lines import along_lines, with_depths
+from bodysense.devices.video.camera_level import CameraLevel, rolled, tilted, upright
+from bodysense.devices.video.landmark_points import LaidPoints, LandmarkPoints, located
+from bodysense.devices.video.landmark_smoothing import REACH, smoothed
+from bodysense.devices.video.landmarks import BODY_LANDMARKS
+from bodysense.devices.video.person import VISIBLE, PersonLandmarks, arm_keypoints, joined_landmarks
+from bodysense.errors import BodysenseError
+from bodysense.observation import LANDMARK_ACCURACY, Observation
+
+if TYPE_CHECKING:
+    from bodysense.devices.video.arms import Arms
+
+_LEGS = tuple(f"{side}_{part}" for side in SIDES for part in ("knee", "ankle", "foot", "toe"))
+# What may be observed. Landmarks of hips are too rough: on rendered videos bodies are 1-2 cm nearer without them.
+POINTS = ("head", CHEST, *_LEGS, *ARM_JOINTS)
+_WITH_POSITION = ("head", "left_shoulder", "right_shoulder", *_LEGS)
+_UNSEEN_LEGS = 3.0  # times as far off a body is whose legs are not seen: it stands as high as if they were straight
+_ARM_MARKS = np.array([[BODY_LANDMARKS.index(f"{side}_{part}") for part in ARM_POINTS] for side in SIDES])
+_LEG_MARKS = [BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES for part in ("knee", "ankle")]
+_SOLE = ("ankle", "foot", "toe")
+_FAR = 3.0  # m from the camera: where nobody has been seen yet
+_BONES = np.array([[ARM_JOINTS.index(f"{side}_{part}") for part in ("shoulder", "elbow")] for side in SIDES])
+
+
+@dataclass(frozen=True)
+class VideoSettings:
+    """How a video becomes observed points."""
+
+    look_ahead: float = 0.25  # s that a frame waits for frames to come; 0 gives each at once
+    calm: float = 0.05  # s: standard deviation of the smoothing of landmarks, over frames before and those ahead
+    arm_calm: float = 0.03  # s, of those of arms, which move faster
+    field_of_view: float = 60.0  # degrees over the longer side of the picture
+    tilt: float | None = None  # degrees by which the camera looks down; by how the person stands, where it is not given
+    roll: float | None = None  # degrees by which upright things lean to the right in the picture; likewise
+    place_half_life: float = 0.1  # s in which half of a jump across the picture is closed
+    depth_half_life: float = 0.3  # s, of a jump toward the camera or away from it
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.look_ahead <= 0.5:
+            raise BodysenseError(f"--look-ahead {self.look_ahead:g}: give 0 to 0.5 s")
+        if not 5 <= self.field_of_view <= 170:
+            raise BodysenseError(f"--field-of-view {self.field_of_view:g}: give 5 to 170 degrees")
+        for name, most in (("tilt", 90), ("roll", 180)):
+            if (angle := getattr(self, name)) is not None and not abs(angle) <= most:
+                raise BodysenseError(f"--{name} {angle:g}: give -{most} to {most} degrees")
+        for name in ("calm", "arm_calm", "place_half_life", "depth_half_life"):
+            if not getattr(self, name) > 0:
+                raise BodysenseError(f"video settings: {name} is {getattr(self, name):g}; it must be positive")
+
+
+@dataclass(frozen=True, eq=False)
+class VideoFrames:
+    """T frames, with what they were made of."""
+
+    observation: Observation  # of `POINTS`, in the room
+    person: PersonLandmarks  # as they were found, but upright
+    camera: Camera  # (T,) in the room
+
+    @property
+    def time(self) -> np.ndarray:
+        """(T,) s."""
+        return self.observation.time
+
+    def __len__(self) -> int:
+        return len(self.observation)
+
+
+@dataclass(frozen=True, eq=False)
+class VideoState:
+    """Everything that the next frames depend on."""
+
+    arms: Any  # the state of the network
+    place: np.ndarray  # (3,) m: where the pelvis was, in the upright camera's axes
+    velocity: np.ndarray  # (3,) m/s
+    root: np.ndarray  # (3,) m: where the pelvis was, in the room
+    level: CameraLevel = CameraLevel()
+    begun: tuple[float, float] | None = None  # s and m: when the person was first seen, and at which z of the room
+    time: float = -np.inf  # s
+    waiting: PersonLandmarks | None = (
+        None  # the frames to come, after those before that they are smoothed with; upright
+    )
+    levels: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))  # rad, tilt and roll in each of them
+    done: int = 0  # how many are of before
+
+
+@dataclass(frozen=True)
+class VideoDevice:
+    """A camera that watches a person of a `skeleton`, with a network of `arms`. Immutable; state is an argument.
+
+    A frame is given when one has come in that is `look_ahead` later; `finish` gives the last ones.
+    """
+
+    skeleton: Skeleton
+    arms: Arms
+    aspect: float  # width / height of the pictures
+    settings: VideoSettings = VideoSettings()
+
+    @property
+    def focal(self) -> float:
+        """Focal length in heights of the picture."""
+        return max(self.aspect, 1.0) / 2 / float(np.tan(np.radians(self.settings.field_of_view) / 2))
+
+    def start(self) -> VideoState:
+        """The state before the first frame: nobody yet."""
+        return VideoState(self.arms.start(), np.array([0.0, 0.0, -_FAR]), np.zeros(3), self.skeleton.rest_offset[0])
+
+    def step(self, person: PersonLandmarks, state: VideoState) -> tuple[VideoFrames, VideoState]:
+        """Take in the next T ≥ 1 frames: the frames that are ready by now, and the state after them."""
+        level, levels, frames = state.level, [], []
+        for k in range(len(person)):
+            level = level.step(person[k : k + 1])
+            levels.append(self._angles(level))
+            frames.append(upright(person[k : k + 1], levels[-1][1]))
+        person = joined_landmarks(frames)
+        waiting = person if state.waiting is None else joined_landmarks([state.waiting, person])
+        state = replace(state, waiting=waiting, levels=np.concatenate([state.levels, levels]), level=level)
+        found, arms = self.arms.step(arm_keypoints(person), state.arms)
+        return self._given(len(found), found.estimate.pose, replace(state, arms=arms))
+
+    def _angles(self, level: CameraLevel) -> tuple[float, float]:
+        """rad: tilt and roll, as given or as learned."""
+        tilt, roll = self.settings.tilt, self.settings.roll
+        return (
+            level.tilt if tilt is None else float(np.radians(tilt)),
+            level.likely_roll if roll is None else float(np.radians(roll)),
+        )
+
+    def finish(self, state: VideoState) -> VideoFrames:
+        """The frames that were still waited for."""
+        count = 0 if state.waiting is None else len(state.waiting) - state.done
+        return self._given(count, self.arms.finish(state.arms).estimate.pose if count else None, state)[0]
+
+    def _given(self, count: int, arms: Pose | None, state: VideoState) -> tuple[VideoFrames, VideoState]:
+        """The next `count` frames that wait, with the network's arms."""
+        assert state.waiting is not None
+        waiting, first = state.waiting, state.done
+        person = waiting[first : first + count]
+        turned = None if arms is None else arm_rotations(arms)
+        seen = _nothing(person.time)
+        positions, axes = np.empty((count, 3)), np.empty((count, 3, 3))
+        for k in range(count):
+            settings, (tilt, roll) = self.settings, state.levels[first + k]
+            room = tilted(tilt)
+            calm = smoothed(waiting, first + k, settings.calm, settings.look_ahead)
+            laid = self._points.lay(calm) if calm.has_body[0] else None
+            if laid is not None:
+                assert turned is not None
+                state = self._followed(laid, calm, room, state)
+                places = smoothed(waiting, first + k, settings.arm_calm, settings.look_ahead).picture[0, _ARM_MARKS]
+                self._observe(seen, k, laid, calm, self._arms(laid, turned[k], calm, places, state), room, state)
+            axes[k] = room @ rolled(roll)
+            positions[k] = state.root - room @ state.place
+        camera = Camera(positions, axes, np.full(count, self.focal), np.full(count, self.aspect))
+        # What is left of the frames before is what the next ones are smoothed with.
+        past = waiting.time[: first + count]
+        old = 0 if not len(past) else int((past < past[-1] - REACH * self.settings.calm).sum())
+        frames = VideoFrames(seen, person, camera)
+        return frames, replace(state, waiting=waiting[old:], levels=state.levels[old:], done=first + count - old)
+
+    def _followed(self, laid: LaidPoints, person: PersonLandmarks, room: np.ndarray, state: VideoState) -> VideoState:
+        """The state after one frame with a body: where it is."""
+        time, place = float(person.time[0]), located(laid, person, self.skeleton, self.focal)
+        if state.begun is None:
+            state = replace(state, place=place, begun=(time, float((room @ place)[2])), time=time)
+        else:
+            lives = np.array([self.settings.place_half_life] * 2 + [self.settings.depth_half_life])
+            offset, velocity = spring_step(state.place - place, state.velocity, lives, time - state.time)
+            state = replace(state, place=place + offset, velocity=velocity, time=time)
+        assert state.begun is not None
+        x, _, z = room @ state.place
+        rest = self.skeleton.path @ self.skeleton.rest_offset + self.skeleton.rest_offset[0]
+        soles = self.skeleton.indices([f"{side}_{part}" for side in SIDES for part in _SOLE])
+        lowest = float(((laid.position[soles] @ room.T)[:, 1] - rest[soles, 1]).min())
+        return replace(state, root=np.array([x, -lowest, z - state.begun[1]]))
+
+    def _arms(
+        self, laid: LaidPoints, arms: np.ndarray, person: PersonLandmarks, places: np.ndarray, state: VideoState
+    ) -> np.ndarray:
+        """Turns (38, 4) in the camera's axes of arms with local rotations (38, 4), along the lines on which they are
+        seen at places (2, 3, 2). Hands stay turned as the network says.
+        """
+        chest = laid.rotation[self.skeleton.index(CHEST)]
+        position, turned = map(np.asarray, forward_kinematics(self._arm_pose(chest, arms)))
+        joints = self._arm_skeleton.indices([f"{side}_{part}" for side in SIDES for part in ARM_POINTS]).reshape(2, 3)
+        bones = np.asarray(normalize(np.diff(position[joints], axis=1)))
+        shoulders = laid.position[self.skeleton.indices([f"{side}_shoulder" for side in SIDES]), 2]
+        length = np.linalg.norm(np.diff(position[joints], axis=1), axis=-1)
+        said = arm_directions(person.world[0, _ARM_MARKS])
+        away, whole = -float(state.place[2]) - shoulders, float(person.visible[0, _LEG_MARKS].mean())
+        deep = with_depths(bones, said, person.picture[0, _ARM_MARKS], self.focal, away, length, whole)
+        lines = along_lines(deep, places, self.focal, -float(state.place[2]))
+        turned = turned[1:].copy()
+        turned[_BONES] = quaternion_multiply(np.asarray(shortest_arc(bones, lines)), turned[_BONES])
+        return turned
+
+    def _observe(
+        self,
+        seen: Observation,
+        frame: int,
+        laid: LaidPoints,
+        person: PersonLandmarks,
+        arms: np.ndarray,
+        room: np.ndarray,
+        state: VideoState,
+    ) -> None:
+        """Fill in one frame of an observation: what is seen of a body, with turns (38, 4) of arms."""
+        where, joints = self._places
+        visible, turned, rotation = laid.visible[where].copy(), np.zeros(len(POINTS)), np.full((len(POINTS), 4), np.nan)
+        turned[joints], rotation[joints] = laid.turned[where[joints]], laid.rotation[where[joints]]
+        is_seen = person.visible[0, _ARM_MARKS].min(axis=1)
+        for name, turn in zip(ARM_JOINTS, arms, strict=True):
+            side, _, part = name.partition("_")
+            number, place = SIDES.index(side), POINTS.index(name)
+            rotation[place] = turn
+            turned[place] = is_seen[number] if part in ARM_PARTS or person.has_hand[0, number] else 0.0
+        visible[self._is_rotation] = 0.0
+        error = LANDMARK_ACCURACY * (1.0 if visible[self._legs].max() >= VISIBLE else _UNSEEN_LEGS)
+        at = visible >= VISIBLE
+        seen.position[frame, at] = laid.position[where[at]] @ room.T + state.root
+        seen.has_position[frame, at] = True
+        seen.accuracy[frame, at] = error / visible[at]
+        known = np.flatnonzero(turned >= VISIBLE)
+        tilt = np.broadcast_to(matrix_to_quaternion(room), (len(known), 4))
+        seen.rotation[frame, known] = quaternion_canonical(quaternion_multiply(tilt, rotation[known]))
+        seen.has_rotation[frame, known] = True
+
+    def _arm_pose(self, chest: np.ndarray, arms: np.ndarray) -> Pose:
+        """Both arms on a chest that is turned so (4,), local rotations (38, 4)."""
+        rotation = np.zeros((len(self._arm_skeleton.joints), 4))
+        rotation[0], rotation[1:] = chest, arms
+        return Pose(self._arm_skeleton, np.zeros(3), rotation)
+
+    @cached_property
+    def _arm_skeleton(self) -> Skeleton:
+        return arm_skeleton(self.skeleton)
+
+    @cached_property
+    def _points(self) -> LandmarkPoints:
+        return LandmarkPoints(self.skeleton)
+
+    @cached_property
+    def _places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where `POINTS` are in the skeleton, and which of them are joints."""
+        where = self.skeleton.indices(POINTS)
+        return where, np.flatnonzero(where < len(self.skeleton.joints))
+
+    @cached_property
+    def _is_rotation(self) -> np.ndarray:
+        """Which of `POINTS` are observed without a position."""
+        return np.array([name not in _WITH_POSITION for name in POINTS])
+
+    @cached_property
+    def _legs(self) -> np.ndarray:
+        """Where the legs are in `POINTS`."""
+        return np.array([POINTS.index(name) for name in _LEGS])
+
+
+def _nothing(time: np.ndarray) -> Observation:
+    """Frames in which nothing is observed."""
+    shape = (len(time), len(POINTS))
+    return Observation(
+        points=POINTS,
+        position=np.full((*shape, 3), np.nan),
+        rotation=np.full((*shape, 4), np.nan),
+        has_position=np.zeros(shape, dtype=bool),
+        has_rotation=np.zeros(shape, dtype=bool),
+        accuracy=np.full(shape, LANDMARK_ACCURACY),
+        time=np.asarray(time, dtype=float),
+    )

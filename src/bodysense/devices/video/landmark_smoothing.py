@@ -1,0 +1,37 @@
+"""One frame of landmarks, averaged with those around it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bodysense.devices.video.person import PersonLandmarks
+
+REACH = 3.0  # standard deviations of the smoothing
+
+
+def smoothed(person: PersonLandmarks, frame: int, calm: float, ahead: float) -> PersonLandmarks:
+    """One frame, averaged with those around it, up to `ahead` s later, by a Gaussian of standard deviation `calm` s.
+
+    It has no body where there is none in reach.
+    """
+    later = person.time - person.time[frame]
+    near = np.exp(-0.5 * (later / calm) ** 2) * (np.abs(later) <= REACH * calm) * (later <= ahead + 1e-6)
+
+    def mean(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        weight = np.where(mask, near.reshape(-1, *[1] * (mask.ndim - 1)), 0.0)
+        total = weight.sum(axis=0)
+        weight = weight / np.where(total > 0, total, 1.0)
+        spread = weight.reshape(*weight.shape, *[1] * (values.ndim - weight.ndim))
+        return (np.where(spread > 0, values, 0.0) * spread).sum(axis=0, keepdims=True)
+
+    body, hand = person.has_body, person.has_hand
+    return PersonLandmarks(
+        time=person.time[frame : frame + 1],
+        world=mean(person.world, body),
+        picture=mean(person.picture, body),
+        visible=mean(person.visible, body),
+        has_body=(near[:, None] * body[:, None]).any(axis=0),
+        hand=mean(person.hand, hand),
+        hand_world=mean(person.hand_world, hand),
+        has_hand=((near[:, None] * hand) > 0).any(axis=0)[None],
+    )

@@ -1,0 +1,304 @@
+"""One person, chosen among those in the picture and kept, with the hands that are theirs.
+
+Axes and places in the picture are those of `landmarks`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import product
+
+import numpy as np
+
+from bodysense.body.arms import ARM_POINTS, SIDES
+from bodysense.body.keypoints import ArmKeypoints, arm_directions, torso_rotation
+from bodysense.devices.video.landmarks import BODY_LANDMARKS, Bodies, Hands
+from bodysense.devices.video.pictures import Picture
+from bodysense.devices.video.sides import LastSides, exchange, is_turned_round, remembered
+from bodysense.errors import BodysenseError
+
+VISIBLE = 0.5  # probability from which a landmark counts as seen
+_LONGEST_AHEAD = 0.5  # s for which somebody unseen is thought to walk on
+_MEMORY = 0.3  # s over which their motion, size and colour are averaged
+_ARMS = np.array([[BODY_LANDMARKS.index(f"{side}_{point}") for point in ARM_POINTS] for side in SIDES])  # (2, 3)
+_WRISTS = _ARMS[:, -1]
+_SHOULDERS = _ARMS[:, 0]
+_HIPS = np.array([BODY_LANDMARKS.index(f"{side}_hip") for side in SIDES])
+# Where between shoulders and hips the colour of clothes is taken: shares across and down.
+_PATCH = np.stack(np.meshgrid(np.linspace(0.25, 0.75, 5), np.linspace(0.15, 0.75, 6)), axis=-1).reshape(-1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class PersonLandmarks:
+    """One person's landmarks over time; NaN where the mask is False."""
+
+    time: np.ndarray  # (T,) s
+    world: np.ndarray  # (T, 33, 3) m, from the middle of the hips, camera's axes
+    picture: np.ndarray  # (T, 33, 2) places in the picture
+    visible: np.ndarray  # (T, 33) probability that a landmark is in the picture and not hidden
+    has_body: np.ndarray  # (T,) bool
+    hand: np.ndarray  # (T, 2, 21, 2) places in the picture of left and right hand
+    hand_world: np.ndarray  # (T, 2, 21, 3) m, from the middle of the hand, camera's axes
+    has_hand: np.ndarray  # (T, 2) bool
+
+    def __getitem__(self, key: slice) -> PersonLandmarks:
+        """Frames `key` (a slice)."""
+        return PersonLandmarks(**{field.name: getattr(self, field.name)[key] for field in fields(self)})
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+@dataclass(frozen=True)
+class PersonSettings:
+    """How a person is kept. Lengths are in sizes of the person in the picture."""
+
+    farthest: float = 1.2  # unlikeness from which somebody is another person
+    number: int | None = None  # of who is followed, from 1, as people are numbered; None: the largest
+    speed: float = 2.0  # a second: how much farther off a person may be that was not seen
+    colour: float = 3.0  # unlikeness of black clothes and white ones
+    absence: float = 3.0  # unlikeness a second of who was not seen, beside who was
+    patience: float = 3.0  # s without the person until another one is chosen
+    hand_reach: float = 0.4  # from an arm's wrist to that of its hand
+    wrong_side: float = 0.25  # unlikeness of a hand that is certainly the other side's
+
+    def __post_init__(self) -> None:
+        if self.number is not None and self.number < 1:
+            raise BodysenseError(f"--follow {self.number}: people are numbered from 1")
+
+
+@dataclass(frozen=True, eq=False)
+class PersonTrack:
+    """What is remembered of somebody in the picture.
+
+    People are numbered from 1 in the order in which they are first seen, those of one picture from left to right.
+    """
+
+    time: float  # s, when they were last seen
+    place: np.ndarray  # (2,) middle of the trunk in the picture
+    velocity: np.ndarray  # (2,) a second
+    size: float  # in the picture
+    colour: np.ndarray  # (3,) of the clothes, 0 to 1
+    number: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class PersonState:
+    """The person, and everybody else: who is known to be another one is not taken for them."""
+
+    person: PersonTrack | None = None
+    others: tuple[PersonTrack, ...] = ()
+    sides: LastSides | None = None
+    count: int = 0  # of people who have a number
+
+    def seen_at(self, time: float) -> tuple[PersonTrack, ...]:
+        """Everybody who was seen at `time` s."""
+        everybody = self.others if self.person is None else (self.person, *self.others)
+        return tuple(one for one in everybody if one.time == time)
+
+
+def follow(
+    picture: Picture,
+    bodies: Bodies,
+    hands: Hands,
+    state: PersonState,
+    settings: PersonSettings = PersonSettings(),
+) -> tuple[PersonLandmarks, PersonState]:
+    """The person's landmarks in the next picture, one frame, and what is remembered of them.
+
+    At first, and again after `patience` seconds without them, the person is whoever is largest; where a number is asked
+    for, who has it, however long they are away. In between everybody is followed, by place, motion, size and colour of
+    clothes; the person may be nobody in the picture for a while.
+    """
+    sides = state.sides
+    chosen, state = _choose(picture, bodies, state, settings)
+    empty = _nobody(picture.time)
+    if chosen is None:
+        return empty, replace(state, sides=sides)
+    hand_of = _hands_of(chosen, bodies, hands, settings)
+    labels = sum((1 - 2 * side) * (2 * float(hands.left[k]) - 1) for side, k in enumerate(hand_of) if k is not None)
+    size = float(_size(bodies.picture[chosen : chosen + 1])[0])
+    is_kept = is_turned_round(picture.time, bodies.picture[chosen], size, labels, sides)
+    if is_kept:
+        bodies = _turned(bodies, chosen)
+        hand_of = _hands_of(chosen, bodies, hands, settings)
+    state = replace(state, sides=remembered(picture.time, bodies.picture[chosen], size, is_kept, sides))
+    for side, place in enumerate(hand_of):
+        if place is not None:
+            empty.hand[0, side], empty.hand_world[0, side] = hands.picture[place], hands.world[place]
+            empty.has_hand[0, side] = True
+    body = np.s_[chosen : chosen + 1]
+    return (
+        replace(
+            empty,
+            world=bodies.world[body],
+            picture=bodies.picture[body],
+            visible=bodies.visible[body],
+            has_body=np.ones(1, dtype=bool),
+        ),
+        state,
+    )
+
+
+def _turned(bodies: Bodies, chosen: int) -> Bodies:
+    """The bodies, left and right of one exchanged."""
+    values = [np.array(value) for value in (bodies.world, bodies.picture, bodies.visible)]
+    world, picture, visible = exchange(*(value[chosen] for value in values))
+    for value, one in zip(values, (world, picture, visible), strict=True):
+        value[chosen] = one
+    return Bodies(*values)
+
+
+def joined_landmarks(parts: Sequence[PersonLandmarks]) -> PersonLandmarks:
+    """One after the other in time."""
+    names = [field.name for field in fields(PersonLandmarks)]
+    return PersonLandmarks(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+def arm_keypoints(person: PersonLandmarks) -> ArmKeypoints:
+    """What the networks of arms and hands take. An arm is found where elbow and wrist are seen."""
+    arms = person.world[:, _ARMS]
+    seen = person.has_body[:, None] & (person.visible[:, _ARMS].min(axis=-1) >= VISIBLE)
+    return ArmKeypoints(
+        time=person.time,
+        arm=arm_directions(arms),
+        has_arm=seen,
+        torso=torso_rotation(person.world[:, _SHOULDERS], person.world[:, _HIPS]),
+        has_torso=person.has_body & (person.visible[:, _SHOULDERS].min(axis=-1) >= VISIBLE),
+        hand=person.hand,
+        has_hand=person.has_hand,
+    )
+
+
+def _nobody(time: float) -> PersonLandmarks:
+    count = len(BODY_LANDMARKS)
+    return PersonLandmarks(
+        time=np.array([time]),
+        world=np.full((1, count, 3), np.nan),
+        picture=np.full((1, count, 2), np.nan),
+        visible=np.zeros((1, count)),
+        has_body=np.zeros(1, dtype=bool),
+        hand=np.full((1, 2, 21, 2), np.nan),
+        hand_world=np.full((1, 2, 21, 3), np.nan),
+        has_hand=np.zeros((1, 2), dtype=bool),
+    )
+
+
+def _choose(
+    picture: Picture, bodies: Bodies, state: PersonState, settings: PersonSettings
+) -> tuple[int | None, PersonState]:
+    """Who among the bodies is the person, and who is remembered then."""
+    seen = _everybody(picture, bodies)
+    known = [one for one in state.others if picture.time - one.time <= settings.patience]
+    person = state.person
+    if person is not None and (settings.number or picture.time - person.time <= settings.patience):
+        known = [person, *known]
+    else:
+        person = None
+    unlike = np.array([[_unlike(one, new, settings) for new in seen] for one in known]).reshape(len(known), len(seen))
+    absent = settings.absence * np.array([picture.time - one.time for one in known])
+    free_known, free_seen, who = set(range(len(known))), set(range(len(seen))), {}
+    for place in np.argsort((unlike + absent[:, None]).ravel()).tolist():
+        one, new = divmod(place, len(seen))
+        if one in free_known and new in free_seen and unlike[one, new] <= settings.farthest:
+            free_known.remove(one)
+            free_seen.remove(new)
+            who[one] = new
+    now = {new: _updated(known[one], seen[new]) for one, new in who.items()}
+    for number, new in enumerate(sorted(free_seen, key=lambda new: seen[new].place[0]), start=state.count + 1):
+        now[new] = replace(seen[new], number=number)
+    chosen = who.get(0)
+    if person is None:
+        chosen = _first(now, settings)
+    kept = [known[one] for one in free_known if one or person is None]
+    others = [one for new, one in now.items() if new != chosen] + kept
+    person = person if chosen is None else now[chosen]
+    return chosen, replace(state, person=person, others=tuple(others), count=state.count + len(free_seen))
+
+
+def _first(seen: dict[int, PersonTrack], settings: PersonSettings) -> int | None:
+    """Who is to be followed, among those who are seen."""
+    if settings.number is not None:
+        return next((new for new, one in seen.items() if one.number == settings.number), None)
+    return max(seen, key=lambda new: seen[new].size, default=None)
+
+
+def _everybody(picture: Picture, bodies: Bodies) -> list[PersonTrack]:
+    """Everybody in a picture."""
+    trunk = bodies.picture[:, np.concatenate([_SHOULDERS, _HIPS])].reshape(-1, 2, 2, 2)  # body, shoulders and hips, …
+    return [
+        PersonTrack(picture.time, corners.mean(axis=(0, 1)), np.zeros(2), float(size), _colour(picture.pixels, corners))
+        for corners, size in zip(trunk, _size(bodies.picture), strict=True)
+    ]
+
+
+def _unlike(one: PersonTrack, new: PersonTrack, settings: PersonSettings) -> float:
+    """How unlike somebody is who was known and who is seen now."""
+    gap = new.time - one.time
+    # Who is not seen walks on, or stays; who jumped comes down again.
+    ahead = one.velocity * min(gap, _LONGEST_AHEAD)
+    away = min(float(np.linalg.norm(new.place - one.place - step)) for step in (ahead, 0.0 * ahead)) / one.size
+    # A little of it always counts, to tell apart who is equally within reach.
+    unlike = max(away - settings.speed * gap, 0.1 * away) + abs(np.log(new.size / one.size))
+    return unlike + settings.colour * float(np.linalg.norm(new.colour - one.colour)) / np.sqrt(3)
+
+
+def _updated(one: PersonTrack, new: PersonTrack) -> PersonTrack:
+    """Who was known, as they are seen now; motion, size and colour are averaged."""
+    gap = new.time - one.time
+    keep = np.exp(-gap / _MEMORY)
+    return PersonTrack(
+        time=new.time,
+        place=new.place,
+        velocity=keep * one.velocity + (1 - keep) * (new.place - one.place) / max(gap, 1e-3),
+        size=float(keep * one.size + (1 - keep) * new.size),
+        colour=keep * one.colour + (1 - keep) * new.colour,
+        number=one.number,
+    )
+
+
+def _hands_of(chosen: int, bodies: Bodies, hands: Hands, settings: PersonSettings) -> list[int | None]:
+    """Which hand hangs on the left and on the right arm of a body: the likeliest pair of none, one or two hands."""
+    count = len(hands.left)
+    if not count:
+        return [None, None]
+    wrist = hands.picture[:, 0]
+    away = np.linalg.norm(bodies.picture[:, _WRISTS, None] - wrist, axis=-1) / _size(bodies.picture)[:, None, None]
+    likely = np.stack([hands.left, 1 - hands.left])
+    unlike = away + settings.wrong_side * (1 - likely)  # (N, 2, hands)
+    mine = unlike[chosen]
+    others = np.delete(unlike, chosen, axis=0).min(axis=(0, 1), initial=np.inf)
+    allowed = (away[chosen] <= settings.hand_reach) & (mine < others)
+    extent = np.linalg.norm(np.ptp(hands.picture, axis=1), axis=-1)
+    apart = np.linalg.norm(hands.picture[:, None] - hands.picture, axis=-1).mean(axis=-1) / extent
+
+    def cost(pair: tuple[int | None, int | None]) -> float:
+        left, right = pair
+        if left is not None and right is not None and apart[left, right] < 0.15:
+            return np.inf  # one hand, found twice
+        worst = settings.hand_reach + settings.wrong_side  # no hand is worse than any that is allowed
+        return sum(worst if one is None else float(mine[side, one]) for side, one in enumerate(pair))
+
+    options = [[None, *np.flatnonzero(row).tolist()] for row in allowed]
+    best = min(product(*options), key=cost)
+    return [best[0], best[1]]
+
+
+def _size(places: np.ndarray) -> np.ndarray:
+    """(N,) how large bodies (N, 33, 2) are in the picture: the trunk's length, or from its width where it is bent."""
+    shoulders, hips = places[:, _SHOULDERS], places[:, _HIPS]
+    length = np.linalg.norm(shoulders.mean(axis=1) - hips.mean(axis=1), axis=-1)
+    width = np.linalg.norm(shoulders[:, 0] - shoulders[:, 1], axis=-1)
+    return np.maximum(np.maximum(length, 1.4 * width), 1e-3)
+
+
+def _colour(pixels: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """(3,) the median colour, 0 to 1, between shoulders and hips, corners (2, 2, 2)."""
+    across, down = _PATCH.T[:, :, None]
+    (left, right), (low_left, low_right) = corners
+    places = (1 - down) * ((1 - across) * left + across * right) + down * ((1 - across) * low_left + across * low_right)
+    high, wide = pixels.shape[:2]
+    x = (places[:, 0] * high + wide / 2).astype(int).clip(0, wide - 1)
+    y = ((0.5 - places[:, 1]) * high).astype(int).clip(0, high - 1)
+    return np.median(pixels[y, x], axis=0) / 255.0

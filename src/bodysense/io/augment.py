@@ -1,0 +1,83 @@
+"""Augmentation: other people and other directions from the same motion, on clips in canonical form."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bodysense.body.pose import Pose
+from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, quaternion_rotate
+from bodysense.body.skeleton import Skeleton
+from bodysense.io.clip import Clip
+
+# Bones that grow together, left and right alike, by the joint or end site that ends the bone.
+LIMBS = {
+    "hips": ("hip",),
+    "legs": ("knee", "ankle"),
+    "feet": ("foot", "toe"),
+    "trunk": ("spine1", "spine2", "spine3"),
+    "head": ("neck", "head", "head_top"),
+    "shoulders": ("collar", "shoulder"),
+    "arms": ("elbow", "wrist"),
+    "hands": tuple(f"{f}{k}" for f in ("thumb", "index", "middle", "ring", "pinky") for k in ("1", "2", "3", "_tip")),
+}
+SPREAD_LIMIT = 2.5  # standard deviations
+
+
+def mirrored(clip: Clip) -> Clip:
+    """The clip in a mirror at the plane x = 0: left and right change places, on the mirrored body."""
+    pose, skeleton = clip.pose, clip.pose.skeleton
+    partner = skeleton.mirror
+    flip = np.array([-1.0, 1.0, 1.0])
+    other = skeleton.with_offsets(skeleton.rest_offset[partner] * flip)
+    # A rotation in a mirror: its axis is mirrored, its sense reversed.
+    rotation = pose.rotation[..., partner[: len(skeleton.joints)], :] * np.array([1.0, 1.0, -1.0, -1.0])
+    return replace(clip, pose=Pose(other, pose.root_position * flip, rotation))
+
+
+def turned(clip: Clip, angle: float) -> Clip:
+    """The clip turned about the world's +Y axis, through the origin, by `angle` radians."""
+    yaw = quaternion_exp(np.array([0.0, angle, 0.0]))
+    rotation = clip.pose.rotation.copy()
+    rotation[..., 0, :] = quaternion_canonical(quaternion_multiply(yaw, rotation[..., 0, :]))
+    root = quaternion_rotate(yaw, clip.pose.root_position)
+    return replace(clip, pose=Pose(clip.pose.skeleton, root, rotation))
+
+
+def at_height(clip: Clip, height: float) -> Clip:
+    """The same rotations on a body of the same proportions, `height` m tall; the root's path is scaled with it."""
+    skeleton = clip.pose.skeleton.scaled(height)
+    root = clip.pose.root_position * (skeleton.height / clip.pose.skeleton.height)
+    return replace(clip, pose=Pose(skeleton, root, clip.pose.rotation))
+
+
+def with_limb_proportions(clip: Clip, spread: float, rng: np.random.Generator) -> Clip:
+    """The same rotations on another body: the lengths of each group of `LIMBS` times a random factor of its own.
+
+    `spread` is the standard deviation of the factors' logarithm, cut at `SPREAD_LIMIT` of it (0.03 to 0.05 is how
+    adults differ in a limb's share of their height). Left and right stay alike. The root's path is scaled with the
+    length of the legs, so that feet stay on the ground and slide little; hands that touched something may leave it.
+    """
+    skeleton = clip.pose.skeleton
+    deviation = np.clip(rng.standard_normal(len(LIMBS)), -SPREAD_LIMIT, SPREAD_LIMIT)
+    factor = {
+        part: scale
+        for endings, scale in zip(LIMBS.values(), np.exp(spread * deviation), strict=True)
+        for part in endings
+    }
+    offset = skeleton.rest_offset * np.array([[factor.get(_part(name), 1.0)] for name in skeleton.points])
+    longer = _leg_length(skeleton.with_offsets(offset)) / _leg_length(skeleton)
+    offset[0] = skeleton.rest_offset[0] * longer
+    return replace(clip, pose=Pose(skeleton.with_offsets(offset), clip.pose.root_position * longer, clip.pose.rotation))
+
+
+def _part(name: str) -> str:
+    """A point's name without its side."""
+    side, _, rest = name.partition("_")
+    return rest if side in ("left", "right") else name
+
+
+def _leg_length(skeleton: Skeleton) -> float:
+    """How far the lowest point lies below the pelvis in the rest pose, metres."""
+    return float(-(skeleton.path @ skeleton.rest_offset)[:, 1].min())

@@ -1,0 +1,1 @@
+"""Published data sets: what their folders tell, and splits by person."""

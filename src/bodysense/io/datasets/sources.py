@@ -1,0 +1,174 @@
+"""Motion files on disk: one file, a folder of them, and what is known of each (person, category, split)."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from bodysense.body.pose import Pose
+from bodysense.body.skeleton import Skeleton
+from bodysense.errors import BodysenseError
+from bodysense.files import check_plain
+from bodysense.io.amass import read_amass
+from bodysense.io.archive import SUFFIXES, ZIP, MotionFile, motion_files
+from bodysense.io.augment import at_height
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.layouts import Layout, labelled, layout_of
+from bodysense.io.datasets.splits import SPLITS, Split
+from bodysense.io.rigs.canonical import complete_skeleton
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.rigs.rig import Rig
+from bodysense.io.rigs.rigged import read_rigged
+
+
+@dataclass(frozen=True)
+class Source:
+    """A motion file and what its folder says of it."""
+
+    path: Path
+    person: str
+    split: Split
+    category: str = ""
+    skeleton: Skeleton | None = None  # of the body, where the file does not hold it
+    member: str = ""  # of the zip file at `path`
+    rest: Literal["given", "found"] = "given"  # found: in the motion, if the file's is no standing body (`stance`)
+
+    @property
+    def file(self) -> MotionFile:
+        """Where it lies."""
+        return MotionFile(self.path, self.member)
+
+    def key(self, directory: Path) -> str:
+        """Its place in a folder, the name of the zip file included."""
+        return self.file.place.relative_to(directory).as_posix()
+
+
+def read_source(source: Source, options: ReadingOptions = AS_FOUND) -> Clip:
+    """The clip of a source in canonical form, with its person and category."""
+    return read_with_rig(source, options)[0]
+
+
+def read_with_rig(source: Source, options: ReadingOptions = AS_FOUND) -> tuple[Clip, Rig | None]:
+    """The clip of a source in canonical form, and the rig that was recognised; None of a file that has none (AMASS).
+
+    Raises BodysenseError for other files and damaged ones.
+    """
+    file = source.file
+    suffix = file.place.suffix
+    if suffix.lower() not in (*SUFFIXES, ZIP):
+        raise BodysenseError(f"{file.place}: unknown kind of file {suffix!r}; valid are {', '.join(SUFFIXES)}")
+    if not file.member and file.path.is_file() and file.path.stat().st_size == 0:
+        raise BodysenseError(f"{file.path}: the file is empty; copy or export it again")
+    rig = None
+    if suffix.lower() == ".npz":
+        clip = as_told(read_amass(file.path, source.skeleton), options, "AMASS files", "z")
+    else:
+        data = file.read()
+        check_plain(data[:64], file.place)
+        rigged = read_rigged(data, file.place, options, must_stand=source.rest == "found")
+        clip, rig = rigged.clip, rigged.rig
+    return replace(clip, person=source.person, category=source.category), rig
+
+
+def list_sources(directory: str | Path, layout: Layout | None = None) -> list[Source]:
+    """The motion files of a folder, those in zip files included, sorted by path.
+
+    A folder with `splits.json` is read by that file, `categories.csv` and `skeletons.json` (see docs/data.md), and so
+    is the folder of one of its sets. The published data sets that `data.layouts` describes are recognised by what is in
+    the folder, or taken to be of `layout`. In any other, the person is the first folder below `directory`; of files
+    that lie in it, the 'subject5' in the name, or else the name up to the first '_'. The split follows from the
+    person's name. Raises BodysenseError where there is no file, and where the folder is not of the layout asked for.
+    """
+    directory = Path(directory)
+    if not directory.is_dir():
+        what = "file" if directory.suffix else "folder"
+        raise BodysenseError(f"{directory}: no such {what}; give a motion file, or a folder of .bvh or .npz files")
+    if layout is None and (directory / "splits.json").is_file():
+        sources = _described_sources(directory)
+    elif layout is None and directory.name in _described_sets(directory.parent):
+        sources = [one for one in _described_sources(directory.parent) if one.path.is_relative_to(directory)]
+    else:
+        files = motion_files(directory)
+        rows = labelled(layout or layout_of(directory, files), directory, files) if files else []
+        sources = [
+            Source(row.file.path, row.person, row.split, row.category, member=row.file.member, rest=row.rest)
+            for row in rows
+        ]
+    if not sources:
+        raise BodysenseError(f"{directory}: no .bvh or .npz file in it; give a folder of motion files")
+    return sorted(sources, key=lambda source: source.file)
+
+
+def skeleton_from_entry(entry: dict[str, Any]) -> Skeleton:
+    """The full skeleton of an entry of `skeletons.json`; what it lacks is the default's, scaled to fit."""
+    from bodysense.body.skeleton import default_skeleton
+
+    ours = default_skeleton()
+    offset = {name: np.array(row["offset"], dtype=float) for name, row in entry["joints"].items() if row["parent"]}
+    for name, row in entry["end_sites"].items():
+        site = [p for p in ours.end_sites if ours.joints[ours.parents[ours.index(p)]] == row["parent"]]
+        for known in site or [name.replace("middle_knuckle", "middle1")]:
+            offset[known] = np.array(row["offset"], dtype=float)
+    return complete_skeleton(
+        {name: vector for name, vector in offset.items() if name in ours.points},
+        root_offset=np.array([0.0, entry["pelvis_height"], 0.0]),
+    )
+
+
+def _described_sets(directory: Path) -> Collection[str]:
+    """The sets that a folder's splits.json names; none where there is no such file."""
+    try:
+        return json.loads((directory / "splits.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return ()
+
+
+def _described_sources(directory: Path) -> list[Source]:
+    """Files of a folder that has splits.json ({set: {split: people or clips}}), categories.csv and skeletons.json."""
+    try:
+        splits = json.loads((directory / "splits.json").read_text(encoding="utf-8"))
+        with (directory / "categories.csv").open(newline="", encoding="utf-8") as file:
+            rows = csv.DictReader(file)
+            if not {"clip", "category"} <= set(rows.fieldnames or ()):
+                raise KeyError("categories.csv: clip, category")
+            category = {row["clip"]: row["category"] for row in rows}
+        entries = json.loads((directory / "skeletons.json").read_text(encoding="utf-8"))
+        skeletons = {name: skeleton_from_entry(entry) for name, entry in entries.items()}
+        sources = []
+        for name, of_split in splits.items():
+            split = {key: which for which, keys in of_split.items() for key in keys}
+            for path in (path for path in (directory / name).rglob("*") if path.suffix.lower() in SUFFIXES):
+                inside = path.parent != directory / name
+                person = path.parent.name if inside else path.stem.partition("_")[0]
+                which = split.get(person if inside else path.stem)
+                if which in SPLITS:
+                    skeleton = skeletons.get(name) if path.suffix.lower() == ".npz" else None
+                    sources.append(Source(path, f"{name}_{person}", which, category.get(path.stem, ""), skeleton))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise BodysenseError(
+            f"{directory}: splits.json, categories.csv and skeletons.json do not fit together ({error!r}); "
+            "mend them, or take splits.json away to split by folder names"
+        ) from None
+    return sources
+
+
+def as_told(clip: Clip, options: ReadingOptions, kind: str, up: str) -> Clip:
+    """A motion of a `kind` of files that say all but the floor and the body's height, and have one axis `up`."""
+    for option, value in (("unit", options.unit), ("joints", options.joints), ("figure", options.figure)):
+        if value is not None:
+            raise BodysenseError(
+                f"{clip.name}: {kind} hold one body, in metres, whose joints are known; leave --{option} out"
+            )
+    if options.up not in (None, up):
+        raise BodysenseError(f"{clip.name}: {kind} are {up} up; leave --up {options.up} out")
+    if options.floor is not None:
+        pose = clip.pose
+        root = pose.root_position - np.array([0.0, options.floor, 0.0])
+        clip = replace(clip, pose=Pose(pose.skeleton, root, pose.rotation))
+    return clip if options.height is None else at_height(clip, options.height)

@@ -1,0 +1,144 @@
+"""Holes: which joints of a motion are missing, and when. Told by name, or seen in the file itself."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bodysense.body.gaps import runs
+from bodysense.errors import BodysenseError
+from bodysense.io.bvh_lines import BvhLines
+from bodysense.io.rigs.names import joint_of
+from bodysense.io.rigs.source_joints import SourceJoints
+
+FLAT = 0.5  # s: a limb that keeps every digit for so long, while the trunk turns, was not tracked
+_ITEM = re.compile(r"(?P<name>.+?)(?P<below>\+?)(?::(?P<first>\d+)-(?P<last>\d+))?")
+_SIDES = ("left", "right")
+# Joints that never keep every digit while the body moves. Knees at their stop, toes, fingers and collars may.
+_RESTLESS = tuple(f"{side}_{part}" for side in _SIDES for part in ("shoulder", "elbow", "hip", "wrist", "ankle"))
+_ENDS = ("wrist", "ankle")  # which some rigs never turn, from the first frame to the last
+_LIMB = ("elbow", "wrist", "knee", "ankle")  # which go with a shoulder or hip that was never tracked
+
+
+@dataclass(frozen=True)
+class Missing:
+    """One item of what is told missing: a joint, alone or with all that hangs on it, always or in some frames."""
+
+    name: str
+    below: bool = False
+    frames: tuple[int, int] | None = None  # the first and the last, counted from 0
+
+
+def missing_items(given: str | Sequence[str]) -> tuple[Missing, ...]:
+    """The items of 'left_forearm,LeftHand+:100-240', or of several such texts."""
+    texts = [text.strip() for part in ([given] if isinstance(given, str) else given) for text in part.split(",")]
+    items = []
+    for text in texts:
+        found = _ITEM.fullmatch(text)
+        if found is None:
+            raise BodysenseError(f"missing {','.join(texts)!r}: an item is empty; name joints, such as LeftHand:0-99")
+        frames = None if found["first"] is None else (int(found["first"]), int(found["last"]))
+        if frames is not None and frames[1] < frames[0]:
+            raise BodysenseError(f"missing {text!r}: the range ends before it begins; give FIRST-LAST")
+        items.append(Missing(found["name"], bool(found["below"]), frames))
+    return tuple(items)
+
+
+def told_missing(
+    items: Sequence[Missing], joints: Sequence[str], parents: Sequence[int], frames: int, ours: Mapping[str, int]
+) -> np.ndarray:
+    """(T, J) bool: what the items say is missing.
+
+    Args:
+        items: what is told.
+        joints: names of the motion's joints, parents before children.
+        parents: of each joint; -1 for the root.
+        frames: T.
+        ours: our name → the motion's joint.
+
+    Raises BodysenseError for names that mean no joint or two, and for ranges that the motion does not have.
+    """
+    mask = np.zeros((frames, len(joints)), dtype=bool)
+    for item in items:
+        those = [_joint(item.name, joints, ours)]
+        if item.below:
+            those = below(those[0], parents)
+        first, last = (0, frames - 1) if item.frames is None else item.frames
+        if last >= frames:
+            raise BodysenseError(
+                f"missing {item.name}:{first}-{last}: the motion has frames 0 to {frames - 1}; end the range there"
+            )
+        mask[first : last + 1, those] = True
+    return mask
+
+
+def flat_lined(file: BvhLines, rig: SourceJoints) -> np.ndarray:
+    """(T, J) bool: runs in which a limb of a file keeps every digit while the trunk turns.
+
+    Lost limbs are often written as they were last seen, or at zero. What hangs on such a joint is missing with it where
+    it is as still.
+    """
+    mask = np.zeros((len(file.lines), len(file.joints)), dtype=bool)
+    still = np.stack([_still(file, joint) for joint in range(len(file.joints))], axis=1)
+    least = max(2, int(np.ceil(FLAT / file.interval)))
+    ours, body = rig.ours, still[:, rig.trunk[0]]
+    for name in _RESTLESS:
+        if name not in ours or not file.order[ours[name]]:
+            continue
+        joint = ours[name]
+        always = bool(still[1:, joint].all())
+        if always and name.endswith(_ENDS):
+            continue
+        limb = [ours[other] for other in ours if other.endswith(_LIMB)]
+        for first, end in runs(still[:, joint]):
+            if end - first + 1 < least or body[first:end].all():
+                continue
+            for other in below(joint, file.parents):
+                moves = not still[1:, other].all() or other == joint or (always and other in limb)
+                if moves and still[first:end, other].all():
+                    mask[first - 1 : end, other] = True
+    return mask
+
+
+def below(joint: int, parents: Sequence[int]) -> list[int]:
+    """A joint and all that hangs on it."""
+    found = [joint]
+    for other in range(joint + 1, len(parents)):
+        if parents[other] in found:
+            found.append(other)
+    return found
+
+
+def _still(file: BvhLines, joint: int) -> np.ndarray:
+    """(T,) bool: the joint's angles are those of the frame before."""
+    columns = file.columns_of(joint, "rotation")
+    same = np.zeros(len(file.lines), dtype=bool)
+    same[1:] = (file.values[1:, columns] == file.values[:-1, columns]).all(axis=1)
+    return same
+
+
+def _joint(name: str, joints: Sequence[str], ours: Mapping[str, int]) -> int:
+    """The joint that a name means: the motion's own, ours, or what people call it."""
+    if name in joints:
+        return joints.index(name)
+    meant = {k for k, given in enumerate(joints) if _plain(given) == _plain(name)}
+    if name in ours:
+        meant.add(ours[name])
+    if not meant:
+        spoken = joint_of(name)
+        meant = {ours[spoken]} if spoken is not None and spoken in ours else set()
+    if len(meant) == 1:
+        return meant.pop()
+    if meant:
+        raise BodysenseError(
+            f"missing {name!r}: {' or '.join(joints[k] for k in sorted(meant))} may be meant; give one of these"
+        )
+    raise BodysenseError(f"missing {name!r}: the motion has no such joint; valid are {', '.join(joints)}")
+
+
+def _plain(name: str) -> str:
+    """What counts of a name: letters and digits, without the prefix of a character."""
+    return re.sub(r"[^a-z0-9]", "", name.lower().rpartition(":")[2])

@@ -1,0 +1,161 @@
+"""Is it a hand? Marker data are looked at before they are tracked: their unit, their handedness, their identifiers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove, glove_hands, glove_points, side_of, template
+from bodysense.body.hand import hand_skeleton, mirrored_vectors
+from bodysense.body.hand_shapes import hand_shapes, marker_ranges, unlikeness
+from bodysense.body.registration import register
+from bodysense.body.skeleton import default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.io.markers.raw_markers import METRES, Unit
+from bodysense.observation import Observation
+
+FRAMES = 40  # at most, spread over the recording, that are looked at
+FEWEST = 7  # markers, the three on the back of the hand among them, that a frame must have
+SPANS = (0.06, 0.5)  # m between the markers of a hand that are farthest apart
+SIZES = (0.6, 1.6)  # of our hand: what a person's may be
+MIRRORED = 0.7  # a mirror image that is nearer to a hand than this share of what it is
+SWAPPED = 0.97  # the same for two markers that change names
+
+_FAR = 0.03  # m: beyond it a marker says nothing of the size
+
+
+@dataclass(frozen=True)
+class GloveCheck:
+    """What was found of a recording's gloves."""
+
+    sizes: dict[str, float]  # of each hand, as a factor of ours
+    remarks: tuple[str, ...]  # what is doubtful, a sentence each
+
+
+def check_gloves(observation: Observation, place: str, unit: Unit = "m") -> GloveCheck:
+    """Look at every glove of a recording (T frames), which was read as being in `unit`s.
+
+    A hand that is never seen well enough (`FEWEST`) is passed over with a remark. Raises BodysenseError, with the fix,
+    for a hand of impossible size and for one that is a hand in a mirror only.
+    """
+    sizes, remarks, mirrored = {}, [], []
+    for hand in glove_hands(observation.points):
+        if not any(point in observation.points for point in glove_points(hand)):
+            _check_span(observation, hand, place, unit)
+            continue
+        seen = _good_frames(observation, hand)
+        if not len(seen):
+            remarks.append(
+                f"the {hand} glove never shows {FEWEST} markers and the back of the hand at once: not checked"
+            )
+            continue
+        _check_size(seen, hand, place, unit)
+        # Handedness and names are told by shape alone: in the size of our hand, as its back has it.
+        markers = seen * (_side(_shapes()[0, list(ALIGNMENT)]) / _side(seen[:, list(ALIGNMENT)]))
+        like = _likeness(markers)
+        if _likeness(markers * [-1, 1, 1]) < MIRRORED * like:
+            mirrored.append(hand)
+            continue
+        remarks += _swapped(markers, hand, like)
+        sizes[hand] = _size(seen)
+    if mirrored:
+        raise BodysenseError(
+            f"{place}: the {' and the '.join(mirrored)} glove looks like a hand only in a mirror: if the axes are "
+            "left-handed (Unity, Unreal), give --left-handed; otherwise the names take left for right (--names)"
+        )
+    return GloveCheck(sizes, tuple(remarks))
+
+
+def _good_frames(observation: Observation, hand: str) -> np.ndarray:
+    """(N, 9, 3) m: frames, as a left hand's, that show enough of a glove; NaN where missing."""
+    names = glove_points(hand)
+    markers = np.full((len(observation), len(MARKERS), 3), np.nan)
+    for k, name in enumerate(names):
+        if name in observation.points:
+            point = observation.points.index(name)
+            markers[:, k] = np.where(observation.has_position[:, point, None], observation.position[:, point], np.nan)
+    known = np.asarray(np.isfinite(markers).all(axis=-1))
+    good = np.flatnonzero(known[:, list(ALIGNMENT)].all(axis=1) & (known.sum(axis=1) >= FEWEST))
+    some = good[np.unique(np.linspace(0, len(good) - 1, min(len(good), FRAMES)).astype(int))]
+    return mirrored_vectors(markers[some], side_of(hand))
+
+
+def _shapes() -> np.ndarray:
+    return hand_shapes(hand_skeleton(default_skeleton(), "left"))
+
+
+def _side(triangle: np.ndarray) -> float:
+    """Mean side of triangles (..., 3, 3): the median of all."""
+    return float(np.median(np.linalg.norm(triangle - np.roll(triangle, 1, axis=-2), axis=-1).mean(axis=-1)))
+
+
+def _check_size(markers: np.ndarray, hand: str, place: str, declared: Unit) -> None:
+    """Refuse a hand that no person has; name the unit that would make it one."""
+    apart, ours = _side(markers[:, list(ALIGNMENT)]), _side(_shapes()[0, list(ALIGNMENT)])
+    if SIZES[0] <= apart / ours <= SIZES[1]:
+        return
+    text = (
+        f"{place}: the three markers on the back of the {hand} hand are {apart:.3g} m apart; "
+        f"on a hand it is about {ours:.2f} m"
+    )
+    for unit, metres in METRES.items():
+        if SIZES[0] <= apart * metres / METRES[declared] / ours <= SIZES[1]:
+            raise BodysenseError(f"{text}: the numbers are {unit}, not {declared}; give --unit {unit}")
+    raise BodysenseError(f"{text}: see that the names are right (--names) and the unit (--unit)")
+
+
+def _check_span(observation: Observation, hand: str, place: str, declared: Unit) -> None:
+    """Refuse a glove of another marker set that spans no hand; name the unit in which it would."""
+    here = [k for k, name in enumerate(observation.points) if name.startswith(f"{hand}_glove_")]
+    frames = np.unique(np.linspace(0, len(observation) - 1, min(len(observation), FRAMES)).astype(int))
+    seen = observation.position[frames][:, here]
+    apart = np.linalg.norm(seen[:, :, None] - seen[:, None], axis=-1)
+    if np.isnan(apart).all():
+        return
+    span = float(np.nanmax(apart))
+    if SPANS[0] <= span <= SPANS[1]:
+        return
+    text = f"{place}: the markers of the {hand} glove are up to {span:.3g} m apart; on a hand it is about 0.2 m"
+    for unit, metres in METRES.items():
+        if SPANS[0] <= span * metres / METRES[declared] <= SPANS[1]:
+            raise BodysenseError(f"{text}: the numbers are {unit}, not {declared}; give --unit {unit}")
+    raise BodysenseError(f"{text}: see that the labels are right (--marker-set) and the unit (--unit)")
+
+
+def _size(markers: np.ndarray) -> float:
+    """How large a hand is as a factor of ours: the size at which its markers are nearest to where a hand has them."""
+    hand = hand_skeleton(default_skeleton(), "left")
+    ranges, back = marker_ranges(hand), list(ALIGNMENT)
+    flat, known = template(default_glove(), hand)[back], np.ones((len(markers), len(back)), dtype=bool)
+    sizes = np.arange(SIZES[0], SIZES[1], 0.02)
+    far = []
+    for size in sizes:
+        rotation, translation = register(size * flat, markers[:, back], known)[:2]
+        local = (markers - translation[:, None]) @ rotation / size
+        squared = size**2 * ((local[:, :, None] - ranges) ** 2).sum(axis=-1).min(axis=-1)
+        far.append(np.nanmean(np.minimum(squared, _FAR**2)))
+    return float(sizes[int(np.argmin(far))])
+
+
+def _likeness(markers: np.ndarray) -> float:
+    """m: how far nine markers are from a hand's, median of the frames."""
+    return float(np.median(unlikeness(_shapes(), markers)))
+
+
+def _swapped(markers: np.ndarray, hand: str, like: float) -> list[str]:
+    """A remark on the two markers that had better change names, if there are such."""
+    best, pair = like * SWAPPED, None
+    for a, b in combinations(range(len(MARKERS)), 2):
+        order = np.arange(len(MARKERS))
+        order[[a, b]] = b, a
+        other = _likeness(markers[:, order])
+        if other < best:
+            best, pair = other, (MARKERS[a], MARKERS[b])
+    if pair is None:
+        return []
+    return [
+        f"the {hand} glove looks more like a hand with {pair[0]!r} and {pair[1]!r} exchanged "
+        f"({100 * like:.1f} against {100 * best:.1f} cm): are they named right?"
+    ]

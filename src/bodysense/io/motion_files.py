@@ -1,0 +1,91 @@
+"""Motions as files, their format chosen by the ending of the name."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from bodysense.body.pose import Pose
+from bodysense.body.skeleton import Skeleton
+from bodysense.errors import BodysenseError
+from bodysense.files import check_place, part_beside
+from bodysense.io.bvh import read_bvh, write_bvh
+from bodysense.io.bvh_stream import BvhStream
+from bodysense.io.clip import Clip
+from bodysense.io.gltf.vrma import write_vrma
+from bodysense.io.gltf.written import write_glb
+from bodysense.io.mcap_take import write_mcap
+from bodysense.io.rigs.named import OWN, check_rig, is_rig_file, on_rig, renamed
+from bodysense.io.rigs.rig_file import write_on_rig_of
+
+ENDINGS = (".bvh", ".glb", ".vrma", ".mcap")
+
+
+def check_ending(path: Path) -> Path:
+    """Return the path of a motion to be written; raise BodysenseError, before any work, for one that cannot be."""
+    check_place(path)
+    if path.suffix.lower() not in ENDINGS:
+        raise BodysenseError(
+            f"{path}: the output ends in {path.suffix or 'nothing'!r}; give a name that ends in .bvh, .glb, "
+            ".vrma or .mcap"
+        )
+    return path
+
+
+def write_motion(path: Path, clip: Clip, rig: str | Path = OWN) -> None:
+    """Write a clip as BVH, glTF (.glb), VRM animation (.vrma) or MCAP take (.mcap), on a rig: one of `RIGS`, or a file.
+
+    Raises BodysenseError as the writers do, and for a rig that is unknown or that this kind of file cannot have.
+    """
+    ending = check_ending(path).suffix.lower()
+    check_rig(path, rig, None)
+    if is_rig_file(rig):
+        write_on_rig_of(path, clip, Path(rig))
+        return
+    if ending == ".vrma":
+        write_vrma(path, clip)
+        return
+    if ending == ".mcap":
+        write_mcap(path, clip)
+        return
+    clip, names = on_rig(clip, str(rig))
+    if ending == ".glb":
+        write_glb(path, clip, names)
+    else:
+        write_bvh(path, renamed(clip, names))
+
+
+@contextmanager
+def motion_stream(path: Path, skeleton: Skeleton, frame_rate: float, rig: str = OWN) -> Iterator[BvhStream]:
+    """A motion that is written as it comes; its file appears when the block ends well, if there was any frame.
+
+    Formats other than .bvh, and rigs other than ours, are made of the whole of it in the end.
+    """
+    check_rig(check_ending(path), rig, None)
+    if path.suffix.lower() == ".bvh" and rig == OWN:
+        with BvhStream(path, skeleton, frame_rate) as motion:
+            yield motion
+        return
+    with _folder_beside(path) as folder:
+        whole = folder / f"{path.stem}.bvh"
+        with BvhStream(whole, skeleton, frame_rate) as motion:
+            yield motion
+        if motion.frames:
+            read = read_bvh(whole)
+            order = read.pose.skeleton.indices(skeleton.joints)
+            # A BVH file does not name the ends of fingers and toes.
+            pose = Pose(skeleton, read.pose.root_position, read.pose.rotation[:, order])
+            write_motion(path, Clip(path.stem, pose, frame_rate), rig)
+
+
+@contextmanager
+def _folder_beside(path: Path) -> Iterator[Path]:
+    """A hidden folder beside a file that is being written; it is removed in the end."""
+    folder = part_beside(path.with_suffix(""))
+    folder.mkdir()
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,246 @@
+"""The canonical form: any humanoid motion on our 52 joints and 13 end sites, with its own proportions.
+
+The form is that of `default_skeleton()`: same names, same tree, and a rest pose (all rotations the identity) that is
+a T-pose facing +Z. What changes is only the meaning of the rotations; in the world the body stays where it was.
+
+How a source's rest bones are aligned with ours: `data.alignment`.
+
+Skipped joints. Joints that we lack (LowerBack, twist bones, a fourth spine joint) are left out. If they do not move,
+all matched joints keep their world positions to rounding. If they do, a joint with one child is turned each frame so
+that it points at it, which leaves the bone's change of length. The pelvis has several children: what a LowerBack bends
+there, spine1 takes over, so that the upper body comes back to its place but for the change of length (Rocketbox: 2 mm
+on average instead of 12, 2 cm where LowerBack bends by 24°). World rotations of all other joints are kept exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from bodysense.body.pose import Pose, forward_kinematics, local_rotation, rest_pose
+from bodysense.body.rotation import (
+    quaternion_canonical,
+    quaternion_conjugate,
+    quaternion_exp,
+    quaternion_multiply,
+    quaternion_rotate,
+    shortest_arc,
+)
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.fingers import FINGERS, is_finger, with_fingers
+from bodysense.io.rigs.alignment import Vectors, alignment, angle_between
+from bodysense.io.rigs.figure import Figure
+from bodysense.io.rigs.hinges import twisted_by_hinges
+from bodysense.io.rigs.options import ReadingOptions
+from bodysense.io.rigs.rig import recognise
+
+_SPINE = ("spine1", "spine2")
+_RIGID = 1e-6  # m: a bone that keeps its place in its parent's frame to this is rigid
+
+
+def canonical(
+    clip: Clip,
+    joints: Mapping[str, str] | None = None,
+    rest: Pose | None = None,
+    place: np.ndarray | None = None,
+    hinges: bool = False,
+) -> Clip:
+    """The clip on the joints and end sites of `default_skeleton()`, with the clip's own proportions.
+
+    `joints` says which are which, {name in the clip: ours}; None recognises them (`io.rigs`). `rest` is a pose (no
+    batch axes) of the clip's skeleton in which it stands in a T-pose, facing anywhere. None takes the skeleton's rest
+    pose; where that leaves the twist of a limb unknown (all bones along one axis, as in LaFAN1), the clip's first frame
+    if that is a T-pose. `place` (T, P, 3) m is where its points are, if its bones stretch and kinematics do not say it.
+    `hinges` takes the twist of arms and legs from how elbows and knees bend. Missing joints are the default skeleton's,
+    scaled, and do not turn (fingers: relaxed). See the module's text for what is kept exactly.
+    Raises BodysenseError where joints are missing or unknown, and where no T-pose is to be had.
+    """
+    ours, source = default_skeleton(), clip.pose.skeleton
+    for name in (joints or {}).values():
+        ours.index(name)  # raises for a name that is not ours
+    match = _match_points(source, _recognised(clip) if joints is None else joints)
+    if "pelvis" not in match:
+        raise BodysenseError(f"{clip.name}: no joint is its pelvis, which carries the legs and the trunk")
+    parents = _matched_parents(ours, match)
+    standing = rest_pose(source) if rest is None else _facing_forward(rest, match)
+    align, unknown = alignment(ours, _places(standing, match), parents)
+    if unknown and rest is None and _is_t_pose(_places(clip.pose[0], match)):
+        standing = _facing_forward(clip.pose[0], match)
+        align, unknown = alignment(ours, _places(standing, match), parents)
+    if unknown and not hinges:
+        raise BodysenseError(
+            f"{clip.name}: its rest pose is no T-pose and leaves the twist of {source.points[match[unknown]]!r} "
+            "unknown; let its first frame be one in which the body stands in a T-pose"
+        )
+    if hinges:
+        align = twisted_by_hinges(align, clip.pose, standing, match)
+    rotation, rest_rotation = forward_kinematics(clip.pose)[1], forward_kinematics(standing)[1]
+    world = {
+        name: quaternion_multiply(
+            rotation[:, match[name]], quaternion_conjugate(quaternion_multiply(turn, rest_rotation[match[name]]))
+        )
+        for name, turn in align.items()
+    }
+    at_rest = _places(standing, match)
+    bone = {name: quaternion_rotate(align[parent], at_rest[name] - at_rest[parent]) for name, parent in parents.items()}
+    if place is None:
+        places = _places(clip.pose, match)
+    else:
+        places = {name: place[:, k] for name, k in match.items()}
+        bone = {name: _usual(world[parent], places[name] - places[parent]) for name, parent in parents.items()}
+    skeleton = complete_skeleton(_between_filled(ours, bone, parents))
+    world = _aimed(world, places, bone, parents)
+    for joint, name in enumerate(ours.joints):
+        if name not in world:  # missing joints go with their parent
+            world[name] = world[ours.joints[ours.parents[joint]]]
+    local = local_rotation(skeleton, np.stack([world[name] for name in ours.joints], axis=-2))
+    pose = Pose(skeleton, places["pelvis"], quaternion_canonical(local))
+    pose, has_fingers = with_fingers(pose, [name for name in ours.joints if is_finger(name) and name not in align])
+    return replace(clip, pose=pose, has_fingers=has_fingers)
+
+
+def _usual(rotation: np.ndarray, bone: np.ndarray) -> np.ndarray:
+    """Vector (3,) in a joint's frame of a bone (T, 3) that stretches in the world: the median."""
+    return np.median(quaternion_rotate(quaternion_conjugate(rotation), bone), axis=0)
+
+
+def figure_of(clip: Clip) -> Figure:
+    """A clip as a figure, to recognise it by."""
+    pose, skeleton = clip.pose, clip.pose.skeleton
+    root, rotation = np.asarray(pose.root_position, dtype=float), np.asarray(pose.rotation, dtype=float)
+    points = tuple(range(len(skeleton.points)))
+    parents, offset = skeleton.parents, skeleton.rest_offset
+    place = {0: root}
+    return Figure(
+        clip.name, skeleton.joints, skeleton.end_sites, parents, offset, rotation, place, clip.frame_rate, points
+    )
+
+
+def _recognised(clip: Clip) -> dict[str, str]:
+    """Which of our joints a clip's are: {its name: ours}."""
+    return {
+        given: ours
+        for ours, given in recognise(figure_of(clip), ReadingOptions(unit="m", up="y", floor=0.0)).joints.items()
+    }
+
+
+def _aimed(world: Vectors, place: Vectors, bone: Vectors, parents: Mapping[str, str]) -> Vectors:
+    """World rotations where joints with one child are turned toward it, if skipped joints moved it (see above)."""
+    world, reached = dict(world), {"pelvis": place["pelvis"]}
+    for name, parent in parents.items():
+        start = reached[parent] if parent in _SPINE else place[parent]
+        rigid = quaternion_rotate(world[parent], bone[name])
+        target = place[name] - start
+        if list(parents.values()).count(parent) == 1 and np.abs(target - rigid).max() > _RIGID:
+            world[parent] = quaternion_multiply(shortest_arc(rigid, target), world[parent])
+            rigid = quaternion_rotate(world[parent], bone[name])
+        reached[name] = reached[parent] + rigid
+    return world
+
+
+def complete_skeleton(offset: Mapping[str, np.ndarray], root_offset: np.ndarray | None = None) -> Skeleton:
+    """The default skeleton with some offsets (3,) of its points, by name, replaced and the others scaled to fit.
+
+    A hand is scaled by the given length from wrist to knuckle (`left_middle1`), if there is one, everything else by
+    the summed length of what is given. `root_offset` is where the pelvis rests; None: feet on the ground.
+    """
+    ours = default_skeleton()
+    points = dict(zip(ours.points, ours.rest_offset, strict=True))
+    lengths = [(np.linalg.norm(vector), np.linalg.norm(points[name])) for name, vector in offset.items()]
+    ratio = float(sum(a for a, _ in lengths) / sum(b for _, b in lengths)) if lengths else 1.0
+
+    def scale(name: str) -> float:
+        side, _, part = name.partition("_")
+        if part.rstrip("123").removesuffix("_tip") in FINGERS:
+            knuckle = f"{side}_middle1"
+            if knuckle in offset:
+                return float(np.linalg.norm(offset[knuckle]) / np.linalg.norm(points[knuckle]))
+        return ratio
+
+    table = [offset[name] if name in offset else points[name] * scale(name) for name in ours.points]
+    skeleton = ours.with_offsets(np.array([np.zeros(3), *table[1:]]))
+    if root_offset is None:
+        lowest, default_lowest = ((ours.path @ body.rest_offset)[:, 1].min() for body in (skeleton, ours))
+        above_ground = ours.rest_offset[0, 1] + default_lowest  # the lowest point lies in the foot, not under it
+        root_offset = np.array([0.0, ratio * above_ground - lowest, 0.0])
+    return skeleton.with_offsets(np.array([root_offset, *table[1:]]))
+
+
+def _match_points(source: Skeleton, joints: Mapping[str, str]) -> dict[str, int]:
+    """Index in `source` of each of our points: matched joints, and the end sites that hang on them."""
+    ours = default_skeleton()
+    match = {name: source.index(given) for given, name in joints.items()}
+    for site in ours.end_sites:
+        parent = ours.joints[ours.parents[ours.index(site)]]
+        if site not in match and parent in match:
+            hanging = [k for k in range(len(source.joints), len(source.points)) if source.parents[k] == match[parent]]
+            if hanging:
+                match[site] = hanging[0]
+    return {name: match[name] for name in ours.points if name in match}
+
+
+def _matched_parents(ours: Skeleton, match: Mapping[str, int]) -> dict[str, str]:
+    """For each matched point but the root, the nearest matched joint above it in our tree."""
+    parents = {}
+    for name in match:
+        above = ours.parents[ours.index(name)]
+        while above >= 0 and ours.joints[above] not in match:
+            above = ours.parents[above]
+        if above >= 0:
+            parents[name] = ours.joints[above]
+    return parents
+
+
+def _places(pose: Pose, match: Mapping[str, int]) -> Vectors:
+    """World positions (..., 3) of the matched points."""
+    position, _ = forward_kinematics(pose)
+    return {name: position[..., index, :] for name, index in match.items()}
+
+
+def _facing_forward(pose: Pose, match: Mapping[str, int]) -> Pose:
+    """One pose, turned about +Y so that its left hip is toward +X of its right."""
+    place = _places(pose, match)
+    across = (place["left_hip"] - place["right_hip"]) * np.array([1.0, 0.0, 1.0])
+    angle = np.arctan2(across[2], across[0])
+    rotation = pose.rotation.copy()
+    rotation[0] = quaternion_multiply(quaternion_exp(np.array([0.0, angle, 0.0])), rotation[0])
+    return Pose(pose.skeleton, pose.root_position, rotation)
+
+
+def _is_t_pose(place: Vectors) -> bool:
+    """Whether a body in the world stands upright, legs straight down, arms straight out, to 25° each."""
+    across = (place["left_hip"] - place["right_hip"]) * np.array([1.0, 0.0, 1.0])
+    down = np.array([0.0, -1.0, 0.0])
+    wanted = {"hip": ("knee", down, down), "knee": ("ankle", down, down)}
+    wanted |= {"shoulder": ("elbow", across, -across), "elbow": ("wrist", across, -across)}
+    return all(
+        angle_between(place[f"{side}_{end}"] - place[f"{side}_{start}"], directions[k]) < np.deg2rad(25.0)
+        for start, (end, *directions) in wanted.items()
+        for k, side in enumerate(("left", "right"))
+    )
+
+
+def _between_filled(ours: Skeleton, bone: Vectors, parents: Mapping[str, str]) -> Vectors:
+    """Vectors from our own parents: a bone over joints the source lacks is shared out among them.
+
+    The default's chain over those joints is turned and scaled so that it spans the source's bone.
+    """
+    offset: Vectors = {}
+    for name, vector in bone.items():
+        chain = [name]
+        while (above := ours.joints[ours.parents[ours.index(chain[-1])]]) != parents[name]:
+            chain.append(above)
+        if len(chain) == 1:
+            offset[name] = vector
+            continue
+        default = {link: ours.rest_offset[ours.index(link)] for link in chain}
+        whole = np.sum(list(default.values()), axis=0)
+        turn, scale = shortest_arc(whole, vector), np.linalg.norm(vector) / np.linalg.norm(whole)
+        for link in chain:
+            offset.setdefault(link, scale * quaternion_rotate(turn, default[link]))
+        offset[name] = vector - np.sum([offset[link] for link in chain[1:]], axis=0)
+    return offset

@@ -1,0 +1,244 @@
+"""Limbs: pairs of chains that mirror each other, and where along them a leg or an arm bends.
+
+Lengths are medians over frames, so that neither the rest pose nor a bone that stretches matters. Names only weigh in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+
+from bodysense.io.rigs import words
+from bodysense.io.rigs.figure import Figure
+
+ALIKE = 0.25  # by which share the bones of a left and a right limb may differ
+SHORTEST = 0.12  # of the longest way down from the root: what is shorter is no limb
+_BRANCHES = 12  # of a joint, the longest, that are looked at
+_LONGEST_CHAIN = 18  # points of a limb
+_HINT, _CONTRADICTION, _HELPER = 1.5, 1.5, 4.0  # of names
+
+Kind = Literal["leg", "arm"]
+NARROWEST: dict[Kind, float] = {"leg": 0.08, "arm": 0.3}  # of a limb's length: how far apart both begin
+ROLES: dict[Kind, tuple[str, str, str]] = {"leg": ("hip", "knee", "ankle"), "arm": ("shoulder", "elbow", "wrist")}
+
+
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """A figure in some of its frames, with what is measured of it."""
+
+    figure: Figure
+    place: np.ndarray  # (S, P, 3) file units
+
+    @cached_property
+    def length(self) -> np.ndarray:
+        """(P,) median distance from the parent."""
+        parents = np.maximum(self.figure.parents, 0)
+        return np.median(np.linalg.norm(self.place - self.place[:, parents], axis=-1), axis=0)
+
+    @cached_property
+    def reach(self) -> np.ndarray:
+        """(P,) longest way down from each point."""
+        reach = np.zeros(len(self.length))
+        for point in range(len(reach) - 1, 0, -1):  # end sites come last and have no children
+            if point >= len(self.figure.joints):
+                parent = self.figure.parents[point]
+                reach[parent] = max(reach[parent], self.length[point])
+        for point in range(len(self.figure.joints) - 1, 0, -1):
+            parent = self.figure.parents[point]
+            reach[parent] = max(reach[parent], reach[point] + self.length[point])
+        return reach
+
+    def distance(self, a: int, b: int) -> float:
+        """Median distance of two points."""
+        return float(np.median(np.linalg.norm(self.place[:, a] - self.place[:, b], axis=-1)))
+
+    def way(self, start: int, chain: Sequence[int]) -> float:
+        """Length of a chain, from a point on which it hangs."""
+        return self.distance(start, chain[0]) + float(sum(self.length[k] for k in chain[1:]))
+
+    def is_straight(self, a: int, b: int, c: int) -> bool:
+        """Whether three points that hang one on another stay in one line."""
+        straight = np.linalg.norm(self.place[:, a] - self.place[:, c], axis=-1).min()
+        return bool(straight > 0.97 * (self.length[b] + self.length[c]))
+
+    def branches(self, point: int) -> list[int]:
+        """The longest branches below a point."""
+        found = sorted(self.figure.children[point], key=lambda child: -(self.length[child] + self.reach[child]))
+        return found[:_BRANCHES]
+
+
+@dataclass(frozen=True)
+class Limb:
+    """A pair of mirrored limbs: three joints of each, and the chains that they are of."""
+
+    hub: int  # where both begin
+    chains: tuple[tuple[int, ...], tuple[int, ...]]
+    picks: tuple[int, int, int]  # places in the chains of hip, knee, ankle or of shoulder, elbow, wrist
+    lengths: tuple[float, float]  # of the two bones
+    penalty: float
+
+    @property
+    def length(self) -> float:
+        """From the first joint to the third, straight."""
+        return sum(self.lengths)
+
+    def joints(self, which: int) -> tuple[int, int, int]:
+        """The three joints of one of the two limbs."""
+        first, second, third = self.picks
+        chain = self.chains[which]
+        return chain[first], chain[second], chain[third]
+
+    def before(self, which: int) -> tuple[int, ...]:
+        """What lies between the hub and the first of the three."""
+        return self.chains[which][: self.picks[0]]
+
+    def after(self, which: int) -> tuple[int, ...]:
+        """What hangs on the last of the three, along the chain."""
+        return self.chains[which][self.picks[2] + 1 :]
+
+
+def pairs_of(tree: Tree) -> list[tuple[int, tuple[tuple[int, ...], tuple[int, ...]]]]:
+    """Every hub with two branches that mirror each other, and the chains down both."""
+    least = SHORTEST * max(tree.reach[0], 1e-9)
+    found = []
+    for hub in range(len(tree.figure.joints)):
+        if tree.reach[hub] < least:
+            continue
+        long = [c for c in tree.branches(hub) if tree.length[c] + tree.reach[c] >= least]
+        for a, b in combinations(long, 2):
+            chains = _mirrored(tree, hub, a, b)
+            if sum(tree.length[k] for k in chains[0]) >= least and len(chains[0]) >= 3:
+                found.append((hub, chains))
+    return found
+
+
+def _mirrored(tree: Tree, hub: int, a: int, b: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """The longest chains down two branches whose bones are alike, pair by pair."""
+    scale = tree.reach[hub]
+    one: list[int] = []
+    other: list[int] = []
+    choices = [(a, b)]
+    while choices and len(one) < _LONGEST_CHAIN:
+        above = (one[-1], other[-1]) if one else (hub, hub)
+        fitting = _alike(tree, above, choices, scale)
+        if not fitting and one:  # one side may have a joint more that does not bend, a twist
+            more = [(c, y) for x, y in choices for c in tree.branches(x) if tree.is_straight(above[0], x, c)]
+            more += [(x, d) for x, y in choices for d in tree.branches(y) if tree.is_straight(above[1], y, d)]
+            fitting = _alike(tree, above, more, scale)
+        if not fitting:
+            break
+        _, x, y = max(fitting)
+        one.append(x)
+        other.append(y)
+        choices = [(c, d) for c in tree.branches(x) for d in tree.branches(y)]
+    return tuple(one), tuple(other)
+
+
+def _alike(
+    tree: Tree, above: tuple[int, int], choices: list[tuple[int, int]], scale: float
+) -> list[tuple[float, int, int]]:
+    """Of pairs of points those that are equally far from what they hang on, with how good a way on they are."""
+    fitting = []
+    for x, y in choices:
+        p, q = tree.distance(above[0], x), tree.distance(above[1], y)
+        if abs(p - q) <= ALIKE * max(p, q) + 0.01 * scale:
+            way = min(p + tree.reach[x], q + tree.reach[y])
+            unlike = abs(p - q) + 0.3 * min(abs(tree.reach[x] - tree.reach[y]), 0.25 * way)  # one hand may hold a sword
+            names = [tree.figure.points[k] for k in (x, y)]
+            aside = sum(words.is_helper(name) or words.is_end(name) for name in names)
+            fitting.append((way - 2 * unlike - 0.1 * aside * way, x, y))
+    return fitting
+
+
+def as_limb(tree: Tree, hub: int, chains: tuple[tuple[int, ...], tuple[int, ...]], kind: Kind) -> Limb | None:
+    """The three joints of a pair of chains that make it most a leg or an arm; None where there are no three."""
+    joints = sum(1 for a, b in zip(*chains, strict=True) if max(a, b) < len(tree.figure.joints))
+    straight = _Straight(tree, hub, chains)
+    best: Limb | None = None
+    for first, second, third in combinations(range(len(chains[0])), 3):
+        if second >= joints:
+            break
+        limb = _fit(tree, straight, hub, chains, (first, second, third), kind)
+        if limb is not None and (best is None or limb.penalty < best.penalty - 1e-6):
+            best = limb
+    return best
+
+
+class _Straight:
+    """Distances along and across a pair of chains, the mean of both."""
+
+    def __init__(self, tree: Tree, hub: int, chains: tuple[tuple[int, ...], tuple[int, ...]]) -> None:
+        self._places = [tree.place[:, [hub, *chain]] for chain in chains]
+        pairs = [zip((hub, *chain), chain, strict=False) for chain in chains]
+        lengths = np.mean([[tree.distance(a, b) for a, b in pair] for pair in pairs], axis=0)
+        self.way = np.concatenate([[0.0], np.cumsum(lengths)])  # from the hub
+
+    @cached_property
+    def _tables(self) -> tuple[np.ndarray, np.ndarray]:
+        apart = [np.linalg.norm(p[:, :, None] - p[:, None], axis=-1) for p in self._places]
+        return np.mean([np.median(a, axis=0) for a in apart], axis=0), np.min([a.min(axis=0) for a in apart], axis=0)
+
+    def median(self, a: int, b: int) -> float:
+        return float(self._tables[0][a, b])
+
+    def least(self, a: int, b: int) -> float:
+        return float(self._tables[1][a, b])
+
+
+def _fit(
+    tree: Tree,
+    straight: _Straight,
+    hub: int,
+    chains: tuple[tuple[int, ...], tuple[int, ...]],
+    picks: tuple[int, int, int],
+    kind: Kind,
+) -> Limb | None:
+    """How well three places of a pair of chains are those of a limb."""
+    first, second, third = (k + 1 for k in picks)  # the tables begin with the hub
+    upper, lower = straight.median(first, second), straight.median(second, third)
+    longest = straight.way[-1]
+    if min(upper, lower) < 0.08 * longest:
+        return None
+    before, after = straight.median(0, first), straight.way[-1] - straight.way[third]
+    apart = tree.distance(chains[0][picks[0]], chains[1][picks[0]]) / (upper + lower)
+    narrowest = NARROWEST[kind]
+    penalty = 5 * max(0.0, 1 - apart / narrowest)  # limbs do not begin in one point
+    if kind == "leg":
+        penalty += (np.log(upper / lower) / 0.25) ** 2 + 4 * max(0.0, before / upper - 0.6)
+        penalty += 5 * max(0.0, after / lower - 0.8)
+    else:
+        penalty += (np.log(upper / lower / 1.05) / 0.3) ** 2 + 3 * max(0.0, before / upper - 1.2)
+        penalty += 5 * max(0.0, after / lower - 1.2)
+    for a, b in ((first, second), (second, third)):  # a joint between two of the three should not bend
+        if b - a > 1:
+            way = straight.way[b] - straight.way[a]
+            penalty += 20 * max(0.0, 0.97 - straight.least(a, b) / max(way, 1e-9))
+    penalty += _hints(tree, chains, picks, kind)
+    # Of joints in one place the last carries the whole turn: of hip and knee; ankle and wrist are the first.
+    penalty -= 1e-4 * (picks[0] + picks[1] - picks[2])
+    return Limb(hub, chains, picks, (upper, lower), float(penalty))
+
+
+def _hints(
+    tree: Tree, chains: tuple[tuple[int, ...], tuple[int, ...]], picks: tuple[int, int, int], kind: Kind
+) -> float:
+    """What names say for (below zero) or against three joints."""
+    penalty = 0.0
+    for role, pick in zip(ROLES[kind], picks, strict=True):
+        for chain in chains:
+            name = tree.figure.points[chain[pick]]
+            hinted = words.parts(name)
+            if words.is_helper(name):
+                penalty += _HELPER / 2
+            elif role in hinted:
+                penalty -= _HINT / 2 / (1 + 0.2 * (len(hinted) - 1))
+            elif hinted:
+                penalty += _CONTRADICTION / 2
+            if words.is_end(name) and pick == picks[1]:
+                penalty += _CONTRADICTION / 2
+    return penalty

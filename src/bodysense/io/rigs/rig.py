@@ -1,0 +1,148 @@
+"""Rig: what was recognised of a figure, and the way between its world and ours, both ways."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
+from bodysense.body.skeleton import BODY
+from bodysense.errors import BodysenseError
+from bodysense.io.rigs.families import family_of
+from bodysense.io.rigs.figure import Figure
+from bodysense.io.rigs.joint_map import read_joint_map
+from bodysense.io.rigs.limbs import Tree
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions, UpAxis
+from bodysense.io.rigs.structure import WORST, find_body
+from bodysense.io.rigs.world import FLOOR_TOLERANCE, TURNS, find_floor, find_unit, find_up, stature
+
+SAMPLE = 120  # frames, evenly spaced, that a rig is recognised by
+_UNIT_NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """A recognised rig: which of its joints are ours, and how its world lies in ours.
+
+    A place of the file is `turn` · place · `unit` + (0, `lift`, 0) in our world (metres, +Y up, floor at 0).
+    """
+
+    family: str  # 'Mixamo' …, or 'unnamed'
+    joints: Mapping[str, str]  # our joint or end site → the figure's joint or end site
+    unit: float  # metres of one file unit
+    unit_name: str  # 'centimetres' …; '' where the body was scaled to the usual height
+    up: UpAxis  # of the file
+    lift: float  # m: what is added to heights, so that the floor is at 0
+    height: float  # m, sole to crown, about
+    confidence: float  # 0 to 1
+    frame_rate: float
+    count: int  # joints of the figure
+    used: int  # of them, those that are ours
+    notes: tuple[str, ...] = ()
+    turn: np.ndarray = field(init=False, repr=False)  # (4,) our world ← the file's
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "turn", TURNS[self.up])
+
+    @property
+    def hub(self) -> str:
+        """The figure's joint that carries the legs: the pelvis, or where it has none the lowest of the spine."""
+        return self.joints.get("pelvis") or self.joints["spine1"]
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Joints of our body (fingers not counted) that the figure lacks; they are filled in."""
+        return tuple(name for name in BODY if name not in self.joints)
+
+    @property
+    def lacking(self) -> list[str]:
+        """What is missing, without sides, each once."""
+        return list(dict.fromkeys(name.removeprefix("left_").removeprefix("right_") for name in self.missing))
+
+    @property
+    def has_fingers(self) -> bool:
+        """Whether it has joints of fingers."""
+        return any(name.endswith("2") and name[-2:] != "e2" for name in self.joints)
+
+    @property
+    def _raised(self) -> np.ndarray:
+        return np.array([0.0, self.lift, 0.0])
+
+    def to_world(self, place: np.ndarray) -> np.ndarray:
+        """Places (..., 3) of the file's world in ours, metres."""
+        return quaternion_rotate(self.turn, np.asarray(place, dtype=float) * self.unit) + self._raised
+
+    def to_file(self, place: np.ndarray) -> np.ndarray:
+        """Places (..., 3) of our world in the file's, in its units."""
+        return quaternion_rotate(quaternion_conjugate(self.turn), np.asarray(place) - self._raised) / self.unit
+
+    def turned_to_world(self, rotation: np.ndarray) -> np.ndarray:
+        """World rotations (..., 4) of the file in our world."""
+        return quaternion_multiply(self.turn, rotation)
+
+    def line(self) -> str:
+        """What was recognised, in one line."""
+        unit = self.unit_name or f"unknown unit, scaled to {self.height:.2f} m"
+        floor = "floor at 0" if self.lift == 0 else f"floor at {-self.lift:.2f} m"
+        up = {"y": "y up", "-y": "upside down (-y up)"}.get(self.up, f"{self.up} up")
+        lacking = f", without {', '.join(self.lacking)}" if self.missing else ""
+        fingers = "fingers" if self.has_fingers else "no fingers"
+        return (
+            f"{self.family}, {self.count} joints, {unit}, {self.height:.2f} m tall, {up}, {floor}, "
+            f"{self.frame_rate:g} Hz, {fingers}{lacking}" + "".join(f"; {note}" for note in self.notes)
+        )
+
+
+def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
+    """Recognise a figure: its joints, unit, upward axis and floor; what `options` say goes before what is found.
+
+    Raises BodysenseError, naming the file, where it is not a humanoid or the options do not fit it.
+    """
+    tree = Tree(figure, sampled(figure).world()[0])
+    try:
+        if options.joints is None:
+            found = find_body(tree)
+            points, penalty, remarks = found.points, found.penalty, found.remarks
+        else:
+            points, penalty, remarks = read_joint_map(options.joints, figure), 0.0, ("joints as told",)
+    except BodysenseError as error:
+        raise BodysenseError(f"{figure.name}: {error}") from None
+    family = family_of(figure.points)
+    size = stature(tree, points)
+    if not size > 0:
+        raise BodysenseError(f"{figure.name}: its bones have no length; export it with its skeleton")
+    if options.metres is None:
+        unit_name, unit = find_unit(size, family == "CMU")
+    else:
+        unit_name, unit = _UNIT_NAMES.get(str(options.unit), f"units of {options.metres:g} m"), options.metres
+    up, upright = find_up(tree, points) if options.up is None else (options.up, 1.0)
+    if upright < 0.1:
+        raise BodysenseError(
+            f"{figure.name}: it never stands upright, so that no upward axis was found; say which, as --up y or --up z"
+        )
+    leg = tree.distance(points["left_hip"], points["left_knee"]) + tree.distance(
+        points["left_knee"], points["left_ankle"]
+    )
+    sole = find_floor(tree, points, up, leg) * unit
+    lift = -options.floor if options.floor is not None else 0.0 if abs(sole) <= FLOOR_TOLERANCE else -sole
+    return Rig(
+        family=family or "unnamed rig",
+        joints={name: figure.points[point] for name, point in points.items()},
+        unit=unit,
+        unit_name=unit_name,
+        up=up,
+        lift=lift,
+        height=size * unit,
+        confidence=float(np.clip(1 - max(0.0, penalty) / WORST, 0, 1) * np.clip(0.5 + upright / 2, 0, 1)),
+        frame_rate=figure.frame_rate,
+        count=len(figure.joints),
+        used=sum(point < len(figure.joints) for point in points.values()),
+        notes=remarks,
+    )
+
+
+def sampled(figure: Figure) -> Figure:
+    """Frames of a figure that it is recognised by."""
+    return figure.at(np.unique(np.linspace(0, len(figure) - 1, SAMPLE).astype(int)))

@@ -1,0 +1,221 @@
+"""Structure: which joints of a tree are a body's, by tree shape, symmetry, lengths and directions, then by names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bodysense.errors import BodysenseError
+from bodysense.io.rigs import words
+from bodysense.io.rigs.hands import fingers_of
+from bodysense.io.rigs.limbs import Limb, Tree, as_limb, pairs_of
+from bodysense.io.rigs.trunk import head_of, spine_of
+
+NO_BODY = "not a humanoid: two legs and two arms were not found"
+WORST = 16.0  # penalty of what is still taken for a body
+_CANDIDATES = 24  # legs and arms that are tried with each other
+_WITH_HEAD = 8  # of them, the best, that are searched for a head
+_HEADLESS = 6.0
+HIGH_HUB = 0.3  # of the way to the shoulders: a joint that is so far from the hips is no pelvis
+_GUESS = 0.4  # of 6: feet that are not there and knees that are straight say no more of left and right
+_ZERO = 0.01  # of a leg's length: what is nearer is in one place
+
+# What is usual of a body, and how far the logarithm of it strays: legs over arms, trunk over legs.
+_LEGS_OVER_ARMS, _TRUNK_OVER_LEGS = (1.5, 0.4), (0.58, 0.4)
+
+
+@dataclass(frozen=True)
+class Structure:
+    """The points of a figure that a body has: {ours: index in the figure}; and how little it is one."""
+
+    points: dict[str, int]
+    penalty: float
+    sides: str  # what told left from right: 'names' or 'the feet'
+    remarks: tuple[str, ...] = ()
+
+
+def find_body(tree: Tree) -> Structure:
+    """The body in a tree. Raises BodysenseError where there is none."""
+    pairs = pairs_of(tree)
+    legs = [limb for hub, chains in pairs if (limb := as_limb(tree, hub, chains, "leg"))]
+    arms = [limb for hub, chains in pairs if (limb := as_limb(tree, hub, chains, "arm"))]
+    longest = max((limb.length for limb in legs), default=0.0)
+    legs, arms = (sorted(limbs, key=lambda limb: limb.penalty)[:_CANDIDATES] for limbs in (legs, arms))
+    choices = [(_together(tree, a, b, longest), a, b) for a in legs for b in arms if _disjoint(a, b)]
+    if not choices:
+        raise BodysenseError(NO_BODY)
+    choices = sorted(choices, key=lambda choice: choice[0])[:_WITH_HEAD]
+    choices = [(penalty + (0 if head_of(tree, a, b) else _HEADLESS), a, b) for penalty, a, b in choices]
+    penalty, leg, arm = min(choices, key=lambda choice: choice[0])
+    if penalty > WORST or _is_animal(tree, leg, arm, legs):
+        raise BodysenseError(NO_BODY)
+    return _named(tree, leg, arm, penalty)
+
+
+def _disjoint(leg: Limb, arm: Limb) -> bool:
+    """Whether a pair of legs and a pair of arms are four limbs."""
+    mine, theirs = ({k for chain in limb.chains for k in chain} for limb in (leg, arm))
+    return not mine & theirs and leg.hub not in theirs and arm.hub not in mine
+
+
+def _together(tree: Tree, leg: Limb, arm: Limb, longest: float) -> float:
+    """Penalty of legs and arms as those of one body."""
+    hips, shoulders = (_middle(tree, limb) for limb in (leg, arm))
+    trunk = float(np.median(np.linalg.norm(shoulders - hips, axis=-1)))
+    hip_width, shoulder_width = (tree.distance(limb.joints(0)[0], limb.joints(1)[0]) for limb in (leg, arm))
+    penalty = leg.penalty + arm.penalty + 4 * (1 - leg.length / longest)
+    for ratio, (usual, spread) in (
+        (leg.length / arm.length, _LEGS_OVER_ARMS),
+        (max(trunk, 1e-3 * leg.length) / leg.length, _TRUNK_OVER_LEGS),
+    ):
+        penalty += (np.log(ratio / usual) / spread) ** 2
+    penalty += 8 * max(0.0, hip_width / leg.length - 0.6) + 6 * max(0.0, shoulder_width / arm.length - 1.6)
+    fingers = [sum(1 for c in tree.figure.children[limb.joints(0)[2]] if tree.length[c] > 0) for limb in (leg, arm)]
+    return float(penalty - (fingers[1] > 2) + (fingers[0] > 2))
+
+
+def _middle(tree: Tree, limb: Limb) -> np.ndarray:
+    """(S, 3) between the first joints of two limbs."""
+    return (tree.place[:, limb.joints(0)[0]] + tree.place[:, limb.joints(1)[0]]) / 2
+
+
+def _is_animal(tree: Tree, leg: Limb, arm: Limb, legs: list[Limb]) -> bool:
+    """Whether it stands on its arms, as its legs square to its trunk, or has more legs than two."""
+    trunk = _middle(tree, arm) - _middle(tree, leg)
+
+    def along(limb: Limb) -> np.ndarray:
+        ways = [tree.place[:, limb.joints(k)[2]] - tree.place[:, limb.joints(k)[0]] for k in (0, 1)]
+        return ways[0] + ways[1]
+
+    down, forth = along(leg), along(arm)
+    square = np.abs(_cosine(down, trunk)) < 0.5
+    on_all_fours = (np.abs(_cosine(forth, trunk)) < 0.6) & (_cosine(down, forth) > 0.7)
+    stands_on_arms = float((square & on_all_fours).mean()) > 0.7 and arm.length > 0.62 * leg.length
+    odd = sum(words.is_animal(name) for name in tree.figure.points)
+    more = [one for one in legs if one.hub == leg.hub and abs(np.log(one.length / leg.length)) < 0.35]
+    own = {k for limb in (leg, arm) for chain in limb.chains for k in chain}
+    crowd = {one.joints(k)[1] for one in more for k in (0, 1)} - own
+    tiny = arm.length < 0.25 * leg.length
+    return stands_on_arms or len(crowd) > 2 or tiny or (odd > 4 and bool(square.mean() > 0.5))
+
+
+def _cosine(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (a * b).sum(-1) / np.maximum(np.linalg.norm(a, axis=-1) * np.linalg.norm(b, axis=-1), 1e-9)
+
+
+def _named(tree: Tree, leg: Limb, arm: Limb, penalty: float) -> Structure:
+    """The points of a body of these limbs."""
+    figure = tree.figure
+    left_leg, left_arm, sides, remarks = _left(tree, leg, arm)
+    zero = _ZERO * leg.length
+    spine, pelvis, neck_below = spine_of(tree, leg, arm, zero)
+    points: dict[str, int] = {"pelvis": pelvis}
+    hips = _middle(tree, leg)
+    trunk = np.linalg.norm(_middle(tree, arm) - hips, axis=-1)
+    if np.median(np.linalg.norm(tree.place[:, pelvis] - hips, axis=-1)) > HIGH_HUB * np.median(trunk):
+        points = {}  # the legs hang on the middle of the trunk, as OpenNI has them
+        spine = [pelvis, *spine]
+    head = head_of(tree, leg, arm)
+    if head is None:
+        raise BodysenseError(f"{NO_BODY[:14]}: there are legs and arms, but no head")
+    spine = [*spine, *head.spine]
+    if len(spine) > 2:
+        spine = [spine[0], spine[len(spine) // 2], spine[-1]]
+    for name, point in zip(
+        ("spine1", "spine2", "spine3") if len(spine) > 2 else ("spine1", "spine3"), spine, strict=False
+    ):
+        points[name] = point
+    neck = head.neck if head.neck is not None else neck_below
+    if neck is not None:
+        points["neck"] = neck
+    points["head"] = head.head
+    if head.top is not None:
+        points["head_top"] = head.top
+    for side, a, b in (("left", left_leg, left_arm), ("right", 1 - left_leg, 1 - left_arm)):
+        points |= {f"{side}_{role}": k for role, k in zip(("hip", "knee", "ankle"), leg.joints(a), strict=True)}
+        points |= {f"{side}_{role}": k for role, k in zip(("shoulder", "elbow", "wrist"), arm.joints(b), strict=True)}
+        collar = _collar(tree, arm, b)
+        if collar is not None:
+            points[f"{side}_collar"] = collar
+        points |= {f"{side}_{part}": k for part, k in _foot(tree, points[f"{side}_ankle"], leg.after(a), zero).items()}
+        points |= {f"{side}_{part}": k for part, k in fingers_of(tree, points[f"{side}_wrist"]).items()}
+    joints = len(figure.joints)
+    sited = [name for name, k in points.items() if k >= joints and not name.endswith(("_top", "_toe", "_tip"))]
+    if any(name in ("head", "pelvis") or "shoulder" in name or "hip" in name for name in sited):
+        raise BodysenseError(NO_BODY)
+    return Structure(
+        {name: k for name, k in points.items() if name not in sited or name.endswith(("wrist", "ankle"))},
+        penalty,
+        sides,
+        remarks,
+    )
+
+
+def _collar(tree: Tree, arm: Limb, which: int) -> int | None:
+    """The joint that carries a shoulder: one named so, or the first that is nearer to it than the elbow."""
+    shoulder = arm.joints(which)[0]
+    before = [k for k in arm.before(which) if k < len(tree.figure.joints)]
+    named = [k for k in before if "collar" in words.parts(tree.figure.points[k])]
+    near = [k for k in before if 0.05 * arm.lengths[0] < tree.distance(k, shoulder) < 0.9 * arm.lengths[0]]
+    return (named or near or [None])[0]
+
+
+def _foot(tree: Tree, ankle: int, after: tuple[int, ...], zero: float) -> dict[str, int]:
+    """Ball of the foot and tip of the toes."""
+    joints = len(tree.figure.joints)
+    chain = [k for k in after if tree.distance(k, ankle) > zero]
+    named = [
+        k for k in chain if "foot" in words.parts(tree.figure.points[k]) and not words.is_end(tree.figure.points[k])
+    ]
+    balls = [k for k in named or chain if k < joints]
+    if not balls:
+        return {}
+    sure = [k for k in balls if "ankle" not in words.parts(tree.figure.points[k]) and k != chain[-1]]
+    ball = (sure if named and sure else balls)[0]
+    tips = [k for k in chain[chain.index(ball) + 1 :] if tree.distance(k, ball) > zero]
+    if not tips:
+        return {"foot": ball}
+    return {"foot": ball, "toe": tips[-1]}
+
+
+def _left(tree: Tree, leg: Limb, arm: Limb) -> tuple[int, int, str, tuple[str, ...]]:
+    """Which of the two legs and of the two arms is the left one, what told it, and what is odd about it."""
+    hips, shoulders = (tree.place[:, limb.joints(0)[0]] - tree.place[:, limb.joints(1)[0]] for limb in (leg, arm))
+    crossed = float(_cosine(hips, shoulders).mean()) < 0
+    named = [words.side(*([tree.figure.points[k] for k in chain] for chain in limb.chains)) for limb in (leg, arm)]
+    if all(named):
+        return int(named[0] < 0), int(named[1] < 0), "names", ()
+    seen, sure = _anatomical(tree, leg, arm)
+    told = named[0] or (-named[1] if crossed else named[1])
+    remarks: tuple[str, ...] = ()
+    if told and sure > 1 and told != seen:
+        remarks = ("left and right are as its names say, though its feet point backward",)
+    elif not told and sure < _GUESS:
+        remarks = ("which side is left is a guess: no name, foot or knee tells",)
+    left_leg = int((told or seen) < 0)
+    return left_leg, 1 - left_leg if crossed else left_leg, "names" if told else "the feet", remarks
+
+
+def _anatomical(tree: Tree, leg: Limb, arm: Limb) -> tuple[int, float]:
+    """1 where the first leg is the left one as feet and knees point forward, else -1; and how sure that is, 0 to 6."""
+    up = _middle(tree, arm) - _middle(tree, leg)
+    across = tree.place[:, leg.joints(0)[0]] - tree.place[:, leg.joints(1)[0]]
+    votes = np.zeros(len(up))
+    for which in (0, 1):
+        hip, knee, ankle = (tree.place[:, k] for k in leg.joints(which))
+        toes = [k for k in leg.after(which) if tree.distance(k, leg.joints(which)[2]) > 0.1 * leg.lengths[1]]
+        shin = ankle - knee
+        if toes:  # feet point forward, square to the shin
+            foot = tree.place[:, toes[-1]] - ankle
+            votes += 2 * _turn(-shin, foot, across)
+        bend = knee - (hip + ankle) / 2
+        bent = np.linalg.norm(bend, axis=-1) / leg.length
+        votes += np.minimum(10 * bent, 1.0) * _turn(up, bend, across)
+    mean = float(votes.mean())
+    return (1 if mean > 0 else -1), abs(mean)
+
+
+def _turn(up: np.ndarray, forward: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """How much (S,) `across` points to the left of what faces `forward`: the cosine."""
+    return _cosine(np.cross(up, forward), across)

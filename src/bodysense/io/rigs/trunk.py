@@ -1,0 +1,151 @@
+"""The trunk: spine, pelvis, neck and head between the limbs that were found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bodysense.io.rigs import words
+from bodysense.io.rigs.limbs import Limb, Tree
+
+HEAD_HEIGHT = 0.40  # of the trunk's length: how far over the shoulders the joint of a head is
+_TOP_HEIGHT = 0.55  # a last joint that is higher is the top of the head
+_BESIDE = 0.35  # of the trunk's length: what is farther beside the middle is no head
+
+
+@dataclass(frozen=True)
+class Head:
+    """What is over the shoulders."""
+
+    head: int
+    neck: int | None
+    top: int | None
+    spine: tuple[int, ...]  # joints below the neck that the arms do not hang on
+
+
+def head_of(tree: Tree, leg: Limb, arm: Limb) -> Head | None:
+    """The head of a body of these limbs; None where nothing is over its shoulders."""
+    figure = tree.figure
+    hips, shoulders = ((tree.place[:, limb.joints(0)[0]] + tree.place[:, limb.joints(1)[0]]) / 2 for limb in (leg, arm))
+    trunk = shoulders - hips
+    length = np.maximum(np.linalg.norm(trunk, axis=-1, keepdims=True), 1e-9)
+    up = trunk / length
+    across = tree.place[:, arm.joints(0)[0]] - tree.place[:, arm.joints(1)[0]]
+    across = across / np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
+
+    def height(point: int) -> float:
+        return float(np.median(((tree.place[:, point] - shoulders) * up).sum(-1) / length[:, 0]))
+
+    def beside(point: int) -> float:
+        return abs(float(np.median(((tree.place[:, point] - shoulders) * across).sum(-1) / length[:, 0])))
+
+    limbs = {k for limb in (leg, arm) for chain in limb.chains for k in chain}
+    way_up = figure.above(arm.hub)
+    hubs = [arm.hub, *way_up[1:]] if leg.hub not in way_up else way_up[: way_up.index(leg.hub) + 1]
+    found: list[tuple[float, list[int]]] = []
+    for rank, hub in enumerate(hubs):
+        for child in figure.children[hub]:
+            if child not in limbs and child not in way_up and leg.hub not in _below_few(tree, child, leg.hub):
+                chain = _upward(tree, child, height, beside)
+                named = any(words.parts(figure.points[k]) & {"neck", "head"} for k in chain)
+                tip = max(height(k) for k in chain)
+                if (named or tip > 0.12) and beside(chain[-1]) < _BESIDE:
+                    found.append((3.0 * named + min(tip, 1.0) - 0.3 * rank, chain))
+        if found:
+            break
+    if not found:
+        return None
+    return _split(tree, max(found, key=lambda pair: pair[0])[1], height)
+
+
+def _below_few(tree: Tree, point: int, wanted: int) -> tuple[int, ...]:
+    """The wanted point, if it hangs below another."""
+    return (wanted,) if point in tree.figure.above(wanted) else ()
+
+
+def _upward(tree: Tree, start: int, height, beside) -> list[int]:
+    """From a joint up to a leaf, along what is named head or neck, else the middle and highest."""
+    chain = [start]
+    while children := [k for k in tree.figure.children[chain[-1]] if not _is_aside(tree.figure.points[k])]:
+        best = max(
+            children,
+            key=lambda k: (
+                bool(words.parts(tree.figure.points[k]) & {"neck", "head"}),
+                height(k) - 2 * beside(k) + (tree.reach[k] > 0) * 1e-3,
+            ),
+        )
+        if chain and "head" in words.parts(tree.figure.points[chain[-1]]) and len(children) > 4:
+            break  # a face
+        chain.append(best)
+    return chain
+
+
+def _is_aside(name: str) -> bool:
+    """Whether a name is that of a helper that is no part of a neck: NeckTwist02 is."""
+    return words.is_helper(name) and not words.parts(name) & {"neck"}
+
+
+def _split(tree: Tree, chain: list[int], height) -> Head | None:
+    """Spine, neck, head and its top of what leads up from the shoulders."""
+    figure = tree.figure
+    joints = [k for k in chain if k < len(figure.joints)]
+    if not joints:
+        return None
+
+    def hinted(k: int, part: str) -> bool:
+        return part in words.parts(figure.points[k]) and not words.is_end(figure.points[k])
+
+    spine = [k for k in joints if hinted(k, "spine")]
+    if not any(hinted(k, part) for k in joints for part in ("neck", "head")):
+        spine = [k for k in joints[:-2] if height(k) < -0.05]
+    joints = [k for k in joints if k not in spine]
+    if not joints:
+        return None
+    heads = [k for k in joints if hinted(k, "head")]
+    if not heads and all(hinted(k, "spine") for k in joints):
+        heads = joints[-1:]  # spine.006 of Rigify
+    if not heads:
+        necks = [k for k in joints if hinted(k, "neck")]
+        heads = [k for k in joints if k not in necks] or joints[-1:]
+        if not necks and len(heads) > 1:
+            tops = [heads[-1]] if height(heads[-1]) > _TOP_HEIGHT and not tree.reach[heads[-1]] else []
+            heads = [k for k in heads if k not in tops]
+        heads = [min(heads, key=lambda k: abs(height(k) - HEAD_HEIGHT))]
+    head = heads[0]
+    before = joints[: joints.index(head)]
+    above = [k for k in chain[chain.index(head) + 1 :] if tree.distance(k, head) > 0.02 * tree.reach[0] / 2]
+    tops = [k for k in above if words.is_end(figure.points[k]) or k >= len(figure.joints)] or above
+    named = [k for k in before if hinted(k, "neck")]
+    top = tops[-1] if tops and height(tops[-1]) > height(head) else None
+    return Head(head, (named or before or [None])[0], top, tuple(spine))
+
+
+def spine_of(tree: Tree, leg: Limb, arm: Limb, zero: float) -> tuple[list[int], int, int | None]:
+    """Joints of the spine from below, the pelvis, and a neck that the arms hang on, if they do."""
+    figure = tree.figure
+    from_arms, from_legs = figure.above(arm.hub), figure.above(leg.hub)
+    meet = next(k for k in from_arms if k in from_legs)
+    down = from_legs[: from_legs.index(meet) + 1]  # from the legs' hub up to where both meet
+    path = [*down, *reversed(from_arms[: from_arms.index(meet)])]
+    named = [
+        k for k in [*from_legs[1:4], *path[:3]] if "pelvis" in words.parts(figure.points[k]) and _is_near(tree, k, leg)
+    ]
+    pelvis = leg.hub
+    if named and "pelvis" not in words.parts(figure.points[leg.hub]):
+        pelvis = named[0]
+    if pelvis in path:
+        path = path[path.index(pelvis) + 1 :] if path.index(pelvis) >= path.index(leg.hub) else path
+    spine = [
+        k for k in path if k != pelvis and not words.is_helper(figure.points[k]) and tree.distance(k, pelvis) > zero
+    ]
+    neck = None
+    if spine and "neck" in words.parts(figure.points[spine[-1]]):
+        neck = spine.pop()
+    return spine, pelvis, neck
+
+
+def _is_near(tree: Tree, point: int, leg: Limb) -> bool:
+    """Whether a joint is where a pelvis can be: near the hips."""
+    hips = (tree.place[:, leg.joints(0)[0]] + tree.place[:, leg.joints(1)[0]]) / 2
+    return float(np.median(np.linalg.norm(tree.place[:, point] - hips, axis=-1))) < 0.45 * leg.length

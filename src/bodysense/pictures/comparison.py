@@ -1,0 +1,92 @@
+"""Bodies of flesh side by side, what a device did not track in red: an animated WebP, and a picture of moments."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.flesh import UNSEEN, Flesh, fit_flesh, place_flesh
+from bodysense.body.pose import Pose
+from bodysense.body.skeleton import Skeleton
+from bodysense.files import written_beside
+from bodysense.pictures.animation import Stage, write_pictures
+from bodysense.pictures.shot import Lens, frame_shot
+
+LENS = Lens(width=360, height=420, aim=0.93, shown=2.0)
+_INK, _BAND = (34, 48, 60), 34  # colour of the captions, pixels of height they take
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One body of a comparison."""
+
+    title: str
+    pose: Pose  # (T,)
+    tracked: np.ndarray | None = None  # (T, P) bool: the rest is painted red
+
+
+def draw_views(
+    views: Sequence[View], rate: float, frames: Iterable[int] | None = None, lens: Lens = LENS
+) -> Iterator[np.ndarray]:
+    """Pictures (H, W, 3) uint8 of bodies side by side, seen by one camera, which follows the first of them.
+
+    `frames` are drawn, all if omitted.
+    """
+    shot = frame_shot(views[0].pose, rate, lens)
+    stage, heading = Stage(shot), _captions(views, lens)
+    bodies = [(fit_flesh(view.pose.skeleton), place_flesh(fit_flesh(view.pose.skeleton), view.pose)) for view in views]
+    for frame in range(len(shot)) if frames is None else frames:
+        pictures = []
+        for view, (flesh, balls) in zip(views, bodies, strict=True):
+            shown = flesh if view.tracked is None else _painted(flesh, view.pose.skeleton, view.tracked[frame])
+            pictures.append(stage.draw(shown, balls[frame], frame))
+        yield np.concatenate([heading, np.concatenate(pictures, axis=1)])
+
+
+def write_comparison(path: str | Path, views: Sequence[View], rate: float, lens: Lens = LENS) -> None:
+    """Write bodies side by side, at `rate` Hz, as an animated WebP that repeats for ever."""
+    write_pictures(path, draw_views(views, rate, lens=lens), rate)
+
+
+def write_moments(path: str | Path, views: Sequence[View], rate: float, moments: int = 4, lens: Lens = LENS) -> None:
+    """Write a picture (PNG) of a few moments, evenly spaced, two in a row."""
+    from PIL import Image
+
+    count = len(views[0].pose.root_position)
+    chosen = np.linspace(0, count - 1, moments + 2).round().astype(int)[1:-1]
+    pictures = list(draw_views(views, rate, chosen.tolist(), lens))
+    rows = [np.concatenate(pictures[first : first + 2], axis=1) for first in range(0, moments - 1, 2)]
+    with written_beside(path) as beside:
+        Image.fromarray(np.concatenate(rows)).save(beside)
+
+
+def _painted(flesh: Flesh, skeleton: Skeleton, tracked: np.ndarray) -> Flesh:
+    """Flesh whose links are red where what is nearest to either of their ends is not tracked (P,)."""
+    seen = tracked[_nearest_points(skeleton)]
+    return replace(flesh, color=np.where(seen[flesh.link].all(axis=1), flesh.color, UNSEEN))
+
+
+@lru_cache(maxsize=8)
+def _nearest_points(skeleton: Skeleton) -> np.ndarray:
+    """(N,) for each ball of the flesh the point that is nearest in the rest pose, of its joint and what hangs on it."""
+    flesh, rest = fit_flesh(skeleton), skeleton.path @ skeleton.rest_offset
+    place = rest[flesh.joint] + flesh.center
+    near = np.linalg.norm(place[:, None] - rest, axis=-1)
+    parents = np.array(skeleton.parents)
+    own = (np.arange(len(rest)) == flesh.joint[:, None]) | (parents == flesh.joint[:, None])
+    return np.where(own, near, np.inf).argmin(axis=1)
+
+
+def _captions(views: Sequence[View], lens: Lens) -> np.ndarray:
+    """(_BAND, W, 3) uint8: the titles of the views over them."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    band = Image.new("RGB", (lens.width * len(views), _BAND), (255, 255, 255))
+    draw, font = ImageDraw.Draw(band), ImageFont.load_default(16)
+    for k, view in enumerate(views):
+        draw.text(((k + 0.5) * lens.width, _BAND / 2), view.title, fill=_INK, font=font, anchor="mm")
+    return np.asarray(band)

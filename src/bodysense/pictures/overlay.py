@@ -1,0 +1,244 @@
+"""The completed body drawn over the video it comes from, and beside it, as a video."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, ExitStack
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bodysense.body.flesh import COLORS, Flesh, fit_flesh, place_flesh
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.simulated.camera_view import Camera
+from bodysense.devices.video.person import PersonTrack
+from bodysense.devices.video.pictures import Picture
+from bodysense.errors import BodysenseError
+from bodysense.files import written_beside
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+    from PIL.ImageDraw import ImageDraw
+
+_LEFT, _RIGHT, _MIDDLE = (255, 176, 46), (64, 200, 255), (255, 255, 255)  # the person's sides, and between them
+_DISC = (20, 24, 28)
+NUMBERED = 2.0  # s of a video in which people's numbers are shown
+_FINE = 2  # samples a pixel, across and down, of what is drawn
+_WALL, _FLOOR, _LINE, _INK = (233, 237, 241), (212, 214, 217), (178, 183, 188), (70, 80, 90)
+_TURN = np.radians(28.0)  # from which side the body beside the video is seen
+_AWAY, _EYE, _AIM, _SHOWN = 4.2, 1.5, 0.88, 2.2  # m, for a body of 1.7 m: distance, heights, height of the picture
+_ROUND = ((1.0, 0.72), (0.74, 0.9), (0.42, 1.06))  # share of a link's radius, brightness: from its edge to its ridge
+_LAMP = np.array([-0.35, -0.6])  # by how much of a radius the ridge lies toward the lamp, across and down
+
+
+class Overlay(AbstractContextManager["Overlay"]):
+    """A video, written picture by picture: on the left the source with the body over it, on the right the body.
+
+    It appears when the block ends well. Raises BodysenseError where it cannot be written.
+    """
+
+    def __init__(self, path: str | Path, rate: float) -> None:
+        """`rate`: pictures a second, about; each is shown at its own time."""
+        self._path, self._rate = Path(path), rate
+        self._stack = ExitStack()
+        self._stream: Any = None
+        self._last = -1
+
+    def __enter__(self) -> Overlay:
+        import av
+
+        with ExitStack() as stack:
+            part = stack.enter_context(written_beside(self._path))
+            try:
+                self._container = stack.enter_context(av.open(str(part), "w"))
+            except (OSError, ValueError):
+                raise BodysenseError(f"{self._path}: no video of this kind can be written; name it .mp4") from None
+            self._stack = stack.pop_all()
+        return self
+
+    def add(
+        self, pictures: Sequence[Picture], pose: Pose, camera: Camera, people: Sequence[Sequence[PersonTrack]] = ()
+    ) -> None:
+        """Add pictures, all of one size, with a body (T, …) in the room and the camera (T,) that sees it.
+
+        `people` are those seen in each; where there are several, the first pictures show their numbers.
+        """
+        for k, picture in enumerate(pictures):
+            seen_by = Camera(*(values[k] for values in vars(camera).values()))
+            pixels = picture.pixels
+            if people and len(people[k]) > 1 and picture.time < NUMBERED:
+                pixels = numbered(pixels, people[k])
+            self.show(picture.time, pixels, pose[k], seen_by)
+
+    def show(self, time: float, pixels: np.ndarray, pose: Pose, camera: Camera) -> None:
+        """Add one picture (H, W, 3) at `time` s with a body in the room and the camera that sees it."""
+        import av
+
+        picture = side_by_side(pixels, pose, camera)
+        if self._stream is None:
+            self._stream = self._container.add_stream("libx264", rate=Fraction(self._rate).limit_denominator(1001))
+            self._stream.width, self._stream.height = picture.shape[1], picture.shape[0]
+            self._stream.pix_fmt, self._stream.options = "yuv420p", {"crf": "20", "preset": "veryfast"}
+            self._stream.codec_context.time_base = Fraction(1, 1000)
+        frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+        frame.time_base = Fraction(1, 1000)
+        frame.pts = self._last = max(round(1000 * time), self._last + 1)
+        self._container.mux(self._stream.encode(frame))
+
+    def __exit__(self, *error: object) -> None:
+        if error[0] is None and self._stream is not None:
+            self._container.mux(self._stream.encode())
+        self._stack.__exit__(*error)  # type: ignore[arg-type]
+
+
+def numbered(pixels: np.ndarray, people: Sequence[PersonTrack]) -> np.ndarray:
+    """(H, W, 3) a picture with each person's number on their trunk."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    whole = Image.fromarray(pixels)
+    draw, (wide, high) = ImageDraw.Draw(whole), whole.size
+    size = max(high // 14, 12)
+    font, radius = ImageFont.load_default(size), 0.8 * size
+    for one in people:
+        x, y = one.place * high * [1, -1] + [wide / 2, high / 2]
+        draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=_DISC, outline=_MIDDLE, width=2)
+        draw.text((x, y), str(one.number), fill=_MIDDLE, font=font, anchor="mm")
+    return np.array(whole)
+
+
+def side_by_side(pixels: np.ndarray, pose: Pose, camera: Camera) -> np.ndarray:
+    """(H, W′, 3) uint8, even sizes: a picture with a body in the room over it, and the body beside it, from its left.
+
+    `pixels` (H, W, 3) are what `camera` sees.
+    """
+    from PIL import Image
+
+    high, wide = (size // 2 * 2 for size in pixels.shape[:2])
+    beside = round(0.8 * high / 2) * 2
+    whole = Image.new("RGB", (wide + beside, high))
+    whole.paste(_over(pixels[:high, :wide], pose, camera))
+    whole.paste(_beside((beside, high), pose), (wide, 0))
+    return np.array(whole)
+
+
+def _over(pixels: np.ndarray, pose: Pose, camera: Camera) -> Image:
+    """The picture with the skeleton's bones over it."""
+    from PIL import Image, ImageDraw
+
+    high, wide = pixels.shape[:2]
+    skeleton = pose.skeleton
+    seen = (np.asarray(forward_kinematics(pose)[0]) - camera.position) @ camera.axes
+    places = camera.focal * seen[:, :2] / np.maximum(-seen[:, 2:], 0.1)
+    x, y = (_FINE * (places * high * [1, -1] + [wide / 2, high / 2])).T
+    layer = Image.new("RGBA", (wide * _FINE, high * _FINE))
+    draw = ImageDraw.Draw(layer)
+    thick = high / 160 * _FINE
+    for is_rim in (True, False):  # a dark rim under all of it
+        for point, parent in enumerate(skeleton.parents[1:], start=1):
+            width = thick * (1.7 if is_rim else 1.0) * (0.5 if skeleton.wrist_of[point] >= 0 else 1.0)
+            color = (20, 24, 28, 110) if is_rim else (*_color_of(skeleton.points[point]), 235)
+            draw.line([(x[parent], y[parent]), (x[point], y[point])], fill=color, width=max(round(width), 1))
+    whole = Image.fromarray(pixels).convert("RGBA")
+    whole.alpha_composite(layer.reduce(_FINE))
+    return whole.convert("RGB")
+
+
+def _color_of(name: str) -> tuple[int, int, int]:
+    return _LEFT if name.startswith("left") else _RIGHT if name.startswith("right") else _MIDDLE
+
+
+def _beside(size: tuple[int, int], pose: Pose) -> Image:
+    """The body on a floor, from the camera's right, as links painted from far to near."""
+    from PIL import Image, ImageDraw
+
+    skeleton, flesh = pose.skeleton, fit_flesh(pose.skeleton)
+    wide, high = size[0] * _FINE, size[1] * _FINE
+    scale = skeleton.height / 1.7
+    rise = (_EYE - _AIM) / _AWAY
+    back = np.array([np.sin(_TURN), rise, np.cos(_TURN)]) / np.hypot(1, rise)
+    right = np.array([np.cos(_TURN), 0.0, -np.sin(_TURN)])
+    axes = np.stack([right, np.cross(back, right), back], axis=1)
+    root = np.asarray(pose.root_position)
+    ground = float((skeleton.path @ skeleton.rest_offset + skeleton.rest_offset[0])[:, 1].min())
+    middle = np.array([root[0], ground + _AIM * scale, root[2]])
+    focus = np.hypot(_AWAY, _EYE - _AIM) / _SHOWN * high
+
+    def seen(points: np.ndarray) -> np.ndarray:
+        """Across, down, depth; in samples, and metres."""
+        local = (points - middle) @ axes
+        depth = np.hypot(_AWAY, _EYE - _AIM) * scale - local[..., 2]
+        return np.stack(
+            [wide / 2 + focus * local[..., 0] / depth, high / 2 - focus * local[..., 1] / depth, depth], axis=-1
+        )
+
+    image = Image.new("RGB", (wide, high), _WALL)
+    draw = ImageDraw.Draw(image)
+    _draw_floor(draw, seen, ground, root, (wide, high))
+    balls = seen(place_flesh(flesh, pose))
+    radius = flesh.radius * focus / balls[:, 2]
+    parts = _parts(skeleton, flesh)
+    depth = np.array([balls[flesh.link[links], 2].mean() for links in parts])
+    for part in np.argsort(-depth):
+        for share, light in _ROUND:
+            for link in parts[part]:
+                color = tuple((np.clip(COLORS[flesh.color[link]] * light, 0, 1) * 255).astype(int).tolist())
+                ends = [
+                    (balls[ball, :2] + (1 - share) * radius[ball] * _LAMP, float(radius[ball] * share))
+                    for ball in flesh.link[link]
+                ]
+                _draw_link(draw, ends[0], ends[1], color)
+    return image.reduce(_FINE)
+
+
+def _parts(skeleton: Skeleton, flesh: Flesh) -> list[np.ndarray]:
+    """Links by the part of the body that is painted as one: trunk, head, and of each side upper arm, forearm …"""
+    names = []
+    for link in flesh.link:
+        owners = [skeleton.joints[joint] for joint in flesh.joint[link]]
+        of_trunk = any(owner.partition("_")[2] in ("", "collar") and owner != "head" for owner in owners)
+        owner = owners[-1]
+        wrist = skeleton.wrist_of[skeleton.index(owner)]
+        names.append("trunk" if of_trunk else owner if wrist < 0 else skeleton.joints[wrist])
+    return [np.flatnonzero(np.array(names) == name) for name in sorted(set(names))]
+
+
+def _draw_floor(draw: ImageDraw, seen: Any, ground: float, root: np.ndarray, size: tuple[int, int]) -> None:
+    """The floor to its horizon, with a line every half metre."""
+    far = 12.0  # m
+    horizon = float(seen(np.array([root[0], ground, root[2] - far]))[1])
+    draw.rectangle((0, min(horizon, size[1]), size[0], size[1]), fill=_FLOOR)
+    steps = np.arange(-8, 9) * 0.5
+    for along in (0, 2):
+        base = np.round(root[along] * 2) / 2
+        for step in steps:
+            ends = np.array([[0.0, ground, 0.0], [0.0, ground, 0.0]])
+            ends[:, along] = base + step
+            ends[:, 2 - along] = root[2 - along] + np.array([-4.0, 2.2])
+            places = seen(ends)
+            if (places[:, 2] > 0.3).all():
+                draw.line([tuple(place[:2]) for place in places], fill=_LINE, width=_FINE)
+
+
+def _draw_link(
+    draw: ImageDraw, first: tuple[np.ndarray, float], second: tuple[np.ndarray, float], color: tuple[int, ...]
+) -> None:
+    """The hull of two circles, each a middle (2,) and a radius."""
+    (a, a_radius), (b, b_radius) = first, second
+    for (x, y), size in (first, second):
+        draw.ellipse((x - size, y - size, x + size, y + size), fill=color)
+    line = b - a
+    length = float(np.linalg.norm(line))
+    if length <= abs(a_radius - b_radius) + 1e-6:
+        return
+    line = line / length
+    # Where the common tangents touch, as turned from the line between the middles.
+    cosine = (a_radius - b_radius) / length
+    sine = np.sqrt(1 - cosine**2)
+    normals = [
+        np.array([cosine * line[0] - s * line[1], cosine * line[1] + s * line[0]]) for s in (float(sine), -float(sine))
+    ]
+    hull = [a + a_radius * normals[0], b + b_radius * normals[0], b + b_radius * normals[1], a + a_radius * normals[1]]
+    draw.polygon([(float(x), float(y)) for x, y in hull], fill=color)

@@ -1,0 +1,69 @@
+"""A hand, motion of it, its markers as observations, and networks that were never trained."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from bodysense.body.glove import default_glove, glove_points, marker_positions, side_of
+from bodysense.body.hand import hand_skeleton, mirrored_vectors
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.devices.gloves.hands import GloveModels
+from bodysense.lab.synthesis.hand_motion import HandMotion
+from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense.observation import Observation, accuracy_like, check_observation
+
+MakeGloves = Callable[..., Observation]
+
+
+@pytest.fixture(scope="session")
+def hand() -> Skeleton:
+    return hand_skeleton(default_skeleton(), "left")
+
+
+@pytest.fixture(scope="session")
+def motion(hand: Skeleton) -> HandMotion:
+    """Ten seconds at 60 Hz."""
+    return synthesize_hand(hand, 10.0, np.random.default_rng(5))
+
+
+@pytest.fixture(scope="session")
+def markers(motion: HandMotion) -> np.ndarray:
+    """(T, 9, 3) m of the motion."""
+    return np.asarray(marker_positions(default_glove(), motion.pose))
+
+
+@pytest.fixture(scope="session")
+def observe_gloves() -> MakeGloves:
+    """An observation from markers (T, 9, 3) of each hand as a left one, NaN where hidden; right ones are mirrored."""
+
+    def make(rate: float = 60.0, **hands: np.ndarray) -> Observation:
+        position = np.concatenate([mirrored_vectors(rows, side_of(name)) for name, rows in hands.items()], axis=1)
+        seen = ~np.isnan(position[..., 0])
+        points = tuple(point for name in hands for point in glove_points(name))
+        nothing = np.full((*position.shape[:2], 4), np.nan)
+        time = np.arange(len(position)) / rate
+        accuracy = accuracy_like(seen, 0.001)
+        return check_observation(Observation(points, position, nothing, seen, np.zeros_like(seen), accuracy, time))
+
+    return make
+
+
+class Untrained:
+    """A network with weights by chance."""
+
+    def __init__(self, outputs: int, scale: float) -> None:
+        rng = np.random.default_rng(outputs)
+        self.first, self.second = rng.normal(size=(114, 16)), scale * rng.normal(size=(16, outputs))
+
+    def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
+        hidden = np.maximum(np.concatenate([markers, hand], axis=1) @ self.first, 0.0)
+        return (hidden @ self.second).astype(np.float32)
+
+
+@pytest.fixture(scope="session")
+def small_models() -> GloveModels:
+    """Networks that were never trained: what holds of every network holds of them."""
+    return GloveModels(Untrained(27, 0.1), Untrained(26, 0.3))

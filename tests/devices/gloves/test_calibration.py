@@ -1,0 +1,81 @@
+"""A hand from its glove's markers: markers are met, the hand is nearer than the middle of the family, and bad input."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.body.glove import hand_size, marker_positions
+from bodysense.body.hand import mirrored_vectors
+from bodysense.body.hand_family import COUNT, GlovedHand, carried_over, draw_hand, hand_of
+from bodysense.body.person import Person
+from bodysense.devices.gloves.calibration import fit_hand
+from bodysense.devices.gloves.device import calibrated_hands, glove_device
+from bodysense.devices.simulated.glove import observe
+from bodysense.errors import BodysenseError
+from bodysense.lab.synthesis.hands import synthesize_hand
+
+
+@pytest.fixture(scope="module")
+def worn() -> GlovedHand:
+    return draw_hand(np.random.default_rng(11))
+
+
+@pytest.fixture(scope="module")
+def markers(worn: GlovedHand) -> np.ndarray:
+    motion = synthesize_hand(worn.skeleton, 8.0, np.random.default_rng(12), 30.0)
+    return np.asarray(marker_positions(worn.glove, carried_over(motion.pose, worn)))
+
+
+def test_a_hand_is_found_that_has_the_markers(worn: GlovedHand, markers: np.ndarray) -> None:
+    found = fit_hand(markers[::12])
+    assert found.error < 0.0015
+    middle = hand_of(np.zeros(COUNT))
+
+    def off(hand: GlovedHand) -> float:
+        return float(abs(hand.skeleton.bone_length - worn.skeleton.bone_length).mean())
+
+    assert off(found.hand) < off(middle)
+    assert hand_size(found.hand.skeleton) == pytest.approx(hand_size(worn.skeleton), rel=0.08)
+
+
+def test_some_markers_may_be_missing_but_not_most(markers: np.ndarray) -> None:
+    some = markers.copy()
+    some[::2, 4] = np.nan
+    assert fit_hand(some[::17]).error < 0.0015
+    with pytest.raises(BodysenseError, match="calibrating needs 6"):
+        fit_hand(np.where(np.arange(9)[:, None] < 5, markers, np.nan))
+
+
+def test_a_person_keeps_the_hands(worn: GlovedHand, tmp_path: Path) -> None:
+    person = Person(hands={"left": worn, "right": worn})
+    person.save(tmp_path / "one.json")
+    again = Person.load(tmp_path / "one.json")
+    for side in ("left", "right"):
+        np.testing.assert_allclose(again.hands[side].axes, worn.axes)
+        np.testing.assert_allclose(again.hands[side].skeleton.rest_offset, worn.skeleton.rest_offset)
+    np.testing.assert_allclose(again.skeleton.rest_offset, person.skeleton.rest_offset)
+    left = again.skeleton.index("left_index2")
+    np.testing.assert_allclose(
+        again.skeleton.rest_offset[left],
+        mirrored_vectors(worn.skeleton.rest_offset[worn.skeleton.index("index2")], "left"),
+    )
+    device = glove_device(again.skeleton, calibrated=again.hands)
+    assert device.hands.gloves["left"].offset.shape == (9, 3)
+    with pytest.raises(BodysenseError, match="the hand 'middle'"):
+        Person(hands={"middle": worn})
+
+
+@pytest.mark.slow
+def test_hands_of_an_observation() -> None:
+    from bodysense.demo import packaged_performance
+
+    clip = packaged_performance()
+    seen = observe(clip.pose[:300], clip.time[:300])
+    found = calibrated_hands(seen)
+    assert set(found) <= {"left", "right"} and found
+    nothing = replace(seen, has_position=np.zeros_like(seen.has_position))
+    assert calibrated_hands(nothing) == {}

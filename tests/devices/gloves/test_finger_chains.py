@@ -1,0 +1,89 @@
+"""Fingers as chains of matrices, against the general forward kinematics and scipy."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bodysense.body.hand import angles_of, hand_skeleton, limits, rotations_of
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import geodesic_angle, quaternion_to_matrix
+from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.gloves.finger_chains import (
+    FREE,
+    HIGH,
+    LOW,
+    angles_of_turns,
+    finger_chains,
+    own_turns,
+    placed_fingers,
+    turned_by,
+    turning_axes,
+    turns_of_angles,
+)
+
+HAND = hand_skeleton(default_skeleton(), "left")
+
+
+def random_rotations(count: int, seed: int) -> np.ndarray:
+    q = np.random.default_rng(seed).normal(size=(count, 16, 4))
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+
+
+def test_hands_are_where_forward_kinematics_has_them() -> None:
+    hands = [HAND, HAND.with_offsets(1.2 * HAND.rest_offset), HAND]
+    rotation, root = random_rotations(3, seed=0), np.random.default_rng(1).normal(size=(3, 3))
+    matrix = quaternion_to_matrix(rotation)
+    placed = placed_fingers(finger_chains(hands), root, matrix[:, 0], own_turns(matrix[:, 1:]))
+    offsets = np.stack([hand.rest_offset for hand in hands])
+    expected, _ = forward_kinematics(Pose(HAND, root, rotation), offsets)
+    np.testing.assert_allclose(placed.position, expected, atol=1e-12)
+
+
+def test_angles_are_those_of_the_hand() -> None:
+    low, high = limits()
+    angles = np.random.default_rng(2).uniform(low, high, size=(4, 26))
+    turn = own_turns(quaternion_to_matrix(rotations_of(angles)))
+    found = angles_of_turns(turn)
+    np.testing.assert_allclose(found[:, FREE], angles, atol=1e-9)
+    np.testing.assert_allclose(found[:, FREE], angles_of(rotations_of(angles)), atol=1e-9)
+    np.testing.assert_allclose(found[:, ~FREE], 0, atol=1e-9)
+    np.testing.assert_allclose(turns_of_angles(found), turn, atol=1e-12)
+    np.testing.assert_array_equal(LOW[FREE], low)
+    np.testing.assert_array_equal(HIGH[FREE], high)
+
+
+def test_turns_are_euler_angles() -> None:
+    angles = np.random.default_rng(3).uniform(-1, 1, size=(2, 15, 3))
+    expected = Rotation.from_euler("ZYX", (angles * [-1, 1, 1]).reshape(-1, 3)).as_matrix()
+    np.testing.assert_allclose(turns_of_angles(angles).reshape(-1, 3, 3), expected, atol=1e-12)
+
+
+def test_axes_are_the_derivative() -> None:
+    chains, rng = finger_chains([HAND]), np.random.default_rng(4)
+    angles, root = rng.uniform(-0.6, 0.6, size=(1, 15, 3)), rng.normal(size=(1, 3))
+    wrist = Rotation.from_euler("xyz", [[0.4, -1.2, 2.0]]).as_matrix()
+
+    def positions(values: np.ndarray) -> np.ndarray:
+        return placed_fingers(chains, root, wrist, turns_of_angles(values)).position[0]
+
+    placed = placed_fingers(chains, root, wrist, turns_of_angles(angles))
+    axes = turning_axes(placed, angles)
+    for joint in range(15):
+        tip = 16 + joint // 3
+        for angle in range(3):
+            step = np.zeros_like(angles)
+            step[0, joint, angle] = 1e-6
+            change = (positions(angles + step) - positions(angles - step))[tip] / 2e-6
+            arm = placed.position[0, tip] - placed.position[0, 1 + joint]
+            np.testing.assert_allclose(np.cross(axes[0, joint, angle], arm), change, atol=1e-8)
+
+
+def test_a_rotation_turns_with_its_angles() -> None:
+    rng = np.random.default_rng(5)
+    before, after = rng.uniform(-0.8, 0.8, size=(2, 2, 26))
+    table = np.zeros((2, 2, 15, 3))
+    table[:, :, FREE] = np.stack([before, after])
+    turned = turned_by(rotations_of(before), table[0], table[1])
+    np.testing.assert_allclose(geodesic_angle(turned, rotations_of(after)), 0, atol=1e-7)
+    assert (turned[..., 0] >= 0).all()

@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bodysense.body.glove import default_glove, marker_positions
+from bodysense.body.hand import FINGERS, FREEDOMS, rotations_of
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import (
+    quaternion_canonical,
+    quaternion_conjugate,
+    quaternion_multiply,
+    quaternion_rotate,
+    shortest_arc,
+)
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.gloves.fingers import (
+    Aim,
+    hand_shape,
+    in_order,
+    local_rotations,
+    pointed,
+    shortest_arcs,
+    turning,
+)
+from bodysense.errors import BodysenseError
+from bodysense.lab.synthesis.hands import varied_hand
+
+
+def test_rotations_are_those_of_the_hand_model() -> None:
+    angles = np.random.default_rng(0).normal(scale=0.8, size=(50, len(FREEDOMS)))
+    fast = quaternion_canonical(local_rotations(angles, turning()))
+    np.testing.assert_allclose(fast, rotations_of(angles), atol=1e-12)
+
+
+def test_a_calibration_follows_every_rotation() -> None:
+    rng = np.random.default_rng(1)
+    angles, calibration = rng.normal(size=(3, 26)), rng.normal(size=(3, 15, 4))
+    calibration /= np.linalg.norm(calibration, axis=-1, keepdims=True)
+    fast = quaternion_canonical(local_rotations(angles, turning(calibration)))
+    slow = quaternion_canonical(quaternion_multiply(rotations_of(angles), calibration))
+    np.testing.assert_allclose(fast, slow, atol=1e-12)
+
+
+def test_shortest_arcs_are_those_of_rotation() -> None:
+    u, v = np.random.default_rng(2).normal(scale=0.1, size=(2, 40, 5, 3))
+    np.testing.assert_allclose(shortest_arcs(u, v), shortest_arc(u, v), atol=1e-12)
+    identity = np.tile([1.0, 0, 0, 0], (1, 5, 1))
+    np.testing.assert_allclose(shortest_arcs(u[:1], -u[:1]), identity, atol=1e-3)  # opposite: nothing turns
+    np.testing.assert_allclose(shortest_arcs(u[:1], 0 * u[:1]), identity, atol=1e-12)
+
+
+def test_restraint_holds_large_arcs_back_and_small_ones_hardly() -> None:
+    angle = np.radians([1.0, 10.0, 20.0, 60.0, 120.0, 179.0, 180.0, 181.0])
+    u = np.tile([0.1, 0.0, 0.0], (1, len(angle), 1))
+    v = 0.03 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)[None]
+    arc = shortest_arcs(u, v, restraint=4.0)[0]
+    turned = 2 * np.arctan2(arc[:, 3], arc[:, 0])
+    np.testing.assert_allclose(turned[:3], angle[:3], rtol=0.011)
+    assert 0.5 * angle[3] < turned[3] < 0.7 * angle[3]
+    assert (np.abs(turned[3:]) < angle[3] * 0.7).all()
+    np.testing.assert_allclose(turned[5:], [-turned[7], 0, turned[7]], atol=1e-9)
+    assert abs(turned[7]) < 0.01
+
+
+@pytest.mark.parametrize("aim", ["marker", "last segment"])
+def test_fingers_point_at_markers_as_the_slow_way_says(hand: Skeleton, aim: Aim) -> None:
+    rng, glove = np.random.default_rng(3), default_glove()
+    hands = [hand, varied_hand(hand, 0.1, rng), varied_hand(hand, 0.1, rng)]
+    angles = rng.normal(scale=0.3, size=(3, 26))
+    markers = np.stack([np.asarray(marker_positions(glove, _posed(one, angles[k]))) for k, one in enumerate(hands)])
+    markers += rng.normal(scale=0.01, size=markers.shape)
+    local, ways = pointed(local_rotations(angles, turning()), markers, hand_shape(hands, [glove] * 3, aim))
+    identity, nowhere = np.tile(np.eye(3), (3, 1, 1)), np.zeros((3, 3))
+    points = in_order(ways, identity, nowhere)
+    for k, one in enumerate(hands):
+        turned = _posed(one, angles[k]).rotation.copy()
+        position, _ = forward_kinematics(Pose(one, np.zeros(3), turned))
+        for finger in FINGERS:
+            base = position[one.index(f"{finger}1")]
+            last, tip = position[one.index(f"{finger}3")], position[one.index(f"{finger}_tip")]
+            marker = markers[k, glove.markers.index(f"{finger}_tip")]
+            place = one.index(f"{finger}1")
+            if finger == "thumb":  # its middle marker, which the default glove wears at joint 2, then its tip's
+                joint, middle = position[one.index("thumb2")], markers[k, glove.markers.index("thumb_middle")]
+                turned[place] = quaternion_multiply(shortest_arc(joint - base, middle - base), turned[place])
+                position, world = forward_kinematics(Pose(one, np.zeros(3), turned))
+                base, place = position[one.index("thumb2")], one.index("thumb2")
+                last, tip = position[one.index("thumb3")], position[one.index("thumb_tip")]
+                arc = shortest_arc((tip if aim == "marker" else (last + tip) / 2) - base, marker - base)
+                turned[place] = quaternion_multiply(
+                    quaternion_conjugate(world[place - 1]),
+                    quaternion_multiply(arc, quaternion_multiply(world[place - 1], turned[place])),
+                )
+                continue
+            arc = shortest_arc((tip if aim == "marker" else (last + tip) / 2) - base, marker - base)
+            turned[place] = quaternion_multiply(arc, turned[place])
+        wanted, _ = forward_kinematics(Pose(one, np.zeros(3), turned))
+        np.testing.assert_allclose(points[k], wanted, atol=1e-12)
+        np.testing.assert_allclose(quaternion_canonical(local[k]), quaternion_canonical(turned[1:]), atol=1e-12)
+
+
+def test_points_are_placed_in_the_world(hand: Skeleton) -> None:
+    angles = np.random.default_rng(4).normal(scale=0.3, size=(1, 26))
+    wrist = quaternion_canonical(np.array([0.5, -0.5, 0.7, 0.1]) / np.linalg.norm([0.5, -0.5, 0.7, 0.1]))
+    pose = _posed(hand, angles[0])
+    world = pose.rotation.copy()
+    world[0] = wrist
+    position, _ = forward_kinematics(Pose(hand, np.array([1.0, 2.0, 3.0]), world))
+    markers = np.asarray(marker_positions(default_glove(), pose))[None]
+    _, ways = pointed(local_rotations(angles, turning()), markers, hand_shape([hand], [default_glove()]))
+    rotation = np.stack([quaternion_rotate(wrist, axis) for axis in np.eye(3)], axis=-1)[None]
+    np.testing.assert_allclose(in_order(ways, rotation, np.array([[1.0, 2.0, 3.0]]))[0], position, atol=1e-12)
+
+
+def test_errors(hand: Skeleton) -> None:
+    from dataclasses import replace
+
+    with pytest.raises(BodysenseError, match="aim 'tip'; it is 'marker' or 'last segment'"):
+        hand_shape([hand], [default_glove()], "tip")  # type: ignore[arg-type]
+    glove = default_glove()
+    elsewhere = replace(glove, points=tuple("ring3" if point == "ring_tip" else point for point in glove.points))
+    with pytest.raises(BodysenseError, match="'ring_tip' is worn at 'ring3'"):
+        hand_shape([hand], [elsewhere])
+
+
+def _posed(hand: Skeleton, angles: np.ndarray) -> Pose:
+    return Pose(hand, np.zeros(3), np.concatenate([[[1.0, 0, 0, 0]], rotations_of(angles)]))

@@ -1,0 +1,70 @@
+"""The small quadratic program, against scipy's general solver."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from bodysense.devices.gloves.least_change import forces, least_change
+
+SOFTNESS = 1e-9
+WIDE = (np.full(8, -np.inf), np.full(8, np.inf))
+
+
+def problem(seed: int, demands: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(demands, 8)), rng.normal(size=demands), rng.uniform(0.1, 1.0, size=8)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_it_is_the_smallest_change_that_meets_the_demands(seed: int) -> None:
+    rows, demand, ease = problem(seed, 6)
+    exact = np.arange(6) == 0
+    found = least_change(rows, demand, exact, ease, WIDE, np.full(6, SOFTNESS))
+    best = minimize(
+        lambda x: float((x * x / ease).sum()),
+        np.zeros(8),
+        constraints=[
+            {"type": "eq", "fun": lambda x: rows[0] @ x - demand[0]},
+            {"type": "ineq", "fun": lambda x: rows[1:] @ x - demand[1:]},
+        ],
+        method="SLSQP",
+        tol=1e-12,
+    )
+    np.testing.assert_allclose(found, best.x, atol=1e-4)
+    assert rows[0] @ found == pytest.approx(demand[0], abs=1e-6)
+    assert (rows[1:] @ found >= demand[1:] - 1e-6).all()
+
+
+def test_nothing_is_demanded_and_nothing_changes() -> None:
+    rows, demand, ease = problem(9, 4)
+    found = least_change(rows, -np.abs(demand), np.zeros(4, bool), ease, WIDE, np.full(4, SOFTNESS))
+    np.testing.assert_array_equal(found, 0)
+
+
+def test_bounds_come_first_and_what_may_not_move_does_not() -> None:
+    rows, demand, ease = problem(3, 4)
+    ease[2] = 0.0
+    bounds = (np.full(8, -0.2), np.full(8, 0.3))
+    found = least_change(rows, 5 + np.abs(demand), np.zeros(4, bool), ease, bounds, np.full(4, 1e-3))
+    assert (found >= -0.2).all() and (found <= 0.3).all() and found[2] == 0
+    assert np.isin(found, [-0.2, 0.3]).any()
+
+
+def test_the_order_of_demands_does_not_matter() -> None:
+    rows, demand, ease = problem(4, 7)
+    order, exact = np.random.default_rng(0).permutation(7), np.zeros(7, bool)
+    one = least_change(rows, demand, exact, ease, WIDE, np.full(7, 1e-3))
+    other = least_change(rows[order], demand[order], exact, ease, WIDE, np.full(7, 1e-3))
+    np.testing.assert_allclose(one, other, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_forces_push_only_where_they_must(seed: int) -> None:
+    rows, demand, _ = problem(seed, 12)
+    matrix = rows @ rows.T + 1e-3 * np.eye(12)
+    force = forces(matrix, demand, np.zeros(12, bool))
+    short = matrix @ force - demand
+    assert (force >= 0).all() and (short > -1e-9).all()
+    np.testing.assert_allclose(force * short, 0, atol=1e-9)

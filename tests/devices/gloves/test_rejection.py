@@ -1,0 +1,125 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bodysense.body.glove import MARKERS, default_glove
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.gloves.fillers import LastShape
+from bodysense.devices.gloves.rejection import Rejection, RejectionSettings
+from bodysense.errors import BodysenseError
+
+RATE = 60.0
+INDEX, PINKY = MARKERS.index("index_tip"), MARKERS.index("pinky_tip")
+
+
+def check_all(hand: Skeleton, frames: np.ndarray, rate: float = RATE, **settings: float) -> np.ndarray:
+    """Markers (T, 9, 3) after rejection, NaN where left out; what is hidden is filled as `LastShape` does."""
+    rejection = Rejection((hand,), default_glove(), RejectionSettings(**settings))
+    state, hidden = rejection.start(), np.full((1, 9), 1e6)
+    filler = LastShape(np.nan_to_num(frames[0]))
+    shape, kept = filler.start(1), []
+    for frame in frames[:, None]:
+        checked, state = rejection.check(frame, 1 / rate, hidden, state)
+        known = ~np.isnan(checked[..., 0])
+        whole, shape = filler.fill(checked, 1 / rate, shape)
+        state = rejection.remember(whole, known, 1 / rate, state)
+        hidden = np.where(known, 0.0, hidden + 1 / rate)
+        kept.append(checked[0])
+    return np.stack(kept)
+
+
+def test_true_motion_is_believed(hand: Skeleton, markers: np.ndarray) -> None:
+    noisy = markers + np.random.default_rng(0).normal(scale=0.0005, size=markers.shape)
+    np.testing.assert_array_equal(check_all(hand, noisy), noisy)
+    flung = markers @ Rotation.from_rotvec([0.0, 2.0, 0.0]).as_matrix().T + 0.7
+    np.testing.assert_array_equal(check_all(hand, np.concatenate([markers[:50], flung[50:100]]))[50:], flung[50:100])
+
+
+def test_real_motion_is_believed(motion_data: object) -> None:
+    from bodysense.body.glove import marker_positions
+    from bodysense.lab.clips import open_clips
+    from bodysense.lab.synthesis.hand_motion import hand_motions
+
+    for motion in hand_motions(open_clips(f"{motion_data}/rocketbox", "train", at_most=3)):
+        true = np.asarray(marker_positions(default_glove(), motion.pose))[:400]
+        np.testing.assert_array_equal(check_all(motion.pose.skeleton, true), true)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.05])
+def test_spikes_are_left_out(hand: Skeleton, markers: np.ndarray, share: float) -> None:
+    rng = np.random.default_rng(1)
+    wrong = rng.random(markers.shape[:2]) < share
+    wrong[:3] = False
+    away = rng.normal(size=markers.shape)
+    away *= rng.uniform(0.05, 0.3, size=(*markers.shape[:2], 1)) / np.linalg.norm(away, axis=-1, keepdims=True)
+    kept = ~np.isnan(check_all(hand, markers + wrong[..., None] * away)[..., 0])
+    assert (kept & wrong).sum() < 0.05 * wrong.sum()
+    assert (~kept & ~wrong).sum() < 0.01 * (~wrong).sum()
+
+
+def test_spikes_on_a_hand_that_is_swung_are_left_out(hand: Skeleton, markers: np.ndarray) -> None:
+    """Swung faster than any of its fingers moves in it, as in running and cheering."""
+    markers, rng = markers[:300], np.random.default_rng(2)
+    time = np.arange(len(markers)) / RATE
+    turn = Rotation.from_rotvec(np.sin(2 * np.pi * 2 * time)[:, None] * [0.0, 1.0, 0.5]).as_matrix()
+    swing = 0.3 * np.sin(2 * np.pi * 3 * time)[:, None, None] * np.array([1.0, 0.0, 0.3])
+    swung = (markers - markers.mean(axis=1, keepdims=True)) @ turn.swapaxes(1, 2) + swing
+    second_difference = np.diff(swung, 2, axis=0)
+    assert np.linalg.norm(second_difference, axis=-1).max() > 0.025  # m: its places cannot be told from its velocity
+    np.testing.assert_array_equal(check_all(hand, swung), swung)
+    wrong = rng.random(markers.shape[:2]) < 0.05
+    wrong[:3] = False
+    away = rng.normal(size=markers.shape)
+    away *= rng.uniform(0.02, 0.3, size=(*markers.shape[:2], 1)) / np.linalg.norm(away, axis=-1, keepdims=True)
+    kept = ~np.isnan(check_all(hand, swung + wrong[..., None] * away)[..., 0])
+    assert (kept & wrong).sum() < 0.05 * wrong.sum()
+    assert (~kept & ~wrong).sum() < 0.01 * (~wrong).sum()
+
+
+def test_exchanged_identifiers_are_set_right(hand: Skeleton, markers: np.ndarray) -> None:
+    frames = markers[:120].copy()
+    apart = np.linalg.norm(frames[:, INDEX] - frames[:, PINKY], axis=-1)
+    start = int(np.flatnonzero(apart > 0.04)[0]) + 5
+    exchanged = frames.copy()
+    exchanged[start:, [INDEX, PINKY]] = frames[start:, [PINKY, INDEX]]
+    np.testing.assert_array_equal(check_all(hand, exchanged), frames)
+
+
+def test_of_two_identifiers_in_one_place_one_is_left_out(hand: Skeleton, markers: np.ndarray) -> None:
+    frames = np.tile(markers[0], (60, 1, 1))
+    assert np.linalg.norm(frames[0, INDEX] - frames[0, PINKY]) > 0.03
+    frames[20:, INDEX] = frames[20:, PINKY]
+    checked = check_all(hand, frames)
+    assert np.isnan(checked[20:, INDEX]).all()
+    np.testing.assert_array_equal(np.delete(checked, INDEX, axis=1), np.delete(frames, INDEX, axis=1))
+
+
+def test_a_marker_that_stays_is_believed_after_a_while(hand: Skeleton, markers: np.ndarray) -> None:
+    """A finger that moved while it was not looked at, say: no mistake lasts."""
+    frames = np.tile(markers[0], (60, 1, 1))
+    frames[20:, INDEX] += 0.3 * (frames[0, 1] - frames[0, INDEX])  # toward the wrist
+    checked = check_all(hand, frames, patience=0.1)
+    assert np.isnan(checked[20:26, INDEX]).all()
+    np.testing.assert_array_equal(checked[28:, INDEX], frames[28:, INDEX])
+
+
+def test_what_no_hand_can_be_is_never_believed(hand: Skeleton, markers: np.ndarray) -> None:
+    frames = np.tile(markers[0], (60, 1, 1))
+    frames[:, PINKY] += 1.0  # from the first frame on, and it stays
+    checked = check_all(hand, frames)
+    assert np.isnan(checked[:, PINKY]).all()
+    np.testing.assert_array_equal(np.delete(checked, PINKY, axis=1), np.delete(frames, PINKY, axis=1))
+
+
+def test_hands_of_metres_leave_nothing(hand: Skeleton, markers: np.ndarray) -> None:
+    checked = check_all(hand, 1000 * markers[:5])  # millimetres
+    assert (~np.isnan(checked[..., 0])).sum(axis=1).max() <= 1
+
+
+def test_errors() -> None:
+    with pytest.raises(BodysenseError, match="tolerance is -1; it must be 0 or more"):
+        RejectionSettings(tolerance=-1.0)
+    with pytest.raises(BodysenseError, match="haste is -1; it must be 0 or more"):
+        RejectionSettings(haste=-1.0)

@@ -1,0 +1,116 @@
+"""A ring of cameras: where they stand, and which lights they see, against a ray test by dense sampling."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bodysense.body.capsules import PlacedPrimitives, Primitives
+from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.simulated.camera_ring import CameraRing, seen
+from bodysense.errors import BodysenseError
+
+
+def solids_of(start: np.ndarray, end: np.ndarray, radius: np.ndarray, frames: int = 1) -> PlacedPrimitives:
+    """Capsules (C, 3) that stand still for some frames."""
+    nothing = np.zeros((0, 3))
+    primitives = Primitives(
+        *(default_skeleton(), ("",) * len(radius), np.zeros(len(radius), dtype=int)),
+        *(start, end, radius, nothing, nothing, np.zeros(3)),
+    )
+    many = [np.broadcast_to(part, (frames, *part.shape)) for part in (start, end, nothing, np.zeros((0, 3, 3)))]
+    return PlacedPrimitives(primitives, *many)
+
+
+def distance_by_sampling(camera: np.ndarray, light: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(C,) least distance of a ray from a capsule's axis, both sampled densely."""
+    ray = camera + np.linspace(0, 1, 500)[:, None] * (light - camera)
+    axis = start + np.linspace(0, 1, 30)[:, None, None] * (end - start)  # (30, C, 3)
+    return np.linalg.norm(ray[:, None, None] - axis, axis=-1).min(axis=(0, 1))
+
+
+def test_cameras_stand_evenly_about_the_middle() -> None:
+    ring = CameraRing(count=6, radius=2.0, heights=(0.5, 1.5))
+    middle = np.array([1.0, 0.8, -3.0])
+    places = ring.places(middle) - middle
+    np.testing.assert_allclose(np.hypot(places[:, 0], places[:, 2]), 2.0)
+    np.testing.assert_allclose(places[:, 1], [0.5, 1.5] * 3)
+    np.testing.assert_allclose(places[:, [0, 2]].sum(axis=0), 0, atol=1e-12)
+    assert len(np.unique(places.round(6), axis=0)) == 6
+
+
+def test_lights_are_seen_as_a_plain_ray_test_says() -> None:
+    rng = np.random.default_rng(0)
+    start = rng.normal(scale=0.25, size=(12, 3))
+    end = start + rng.normal(scale=0.15, size=(12, 3))
+    radius = rng.uniform(0.03, 0.12, 12)
+    light = rng.normal(scale=0.3, size=(1, 25, 3))
+    facing = rng.normal(size=(1, 25, 3))
+    facing /= np.linalg.norm(facing, axis=-1, keepdims=True)
+    ring = CameraRing(count=5, radius=1.5, heights=(0.2, 0.9), least=2, beam=100.0)
+    found = seen(ring, np.zeros(3), light, facing, solids_of(start, end, radius))
+    tested = 0
+    for k in range(light.shape[1]):
+        count, doubtful = 0, False
+        for camera in ring.places(np.zeros(3)):
+            way = camera - light[0, k]
+            cosine = facing[0, k] @ way / np.linalg.norm(way)
+            gap = distance_by_sampling(camera, light[0, k], start, end) - radius
+            doubtful |= bool((np.abs(gap) < 0.003).any())
+            count += bool(cosine >= np.cos(np.radians(ring.beam)) and (gap > 0).all())
+        if not doubtful:
+            assert found[0, k] == (count >= 2), k
+            tested += 1
+    assert tested > 10 and 0 < found.sum() < found.size
+
+
+def test_each_frame_is_judged_by_itself_and_blocks_do_not_matter() -> None:
+    rng = np.random.default_rng(1)
+    frames = 700  # more than two blocks
+    start = rng.normal(scale=0.3, size=(frames, 6, 3))
+    placed = solids_of(np.zeros((6, 3)), np.tile([0.2, 0.0, 0.0], (6, 1)), np.full(6, 0.06), frames)
+    placed = PlacedPrimitives(placed.primitives, start, start + np.array([0.2, 0.0, 0.0]), placed.center, placed.axes)
+    light, facing = rng.normal(scale=0.3, size=(frames, 4, 3)), np.broadcast_to([0.0, 1.0, 0.0], (frames, 4, 3))
+    ring = CameraRing(count=4)
+    whole = seen(ring, np.zeros(3), light, facing, placed)
+    for frame in (0, 255, 256, 699):
+        part = slice(frame, frame + 1)
+        one = PlacedPrimitives(
+            placed.primitives, placed.start[part], placed.end[part], placed.center[part], placed.axes[part]
+        )
+        np.testing.assert_array_equal(seen(ring, np.zeros(3), light[part], facing[part], one), whole[part])
+    assert 0 < whole.mean() < 1
+
+
+def test_more_cameras_needed_means_fewer_lights_found() -> None:
+    rng = np.random.default_rng(2)
+    start = rng.normal(scale=0.3, size=(10, 3))
+    solids = solids_of(start, start + 0.2, np.full(10, 0.08), 3)
+    light, facing = rng.normal(scale=0.3, size=(3, 30, 3)), np.broadcast_to([0.0, 1.0, 0.0], (3, 30, 3))
+    shares = [seen(CameraRing(8, least=least), np.zeros(3), light, facing, solids).mean() for least in (1, 2, 4, 8)]
+    assert shares == sorted(shares, reverse=True) and shares[0] > shares[-1]
+
+
+def test_a_light_is_not_seen_from_behind() -> None:
+    """Nothing stands in the way, yet a light that faces down is out of the beam of cameras above."""
+    light, up = np.zeros((1, 1, 3)), np.array([[[0.0, 1.0, 0.0]]])
+    nothing = solids_of(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    ring = CameraRing(heights=(1.0,), beam=80.0)
+    assert seen(ring, np.zeros(3), light, up, nothing).all()
+    assert not seen(ring, np.zeros(3), light, -up, nothing).any()
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"count": 3, "least": 4}, "4 of 3 cameras"),
+        ({"count": 0}, "2 of 0 cameras"),
+        ({"radius": 0.0}, "radius of 0 m"),
+        ({"heights": ()}, "heights"),
+        ({"heights": (np.nan,)}, "heights"),
+        ({"beam": 0.0}, "beam of 0 degrees"),
+    ],
+)
+def test_rings_that_cannot_be_are_refused(given: dict, said: str) -> None:
+    with pytest.raises(BodysenseError, match=said):
+        CameraRing(**given)

@@ -1,0 +1,99 @@
+"""Sensor sets: they show the truth of their points and nothing else, and the lattice's edges add one sensor."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import geodesic_angle
+from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.simulated import headset_camera, three_point
+from bodysense.devices.simulated.sensors import (
+    LATTICE_PARTS,
+    SENSOR_SETS,
+    TABLE_SETS,
+    SensorSet,
+    observe,
+    observe_points,
+    random_edges,
+)
+from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.observation import Observation, check_observation
+
+SKELETON = default_skeleton()
+
+
+def same(one: Observation, other: Observation) -> None:
+    assert one.points == other.points
+    for name in ("position", "rotation", "has_position", "has_rotation", "accuracy", "time"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize("name", SENSOR_SETS)
+@pytest.mark.parametrize("batch", [(), (2,)])
+def test_a_set_shows_the_truth_of_its_points(waving_clip: Clip, name: str, batch: tuple[int, ...]) -> None:
+    sensors = SENSOR_SETS[name]
+    pose = Pose(
+        SKELETON,
+        np.broadcast_to(waving_clip.pose.root_position, (*batch, 90, 3)),
+        np.broadcast_to(waving_clip.pose.rotation, (*batch, 90, 52, 4)),
+    )
+    seen = check_observation(observe(pose, waving_clip.time, sensors))
+    position, rotation = forward_kinematics(pose)
+    for k, point in enumerate(seen.points):
+        place = SKELETON.index(point)
+        known = seen.has_position[..., k]
+        np.testing.assert_array_equal(seen.position[..., k, :][known], position[..., place, :][known])
+        assert sensors.camera or known.all() == (point in sensors.position)
+        assert seen.has_rotation[..., k].all() == seen.has_rotation[..., k].any() == (point in sensors.rotation)
+        if point in sensors.rotation:
+            assert geodesic_angle(seen.rotation[..., k, :], rotation[..., place, :]).max() < 1e-7
+    assert np.isnan(seen.position[~seen.has_position]).all() and np.isnan(seen.rotation[~seen.has_rotation]).all()
+
+
+def test_sets_that_devices_have_are_these_devices(waving_clip: Clip) -> None:
+    pose, time = waving_clip.pose, waving_clip.time
+    same(observe(pose, time, SENSOR_SETS["three_point"]), three_point.observe(pose, time))
+    same(observe(pose, time, SENSOR_SETS["headset_camera"]), headset_camera.observe(pose, time))
+
+
+def test_the_named_sets_have_their_points() -> None:
+    count = {"head": 1, "three_point": 3, "four_point": 4, "six_point": 6, "ten_point": 11}
+    assert {name: len(SENSOR_SETS[name].position) for name in count} == count
+    assert set(SENSOR_SETS["three_point_imu_feet"].rotation) - set(SENSOR_SETS["three_point"].rotation) == {
+        "left_knee",
+        "right_knee",
+    }
+    assert set(TABLE_SETS) < set(SENSOR_SETS)
+
+
+def test_what_cannot_be_is_refused(waving_clip: Clip) -> None:
+    position, rotation = forward_kinematics(waving_clip.pose)
+    with pytest.raises(BodysenseError, match="'left_toe' is an end site and has no rotation"):
+        observe(waving_clip.pose, waving_clip.time, SensorSet((), ("left_toe",)))
+    with pytest.raises(BodysenseError, match="unknown joint 'nose'"):
+        observe(waving_clip.pose, waving_clip.time, SensorSet(("nose",), ()))
+    with pytest.raises(BodysenseError, match="give `visible`"):
+        observe_points(SKELETON, position, rotation, waving_clip.time, SENSOR_SETS["headset_camera"])
+
+
+def test_an_edge_adds_one_sensor() -> None:
+    edges = random_edges(300, np.random.default_rng(1))
+    assert len(edges) == 300
+    for edge in edges:
+        assert edge.sensor not in edge.fewer.points and set(edge.more.points) - set(edge.fewer.points) == {edge.sensor}
+        assert edge.more == edge.fewer.with_sensor(edge.sensor, edge.kind)
+        assert "head" in edge.fewer.position and "head" in edge.fewer.rotation and not edge.more.camera
+    names = {edge.sensor.removeprefix("left_").removeprefix("right_") for edge in edges}
+    assert names == {*LATTICE_PARTS, "wrist"}
+    assert {edge.kind for edge in edges} == {"position and rotation", "position", "rotation"}
+    size = [len(edge.fewer.points) for edge in edges]
+    assert min(size) == 1 and max(size) > 8
+
+
+def test_the_same_edges_are_drawn_again() -> None:
+    assert random_edges(20) == random_edges(20)
+    assert random_edges(20) == random_edges(200)[:20]
+    assert random_edges(20, np.random.default_rng(5)) != random_edges(20)

@@ -1,0 +1,194 @@
+"""Arms and hands from key-points at run time: windows, look-ahead, streams."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from bodysense.body.arms import ARM_JOINTS, arm_rotations
+from bodysense.body.keypoints import ArmKeypoints, body_torso, joined
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.rotation import geodesic_angle
+from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.simulated.camera_view import FRONT, sample_cameras, view, view_points
+from bodysense.devices.video.arms import ArmFrames, ArmModel, Arms, ArmSettings, load_arms
+from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
+from bodysense.lab.pahmt.export import OneWindow
+from bodysense.lab.pahmt.features import window_of
+from bodysense.lab.pahmt.keypoint_noise import DetectorNoise, detect
+from bodysense.lab.pahmt.network import read_arms
+
+
+@pytest.fixture(scope="module")
+def model(small_arms: Path) -> ArmModel:
+    return load_arms(small_arms)
+
+
+def filmed(clip: Clip, noise: bool = True) -> ArmKeypoints:
+    """A clip as a detector gives it; what it did not find is NaN."""
+    points = view_points(clip.pose)[None]
+    seen = view(points, clip.time, sample_cameras(points[:, 0], np.random.default_rng(0), FRONT))
+    seen = detect(seen, DetectorNoise(missed=0.2), np.random.default_rng(1)) if noise else seen
+    arm = np.where(seen.has_arm[0, ..., None, None], seen.arm[0], np.nan)
+    hand = np.where(seen.has_hand[0, ..., None, None], seen.hand[0], np.nan)
+    return ArmKeypoints(seen.time, arm, seen.has_arm[0], seen.torso[0], seen.has_torso[0], hand, seen.has_hand[0])
+
+
+def streamed(estimator: Arms, keypoints: ArmKeypoints, sizes: list[int]) -> list[ArmFrames]:
+    state, first, parts = estimator.start(), 0, []
+    for size in sizes:
+        part, state = estimator.step(keypoints[first : first + size], state)
+        parts.append(part)
+        first += size
+    return [*parts, estimator.finish(state)]
+
+
+@pytest.mark.parametrize("settings", [ArmSettings(), ArmSettings(look_ahead=0.0), ArmSettings(0.4, 0.3)])
+@pytest.mark.parametrize("rate", [30.0, 24.0, 55.0])
+def test_a_stream_is_the_whole(model: ArmModel, waving_clip: Clip, settings: ArmSettings, rate: float) -> None:
+    estimator, keypoints = Arms(default_skeleton(), model, settings), filmed(resample(waving_clip, rate))
+    keypoints = keypoints[:60]
+    whole = estimator.complete(keypoints)
+    np.testing.assert_array_equal(whole.time, keypoints.time)
+    parts = streamed(estimator, keypoints, [1, 2, 30, 1, 1, 25])
+    np.testing.assert_array_equal(np.concatenate([part.time for part in parts]), whole.time)
+    assert whole.estimate.pose is not None
+    for name in ("position", "occluded", "confidence"):
+        pieces = [getattr(part.estimate, name) for part in parts]
+        np.testing.assert_array_equal(np.concatenate(pieces), getattr(whole.estimate, name))
+
+
+def test_answers_wait_as_long_as_they_are_said_to(model: ArmModel, waving_clip: Clip) -> None:
+    keypoints = filmed(waving_clip)[:40]
+    for look_ahead in (0.0, 0.1, 0.25):
+        estimator = Arms(default_skeleton(), model, ArmSettings(look_ahead))
+        state = estimator.start()
+        for t in range(40):
+            part, state = estimator.step(keypoints[t : t + 1], state)
+            answerable = keypoints.time + look_ahead
+            before = keypoints.time[t - 1] if t else -1.0
+            due = keypoints.time[(answerable <= keypoints.time[t] + 1e-6) & (answerable > before + 1e-6)]
+            np.testing.assert_array_equal(part.time, due)
+
+
+def test_live_answers_are_the_networks(model: ArmModel, small_arms: Path, waving_clip: Clip) -> None:
+    """At its rate and without look-ahead, a frame's answer is the last of the window that ends with it (PyTorch's)."""
+    keypoints = filmed(waving_clip)[:50]
+    live = Arms(default_skeleton(), model, ArmSettings(look_ahead=0.0, calm=1e-6)).complete(keypoints)
+    network, _ = read_arms(small_arms.with_suffix(".pt"))
+    for last in (31, 49):
+        frames = keypoints[last - 31 : last + 1]
+        batch = ArmKeypoints(frames.time, *(getattr(frames, name)[None] for name in list(vars(frames))[1:]))
+        with torch.no_grad():
+            wanted = OneWindow(network)(*window_of(batch))[0, -1].double().numpy()
+        assert live.estimate.pose is not None
+        found = arm_rotations(live.estimate.pose)[last]
+        assert np.degrees(geodesic_angle(found, wanted)).max() < 0.5  # weights of the file are in half precision
+
+
+class _TakingTurns:
+    """A network that says of every joint that it is turned to one side, with the next window to the other."""
+
+    def __init__(self, card: Mapping[str, Any]) -> None:
+        self.card, self.side = card, 1.0
+
+    def run(self, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        self.side = -self.side
+        turned = np.tile([np.cos(0.25), self.side * np.sin(0.25), 0.0, 0.0], (1, 32, len(ARM_JOINTS), 1))
+        return {"rotation": turned}
+
+
+def test_windows_are_blended(model: ArmModel, waving_clip: Clip) -> None:
+    """Of windows that contradict each other the answer lies between; at once, there is but one to ask."""
+    keypoints, angles = filmed(waving_clip), []
+    for look_ahead in (0.0, 0.4):
+        contradictory = ArmModel(_TakingTurns(model.card))  # type: ignore[arg-type]
+        estimator = Arms(default_skeleton(), contradictory, ArmSettings(look_ahead, stride=0.03))
+        pose = estimator.complete(keypoints).estimate.pose
+        assert pose is not None
+        angles.append(geodesic_angle(arm_rotations(pose), np.array([1.0, 0, 0, 0])))
+    np.testing.assert_allclose(angles[0], 0.5, atol=1e-9)
+    assert angles[1][:75].max() < 0.15
+
+
+def test_the_body_stands_turned_as_the_torso(model: ArmModel, waving_clip: Clip) -> None:
+    keypoints = filmed(waving_clip, noise=False)[:40]
+    estimate = Arms(default_skeleton(), model).complete(keypoints).estimate
+    pose = estimate.pose
+    assert pose is not None
+    assert np.degrees(geodesic_angle(body_torso(pose), keypoints.torso)).max() < 12  # collars shrug the shoulders
+    np.testing.assert_allclose(estimate.position, forward_kinematics(pose)[0], atol=1e-12)
+    names = default_skeleton().points
+    assert (estimate.occluded[:, [names.index("left_elbow"), names.index("right_index_tip")]] == 0).all()
+    assert (estimate.occluded[:, names.index("left_knee")] == 1).all()
+    assert estimate.confidence[0, names.index("left_knee")] > estimate.confidence[0, names.index("left_wrist")] > 0
+
+
+def test_a_gap_starts_afresh_and_nothing_is_lost(model: ArmModel, waving_clip: Clip) -> None:
+    keypoints = filmed(waving_clip)[:30]
+    later = replace(keypoints, time=keypoints.time + 9.0)
+    estimator = Arms(default_skeleton(), model)
+    both, alone = estimator.complete(joined([keypoints, later])), estimator.complete(keypoints)
+    assert len(both) == 60
+    np.testing.assert_array_equal(both.estimate.position[:30], alone.estimate.position)
+    np.testing.assert_allclose(both.estimate.position[30:], alone.estimate.position, atol=1e-5)
+
+
+def test_nobody_at_all_is_a_body_too(model: ArmModel) -> None:
+    empty = np.zeros((3, 2), dtype=bool)
+    nothing = ArmKeypoints(
+        *(np.arange(3) / 30, np.full((3, 2, 2, 3), np.nan), empty, np.full((3, 4), np.nan), empty[:, 0]),
+        *(np.full((3, 2, 21, 2), np.nan), empty),
+    )
+    frames = Arms(default_skeleton(), model).complete(nothing)
+    assert len(frames) == 3 and np.isfinite(frames.estimate.position).all() and (frames.estimate.occluded == 1).all()
+
+
+def test_one_frame_and_none(model: ArmModel, waving_clip: Clip) -> None:
+    estimator = Arms(default_skeleton(), model)
+    assert len(estimator.complete(filmed(waving_clip)[:1])) == 1
+    rest = estimator.finish(estimator.start())
+    assert len(rest) == 0 and rest.estimate.position.shape == (0, len(default_skeleton().points), 3)
+
+
+def test_time_increases(model: ArmModel, waving_clip: Clip) -> None:
+    estimator, keypoints = Arms(default_skeleton(), model), filmed(waving_clip)
+    _, state = estimator.step(keypoints[5:6], estimator.start())
+    with pytest.raises(
+        BodysenseError, match=r"arms: a frame at 0 s came after one at 0\.166667 s; give frames in order"
+    ):
+        estimator.step(keypoints[:1], state)
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"look_ahead": 0.7}, r"look-ahead 0\.7 s; give 0 to 0\.5"),
+        ({"stride": 0.0}, "stride 0 s"),
+        ({"longest_gap": 2.0}, "longest gap 2 s"),
+    ],
+)
+def test_settings_that_cannot_be(settings: dict[str, float], said: str) -> None:
+    with pytest.raises(BodysenseError, match=said):
+        ArmSettings(**settings)
+
+
+def test_files_of_other_kinds_are_refused() -> None:
+    with (
+        as_file(files("bodysense.weights").joinpath("fingers.onnx")) as other,
+        pytest.raises(BodysenseError, match=r"not a bodysense network of arms .*give the \.onnx that `bodysense train"),
+    ):
+        load_arms(other)
+
+
+def test_the_card_says_what_it_is(model: ArmModel) -> None:
+    assert tuple(model.card["joints"]) == ARM_JOINTS and (model.card["frames"], model.card["rate"]) == (32, 30)

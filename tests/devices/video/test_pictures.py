@@ -1,0 +1,224 @@
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.devices.video.pictures import LARGEST, Picture, VideoBrokenError, is_video, open_video
+from bodysense.errors import BodysenseError
+
+av = pytest.importorskip("av")
+RED, GREEN, BLUE = (220, 30, 30), (30, 200, 30), (30, 30, 220)
+
+
+def corners(high: int = 96, wide: int = 160) -> np.ndarray:
+    """A picture with a red upper left corner and a green upper right one, on blue."""
+    picture = np.empty((high, wide, 3), np.uint8)
+    picture[...] = BLUE
+    picture[: high // 2, : wide // 2], picture[: high // 2, wide // 2 :] = RED, GREEN
+    return picture
+
+
+def write(
+    path: Path, times: list[float], picture: np.ndarray, rotation: int = 0, shape: int = 1, step: int = 0
+) -> Path:
+    """A video; its picture moves by `step` pixels from time to time."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=30)
+        stream.height, stream.width, stream.pix_fmt = *picture.shape[:2], "yuv420p"
+        stream.codec_context.time_base = Fraction(1, 1000)
+        if shape != 1:
+            stream.codec_context.sample_aspect_ratio = Fraction(shape)
+        if rotation:
+            stream.set_display_rotation(rotation)
+        for k, time in enumerate(times):
+            frame = av.VideoFrame.from_ndarray(np.roll(picture, k * step, axis=1), format="rgb24")
+            frame.time_base, frame.pts = Fraction(1, 1000), round(1000 * time)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    return path
+
+
+def read(path: Path | str) -> list[Picture]:
+    with open_video(str(path)) as video:
+        return list(video.pictures)
+
+
+def is_like(pixels: np.ndarray, color: tuple[int, int, int]) -> bool:
+    return bool(np.abs(pixels.reshape(-1, 3).mean(axis=0) - color).max() < 40)
+
+
+@pytest.mark.parametrize("times", [[0.0, 0.04, 0.08, 0.12], [0.5, 0.533, 0.7, 0.75, 1.4], [0.0]])
+def test_times_are_the_containers(tmp_path: Path, times: list[float]) -> None:
+    pictures = read(write(tmp_path / "a.mp4", times, corners()))
+    np.testing.assert_allclose([picture.time for picture in pictures], np.array(times) - times[0], atol=2e-3)
+    assert all(picture.pixels.shape == (96, 160, 3) for picture in pictures)
+
+
+def test_a_clocks_rate_is_not_taken_for_the_pictures(tmp_path: Path) -> None:
+    """What a browser records says a thousand pictures a second, and not how long it is."""
+    path = tmp_path / "a.webm"
+    with av.open(str(path), "w", options={"live": "1"}) as container:
+        stream = container.add_stream("libvpx", rate=1000)
+        stream.height, stream.width, stream.pix_fmt = 96, 160, "yuv420p"
+        for k in range(9):
+            frame = av.VideoFrame.from_ndarray(corners(), format="rgb24")
+            frame.time_base, frame.pts = Fraction(1, 1000), 40 * k
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    with open_video(str(path)) as video:
+        assert video.rate == pytest.approx(25.0)
+        assert [picture.time for picture in video.pictures] == pytest.approx([k / 25 for k in range(9)])
+
+
+@pytest.mark.parametrize("rotation", [0, 90, 180, 270])
+def test_pictures_are_upright(tmp_path: Path, rotation: int) -> None:
+    """A camera that was turned stores turned pictures, and by how much they are to be turned back, anticlockwise."""
+    stored = np.ascontiguousarray(np.rot90(corners(), -rotation // 90))
+    (picture,) = read(write(tmp_path / "a.mp4", [0.0], stored, rotation))
+    assert picture.pixels.shape == (96, 160, 3)
+    assert is_like(picture.pixels[4:40, 4:70], RED) and is_like(picture.pixels[4:40, 90:156], GREEN)
+
+
+def test_pixels_become_square_and_pictures_not_too_large(tmp_path: Path) -> None:
+    (wide,) = read(write(tmp_path / "wide.mkv", [0.0], corners(), shape=2))
+    assert wide.pixels.shape == (96, 320, 3)
+    (large,) = read(write(tmp_path / "large.mp4", [0.0], corners(1000, 2000)))
+    assert large.pixels.shape == (LARGEST // 2, LARGEST, 3)
+
+
+def read_damaged(path: Path) -> tuple[list[float], str]:
+    """Times of what can be read, and what is said then."""
+    times = []
+    with open_video(str(path)) as video, pytest.raises(VideoBrokenError) as error:
+        for picture in video.pictures:
+            times.append(picture.time)
+    return times, str(error.value)
+
+
+def test_a_video_that_breaks_off_gives_what_there_is(tmp_path: Path) -> None:
+    content = write(tmp_path / "whole.mkv", [k / 30 for k in range(60)], corners()).read_bytes()
+    (tmp_path / "cut.mkv").write_bytes(content[: len(content) // 2])
+    times, said = read_damaged(tmp_path / "cut.mkv")
+    assert 5 < len(times) < 55
+    np.testing.assert_allclose(times, np.arange(len(times)) / 30, atol=2e-3)
+    assert f"cut.mkv: damaged, read up to {times[-1]:.2f} s" in said and "\n" not in said
+
+
+def test_a_damaged_middle_costs_its_own_pictures_only(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (12, 20, 3)).astype(np.uint8).repeat(8, 0).repeat(8, 1)
+    content = bytearray(write(tmp_path / "whole.mkv", [k / 30 for k in range(60)], noise, step=1).read_bytes())
+    hole = slice(len(content) // 3, len(content) // 2)
+    content[hole] = bytes(hole.stop - hole.start)
+    (tmp_path / "hole.mkv").write_bytes(content)
+    times, said = read_damaged(tmp_path / "hole.mkv")
+    assert times[0] == 0 and times[-1] > 1.9 and 5 < len(times) < 60
+    assert "hole.mkv: damaged in places" in said
+
+
+@pytest.mark.parametrize("content", [b"", b"1\n00:00:01,000 --> 00:00:02,000\nhello\n\n" * 20, b"no video " * 500])
+def test_a_text_named_mp4_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "notes.mp4"
+    path.write_bytes(content)
+    with pytest.raises(BodysenseError, match=r"notes\.mp4: (not a video|there is no video)") as error:
+        read(path)
+    assert "\n" not in str(error.value)
+
+
+def test_an_index_that_is_cut_off_is_refused(tmp_path: Path) -> None:
+    whole = write(tmp_path / "whole.mp4", [k / 30 for k in range(9)], corners())
+    (tmp_path / "cut.mp4").write_bytes(whole.read_bytes()[:-500])  # an MP4's index stands at its end
+    with pytest.raises(BodysenseError, match="is it whole"):
+        read(tmp_path / "cut.mp4")
+
+
+def test_sound_alone_is_refused(tmp_path: Path) -> None:
+    with av.open(str(tmp_path / "sound.mp4"), "w") as container:
+        stream = container.add_stream("aac", rate=44100)
+        frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
+        frame.rate = 44100
+        container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    with pytest.raises(BodysenseError, match="there is no video in it"):
+        read(tmp_path / "sound.mp4")
+
+
+def test_a_folder_of_images_in_natural_order(tmp_path: Path) -> None:
+    from PIL import Image
+
+    for number, color in ((10, BLUE), (9, RED)):
+        Image.new("RGB", (64, 48), color).save(tmp_path / f"frame{number}.png")
+    (tmp_path / "notes.txt").write_text("no image")
+    with open_video(str(tmp_path), rate=10.0) as video:
+        assert video.count == 2
+        first, second = video.pictures
+    assert is_like(first.pixels, RED) and is_like(second.pixels, BLUE)
+    assert (first.time, second.time) == (0.0, 0.1)
+    (tmp_path / "frame11.png").write_bytes(b"broken")
+    with pytest.raises(VideoBrokenError, match="frame11"):
+        read(tmp_path)
+
+
+def test_an_image_is_turned_as_its_camera_was(tmp_path: Path) -> None:
+    from PIL import Image
+
+    exif = Image.Exif()
+    exif[0x0112] = 6  # turn clockwise by a quarter
+    Image.fromarray(np.ascontiguousarray(np.rot90(corners()))).save(tmp_path / "a.jpg", exif=exif)
+    (picture,) = read(tmp_path)
+    assert picture.pixels.shape == (96, 160, 3) and is_like(picture.pixels[4:40, 4:70], RED)
+
+
+class Camera:
+    """Stands for OpenCV's: two pictures, blue first, then it is unplugged."""
+
+    released = False
+
+    def __init__(self, index: int) -> None:
+        self.left = [corners()[..., ::-1]] * 2
+
+    def isOpened(self) -> bool:
+        return True
+
+    def set(self, *_: object) -> None: ...
+
+    def get(self, _: object) -> float:
+        return 25.0
+
+    def read(self) -> tuple[bool, np.ndarray | None]:
+        return (True, self.left.pop()) if self.left else (False, None)
+
+    def release(self) -> None:
+        Camera.released = True
+
+
+def test_a_webcam_gives_pictures_until_it_is_unplugged(monkeypatch: pytest.MonkeyPatch) -> None:
+    cv2 = pytest.importorskip("cv2", reason="webcams need OpenCV, which bodysense[video] brings")
+    monkeypatch.setattr(cv2, "VideoCapture", Camera)
+    found: list[Picture] = []
+    with pytest.raises(VideoBrokenError, match="webcam 3: it gives no more"), open_video("3") as video:
+        assert video.rate == 25 and video.count is None
+        for picture in video.pictures:
+            found.append(picture)
+    assert len(found) == 2 and 0 <= found[0].time <= found[1].time and Camera.released
+    assert is_like(found[0].pixels[4:40, 4:70], RED)
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [("none.mp4", "no such file"), ("empty", "there are no images in it"), ("987", "webcam 987: there is none")],
+)
+def test_what_is_not_there(tmp_path: Path, source: str, message: str, capfd: pytest.CaptureFixture[str]) -> None:
+    if source.isdecimal():
+        pytest.importorskip("cv2", reason="webcams need OpenCV, which bodysense[video] brings")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(BodysenseError, match=message):
+        open_video(source if source.isdecimal() else str(tmp_path / source))
+    assert capfd.readouterr().err == ""
+
+
+def test_what_counts_as_a_video(tmp_path: Path) -> None:
+    assert is_video("0") and is_video(str(tmp_path)) and is_video("a.MP4") and is_video("a.png")
+    assert not is_video("a.bvh") and not is_video("a.npz") and not is_video("a.csv")

@@ -1,0 +1,241 @@
+"""AMASS files of both models and all key names, and the skeletons of the models."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.rotation import geodesic_angle, quaternion_exp
+from bodysense.body.skeleton import default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.io.amass import read_amass, skeleton_from_smpl
+from bodysense.io.fingers import is_finger, relaxed_rotation
+
+TO_Z_UP = Rotation.from_euler("X", 90, degrees=True)  # the rest body of our world, stood up in AMASS's
+
+
+def motion(frames: int = 4, seed: int = 0) -> dict[str, Any]:
+    rng = np.random.default_rng(seed)
+    return {
+        "poses": rng.normal(scale=0.4, size=(frames, 156)).astype(np.float32),
+        "trans": rng.normal(size=(frames, 3)).astype(np.float32),
+        "mocap_framerate": 120.0,
+        "gender": "neutral",
+        "betas": np.zeros(16),
+    }
+
+
+def saved(path: Path, arrays: dict[str, Any]) -> Path:
+    np.savez(path, **arrays)
+    return path
+
+
+def test_rotations_of_every_joint_are_those_of_the_file(tmp_path: Path) -> None:
+    arrays = motion()
+    clip = read_amass(saved(tmp_path / "walk.npz", arrays))
+    assert clip.pose.skeleton.joints == default_skeleton().joints
+    assert (clip.name, clip.frame_rate, clip.has_fingers, len(clip)) == ("walk", 120.0, True, 4)
+    theirs = Rotation.from_rotvec(arrays["poses"].reshape(-1, 3)).as_quat(scalar_first=True).reshape(4, 52, 4)
+    assert geodesic_angle(clip.pose.rotation[:, 1:], theirs[:, 1:]).max() < 1e-6
+    assert (clip.pose.rotation[..., 0] >= 0).all()
+
+
+def test_a_body_that_faces_minus_y_there_faces_plus_z_here(tmp_path: Path) -> None:
+    arrays = motion() | {"poses": np.zeros((4, 156))}
+    arrays["poses"][:, :3] = TO_Z_UP.as_rotvec()
+    clip = read_amass(saved(tmp_path / "a.npz", arrays))
+    x, y, z = arrays["trans"].T
+    np.testing.assert_allclose(clip.pose.root_position, np.stack([x, z, -y], axis=-1), atol=1e-12)
+    assert geodesic_angle(clip.pose.rotation[:, 0], np.array([1.0, 0, 0, 0])).max() < 1e-9
+    position, _ = forward_kinematics(clip.pose)
+    index = clip.pose.skeleton.index
+    assert (position[:, index("left_wrist"), 0] > position[:, index("right_wrist"), 0] + 1).all()
+    assert (position[:, index("left_toe"), 2] > position[:, index("left_ankle"), 2] + 0.1).all()
+    assert (position[:, index("head_top"), 1] > position[:, index("pelvis"), 1] + 0.5).all()
+
+
+def test_smplx_drops_jaw_and_eyes(tmp_path: Path) -> None:
+    arrays = motion()
+    wide = np.concatenate([arrays["poses"][:, :66], np.full((4, 9), 9.0), arrays["poses"][:, 66:]], axis=1)
+    a = read_amass(saved(tmp_path / "h.npz", arrays))
+    b = read_amass(saved(tmp_path / "x_stageii.npz", arrays | {"poses": wide, "surface_model_type": "smplx"}))
+    np.testing.assert_array_equal(a.pose.rotation, b.pose.rotation)
+
+
+def test_separate_arrays_and_the_other_name_of_the_rate(tmp_path: Path) -> None:
+    arrays = motion()
+    poses = arrays.pop("poses")
+    arrays |= {"root_orient": poses[:, :3], "pose_body": poses[:, 3:66], "pose_hand": poses[:, 66:]}
+    arrays["mocap_frame_rate"] = np.array([arrays.pop("mocap_framerate")])
+    a = read_amass(saved(tmp_path / "a.npz", arrays))
+    np.testing.assert_array_equal(a.pose.rotation, read_amass(saved(tmp_path / "b.npz", motion())).pose.rotation)
+    assert a.frame_rate == 120.0
+
+
+def test_the_pelvis_of_amass_proper_is_trans_and_the_models_own(tmp_path: Path) -> None:
+    path = saved(tmp_path / "a.npz", motion())
+    offset = [0.01, -0.23, 0.03]
+    shift = read_amass(path, trans_to_pelvis=offset).pose.root_position - read_amass(path).pose.root_position
+    np.testing.assert_allclose(shift, [[0.01, 0.03, 0.23]] * 4, atol=1e-12)
+
+
+def test_fingers_that_were_not_recorded_are_relaxed(tmp_path: Path) -> None:
+    arrays = motion()
+    arrays["poses"][:, 66:] = 0
+    clip = read_amass(saved(tmp_path / "a.npz", arrays))
+    assert not clip.has_fingers
+    for index, joint in enumerate(clip.pose.skeleton.joints):
+        if is_finger(joint):
+            np.testing.assert_array_equal(clip.pose.rotation[:, index], [relaxed_rotation(joint)] * 4)
+    arrays["poses"][:, 66:] = 0.2  # a model's mean hand: kept, but no motion of fingers
+    kept = read_amass(saved(tmp_path / "b.npz", arrays))
+    assert not kept.has_fingers
+    assert geodesic_angle(kept.pose.rotation[:, 22:], quaternion_exp(np.full(3, 0.2))).max() < 1e-6
+
+
+def test_a_relaxed_hand_curls_toward_the_palm_and_is_symmetric() -> None:
+    for joint in filter(is_finger, default_skeleton().joints):
+        turn = Rotation.from_quat(relaxed_rotation(joint), scalar_first=True)
+        along = turn.apply([1.0 if joint.startswith("left") else -1.0, 0, 0])
+        assert along[1] <= 1e-9, joint  # palms face down
+        if joint.startswith("left"):
+            other = relaxed_rotation("right" + joint[4:])
+            np.testing.assert_allclose(other, relaxed_rotation(joint) * [1, 1, -1, -1])
+
+
+BROKEN = [
+    ({"poses": np.zeros((4, 72))}, r"'poses' has shape \(4, 72\); valid widths are 156 .* and 165"),
+    ({"poses": np.zeros(156)}, r"'poses' has shape \(156,\) of float64; it must be numbers \(N, N\)"),
+    ({"poses": np.zeros((0, 156)), "trans": np.zeros((0, 3))}, "no frames in it"),
+    ({"trans": np.zeros((5, 3))}, r"'trans' has shape \(5, 3\) of float64; it must be numbers \(4, 3\)"),
+    ({"trans": np.full((4, 3), np.nan)}, "'trans' is not finite in row 0; cut or mend that frame"),
+    ({"poses": np.full((4, 156), "x")}, "of <U1; it must be numbers"),
+    ({"trans": None}, "no 'trans' in it; it is needed, with shape"),
+    ({"poses": None}, "no 'poses' in it .nor 'root_orient'.; it is not a motion"),
+    ({"mocap_framerate": None}, "neither 'mocap_framerate' nor 'mocap_frame_rate' in it; add the rate"),
+    ({"mocap_framerate": 0.0}, "mocap_framerate is 0.0; it must be one positive number"),
+    ({"mocap_framerate": np.array([1.0, 2.0])}, "it must be one positive number"),
+    ({"mocap_framerate": "fast"}, "it must be one positive number"),
+    ({"poses": np.array([{}])}, "'poses' holds objects of Python, which only unpickling reads"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), BROKEN)
+def test_what_is_wrong_with_a_file_is_said(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+    arrays = {key: value for key, value in (motion() | change).items() if value is not None}
+    path = saved(tmp_path / "a.npz", arrays)
+    with pytest.raises(BodysenseError, match=message) as error:
+        read_amass(path)
+    assert str(path) in str(error.value)
+
+
+def test_no_file_and_the_wrong_skeleton(tmp_path: Path, reframe, make_clip) -> None:
+    with pytest.raises(BodysenseError, match=r"no such file"):
+        read_amass(tmp_path / "none.npz")
+    other = reframe(make_clip(), {}, {"pelvis": "Hips"}).pose.skeleton
+    with pytest.raises(BodysenseError, match=r"must have the 52 joints of SMPL-H; 'Hips' differs"):
+        read_amass(saved(tmp_path / "a.npz", motion()), other)
+
+
+@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.data())
+def test_any_damage_is_refused_or_a_motion(tmp_path: Path, data: st.DataObject) -> None:
+    path = saved(tmp_path / "a.npz", motion(frames=2))
+    content = bytearray(path.read_bytes())
+    if data.draw(st.booleans()):
+        content = content[: data.draw(st.integers(0, len(content)))]
+    else:
+        for _ in range(data.draw(st.integers(1, 6))):
+            at = data.draw(st.integers(0, len(content) - 1))
+            content[at : at + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=4))
+    path.write_bytes(content)
+    try:
+        clip = read_amass(path)
+    except BodysenseError as error:
+        assert str(path) in str(error)
+    else:
+        assert np.isfinite(clip.pose.rotation).all() and len(clip)
+
+
+def test_a_real_clip_stands_on_the_ground_facing_where_it_walks(motion_data: Path) -> None:
+    from bodysense.io.datasets.sources import list_sources, read_source
+
+    walk = next(source for source in list_sources(motion_data) if source.path.stem == "02_01")
+    clip = read_source(walk)
+    position, _ = forward_kinematics(clip.pose)
+    index = clip.pose.skeleton.index
+    feet = position[:, [index("left_foot"), index("right_foot"), index("left_toe"), index("right_toe")], 1].min(axis=1)
+    assert abs(np.median(feet)) < 0.05
+    across = position[:, index("left_hip")] - position[:, index("right_hip")]
+    forward = np.cross(across, [0, 1, 0])
+    assert (forward[0] @ (position[-1, 0] - position[0, 0])) > 0.5 * np.linalg.norm(forward[0])
+    assert clip.frame_rate == 24.0 and not clip.has_fingers
+
+
+# --- body models ---
+
+
+def model(path: Path, joints: int = 52, vertices: int = 80, **changes: Any) -> tuple[Path, np.ndarray, np.ndarray]:
+    """A model file whose joints are weighted means of random vertices; its joints at rest, and shape directions."""
+    rng = np.random.default_rng(joints)
+    skeleton = default_skeleton()
+    rest = skeleton.path @ skeleton.rest_offset
+    rest = np.concatenate([rest[:22], rng.normal(size=(joints - 52, 3)), rest[22:52]])
+    regressor = rng.uniform(size=(joints, vertices))
+    v_template = np.linalg.pinv(regressor) @ rest
+    parents = [-1, *skeleton.parents[1:22]]
+    parents += [15] * (joints - 52)
+    parents += [p if p < 22 else p + joints - 52 for p in skeleton.parents[22:52]]
+    shapedirs = rng.normal(scale=0.01, size=(vertices, 3, 10))
+    arrays = {
+        "J_regressor": regressor,
+        "v_template": v_template,
+        "kintree_table": np.array([np.array(parents) % 2**32, np.arange(joints)], dtype=np.uint32),
+        "shapedirs": shapedirs,
+    }
+    return saved(path, arrays | changes), rest, np.einsum("jv,vcb->jcb", regressor, shapedirs)
+
+
+@pytest.mark.parametrize("joints", [52, 55])
+def test_a_models_skeleton(tmp_path: Path, joints: int) -> None:
+    path, rest, _ = model(tmp_path / "model.npz", joints)
+    skeleton = skeleton_from_smpl(path)
+    np.testing.assert_allclose(skeleton.rest_offset[0], rest[0], atol=1e-9)
+    np.testing.assert_allclose(skeleton.rest_offset[1:52], default_skeleton().rest_offset[1:52], atol=1e-9)
+    np.testing.assert_allclose(skeleton.rest_offset[52:], default_skeleton().rest_offset[52:], atol=1e-9)
+
+
+def test_betas_move_the_joints(tmp_path: Path) -> None:
+    path, rest, per_beta = model(tmp_path / "model.npz")
+    betas = np.array([1.0, -2.0, 0.5])
+    skeleton = skeleton_from_smpl(path, betas)
+    expected = rest + per_beta[..., :3] @ betas
+    np.testing.assert_allclose(
+        (skeleton.path @ skeleton.rest_offset)[:52] + skeleton.rest_offset[0], expected, atol=1e-9
+    )
+    with pytest.raises(BodysenseError, match=r"betas have shape \(11,\); this model takes at most 10"):
+        skeleton_from_smpl(path, np.zeros(11))
+
+
+def test_a_pickle_is_never_read(tmp_path: Path) -> None:
+    with pytest.raises(BodysenseError, match=r"a .pkl may run any code when it is read; use the model's .npz"):
+        skeleton_from_smpl(tmp_path / "SMPLH_MALE.pkl")
+
+
+def test_other_models_are_refused(tmp_path: Path) -> None:
+    path, *_ = model(tmp_path / "model.npz", kintree_table=np.zeros((2, 52), dtype=np.uint32))
+    with pytest.raises(BodysenseError, match=r"kintree_table hangs joint 4 on 0, but SMPL's 'left_knee' hangs on 1"):
+        skeleton_from_smpl(path)
+    path, *_ = model(tmp_path / "model.npz", J_regressor=np.zeros((24, 80)))
+    with pytest.raises(BodysenseError, match=r"a model of 24 joints; valid are SMPL-H \(52\) and SMPL-X \(55\)"):
+        skeleton_from_smpl(path)
+    path, *_ = model(tmp_path / "model.npz", v_template=np.zeros((80, 2)))
+    with pytest.raises(BodysenseError, match=r"'v_template' has shape \(80, 2\)"):
+        skeleton_from_smpl(path)
