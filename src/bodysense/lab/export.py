@@ -31,11 +31,12 @@ def export(
     dynamic_shapes: tuple[Any, ...] | None = None,
     shrink: Callable[[ModelProto], ModelProto] | None = None,
     opset: int | None = None,
+    named: tuple[str, ...] = (),
 ) -> None:
     """Write one step of a network with its card. The file appears whole or not at all.
 
     `dynamic_shapes` are the axes (torch.export.Dim) of each input that may have any length; `shrink` rewrites the
-    graph, by default so that large weights are stored in half precision.
+    graph, by default so that large weights are stored in half precision. Constants keep names that begin as `named`.
     """
     with written_beside(path) as beside:
         with warnings.catch_warnings():
@@ -53,7 +54,7 @@ def export(
                 dynamic_shapes=dynamic_shapes,
                 opset_version=opset,
             )
-        written = bare((shrink or halved)(onnx.load(str(beside))))
+        written = bare((shrink or halved)(onnx.load(str(beside))), named)
         fields = {"format": format} | {key: json.dumps(value) for key, value in card.items()}
         helper.set_model_props(written, fields)
         onnx.checker.check_model(written)
@@ -85,10 +86,14 @@ def in_bytes(model: ModelProto, most: int = 127) -> ModelProto:
     return _stored(model, counted)
 
 
-def bare(model: ModelProto) -> ModelProto:
-    """The model without what only says where its operations come from, constants by number: a third of a file."""
+def bare(model: ModelProto, named: tuple[str, ...] = ()) -> ModelProto:
+    """The model without what only says where its operations come from: a third of a file.
+
+    Constants are numbered, but for those whose names begin as `named`.
+    """
     said = {output.name for output in model.graph.output}  # an output that is a constant keeps its name
-    constants = [constant for constant in model.graph.initializer if constant.name not in said]
+    numbered = (constant for constant in model.graph.initializer if not constant.name.startswith(named))
+    constants = [constant for constant in numbered if constant.name not in said]
     numbers = {constant.name: f"c{number}" for number, constant in enumerate(constants)}
     for constant in constants:
         constant.name = numbers[constant.name]

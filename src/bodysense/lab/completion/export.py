@@ -13,12 +13,14 @@ from torch import Tensor, nn
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.format import FORMAT
 from bodysense.lab.completion.graph import CompletionStep
-from bodysense.lab.completion.rewriting import row_step, shortened, stored_small
+from bodysense.lab.completion.rewriting import LARGE, row_step, shortened, stored_small
 from bodysense.lab.completion.state import JOINT_COUNT, POINT_COUNT, Inputs, Outputs, State
+from bodysense.lab.completion.stored import BODY, FINGERS
+from bodysense.lab.completion.whole_numbers import whole_products
 from bodysense.lab.export import export
 
-# Whose weights are stored in bytes: what judges, and fingers. The body's rotations keep half precision.
-_IN_BYTES = ("body.judge_branch", "finger_network")
+# Whose weights are stored in bytes; what turns the body's joints in the end keeps half precision.
+_IN_BYTES = ("body.recurrent", "body.turn_branch.0", "body.judge_branch", "finger_network")
 _OPSET = 18
 
 
@@ -75,10 +77,11 @@ def _in_bytes(table: Tensor) -> Tensor:
     return torch.from_numpy(np.round(values / unit) * unit)
 
 
-def write_completion(step: CompletionStep, path: Path, card: dict[str, Any]) -> None:
+def write_completion(step: CompletionStep, path: Path, card: dict[str, Any], large: int = LARGE) -> None:
     """Write the whole step, batch axis free, with `card`: training data, licence, figures.
 
-    The file appears whole or not at all. Weights are rounded, see `as_stored`.
+    The file appears whole or not at all. Weights are rounded, see `as_stored`; products with
+    `large` of them or more are in whole numbers.
     """
     step = as_stored(step)
     start = step.start(3)  # a number that stands for any must not be one that means something
@@ -103,6 +106,7 @@ def write_completion(step: CompletionStep, path: Path, card: dict[str, Any]) -> 
         card,
         path,
         dynamic_shapes=(tuple({0: batch} for _ in (*inputs, *start)),),
-        shrink=lambda model: stored_small(shortened(model)),
+        shrink=lambda model: stored_small(whole_products(shortened(model, large), large)),
         opset=_OPSET,
+        named=(BODY, FINGERS),
     )

@@ -19,7 +19,7 @@ class CompletionTraining(MotionRun, Card):
     """folder of checkpoints and of the motion as it was read; OUT without its ending if omitted"""
     schedule: Flat[Schedule] = Schedule(steps=6200)
     begin_with: Path | None = None
-    """checkpoint of an earlier run, with whose best weights the body's network begins"""
+    """checkpoint of an earlier run, or a completion network (.onnx), with whose weights the body's network begins"""
     finger_steps: int = FINGER_SCHEDULE.steps
     """optimiser steps of the fingers' network; 0 leaves relaxed fingers"""
     threads: int | None = 1

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from onnx import ModelProto, NodeProto, TensorProto, helper, numpy_helper
 
+LARGE = 2**18  # weights of a product that is quicker in whole numbers
 _SMALL = 1e-9  # what a length is kept above only so that nothing is divided by zero
 _SOFTPLUS_IS_LINEAR = 20.0
 _LEAST_STORED = 256  # values: smaller constants stay as they are
 _SHAPING = ("Reshape", "Unsqueeze", "Squeeze")
 
 
-class _Graph:
+class Graph:
     """A graph's nodes by what they make, and who reads it."""
 
     def __init__(self, model: ModelProto) -> None:
@@ -36,32 +39,62 @@ class _Graph:
         return float(values.reshape(())) if values.size == 1 else None
 
 
-def shortened(model: ModelProto) -> ModelProto:
-    """The model with patterns of several operations in the place of which there is one."""
-    for rewrite in (_recurrent_layers, _undone, _unit_vectors, _softplus, _reshapes):
-        rewrite(_Graph(model))
+def shortened(model: ModelProto, large: int = LARGE) -> ModelProto:
+    """The model with patterns of several operations in the place of which there is one.
+
+    Recurrent layers of `large` weights or more stay spelled out, for `whole_products`.
+    """
+    for rewrite in (partial(_recurrent_layers, large=large), _undone, _unit_vectors, _softplus, _reshapes):
+        rewrite(Graph(model))
         _swept(model)
     return model
 
 
-def _recurrent_layers(graph: _Graph) -> None:
-    """A GRU's cell, spelled out for a single frame → GRU."""
+class Cell(NamedTuple):
+    """A GRU's cell, spelled out for a single frame."""
+
+    output: NodeProto
+    given: NodeProto  # the product with its input
+    kept: NodeProto  # the product with its state
+
+
+def cells(graph: Graph) -> list[Cell]:
+    """All of a graph."""
+    found = (_cell(graph, node) for node in graph.graph.node if node.op_type == "Tanh")
+    return [cell for cell in found if cell is not None]
+
+
+def _cell(graph: Graph, new: NodeProto) -> Cell | None:
+    """The cell whose candidate is `new`, if it is one's."""
+    inside = graph.maker(new.input[0], "Add")
+    scaled = graph.maker(inside.input[1], "Mul") if inside is not None else None
+    if inside is None or scaled is None:
+        return None
+    products = [graph.maker(name, "Split") for name in (inside.input[0], scaled.input[1])]
+    given, kept = (graph.maker(split.input[0], "Gemm") if split is not None else None for split in products)
+    outputs = [node for node in graph.graph.node if node.op_type == "Add" and node.input[0] == new.output[0]]
+    if given is None or kept is None or len(outputs) != 1:
+        return None
+    return Cell(outputs[0], given, kept)
+
+
+def _recurrent_layers(graph: Graph, large: int) -> None:
+    """A small cell → GRU."""
     squeezed = numpy_helper.from_array(np.array([0]), "of_one_frame")
-    for new in [node for node in graph.graph.node if node.op_type == "Tanh"]:
-        cell = _cell(graph, new)
-        if cell is None:
-            continue
-        output, given, kept = cell
+    for output, given, kept in cells(graph):
         # The gates are reset, update, new in PyTorch and update, reset, new in ONNX.
         parts = [numpy_helper.to_array(graph.constants[name]) for name in (*given.input[1:], *kept.input[1:])]
+        if parts[0].size >= large:
+            continue
         size = len(parts[1]) // 3
         of_input, input_bias, of_state, state_bias = (
             np.concatenate([part[size : 2 * size], part[:size], part[2 * size :]]) for part in parts
         )
         name = output.output[0]
         bias = np.concatenate([input_bias, state_bias])
-        for kind, values in (("w", of_input), ("r", of_state), ("b", bias)):
-            graph.graph.initializer.append(numpy_helper.from_array(values[None], f"{name}_{kind}"))
+        gates = [f"{each}_gates" for each in (given.input[1], kept.input[1], given.input[2])]
+        for kind, values in zip(gates, (of_input, of_state, bias), strict=True):
+            graph.graph.initializer.append(numpy_helper.from_array(values[None], kind))
         if squeezed.name not in graph.constants:
             graph.graph.initializer.append(squeezed)
             graph.constants[squeezed.name] = squeezed
@@ -71,7 +104,7 @@ def _recurrent_layers(graph: _Graph) -> None:
             helper.make_node("Squeeze", [f"{name}_after", squeezed.name], [name]),
             helper.make_node(
                 "GRU",
-                [f"{name}_frame", f"{name}_w", f"{name}_r", f"{name}_b", "", f"{name}_before"],
+                [f"{name}_frame", *gates, "", f"{name}_before"],
                 ["", f"{name}_after"],
                 hidden_size=size,
                 linear_before_reset=1,
@@ -82,21 +115,7 @@ def _recurrent_layers(graph: _Graph) -> None:
             graph.graph.node.insert(place, node)
 
 
-def _cell(graph: _Graph, new: NodeProto) -> tuple[NodeProto, NodeProto, NodeProto] | None:
-    """Of a cell whose candidate is `new`: the node of its output, and the products with its input and its state."""
-    inside = graph.maker(new.input[0], "Add")
-    scaled = graph.maker(inside.input[1], "Mul") if inside is not None else None
-    if inside is None or scaled is None:
-        return None
-    products = [graph.maker(name, "Split") for name in (inside.input[0], scaled.input[1])]
-    given, kept = (graph.maker(split.input[0], "Gemm") if split is not None else None for split in products)
-    outputs = [node for node in graph.graph.node if node.op_type == "Add" and node.input[0] == new.output[0]]
-    if given is None or kept is None or len(outputs) != 1:
-        return None
-    return outputs[0], given, kept
-
-
-def _unit_vectors(graph: _Graph) -> None:
+def _unit_vectors(graph: Graph) -> None:
     """x / max(‖x‖, tiny) → LpNormalization(x)."""
     for node in graph.graph.node:
         if node.op_type != "Div":
@@ -111,7 +130,7 @@ def _unit_vectors(graph: _Graph) -> None:
             node.CopyFrom(normalised)
 
 
-def _softplus(graph: _Graph) -> None:
+def _softplus(graph: Graph) -> None:
     """Softplus that PyTorch calls linear from 20 on: as single precision does by itself."""
     for node in graph.graph.node:
         if node.op_type != "Where":
@@ -123,7 +142,7 @@ def _softplus(graph: _Graph) -> None:
             node.CopyFrom(helper.make_node("Softplus", [node.input[1]], list(node.output)))
 
 
-def _reshapes(graph: _Graph) -> None:
+def _reshapes(graph: Graph) -> None:
     """A change of shape before a Reshape is for nothing."""
     for node in graph.graph.node:
         if node.op_type != "Reshape":
@@ -134,7 +153,7 @@ def _reshapes(graph: _Graph) -> None:
             before = graph.made.get(node.input[0])
 
 
-def _undone(graph: _Graph) -> None:
+def _undone(graph: Graph) -> None:
     """An Unsqueeze of what a Squeeze has made of it is for nothing."""
     for node in graph.graph.node:
         if node.op_type != "Unsqueeze":

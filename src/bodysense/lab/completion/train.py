@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+from torch import Tensor
+
+from bodysense.errors import BodysenseError
 from bodysense.lab.checkpoint import best_weights
 from bodysense.lab.completion.corpus import read_corpus
 from bodysense.lab.completion.network import CompletionNetwork
 from bodysense.lab.completion.options import CompletionTraining
+from bodysense.lab.completion.stored import read_networks
 from bodysense.lab.completion.task import CompletionTask, CompletionTaskConfig
 from bodysense.lab.completion.validation import validation_batches
 from bodysense.lab.fit import begin, fit
@@ -21,7 +27,17 @@ def train_completion(options: CompletionTraining) -> CompletionNetwork:
     config = CompletionTaskConfig()
     network = CompletionNetwork(config.network)
     if options.begin_with is not None:
-        network.load_state_dict(best_weights(options.begin_with, network))
+        network.load_state_dict(_weights(options.begin_with, network))
     task = CompletionTask(network, config, options.schedule, train, validation_batches(val, _VALIDATION_STRIDE))
     fit(task, options.folder / "completion.ckpt")
     return network
+
+
+def _weights(path: Path, network: CompletionNetwork) -> dict[str, Tensor]:
+    """Weights to begin with: the best of a checkpoint, or those of a published file."""
+    if path.suffix != ".onnx":
+        return best_weights(path, network)
+    published, _ = read_networks(path)
+    if published.config != network.config:
+        raise BodysenseError(f"{path}: built as {published.config}, wanted {network.config}; give another --begin-with")
+    return published.state_dict()
