@@ -394,7 +394,7 @@ def test_the_file_equals_pytorch(tmp_path: Path, motion: Motion, large: int) -> 
         state = network.start(people)
         for inputs, wanted in zip(of, run(stored, of), strict=True):
             got, state = network.step({name: value.numpy() for name, value in inputs._asdict().items()}, state)
-            for name, atol in (("points", 1e-4), ("confidence", 1e-4), ("local_rotation", 2e-4), ("contact", 1e-5)):
+            for name, atol in (("points", 1e-4), ("confidence", 1e-4), ("local_rotation", 2e-4), ("contact", 1e-4)):
                 assert np.abs(got[name] - getattr(wanted, name).numpy()).max() < atol
         assert set(state) == {f"state_{name}" for name in State._fields}
     model = onnx.load(path)
@@ -404,7 +404,7 @@ def test_the_file_equals_pytorch(tmp_path: Path, motion: Motion, large: int) -> 
     # The body's two layers and the fingers', or every product with 500 weights or more in whole numbers.
     assert (kinds.count("GRU"), kinds.count("MatMulInteger")) == ((3, 0) if large > 500 else (0, 9))
     if large > 500:
-        assert len([kind for kind in kinds if kind != "Cast"]) < 665  # those unpack tables when a file is opened
+        assert len([kind for kind in kinds if kind != "Cast"]) < 675  # those unpack tables when a file is opened
 
 
 @pytest.mark.slow

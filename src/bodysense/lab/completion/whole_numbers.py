@@ -65,7 +65,9 @@ def _split(source: str) -> list[NodeProto]:
 
 def _multiplied(product: NodeProto, name: str) -> list[NodeProto]:
     """The product of what was split with weights in bytes, put together again."""
-    source, _, bias = product.input
+    source, _, *bias = product.input
+    (output,) = product.output
+    added = [helper.make_node("Add", [f"{name}_scaled", each], [output]) for each in bias]
     return [
         helper.make_node("MatMulInteger", [f"{source}_split", f"{name}_bytes", _ZERO], [f"{name}_products"]),
         helper.make_node("Cast", [f"{name}_products"], [f"{name}_sums"], to=TensorProto.FLOAT),
@@ -74,6 +76,6 @@ def _multiplied(product: NodeProto, name: str) -> list[NodeProto]:
         helper.make_node("Add", [f"{name}_raised", f"{name}_fine"], [f"{name}_both"]),
         # Both are constant: it is done when the file is loaded.
         helper.make_node("Mul", [f"{name}_step", f"{source}_fine_unit"], [f"{name}_unit"]),
-        helper.make_node("Mul", [f"{name}_both", f"{name}_unit"], [f"{name}_scaled"]),
-        helper.make_node("Add", [f"{name}_scaled", bias], list(product.output)),
+        helper.make_node("Mul", [f"{name}_both", f"{name}_unit"], [f"{name}_scaled" if added else output]),
+        *added,
     ]
