@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
@@ -105,17 +105,6 @@ def read_set(place: str | Path) -> GloveSet:
     except (ValueError, RecursionError) as error:
         raise BodysenseError(f"{path}: not {path.suffix[1:].upper()} ({error}); see docs/gloves.md") from None
     return parse_set(stored, str(path), standard_set())
-
-
-def recognised_set(labels: Sequence[str]) -> GloveSet | None:
-    """The packaged set that most of a file's labels are of, at least four of a hand; None where there is none."""
-    best, most = None, _KNOWN - 1
-    for one in packaged_sets().values():
-        hands = [point.partition("_glove_")[0] for point in one.points(labels).values()]
-        count = max((hands.count(hand) for hand in set(hands)), default=0)
-        if count > most:
-            best, most = one, count
-    return best
 
 
 def parse_set(stored: Any, place: str, standard: GloveSet | None) -> GloveSet:

@@ -147,16 +147,6 @@ def quaternion_log(q: Array) -> Array:
     )
 
 
-def matrix_exp(rotation_vector: Array) -> Array:
-    """Axis-angle vectors (radians) to matrices: (..., 3) → (..., 3, 3)."""
-    return quaternion_to_matrix(quaternion_exp(rotation_vector))
-
-
-def matrix_log(m: Array) -> Array:
-    """Matrices to axis-angle vectors of at most π radians: (..., 3, 3) → (..., 3)."""
-    return quaternion_log(matrix_to_quaternion(m))
-
-
 def matrix_to_sixd(m: Array) -> Array:
     """The first two columns, one after the other: (..., 3, 3) → (..., 6). Zhou et al. 2019."""
     xp = array_namespace(m)

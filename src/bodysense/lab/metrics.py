@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.body.rotation import geodesic_angle, quaternion_log
+from bodysense.body.rotation import geodesic_angle
 
 
 def joint_error(predicted: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -29,11 +29,6 @@ def rotation_error(predicted: np.ndarray, truth: np.ndarray) -> float:
     return float(np.degrees(geodesic_angle(predicted, truth)).mean())
 
 
-def mpjre_component(predicted: np.ndarray, truth: np.ndarray) -> float:
-    """Mean absolute difference of axis-angle components, degrees: for comparison with AvatarPoser and after it."""
-    return float(np.degrees(np.abs(quaternion_log(predicted) - quaternion_log(truth))).mean())
-
-
 def velocity_error(predicted: np.ndarray, truth: np.ndarray, frame_rate: float) -> float:
     """Mean error of the velocity by backward differences, cm/s: (T, P, 3), (T, P, 3)."""
     return float(100 * np.linalg.norm(np.diff(predicted - truth, axis=0), axis=-1).mean() * frame_rate)
@@ -42,11 +37,6 @@ def velocity_error(predicted: np.ndarray, truth: np.ndarray, frame_rate: float) 
 def jitter(position: np.ndarray, frame_rate: float) -> float:
     """Mean jerk, 10² m/s³: (T, P, 3). Depends on the frame rate; show the truth's beside it."""
     return float(np.linalg.norm(np.diff(position, 3, axis=0), axis=-1).mean() * frame_rate**3 / 100)
-
-
-def strong_acceleration_share(position: np.ndarray, frame_rate: float, limit: float = 9.0) -> float:
-    """Share of frames and joints with an acceleration above `limit` m/s² (UNOC, section 4.2): (T, P, 3)."""
-    return float((acceleration(position, frame_rate) > limit).mean())
 
 
 def acceleration(position: np.ndarray, frame_rate: float) -> np.ndarray:
