@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from bodysense.cli.found_files import Found, Split, files_in, line_of, none_of, readable, table_of
+from bodysense.cli.found_files import FoundFile, Split, files_in, line_of, none_of, readable, table_of
 from bodysense.cli.options import Reading
 from bodysense.devices.simulated.headset_camera import HeadsetCamera
 from bodysense.errors import BodysenseError
@@ -59,7 +59,7 @@ def info(
     if picture is not None:
         check_place(picture)
     total, every = files_in(place, split, layout, reading)
-    found, console = list[Found](), wide_console()
+    found, console = list[FoundFile](), wide_console()
     if occlusion:
         from bodysense.lab.unoc.occlusion_table import occlusion_table
 

@@ -19,7 +19,7 @@ from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense.lab.unoc.smoothness import (
     METHODS,
     NETWORKS,
-    Replay,
+    RecordedEstimator,
     after_tracker,
     measure_smoothness,
     smoothness_of,
@@ -50,7 +50,7 @@ def test_a_replay_says_what_was_said(waving_clip: Clip) -> None:
     """One call with all frames equals one call a frame."""
     truth = np.asarray(forward_kinematics(waving_clip.pose)[0])[:12]
     observation = observe(waving_clip.pose[:12], waving_clip.time[:12])
-    replay = Replay(
+    replay = RecordedEstimator(
         PointEstimate(waving_clip.pose.skeleton, truth, np.zeros(truth.shape[:2]), np.zeros(truth.shape[:2]))
     )
     whole, end = replay.step(observation, replay.start())

@@ -21,6 +21,7 @@ from bodysense.lab.options import (
 )
 
 Body = Literal["own", "stranger", "height", "nothing"]
+BODIES: tuple[Body, ...] = ("own", "stranger", "height", "nothing")
 
 FINGER_SCHEDULE = Schedule(steps=2000, learning_rate=2e-3, weight_decay=0.1, check_every=500)
 
@@ -84,7 +85,7 @@ class CompletionEvaluation(MotionEvaluation):
     """people, and strangers' bodies, to score"""
     sets: tuple[str, ...] = TABLE_SETS
     """sensor sets"""
-    bodies: tuple[Body, ...] = ("own", "stranger", "height", "nothing")
+    bodies: tuple[Body, ...] = BODIES
     """whose proportions: the recording's, or a stranger's of which all, the height or nothing is told"""
     limit: int | None = None
     """number of clips, spread evenly; all if omitted"""
@@ -114,7 +115,7 @@ class CompletionEvaluation(MotionEvaluation):
             if name not in SENSOR_SETS:
                 raise BodysenseError(f"--sets {name}: unknown; valid are {', '.join(SENSOR_SETS)}")
         if not self.bodies:
-            raise BodysenseError("--bodies: give at least one of own, stranger, height, nothing")
+            raise BodysenseError(f"--bodies: give at least one of {', '.join(BODIES)}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,8 +21,9 @@ from bodysense.body.skeleton import BODY
 from bodysense.completion.model import CompletionModel
 from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS, SensorSet, random_edges
 from bodysense.lab.completion.error_map import CERTAINTY_SCALE, LOG_TRACKED, ErrorMap, unchanged_errors
+from bodysense.lab.completion.options import BODIES, Body
 from bodysense.lab.completion.points import body_places
-from bodysense.lab.completion.scenes import BODIES, TRUTH_OF, Body, TrackedScene, Truth, person_of, stacked
+from bodysense.lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, person_of, stacked
 from bodysense.tracker import Tracker
 
 QUANTILE = 0.9

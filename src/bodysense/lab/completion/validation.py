@@ -9,7 +9,7 @@ from bodysense.body.skeleton import BODY
 from bodysense.lab.completion.corpus import Corpus
 from bodysense.lab.completion.points import INPUT_POINTS
 from bodysense.lab.completion.sensor_draws import DrawnSensors
-from bodysense.lab.completion.sequences import Body, Draw, Track, make_sequence
+from bodysense.lab.completion.sequences import Draw, Track, TrainingBody, make_sequence
 from bodysense.lab.completion.task import WORN, SequenceBatch, collate
 
 SETS = ("three_point", "head", "six_point", "headset_camera")
@@ -34,7 +34,7 @@ def validation_batches(corpus: Corpus, stride: int) -> dict[str, list[SequenceBa
             pieces = []
             for place, clip in enumerate(clips):
                 true = corpus.rest_offset[clip].astype(float) if whose == "own" else strangers[place]
-                body = Body(true, true, np.zeros(len(true)))
+                body = TrainingBody(true, true, np.zeros(len(true)))
                 rng = np.random.default_rng([7, clip])
                 pieces.append((make_sequence(corpus, clip, Draw(body, track=_worn(name)), rng), 0))
             groups = [pieces[first : first + _GROUP] for first in range(0, len(pieces), _GROUP)]

@@ -113,7 +113,7 @@ class BodyVaeState:
 
 
 @dataclass(frozen=True, eq=False)
-class BodyVae:
+class BodyVaeEstimator:
     """Whole body of a skeleton from `head`, `left_wrist` and `right_wrist`; its head is where the measured one is.
 
     The paper's network takes hands for given. One that is lost stays where it was relative to the head; one that was
@@ -256,7 +256,7 @@ def sample_bodies(
 
     The same signal gives each the same body in every frame, so that none of them trembles.
     """
-    estimators = [BodyVae(skeleton, model, noise) for noise in sample_noise(model, count, rng)]
+    estimators = [BodyVaeEstimator(skeleton, model, noise) for noise in sample_noise(model, count, rng)]
     return [one.step(observation, one.start())[0] for one in estimators]
 
 

@@ -16,7 +16,7 @@ from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.devices.simulated.glove import visible
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.synthesis.hand_motion import RATE, HandMotion
-from bodysense.lab.two_hands.trials import DURATIONS, HIDDEN, Means, cut, hide_some, marker_error
+from bodysense.lab.two_hands.trials import DURATIONS, HIDDEN, KeyedMeans, cut, hide_some, marker_error
 from bodysense.lab.two_hands.variants import MEMORY_NETWORK, TWO_HANDS_NETWORK, load_memory, load_two_hands
 
 _STRIDE = 30  # frames from one trial to the next
@@ -34,7 +34,7 @@ def compare_two_hands(
     single_hidden_cm, two_hands_hidden_cm and, of hands of which four markers or fewer are seen, single_mutual_cm and
     two_hands_mutual_cm; hidden_share, mutual_share. Raises BodysenseError where there is no such network.
     """
-    means = Means()
+    means = KeyedMeans()
     for left, right in pairs:
         hands = (left.pose.skeleton, right.pose.skeleton)
         markers = np.stack([marker_positions(default_glove(), hand.pose) for hand in (left, right)], axis=1)
@@ -66,7 +66,7 @@ def compare_memory(
     Both with continuity and without. `networks` is the folder in which `bodysense train gloves --network recurrent`
     wrote. Keys: feed_forward_1_0.1_cm …, recurrent_…, feed_forward_alone_…, recurrent_alone_…
     """
-    means, rng = Means(), np.random.default_rng(seed)
+    means, rng = KeyedMeans(), np.random.default_rng(seed)
     for motion in motions:
         trials = cut([motion], _STRIDE, rng)
         if trials is None:
