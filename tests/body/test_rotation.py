@@ -236,7 +236,6 @@ def test_heading_is_the_yaw_of_yaw_then_pitch() -> None:
 
 UNARY: dict[str, tuple[Callable[..., Any], Callable[[tuple[int, ...]], np.ndarray]]] = {
     "identity": (r.quaternion_identity, random_quaternion),
-    "norm": (r.norm, random_vector),
     "safe_norm": (r.safe_norm, random_vector),
     "normalize": (r.normalize, random_vector),
     "conjugate": (r.quaternion_conjugate, random_quaternion),

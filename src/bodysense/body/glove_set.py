@@ -24,7 +24,6 @@ from bodysense.files import read_text
 STANDARD = "bodysense"  # the set that the networks know
 FEWEST = 4  # markers of a hand that a set has at least, one of them on the back of the hand
 HAND = "hand"  # the segment that the wrist carries
-_KNOWN = 4  # markers of a hand by whose labels a set is recognised
 _SIDES: tuple[Side, Side] = ("left", "right")
 _USUAL = {"left": "L", "right": "R"}
 _ACCURACY, _PLATE = 0.006, 0.03  # m: of a marker, and of one of a plate, of which nothing else is said

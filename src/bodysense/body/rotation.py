@@ -28,12 +28,6 @@ def dot(a: Array, b: Array) -> Array:
     return xp.sum(a * b, axis=-1, keepdims=True)
 
 
-def norm(a: Array) -> Array:
-    """Euclidean length over the last axis, kept: (..., n) → (..., 1)."""
-    xp = array_namespace(a)
-    return xp.sqrt(dot(a, a))
-
-
 def safe_norm(a: Array, floor: float = 1e-12) -> Array:
     """Length over the last axis, kept; its gradient is zero, not NaN, where the length is below `floor`."""
     xp = array_namespace(a)

@@ -12,16 +12,9 @@ def joint_error(predicted: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return 100 * np.linalg.norm(predicted - truth, axis=-1)
 
 
-def mpjpe(error: np.ndarray, mask: np.ndarray | None = None) -> float:
+def mpjpe(error: np.ndarray) -> float:
     """Mean per-joint position error over frames and joints, cm; NaN where nothing is counted."""
-    chosen = error if mask is None else error[mask]
-    return float(chosen.mean()) if chosen.size else float("nan")
-
-
-def rmsjpe(error: np.ndarray, mask: np.ndarray | None = None) -> float:
-    """Root of the mean squared per-joint position error over frames and joints, cm; NaN where nothing is counted."""
-    chosen = error if mask is None else error[mask]
-    return float(np.sqrt((chosen**2).mean())) if chosen.size else float("nan")
+    return float(error.mean()) if error.size else float("nan")
 
 
 def rotation_error(predicted: np.ndarray, truth: np.ndarray) -> float:

@@ -249,17 +249,6 @@ def sample_noise(model: BodyVaeModel, count: int, rng: np.random.Generator) -> n
     return rng.standard_normal((count, model.latent))
 
 
-def sample_bodies(
-    observation: Observation, skeleton: Skeleton, model: BodyVaeModel, count: int, rng: np.random.Generator
-) -> list[PointEstimate]:
-    """So many plausible bodies for one signal: samples of the posterior, each with one noise all the time.
-
-    The same signal gives each the same body in every frame, so that none of them trembles.
-    """
-    estimators = [BodyVaeEstimator(skeleton, model, noise) for noise in sample_noise(model, count, rng)]
-    return [one.step(observation, one.start())[0] for one in estimators]
-
-
 def sample_prior(skeleton: Skeleton, model: BodyVaeModel, count: int, rng: np.random.Generator) -> Pose:
     """So many bodies (N, …) from the prior, nothing seen: they face +Z, the lowest point of each on the floor."""
     rest_offset = body_skeleton(skeleton).rest_offset
