@@ -17,8 +17,7 @@ from bodysense.errors import BodysenseError
 from bodysense.lab.synthesis.gestures import GESTURES, NAMES, draw_key_poses, key_poses
 from bodysense.lab.synthesis.hands import synthesize_hand, varied_hand
 from bodysense.lab.synthesis.key_paths import along, along_rotations, draw_timing, minimum_jerk
-from bodysense.lab.synthesis.meetings import MEETINGS
-from bodysense.lab.synthesis.pairs import synthesize_pair
+from bodysense.lab.synthesis.pairs import MEETINGS, synthesize_pair
 from bodysense.lab.synthesis.touch import PRESSED, _measure, posed, settled
 
 HAND = hand_skeleton(default_skeleton(), "left")

@@ -20,10 +20,10 @@ from bodysense.lab.synthesis.hands import synthesize_hand
 from bodysense.lab.synthesis.pairs import synthesize_pair
 from bodysense.lab.two_hands.baselines import LastKnown
 from bodysense.lab.two_hands.comparison import compare_memory, compare_two_hands
-from bodysense.lab.two_hands.export import write_glove_network
 from bodysense.lab.two_hands.network import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig
 from bodysense.lab.two_hands.scores import ALONE, GloveTable, HandTask, measure_fingers, measure_markers
 from bodysense.lab.two_hands.tables import finger_report, marker_report, published_ratio
+from bodysense.lab.two_hands.train import write_glove_network
 from bodysense.lab.two_hands.trials import (
     BEFORE,
     DURATIONS,

@@ -23,15 +23,16 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.contact_rows import (
     ANGLES,
     PARTS,
+    ContactSettings,
     Ends,
     Pinches,
     growth_rows,
     joined,
+    least_change,
     pinches,
     tip_ends,
     tip_pairs,
 )
-from bodysense.devices.gloves.contact_settings import ContactSettings
 from bodysense.devices.gloves.finger_chains import (
     FREE,
     HIGH,
@@ -48,7 +49,6 @@ from bodysense.devices.gloves.finger_chains import (
     turns_of_angles,
 )
 from bodysense.devices.gloves.joints import HandPoses
-from bodysense.devices.gloves.least_change import least_change
 from bodysense.devices.gloves.meetings import HandFlesh, Meeting, Pairs, meet, nearest, points_on
 from bodysense.errors import BodysenseError
 

@@ -19,8 +19,7 @@ def completion(run: Flat[CompletionEvaluation]) -> None:
     from bodysense.cli.show import print_report, wide_console, write_numbers
     from bodysense.lab.clips import open_clips
     from bodysense.lab.completion.baselines import cached_mean_body
-    from bodysense.lab.completion.reliability_diagram import draw_reliability
-    from bodysense.lab.completion.reports import completion_reports
+    from bodysense.lab.completion.reports import completion_reports, draw_reliability
     from bodysense.lab.completion.scoring import evaluate_completion, work_of
     from bodysense.lab.completion.tables import CompletionSettings
     from bodysense.lab.completion.tracking import TrackedBy, step_times

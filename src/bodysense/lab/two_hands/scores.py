@@ -23,8 +23,7 @@ from bodysense.lab.scoring import GROUPS, Tally, group_of
 from bodysense.lab.spread import spread
 from bodysense.lab.synthesis.hand_motion import HandMotion, hand_motions
 from bodysense.lab.synthesis.hands import synthesize_hand
-from bodysense.lab.two_hands.baselines import AffineCombination, LastKnown, MovingAverage
-from bodysense.lab.two_hands.cyclic_descent import FingerLimits, solve_fingers
+from bodysense.lab.two_hands.baselines import AffineCombination, FingerLimits, LastKnown, MovingAverage, solve_fingers
 from bodysense.lab.two_hands.foreign import ForeignModels, foreign_fingers, foreign_markers
 from bodysense.lab.two_hands.trials import (
     DURATIONS,
