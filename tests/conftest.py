@@ -111,8 +111,8 @@ def small_arms(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """PAHMT, small and never trained, exported; its weights lie beside as .pt."""
     import torch
 
-    from bodysense.lab.pahmt.export import write_arms_onnx
     from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig, write_arms
+    from bodysense.lab.pahmt.train import write_arms_onnx
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("arms") / "arms.onnx"

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bodysense.body.glove import MARKERS, default_glove, glove_of, template
-from bodysense.body.glove_set import packaged_sets, parse_set, read_set, recognised_set, standard_set
+from bodysense.body.glove import default_glove, glove_of, template
+from bodysense.body.glove_set import packaged_sets, parse_set, read_set, standard_set
 from bodysense.body.hand import hand_skeleton
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
@@ -34,13 +34,6 @@ def test_packaged_sets() -> None:
         "LTHF": "left_glove_thumb_tip",
     }
     np.testing.assert_array_equal(glove_of(release, HAND).offset, default_glove().offset)
-
-
-def test_labels_tell_the_set() -> None:
-    labels = [marker.labels["left"] for marker in packaged_sets()["two-hands"].markers]
-    assert recognised_set([*labels, "C7"]) is packaged_sets()["two-hands"]
-    assert recognised_set([f"right_glove_{name}" for name in MARKERS]) is standard_set()
-    assert recognised_set(["LASI", "RASI", *labels[:2]]) is None
 
 
 @pytest.mark.parametrize("ending", [".toml", ".json"])

@@ -15,7 +15,6 @@ from bodysense.body.keypoints import (
     arms_from_torso,
     body_torso,
     check_keypoints,
-    joined,
     torso_rotation,
 )
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
@@ -62,14 +61,6 @@ def test_who_faces_the_camera_has_the_left_hand_at_its_right() -> None:
 def test_directions_are_of_unit_length_along_the_bones() -> None:
     points = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.3, -0.2, 0]])
     np.testing.assert_allclose(arm_directions(points), [[1, 0, 0], [0, -1, 0]], atol=1e-12)
-
-
-def test_frames_are_cut_and_joined() -> None:
-    whole = keypoints(7)
-    again = joined([whole[:3], whole[3:4], whole[4:]])
-    assert len(whole[2:5]) == 3
-    for name, values in vars(whole).items():
-        np.testing.assert_array_equal(getattr(again, name), values)
 
 
 def test_good_key_points_pass_and_hidden_values_may_be_anything() -> None:

@@ -98,7 +98,7 @@ def test_gloves_are_simulated(tmp_path: Path, motion: Path, run: Command, ending
 def test_a_headset_and_gloves(
     tmp_path: Path, short_clip: Clip, gloves: Observation, motion: Path, run: Command
 ) -> None:
-    head = three_point.observe(short_clip.pose, short_clip.time, three_point.HEAD_ONLY)
+    head = three_point.observe(short_clip.pose, short_clip.time, three_point.ThreePoint(hands=False))
     head = chosen_points(head, [0])
     fields = ("position", "rotation", "has_position", "has_rotation", "accuracy")
     joined = {name: np.concatenate([getattr(head, name), getattr(gloves, name)], axis=1) for name in fields}

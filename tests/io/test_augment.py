@@ -7,9 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
-from bodysense.io.augment import LIMBS, mirrored, turned, with_limb_proportions
+from bodysense.io.augment import LIMBS, mirrored, with_limb_proportions
 from bodysense.io.clip import Clip
 
 
@@ -41,18 +40,6 @@ def test_mirroring_twice_is_nothing(make_clip) -> None:
     np.testing.assert_array_equal(twice.pose.rotation, clip.pose.rotation)
     np.testing.assert_array_equal(twice.pose.root_position, clip.pose.root_position)
     np.testing.assert_array_equal(twice.pose.skeleton.rest_offset, clip.pose.skeleton.rest_offset)
-
-
-@pytest.mark.parametrize("angle", [0.0, 0.7, -2.5, np.pi])
-def test_turning_turns_every_point_and_nothing_else(make_clip, angle: float) -> None:
-    clip = make_clip()
-    result = turned(clip, angle)
-    position = forward_kinematics(clip.pose)[0]
-    expected = Rotation.from_euler("Y", angle).apply(position.reshape(-1, 3)).reshape(position.shape)
-    np.testing.assert_allclose(forward_kinematics(result.pose)[0], expected, atol=1e-12)
-    np.testing.assert_array_equal(result.pose.rotation[:, 1:], clip.pose.rotation[:, 1:])
-    assert (result.pose.rotation[:, 0, 0] >= 0).all()
-    assert geodesic_angle(turned(result, -angle).pose.rotation, clip.pose.rotation).max() < 1e-7
 
 
 def test_other_proportions_are_rigid_symmetric_and_reproducible(make_clip) -> None:

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from bodysense.lab.commands.reporting import Common, finish
+from bodysense.lab.commands.reporting import finish
+from bodysense.lab.options import TableOptions
 from bodysense.lab.table import Report
 
 
 def test_a_report_without_panels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     report = Report("plain", "A table", ("what", "cm"), (("one", 1.0),), {"one_cm": 1.0})
-    finish(report, Common(out=tmp_path, json=tmp_path / "plain.json"))
+    finish(report, TableOptions(out=tmp_path, json=tmp_path / "plain.json"))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["plain.csv", "plain.json"]
     assert "plain.png" not in capsys.readouterr().out

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
@@ -24,7 +24,6 @@ from bodysense.files import read_text
 STANDARD = "bodysense"  # the set that the networks know
 FEWEST = 4  # markers of a hand that a set has at least, one of them on the back of the hand
 HAND = "hand"  # the segment that the wrist carries
-_KNOWN = 4  # markers of a hand by whose labels a set is recognised
 _SIDES: tuple[Side, Side] = ("left", "right")
 _USUAL = {"left": "L", "right": "R"}
 _ACCURACY, _PLATE = 0.006, 0.03  # m: of a marker, and of one of a plate, of which nothing else is said
@@ -105,17 +104,6 @@ def read_set(place: str | Path) -> GloveSet:
     except (ValueError, RecursionError) as error:
         raise BodysenseError(f"{path}: not {path.suffix[1:].upper()} ({error}); see docs/gloves.md") from None
     return parse_set(stored, str(path), standard_set())
-
-
-def recognised_set(labels: Sequence[str]) -> GloveSet | None:
-    """The packaged set that most of a file's labels are of, at least four of a hand; None where there is none."""
-    best, most = None, _KNOWN - 1
-    for one in packaged_sets().values():
-        hands = [point.partition("_glove_")[0] for point in one.points(labels).values()]
-        count = max((hands.count(hand) for hand in set(hands)), default=0)
-        if count > most:
-            best, most = one, count
-    return best
 
 
 def parse_set(stored: Any, place: str, standard: GloveSet | None) -> GloveSet:

@@ -6,7 +6,6 @@ camera faces +z, their left hand toward +x. Left and right are the person's.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -86,13 +85,6 @@ def arms_from_torso(pose: Pose) -> np.ndarray:
         turn = quaternion_multiply(into, world[..., pose.skeleton.index(f"{side}_collar"), :])
         rotation[..., place, :] = quaternion_canonical(turn)
     return rotation
-
-
-def joined(parts: Sequence[ArmKeypoints]) -> ArmKeypoints:
-    """Key-points without batch axes, one after the other in time."""
-    return ArmKeypoints(
-        **{field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(ArmKeypoints)}
-    )
 
 
 def check_keypoints(keypoints: ArmKeypoints, name: str = "key-points") -> ArmKeypoints:

@@ -19,12 +19,6 @@ def local_offset(skeleton: Skeleton, position: np.ndarray, rotation: np.ndarray)
     return quaternion_rotate(quaternion_conjugate(turn), position - position[..., origin, :])
 
 
-def world_position(skeleton: Skeleton, offset: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """The inverse of `local_offset`: origins and axes are those of the body `position` and `rotation`."""
-    origin, turn = _frames(skeleton, rotation)
-    return quaternion_rotate(turn, offset) + position[..., origin, :]
-
-
 def resting_offset(skeleton: Skeleton) -> np.ndarray:
     """(P, 3) m: the offsets of `standing_pose`, the arms hanging and the fingers a little curled."""
     return local_offset(skeleton, *forward_kinematics(standing_pose(skeleton)))

@@ -28,12 +28,6 @@ def dot(a: Array, b: Array) -> Array:
     return xp.sum(a * b, axis=-1, keepdims=True)
 
 
-def norm(a: Array) -> Array:
-    """Euclidean length over the last axis, kept: (..., n) → (..., 1)."""
-    xp = array_namespace(a)
-    return xp.sqrt(dot(a, a))
-
-
 def safe_norm(a: Array, floor: float = 1e-12) -> Array:
     """Length over the last axis, kept; its gradient is zero, not NaN, where the length is below `floor`."""
     xp = array_namespace(a)
@@ -145,16 +139,6 @@ def quaternion_log(q: Array) -> Array:
     return v * xp.where(
         small, 2 / xp.where(w == 0, xp.ones_like(w), w), angle / xp.where(small, xp.ones_like(sine), sine)
     )
-
-
-def matrix_exp(rotation_vector: Array) -> Array:
-    """Axis-angle vectors (radians) to matrices: (..., 3) → (..., 3, 3)."""
-    return quaternion_to_matrix(quaternion_exp(rotation_vector))
-
-
-def matrix_log(m: Array) -> Array:
-    """Matrices to axis-angle vectors of at most π radians: (..., 3, 3) → (..., 3)."""
-    return quaternion_log(matrix_to_quaternion(m))
 
 
 def matrix_to_sixd(m: Array) -> Array:

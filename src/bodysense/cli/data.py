@@ -1,14 +1,192 @@
-"""`bodysense data`: what motion there is, and preparing it for training."""
+"""`bodysense data`: what motion there is (`info`), and preparing it for training."""
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from tyro.extras import SubcommandApp
 
-from bodysense.cli.data_info import info, joints
+from bodysense.cli.found_files import FoundFile, Split, files_in, line_of, none_of, readable, table_of
+from bodysense.cli.options import Reading
+from bodysense.devices.simulated.headset_camera import HeadsetCamera
+from bodysense.errors import BodysenseError
+from bodysense.io.datasets.layouts import Layout
+from bodysense.io.rigs.options import AS_FOUND
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from bodysense.io.clip import Clip
+
+
+PICTURED = 6  # frames of a picture
+REASONS = 20  # of files that cannot be read, that are printed
+
+
+def info(
+    place: Annotated[Path, tyro.conf.Positional],
+    occlusion: bool = False,
+    split: Split = "all",
+    layout: Layout | None = None,
+    camera: HeadsetCamera = HeadsetCamera(),
+    picture: Path | None = None,
+    json: Path | None = None,
+    reading: Reading = AS_FOUND,
+) -> None:
+    """Say what a motion file, a folder of them or a prepared store holds, and how each file was read.
+
+    Of each file: rig, unit, upward axis, floor, frame rate, what is missing, how sure that is. What cannot be read is
+    skipped, counted and given with the reason.
+
+    Args:
+        place: a motion file (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma), markers (.c3d, .trc, .tsv, .csv), a
+            recording, a folder of them, also .bvh in .zip, or a store written by `bodysense data prepare`.
+        occlusion: simulate the headset's cameras and print the statistics of UNOC, Table 1, beside the published ones.
+        split: which people.
+        layout: which published data set the folder is; recognised by what is in it if omitted.
+        camera: the headset's, for --occlusion.
+        picture: PNG file for stick figures of the first file that can be read.
+        json: JSON file for the numbers, one flat object.
+        reading: what the files do not say of themselves.
+    """
+    from rich.progress import track
+
+    from bodysense.cli.show import wide_console, write_numbers
+    from bodysense.files import check_place
+
+    if picture is not None:
+        check_place(picture)
+    total, every = files_in(place, split, layout, reading)
+    found, console = list[FoundFile](), wide_console()
+    if occlusion:
+        from bodysense.lab.unoc.occlusion_table import occlusion_table
+
+        shown, numbers = occlusion_table(readable(track(every, "looking", total), found), camera)
+        console.print(shown)
+    else:
+        counts = _Counts()
+        for clip in readable(track(every, "reading", total) if total > 1 else every, found):
+            counts.add(clip)
+            if picture is not None and counts.clips == 1:
+                _draw(picture, clip)
+        numbers = counts.numbers()
+        if total == 1:
+            print(*(line_of(one) for one in found if not one.reason), end="" if found[0].reason else "\n")
+        else:
+            console.print(table_of(found))
+            console.print(counts.table(f"{place} ({split})"))
+    skipped = [one for one in found if one.reason]
+    if len(skipped) == len(found):
+        raise BodysenseError(skipped[0].reason if total == 1 else none_of(place, skipped))
+    for one in skipped[:REASONS]:
+        print(f"skipped {one.reason if one.key in one.reason else f'{one.key}: {one.reason}'}")
+    if skipped:
+        print(
+            f"skipped {len(skipped)} of {len(found)} files"
+            + (", the first with reasons" if len(skipped) > REASONS else "")
+        )
+    write_numbers(json, numbers | {"skipped": len(skipped)})
+
+
+def joints(
+    file: Annotated[Path, tyro.conf.Positional],
+    out: Annotated[Path | None, tyro.conf.arg(aliases=("-o",))] = None,
+    reading: Reading = AS_FOUND,
+) -> None:
+    """Draft the table for --joints: every joint of a BVH or glTF file, and which of ours it was taken for.
+
+    Where no body is recognised, it holds what the names of the joints tell.
+
+    Args:
+        file: .bvh, .glb or .gltf file.
+        out: JSON file; printed if omitted.
+        reading: what the file does not say of itself.
+    """
+    from bodysense.io.archive import MotionFile
+    from bodysense.io.gltf.motion import figure_of_gltf
+    from bodysense.io.rigs.joint_map import joint_map_text, write_joint_map
+    from bodysense.io.rigs.names import joints_of
+    from bodysense.io.rigs.rig import recognise
+    from bodysense.io.rigs.rigged import figure_of_file
+
+    ending = file.suffix.lower()
+    if ending in (".glb", ".gltf"):
+        figure, reading = figure_of_gltf(file), replace(reading, up="y", floor=0.0)
+    elif ending == ".bvh":
+        figure = figure_of_file(MotionFile(file).read(), file, reading)
+    else:
+        raise BodysenseError(f"{file}: joints are named in .bvh, .glb and .gltf files only; give one")
+    try:
+        rig = recognise(figure, reading)
+        given, said = dict(rig.joints), f"; {rig.line()}"
+    except BodysenseError as error:
+        given = {ours: name for name, ours in joints_of(figure.points).items()}
+        said = f", by their names alone: {error}; name the others by hand"
+    if out is None:
+        print(joint_map_text(figure, given), end="")
+        return
+    write_joint_map(out, figure, given)
+    print(f"wrote {out}: {len(given)} of {len(figure.points)} joints and end sites named{said}")
+
+
+class _Counts:
+    """People, clips and minutes by category."""
+
+    def __init__(self) -> None:
+        self._rows: dict[str, Counter[str]] = {}
+        self._people: dict[str, set[str]] = {}
+
+    def add(self, clip: Clip) -> None:
+        row = self._rows.setdefault(clip.category or "(none)", Counter())
+        row.update({"clips": 1, "seconds": clip.seconds, "fingered": clip.seconds * clip.has_fingers})  # type: ignore[dict-item]
+        self._people.setdefault(clip.category or "(none)", set()).add(clip.person)
+
+    @property
+    def clips(self) -> int:
+        return sum(row["clips"] for row in self._rows.values())
+
+    def table(self, title: str) -> Table:
+        from rich.table import Table
+
+        shown = Table(title=title)
+        for column in ("category", "people", "clips", "minutes", "with fingers"):
+            shown.add_column(column, justify="left" if column == "category" else "right")
+        for category, row in sorted(self._rows.items()):
+            shown.add_row(category, str(len(self._people[category])), *_minutes(row))
+        shown.add_section()
+        everyone = set().union(*self._people.values()) if self._people else set()
+        whole = sum(self._rows.values(), Counter())
+        shown.add_row("all", str(len(everyone)), *_minutes(whole))
+        return shown
+
+    def numbers(self) -> dict[str, float]:
+        everyone = set().union(*self._people.values()) if self._people else set()
+        found: dict[str, float] = {"clips": self.clips, "people": len(everyone)}
+        found["minutes"] = sum(row["seconds"] for row in self._rows.values()) / 60
+        for category, row in self._rows.items():
+            found |= {f"{category}_clips": row["clips"], f"{category}_minutes": row["seconds"] / 60}
+        return found
+
+
+def _minutes(row: Counter[str]) -> tuple[str, str, str]:
+    return str(row["clips"]), f"{row['seconds'] / 60:.1f}", f"{row['fingered'] / 60:.1f}"
+
+
+def _draw(path: Path, clip: Clip) -> None:
+    """Stick figures of a few frames."""
+    import numpy as np
+
+    from bodysense.body.pose import forward_kinematics
+    from bodysense.pictures.sheet import draw_sheet
+
+    frames = np.unique(np.linspace(0, len(clip) - 1, PICTURED).astype(int))
+    draw_sheet(path, clip.pose.skeleton, np.asarray(forward_kinematics(clip.pose[frames])[0]))
+    print(f"wrote {path}")
+
 
 Folder = Annotated[Path, tyro.conf.Positional]
 

@@ -29,7 +29,7 @@ KINDS = {".glb": "glTF", ".gltf": "glTF", ".vrma": "VRM animation", ".npy": "SMP
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundFile:
     """A file and what it holds, or why it cannot be read."""
 
     key: str
@@ -41,7 +41,9 @@ class Found:
     reason: str = ""  # why it cannot be read
 
 
-def files_in(place: Path, split: Split, layout: Layout | None, reading: ReadingOptions) -> tuple[int, Iterable[Found]]:
+def files_in(
+    place: Path, split: Split, layout: Layout | None, reading: ReadingOptions
+) -> tuple[int, Iterable[FoundFile]]:
     """How many files a place has, and each of them when its turn comes."""
     from bodysense.io.datasets.sources import Source, list_sources
     from bodysense.lab.clips import count_clips, open_clips
@@ -49,7 +51,7 @@ def files_in(place: Path, split: Split, layout: Layout | None, reading: ReadingO
 
     if place.is_dir() and is_store(place):
         clips = open_clips(place, split, layout=layout, options=reading)
-        return count_clips(place, split), (Found(clip.name, clip) for clip in clips)
+        return count_clips(place, split), (FoundFile(clip.name, clip) for clip in clips)
     if place.is_file():
         return 1, (_read(place.name, Source(place, person="", split="test"), reading) for _ in range(1))
     others = _others(place) if place.is_dir() and split == "all" else []
@@ -74,7 +76,7 @@ def _others(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*") if path.suffix.lower() in OTHERS and path.is_file())
 
 
-def _read(key: str, source: Source, reading: ReadingOptions) -> Found:
+def _read(key: str, source: Source, reading: ReadingOptions) -> FoundFile:
     from bodysense.io.datasets.sources import read_with_rig
 
     alone = source.skeleton is None and not source.member
@@ -83,11 +85,11 @@ def _read(key: str, source: Source, reading: ReadingOptions) -> Found:
             return _read_other(key, source, reading)
         clip, rig = read_with_rig(source, reading)
     except BodysenseError as error:
-        return Found(key, reason=str(error))
-    return Found(key, clip, rig, rate=clip.frame_rate)
+        return FoundFile(key, reason=str(error))
+    return FoundFile(key, clip, rig, rate=clip.frame_rate)
 
 
-def _read_other(key: str, source: Source, reading: ReadingOptions) -> Found:
+def _read_other(key: str, source: Source, reading: ReadingOptions) -> FoundFile:
     """A file that has no rig: AMASS, results of SMPL, glTF; markers and recordings, which are no motion yet."""
     from bodysense.io.markers.files import is_marker_file
     from bodysense.io.markers.recording import read_markers
@@ -99,18 +101,18 @@ def _read_other(key: str, source: Source, reading: ReadingOptions) -> Found:
     if is_marker_file(path):
         markers = read_markers(path)
         said = f"{len(markers.observation.points)} points of {'a body' if markers.has_body else 'gloves'}"
-        return Found(key, kind="markers", said="; ".join((said, *markers.remarks)), rate=markers.frame_rate)
+        return FoundFile(key, kind="markers", said="; ".join((said, *markers.remarks)), rate=markers.frame_rate)
     if is_recording(path):
         seen = read_recording(path).observation
         rate = (len(seen) - 1) / max(float(seen.time[-1] - seen.time[0]), 1e-9)
-        return Found(key, kind="recording", said=f"{len(seen.points)} points, {len(seen)} frames", rate=rate)
+        return FoundFile(key, kind="recording", said=f"{len(seen.points)} points, {len(seen)} frames", rate=rate)
     clip, lines = read_clip(path, reading)
     clip = replace(clip, person=source.person, category=source.category)
     said = "; ".join(line.removeprefix("note: ") for line in lines)
-    return Found(key, clip, kind=KINDS.get(path.suffix.lower(), "AMASS or SMPL"), said=said, rate=clip.frame_rate)
+    return FoundFile(key, clip, kind=KINDS.get(path.suffix.lower(), "AMASS or SMPL"), said=said, rate=clip.frame_rate)
 
 
-def readable(every: Iterable[Found], found: list[Found]) -> Iterator[Clip]:
+def readable(every: Iterable[FoundFile], found: list[FoundFile]) -> Iterator[Clip]:
     """The clips that can be read; all that was found is kept without its motion."""
     for one in every:
         if one.clip is not None:
@@ -122,7 +124,7 @@ def _without_motion(clip: Clip) -> Clip:
     return replace(clip, pose=clip.pose[:1])
 
 
-def line_of(one: Found) -> str:
+def line_of(one: FoundFile) -> str:
     """What one file holds."""
     if one.rig is None:
         return f"{one.key}: {one.kind}, {one.rate:g} Hz" + (f"; {one.said}" if one.said else "")
@@ -135,7 +137,7 @@ def line_of(one: Found) -> str:
     return f"{one.key}: {one.rig.line()}; {sure}{left_out}"
 
 
-def table_of(found: list[Found]) -> Table:
+def table_of(found: list[FoundFile]) -> Table:
     """How the files were read: one by one, or, of many, those alike together."""
     from rich import box
     from rich.table import Table
@@ -145,7 +147,7 @@ def table_of(found: list[Found]) -> Table:
     alone = len(found) <= LISTED
     for column in ("file" if alone else "files", *names, "confidence"):
         shown.add_column(column, overflow="fold")
-    rows: dict[tuple[str, ...], list[Found]] = {}
+    rows: dict[tuple[str, ...], list[FoundFile]] = {}
     for one in found:
         if not one.reason:
             rows.setdefault((one.key,) if alone else _alike(one), []).append(one)
@@ -156,7 +158,7 @@ def table_of(found: list[Found]) -> Table:
     return shown
 
 
-def _alike(one: Found) -> tuple[str, ...]:
+def _alike(one: FoundFile) -> tuple[str, ...]:
     """What is said of a file but its name and confidence."""
     if one.rig is None:
         return (one.kind, "", "", "", "", f"{one.rate:g}", "")
@@ -173,6 +175,6 @@ def _alike(one: Found) -> tuple[str, ...]:
     )
 
 
-def none_of(place: Path, skipped: list[Found]) -> str:
+def none_of(place: Path, skipped: list[FoundFile]) -> str:
     """What to say of a folder of which no file can be read."""
     return f"{place}: none of its {len(skipped)} files can be read; the first: {skipped[0].reason}"

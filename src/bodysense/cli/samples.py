@@ -68,7 +68,7 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
     from bodysense.io.clip import Clip
     from bodysense.io.motion_files import write_motion
     from bodysense.io.resample import at_constant_rate
-    from bodysense.lab.hmd_vae.estimator import BodyVae, load_body_vae, sample_noise
+    from bodysense.lab.hmd_vae.estimator import BodyVaeEstimator, load_body_vae, sample_noise
     from bodysense.lab.unoc.ik_tracker import IkTracker
 
     observation = recording.observation
@@ -86,7 +86,7 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
     interval = np.diff(observation.time)
     rate = 1 / float(np.median(interval)) if len(interval) else 30.0
     for path, noise in progress(list(zip(paths, noises, strict=True)), description="drawing bodies"):
-        tracker = IkTracker(BodyVae(recording.skeleton, network, noise))
+        tracker = IkTracker(BodyVaeEstimator(recording.skeleton, network, noise))
         pose, _, _ = tracker.step(observation, tracker.start())
         write_motion(path, at_constant_rate(Clip(path.stem, pose, rate), observation.time))
     return paths

@@ -121,14 +121,6 @@ class Inertialiser:
         return shown, Offset(root, rotation, Velocity(root_velocity, spin))
 
 
-def velocity_between(before: Pose, after: Pose, interval: np.ndarray | float) -> Velocity:
-    """Velocity of poses (...) that were `interval` (...) s apart."""
-    passed = np.asarray(interval, dtype=float)
-    turn = quaternion_multiply(np.asarray(after.rotation), quaternion_conjugate(np.asarray(before.rotation)))
-    root = np.asarray(after.root_position) - np.asarray(before.root_position)
-    return Velocity(root / passed[..., None], np.asarray(quaternion_log(turn)) / passed[..., None, None])
-
-
 def _decayed(
     offset: np.ndarray, velocity: np.ndarray, half_life: float, interval: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:

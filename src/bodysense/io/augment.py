@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.io.clip import Clip
 
@@ -34,15 +33,6 @@ def mirrored(clip: Clip) -> Clip:
     # A rotation in a mirror: its axis is mirrored, its sense reversed.
     rotation = pose.rotation[..., partner[: len(skeleton.joints)], :] * np.array([1.0, 1.0, -1.0, -1.0])
     return replace(clip, pose=Pose(other, pose.root_position * flip, rotation))
-
-
-def turned(clip: Clip, angle: float) -> Clip:
-    """The clip turned about the world's +Y axis, through the origin, by `angle` radians."""
-    yaw = quaternion_exp(np.array([0.0, angle, 0.0]))
-    rotation = clip.pose.rotation.copy()
-    rotation[..., 0, :] = quaternion_canonical(quaternion_multiply(yaw, rotation[..., 0, :]))
-    root = quaternion_rotate(yaw, clip.pose.root_position)
-    return replace(clip, pose=Pose(clip.pose.skeleton, root, rotation))
 
 
 def at_height(clip: Clip, height: float) -> Clip:

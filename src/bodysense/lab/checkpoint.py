@@ -1,19 +1,20 @@
-"""Checkpoints: what a run has reached, kept so that it can go on, and only as the run that it was."""
+"""Checkpoints, from which a run goes on as the run that it was, and files of weights."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
 from bodysense.errors import BodysenseError
+from bodysense.files import written_beside
 
 
 def identity(config: Any, schedule: Any, source: Mapping[str, Any] | None = None) -> str:
@@ -102,3 +103,34 @@ def _read(path: Path) -> dict[str, Any]:
         raise BodysenseError(
             f"{path}: not a readable checkpoint ({type(error).__name__}); take it away to begin anew"
         ) from None
+
+
+Network = TypeVar("Network", bound=nn.Module)
+
+
+def write_weights_file(network: nn.Module, config: Any, path: Path, card: Mapping[str, Any]) -> None:
+    """Weights, configuration (a dataclass) and card (plain numbers and texts), whole or not at all."""
+    with written_beside(path) as beside:
+        torch.save({"config": asdict(config), "weights": network.state_dict(), "card": dict(card)}, beside)
+
+
+def read_weights_file(
+    path: Path, make: Callable[[dict[str, Any]], Network], what: str, command: str
+) -> tuple[Network, dict[str, Any]]:
+    """The network that `make` builds of a configuration, with its weights, and its card.
+
+    Raises BodysenseError for a file that is not there, or not of `what`, which `command` writes.
+    """
+    if not path.is_file():
+        raise BodysenseError(f"{path}: no such file; train it with `{command}`")
+    try:
+        saved = torch.load(path, map_location="cpu", weights_only=True)
+        network = make(saved["config"])
+        network.load_state_dict(saved["weights"])
+    except BodysenseError:
+        raise
+    except Exception as error:  # PyTorch raises what it likes
+        raise BodysenseError(
+            f"{path}: not the weights of {what} ({type(error).__name__}); give the .pt of `{command}`"
+        ) from None
+    return network.eval(), saved["card"]

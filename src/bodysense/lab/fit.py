@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sized
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -24,30 +24,6 @@ from torch.optim import AdamW, Optimizer
 from torch.optim.swa_utils import AveragedModel
 
 from bodysense.lab.checkpoint import identity, load_checkpoint, save_checkpoint
-
-
-class Pace(Protocol):
-    """What the loop itself reads of a schedule."""
-
-    @property
-    def learning_rate(self) -> float:
-        """The highest."""
-        ...
-
-    @property
-    def average_decay(self) -> float:
-        """Decay of the moving average of the weights, which is what is kept; 0 keeps the last ones."""
-        ...
-
-    @property
-    def check_every(self) -> int:
-        """Steps between checkpoints."""
-        ...
-
-    @property
-    def seed(self) -> int:
-        """Random seed."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -68,7 +44,7 @@ class Task:
     """What a network learns and how it is judged; a method's task overrides what differs."""
 
     network: Any  # the module that is trained
-    schedule: Any  # a `Pace`; a checkpoint must agree on it
+    schedule: Any  # learning_rate, average_decay, check_every, seed; a checkpoint must agree on it
     source: Any = None  # what is learned from, in plain values: likewise
     keeps_best: bool = True  # else the averaged weights of the end are kept
     clip: float = 1.0  # highest norm of the gradients of a group of parameters, unless it has a `clip` of its own

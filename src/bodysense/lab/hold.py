@@ -1,4 +1,4 @@
-"""Baselines without a network: a hidden point stays where it was, or keeps its velocity (papers.md 1.9)."""
+"""The baseline without a network: a hidden point stays where it was."""
 
 from __future__ import annotations
 
@@ -20,16 +20,14 @@ class HoldState:
     """The last known place of every point, in the frame in which it is kept."""
 
     place: np.ndarray  # (P, 3) m
-    velocity: np.ndarray  # (P, 3) m/s
     seen: np.ndarray  # (P,) bool, whether ever
-    last_seen: np.ndarray  # (P,) s
     head_position: np.ndarray  # (3,) m, world
     head_heading: np.ndarray  # (4,) wxyz
 
 
 @dataclass(frozen=True)
 class Hold:
-    """Last known position, or constant velocity.
+    """Last known position.
 
     Kept in the world, with the head in the world's axes ('head', as in UNOC), or turning with the head's heading.
 
@@ -39,8 +37,6 @@ class Hold:
 
     skeleton: Skeleton
     frame: Literal["world", "head", "heading"] = "heading"
-    motion: Literal["still", "constant velocity"] = "still"
-    longest: float = 0.5  # s for which a velocity is followed
 
     @cached_property
     def _origin(self) -> np.ndarray:
@@ -68,9 +64,7 @@ class Hold:
         standing, _ = forward_kinematics(standing_pose(self.skeleton))
         return HoldState(
             place=np.zeros((count, 3)),
-            velocity=np.zeros((count, 3)),
             seen=np.zeros(count, dtype=bool),
-            last_seen=np.zeros(count),
             head_position=standing[self._head],
             head_heading=np.array([1.0, 0.0, 0.0, 0.0]),
         )
@@ -79,13 +73,13 @@ class Hold:
         """Complete T frames, one after the other."""
         position, rotation, has_position, has_rotation = observed_points(observation, self.skeleton)
         frames = []
-        for t, time in enumerate(observation.time):
+        for t in range(len(observation)):
             if has_position[t, self._head]:
                 state = replace(state, head_position=position[t, self._head])
             if has_rotation[t, self._head]:
                 state = replace(state, head_heading=heading(rotation[t, self._head]))
-            state = self._remember(position[t], has_position[t] & has_position[t, self._origin], float(time), state)
-            guess = self._recall(float(time), state)
+            state = self._remember(position[t], has_position[t] & has_position[t, self._origin], state)
+            guess = self._recall(state)
             now = np.where(has_position[t][:, None], position[t], guess)
             # Fingers hang on the wrist that is shown, measured or kept.
             frames.append(np.where(self._is_finger & ~has_position[t][:, None], guess + now[self._origin], now))
@@ -97,32 +91,20 @@ class Hold:
         )
         return estimate, state
 
-    def _remember(self, position: np.ndarray, measured: np.ndarray, time: float, state: HoldState) -> HoldState:
+    def _remember(self, position: np.ndarray, measured: np.ndarray, state: HoldState) -> HoldState:
         """Take in the measured points of one frame."""
         if self.frame == "world":
             place = np.where(self._is_finger, position - position[self._origin], position)
         else:
             base = np.where(self._is_finger, position[self._origin], state.head_position)
             place = quaternion_rotate(quaternion_conjugate(self._turn(state)), position - base)
-        interval = time - state.last_seen
-        known_before = measured & state.seen & (interval > 0) & (interval < self.longest)
-        step = (place - state.place) / np.where(known_before, interval, 1.0)[:, None]
-        return replace(
-            state,
-            place=np.where(measured[:, None], place, state.place),
-            velocity=np.where(measured[:, None], np.where(known_before[:, None], step, 0.0), state.velocity),
-            seen=state.seen | measured,
-            last_seen=np.where(measured, time, state.last_seen),
-        )
+        return replace(state, place=np.where(measured[:, None], place, state.place), seen=state.seen | measured)
 
-    def _recall(self, time: float, state: HoldState) -> np.ndarray:
+    def _recall(self, state: HoldState) -> np.ndarray:
         """(P, 3) m: world positions of body points, world offsets from the wrist of fingers."""
-        place = state.place
-        if self.motion == "constant velocity":
-            place = place + state.velocity * np.clip(time - state.last_seen, 0, self.longest)[:, None]
         head = np.where(self._is_finger, 0.0, state.head_position)
         standing = quaternion_rotate(state.head_heading, self._standing) + head
-        kept = place if self.frame == "world" else quaternion_rotate(self._turn(state), place) + head
+        kept = state.place if self.frame == "world" else quaternion_rotate(self._turn(state), state.place) + head
         return np.where(state.seen[:, None], kept, standing)
 
     def _turn(self, state: HoldState) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.body.rotation import geodesic_angle, quaternion_log
+from bodysense.body.rotation import geodesic_angle
 
 
 def joint_error(predicted: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -12,26 +12,14 @@ def joint_error(predicted: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return 100 * np.linalg.norm(predicted - truth, axis=-1)
 
 
-def mpjpe(error: np.ndarray, mask: np.ndarray | None = None) -> float:
+def mpjpe(error: np.ndarray) -> float:
     """Mean per-joint position error over frames and joints, cm; NaN where nothing is counted."""
-    chosen = error if mask is None else error[mask]
-    return float(chosen.mean()) if chosen.size else float("nan")
-
-
-def rmsjpe(error: np.ndarray, mask: np.ndarray | None = None) -> float:
-    """Root of the mean squared per-joint position error over frames and joints, cm; NaN where nothing is counted."""
-    chosen = error if mask is None else error[mask]
-    return float(np.sqrt((chosen**2).mean())) if chosen.size else float("nan")
+    return float(error.mean()) if error.size else float("nan")
 
 
 def rotation_error(predicted: np.ndarray, truth: np.ndarray) -> float:
     """Mean geodesic angle, degrees: (..., J, 4), (..., J, 4) wxyz."""
     return float(np.degrees(geodesic_angle(predicted, truth)).mean())
-
-
-def mpjre_component(predicted: np.ndarray, truth: np.ndarray) -> float:
-    """Mean absolute difference of axis-angle components, degrees: for comparison with AvatarPoser and after it."""
-    return float(np.degrees(np.abs(quaternion_log(predicted) - quaternion_log(truth))).mean())
 
 
 def velocity_error(predicted: np.ndarray, truth: np.ndarray, frame_rate: float) -> float:
@@ -42,11 +30,6 @@ def velocity_error(predicted: np.ndarray, truth: np.ndarray, frame_rate: float) 
 def jitter(position: np.ndarray, frame_rate: float) -> float:
     """Mean jerk, 10² m/s³: (T, P, 3). Depends on the frame rate; show the truth's beside it."""
     return float(np.linalg.norm(np.diff(position, 3, axis=0), axis=-1).mean() * frame_rate**3 / 100)
-
-
-def strong_acceleration_share(position: np.ndarray, frame_rate: float, limit: float = 9.0) -> float:
-    """Share of frames and joints with an acceleration above `limit` m/s² (UNOC, section 4.2): (T, P, 3)."""
-    return float((acceleration(position, frame_rate) > limit).mean())
 
 
 def acceleration(position: np.ndarray, frame_rate: float) -> np.ndarray:

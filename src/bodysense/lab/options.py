@@ -1,15 +1,17 @@
-"""What every training is asked on the command line; each method's options add their own."""
+"""What every training and every table is asked on the command line; each method's options add their own."""
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import tyro
 
 from bodysense.errors import BodysenseError
 
+Split = Literal["train", "val", "test", "all"]
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 T = TypeVar("T")
 Flat = Annotated[T, tyro.conf.arg(name="")]  # the fields of a dataclass are the options of the command
@@ -84,6 +86,38 @@ class Machines:
     """accelerators, where there are any"""
     nodes: int = 1
     """machines that share each network's training: start it on each with `torchrun`; they share the folder of --out"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableOptions:
+    """How a table is scored, and where it is written."""
+
+    split: Split = "test"
+    """people to score"""
+    quick: bool = False
+    """score the first seconds of a few clips, in under a minute; the table says what was left out"""
+    jobs: int | None = None
+    """processes; all processors if omitted"""
+    out: Path = Path("bodysense-tables")
+    """folder for the table as CSV and as a picture (PNG)"""
+    json: Path | None = None
+    """file for the numbers, as one flat object"""
+
+    @property
+    def processes(self) -> int:
+        """How many work."""
+        return self.jobs or os.cpu_count() or 1
+
+    def __post_init__(self) -> None:
+        check_fields(self, "jobs")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionEvaluation:
+    """A table of recorded motion."""
+
+    data: str
+    """folder of motion files or a prepared store; NAME=FOLDER names it in the table"""
 
 
 def check_positive(**values: float | None) -> None:

@@ -52,7 +52,7 @@ def gloves(clip: Clip) -> Observation:
 
 @pytest.fixture(scope="session")
 def head(clip: Clip) -> Observation:
-    return chosen_points(three_point.observe(clip.pose, clip.time, three_point.HEAD_ONLY), [0])
+    return chosen_points(three_point.observe(clip.pose, clip.time, three_point.ThreePoint(hands=False)), [0])
 
 
 def together(one: Observation, other: Observation) -> Observation:
@@ -138,7 +138,7 @@ def test_a_hidden_hand_is_not_observed_and_accuracy_tells_of_hidden_markers(
 def test_a_lost_hand_is_completed_without_a_jump(small_gloves: GloveModels, completion: CompletionModel) -> None:
     clip = resample(replace(packaged_performance(), pose=packaged_performance().pose[50:110]), 60.0)
     gloves = glove.observe(clip.pose, clip.time)
-    head = chosen_points(three_point.observe(clip.pose, clip.time, three_point.HEAD_ONLY), [0])
+    head = chosen_points(three_point.observe(clip.pose, clip.time, three_point.ThreePoint(hands=False)), [0])
     hidden = np.zeros(gloves.has_position.shape, dtype=bool)
     hidden[40:, :9] = True
     skeleton = clip.pose.skeleton

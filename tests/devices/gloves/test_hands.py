@@ -9,13 +9,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove, glove_points, marker_positions
-from bodysense.body.hand import FREEDOMS, angles_of, mirrored_rotations, mirrored_vectors, rotations_of
+from bodysense.body.hand import angles_of, mirrored_rotations, mirrored_vectors
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings, natural_pose
-from bodysense.devices.gloves.joints import fuse
 from bodysense.errors import BodysenseError
 from bodysense.lab.synthesis.hand_motion import HandMotion
 from bodysense.lab.two_hands.baselines import LastKnown
@@ -268,32 +267,3 @@ def test_a_flat_hand_is_flat_after_calibration(small_models: GloveModels, hand: 
     hidden = replace(seen, has_position=np.zeros_like(seen.has_position))
     with pytest.raises(BodysenseError, match="in none of 5 frames are all markers of left seen"):
         hands.calibrated(hidden)
-
-
-def test_fusion_finds_the_spread_that_inertial_sensors_do_not_see(hand: Skeleton) -> None:
-    """Section 2.2: flexion alone, and markers, give back flexion and abduction of the base joints."""
-    rng = np.random.default_rng(0)
-    low, high = np.zeros(len(FREEDOMS)), np.zeros(len(FREEDOMS))
-    for k, freedom in enumerate(FREEDOMS):
-        if freedom.angle == "flexion" and "thumb" not in freedom.joint:
-            low[k], high[k] = 0.0, 1.0
-    angles = rng.uniform(low, high, size=(30, len(FREEDOMS)))
-    spread = angles.copy()
-    for k, freedom in enumerate(FREEDOMS):
-        if freedom.angle == "abduction" and freedom.joint.endswith("1") and "thumb" not in freedom.joint:
-            spread[:, k] = rng.uniform(-0.2, 0.2, size=30)
-    wrist = Rotation.from_quat(np.random.default_rng(0).normal(size=(30, 4))).as_quat()[:, [3, 0, 1, 2]]
-    truth = Pose(hand, rng.normal(size=(30, 3)), np.concatenate([wrist[:, None], rotations_of(spread)], axis=1))
-    markers = np.asarray(marker_positions(default_glove(), truth))
-    fused = fuse(rotations_of(angles), markers, hand, default_glove(), aim="marker")
-    tips = hand.indices([f"{finger}_tip" for finger in ("index", "middle", "ring", "pinky")])
-    wanted, got = forward_kinematics(truth)[0], forward_kinematics(fused)[0]
-    np.testing.assert_allclose(got[:, tips], wanted[:, tips], atol=1e-6)
-    assert np.linalg.norm(forward_kinematics(_unspread(truth, angles))[0] - wanted, axis=-1).max() > 0.01
-    # The paper's middle of the last segment differs from the marker's place by a little.
-    middle = forward_kinematics(fuse(rotations_of(angles), markers, hand, default_glove()))[0]
-    assert 0 < np.linalg.norm(middle - wanted, axis=-1).max() < 0.03
-
-
-def _unspread(pose: Pose, angles: np.ndarray) -> Pose:
-    return Pose(pose.skeleton, pose.root_position, np.concatenate([pose.rotation[:, :1], rotations_of(angles)], axis=1))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from bodysense.devices.gloves.least_change import forces, least_change
+from bodysense.devices.gloves.contact_rows import forces, least_change
 
 SOFTNESS = 1e-9
 WIDE = (np.full(8, -np.inf), np.full(8, np.inf))

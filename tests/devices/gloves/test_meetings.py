@@ -19,7 +19,7 @@ from bodysense.devices.gloves.finger_chains import (
     turning_axes,
     turns_of_angles,
 )
-from bodysense.devices.gloves.meetings import COUNT, Flesh, meet, nearest, points_on
+from bodysense.devices.gloves.meetings import COUNT, HandFlesh, meet, nearest, points_on
 
 SMALL = hand_skeleton(default_skeleton(), "left")
 LARGE = SMALL.with_offsets(1.15 * SMALL.rest_offset)
@@ -44,7 +44,7 @@ def points(poses: list[Pose]) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_pairs_are_as_near_as_depth_says(seed: int) -> None:
-    poses, flesh = two_poses(seed), Flesh(HANDS, SIDES)
+    poses, flesh = two_poses(seed), HandFlesh(HANDS, SIDES)
     position = points(poses)
     pairs = flesh.pairs(position)
     meeting = meet(flesh.axes(position), pairs)
@@ -61,7 +61,7 @@ def test_pairs_are_as_near_as_depth_says(seed: int) -> None:
 
 
 def test_capsules_lie_where_the_hands_are() -> None:
-    poses, flesh = two_poses(7), Flesh(HANDS, SIDES)
+    poses, flesh = two_poses(7), HandFlesh(HANDS, SIDES)
     axes = flesh.axes(points(poses)).reshape(2, 2, COUNT, 3)
     for hand, pose in enumerate(poses):
         for part, expected in zip(axes[hand], placed_axes(pose), strict=True):
@@ -69,14 +69,14 @@ def test_capsules_lie_where_the_hands_are() -> None:
 
 
 def test_hands_far_from_each_other_are_not_compared() -> None:
-    flesh = Flesh(HANDS, SIDES)
+    flesh = HandFlesh(HANDS, SIDES)
     far, near = (flesh.pairs(points(two_poses(0, apart))) for apart in (0.5, 0.0))
     assert len(far.first) == 2 * len(own_pairs()[0])
     assert len(near.first) == len(far.first) + COUNT**2
 
 
 def test_the_nearest_pairs_are_kept() -> None:
-    flesh, position = Flesh(HANDS, SIDES), points(two_poses(1))
+    flesh, position = HandFlesh(HANDS, SIDES), points(two_poses(1))
     pairs = flesh.pairs(position)
     meeting = meet(flesh.axes(position), pairs)
     some, of_them = nearest(pairs, meeting, 0.01)
@@ -87,7 +87,7 @@ def test_the_nearest_pairs_are_kept() -> None:
 
 
 def test_rows_are_the_derivative() -> None:
-    poses, chains, flesh = two_poses(2), finger_chains(HANDS), Flesh(HANDS, SIDES)
+    poses, chains, flesh = two_poses(2), finger_chains(HANDS), HandFlesh(HANDS, SIDES)
     rotation = quaternion_to_matrix(np.stack([pose.rotation for pose in poses]))
     root, turn = np.stack([pose.root_position for pose in poses]), own_turns(rotation[:, 1:])
     angles = angles_of_turns(turn)

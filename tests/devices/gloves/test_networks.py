@@ -10,9 +10,14 @@ import pytest
 from bodysense.body.glove import default_glove
 from bodysense.body.hand_family import COUNT, hand_of
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.dense import read_dense
 from bodysense.devices.gloves.hands import load_glove_models
-from bodysense.devices.gloves.networks import known_shapes, load_joint_network, load_marker_network, size_ratios
+from bodysense.devices.gloves.networks import (
+    known_shapes,
+    load_joint_network,
+    load_marker_network,
+    read_dense,
+    size_ratios,
+)
 from bodysense.errors import BodysenseError
 
 OTHER = Path(str(files("bodysense.weights").joinpath("body_vae.onnx")))

@@ -18,7 +18,7 @@ from bodysense.body.rotation import geodesic_angle
 from bodysense.completion.model import CompletionModel
 from bodysense.devices.video.device import POINTS, VideoDevice, VideoSettings
 from bodysense.devices.video.landmark_smoothing import smoothed
-from bodysense.devices.video.landmarks import BODY_LANDMARKS, Bodies, Hands, Landmarker
+from bodysense.devices.video.landmarks import BODY_LANDMARKS, Bodies, HandLandmarks, Landmarker
 from bodysense.devices.video.person import PersonState, arm_keypoints, follow
 from bodysense.devices.video.pictures import Picture, VideoBrokenError
 from bodysense.devices.video.watching import Watched, watch
@@ -179,13 +179,13 @@ class Standing:
         self.hands = np.stack([points[SKELETON.indices(hand)] for hand in hands])
         self.hands = self.hands - self.hands.mean(axis=1, keepdims=True)
 
-    def find(self, picture: Picture) -> tuple[Bodies, Hands]:
+    def find(self, picture: Picture) -> tuple[Bodies, HandLandmarks]:
         places = self.world[None, :, :2] / 3
         bodies = Bodies(self.world[None], places, np.ones((1, len(BODY_LANDMARKS))))
         world = self.hands if self.has_hands(picture.time) else self.hands[:0]
         wrists = places[0, [BODY_LANDMARKS.index(f"{side}_wrist") for side in SIDES][: len(world)]]
         at = wrists[:, None] + (world - world[:, :1])[..., :2] / 3
-        return bodies, Hands(world, at, np.array([0.9, 0.1])[: len(world)])
+        return bodies, HandLandmarks(world, at, np.array([0.9, 0.1])[: len(world)])
 
 
 def pictures(count: int) -> Iterator[Picture]:

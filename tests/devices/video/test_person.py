@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bodysense.body.arms import SIDES
-from bodysense.devices.video.landmarks import BODY_LANDMARKS, Bodies, Hands
+from bodysense.devices.video.landmarks import BODY_LANDMARKS, Bodies, HandLandmarks
 from bodysense.devices.video.person import (
     PersonLandmarks,
     PersonSettings,
@@ -35,12 +35,12 @@ def bodies(*people: np.ndarray) -> Bodies:
     return Bodies(world, np.array(people).reshape(-1, len(BODY_LANDMARKS), 2), np.ones(world.shape[:2]))
 
 
-def hands(*found: tuple[np.ndarray, float]) -> Hands:
+def hands(*found: tuple[np.ndarray, float]) -> HandLandmarks:
     """Hands at wrists (2,), each left with a probability."""
     shape = np.random.default_rng(1).uniform(-0.04, 0.04, (21, 2))
     shape[0] = 0
     picture = np.array([wrist + shape for wrist, _ in found]).reshape(-1, 21, 2)
-    return Hands(np.ones((*picture.shape[:2], 3)), picture, np.array([left for _, left in found]))
+    return HandLandmarks(np.ones((*picture.shape[:2], 3)), picture, np.array([left for _, left in found]))
 
 
 def picture(time: float, *people: tuple[np.ndarray, tuple[int, int, int]]) -> Picture:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bodysense.body.arms import SIDES
-from bodysense.devices.video.landmarks import BODY_LANDMARKS, Bodies, Hands
+from bodysense.devices.video.landmarks import BODY_LANDMARKS, Bodies, HandLandmarks
 from bodysense.devices.video.person import PersonState, follow
 from bodysense.devices.video.pictures import Picture
 from bodysense.devices.video.sides import EXCHANGED, exchange
@@ -36,11 +36,11 @@ def found(worlds: list[np.ndarray], labelled: str) -> list[bool]:
         shape[0] = 0
         # Hands at both wrists; who faces the camera has the left one to the picture's right.
         at = np.sort(seen.picture[0, [MARK[f"{side}_wrist"] for side in SIDES]], axis=0)[::-1]
-        hands = Hands(np.ones((2, 21, 3)), at[:, None] + shape, np.array([0.95, 0.05]))
+        hands = HandLandmarks(np.ones((2, 21, 3)), at[:, None] + shape, np.array([0.95, 0.05]))
         if labelled == "own" and world[SHOULDERS[0], 0] < world[SHOULDERS[1], 0]:
-            hands = Hands(hands.world, hands.picture, 1 - hands.left)
+            hands = HandLandmarks(hands.world, hands.picture, 1 - hands.left)
         if labelled == "none":
-            hands = Hands(np.ones((0, 21, 3)), np.ones((0, 21, 2)), np.ones(0))
+            hands = HandLandmarks(np.ones((0, 21, 3)), np.ones((0, 21, 2)), np.ones(0))
         row, state = follow(Picture(k / 30, np.zeros((8, 8, 3), np.uint8)), seen, hands, state)
         left, right = row.world[0, SHOULDERS]
         rows.append(bool(left[0] > right[0]))

@@ -45,7 +45,7 @@ from bodysense.lab.completion.finger_task import (
 from bodysense.lab.completion.finger_validation import finger_validation, last_known_error, mean_hand
 from bodysense.lab.completion.fingers import HAND_JOINTS, HAND_POINTS, FingerConfig, FingerNetwork
 from bodysense.lab.completion.options import FingerTraining
-from bodysense.lab.completion.sequences import Body, Draw
+from bodysense.lab.completion.sequences import Draw, TrainingBody
 from bodysense.lab.completion.train_fingers import load_finger_network, train_fingers, without
 from bodysense.lab.options import Schedule
 
@@ -79,9 +79,9 @@ def corpus() -> Corpus:
     )
 
 
-def told() -> Body:
+def told() -> TrainingBody:
     own = SKELETON.rest_offset.copy()
-    return Body(own, own, np.zeros(len(own)))
+    return TrainingBody(own, own, np.zeros(len(own)))
 
 
 def sequence(corpus: Corpus, kind: str, draw: Draw | None = None) -> FingerSequence:

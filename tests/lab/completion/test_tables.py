@@ -20,9 +20,9 @@ from bodysense.io.clip import Clip
 from bodysense.lab.completion import scoring, tables
 from bodysense.lab.completion.lattice import choose_scenes
 from bodysense.lab.completion.measures import count_jumps
-from bodysense.lab.completion.reliability_diagram import draw_reliability
-from bodysense.lab.completion.reports import completion_reports
-from bodysense.lab.completion.scenes import BODIES, TrackedScene
+from bodysense.lab.completion.options import BODIES
+from bodysense.lab.completion.reports import completion_reports, draw_reliability
+from bodysense.lab.completion.scenes import TrackedScene
 from bodysense.lab.completion.scoring import evaluate_completion
 from bodysense.lab.completion.tables import CompletionSettings, CompletionTable, headline
 from bodysense.lab.completion.tracking import TrackBatch, TrackedBatch, TrackedBy

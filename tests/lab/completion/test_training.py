@@ -18,7 +18,7 @@ from bodysense.lab.completion.corpus import Corpus
 from bodysense.lab.completion.network import CompletionConfig, CompletionNetwork, reading_of
 from bodysense.lab.completion.points import BODY_POINTS, HEAD, INPUT_POINTS, partners
 from bodysense.lab.completion.sensor_draws import KINDS, DrawnSensors, draw_tracked
-from bodysense.lab.completion.sequences import Body, Draw, Sequence, draw_sequence, make_sequence
+from bodysense.lab.completion.sequences import Draw, Sequence, TrainingBody, draw_sequence, make_sequence
 from bodysense.lab.completion.task import CompletionTask, CompletionTaskConfig, collate
 from bodysense.lab.fit import fit, rate_at
 from bodysense.lab.options import Schedule
@@ -70,7 +70,7 @@ def made(corpus: Corpus, offset: np.ndarray, mirrored: bool, position: np.ndarra
         frames = len(visible)
         return DrawnSensors(np.tile(position, (frames, 1)), np.tile(rotation, (frames, 1)), np.ones(frames, dtype=bool))
 
-    body = Body(offset, offset, np.zeros(len(offset)))
+    body = TrainingBody(offset, offset, np.zeros(len(offset)))
     return make_sequence(corpus, 0, Draw(body, track=track, mirrored=mirrored), np.random.default_rng(0))
 
 

@@ -21,10 +21,9 @@ from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.lab.hmd_vae.estimator import (
     POINTS,
-    BodyVae,
+    BodyVaeEstimator,
     BodyVaeModel,
     load_body_vae,
-    sample_bodies,
     sample_noise,
     sample_prior,
 )
@@ -44,7 +43,7 @@ def signal(waving_clip: Clip) -> Observation:
     return observe(waving_clip.pose, waving_clip.time)
 
 
-def run(estimator: BodyVae, observation: Observation, sizes: list[int] | None = None) -> PointEstimate:
+def run(estimator: BodyVaeEstimator, observation: Observation, sizes: list[int] | None = None) -> PointEstimate:
     """The whole observation, handed over so many frames at a time."""
     state, parts, first = estimator.start(), [], 0
     for size in sizes or [len(observation)]:
@@ -58,13 +57,16 @@ def run(estimator: BodyVae, observation: Observation, sizes: list[int] | None = 
 @given(cut=st.lists(st.integers(1, 89), min_size=1, max_size=5, unique=True))
 def test_pieces_are_the_whole(model: BodyVaeModel, signal: Observation, cut: list[int]) -> None:
     sizes = np.diff([0, *sorted(cut), 90]).tolist()
-    whole, pieces = run(BodyVae(SKELETON, model), signal), run(BodyVae(SKELETON, model), signal, sizes)
+    whole, pieces = (
+        run(BodyVaeEstimator(SKELETON, model), signal),
+        run(BodyVaeEstimator(SKELETON, model), signal, sizes),
+    )
     np.testing.assert_array_equal(whole.position, pieces.position)
     np.testing.assert_array_equal(whole.confidence, pieces.confidence)
 
 
 def test_at_its_own_rate_it_reads_the_frames(model: BodyVaeModel, signal: Observation) -> None:
-    estimate = run(BodyVae(SKELETON, model), signal)
+    estimate = run(BodyVaeEstimator(SKELETON, model), signal)
     window = slice(60 + 1 - model.frames, 61)
     offset = body_skeleton(SKELETON).rest_offset
     root, _ = model.body(signal.position[window], signal.rotation[window], 1.0, np.zeros(model.latent), offset)
@@ -74,17 +76,17 @@ def test_at_its_own_rate_it_reads_the_frames(model: BodyVaeModel, signal: Observ
 @pytest.mark.parametrize("rate", [60.0, 72.0, 90.0, 120.0])
 def test_any_rate_gives_the_same_body(model: BodyVaeModel, waving_clip: Clip, rate: float) -> None:
     fast = resample(waving_clip, rate)
-    slow = run(BodyVae(SKELETON, model), observe(waving_clip.pose, waving_clip.time)).position
-    quick = run(BodyVae(SKELETON, model), observe(fast.pose, fast.time)).position
+    slow = run(BodyVaeEstimator(SKELETON, model), observe(waving_clip.pose, waving_clip.time)).position
+    quick = run(BodyVaeEstimator(SKELETON, model), observe(fast.pose, fast.time)).position
     together = np.arange(0, 90, 5)  # at these both have a frame
     np.testing.assert_allclose(quick[np.round(together * rate / 30).astype(int)], slow[together], atol=1e-3)
 
 
 def test_head_and_hands_are_as_measured(model: BodyVaeModel, signal: Observation) -> None:
-    estimate = run(BodyVae(SKELETON, model), signal)
+    estimate = run(BodyVaeEstimator(SKELETON, model), signal)
     places = SKELETON.indices(POINTS)
     np.testing.assert_array_equal(estimate.position[:, places], signal.position)
-    pose = BodyVae(SKELETON, model).step(signal, BodyVae(SKELETON, model).start())[0].pose
+    pose = BodyVaeEstimator(SKELETON, model).step(signal, BodyVaeEstimator(SKELETON, model).start())[0].pose
     assert pose is not None
     position, rotation = forward_kinematics(pose)
     np.testing.assert_allclose(position[:, places[0]], signal.position[:, 0], atol=1e-5)
@@ -92,7 +94,7 @@ def test_head_and_hands_are_as_measured(model: BodyVaeModel, signal: Observation
 
 
 def test_after_the_tracker_head_and_hands_are_near(model: BodyVaeModel, signal: Observation) -> None:
-    tracker = IkTracker(BodyVae(SKELETON, model))
+    tracker = IkTracker(BodyVaeEstimator(SKELETON, model))
     pose, _, _ = tracker.step(signal[:20], tracker.start())
     position, _ = forward_kinematics(pose)
     missed = np.linalg.norm(position[:, SKELETON.indices(POINTS)] - signal.position[:20], axis=-1)
@@ -113,7 +115,7 @@ def test_garbage_gives_numbers(model: BodyVaeModel, signal: Observation, seed: i
     masks = {name: rng.random(position.shape[:-1]) < rng.random() for name in ("has_position", "has_rotation")}
     time = np.cumsum(rng.choice([0.001, 0.02, 0.4, 3.0], len(some)))
     broken = replace(some, position=position, rotation=rotation, time=time, **masks)
-    estimate = run(BodyVae(SKELETON, model), broken)
+    estimate = run(BodyVaeEstimator(SKELETON, model), broken)
     assert np.isfinite(estimate.position).all() and np.isfinite(estimate.confidence).all()
     length = np.linalg.norm(estimate.position - estimate.position[:, [0]], axis=-1)
     assert length.max() < 20  # a measured hand may be anywhere in the clip, but no joint flies away
@@ -122,8 +124,10 @@ def test_garbage_gives_numbers(model: BodyVaeModel, signal: Observation, seed: i
 def test_a_hand_that_is_lost_stays_by_the_head(model: BodyVaeModel, signal: Observation) -> None:
     lost = signal.has_position.copy()
     lost[30:, 1] = False
-    there = BodyVae(SKELETON, model).step(replace(signal, has_position=lost), BodyVae(SKELETON, model).start())[1]
-    before = BodyVae(SKELETON, model).step(signal[:30], BodyVae(SKELETON, model).start())[1]
+    there = BodyVaeEstimator(SKELETON, model).step(
+        replace(signal, has_position=lost), BodyVaeEstimator(SKELETON, model).start()
+    )[1]
+    before = BodyVaeEstimator(SKELETON, model).step(signal[:30], BodyVaeEstimator(SKELETON, model).start())[1]
     np.testing.assert_allclose(there.wrist_offset[0], before.wrist_offset[0])
     assert not np.allclose(there.wrist_offset[1], before.wrist_offset[1])
 
@@ -131,24 +135,24 @@ def test_a_hand_that_is_lost_stays_by_the_head(model: BodyVaeModel, signal: Obse
 def test_after_a_gap_it_begins_anew(model: BodyVaeModel, signal: Observation) -> None:
     time = signal.time.copy()
     time[40:] += 3.0
-    late = run(BodyVae(SKELETON, model), replace(signal, time=time)).position[40:]
-    np.testing.assert_allclose(late, run(BodyVae(SKELETON, model), signal[40:]).position, atol=1e-9)
+    late = run(BodyVaeEstimator(SKELETON, model), replace(signal, time=time)).position[40:]
+    np.testing.assert_allclose(late, run(BodyVaeEstimator(SKELETON, model), signal[40:]).position, atol=1e-9)
 
 
 def test_time_goes_forward(model: BodyVaeModel, signal: Observation) -> None:
     with pytest.raises(BodysenseError, match="a frame at 0 s came after one at 0 s; give frames in order of time"):
-        run(BodyVae(SKELETON, model), replace(signal, time=np.zeros(len(signal))))
+        run(BodyVaeEstimator(SKELETON, model), replace(signal, time=np.zeros(len(signal))))
 
 
 def test_samples_differ_and_are_drawn_again(model: BodyVaeModel, signal: Observation) -> None:
-    one, two = (sample_bodies(signal[:5], SKELETON, model, 3, np.random.default_rng(7)) for _ in range(2))
-    for ours, theirs in zip(one, two, strict=True):
-        np.testing.assert_array_equal(ours.position, theirs.position)
+    noises = sample_noise(model, 2, np.random.default_rng(7))
+    np.testing.assert_array_equal(noises, sample_noise(model, 2, np.random.default_rng(7)))
+    one = [run(BodyVaeEstimator(SKELETON, model, noise), signal[:5]) for noise in noises]
     knee = SKELETON.index("left_knee")
     assert np.linalg.norm(one[0].position[:, knee] - one[1].position[:, knee], axis=-1).min() > 1e-4
     still = replace(signal[:5], position=np.tile(signal.position[:1], (5, 1, 1)))
     still = replace(still, rotation=np.tile(signal.rotation[:1], (5, 1, 1)))
-    body = sample_bodies(still, SKELETON, model, 1, np.random.default_rng(7))[0].position
+    body = run(BodyVaeEstimator(SKELETON, model, noises[0]), still).position
     np.testing.assert_allclose(body, np.tile(body[:1], (5, 1, 1)), atol=1e-6)  # nobody trembles
 
 
@@ -165,16 +169,16 @@ def test_the_prior_stands_on_the_floor(model: BodyVaeModel, height: float) -> No
 
 
 def test_what_it_is_unsure_of(model: BodyVaeModel, signal: Observation) -> None:
-    estimate = run(BodyVae(SKELETON, model), signal)
+    estimate = run(BodyVaeEstimator(SKELETON, model), signal)
     card = dict(zip(BODY, model.card["expected_error"], strict=True))
     knee, wrist, finger = SKELETON.indices(["left_knee", "left_wrist", "left_index3"])
     assert estimate.confidence[3, knee] == card["left_knee"]
     assert estimate.confidence[3, wrist] < estimate.confidence[3, knee] < estimate.confidence[3, finger]
     with pytest.raises(BodysenseError, match=r"model0\.onnx: a model 0 reads the whole body, not a device"):
         network = replace(model.network, card={**model.card, "reads": list(BODY)}, source=Path("model0.onnx"))
-        BodyVae(SKELETON, BodyVaeModel(network))
+        BodyVaeEstimator(SKELETON, BodyVaeModel(network))
     with pytest.raises(BodysenseError, match=r"noise has shape \(9,\); model2\.onnx needs \(4,\)"):
-        BodyVae(SKELETON, model, np.zeros(9))
+        BodyVaeEstimator(SKELETON, model, np.zeros(9))
     with pytest.raises(BodysenseError, match="0 samples cannot be; give at least 1"):
         sample_noise(model, 0, np.random.default_rng(0))
 

@@ -18,7 +18,6 @@ from bodysense.io.augment import mirrored as mirrored_clip
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.lab.fit import Progress, fit
-from bodysense.lab.pahmt.export import mirrored, mirrored_rotations, write_arms_onnx
 from bodysense.lab.pahmt.features import Window, window_of
 from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig, read_arms
 from bodysense.lab.pahmt.options import ArmTableTraining, Studio
@@ -31,7 +30,7 @@ from bodysense.lab.pahmt.task import (
     batch_of,
     validate_arms,
 )
-from bodysense.lab.pahmt.train import row_run, run_table
+from bodysense.lab.pahmt.train import mirrored, mirrored_rotations, row_run, run_table, write_arms_onnx
 from bodysense.lab.pahmt.windows import ArmBatch, ArmRecordings, make_batch, read_arm_recordings
 
 SMALL: dict[str, Any] = {

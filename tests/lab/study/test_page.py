@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bodysense.lab.study.page import FILES, write_study_page
+from bodysense.lab.study.scenes import FILES, write_study_page
 from bodysense.lab.study.study import StudyKey, draw_key, numbers, pairs_for, read_answers
 
 SCRIPT = Path(str(files("bodysense.lab.study"))) / "assets" / "study.js"

@@ -17,9 +17,8 @@ from bodysense.errors import BodysenseError
 from bodysense.lab.synthesis.gestures import GESTURES, NAMES, draw_key_poses, key_poses
 from bodysense.lab.synthesis.hands import synthesize_hand, varied_hand
 from bodysense.lab.synthesis.key_paths import along, along_rotations, draw_timing, minimum_jerk
-from bodysense.lab.synthesis.meetings import MEETINGS
-from bodysense.lab.synthesis.pairs import synthesize_pair
-from bodysense.lab.synthesis.touch import PRESSED, posed, settled, touch_gap
+from bodysense.lab.synthesis.pairs import MEETINGS, synthesize_pair
+from bodysense.lab.synthesis.touch import PRESSED, _measure, posed, settled
 
 HAND = hand_skeleton(default_skeleton(), "left")
 UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
@@ -95,7 +94,7 @@ def test_touches_are_made_and_nothing_is_deep_in_something_else() -> None:
     keys = draw_key_poses(120, np.random.default_rng(7))
     angles = settled(HAND, keys)
     touching = keys.finger >= 0
-    gap = touch_gap(HAND, angles[touching], keys.finger[touching], keys.place[touching])
+    gap = _measure(hand_capsules(HAND), HAND, angles[touching], keys.finger[touching], keys.place[touching]).gap
     assert (np.abs(gap) < 1e-4).mean() > 0.98
     before, after = (own_depth(posed(HAND, np.zeros(3), UNTURNED, of)).max(axis=-1) for of in (keys.angles, angles))
     assert (before > 0.002).mean() > 0.2 and (after > 0.002).mean() < 0.05

@@ -20,16 +20,16 @@ from bodysense.lab.synthesis.hands import synthesize_hand
 from bodysense.lab.synthesis.pairs import synthesize_pair
 from bodysense.lab.two_hands.baselines import LastKnown
 from bodysense.lab.two_hands.comparison import compare_memory, compare_two_hands
-from bodysense.lab.two_hands.export import write_glove_network
 from bodysense.lab.two_hands.network import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig
 from bodysense.lab.two_hands.scores import ALONE, GloveTable, HandTask, measure_fingers, measure_markers
 from bodysense.lab.two_hands.tables import finger_report, marker_report, published_ratio
+from bodysense.lab.two_hands.train import write_glove_network
 from bodysense.lab.two_hands.trials import (
     BEFORE,
     DURATIONS,
     HIDDEN,
     LAST,
-    Means,
+    KeyedMeans,
     cut,
     finger_error,
     hide_some,
@@ -150,7 +150,7 @@ def test_reports_hold_the_figures_and_the_published_ones(networks: Path, motion:
 
 
 def test_synthesised_hands_have_keys_of_their_own_beside_recorded_ones() -> None:
-    means = Means()
+    means = KeyedMeans()
     for group, error in (("main", 1.0), ("synthesised", 2.0)):
         for method in ("lk", "ls", "ma", "ac", "nn"):
             for hidden in HIDDEN:
@@ -162,7 +162,7 @@ def test_synthesised_hands_have_keys_of_their_own_beside_recorded_ones() -> None
 
 
 def test_means_merge_as_if_they_had_been_one() -> None:
-    one, other, both = Means(), Means(), Means()
+    one, other, both = KeyedMeans(), KeyedMeans(), KeyedMeans()
     for means in (one, both):
         means.add(("a",), np.array([1.0, 2.0, np.nan]))
     for means in (other, both):

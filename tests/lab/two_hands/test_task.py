@@ -33,7 +33,6 @@ from bodysense.lab.two_hands.drawing import (
     registered,
     turned_to,
 )
-from bodysense.lab.two_hands.export import write_glove_network
 from bodysense.lab.two_hands.frames import GloveFrames, frames_of, join
 from bodysense.lab.two_hands.network import (
     PAPER_JOINTS,
@@ -47,7 +46,7 @@ from bodysense.lab.two_hands.network import (
 from bodysense.lab.two_hands.options import GloveTraining
 from bodysense.lab.two_hands.task import GloveSchedule, Lesson, train_glove
 from bodysense.lab.two_hands.told import EXACT, UNTOLD, draw_told
-from bodysense.lab.two_hands.train import run_gloves
+from bodysense.lab.two_hands.train import run_gloves, write_glove_network
 
 SMALL = GloveSchedule(steps=60, batch=64, learning_rate=4e-3, check_every=30, warm_up=5, average_decay=0.8)
 

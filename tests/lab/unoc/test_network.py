@@ -28,9 +28,9 @@ from bodysense.lab.unoc.network import (
     PAPER,
     BodyNetwork,
     BodyNetworkConfig,
-    Completed,
-    State,
+    PredictorState,
     TrackedBody,
+    WorldPrediction,
     read_weights,
     tracked_of,
     write_weights,
@@ -92,14 +92,16 @@ def cut(tracked: TrackedBody, frames: slice) -> TrackedBody:
 
 
 @torch.no_grad()
-def complete(network: BodyNetwork, tracked: TrackedBody, cuts: list[int] | None = None) -> tuple[Completed, State]:
+def complete(
+    network: BodyNetwork, tracked: TrackedBody, cuts: list[int] | None = None
+) -> tuple[WorldPrediction, PredictorState]:
     """The whole motion, handed over in pieces that end at `cuts`."""
     batch, frames = tracked.visible.shape[:2]
     state, pieces = network.start(batch), []
     for begin, end in pairwise(sorted({0, *(cuts or []), frames})):
         piece, state = network(cut(tracked, slice(begin, end)), state)
         pieces.append(piece)
-    return Completed(*(torch.cat(parts, dim=1) for parts in zip(*pieces, strict=True))), state
+    return WorldPrediction(*(torch.cat(parts, dim=1) for parts in zip(*pieces, strict=True))), state
 
 
 def assert_same(first: tuple[Tensor, ...], second: tuple[Tensor, ...], tolerance: float) -> None:
@@ -137,7 +139,7 @@ def test_a_sequence_does_not_see_its_neighbours(networks) -> None:
     both = motion(6, 5, batch=2)
     alone = TrackedBody(*(value[:1] for value in both))
     whole, _ = complete(networks["carried"], both)
-    assert_same(Completed(*(value[:1] for value in whole)), complete(networks["carried"], alone)[0], 1e-5)
+    assert_same(WorldPrediction(*(value[:1] for value in whole)), complete(networks["carried"], alone)[0], 1e-5)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -361,8 +363,8 @@ def test_the_file_describes_itself(exported) -> None:
     }
     assert BodyNetworkConfig(**told) == SMALL
     assert model.card["weights"] == sum(parameter.numel() for parameter in network.parameters())
-    assert set(model.card["state"]) == {f"state_{name}" for name in State._fields}
-    assert set(model.inputs) == {*TrackedBody._fields, *(f"state_{name}" for name in State._fields)}
+    assert set(model.card["state"]) == {f"state_{name}" for name in PredictorState._fields}
+    assert set(model.inputs) == {*TrackedBody._fields, *(f"state_{name}" for name in PredictorState._fields)}
     assert isinstance(model.session, onnxruntime.InferenceSession)
 
 

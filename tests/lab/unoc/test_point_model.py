@@ -23,7 +23,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.lab.unoc.finger_synthesis import FingerSynthesis, finger_rotations, synthesize
 from bodysense.lab.unoc.ik_tracker import IkTracker
-from bodysense.lab.unoc.learned_upper_body import LEG_ERROR, LearnedUpperBody, fitted_arms, packaged_upper_body
+from bodysense.lab.unoc.learned_upper_body import LEG_ERROR, LearnedUpperBody, fitted_arms
 from bodysense.lab.unoc.point_model import PACKAGED, PointModel, Task, load_point_model
 from bodysense.observation import Observation
 
@@ -39,7 +39,7 @@ def fingers() -> PointModel:
 
 @pytest.fixture(scope="module")
 def upper_body() -> LearnedUpperBody:
-    return packaged_upper_body(SKELETON)
+    return LearnedUpperBody(SKELETON, load_point_model("upper-body"))
 
 
 def packaged(task: Task) -> Path:

@@ -13,13 +13,13 @@ from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.io.clip import Clip
 from bodysense.lab.datasets import DataSet
-from bodysense.lab.metrics import strong_acceleration_share
+from bodysense.lab.metrics import acceleration
 from bodysense.lab.scoring import scored_points
 from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense.lab.unoc.smoothness import (
     METHODS,
     NETWORKS,
-    Replay,
+    RecordedEstimator,
     after_tracker,
     measure_smoothness,
     smoothness_of,
@@ -36,7 +36,7 @@ def test_counts_are_those_of_the_metric(waving_clip: Clip) -> None:
     tested = scored_points(waving_clip.pose.skeleton)
     for method, position in (("truth", truth), ("gru", noisy)):
         one = sums["main", "body", method]
-        assert one.percent == pytest.approx(100 * strong_acceleration_share(position[:, tested], 30.0))
+        assert one.percent == pytest.approx(100 * (acceleration(position[:, tested], 30.0) > 9).mean())
     strong = [np.linalg.norm(np.diff(p[:, tested], 2, axis=0), axis=-1) * 900 > 9 for p in (truth, noisy)]
     assert sums["main", "body", "gru"].added_percent == pytest.approx(100 * (strong[1] & ~strong[0]).mean())
     assert sums["main", "body", "truth"].added == 0
@@ -50,7 +50,7 @@ def test_a_replay_says_what_was_said(waving_clip: Clip) -> None:
     """One call with all frames equals one call a frame."""
     truth = np.asarray(forward_kinematics(waving_clip.pose)[0])[:12]
     observation = observe(waving_clip.pose[:12], waving_clip.time[:12])
-    replay = Replay(
+    replay = RecordedEstimator(
         PointEstimate(waving_clip.pose.skeleton, truth, np.zeros(truth.shape[:2]), np.zeros(truth.shape[:2]))
     )
     whole, end = replay.step(observation, replay.start())
@@ -75,7 +75,7 @@ def test_the_tracker_keeps_bones_and_calms(waving_clip: Clip) -> None:
     length = np.linalg.norm(out[:, 1:] - out[:, list(skeleton.parents[1:])], axis=-1)
     np.testing.assert_allclose(length, np.broadcast_to(skeleton.bone_length[1:], length.shape), atol=1e-9)
     tested = scored_points(skeleton)
-    assert strong_acceleration_share(out[:, tested], 30.0) < strong_acceleration_share(noisy[:, tested], 30.0)
+    assert (acceleration(out[:, tested], 30.0) > 9).mean() < (acceleration(noisy[:, tested], 30.0) > 9).mean()
 
 
 def test_the_table_of_a_data_set(untrained: Path, data: DataSet, small_network: Path) -> None:

@@ -49,7 +49,7 @@ def fit_hand(markers: np.ndarray, worn: GloveSet | None = None) -> HandFit:
     A flat hand and a fist, or any ten seconds of motion. `worn` is their set, the standard one if omitted. Raises
     BodysenseError where too few markers are seen at once.
     """
-    problem = _Problem(standard_set() if worn is None else worn, _different(markers, worn or standard_set()))
+    problem = _CalibrationProblem(standard_set() if worn is None else worn, _different(markers, worn or standard_set()))
     begun = [problem.refined(*problem.start(size), _TRIED) for size in _SIZES]
     theta, pose, _ = problem.refined(*min(begun, key=lambda one: one[2])[:2], _STEPS)
     missed = (problem.marked.markers(problem.shapes(theta), pose) - problem.seen)[problem.known]
@@ -81,7 +81,7 @@ def checked_fit(markers: np.ndarray, worn: GloveSet, name: str) -> HandFit:
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
+class _CalibrationProblem:
     """What is minimised: parameters are `SHAPE` numbers of the hand, then three of every marker."""
 
     worn: GloveSet

@@ -23,15 +23,16 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.contact_rows import (
     ANGLES,
     PARTS,
+    ContactSettings,
     Ends,
     Pinches,
     growth_rows,
     joined,
+    least_change,
     pinches,
     tip_ends,
     tip_pairs,
 )
-from bodysense.devices.gloves.contact_settings import ContactSettings
 from bodysense.devices.gloves.finger_chains import (
     FREE,
     HIGH,
@@ -48,8 +49,7 @@ from bodysense.devices.gloves.finger_chains import (
     turns_of_angles,
 )
 from bodysense.devices.gloves.joints import HandPoses
-from bodysense.devices.gloves.least_change import least_change
-from bodysense.devices.gloves.meetings import Flesh, Meeting, Pairs, meet, nearest, points_on
+from bodysense.devices.gloves.meetings import HandFlesh, Meeting, Pairs, meet, nearest, points_on
 from bodysense.errors import BodysenseError
 
 _TIP_MARKERS = [MARKERS.index(f"{finger}_tip") for finger in FINGERS]
@@ -98,8 +98,8 @@ class Contact:
             raise BodysenseError(f"contact: {len(self.hands)} hands and {len(self.sides)} sides; give one side a hand")
 
     @cached_property
-    def _flesh(self) -> Flesh:
-        return Flesh(self.hands, self.sides)
+    def _flesh(self) -> HandFlesh:
+        return HandFlesh(self.hands, self.sides)
 
     @cached_property
     def _chains(self) -> FingerChains:

@@ -1,7 +1,8 @@
-"""How points on hands move with the parts of a hand's change, and which fingertips can pinch (`contact`)."""
+"""What `contact` solves: how points on hands move with a hand's change, which fingertips pinch, the least change."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from itertools import combinations, product
 from typing import NamedTuple
@@ -12,6 +13,36 @@ from bodysense.body.hand import FINGERS, HAND_JOINTS
 from bodysense.body.hand_capsules import NAMES
 from bodysense.devices.gloves.finger_chains import PlacedFingers
 from bodysense.devices.gloves.meetings import COUNT
+from bodysense.errors import BodysenseError
+
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """How hands are kept out of each other. Lengths in metres."""
+
+    tolerance: float = 5e-4  # penetration that is left alone
+    max_iterations: int = 3  # linear steps a frame, at most
+    touching: float = 0.020  # fingertip markers nearer than this: the fingertips are brought as near
+    apart: float = 0.030  # farther than this: they are left as they are; in between, partly
+    missed: float = 0.0015  # by less than this fingertips are not brought together
+    half_life: float = 0.05  # s in which half of a correction goes that is no longer needed
+    speed: float = 0.2  # m/s at which a point is corrected, at most: 3.3 mm a frame at 60 Hz
+    seen_weight: float = 4.0  # how much harder a finger moves whose marker is seen, and a hand whose back is
+    hand_weight: float = 10.0  # how much harder a whole hand moves than a finger
+    keeping: float = 0.005  # fingertips whose flesh is nearer than this are not taken apart
+    nearby: float = 0.005  # gaps narrower than this are kept while others are widened
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            if not getattr(self, field.name) > 0:
+                raise BodysenseError(
+                    f"contact settings: {field.name} is {getattr(self, field.name):g}; it must be positive"
+                )
+        if not self.touching < self.apart:
+            raise BodysenseError(
+                f"contact settings: touching is {self.touching:g} m and apart {self.apart:g} m; apart must be more"
+            )
+
 
 _ONES = np.ones(3)
 ANGLES, PARTS = 45, 48  # of a hand's change: three angles a finger joint, then the wrist's shift
@@ -124,3 +155,73 @@ def pinches(
     share = np.minimum((apart - distance) / (apart - touching), 1.0)[:, None]
     wide = np.sqrt((present * present) @ _ONES) - distance > missed
     return Pinches(one[wide], other[wide], (present + share * (offset - present))[wide])
+
+
+_ROUNDS = 3  # of fixing what has reached a bound
+_TRIES = 3  # block exchanges that may fail to improve before single ones
+_MOST_EXCHANGES = 60  # then what is found so far must do
+
+
+def least_change(
+    rows: np.ndarray,
+    demand: np.ndarray,
+    exact: np.ndarray,
+    ease: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    softness: np.ndarray,
+) -> np.ndarray:
+    """The x (N,) that makes Σ x² / ease smallest with rows · x ≥ demand, or = demand where `exact`.
+
+    Args:
+        rows: (K, N).
+        demand: (K,).
+        exact: (K,) bool.
+        ease: (N,) how easily each part changes; 0 if it may not.
+        bounds: (N,), (N,) smallest and largest x, 0 between them; they come before demands.
+        softness: (K,) > 0: a demand is missed by softness times the force that it takes.
+    """
+    low, high = bounds
+    x = fixed = np.zeros_like(ease)
+    moving = ease
+    for _ in range(_ROUNDS):
+        eased = rows * moving
+        matrix = eased @ rows.T
+        matrix[np.diag_indices_from(matrix)] += softness
+        x = fixed + forces(matrix, demand - rows @ fixed, exact) @ eased
+        over = ((x < low) | (x > high)) & (moving > 0)
+        if not over.any():
+            return x
+        fixed = np.where(over, np.clip(x, low, high), fixed)
+        moving = np.where(over, 0.0, moving)
+    return np.clip(x, low, high)
+
+
+def forces(matrix: np.ndarray, demand: np.ndarray, exact: np.ndarray) -> np.ndarray:
+    """The f (K,) with matrix · f ≥ demand, f ≥ 0, one of both an equation; equations alone where `exact`.
+
+    `matrix` (K, K) is symmetric and positive definite. Block principal pivoting (Júdice and Pires, 1994): it does not
+    depend on the order of the demands.
+    """
+    pushing = exact | (demand > 0)
+    force = np.zeros_like(demand)
+    fewest, tries = len(demand) + 1, _TRIES
+    for _ in range(_MOST_EXCHANGES):
+        chosen = np.flatnonzero(pushing)
+        force[:] = 0.0
+        if chosen.size:
+            force[chosen] = np.linalg.solve(matrix[np.ix_(chosen, chosen)], demand[chosen])
+        short = matrix @ force - demand
+        wrong = np.where(pushing, force < -1e-12, short < -1e-12) & ~exact
+        count = int(wrong.sum())
+        if not count:
+            break
+        if count < fewest:
+            fewest, tries = count, _TRIES
+        elif tries:
+            tries -= 1
+        else:
+            last = np.flatnonzero(wrong)[-1]
+            wrong[:] = False
+            wrong[last] = True
+        pushing ^= wrong
+    return np.where(exact, force, np.maximum(force, 0.0))

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from bodysense.body.glove import ALIGNMENT, Glove, template
-from bodysense.body.pose import Pose
 from bodysense.body.registration import Levers, brought_back, fit, levers
 from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import Skeleton
@@ -98,25 +97,3 @@ class JointReader:
         single = (own / self._ratio).astype(np.float32)
         angles = self.model.run(single.reshape(len(single), -1), self._shapes)
         return local_rotations(angles.astype(float), self._turning)
-
-
-def fuse(flexion: np.ndarray, markers: np.ndarray, hand: Skeleton, glove: Glove, aim: Aim = "last segment") -> Pose:
-    """Pose (T, …) of a left-model hand from inertial flexion and markers: what the paper trained on (section 2.2).
-
-    The hand is placed by its alignment markers, and every finger turned by the shortest arc, so that the middle of its
-    last segment, by default, points at its marker.
-
-    Args:
-        flexion: (T, 15, 4) wxyz, local rotations of finger joints by inertial sensors.
-        markers: (T, 9, 3) m, none missing.
-        hand: the hand's skeleton.
-        glove: where markers are worn.
-        aim: what of a finger points at its marker.
-    """
-    known = np.zeros(markers.shape[:2], dtype=bool)
-    known[:, list(ALIGNMENT)] = True
-    quaternion, rotation, translation = fit(levers(template(glove, hand), known), np.nan_to_num(markers))
-    own = brought_back(markers, rotation, translation)
-    local, _ = pointed(np.array(flexion, dtype=float), own, hand_shape([hand], [glove], aim))
-    turned = np.concatenate([quaternion[:, None], local], axis=1)
-    return Pose(hand, translation, quaternion_canonical(turned))

@@ -48,7 +48,7 @@ class Meeting:
 
 
 @dataclass(frozen=True, eq=False)
-class Flesh:
+class HandFlesh:
     """The capsules of H hands: their skeletons as left hands, and which hand each is."""
 
     hands: Sequence[Skeleton]

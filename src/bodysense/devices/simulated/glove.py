@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from bodysense.body.capsules import PlacedPrimitives, Primitives, fit_primitives, place
-from bodysense.body.glove import MARKERS, Glove, default_glove, glove_of, marker_positions, side_of, template
+from bodysense.body.glove import Glove, default_glove, glove_of, marker_positions, side_of, template
 from bodysense.body.glove_set import GloveSet, standard_set
 from bodysense.body.hand import Side, hand_pose, joint_bases, mirrored_vectors
 from bodysense.body.hand_capsules import hand_capsules, placed_axes
@@ -128,25 +128,6 @@ def visible(
     light, facing = (np.concatenate(parts, axis=1) for parts in zip(*lit, strict=True))
     solid = [*((pose, side_of(name)) for name, pose in hands.items()), *others]
     return seen(cameras, light.mean(axis=(0, 1)), light, facing, _solids(solid, body))
-
-
-def hide_markers(
-    observation: Observation, at_once: int, seconds: float, per_minute: float, rng: np.random.Generator
-) -> Observation:
-    """Hide `at_once` random markers of a glove together, for `seconds`, `per_minute` times a minute on average.
-
-    Each glove by itself. Raises BodysenseError for more markers than a glove has.
-    """
-    if not 1 <= at_once <= len(MARKERS):
-        raise BodysenseError(f"{at_once} markers cannot be hidden at once; give 1 to {len(MARKERS)}")
-    hidden = np.zeros(observation.has_position.shape, dtype=bool)
-    time = observation.time
-    for first in range(0, len(observation.points), len(MARKERS)):
-        for _ in range(rng.poisson(per_minute * (time[-1] - time[0]) / 60)):
-            begin = rng.uniform(time[0], time[-1])
-            during = np.flatnonzero((time >= begin) & (time < begin + seconds))
-            hidden[np.ix_(during, first + rng.choice(len(MARKERS), at_once, replace=False))] = True
-    return hide(observation, hidden)
 
 
 def _disturbed(position: np.ndarray, capture: GloveCapture, rng: np.random.Generator) -> np.ndarray:

@@ -22,7 +22,6 @@ from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
 
 Kind = Literal["position and rotation", "position", "rotation"]
 KINDS: tuple[Kind, ...] = ("position and rotation", "position", "rotation")
-SIDES = ("left", "right")
 WRISTS = ("left_wrist", "right_wrist")
 
 

@@ -61,6 +61,3 @@ def observe(pose: Pose, time: np.ndarray, device: ThreePoint = ThreePoint()) -> 
         accuracy=accuracy_like(seen, EXACT_ACCURACY),
         time=np.asarray(time, dtype=float),
     )
-
-
-HEAD_ONLY = ThreePoint(hands=False)

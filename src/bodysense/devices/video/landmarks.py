@@ -39,7 +39,7 @@ class Bodies:
 
 
 @dataclass(frozen=True, eq=False)
-class Hands:
+class HandLandmarks:
     """N hands in a picture, 21 points each (`body.arms.HAND_POINTS`)."""
 
     world: np.ndarray  # (N, 21, 3) m, from the middle of the hand, camera's axes
@@ -113,7 +113,7 @@ class Landmarker:
         self._pose.close()
         self._hand.close()
 
-    def find(self, picture: Picture) -> tuple[Bodies, Hands]:
+    def find(self, picture: Picture) -> tuple[Bodies, HandLandmarks]:
         """Everybody in the next picture."""
         first = self._moment < 0
         self._moment = max(round(1000 * picture.time), self._moment + 1)
@@ -131,7 +131,7 @@ class Landmarker:
         )
         # The label is of the hand as it is seen, in a picture that is no mirror's.
         left = [side.score if side.category_name == "Left" else 1 - side.score for (side, *_) in hand.handedness]
-        return bodies, Hands(
+        return bodies, HandLandmarks(
             _world(hand.hand_world_landmarks, 21), _places(hand.hand_landmarks, 21, aspect), np.array(left)
         )
 

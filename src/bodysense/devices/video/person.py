@@ -13,7 +13,7 @@ import numpy as np
 
 from bodysense.body.arms import ARM_POINTS, SIDES
 from bodysense.body.keypoints import ArmKeypoints, arm_directions, torso_rotation
-from bodysense.devices.video.landmarks import BODY_LANDMARKS, Bodies, Hands
+from bodysense.devices.video.landmarks import BODY_LANDMARKS, Bodies, HandLandmarks
 from bodysense.devices.video.pictures import Picture
 from bodysense.devices.video.sides import LastSides, exchange, is_turned_round, remembered
 from bodysense.errors import BodysenseError
@@ -101,7 +101,7 @@ class PersonState:
 def follow(
     picture: Picture,
     bodies: Bodies,
-    hands: Hands,
+    hands: HandLandmarks,
     state: PersonState,
     settings: PersonSettings = PersonSettings(),
 ) -> tuple[PersonLandmarks, PersonState]:
@@ -258,7 +258,7 @@ def _updated(one: PersonTrack, new: PersonTrack) -> PersonTrack:
     )
 
 
-def _hands_of(chosen: int, bodies: Bodies, hands: Hands, settings: PersonSettings) -> list[int | None]:
+def _hands_of(chosen: int, bodies: Bodies, hands: HandLandmarks, settings: PersonSettings) -> list[int | None]:
     """Which hand hangs on the left and on the right arm of a body: the likeliest pair of none, one or two hands."""
     count = len(hands.left)
     if not count:

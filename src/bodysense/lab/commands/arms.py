@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bodysense.lab.commands.reporting import Common, checked, finish, progress_over
+from bodysense.lab.commands.reporting import finish, open_data, progress_over
 from bodysense.lab.options import Flat
-from bodysense.lab.pahmt.options import ArmTableTraining, ArmTraining, Studio
+from bodysense.lab.pahmt.options import ArmEvaluation, ArmTableTraining, ArmTraining
 
 
 def arms(run: Flat[ArmTraining]) -> None:
@@ -30,34 +30,14 @@ def arms_table(run: Flat[ArmTableTraining]) -> None:
     run_table(run)
 
 
-def pahmt_table1(
-    data: str,
-    networks: Path,
-    model: Path | None = None,
-    studio: Flat[Studio] = Studio(),
-    stride: int = 5,
-    seed: int = 1,
-    common: Flat[Common] = Common(),
-) -> None:
-    """PAHMT, Table 1: CNN, AHMT and PAHMT; hands alone; with and without each loss.
-
-    Args:
-        data: A folder of motion files or a prepared store; NAME=FOLDER names it in the table. Clips with fingers count.
-        networks: The folder into which `bodysense train arms-table` wrote the networks.
-        model: The .pt of a network of other settings (`bodysense train arms`), for a row beside.
-        studio: Errors of the detector.
-        stride: Frames from one window to the next.
-        seed: random seed of cameras and of the detector's errors.
-        common: Common options; one process does it.
-    """
-    from bodysense.lab.datasets import named_data
+def pahmt_table1(run: Flat[ArmEvaluation]) -> None:
+    """PAHMT, Table 1: CNN, AHMT and PAHMT; hands alone; with and without each loss. One process does it."""
     from bodysense.lab.pahmt.tables import arm_report, rows_in, score_arms
 
-    checked(common, stride)
-    chosen, rows = named_data(data, common.split, common.quick), rows_in(networks, model)
+    chosen, rows = open_data(run.data, run.table), rows_in(run.networks, run.model)
     with progress_over([chosen]) as advance:
-        scored = score_arms(rows, chosen, stride, seed, advance, studio)
-    finish(arm_report(scored, chosen, studio.keypoints == "perfect"), common)
+        scored = score_arms(rows, chosen, run.stride, run.seed, advance, run.studio)
+    finish(arm_report(scored, chosen, run.studio.keypoints == "perfect"), run.table)
 
 
 def bench_arms(frames: int = 2000, model: Path | None = None, json: Path | None = None) -> None:

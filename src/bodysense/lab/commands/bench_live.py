@@ -76,7 +76,7 @@ def bench_live(
 
 
 @dataclass(eq=False)
-class _Client:
+class _LoadClient:
     """A connection, and what was read of it."""
 
     socket: socket.socket
@@ -98,7 +98,7 @@ class Load:
         self._address, self._rate = urlsplit(address), rate
         skeleton = default_skeleton()
         self._points, self._wrists = len(skeleton.points), skeleton.indices(_POINTS[1:])
-        self._clients: list[_Client] = []
+        self._clients: list[_LoadClient] = []
         self._selector = selectors.DefaultSelector()
         clip = packaged_performance()
         places = clip.pose.skeleton.indices(_POINTS)
@@ -138,7 +138,7 @@ class Load:
             client.setblocking(False)
             # Golden ratio: however many there are, their moments are spread over the interval.
             phase = (len(self._clients) * 0.618034) % 1.0
-            one = _Client(client, time.monotonic() + phase / self._rate)
+            one = _LoadClient(client, time.monotonic() + phase / self._rate)
             one.unread += answer.partition(b"\r\n\r\n")[2]
             self._selector.register(client, selectors.EVENT_READ, one)
             self._clients.append(one)
@@ -183,7 +183,7 @@ class Load:
             one.socket.close()
         self._selector.close()
 
-    def _send(self, one: _Client, now: float, points: int) -> None:
+    def _send(self, one: _LoadClient, now: float, points: int) -> None:
         from bodysense.serve.protocol import POINT, SIGNAL, SIGNAL_HEAD
 
         one.sequence += 1
@@ -199,7 +199,7 @@ class Load:
         one.sent[one.sequence] = now
         self._sent += 1
 
-    def _read(self, one: _Client) -> None:
+    def _read(self, one: _LoadClient) -> None:
         from bodysense.serve.protocol import POSE, POSE_HEAD, read_pose
 
         try:

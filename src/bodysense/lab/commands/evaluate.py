@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tyro.extras import SubcommandApp
 
-from bodysense.lab.commands import arms, completion_tables, glove_limits, gloves, hmd_vae, rendering, unoc
+from bodysense.lab.commands import arms, completion_tables, gloves, hmd_vae, rendering, unoc
 
 
 def commands() -> SubcommandApp:
@@ -18,7 +18,7 @@ def commands() -> SubcommandApp:
         group.command(command)
     for command in (unoc.unoc_table4, unoc.unoc_table5, unoc.unoc_table6, unoc.unoc_smoothness, unoc.reliability):
         group.command(command)
-    for command in (unoc.transitions, gloves.gloves_occlusion, glove_limits.gloves_limits, gloves.gloves_table3):
+    for command in (unoc.transitions, gloves.gloves_occlusion, gloves.gloves_limits, gloves.gloves_table3):
         group.command(command)
     group.command(gloves.gloves_table4)
     group.command(gloves.gloves_layouts)

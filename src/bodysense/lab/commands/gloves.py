@@ -1,40 +1,54 @@
-"""`bodysense evaluate gloves-…`: gloves with hidden markers (two-hands)."""
+"""`bodysense train gloves` and `bodysense evaluate gloves-…`: gloves with hidden markers (two-hands)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from bodysense.errors import BodysenseError
-from bodysense.lab.commands.reporting import Common, checked, finish, progress_over
+from bodysense.lab.commands.reporting import check_outputs, finish, open_data, progress_over
 from bodysense.lab.options import Flat
+from bodysense.lab.two_hands.options import (
+    GloveLimitsEvaluation,
+    GloveOcclusionEvaluation,
+    GloveTraining,
+    JointEvaluation,
+    LayoutEvaluation,
+    MarkerEvaluation,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bodysense.lab.datasets import DataSet
+    from bodysense.lab.options import TableOptions
 
 
-def gloves_occlusion(
-    data: str | None = None, cameras: int = 12, seed: int = 1, common: Flat[Common] = Common()
-) -> None:
+def gloves(run: Flat[GloveTraining]) -> None:
+    """Train the networks of a glove (two-hands, 3.2) and write each as an .onnx. Training resumes after a stop.
+
+    Written is a folder: glove_markers.onnx, glove_joints.onnx and so on, each with its checkpoint and log beside it.
+    """
+    from bodysense.lab.two_hands.train import people_with_fingers, run_gloves
+
+    if not run.leave_one_out:
+        run_gloves(run)
+        return
+    for person in people_with_fingers(run.data):
+        run_gloves(replace(run, out=run.out / f"without-{person}", without=(person,)))
+
+
+def gloves_occlusion(run: Flat[GloveOcclusionEvaluation]) -> None:
     """Two hands, Figs 13 and 14: how many markers of a glove are hidden at once, and for how long.
 
-    A ring of cameras looks at the hands; one hand, two hands, and what of the paper's statements holds.
-
-    Args:
-        data: A folder of motion files with fingers or a prepared store; NAME=FOLDER names it. Synthesised motion of two
-            hands by default.
-        cameras: In the ring; two must see a marker.
-        seed: random seed of the synthesised motion.
-        common: Common options.
+    A ring of cameras looks at the hands; one hand, two hands, and which of the paper's statements hold.
     """
     from rich.progress import Progress
 
     from bodysense.devices.simulated.camera_ring import CameraRing
-    from bodysense.lab.datasets import Census, named_data
+    from bodysense.lab.datasets import Census
     from bodysense.lab.two_hands.occlusion import (
         SYNTHESISED_PIECES,
         count_clips,
@@ -42,105 +56,114 @@ def gloves_occlusion(
         occlusion_report,
     )
 
-    jobs, ring = checked(common), CameraRing(count=cameras)
-    if data is not None:
-        chosen = named_data(data, common.split, common.quick)
+    table, ring = run.table, CameraRing(count=run.cameras)
+    if run.data is not None:
+        chosen = open_data(run.data, table)
         with progress_over([chosen]) as advance:
-            counted, census = count_clips(chosen.clips(), ring, jobs, advance)
+            counted, census = count_clips(chosen.clips(), ring, table.processes, advance)
         if not counted:
-            raise BodysenseError(f"{data}: no clip has fingers; give motion with fingers, or leave --data out")
-        finish(occlusion_report(counted, ring, chosen, census), common)
+            raise BodysenseError(f"{run.data}: no clip has fingers; give motion with fingers, or leave --data out")
+        finish(occlusion_report(counted, ring, chosen, census), table)
         return
-    pieces = 1 if common.quick else SYNTHESISED_PIECES
+    check_outputs(table)
+    pieces = 1 if table.quick else SYNTHESISED_PIECES
     with Progress() as progress:
         bar = progress.add_task("synthesised hands", total=pieces)
-        counted = count_synthesised(ring, seed, jobs, lambda: progress.update(bar, advance=1), pieces)
-    finish(occlusion_report(counted, ring, None, Census()), common)
+        counted = count_synthesised(ring, run.seed, table.processes, lambda: progress.update(bar, advance=1), pieces)
+    finish(occlusion_report(counted, ring, None, Census()), table)
 
 
-def gloves_table3(
-    data: str | None = None, model: Path | None = None, left_out: Path | None = None, common: Flat[Common] = Common()
-) -> None:
+def gloves_limits(run: Flat[GloveLimitsEvaluation]) -> None:
+    """Two hands, section 7: hands in each other, pinches, wrong markers, markers without names, jumps.
+
+    Two hands are watched by a ring of cameras and completed with and without the contact step; wrong samples are
+    believed or rejected; markers that have lost their names are named again.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from bodysense.devices.simulated.camera_ring import CameraRing
+    from bodysense.lab.datasets import Census
+    from bodysense.lab.scoring import group_of
+    from bodysense.lab.two_hands.limits import (
+        SYNTHESISED_PIECES,
+        SYNTHESISED_SECONDS,
+        Findings,
+        Networks,
+        compare_variants,
+        measure_clips,
+        measure_synthesised,
+        pair_of_clip,
+        synthesised_pair,
+    )
+    from bodysense.lab.two_hands.limits_report import SYNTHESISED, limits_report
+
+    table, data, jobs = run.table, run.data, run.table.processes
+    ring, networks = CameraRing(count=run.cameras), Networks(run.markers, run.joints)
+    check_outputs(table)
+    found: dict[str, Findings] = {}
+    chosen, census = None, Census()
+    if data is not None:
+        chosen = open_data(data, table)
+        with progress_over([chosen]) as advance:
+            found, census = measure_clips(chosen.clips(), networks, ring, jobs, advance)
+        if not found:
+            raise BodysenseError(f"{data}: no clip has fingers; give motion with fingers, or leave --data out")
+    seeds = [(run.seed, piece) for piece in range(1 if table.quick else SYNTHESISED_PIECES)]
+    with Progress() as progress:
+        bar = progress.add_task("synthesised hands", total=len(seeds))
+        found[SYNTHESISED] = measure_synthesised(seeds, networks, ring, jobs, lambda: progress.update(bar, advance=1))
+    if run.variants is not None:
+        Console().print("comparing networks for hidden markers")
+        compare_variants(found[SYNTHESISED], map(synthesised_pair, seeds), run.variants, networks, ring)
+        if chosen is not None and "main" in found:
+            main = (pair_of_clip(clip) for clip in chosen.clips() if clip.has_fingers and group_of(clip) == "main")
+            compare_variants(found["main"], main, run.variants, networks, ring)
+    finish(limits_report(found, ring, chosen, census, len(seeds) * SYNTHESISED_SECONDS), table)
+
+
+def gloves_table3(run: Flat[MarkerEvaluation]) -> None:
     """Two hands, Table 3: hidden markers filled by the last known position, mean velocity, affine weights, the network.
 
-    One to four markers are hidden for 0.1 to 2 s. Synthesised hands are scored beside the recorded ones.
-
-    Args:
-        data: A folder of motion files with fingers or a prepared store; NAME=FOLDER names it. Synthesised hands alone
-            by default.
-        model: A network written by `bodysense train gloves`; the packaged one if omitted.
-        left_out: A folder written by `bodysense train gloves --leave-one-out`: each person's clips are scored by the
-            network that was trained without them, too.
-        common: Common options.
+    One to four markers are hidden for 0.1 to 2 s.
     """
-    from bodysense.lab.datasets import named_data
     from bodysense.lab.two_hands.tables import table3
 
-    jobs, chosen = checked(common), None if data is None else named_data(data, common.split, common.quick)
-    synthesised = _synthesised(common)
-    with _progress(chosen, synthesised) as advance:
-        report = table3(chosen, synthesised, model, jobs, advance, left_out)
-    finish(report, common)
+    with _hands(run.data, run.table) as (chosen, synthesised, advance):
+        report = table3(chosen, synthesised, run.model, run.table.processes, advance, run.left_out)
+    finish(report, run.table)
 
 
-def gloves_table4(
-    data: str | None = None,
-    markers: Path | None = None,
-    joints: Path | None = None,
-    left_out: Path | None = None,
-    common: Flat[Common] = Common(),
-) -> None:
-    """Two hands, Table 4: the joints of fingers by cyclic coordinate descent, and by the run time with hidden markers.
-
-    Args:
-        data: A folder of motion files with fingers or a prepared store; NAME=FOLDER names it. Synthesised hands alone
-            by default.
-        markers: A network for hidden markers, written by `bodysense train gloves`; the packaged one if omitted.
-        joints: One for angles, likewise.
-        left_out: As for Table 3.
-        common: Common options.
-    """
-    from bodysense.lab.datasets import named_data
+def gloves_table4(run: Flat[JointEvaluation]) -> None:
+    """Two hands, Table 4: finger joints by cyclic coordinate descent, and by the run time with hidden markers."""
     from bodysense.lab.two_hands.tables import table4
 
-    jobs, chosen = checked(common), None if data is None else named_data(data, common.split, common.quick)
-    synthesised = _synthesised(common)
-    with _progress(chosen, synthesised) as advance:
-        report = table4(chosen, synthesised, markers, joints, jobs, advance, left_out)
-    finish(report, common)
+    with _hands(run.data, run.table) as (chosen, synthesised, advance):
+        report = table4(chosen, synthesised, run.markers, run.joints, run.table.processes, advance, run.left_out)
+    finish(report, run.table)
 
 
-def gloves_layouts(hands: int | None = None, common: Flat[Common] = Common()) -> None:
-    """Gloves of other marker sets than ours: joints of fingers, of hands that were told and that were calibrated.
-
-    Args:
-        hands: how many are drawn; 20 if omitted, 1 with --quick.
-        common: Common options.
-    """
+def gloves_layouts(run: Flat[LayoutEvaluation]) -> None:
+    """Gloves of other marker sets than ours: joints of fingers, of hands that were told and that were calibrated."""
     from rich.progress import Progress
 
     from bodysense.lab.two_hands.layouts import layout_table, layouts
 
-    checked(common)
-    if hands is not None and hands < 1:
-        raise BodysenseError(f"--hands {hands}: give at least 1")
-    count = hands or (1 if common.quick else 20)
+    check_outputs(run.table)
+    count = run.hands or (1 if run.table.quick else 20)
     with Progress() as progress:
         bar = progress.add_task("scoring gloves", total=count * len(layouts()))
         report = layout_table(count, lambda: progress.update(bar, advance=1))
-    finish(report, common)
-
-
-def _synthesised(common: Common) -> int:
-    """How many hands are synthesised."""
-    return 2 if common.quick else 20
+    finish(report, run.table)
 
 
 @contextmanager
-def _progress(data: DataSet | None, synthesised: int) -> Iterator[Callable[[], None]]:
-    """A progress bar over the clips of a table, and its synthesised hands."""
+def _hands(data: str | None, table: TableOptions) -> Iterator[tuple[DataSet | None, int, Callable[[], None]]]:
+    """The data of a table and how many hands are synthesised, with a progress bar over both."""
     from rich.progress import Progress
 
+    check_outputs(table)
+    chosen, synthesised = None if data is None else open_data(data, table), 2 if table.quick else 20
     with Progress() as progress:
-        bar = progress.add_task("scoring hands", total=synthesised + (0 if data is None else data.count()))
-        yield lambda: progress.update(bar, advance=1)
+        bar = progress.add_task("scoring hands", total=synthesised + (0 if chosen is None else chosen.count()))
+        yield chosen, synthesised, lambda: progress.update(bar, advance=1)

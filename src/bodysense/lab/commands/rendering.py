@@ -2,50 +2,27 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
-import tyro
-
-from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.lab.options import Flat, TableOptions
+from bodysense.lab.rendering.options import Rendering, VideoEvaluation
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import numpy as np
 
     from bodysense.lab.rendering.scene import Scene
     from bodysense.lab.rendering.take import RenderedTake
 
-Split = Literal["train", "val", "test", "all"]
 
-
-def render(
-    out: Annotated[Path, tyro.conf.arg(aliases=("-o",))],
-    motion: Annotated[Path | None, tyro.conf.Positional] = None,
-    videos: int = 24,
-    seconds: float = 6.0,
-    split: Split = "test",
-    pixels: int = 480,
-    seed: int = 1,
-    reading: Reading = AS_FOUND,
-) -> None:
+def render(run: Flat[Rendering]) -> None:
     """Draw videos of a skinned, dressed and lit body from motion with fingers; each with its truth beside it.
 
     Three bodies take turns; skin, clothes, light, room and camera are drawn at random. A video that is already there
     is kept, so that a stop costs little.
-
-    Args:
-        out: The folder of the set: NAME.mp4 and NAME.npz.
-        motion: A folder of motion files, a prepared store, or one file. If omitted, scripted gestures by each body:
-            arms out to the sides, up, ahead, and punches.
-        videos: number of videos, spread over the clips.
-        seconds: greatest length of each video.
-        split: people to draw.
-        pixels: Height of the pictures; they are 4:3.
-        seed: random seed.
-        reading: What the motion files do not say of themselves.
     """
     import numpy as np
     from rich.console import Console
@@ -53,16 +30,8 @@ def render(
 
     from bodysense.lab.rendering.take import RATE, film, plan_gestures
 
-    if videos < 1 or not seconds >= 1 or pixels < 64 or pixels % 2:
-        raise BodysenseError(
-            f"render: {videos} videos of {seconds:g} s, {pixels} pixels high; "
-            "give at least 1 video, 1 s, and an even height from 64 on"
-        )
-    rng = np.random.default_rng(seed)
-    if motion is None:
-        planned = plan_gestures(rng)[:videos]
-    else:
-        planned = _planned(motion, videos, seconds, split, rng, reading)
+    rng, out = np.random.default_rng(run.seed), run.out
+    planned = plan_gestures(rng)[: run.videos] if run.motion is None else _planned(run, run.motion, rng)
     make_folder(out)
     with Progress() as progress:
         bar = progress.add_task("drawing", total=sum(len(take.time) for take, _ in planned))
@@ -71,16 +40,14 @@ def render(
             if (out / f"{take.name}.mp4").is_file() and (out / f"{take.name}.npz").is_file():
                 progress.update(bar, advance=len(take.time))
                 continue
-            film(take, scene, out, pixels, lambda: progress.update(bar, advance=1))
+            film(take, scene, out, run.pixels, lambda: progress.update(bar, advance=1))
     length = sum(len(take.time) / RATE for take, _ in planned)
-    is_short = motion is not None and len(planned) < videos
-    said = f"; no more of {videos}: the motion has no more in which hands move" if is_short else ""
+    is_short = run.motion is not None and len(planned) < run.videos
+    said = f"; no more of {run.videos}: the motion has no more in which hands move" if is_short else ""
     Console().print(f"{out}: videos: {len(planned)}, {length:.0f} s{said}", highlight=False)
 
 
-def _planned(
-    motion: Path, videos: int, seconds: float, split: Split, rng: np.random.Generator, reading: ReadingOptions
-) -> list[tuple[RenderedTake, Scene]]:
+def _planned(run: Rendering, motion: Path, rng: np.random.Generator) -> list[tuple[RenderedTake, Scene]]:
     """Takes of recorded motion."""
     from rich.progress import track
 
@@ -89,55 +56,41 @@ def _planned(
     from bodysense.lab.rendering.take import plan_takes
 
     if motion.is_file():
-        clips = [load_clip(motion, reading)]
+        clips = [load_clip(motion, run.reading)]
     else:
-        clips = track(open_clips(motion, split, options=reading), "reading", count_clips(motion, split))
-    fingered = [clip for clip in clips if clip.has_fingers and clip.seconds >= min(2.0, seconds)]
+        clips = open_clips(motion, run.split, options=run.reading)
+        clips = track(clips, "reading", count_clips(motion, run.split))
+    shortest = min(2.0, run.seconds)
+    fingered = [clip for clip in clips if clip.has_fingers and clip.seconds >= shortest]
     if not fingered:
-        raise BodysenseError(
-            f"{motion}: no clip of {min(2.0, seconds):g} s or more with fingers; a rendered set needs them"
-        )
-    each = -(-videos // len(fingered))
+        raise BodysenseError(f"{motion}: no clip of {shortest:g} s or more with fingers; a rendered set needs them")
+    each = -(-run.videos // len(fingered))
     planned: list[tuple[RenderedTake, Scene]] = []
     for number in rng.permutation(len(fingered)):
-        planned += plan_takes(fingered[number], min(each, videos - len(planned)), seconds, rng, len(planned))
-        if len(planned) == videos:
+        planned += plan_takes(fingered[number], min(each, run.videos - len(planned)), run.seconds, rng, len(planned))
+        if len(planned) == run.videos:
             break
     if not planned:
         raise BodysenseError(f"{motion}: nothing in it that moves its hands before a camera; give livelier motion")
     return planned
 
 
-def video_rendered(
-    videos: Annotated[Path, tyro.conf.Positional],
-    model: Path | None = None,
-    landmarkers: Path | None = None,
-    out: Path = Path("bodysense-tables"),
-    json: Path | None = None,
-) -> None:
-    """PAHMT, Table 3: arms and hands from the pixels of rendered videos, beside inverse kinematics of landmarks.
-
-    Args:
-        videos: The folder that `bodysense data render` wrote.
-        model: A network written by `bodysense train arms`; the packaged one if omitted.
-        landmarkers: Folder of MediaPipe's model files; fetched once into the cache by default.
-        out: Folder for the table as CSV and as a picture (PNG).
-        json: Write the numbers here, as one flat object.
-    """
+def video_rendered(run: Flat[VideoEvaluation]) -> None:
+    """PAHMT, Table 3: arms and hands from the pixels of rendered videos, beside inverse kinematics of landmarks."""
     from rich.progress import Progress
 
     from bodysense.devices.video.arms import load_arms
     from bodysense.devices.video.landmarker_files import find_landmarkers
-    from bodysense.lab.commands.reporting import Common, checked, finish
+    from bodysense.lab.commands.reporting import check_outputs, finish
     from bodysense.lab.rendering.tables import score_videos, video_report
     from bodysense.lab.rendering.take import list_takes
 
-    common = Common(out=out, json=json)
-    checked(common)
-    truths, files, network = list_takes(videos), find_landmarkers(landmarkers), load_arms(model)
+    written = TableOptions(out=run.out, json=run.json)
+    check_outputs(written)
+    truths, files, network = list_takes(run.videos), find_landmarkers(run.landmarkers), load_arms(run.model)
     with Progress() as progress:
         bar = progress.add_task("watching", total=len(truths))
         table = score_videos(
             truths, files, network, lambda name: progress.update(bar, advance=1, description=f"watched {name}")
         )
-    finish(video_report(table, videos.name), common)
+    finish(video_report(table, run.videos.name), written)

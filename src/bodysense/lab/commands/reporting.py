@@ -1,16 +1,14 @@
-"""What every table's command shares: its options, its progress, and how it hands out the report."""
+"""What every table's command shares: its progress, and how it hands out the report."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from bodysense.files import check_place, make_folder
-from bodysense.lab.options import check_positive
+from bodysense.lab.options import TableOptions
 
 if TYPE_CHECKING:
     from bodysense.io.clip import Clip
@@ -19,29 +17,19 @@ if TYPE_CHECKING:
     from bodysense.lab.unoc.ik_tracker import IkTrackerSettings
 
 
-@dataclass(frozen=True)
-class Common:
-    """What every table asks for."""
-
-    split: Literal["train", "val", "test", "all"] = "test"
-    """people to score"""
-    quick: bool = False
-    """Only the first seconds of a few clips, in under a minute; the table says what was left out."""
-    jobs: int | None = None
-    """Processes; all processors by default."""
-    out: Path = Path("bodysense-tables")
-    """Folder for the table as CSV and as a picture (PNG)."""
-    json: Path | None = None
-    """Write the numbers here, as one flat object."""
+def check_outputs(table: TableOptions) -> None:
+    """Refuse outputs that cannot be written, before anything is computed."""
+    if table.json is not None:
+        check_place(table.json)
+    make_folder(table.out)
 
 
-def checked(common: Common, stride: int = 1) -> int:
-    """Refuse what cannot work before anything is computed; the number of processes."""
-    check_positive(jobs=common.jobs, stride=stride)
-    if common.json is not None:
-        check_place(common.json)
-    make_folder(common.out)
-    return common.jobs or os.cpu_count() or 1
+def open_data(data: str, table: TableOptions) -> DataSet:
+    """The data of a table, as the options have it; its outputs are known to be writable."""
+    from bodysense.lab.datasets import named_data
+
+    check_outputs(table)
+    return named_data(data, table.split, table.quick)
 
 
 @contextmanager
@@ -62,7 +50,7 @@ def progress_over(sets: list[DataSet]) -> Iterator[Callable[[Clip], None]]:
         yield lambda clip: progress.update(bar, advance=1, description=f"scored {clip.name}")
 
 
-def finish(report: Report, common: Common) -> None:
+def finish(report: Report, table: TableOptions) -> None:
     """Print a report and write its files."""
     from rich.console import Console
 
@@ -74,13 +62,13 @@ def finish(report: Report, common: Common) -> None:
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console = Console(width=120)
     print_report(report, console)
-    table = common.out / f"{report.name}.csv"
-    picture = common.out / f"{report.name}.png" if report.panels else None
-    write_csv(table, report)
+    rows = table.out / f"{report.name}.csv"
+    picture = table.out / f"{report.name}.png" if report.panels else None
+    write_csv(rows, report)
     if picture is not None:
         draw_panels(picture, report.panels, report.title)
-    write_numbers(common.json, report.numbers)
-    for path in (table, picture, common.json):
+    write_numbers(table.json, report.numbers)
+    for path in (rows, picture, table.json):
         if path is not None:
             console.print(f"wrote {path}", highlight=False)
 

@@ -9,7 +9,7 @@ import tyro
 from tyro.extras import SubcommandApp
 
 from bodysense.errors import BodysenseError
-from bodysense.lab.commands import arms, completion, hmd_vae, train_gloves
+from bodysense.lab.commands import arms, completion, gloves, hmd_vae
 from bodysense.lab.options import Flat
 from bodysense.lab.unoc.options import BodyTraining, FingersTraining, TablesTraining, UpperBodyTraining
 
@@ -19,7 +19,7 @@ def commands() -> SubcommandApp:
     group = SubcommandApp()
     for command in (completion.completion, completion.completion_fingers, body_gru, unoc_tables, fingers, upper_body):
         group.command(command)
-    for command in (hmd_vae.hmd_vae, train_gloves.gloves, arms.arms, arms.arms_table, card):
+    for command in (hmd_vae.hmd_vae, gloves.gloves, arms.arms, arms.arms_table, card):
         group.command(command)
     return group
 

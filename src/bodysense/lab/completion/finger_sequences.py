@@ -17,8 +17,8 @@ from bodysense.lab.completion.points import HEAD, INPUT_POINTS, KNUCKLES, READ
 from bodysense.lab.completion.sensor_draws import DrawnSensors, spans
 from bodysense.lab.completion.sequences import (
     LONGEST,
-    Body,
     Draw,
+    TrainingBody,
     between,
     draw_body,
     frames_of,
@@ -224,7 +224,7 @@ def _some(has_position: np.ndarray, has_rotation: np.ndarray, rng: np.random.Gen
     has_rotation[:] = points[:FINGER_JOINTS] & (what > 0.5)
 
 
-def with_other_hands(body: Body, rng: np.random.Generator) -> Body:
+def with_other_hands(body: TrainingBody, rng: np.random.Generator) -> TrainingBody:
     """Vary the hands of a body: their size, the lengths of fingers and the directions in which these rest.
 
     Hands that are told are told as varied; others are told as the body was.
@@ -235,7 +235,7 @@ def with_other_hands(body: Body, rng: np.random.Generator) -> Body:
     turn = quaternion_exp(rng.normal(0, np.radians(2.5), left.shape))
     changed = quaternion_rotate(turn, left) * scale
     true[HAND_POINTS[0]], true[HAND_POINTS[1]] = changed, changed * _MIRRORED
-    return Body(true, body.told if body.certainty.any() else true, body.certainty)
+    return TrainingBody(true, body.told if body.certainty.any() else true, body.certainty)
 
 
 def with_moved_fingers(local: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:

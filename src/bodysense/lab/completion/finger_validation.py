@@ -25,7 +25,7 @@ from bodysense.lab.completion.finger_task import (
     with_measured,
 )
 from bodysense.lab.completion.fingers import FINGER_JOINTS, FINGER_POINTS, HAND_JOINTS
-from bodysense.lab.completion.sequences import Body, Draw
+from bodysense.lab.completion.sequences import Draw, TrainingBody
 
 SETS = ("nothing", "camera", "tips")
 _BODY_JOINTS = int(HAND_JOINTS.min())
@@ -55,7 +55,7 @@ def finger_batches(corpus: Corpus, sets: tuple[str, ...]) -> dict[str, list[Fing
         pieces = []
         for place, clip in enumerate(clips):
             for true in (corpus.rest_offset[clip].astype(float), strangers[place]):
-                body, rng = Body(true, true, np.zeros(len(true))), np.random.default_rng([7, clip])
+                body, rng = TrainingBody(true, true, np.zeros(len(true))), np.random.default_rng([7, clip])
                 pieces.append((make_finger_sequence(corpus, clip, Draw(body), _tracked(name), rng), 0))
         groups = [pieces[first : first + _GROUP] for first in range(0, len(pieces), _GROUP)]
         result[name] = [

@@ -21,12 +21,11 @@ from bodysense.devices.simulated.sensors import SensorSet, observe_points
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
 from bodysense.io.resample import resample
+from bodysense.lab.completion.options import Body
 from bodysense.lab.scoring import RATE, group_of
 from bodysense.observation import Observation
 
-Body = Literal["own", "stranger", "height", "nothing"]
 Truth = Literal["own", "stranger"]
-BODIES: tuple[Body, ...] = ("own", "stranger", "height", "nothing")
 # Whose proportions move in each column; the last three differ in what the tracker is told.
 TRUTH_OF: dict[Body, Truth] = {"own": "own", "stranger": "stranger", "height": "stranger", "nothing": "stranger"}
 STRANGERS = 512  # bodies of a split, of which each clip has one

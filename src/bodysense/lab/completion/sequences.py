@@ -82,7 +82,7 @@ class Sequence:
 
 
 @dataclass(frozen=True)
-class Body:
+class TrainingBody:
     """Rest offsets of a body (65, 3) m, as it is and as it is told."""
 
     true: np.ndarray
@@ -90,7 +90,7 @@ class Body:
     certainty: np.ndarray  # (65,) m
 
 
-def draw_body(own: np.ndarray, rng: np.random.Generator) -> Body:
+def draw_body(own: np.ndarray, rng: np.random.Generator) -> TrainingBody:
     """Draw proportions: the recording's own, a body of the family, or one between; told, told in part, or not."""
     space = shape_space()
     drawn = rng.uniform()
@@ -101,7 +101,7 @@ def draw_body(own: np.ndarray, rng: np.random.Generator) -> Body:
             share = rng.uniform(-0.2, 1.0)
             true = share * own + (1 - share) * true * (_height(own) / _height(true))
         true = _jittered(true, rng)
-    return Body(true, *_told(true, rng))
+    return TrainingBody(true, *_told(true, rng))
 
 
 def _told(true: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -152,7 +152,7 @@ Track = Callable[[np.ndarray, float, np.random.Generator], DrawnSensors]
 class Draw:
     """What may differ about a clip."""
 
-    body: Body
+    body: TrainingBody
     track: Track = draw_tracked
     rate: float = 30.0  # Hz
     pace: float = 1.0  # how fast the motion is played

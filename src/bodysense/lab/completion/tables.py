@@ -13,7 +13,8 @@ from bodysense.lab.bootstrap import Interval, interval
 from bodysense.lab.completion.calibration import REGIONS, Calibration
 from bodysense.lab.completion.lattice import EdgeScore
 from bodysense.lab.completion.measures import Averages
-from bodysense.lab.completion.scenes import BODIES, TRUTH_OF, Body, Truth
+from bodysense.lab.completion.options import BODIES, Body
+from bodysense.lab.completion.scenes import TRUTH_OF, Truth
 from bodysense.lab.scoring import GROUPS, KNOWN
 
 Key = TypeVar("Key")

@@ -113,7 +113,7 @@ class BodyVaeState:
 
 
 @dataclass(frozen=True, eq=False)
-class BodyVae:
+class BodyVaeEstimator:
     """Whole body of a skeleton from `head`, `left_wrist` and `right_wrist`; its head is where the measured one is.
 
     The paper's network takes hands for given. One that is lost stays where it was relative to the head; one that was
@@ -247,17 +247,6 @@ def sample_noise(model: BodyVaeModel, count: int, rng: np.random.Generator) -> n
     if count < 1:
         raise BodysenseError(f"{count} samples cannot be; give at least 1")
     return rng.standard_normal((count, model.latent))
-
-
-def sample_bodies(
-    observation: Observation, skeleton: Skeleton, model: BodyVaeModel, count: int, rng: np.random.Generator
-) -> list[PointEstimate]:
-    """So many plausible bodies for one signal: samples of the posterior, each with one noise all the time.
-
-    The same signal gives each the same body in every frame, so that none of them trembles.
-    """
-    estimators = [BodyVae(skeleton, model, noise) for noise in sample_noise(model, count, rng)]
-    return [one.step(observation, one.start())[0] for one in estimators]
 
 
 def sample_prior(skeleton: Skeleton, model: BodyVaeModel, count: int, rng: np.random.Generator) -> Pose:

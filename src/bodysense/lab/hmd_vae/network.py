@@ -35,9 +35,9 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.lab.checkpoint import read_weights_file, write_weights_file
 from bodysense.lab.hmd_vae.options import BodyVaeConfig
 from bodysense.lab.hmd_vae.windows import Joints
-from bodysense.lab.weights_file import read_weights_file, write_weights_file
 
 
 class Decoded(NamedTuple):

@@ -9,7 +9,16 @@ from typing import Literal
 from bodysense.body.skeleton import BODY
 from bodysense.devices.simulated.three_point import POINTS
 from bodysense.errors import BodysenseError
-from bodysense.lab.options import Card, Flat, Machines, MotionRun, check_ending, check_fields
+from bodysense.lab.options import (
+    Card,
+    Flat,
+    Machines,
+    MotionEvaluation,
+    MotionRun,
+    TableOptions,
+    check_ending,
+    check_fields,
+)
 
 MODELS = (0, 1, 2, 3, 4)
 Origin = Literal["head", "pelvis"]
@@ -148,3 +157,20 @@ class VaeTraining(VaeRun):
                 f"{self.out}: no device tracks the {self.config.origin}, so a network with that origin is not "
                 "exported; give a name that ends in .pt, or --origin head"
             )
+
+
+@dataclass(frozen=True, kw_only=True)
+class VaeEvaluation(MotionEvaluation):
+    """HMD-VAE, Figs 5 to 7, and the measures of later papers."""
+
+    networks: Path
+    """folder that `bodysense train hmd-vae` wrote"""
+    split_file: Path | None = None
+    """list that they were trained with: its motions 'PATH test' are scored instead of a split by person"""
+    threads: int | None = None
+    """PyTorch threads; its own choice if omitted"""
+    table: Flat[TableOptions] = TableOptions()
+
+    def __post_init__(self) -> None:
+        if self.split_file is not None and (self.table.split != "test" or self.table.quick):
+            raise BodysenseError("--split-file scores its own test motions; leave --split and --quick out")

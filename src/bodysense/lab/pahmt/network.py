@@ -30,10 +30,10 @@ from bodysense.body.rotation import (
     sixd_to_matrix,
 )
 from bodysense.body.skeleton import default_skeleton
+from bodysense.lab.checkpoint import read_weights_file, write_weights_file
 from bodysense.lab.pahmt.directions import beside_directions, beside_palms, hinged
 from bodysense.lab.pahmt.features import SeenWindow, Window, more_points, seen_in
 from bodysense.lab.pahmt.options import ArmNetworkConfig
-from bodysense.lab.weights_file import read_weights_file, write_weights_file
 
 _LARGEST = 0.02  # deviation of learned places and tokens at the start
 

@@ -11,17 +11,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bodysense.body.arms import ARM_JOINTS, ARM_PARTS, CHEST, arm_skeleton
+from bodysense.body.arms import ARM_JOINTS, ARM_PARTS, CHEST, arm_rotations, arm_skeleton, with_arms
 from bodysense.body.keypoints import ArmKeypoints, arms_from_torso
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_identity
+from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_identity, quaternion_multiply
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated.camera_view import sample_cameras, view, view_points
 from bodysense.errors import BodysenseError
 from bodysense.io.augment import with_limb_proportions
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.lab.pahmt.augment import with_arms_of, with_wandering_arms
 from bodysense.lab.pahmt.features import Window, window_of
 from bodysense.lab.pahmt.keypoint_noise import detect
 from bodysense.lab.pahmt.options import Studio
@@ -152,3 +151,42 @@ def arm_positions(rotation: Tensor, joints: Sequence[int]) -> Tensor:
     assert skeleton.joints[0] == CHEST
     pose = Pose(skeleton, torch.zeros_like(rotation[..., 0, :3]), torch.cat([rest, *turns], dim=-2))
     return forward_kinematics(pose)[0]
+
+
+# Degrees by which a joint wanders, one deviation; of fingers every joint. Elbows stay hinges.
+_WANDER = {"collar": 2.0, "shoulder": 12.0, "elbow": 4.0, "wrist": 12.0}
+_WANDER_FINGER = 4.0
+_WAVES, _SLOWEST, _FASTEST = 4, 0.05, 0.6  # Hz, so many sines are added
+
+
+def with_arms_of(clip: Clip, donors: Sequence[Clip], rng: np.random.Generator) -> Clip:
+    """The clip with each arm, hand included, from some stretch of some donor of the same rate, or of its mirror image.
+
+    A donor that is shorter goes back and forth.
+    """
+    arms = arm_rotations(clip.pose)
+    frames = np.arange(len(arms))
+    for side in (0, 1):
+        theirs = arm_rotations(donors[int(rng.integers(len(donors)))].pose)
+        first = rng.integers(max(1, len(theirs) - len(arms) + 1))
+        place = (first + frames) % max(1, 2 * len(theirs) - 2)
+        place = np.minimum(place, 2 * len(theirs) - 2 - place) if len(theirs) > 1 else place
+        other = int(rng.integers(2))
+        taken = theirs[place, other * _HALF : (other + 1) * _HALF]
+        arms[:, side * _HALF : (side + 1) * _HALF] = taken if other == side else taken * [1.0, 1, -1, -1]
+    return replace(clip, pose=with_arms(clip.pose, arms))
+
+
+def with_wandering_arms(clip: Clip, share: float, rng: np.random.Generator) -> Clip:
+    """The clip with every joint of arms and hands turned slowly to and fro, by `share` of what joints wander."""
+    spread = np.array([_WANDER.get(name.partition("_")[2], _WANDER_FINGER) for name in ARM_JOINTS])
+    shape = (_WAVES, len(ARM_JOINTS), 3)
+    rate, phase, size = (
+        rng.uniform(_SLOWEST, _FASTEST, shape),
+        rng.uniform(0, 2 * np.pi, shape),
+        rng.standard_normal(shape),
+    )
+    wave = np.einsum("tkja,kja->tja", np.sin(2 * np.pi * rate * clip.time[:, None, None, None] + phase), size)
+    turn = np.radians(share * spread)[:, None] * wave * np.sqrt(2 / _WAVES)
+    arms = quaternion_multiply(arm_rotations(clip.pose), quaternion_exp(turn))
+    return replace(clip, pose=with_arms(clip.pose, np.asarray(quaternion_canonical(arms))))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
 from typing import Literal
@@ -24,12 +26,30 @@ from bodysense.io.resample import resample
 from bodysense.lab.hold import Hold
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.scoring import RATE, UNOC_EVAL_JOINTS
-from bodysense.lab.study.page import write_study_page
 from bodysense.lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
 from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense.lab.unoc.learned import Learned, load_model
 from bodysense.pictures.animation import write_animation
 from bodysense.pictures.shot import Lens, Shot, frame_shot
+
+FILES = ("index.html", "style.css", "study.js")
+
+
+def write_study_page(folder: Path, study: str, rings: Sequence[Sequence[str]]) -> Path:
+    """Write the pages of a study into an existing, empty folder, and return the folder for its animations.
+
+    `rings` are the names of each scene's animations, in the order of its ring (lab/study/study.py); their files,
+    `<name>.webp`, are to be written into the folder that is returned. Nothing but the names is told to the page.
+    """
+    told = json.dumps({"study": study, "scenes": [list(ring) for ring in rings]}).replace("<", "\\u003c")
+    source = files("bodysense.lab.study").joinpath("assets")
+    for name in FILES:
+        text = source.joinpath(name).read_text(encoding="utf-8")
+        (folder / name).write_text(text.replace(">STUDY<", f">{told}<"), encoding="utf-8")
+    clips = folder / "clips"
+    clips.mkdir()
+    return clips
+
 
 _SHORTEST = 0.5  # s that can be judged at all
 

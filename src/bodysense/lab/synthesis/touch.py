@@ -41,11 +41,6 @@ def settled(hand: Skeleton, keys: KeyPoses) -> np.ndarray:
     return angles
 
 
-def touch_gap(hand: Skeleton, angles: np.ndarray, finger: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """How far (K,), metres, the thumb's tip is from touching a place on a finger; below 0 it is pressed in too deep."""
-    return _measure(hand_capsules(hand), hand, angles, finger, place).gap
-
-
 def posed(hand: Skeleton, root: np.ndarray, turn: np.ndarray, angles: np.ndarray) -> Pose:
     """A hand's pose: wrist at `root` (..., 3) m and turned by `turn` (..., 4), fingers by `angles` (..., 26) rad."""
     rotation = np.empty((*angles.shape[:-1], len(HAND_JOINTS), 4))

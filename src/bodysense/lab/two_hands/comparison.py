@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from bodysense.body.glove import default_glove, marker_positions
+from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.continuity import Continuous
 from bodysense.devices.gloves.fillers import Filler, LastShape, NetworkFiller, Stack
 from bodysense.devices.gloves.hands import natural_markers
+from bodysense.devices.gloves.labelling import Labeller, LabellingSettings
 from bodysense.devices.gloves.networks import load_marker_network
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.devices.simulated.glove import visible
+from bodysense.errors import BodysenseError
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.synthesis.hand_motion import RATE, HandMotion
-from bodysense.lab.two_hands.trials import DURATIONS, HIDDEN, Means, cut, hide_some, marker_error
+from bodysense.lab.two_hands.trials import DURATIONS, HIDDEN, KeyedMeans, cut, hide_some, marker_error
 from bodysense.lab.two_hands.variants import MEMORY_NETWORK, TWO_HANDS_NETWORK, load_memory, load_two_hands
+from bodysense.observation import Observation
 
 _STRIDE = 30  # frames from one trial to the next
 
@@ -34,7 +39,7 @@ def compare_two_hands(
     single_hidden_cm, two_hands_hidden_cm and, of hands of which four markers or fewer are seen, single_mutual_cm and
     two_hands_mutual_cm; hidden_share, mutual_share. Raises BodysenseError where there is no such network.
     """
-    means = Means()
+    means = KeyedMeans()
     for left, right in pairs:
         hands = (left.pose.skeleton, right.pose.skeleton)
         markers = np.stack([marker_positions(default_glove(), hand.pose) for hand in (left, right)], axis=1)
@@ -66,7 +71,7 @@ def compare_memory(
     Both with continuity and without. `networks` is the folder in which `bodysense train gloves --network recurrent`
     wrote. Keys: feed_forward_1_0.1_cm …, recurrent_…, feed_forward_alone_…, recurrent_alone_…
     """
-    means, rng = Means(), np.random.default_rng(seed)
+    means, rng = KeyedMeans(), np.random.default_rng(seed)
     for motion in motions:
         trials = cut([motion], _STRIDE, rng)
         if trials is None:
@@ -91,3 +96,47 @@ def _errors(markers: np.ndarray, seen: np.ndarray, filler: Filler) -> np.ndarray
         told, state = filler.fill(np.where(known[..., None], now, np.nan), 1 / RATE, state)
         filled.append(told)
     return joint_error(np.stack(filled), markers)
+
+
+@dataclass(frozen=True)
+class LabelScore:
+    """How well points were labelled, as shares of the markers that were there to be seen."""
+
+    right: float
+    wrong: float  # got another marker's label
+    missed: float  # got none
+    markers: int
+
+
+def label_accuracy(
+    observation: Observation,
+    hands: Mapping[str, Skeleton],
+    rng: np.random.Generator,
+    ghosts: int = 0,
+    settings: LabellingSettings = LabellingSettings(),
+) -> LabelScore:
+    """Take the names off the gloves' markers of an observation (T frames), shuffle them, label them, and compare.
+
+    `ghosts` points a frame that are no markers are added, anywhere within 0.3 m of the gloves. `hands` gives every hand
+    whose markers are in the observation its skeleton, as a left hand.
+    """
+    labeller = Labeller(hands, settings)
+    truth = [observation.points.index(name) for name in labeller.points]
+    right = wrong = total = 0
+    state = labeller.start()
+    for t, now in enumerate(np.asarray(observation.time, dtype=float).tolist()):
+        seen = np.flatnonzero(observation.has_position[t, truth])
+        points = observation.position[t, truth][seen]
+        more = np.zeros((0, 3))
+        if ghosts and len(points):
+            more = points[rng.integers(len(points), size=ghosts)] + rng.uniform(-0.3, 0.3, (ghosts, 3))
+        order = rng.permutation(len(points) + len(more))
+        names = np.concatenate([seen, np.full(len(more), -1)])[order]
+        labels, state = labeller.label(np.concatenate([points, more])[order], now, state)
+        marker = names >= 0
+        right += int((labels[marker] == names[marker]).sum())
+        wrong += int(((labels != names) & (labels >= 0)).sum())
+        total += int(marker.sum())
+    if not total:
+        raise BodysenseError("labelling: no marker is seen in any frame; there is nothing to label")
+    return LabelScore(right / total, wrong / total, 1 - (right + wrong) / total, total)

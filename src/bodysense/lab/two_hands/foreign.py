@@ -32,7 +32,7 @@ from bodysense.devices.gloves.networks import (
 )
 from bodysense.errors import BodysenseError
 from bodysense.lab.synthesis.hand_motion import HandMotion
-from bodysense.lab.two_hands.trials import DURATIONS, Means, Trials, cut, finger_error, hide_some, marker_error
+from bodysense.lab.two_hands.trials import DURATIONS, KeyedMeans, Trials, cut, finger_error, hide_some, marker_error
 
 FOREIGN, STRANGER, TEMPLATE = "foreign", "stranger", "template"
 PLACES = {FOREIGN: "left-out hand", STRANGER: "strangers' hands", TEMPLATE: "the paper's hand"}
@@ -70,9 +70,9 @@ class ForeignModels:
         return folder / MARKER_NETWORK, folder / JOINT_NETWORK
 
 
-def foreign_markers(motions: list[HandMotion], person: str, models: ForeignModels, stride: int) -> Means:
+def foreign_markers(motions: list[HandMotion], person: str, models: ForeignModels, stride: int) -> KeyedMeans:
     """Errors of hidden markers, cm, under (place, way, hidden, duration)."""
-    means = Means(person)
+    means = KeyedMeans(person)
     for place, files, trials, ways in _settings(motions, person, models, stride, calibrate=False):
         network = load_marker_network(files[0])
         fillers: dict[str, Filler] = {
@@ -89,9 +89,9 @@ def foreign_markers(motions: list[HandMotion], person: str, models: ForeignModel
 
 def foreign_fingers(
     motions: list[HandMotion], person: str, models: ForeignModels, settings: HandsSettings, stride: int
-) -> Means:
+) -> KeyedMeans:
     """Errors of the joints of fingers, cm, under (place, way, hidden, duration); nothing hidden: (…, 0, 0.0)."""
-    means = Means(person)
+    means = KeyedMeans(person)
     for place, files, trials, ways in _settings(motions, person, models, stride, calibrate=True):
         loaded = GloveModels(load_marker_network(files[0]), load_joint_network(files[1]))
         for count in FEW_MANY:
@@ -105,7 +105,7 @@ def foreign_fingers(
     return means
 
 
-def foreign_numbers(means: Means) -> dict[str, float]:
+def foreign_numbers(means: KeyedMeans) -> dict[str, float]:
     """Flat keys: foreign_nn_1_0.1_cm, stranger_untold_…, foreign_network_alone_cm …; NaN where there is none."""
     numbers = {}
     for place, way, count, duration in means.sums:

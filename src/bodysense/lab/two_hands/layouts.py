@@ -23,7 +23,7 @@ from bodysense.devices.gloves.hands import GloveModels, load_glove_models
 from bodysense.lab.synthesis.hand_motion import RATE
 from bodysense.lab.synthesis.hands import synthesize_hand
 from bodysense.lab.table import Report, finite
-from bodysense.lab.two_hands.trials import FINGER_POINTS, Means
+from bodysense.lab.two_hands.trials import FINGER_POINTS, KeyedMeans
 from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
 
 SECONDS = 10.0  # that calibrate, and that are scored
@@ -63,7 +63,7 @@ def layouts() -> tuple[Layout, ...]:
 
 def layout_table(hands: int, advance: Callable[[], None]) -> Report:
     """Score so many hands in each set."""
-    models, means = load_glove_models(), Means()
+    models, means = load_glove_models(), KeyedMeans()
     for number in range(hands):
         for layout in layouts():
             for way, hidden, error in _scored(layout, number, models):

@@ -32,12 +32,10 @@ from bodysense.lab.spread import spread
 from bodysense.lab.synthesis.hand_motion import RATE, HandMotion
 from bodysense.lab.synthesis.hands import varied_hand
 from bodysense.lab.synthesis.pairs import synthesize_pair
-from bodysense.lab.two_hands.comparison import compare_memory, compare_two_hands
-from bodysense.lab.two_hands.label_score import label_accuracy
+from bodysense.lab.two_hands.comparison import compare_memory, compare_two_hands, label_accuracy
 from bodysense.lab.two_hands.variants import MEMORY_NETWORK, TWO_HANDS_NETWORK
 from bodysense.observation import Observation
 
-SIDES: tuple[Side, Side] = ("left", "right")
 COUNTED = 0.001  # m: a deeper penetration counts
 TOUCHING = 0.002  # m: fingertips whose surfaces are nearer touch
 JUMP = 0.005  # m: a point that goes so much farther than in truth jumps

@@ -23,14 +23,13 @@ from bodysense.lab.scoring import GROUPS, Tally, group_of
 from bodysense.lab.spread import spread
 from bodysense.lab.synthesis.hand_motion import HandMotion, hand_motions
 from bodysense.lab.synthesis.hands import synthesize_hand
-from bodysense.lab.two_hands.baselines import AffineCombination, LastKnown, MovingAverage
-from bodysense.lab.two_hands.cyclic_descent import FingerLimits, solve_fingers
+from bodysense.lab.two_hands.baselines import AffineCombination, FingerLimits, LastKnown, MovingAverage, solve_fingers
 from bodysense.lab.two_hands.foreign import ForeignModels, foreign_fingers, foreign_markers
 from bodysense.lab.two_hands.trials import (
     DURATIONS,
     FINGER_POINTS,
     HIDDEN,
-    Means,
+    KeyedMeans,
     Trials,
     cut,
     finger_error,
@@ -62,7 +61,7 @@ SYNTHETIC_SECONDS, SYNTHETIC_SEED = 12.0, 2019
 class GloveTable:
     """What was measured: means in cm under (group, method, hidden, duration)."""
 
-    means: Means
+    means: KeyedMeans
     census: Census
     data: DataSet | None  # None: synthesised motion alone
     synthesised: int  # hands
@@ -86,14 +85,14 @@ class GloveTable:
 
 
 def measure(
-    work: Callable[[HandTask], Means],
+    work: Callable[[HandTask], KeyedMeans],
     data: DataSet | None,
     synthesised: int,
     jobs: int,
     advance: Callable[[], None],
 ) -> GloveTable:
     """Every clip of `data` with fingers, and so many synthesised hands beside, in `jobs` processes."""
-    means, census = Means(), Census()
+    means, census = KeyedMeans(), Census()
 
     def tasks() -> Iterator[HandTask]:
         nonlocal census
@@ -125,10 +124,10 @@ def synthetic_hand(number: int) -> HandMotion:
 
 def measure_markers(
     task: HandTask, model: Path | None = None, stride: int = STRIDE, left_out: Path | None = None
-) -> Means:
+) -> KeyedMeans:
     """Table 3 of some motions: errors of hidden markers, cm, under (group, method, hidden, duration)."""
     motions, group, person = task
-    network, means = load_marker_network(model), Means(person)
+    network, means = load_marker_network(model), KeyedMeans(person)
     for trials, count, hidden in _all_trials(motions, stride):
         fillers = {
             "lk": LastKnown(),
@@ -152,10 +151,10 @@ def measure_fingers(
     settings: HandsSettings = ALONE,
     stride: int = STRIDE,
     left_out: Path | None = None,
-) -> Means:
+) -> KeyedMeans:
     """Table 4 of some motions: errors of the joints of fingers, cm, under (group, method, hidden, duration)."""
     motions, group, person = task
-    models, means = GloveModels(load_marker_network(markers), load_joint_network(joints)), Means(person)
+    models, means = GloveModels(load_marker_network(markers), load_joint_network(joints)), KeyedMeans(person)
     for method, limits in (("ik", None), ("ik_tuned", FingerLimits())):
         for motion in motions:
             means.add((group, method, 0, 0.0), descent_error(motion, limits, stride))

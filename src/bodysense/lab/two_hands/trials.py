@@ -70,7 +70,7 @@ def together(several: Sequence[Trials]) -> Trials:
 
 
 @dataclass
-class Means:
+class KeyedMeans:
     """Means of what is added, each under a key."""
 
     person: str = ""  # whose what is added is
@@ -80,7 +80,7 @@ class Means:
         """Values of any shape; those that are not numbers are left out."""
         self.sums.setdefault(key, Tally()).add(values[np.isfinite(values)], self.person)
 
-    def merge(self, other: Means) -> None:
+    def merge(self, other: KeyedMeans) -> None:
         """Add what another one was told."""
         for key, tally in other.sums.items():
             self.sums.setdefault(key, Tally()).merge(tally)

@@ -27,7 +27,7 @@ TWO_HANDS_NETWORK, MEMORY_NETWORK = "glove_two_hands.onnx", "glove_recurrent.onn
 _MIRROR = np.array([-1.0, 1.0, 1.0])  # from one hand's world to the other's (`body.hand`)
 
 
-class Placed(NamedTuple):
+class PlacedHands(NamedTuple):
     """Where hands were registered last, and what a network remembers of them."""
 
     rotation: np.ndarray  # (H, 3, 3)
@@ -55,18 +55,18 @@ class _Registered:
     def _shapes(self) -> np.ndarray:
         return known_shapes(self.hands, [default_glove()] * len(self.hands))
 
-    def start(self, hands: int) -> Placed:
+    def start(self, hands: int) -> PlacedHands:
         """Registered nowhere, nothing remembered."""
         if hands != len(self.hands):
             raise BodysenseError(f"glove filler: made for {len(self.hands)} hands, started for {hands}; give as many")
         eye = np.broadcast_to(np.eye(3), (hands, 3, 3))
-        return Placed(eye, np.zeros((hands, 3)), self.network.start(hands))
+        return PlacedHands(eye, np.zeros((hands, 3)), self.network.start(hands))
 
-    def axes(self, markers: np.ndarray, state: Placed) -> np.ndarray:
+    def axes(self, markers: np.ndarray, state: PlacedHands) -> np.ndarray:
         """Those of the registered hand."""
         return state.rotation
 
-    def _placed(self, markers: np.ndarray, state: Placed) -> tuple[np.ndarray, np.ndarray]:
+    def _placed(self, markers: np.ndarray, state: PlacedHands) -> tuple[np.ndarray, np.ndarray]:
         return register(self._template, markers, ~missing(markers), state[:2])
 
     def _own(self, markers: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
@@ -85,25 +85,25 @@ class _Registered:
 class TwoHandsFiller(_Registered):
     """Fills a hand's markers from those of both: hands come in pairs, left then right, each in its mirrored world."""
 
-    def fill(self, markers: np.ndarray, interval: float, state: Placed) -> tuple[np.ndarray, Placed]:
+    def fill(self, markers: np.ndarray, interval: float, state: PlacedHands) -> tuple[np.ndarray, PlacedHands]:
         """See `Filler`."""
         rotation, translation = self._placed(markers, state)
         beside = _MIRROR * markers.reshape(-1, 2, MARKER_COUNT, 3)[:, ::-1].reshape(markers.shape)
         own, other = (self._own(points, rotation, translation) for points in (markers, beside))
         (told,) = self.network.run({"markers": own, "hand": self._shapes, "other": other}).values()
-        return self._world(markers, told, rotation, translation), Placed(rotation, translation, state.memory)
+        return self._world(markers, told, rotation, translation), PlacedHands(rotation, translation, state.memory)
 
 
 class MemoryFiller(_Registered):
     """Fills markers from those that are seen and those that were."""
 
-    def fill(self, markers: np.ndarray, interval: float, state: Placed) -> tuple[np.ndarray, Placed]:
+    def fill(self, markers: np.ndarray, interval: float, state: PlacedHands) -> tuple[np.ndarray, PlacedHands]:
         """See `Filler`."""
         rotation, translation = self._placed(markers, state)
         own = self._own(markers, rotation, translation)
         outputs, memory = self.network.step({"markers": own, "hand": self._shapes}, state.memory)
         (told,) = outputs.values()
-        return self._world(markers, told, rotation, translation), Placed(rotation, translation, memory)
+        return self._world(markers, told, rotation, translation), PlacedHands(rotation, translation, memory)
 
 
 def load_two_hands(path: str | Path, hands: Sequence[Skeleton]) -> TwoHandsFiller:

@@ -14,7 +14,7 @@ from bodysense.devices.simulated.three_point import POINTS
 from bodysense.lab.export import export
 from bodysense.lab.unoc.episodes import RATE
 from bodysense.lab.unoc.learned import FORMAT
-from bodysense.lab.unoc.network import BodyNetwork, State, TrackedBody
+from bodysense.lab.unoc.network import BodyNetwork, PredictorState, TrackedBody
 from bodysense.lab.unoc.point_model import FORMAT as POINT_FORMAT
 from bodysense.lab.unoc.point_model import Task
 from bodysense.lab.unoc.point_network import PointNetwork, TrackedPoints
@@ -29,7 +29,7 @@ class _BodyStep(nn.Module):
 
     def forward(self, *values: Tensor) -> tuple[Tensor, ...]:
         count = len(TrackedBody._fields)
-        completed, state = self.model(TrackedBody(*values[:count]), State(*values[count:]))
+        completed, state = self.model(TrackedBody(*values[:count]), PredictorState(*values[count:]))
         return (*completed, *state)
 
 
@@ -51,12 +51,12 @@ def write_onnx(model: BodyNetwork, path: Path, card: dict[str, Any]) -> None:
         bone_length=model.typical_bone[None],
         height=torch.tensor([1.7]),
     )
-    inputs = [*TrackedBody._fields, *(f"state_{name}" for name in State._fields)]
-    outputs = ["completed", "occluded", "error", *(f"next_{name}" for name in State._fields)]
+    inputs = [*TrackedBody._fields, *(f"state_{name}" for name in PredictorState._fields)]
+    outputs = ["completed", "occluded", "error", *(f"next_{name}" for name in PredictorState._fields)]
     start = {
         f"state_{name}": {"shape": list(value.shape), "dtype": str(value.numpy().dtype)}
         | ({"values": np.round(value.flatten().numpy().astype(float), 5).tolist()} if value.any() else {})
-        for name, value in zip(State._fields, state, strict=True)
+        for name, value in zip(PredictorState._fields, state, strict=True)
     }
     card = {
         "points": model.skeleton.points,

@@ -20,7 +20,7 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.three_point import POINTS
 from bodysense.lab.unoc.learned import MEASURED_ERROR
-from bodysense.lab.unoc.point_model import PointModel, PointRunner, PointState, load_point_model
+from bodysense.lab.unoc.point_model import PointModel, PointRunner, PointState
 from bodysense.observation import Observation, observed_points
 
 LOST_ERROR = 0.15  # m: of a hand that is not tracked now
@@ -201,8 +201,3 @@ def fitted_arms(
 
 def _with_length(vector: np.ndarray, length: np.ndarray) -> np.ndarray:
     return vector * (length / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), 1e-9))
-
-
-def packaged_upper_body(skeleton: Skeleton) -> LearnedUpperBody:
-    """The packaged network on a wearer's skeleton."""
-    return LearnedUpperBody(skeleton, load_point_model("upper-body"))

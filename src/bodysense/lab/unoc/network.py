@@ -91,7 +91,7 @@ class TrackedBody(NamedTuple):
     height: Tensor  # (B,) m, of the wearer's rest pose
 
 
-class State(NamedTuple):
+class PredictorState(NamedTuple):
     """What the network remembers between frames."""
 
     known: Tensor  # (B, P, 3) last known positions, as offsets in the network's frame
@@ -110,7 +110,7 @@ class BodyPrediction(NamedTuple):
     error: Tensor  # (B, T, P) m at the reference height, expected position error
 
 
-class Completed(NamedTuple):
+class WorldPrediction(NamedTuple):
     """The answer in the world."""
 
     position: Tensor  # (B, T, P, 3) m
@@ -172,10 +172,10 @@ class BodyNetwork(nn.Module):
     bodies: Tensor
     places: Tensor
 
-    def start(self, batch: int) -> State:
+    def start(self, batch: int) -> PredictorState:
         """The state before the first frame of `batch` sequences."""
         points, device = len(self.skeleton.points), self.scale.device
-        return State(
+        return PredictorState(
             known=self.standing.expand(batch, -1, -1).clone(),
             known_world=torch.zeros(batch, points, 3, device=device),
             seen=torch.zeros(batch, points, dtype=torch.bool, device=device),
@@ -184,7 +184,7 @@ class BodyNetwork(nn.Module):
             memory=self.recurrent.start(batch).to(device),
         )
 
-    def forward(self, tracked: TrackedBody, state: State) -> tuple[Completed, State]:
+    def forward(self, tracked: TrackedBody, state: PredictorState) -> tuple[WorldPrediction, PredictorState]:
         """Complete T frames; one call with T frames equals T calls with one."""
         features, known, into, state = self.prepare(tracked, state)
         hidden, memory = self.recurrent(features, state.memory)
@@ -209,13 +209,13 @@ class BodyNetwork(nn.Module):
         start = known if self.config.skip else self.standing
         return BodyPrediction(start + change, logit, error)
 
-    def place_in_world(self, answer: BodyPrediction, into: Tensor, tracked: TrackedBody) -> Completed:
+    def place_in_world(self, answer: BodyPrediction, into: Tensor, tracked: TrackedBody) -> WorldPrediction:
         """From the network's frame, `into` which (B, T, 3, 3) row vectors turn from the world, to the world."""
         size = (tracked.height / REFERENCE_HEIGHT)[:, None, None]
         offset = answer.offset @ (into.mT * size[..., None])
         # The head's own offset is zero.
         position = offset + offset.index_select(-2, self.origins) + tracked.head_position[..., None, :]
-        return Completed(position, torch.sigmoid(answer.hidden_logit), answer.error * size)
+        return WorldPrediction(position, torch.sigmoid(answer.hidden_logit), answer.error * size)
 
     def offsets(self, position: Tensor, into: Tensor, height: Tensor) -> Tensor:
         """World positions as offsets (B, T, P, 3) in the network's frame: body from the head, fingers from a wrist."""
@@ -238,7 +238,7 @@ class BodyNetwork(nn.Module):
         into = (heading @ self.turn + self.upright).unflatten(-1, (3, 3))
         return heading, into, products[..., 3:].unflatten(-1, (2, 3)) @ into
 
-    def prepare(self, tracked: TrackedBody, state: State) -> tuple[Tensor, Tensor, Tensor, State]:
+    def prepare(self, tracked: TrackedBody, state: PredictorState) -> tuple[Tensor, Tensor, Tensor, PredictorState]:
         """Features (B, T, F), last known offsets (B, T, P, 3), the turn into the frame (B, T, 3, 3), the next state."""
         heading, into, tilt = self.facing(tracked.head_rotation)
         offset = self.offsets(tracked.position, into, tracked.height)
@@ -262,10 +262,12 @@ class BodyNetwork(nn.Module):
             in_world = torch.where(torch.stack(ever, dim=1)[..., None], in_world, last)
             parts.append(in_world.index_select(-2, self.bodies).flatten(-2))
             parts += self._headset(tracked, state, heading, into, tilt)
-        after = State(known, known_world, seen, tracked.head_position[:, -1], heading[:, -1], state.memory)
+        after = PredictorState(known, known_world, seen, tracked.head_position[:, -1], heading[:, -1], state.memory)
         return torch.cat(parts, dim=-1), last, into, after
 
-    def _headset(self, tracked: TrackedBody, state: State, heading: Tensor, into: Tensor, tilt: Tensor) -> list[Tensor]:
+    def _headset(
+        self, tracked: TrackedBody, state: PredictorState, heading: Tensor, into: Tensor, tilt: Tensor
+    ) -> list[Tensor]:
         """Bone lengths, the head's tilt and height, how it moves and turns, and the time step."""
         started = (state.heading * state.heading).sum(dim=-1, keepdim=True) > 0.5
         head_before = torch.where(started, state.head_position, tracked.head_position[:, 0])

@@ -75,7 +75,7 @@ Sums = dict[tuple[str, str, str], Smoothness]  # by group of categories, part of
 
 
 @dataclass(frozen=True, eq=False)
-class Replay:
+class RecordedEstimator:
     """An estimator that ran before; the state is the frame that comes next."""
 
     estimate: PointEstimate
@@ -102,7 +102,9 @@ def after_tracker(
 ) -> np.ndarray:
     """Positions (T, P, 3) m of a network after inverse kinematics and smoothing."""
     shape = position.shape[:-1]
-    tracker = IkTracker(Replay(PointEstimate(skeleton, position, np.zeros(shape), np.full(shape, _GUESS))), settings)
+    tracker = IkTracker(
+        RecordedEstimator(PointEstimate(skeleton, position, np.zeros(shape), np.full(shape, _GUESS))), settings
+    )
     pose, _, _ = tracker.step(observation, tracker.start())
     return np.asarray(forward_kinematics(pose)[0])
 
