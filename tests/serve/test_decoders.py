@@ -22,8 +22,8 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.serve import vmc, vrchat
 from bodysense.serve.osc import read_packet
 from bodysense.serve.vmc import vmc_packets
-from bodysense.serve.vmt import DRIVER_PORT, TRACKERS, tracker_messages
-from bodysense.serve.vmt_hands import hand_messages
+from bodysense.serve.vmt import DRIVER_PORT, tracker_packet
+from bodysense.serve.vmt_hands import hand_packet
 from bodysense.serve.vrchat import vrchat_packets
 
 from .test_wireshark import capture
@@ -53,10 +53,10 @@ def packets(rng: np.random.Generator) -> Iterator[Sent]:
         yield from (Sent(data, vrchat.PORT) for data in vrchat_packets(pose, (position, rotation)))
         places = dict(zip(SKELETON.points, position, strict=True))
         joints = dict(zip(SKELETON.joints, rotation, strict=True))
-        yield from (Sent(data, DRIVER_PORT) for data in tracker_messages(0, TRACKERS, places, joints))
+        yield Sent(tracker_packet(0, places, joints), DRIVER_PORT)
         if frame % HANDS_EVERY == 0:
-            yield Sent(hand_messages("left", 8, SKELETON, places, joints), DRIVER_PORT)
-            yield Sent(hand_messages("right", 9, SKELETON, places, joints), DRIVER_PORT)
+            yield Sent(hand_packet("left", 8, SKELETON, places, joints), DRIVER_PORT)
+            yield Sent(hand_packet("right", 9, SKELETON, places, joints), DRIVER_PORT)
         frame += 1
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import gc
 import logging
 import socket
 import sys
@@ -118,5 +119,7 @@ def serve(
             opened.enter_context(one)
         server = prepared(settings, started)
         rehearse()
+        gc.collect()
+        gc.freeze()  # what is loaded stays: searched again and again, it would hold a frame up for 20 ms
         sys.setswitchinterval(_SWITCH)
         server.run(list(bound))

@@ -10,7 +10,10 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TypeAlias
+
+import numpy as np
 
 Argument: TypeAlias = str | int | float | bool | bytes | None
 
@@ -74,6 +77,35 @@ def bundled(messages: Sequence[bytes], largest: int = DATAGRAM) -> list[bytes]:
     if len(parts) > 2:
         packets.append(b"".join(parts))
     return packets
+
+
+class PacketForm:
+    """Packets of which only single-precision numbers change: built once, filled for every frame.
+
+    A message is its address, its types and the values that stay; types that are left over are `f`, to be filled.
+    """
+
+    def __init__(self, messages: Sequence[tuple[str, str, tuple[Argument, ...]]], largest: int = DATAGRAM) -> None:
+        free = [len(tags) - len(values) for _, tags, values in messages]
+        rows = [message_bytes(*row[:2], *row[2], *(n * (0.0,))) for row, n in zip(messages, free, strict=True)]
+        packets = bundled(rows, largest)
+        self._words = np.frombuffer(b"".join(packets), dtype=">u4")
+        self._ends = np.cumsum([len(packet) for packet in packets]).tolist()
+        places, end, left = [], 0, list(zip(rows, free, strict=True))
+        for packet in packets:
+            end, last = end + 16, end + len(packet)
+            while end < last:
+                row, count = left.pop(0)
+                end += 4 + len(row)
+                places += range(end // 4 - count, end // 4)
+        self._places = np.array(places, dtype=np.intp)
+
+    def filled(self, values: np.ndarray) -> list[bytes]:
+        """The packets with these numbers (N,), in the order of the messages."""
+        words = self._words.copy()
+        words[self._places] = values.astype(">f4").view(">u4")
+        data = words.tobytes()
+        return [data[start:end] for start, end in pairwise((0, *self._ends))]
 
 
 class _Malformed(Exception):

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation
 from bodysense.serve.driver_axes import driver_rotation, from_driver_rotation
-from bodysense.serve.osc import Message, message_bytes, read_packet
+from bodysense.serve.osc import Message, PacketForm, message_bytes, read_packet
 from bodysense.serve.tracked_devices import Device, DeviceState, TrackedDevices
 
 DRIVER_PORT = 39570  # the driver listens here
@@ -134,22 +135,24 @@ def subscriptions(state: VmtState, address: str, port: int) -> list[bytes]:
     return asked
 
 
-def tracker_messages(
-    first: int, trackers: Sequence[tuple[str, str]], points: Mapping[str, np.ndarray], turns: Mapping[str, np.ndarray]
-) -> list[bytes]:
-    """A message for each virtual tracker, from places (3,) m and rotations (4,) wxyz by name, in the driver's world."""
-    return [
-        device_message(first + TRACKERS.index((place, turn)), TRACKER, points[place], driver_rotation(turns[turn]))
-        for place, turn in trackers
-    ]
+def tracker_packet(first: int, points: Mapping[str, np.ndarray], turns: Mapping[str, np.ndarray]) -> bytes:
+    """A bundle of all virtual trackers, from places (3,) m and rotations (4,) wxyz by name, in the driver's world."""
+    place = np.array([points[name] for name, _ in TRACKERS])
+    turn = driver_rotation(np.array([turns[joint] for _, joint in TRACKERS]))
+    (packet,) = _form(first).filled(np.hstack([place, turn]).ravel())
+    return packet
 
 
-def device_message(index: int, kind: int, place: np.ndarray, turn: np.ndarray) -> bytes:
-    """A virtual device at a place (3,) m, turned as x y z w."""
-    return message_bytes("/VMT/Raw/Driver", f"iif{_SEVEN}", index, kind, 0.0, *place.tolist(), *turn.tolist())
+@lru_cache
+def _form(first: int) -> PacketForm:
+    return PacketForm([device_message(first + k, TRACKER) for k in range(len(TRACKERS))])
+
+
+def device_message(index: int, kind: int) -> tuple[str, str, tuple[int, int, float]]:
+    """What switches a virtual device on, but for its place, m, and how it is turned, x y z w."""
+    return "/VMT/Raw/Driver", f"iif{_SEVEN}", (index, kind, 0.0)
 
 
 def off_messages(indices: Sequence[int]) -> list[bytes]:
     """Virtual devices that are lost: without this the driver shows their last pose for ever."""
-    lost = 3 * (0.0,), (0.0, 0.0, 0.0, 1.0)
-    return [message_bytes("/VMT/Raw/Driver", f"iif{_SEVEN}", k, OFF, 0.0, *lost[0], *lost[1]) for k in indices]
+    return [message_bytes("/VMT/Raw/Driver", f"iif{_SEVEN}", k, OFF, *(7 * (0.0,)), 1.0) for k in indices]
