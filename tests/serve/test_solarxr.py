@@ -15,12 +15,16 @@ import pytest
 from flatbuffers.table import Table
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect as open_socket
+from websockets.typing import Origin
 
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.serve.metrics import Metrics
+from bodysense.serve.safety import why_not_local
 from bodysense.serve.settings import ServerSettings
 from bodysense.serve.solarxr import Asked, Updates, read_bundle, settings_bundle
 from bodysense.serve.solarxr_body import BONES, TRACKERS, moved, told_of
@@ -309,7 +313,7 @@ def folder(tmp_path: Path) -> Iterator[Path]:
 
 
 def test_a_runtime_gets_a_body(server_of: Serving, folder: Path, connect: Connecting) -> None:
-    server_of(ServerSettings(solarxr=SolarxrSettings(folder)))
+    server_of(ServerSettings(solarxr=SolarxrSettings(folder, 0)))
     with Runtime(folder) as runtime:
         runtime.say(request(polls=True, asks=0))
         first, second = runtime.heard(), runtime.heard()
@@ -338,8 +342,57 @@ def test_a_runtime_gets_a_body(server_of: Serving, folder: Path, connect: Connec
         assert time.monotonic() < until
 
 
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as found:
+        return found.getsockname()[1]
+
+
+def test_slimevrs_programs_get_the_same_body_by_a_websocket(server_of: Serving, folder: Path) -> None:
+    port = free_port()
+    server_of(ServerSettings(solarxr=SolarxrSettings(folder, port)))
+    with Runtime(folder) as runtime, open_socket(f"ws://127.0.0.1:{port}/") as program:
+
+        def heard() -> bytes:
+            packet = program.recv(timeout=10)
+            assert isinstance(packet, bytes)
+            return packet
+
+        program.send("a text of the older protocol")
+        program.send(b"nonsense")
+        program.send(request(polls=True, asks=9))
+        assert len(update(heard()).rows(1)) == len(TRACKERS)
+        (answer,) = bundle(heard()).rows(1)
+        assert (answer.value(0, "I"), answer.value(1, "B")) == (9, 7)
+        for who in (program.send, runtime.say):
+            who(request(polls=False, starts=1, asks=None))
+        for packet in (added(1, 19), added(2, 13), added(3, 14)):
+            runtime.tell(packet)
+        until, seen = time.monotonic() + 20, False
+        while not seen and time.monotonic() < until:
+            for identity, place in ((1, (0.0, 1.6, 0.0)), (2, (-0.3, 1.0, -0.3)), (3, (0.3, 1.0, -0.3))):
+                runtime.tell(position(identity, place))
+            told = update(heard())
+            seen = all(row.value(2, "B") == 2 for row in told.rows(1))
+        waist = told.rows(1)[0].floats(4, 3)
+        assert seen and waist is not None and 0.7 < waist[1] < 1.2
+
+
+@pytest.mark.parametrize("origin", [None, "http://localhost:5173", "tauri://localhost"])
+def test_programs_and_pages_of_this_machine_are_let_in(origin: str | None) -> None:
+    assert why_not_local("127.0.0.1:21110", origin) is None
+
+
+def test_other_pages_and_names_are_not_let_in(server_of: Serving, folder: Path) -> None:
+    port = free_port()
+    server_of(ServerSettings(solarxr=SolarxrSettings(folder, port)))
+    with pytest.raises(InvalidStatus) as refused:
+        open_socket(f"ws://127.0.0.1:{port}/", origin=Origin("https://evil.example.org"))
+    assert refused.value.response.status_code == 403
+    assert why_not_local("evil.example.org:21110", None) and why_not_local("localhost", "null")
+
+
 def test_what_is_no_message_ends_or_is_left_out(server_of: Serving, folder: Path) -> None:
-    server_of(ServerSettings(solarxr=SolarxrSettings(folder)))
+    server_of(ServerSettings(solarxr=SolarxrSettings(folder, 0)))
     with Runtime(folder) as broken:
         broken.rpc.sendall(b"\xff\xff\xff\xff")
         assert broken.rpc.recv(10) == b""
@@ -352,13 +405,17 @@ def test_what_is_no_message_ends_or_is_left_out(server_of: Serving, folder: Path
 
 def test_sockets_that_cannot_be_had(folder: Path) -> None:
     def link(where: Path) -> SolarxrLink:
-        return SolarxrLink(SolarxrSettings(where), Metrics(), InputReader(), SIGNALS)
+        return SolarxrLink(SolarxrSettings(where, 0), Metrics(), InputReader(), SIGNALS)
 
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as other:
         other.bind(str(folder / RPC))
         other.listen()
         with pytest.raises(BodysenseError, match="is in use: SlimeVR, or another bodysense"):
             link(folder)
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(BodysenseError, match=f"--solarxr-port {port} is in use"):
+            SolarxrLink(SolarxrSettings(folder, port), Metrics(), InputReader(), SIGNALS)
     stale = link(folder)  # one that nobody listens to is replaced
     stale.close()
     assert not (folder / RPC).exists() and not (folder / INPUT).exists()

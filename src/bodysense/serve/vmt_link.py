@@ -10,9 +10,10 @@ from functools import partial
 
 from bodysense.errors import BodysenseError
 from bodysense.serve.answer import Answer
-from bodysense.serve.links import LOST, DeviceInput, Reader, address_toward, listened
+from bodysense.serve.links import LOST, DeviceInput, Reader
 from bodysense.serve.live import Live
 from bodysense.serve.metrics import Metrics
+from bodysense.serve.sockets import address_toward, listen_udp
 from bodysense.serve.tracked_devices import SIGNALS, TrackedDevices
 from bodysense.serve.vmt import DRIVER_PORT, LAST_INDEX, TRACKERS, off_messages, subscriptions, tracker_packet
 from bodysense.serve.vmt_hands import hand_packet
@@ -51,7 +52,7 @@ class VmtLink:
             raise BodysenseError(f"--vmt-host {settings.host}: no such host; give the machine of SteamVR") from None
         self._driver = (address, settings.driver_port)
         self._here = address_toward(address)
-        self._bound = listened("--vmt-port", self._here, settings.port)
+        self._bound = listen_udp("--vmt-port", self._here, settings.port)
         self._port = self._bound.getsockname()[1]
         self._transport: asyncio.DatagramTransport | None = None
         self._input: DeviceInput | None = None
