@@ -93,7 +93,7 @@ class Session:
         self._stood: list[Observation] | None = None  # of a wearer who stands to be calibrated
         self._arms_out = False  # in which pose
         self._worn = dict(worn)  # undecided trackers → the joints that they are on
-        self._inertial = Inertial()
+        self._inertial = Inertial.of(person)
         self._display, self._eased = Display(), eased
         self._seen_before: tuple[list[str], np.ndarray] | None = None  # what was tracked, and (P, 3) m the body
         self._told_at = -math.inf  # the moment at which the skeleton was told last
@@ -113,9 +113,10 @@ class Session:
         if height is None:
             return base
         if base.bone_deviation.any():
-            return Person(height=height, lengths=base.lengths, mounts=base.mounts)
+            return Person(height=height, lengths=base.lengths, mounts=base.mounts, hands=base.hands)
         offset = base.skeleton.rest_offset
-        return Person(base.skeleton.with_offsets(offset * (height / float(stature(offset)))), mounts=base.mounts)
+        scaled = base.skeleton.with_offsets(offset * (height / float(stature(offset))))
+        return Person(scaled, mounts=base.mounts, hands=base.hands)
 
     @property
     def _tracking(self) -> TrackerSettings:
@@ -184,6 +185,7 @@ class Session:
             observation = self._set_up(frame, moment, observation)
         if self._stood is not None:
             self._stood.append(observation)
+        self._inertial = self._inertial.headed(observation, self.skeleton)
         return Job(self._pipeline, self._as_worn(observation), self._state, frame, received, self._placement)
 
     def _as_worn(self, observation: Observation) -> Observation:
@@ -293,7 +295,8 @@ class Session:
         """What another process needs to go on: the wearer, as tall as inferred; the placement; what is worn where."""
         base = self._base
         if base.height is None and base.bone_deviation.any() and self.settings.height is None:
-            base = Person(height=Measured(self.height, _INFERRED), lengths=base.lengths, mounts=base.mounts)
+            height = Measured(self.height, _INFERRED)
+            base = Person(height=height, lengths=base.lengths, mounts=base.mounts, hands=base.hands)
         return base, self._placement, self._worn
 
     def placed(self) -> Placed:
@@ -353,22 +356,21 @@ class Session:
         stance = "arms out" if self._arms_out else "standing"
         try:
             found = calibration(stood, self._told, stance, self.settings.floor, self._inertial)
-            wearer = found.person
-            if wearer is not None:
-                height = round(float(stature(wearer.skeleton.rest_offset)), 3)
+            if found.measured:
+                height = round(float(stature(found.person.skeleton.rest_offset)), 3)
                 self.settings = replace(self.settings, height=height)
         except BodysenseError as error:
             self._notes.append(Said(str(error)))
             return
         self._inertial, self._display = found.inertial, self._display.broken()
         self._notes += [Said(text) for text in found.said]
-        if wearer is None:
+        self._base = self.calibrated = found.person
+        if not found.measured:
             return
-        self._base = self.calibrated = wearer
         if found.worn:
             self._worn |= found.worn
             self._door = door(self.points, self.skeleton, self._worn)
-        self._track(wearer)
+        self._track(found.person)
         self.revision += 1
 
 
