@@ -10,7 +10,8 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import lru_cache
+from itertools import groupby, pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -24,7 +25,7 @@ DEEPEST = 4  # bundles in bundles
 DATAGRAM = 1400  # bytes that pass a network whole
 _BUNDLE = b"#bundle\0"
 _AT_ONCE = struct.pack(">Q", 1)
-_NUMBERS = {"i": ">i", "f": ">f", "d": ">d", "h": ">q", "t": ">Q"}
+_NUMBERS = {"i": "i", "f": "f", "d": "d", "h": "q", "t": "Q"}
 _WORDS: dict[str, bool | float | None] = {"T": True, "F": False, "N": None, "I": float("inf")}
 
 
@@ -61,7 +62,7 @@ def message_bytes(address: str, tags: str, *values: Argument) -> bytes:
             blob = bytes(value)  # type: ignore[arg-type]
             parts.append(struct.pack(">i", len(blob)) + blob + b"\0" * (-len(blob) % 4))
         else:
-            parts.append(struct.pack(_NUMBERS[tag], value))
+            parts.append(struct.pack(">" + _NUMBERS[tag], value))
     return b"".join(parts)
 
 
@@ -141,11 +142,13 @@ def _message(packet: bytes) -> Message:
     if not tags.startswith(",") or len(tags) > MOST_ARGUMENTS:
         raise _Malformed("no types: a comma and at most 4096 letters follow the address")
     values: list[Argument] = []
-    for tag in tags[1:]:
-        if tag in _NUMBERS:
-            form = _NUMBERS[tag]
-            values.append(_number(packet, place, form))
-            place += struct.calcsize(form)
+    for tag, numbers in _parts(tags[1:]):
+        if numbers is not None:
+            try:
+                values += numbers.unpack_from(packet, place)
+            except struct.error:
+                raise _Malformed("a number is cut off") from None
+            place += numbers.size
         elif tag in "sS":
             text, place = _string(packet, place)
             values.append(text)
@@ -160,6 +163,18 @@ def _message(packet: bytes) -> Message:
         else:
             raise _Malformed(f"the type {tag!r} is not read here")
     return Message(address, tuple(values))
+
+
+@lru_cache(maxsize=256)
+def _parts(tags: str) -> tuple[tuple[str, struct.Struct | None], ...]:
+    """Types one by one, but for numbers that follow one another, which are read at once."""
+    found: list[tuple[str, struct.Struct | None]] = []
+    for are_numbers, run in groupby(tags, _NUMBERS.__contains__):
+        if are_numbers:
+            found.append(("", struct.Struct(">" + "".join(_NUMBERS[tag] for tag in run))))
+        else:
+            found += [(tag, None) for tag in run]
+    return tuple(found)
 
 
 def _number(packet: bytes, place: int, form: str) -> int | float:

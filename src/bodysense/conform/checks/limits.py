@@ -28,8 +28,11 @@ def beyond(joints: tuple[str, ...], subject: Subject) -> Value | Unanswered:
         if not subject.has(joint, parent) or not _rotated(subject, joint, parent):
             continue
         turn = quaternion_log(subject.local(parent, joint))
-        k = ours.index(joint)
-        over = np.degrees(np.maximum(np.maximum(turn - ranges.high[k], ranges.low[k] - turn), 0).max(axis=-1))
+        # Beyond half a turn a logarithm goes the other way about: the same rotation is as far as the nearer of the two.
+        length = np.maximum(np.linalg.norm(turn, axis=-1, keepdims=True), 1e-9)
+        low, high = ranges.low[ours.index(joint)], ranges.high[ours.index(joint)]
+        ways = [np.maximum(way - high, low - way).max(axis=-1) for way in (turn, turn * (1 - 2 * np.pi / length))]
+        over = np.degrees(np.maximum(np.minimum(*ways), 0))
         here = float(np.nanpercentile(over, 75)) if np.isfinite(over).any() else 0.0
         if here > worst:
             worst, where, frame = here, joint, int(np.nanargmax(over)) if np.isfinite(over).any() else None

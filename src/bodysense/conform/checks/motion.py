@@ -11,7 +11,7 @@ from bodysense.conform.subject import Subject, is_finger
 
 def joint_speed(subject: Subject) -> Value | Unanswered:
     """The fastest joint of the body."""
-    return _greatest(subject, subject.speed, body_points(subject))
+    return _greatest(subject, subject.speed, _without_toes(subject))
 
 
 def body_speed(subject: Subject) -> Value | Unanswered:
@@ -38,7 +38,7 @@ def pop(subject: Subject) -> Value | Unanswered:
         return Unanswered("no pelvis")
     best: Value | Unanswered = Unanswered("too few frames")
     slow = min(1.0, (1 / 30 / subject.interval) ** 2) if subject.interval > 0 else 1.0  # curves grow with the interval
-    for name in body_points(subject):
+    for name in _without_toes(subject):
         place = subject.at(name) - subject.at("pelvis")
         if len(place) < 5:
             break
@@ -88,6 +88,11 @@ def _surprise(place: np.ndarray, step: np.ndarray) -> np.ndarray:
 def body_points(subject: Subject) -> list[str]:
     """Points of the body that are there, without fingers."""
     return [name for name in subject.points if not is_finger(name) and subject.has(name)]
+
+
+def _without_toes(subject: Subject) -> list[str]:
+    """The same without the ends of the feet, which say how ankles are turned: takes by markers spin them."""
+    return [name for name in body_points(subject) if not name.endswith("_toe")]
 
 
 def is_rotated(subject: Subject, *names: str) -> bool:
