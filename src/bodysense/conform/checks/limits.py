@@ -120,11 +120,11 @@ CHECKS = (
         after=_FRAMES,
     ),
     _limit("knees", _both("knee"), 75, "Knees that twist, or bend sideways."),
-    _limit("hips", _both("hip"), 90, "Legs in places that no leg reaches."),
+    _limit("hips", _both("hip"), 100, "Legs in places that no leg reaches."),
     _limit("ankles", _both("ankle"), 90, "Feet that point backward."),
     _limit("spine", ("spine1", "spine2", "spine3"), 75, "A trunk that folds or wrings."),
     _limit("neck", ("neck", "head"), 80, "A head that looks backward."),
-    _limit("shoulders", _both("shoulder"), 40, "Arms in places that no arm reaches."),
+    _limit("shoulders", _both("shoulder"), 55, "Arms in places that no arm reaches."),
     _limit("elbows", _both("elbow"), 60, "Elbows that bend backward, forearms that wring."),
     _limit("wrists", _both("wrist"), 80, "Hands that bend off the arm."),
     Check(
@@ -132,7 +132,7 @@ CHECKS = (
         partial(penetration, ((THIGH[0], THIGH[1]), (SHIN[0], SHIN[1])), 0.01),
         "%",
         "One leg goes through the other.",
-        most=30,
+        most=70,
         after=SIZED,
     ),
     Check(
@@ -144,7 +144,7 @@ CHECKS = (
         ),
         "%",
         "Forearms go through trunk or neck.",
-        most=70,
+        most=75,
         after=SIZED,
     ),
     Check(
@@ -152,7 +152,7 @@ CHECKS = (
         partial(penetration, ((FOREARM[0], FOREARM[1]),), 0.01),
         "%",
         "One forearm goes through the other.",
-        most=70,
+        most=75,
         after=SIZED,
     ),
 )

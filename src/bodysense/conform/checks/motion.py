@@ -91,8 +91,8 @@ def body_points(subject: Subject) -> list[str]:
 
 
 def _without_toes(subject: Subject) -> list[str]:
-    """The same without the ends of the feet, which say how ankles are turned: takes by markers spin them."""
-    return [name for name in body_points(subject) if not name.endswith("_toe")]
+    """The same without feet beyond the ankles, which say how these are turned: takes by markers spin them."""
+    return [name for name in body_points(subject) if not name.endswith(("_foot", "_toe"))]
 
 
 def is_rotated(subject: Subject, *names: str) -> bool:
@@ -118,7 +118,7 @@ _NONE = Unanswered("no frames that follow each other")
 TIMED = ("data.time_finite", "data.time_increases", "data.time_in_seconds", "data.gaps", "anatomy.height")
 
 CHECKS = (
-    Check("motion.teleport", teleport, "m", "The whole body jumps.", most=0.4, after=TIMED),
+    Check("motion.teleport", teleport, "m", "The whole body jumps.", most=0.5, after=TIMED),
     Check(
         "motion.body_speed",
         body_speed,
@@ -132,15 +132,15 @@ CHECKS = (
         pop,
         "m",
         "A joint leaps away for a frame and is back.",
-        most=0.35,
+        most=0.5,
         after=(*TIMED, "motion.teleport"),
     ),
     Check(
         "motion.joint_speed",
         joint_speed,
         "m/s",
-        "No joint of a body goes faster than 20 m/s.",
-        most=20,
+        "No joint of a body goes faster than 22 m/s.",
+        most=22,
         after=(*TIMED, "motion.teleport", "motion.pop"),
     ),
     Check("motion.body_flip", body_flip, "°", "The body turns about within a frame.", most=120, after=TIMED),

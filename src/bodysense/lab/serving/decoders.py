@@ -32,6 +32,7 @@ from bodysense.serve.webxr import between_eyes
 
 AT_ONCE = 50_000  # packets that Wireshark is given at a time
 _POSES = 256  # that are made at a time
+_HANDS_EVERY = 8  # poses: they take longest
 _SENT_FROM = 50000
 
 
@@ -70,9 +71,9 @@ def sent_packets(rng: np.random.Generator) -> Iterator[Sent]:
             places = dict(zip(skeleton.points, position[k], strict=True))
             joints = dict(zip(skeleton.joints, rotation[k], strict=True))
             yield Sent(tracker_packet(0, places, joints), DRIVER_PORT)
+            hands = ("left", "right") if k % _HANDS_EVERY == 0 else ()
             yield from (
-                Sent(hand_packet(side, 8 + n, skeleton, places, joints), DRIVER_PORT)
-                for n, side in enumerate(("left", "right"))
+                Sent(hand_packet(side, 8 + n, skeleton, places, joints), DRIVER_PORT) for n, side in enumerate(hands)
             )
             body = moved(places, joints, eyes)
             yield Sent(updates.of(body), 0, body)
