@@ -264,7 +264,7 @@ def test_slimevrs_programs_get_the_same_body_by_a_websocket(server_of: Serving, 
             who(request(polls=False, starts=1, asks=None))
         for packet in (added(1, 19), added(2, 13), added(3, 14)):
             runtime.tell(packet)
-        until, seen = time.monotonic() + 20, False
+        until, seen, told = time.monotonic() + 20, False, update(heard())
         while not seen and time.monotonic() < until:
             for identity, place in ((1, (0.0, 1.6, 0.0)), (2, (-0.3, 1.0, -0.3)), (3, (0.3, 1.0, -0.3))):
                 runtime.tell(position(identity, place))

@@ -87,7 +87,7 @@ class SolarxrLink:
     def __init__(self, settings: SolarxrSettings, metrics: Metrics, reader: Reader, points: tuple[str, ...]) -> None:
         self._metrics, self._reader, self._points = metrics, reader, points
         self._clients: list[_Client] = []
-        self._servers: list[asyncio.Server] = []
+        self._servers: list[Any] = []
         self._beating: asyncio.Task[None] | None = None
         self._eyes = between_eyes(default_skeleton())
         self._updates = Updates(told_of(default_skeleton(), self._eyes))

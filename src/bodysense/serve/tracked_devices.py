@@ -209,7 +209,7 @@ class DeviceReader:
         return ()
 
 
-def pose_of(numbers: Sequence[float], what: str) -> tuple[np.ndarray, np.ndarray | None] | str:
+def pose_of(numbers: Sequence[Any], what: str) -> tuple[np.ndarray, np.ndarray | None] | str:
     """Place (3,) and rotation (4,) of seven numbers as sent, None where it is none; or why they are no pose."""
     values = np.array(numbers, dtype=float)
     if not np.isfinite(values).all() or np.abs(values[:3]).max() > FARTHEST:

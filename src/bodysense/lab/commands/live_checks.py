@@ -57,7 +57,8 @@ def packet_fuzz(packets: int = 1_000_000, seed: int = 1, json: Path | None = Non
     seconds = time.perf_counter() - begun
     parts = ", ".join(f"{name} {count}" for name, count in found.items())
     print(f"{packets} packets in {seconds:.0f} s, no failure: {parts}")
-    write_numbers(json, {"packets": packets, "seed": seed, "seconds": round(seconds, 1)} | found)
+    numbers: dict[str, float] = {"packets": packets, "seed": seed, "seconds": round(seconds, 1)}
+    write_numbers(json, numbers | found)
 
 
 def packet_decoders(packets: int = 1_000_000, seed: int = 1, json: Path | None = None) -> None:
