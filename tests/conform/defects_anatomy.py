@@ -156,7 +156,7 @@ limit_defect("hips", "left_hip", about(y=175), "anatomy.handedness", "poses.sit_
 limit_defect("ankles", "left_ankle", about(y=175), "anatomy.handedness")
 limit_defect("spine", "spine2", about(y=120))
 limit_defect("neck", "neck", about(y=150))
-limit_defect("shoulders", "left_shoulder", about(x=175))
+limit_defect("shoulders", "left_shoulder", about(x=-143, y=-86), "poses.stand_arms", "poses.t_pose_held")
 limit_defect("elbows", "left_elbow", about(x=165))
 limit_defect("wrists", "left_wrist", about(z=170))
 

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodysense.serve.launch import listen, prepared
+from bodysense.serve.launch import prepared
 from bodysense.serve.message_text import write_message
 from bodysense.serve.messages import ClientMessage, Hello
 from bodysense.serve.protocol import POSE, SUBPROTOCOL, PoseFrame, SignalFrame, read_pose, write_signal
 from bodysense.serve.settings import ServerSettings
+from bodysense.serve.sockets import listen_tcp
 
 DEVICES = ("headset", "left_controller", "right_controller")
 
@@ -98,7 +99,7 @@ Connecting = Callable[..., Client]
 @contextmanager
 def serving(settings: ServerSettings) -> Iterator[Address]:
     """A server while the block lasts."""
-    bound = listen("127.0.0.1", 0)
+    bound = listen_tcp("--port", "127.0.0.1", 0)
     ready = threading.Event()
     server = prepared(settings, lambda server: ready.set())
     thread = threading.Thread(target=server.run, args=([bound],), daemon=True)

@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense.serve.launch import listen
 from bodysense.serve.message_text import write_message
 from bodysense.serve.messages import Hello
 from bodysense.serve.protocol import SUBPROTOCOL, write_signal
 from bodysense.serve.safety import Access, Limits, RateLimit, why_refused
 from bodysense.serve.settings import ServerSettings
+from bodysense.serve.sockets import listen_tcp
 
 from .conftest import DEVICES, Address, Connecting, Serving, signal
 
@@ -218,11 +218,11 @@ def test_ports_that_cannot_be_had() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(BodysenseError, match=f"--port {port} is in use.*another --port"):
-            listen("127.0.0.1", port)
+            listen_tcp("--port", "127.0.0.1", port)
     for host, port, said in (
         ("127.0.0.1", 70000, "ports are 0"),
         ("203.0.113.1", 0, "no address of this machine"),
         ("no such host", 0, "no such host"),
     ):
         with pytest.raises(BodysenseError, match=said):
-            listen(host, port)
+            listen_tcp("--port", host, port)

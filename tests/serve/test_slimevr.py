@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import geodesic_angle, quaternion_conjugate, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
@@ -232,6 +234,29 @@ def test_a_heading_that_drifted_is_taken_anew() -> None:
     assert geodesic_angle(drifted[0, 2], before[0, 2]) > 0.5
     again = worn.reheaded(wearer.observation(standing_pose(SKELETON), 3.0), SKELETON)
     assert geodesic_angle(again.joints(wearer.observation(squatting(), 4.0)).rotation, before).max() < 1e-6
+
+
+@pytest.mark.parametrize("head", [True, False])
+def test_how_sensors_are_worn_is_kept_in_the_persons_file(head: bool, tmp_path: Path) -> None:
+    """Saved and read again, switched on again with norths of their own, they show the same body."""
+    wearer = Wearer(5, LEGS)
+    one, _ = played_session(wearer, head)
+    assert one.calibrated is not None and set(one.calibrated.mounts) == set(LEGS)
+    one.calibrated.save(tmp_path / "me.json")
+
+    def played(session: Session) -> Any:
+        answer = None
+        for k, pose in enumerate([*90 * [standing_pose(SKELETON)], *60 * [squatting()]]):
+            session.receive(wearer.frame(pose, 10 + k / 30, head), 0.0)
+            answer = session.step()
+        return answer
+
+    before = played(one)
+    wearer.world = {name: quaternion_multiply(about_y(k), turn) for k, (name, turn) in enumerate(wearer.world.items())}
+    after = played(Session(one.points, Person.load(tmp_path / "me.json"), one.settings))
+    legs = SKELETON.indices([IMUS[name] for name in LEGS])
+    assert geodesic_angle(after.turns[legs], before.turns[legs]).max() < 0.01
+    assert np.abs(after.points - before.points).max() < 0.005
 
 
 def test_a_tracker_of_the_same_joint_comes_first() -> None:

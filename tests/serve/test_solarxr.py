@@ -7,20 +7,22 @@ import struct
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import flatbuffers
 import numpy as np
 import pytest
-from flatbuffers.table import Table
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect as open_socket
+from websockets.typing import Origin
 
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.lab.serving.solarxr_client import bundle, request, update
 from bodysense.serve.metrics import Metrics
+from bodysense.serve.safety import why_not_local
 from bodysense.serve.settings import ServerSettings
 from bodysense.serve.solarxr import Asked, Updates, read_bundle, settings_bundle
 from bodysense.serve.solarxr_body import BONES, TRACKERS, moved, told_of
@@ -34,107 +36,6 @@ from .conftest import Connecting, Serving
 SKELETON = default_skeleton()
 EYES = between_eyes(SKELETON)
 UPDATES = Updates(told_of(SKELETON, EYES))
-
-
-# ---- an independent reader, by the slots of the public schema
-
-
-class Row:
-    """A table; fields by slot."""
-
-    def __init__(self, data: bytes, place: int) -> None:
-        self.data, self.place, self.table = data, place, Table(data, place)
-
-    def at(self, slot: int) -> int | None:
-        offset = self.table.Offset(4 + 2 * slot)
-        return self.place + offset if offset else None
-
-    def value(self, slot: int, form: str, default: Any = 0) -> Any:
-        place = self.at(slot)
-        return default if place is None else struct.unpack_from("<" + form, self.data, place)[0]
-
-    def floats(self, slot: int, count: int) -> np.ndarray | None:
-        place = self.at(slot)
-        return None if place is None else np.array(struct.unpack_from(f"<{count}f", self.data, place))
-
-    def row(self, slot: int) -> Row | None:
-        place = self.at(slot)
-        return None if place is None else Row(self.data, place + struct.unpack_from("<I", self.data, place)[0])
-
-    def rows(self, slot: int) -> list[Row]:
-        vector = self.row(slot)
-        if vector is None:
-            return []
-        count = struct.unpack_from("<I", self.data, vector.place)[0]
-        places = [vector.place + 4 + 4 * k for k in range(count)]
-        return [Row(self.data, place + struct.unpack_from("<I", self.data, place)[0]) for place in places]
-
-    def text(self, slot: int) -> str:
-        vector = self.row(slot)
-        assert vector is not None
-        size = struct.unpack_from("<I", self.data, vector.place)[0]
-        return self.data[vector.place + 4 : vector.place + 4 + size].decode()
-
-
-def bundle(packet: bytes) -> Row:
-    return Row(packet, struct.unpack_from("<I", packet)[0])
-
-
-def update(packet: bytes) -> Row:
-    """The one data feed message of a bundle."""
-    (message,) = bundle(packet).rows(0)
-    assert message.value(0, "B") == 3 and not bundle(packet).rows(1)
-    found = message.row(1)
-    assert found is not None
-    return found
-
-
-def request(polls: bool = True, starts: int | None = None, asks: int | None = 0) -> bytes:
-    """What Monado's driver sends: a poll or a start of updates, and a request for settings."""
-    builder = flatbuffers.Builder(256)
-    feeds = []
-    builder.StartObject(6)
-    if starts is not None:
-        builder.PrependUint16Slot(0, starts, 0)
-    builder.PrependBoolSlot(3, True, False)
-    config = builder.EndObject()
-    for kind in [1] * polls + [2] * (starts is not None):
-        if kind == 2:
-            builder.StartVector(4, 1, 4)
-            builder.PrependUOffsetTRelative(config)
-            inside = builder.EndVector()
-        else:
-            inside = config
-        builder.StartObject(1)
-        builder.PrependUOffsetTRelativeSlot(0, inside, 0)
-        message = builder.EndObject()
-        builder.StartObject(2)
-        builder.PrependUint8Slot(0, kind, 0)
-        builder.PrependUOffsetTRelativeSlot(1, message, 0)
-        feeds.append(builder.EndObject())
-    calls = []
-    if asks is not None:
-        builder.StartObject(0)
-        empty = builder.EndObject()
-        builder.StartObject(3)
-        if asks:
-            builder.Prep(4, 4)
-            builder.PrependUint32(asks)
-            builder.PrependStructSlot(0, builder.Offset(), 0)
-        builder.PrependUint8Slot(1, 6, 0)
-        builder.PrependUOffsetTRelativeSlot(2, empty, 0)
-        calls.append(builder.EndObject())
-    vectors = []
-    for rows in (feeds, calls):
-        builder.StartVector(4, len(rows), 4)
-        for row in reversed(rows):
-            builder.PrependUOffsetTRelative(row)
-        vectors.append(builder.EndVector())
-    builder.StartObject(3)
-    for slot, vector in enumerate(vectors):
-        builder.PrependUOffsetTRelativeSlot(slot, vector, 0)
-    builder.Finish(builder.EndObject())
-    return bytes(builder.Output())
 
 
 def standing(facing: float = 0.0) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
@@ -309,7 +210,7 @@ def folder(tmp_path: Path) -> Iterator[Path]:
 
 
 def test_a_runtime_gets_a_body(server_of: Serving, folder: Path, connect: Connecting) -> None:
-    server_of(ServerSettings(solarxr=SolarxrSettings(folder)))
+    server_of(ServerSettings(solarxr=SolarxrSettings(folder, 0)))
     with Runtime(folder) as runtime:
         runtime.say(request(polls=True, asks=0))
         first, second = runtime.heard(), runtime.heard()
@@ -338,8 +239,57 @@ def test_a_runtime_gets_a_body(server_of: Serving, folder: Path, connect: Connec
         assert time.monotonic() < until
 
 
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as found:
+        return found.getsockname()[1]
+
+
+def test_slimevrs_programs_get_the_same_body_by_a_websocket(server_of: Serving, folder: Path) -> None:
+    port = free_port()
+    server_of(ServerSettings(solarxr=SolarxrSettings(folder, port)))
+    with Runtime(folder) as runtime, open_socket(f"ws://127.0.0.1:{port}/") as program:
+
+        def heard() -> bytes:
+            packet = program.recv(timeout=10)
+            assert isinstance(packet, bytes)
+            return packet
+
+        program.send("a text of the older protocol")
+        program.send(b"nonsense")
+        program.send(request(polls=True, asks=9))
+        assert len(update(heard()).rows(1)) == len(TRACKERS)
+        (answer,) = bundle(heard()).rows(1)
+        assert (answer.value(0, "I"), answer.value(1, "B")) == (9, 7)
+        for who in (program.send, runtime.say):
+            who(request(polls=False, starts=1, asks=None))
+        for packet in (added(1, 19), added(2, 13), added(3, 14)):
+            runtime.tell(packet)
+        until, seen, told = time.monotonic() + 20, False, update(heard())
+        while not seen and time.monotonic() < until:
+            for identity, place in ((1, (0.0, 1.6, 0.0)), (2, (-0.3, 1.0, -0.3)), (3, (0.3, 1.0, -0.3))):
+                runtime.tell(position(identity, place))
+            told = update(heard())
+            seen = all(row.value(2, "B") == 2 for row in told.rows(1))
+        waist = told.rows(1)[0].floats(4, 3)
+        assert seen and waist is not None and 0.7 < waist[1] < 1.2
+
+
+@pytest.mark.parametrize("origin", [None, "http://localhost:5173", "tauri://localhost"])
+def test_programs_and_pages_of_this_machine_are_let_in(origin: str | None) -> None:
+    assert why_not_local("127.0.0.1:21110", origin) is None
+
+
+def test_other_pages_and_names_are_not_let_in(server_of: Serving, folder: Path) -> None:
+    port = free_port()
+    server_of(ServerSettings(solarxr=SolarxrSettings(folder, port)))
+    with pytest.raises(InvalidStatus) as refused:
+        open_socket(f"ws://127.0.0.1:{port}/", origin=Origin("https://evil.example.org"))
+    assert refused.value.response.status_code == 403
+    assert why_not_local("evil.example.org:21110", None) and why_not_local("localhost", "null")
+
+
 def test_what_is_no_message_ends_or_is_left_out(server_of: Serving, folder: Path) -> None:
-    server_of(ServerSettings(solarxr=SolarxrSettings(folder)))
+    server_of(ServerSettings(solarxr=SolarxrSettings(folder, 0)))
     with Runtime(folder) as broken:
         broken.rpc.sendall(b"\xff\xff\xff\xff")
         assert broken.rpc.recv(10) == b""
@@ -352,13 +302,17 @@ def test_what_is_no_message_ends_or_is_left_out(server_of: Serving, folder: Path
 
 def test_sockets_that_cannot_be_had(folder: Path) -> None:
     def link(where: Path) -> SolarxrLink:
-        return SolarxrLink(SolarxrSettings(where), Metrics(), InputReader(), SIGNALS)
+        return SolarxrLink(SolarxrSettings(where, 0), Metrics(), InputReader(), SIGNALS)
 
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as other:
         other.bind(str(folder / RPC))
         other.listen()
         with pytest.raises(BodysenseError, match="is in use: SlimeVR, or another bodysense"):
             link(folder)
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(BodysenseError, match=f"--solarxr-port {port} is in use"):
+            SolarxrLink(SolarxrSettings(folder, port), Metrics(), InputReader(), SIGNALS)
     stale = link(folder)  # one that nobody listens to is replaced
     stale.close()
     assert not (folder / RPC).exists() and not (folder / INPUT).exists()

@@ -24,7 +24,7 @@ from bodysense.serve.osc import message_bytes
 from bodysense.serve.settings import ServerSettings
 from bodysense.serve.tracked_devices import SIGNALS, TrackedDevices
 from bodysense.serve.vmt import TRACKERS, VmtReader, VmtState, subscriptions
-from bodysense.serve.vmt_hands import BONES, hand_bones, hand_messages
+from bodysense.serve.vmt_hands import BONES, _in_joints, hand_bones, hand_packet
 from bodysense.serve.vmt_link import VmtLink, VmtSettings
 
 from .conftest import Serving
@@ -97,7 +97,46 @@ def hand(side: str, curl: float = 0.0) -> tuple[RigidTransform, list[RigidTransf
     position, rotation = forward_kinematics(body(curl))
     places = dict(zip(SKELETON.points, np.asarray(position), strict=True))
     turns = dict(zip(SKELETON.joints, np.asarray(rotation), strict=True))
-    return *hand_bones(side, SKELETON, places, turns), places
+    root, *bones = (RigidTransform(row[:3], row[3:]) for row in hand_bones(side, SKELETON, places, turns))
+    return root, bones, places
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_bones_are_those_of_one_after_the_other(side: str) -> None:
+    """The slow twin: every bone as a transform of its own, composed along its finger."""
+    rng = np.random.default_rng(2)
+    turned = quaternion_exp(rng.normal(0, 0.5, (len(SKELETON.joints), 3)))
+    position, rotation = forward_kinematics(Pose(SKELETON, rng.normal(size=3), turned))
+    places = dict(zip(SKELETON.points, np.asarray(position), strict=True))
+    turns = dict(zip(SKELETON.joints, np.asarray(rotation), strict=True))
+    rows = hand_bones(side, SKELETON, places, turns)
+    in_root = RigidTransform(rows[2, :3], rows[2, 3:])
+
+    def bone(point: str, joint: str, axes: np.ndarray) -> RigidTransform:
+        return RigidTransform(places[f"{side}_{point}"], turns[f"{side}_{joint}"]) @ RigidTransform(rotation=axes)
+
+    axes = iter(_in_joints(side, SKELETON))
+    wrist = bone("wrist", "wrist", next(axes))
+    root = wrist @ in_root.inverse()
+    expected, world = [root, RigidTransform(), in_root], [root, wrist]
+    for finger in ("thumb", "index", "middle", "ring", "pinky"):
+        parent = wrist
+        points = [(f"{finger}{k}", f"{finger}{k}") for k in (1, 2, 3)] + [(f"{finger}_tip", f"{finger}3")]
+        if finger != "thumb":
+            points.insert(0, ("wrist", "wrist"))
+        for point, joint in points:
+            child = bone(point, joint, next(axes))
+            if point == "wrist":
+                knuckle = places[f"{side}_{finger}1"]
+                child = RigidTransform(0.8 * child.translation + 0.2 * knuckle, child.rotation)
+            expected.append(parent.inverse() @ child)
+            world.append(child)
+            parent = child
+    turn = RigidTransform(rotation=np.array([0.0, 1, 0, 0])) if side == "left" else RigidTransform()
+    expected += [root.inverse() @ world[k] @ turn for k in (4, 9, 14, 19, 24)]
+    np.testing.assert_allclose(rows[:, :3], [one.translation for one in expected], atol=1e-12)
+    same = (rows[:, 3:] * np.array([one.rotation for one in expected])).sum(axis=1)
+    np.testing.assert_allclose(np.abs(same), 1, atol=1e-12)
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
@@ -131,7 +170,7 @@ def test_a_hand_is_one_bundle_that_python_osc_reads() -> None:
     position, rotation = forward_kinematics(body(0.3))
     places = dict(zip(SKELETON.points, np.asarray(position), strict=True))
     turns = dict(zip(SKELETON.joints, np.asarray(rotation), strict=True))
-    packet = hand_messages("left", 8, SKELETON, places, turns)
+    packet = hand_packet("left", 8, SKELETON, places, turns)
     assert len(packet) <= 4098
     messages = [one.message for one in OscPacket(packet).messages]
     assert [one.address for one in messages] == [
@@ -156,6 +195,7 @@ class Driver:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
         self.socket.settimeout(10)
+        self.waiting: list[OscMessage] = []
         self.port: int = self.socket.getsockname()[1]
         self.restart()
 
@@ -164,7 +204,9 @@ class Driver:
         self.subscribed: set[str] = set()
 
     def heard(self) -> OscMessage:
-        message = OscPacket(self.socket.recv(5000)).messages[0].message
+        if not self.waiting:
+            self.waiting = [one.message for one in OscPacket(self.socket.recv(5000)).messages]
+        message = self.waiting.pop(0)
         if message.address == "/VMT/Set/Destination":
             self.out = (message.params[0], message.params[1])
         elif message.address == "/VMT/Get/Devices/List" and self.out:

@@ -9,10 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import forward_kinematics, rest_pose
+from bodysense.body.products import rotate
 from bodysense.body.rotation import quaternion_rotate
 from bodysense.body.skeleton import default_body, default_skeleton
 from bodysense.serve.protocol import ProtocolError, SignalFrame
-from bodysense.serve.webxr import Placement, door, rotated, through
+from bodysense.serve.webxr import Placement, door, through
 
 SKELETON = default_skeleton()
 # How WebXR describes frames, of somebody in the T-pose who faces +Z: where −Z and another axis point.
@@ -138,4 +139,4 @@ def test_the_world_is_moved_as_is_said() -> None:
     expected = (turn * rotation).as_quat(scalar_first=True)
     found = placement.turn(rotation.as_quat(scalar_first=True))
     np.testing.assert_allclose(np.abs((found * expected).sum(axis=1)), 1)
-    np.testing.assert_allclose(rotated(found, points), (turn * rotation).apply(points))
+    np.testing.assert_allclose(rotate(found, points), (turn * rotation).apply(points))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import struct
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -13,30 +12,18 @@ import numpy as np
 import pytest
 
 from bodysense.io.clip import Clip
+from bodysense.lab.serving.decoders import capture
 from bodysense.serve import vmc, vrchat
 from bodysense.serve.marker_stream import ADDRESS
 from bodysense.serve.osc import Message, bundled, message_bytes, read_packet
 from bodysense.serve.vmc import vmc_packets
 from bodysense.serve.vrchat import vrchat_packets
 
-SENT_FROM = 50000
-
-
-def capture(packets: list[bytes], port: int) -> bytes:
-    """A capture file of raw IPv4 (libpcap's format, link type 101) of UDP datagrams on the loopback."""
-    parts = [struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 101)]
-    for packet in packets:
-        udp = struct.pack(">HHHH", SENT_FROM, port, 8 + len(packet), 0) + packet
-        address = bytes([127, 0, 0, 1])
-        ip = struct.pack(">BBHHHBBH4s4s", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0, address, address) + udp
-        parts.append(struct.pack("<IIII", 0, 0, len(ip), len(ip)) + ip)
-    return b"".join(parts)
-
 
 def dissected(tshark: str, folder: Path, packets: list[bytes], port: int) -> list[dict[str, list[str]]]:
     """The OSC fields of each packet, in order."""
     path = folder / "sent.pcap"
-    path.write_bytes(capture(packets, port))
+    path.write_bytes(capture([(packet, port) for packet in packets]))
     fields = (
         "osc.message.header.path",
         "osc.message.string",

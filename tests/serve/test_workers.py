@@ -20,12 +20,13 @@ from websockets import WebSocketException
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from bodysense.serve.launch import listen, prepared
+from bodysense.serve.launch import prepared
 from bodysense.serve.message_text import write_message
 from bodysense.serve.messages import Hello, Resume, Settings
 from bodysense.serve.protocol import SUBPROTOCOL
 from bodysense.serve.session_store import SessionStore
 from bodysense.serve.settings import ServerSettings
+from bodysense.serve.sockets import listen_tcp
 from bodysense.serve.workers import Workers, _take, _Worker, hand_out
 
 from .conftest import DEVICES, Connecting, Serving
@@ -54,7 +55,7 @@ class Pool(Workers):
 @pytest.fixture
 def handing() -> Iterator[tuple[int, list[socket.socket]]]:
     """The port of something that hands connections out, and two workers' ends; theirs is closed first."""
-    bound = listen("127.0.0.1", 0)
+    bound = listen_tcp("--port", "127.0.0.1", 0)
     pairs = [socket.socketpair() for _ in range(2)]
 
     def hand() -> None:

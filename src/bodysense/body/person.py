@@ -24,6 +24,7 @@ from bodysense.files import written_beside
 FORMAT = "bodysense-person-1"
 SHORTEST, TALLEST = 1.0, 2.3  # m: heights of a person
 SOLE = 0.05  # m: a skeleton is at most so much lower than its person, for its lowest points lie above the sole
+SENSOR = "_imu"  # behind the joint that carries an inertial sensor
 CROWN, FLOOR = "crown", "floor"  # between which a height is, in a file
 TOLD = 0.001  # m: standard deviation of a length that somebody told
 
@@ -38,7 +39,9 @@ class Person:
 
     skeleton: Skeleton  # the best guess of the wearer's proportions
     bone_deviation: np.ndarray = field(repr=False)  # (P,) m, standard deviation of every bone's length; 0: told
-    mounts: Mapping[str, RigidTransform]  # by the joint that carries the tracker: T_joint_tracker
+    # T_joint_tracker by the joint that carries the tracker; of an inertial sensor, of which only its rotation is known,
+    # by the joint and `SENSOR`.
+    mounts: Mapping[str, RigidTransform]
     # What the guess rests on, and what a tracker adds its own measurements to while it runs.
     height: Measured | None
     lengths: Mapping[tuple[str, str], Measured]
@@ -99,7 +102,7 @@ class Person:
             )
         deviation.setflags(write=False)
         for joint in mounts or {}:
-            if joint not in skeleton.joints:
+            if joint.removesuffix(SENSOR) not in skeleton.joints:
                 skeleton.index(joint)  # names the nearest
                 raise BodysenseError(f"person: a tracker worn on {joint!r}, which is no joint; name its parent")
         object.__setattr__(self, "skeleton", skeleton)
@@ -127,6 +130,17 @@ class Person:
     ) -> Person:
         """The likeliest person given a few lengths and a stature, as the constructor takes them."""
         return cls(height=height, lengths=lengths)
+
+    def wearing(self, mounts: Mapping[str, RigidTransform]) -> Person:
+        """The same person with these mounts in place of those before; trackers that are not in it stay as worn."""
+        return Person(
+            self.skeleton,
+            height=self.height,
+            bone_deviation=self.bone_deviation,
+            mounts={**self.mounts, **mounts},
+            lengths=self.lengths,
+            hands=self.hands,
+        )
 
     def save(self, path: str | Path) -> None:
         """Write a JSON file that `load` reads."""

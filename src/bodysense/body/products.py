@@ -52,6 +52,12 @@ def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return ((a @ LEFT).reshape(-1, 4, 4) @ b[:, :, None])[:, :, 0]
 
 
+def rotate(q: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Vectors turned by unit quaternions: (N, 4), (N, 3) or (1, 3) → (N, 3)."""
+    products = (q[:, :, None] * q[:, None, :]).reshape(-1, 16)
+    return ((products @ MATRIX).reshape(-1, 3, 3) @ vector[:, :, None])[:, :, 0]
+
+
 def world_rotation(skeleton: Skeleton, local: np.ndarray) -> np.ndarray:
     """World rotations of all joints of a pose from their local ones: (J, 4) → (J, 4)."""
     world = local.copy()

@@ -50,6 +50,7 @@ def serve(
     vrchat: bool = False,
     vrchat_host: str = "127.0.0.1",
     solarxr: bool = False,
+    solarxr_port: int = 21110,
     slimevr: bool = False,
     slimevr_host: str = "0.0.0.0",
     slimevr_port: int = 6969,
@@ -90,6 +91,7 @@ def serve(
         vrchat: Find VRChat by OSCQuery, take head and wrists from it and give it trackers (docs/runtimes.md).
         vrchat_host: Machine of VRChat.
         solarxr: Take the headset of Monado or WiVRn, on Linux, and give them trackers and a body (docs/runtimes.md).
+        solarxr_port: TCP port of this machine for SlimeVR's own programs; 0 takes any that is free.
         slimevr: Take SlimeVR's trackers, which find this machine in the network by themselves (docs/runtimes.md).
         slimevr_host: Address of this machine at which they are heard; all, if omitted.
         slimevr_port: UDP port at which they are heard.
@@ -112,11 +114,12 @@ def serve(
     from bodysense.body.person import Person
     from bodysense.cli.recordings import person_of
     from bodysense.serve.certificate import qr_code
-    from bodysense.serve.launch import listen, serve
+    from bodysense.serve.launch import serve
     from bodysense.serve.messages import Settings
     from bodysense.serve.safety import ANY_ORIGIN, Limits
     from bodysense.serve.settings import ServerSettings
     from bodysense.serve.slimevr_link import SlimevrSettings
+    from bodysense.serve.sockets import listen_tcp
     from bodysense.serve.solarxr_link import SolarxrSettings, runtime_folder
     from bodysense.serve.vmc_trackers import VmcTrackers
     from bodysense.serve.vmt_link import VmtSettings
@@ -130,20 +133,7 @@ def serve(
     others = (vmc_in, markers_in, vmc_out, vrchat_out, vmt, vrchat, slimevr, solarxr)
     if workers > 1 and others != (None, None, (), (), False, False, False, False):
         raise BodysenseError("--workers: UDP goes with one process only; leave --workers out")
-    if device_names is not None and vmc_in is None and not vmt and not slimevr:
-        raise BodysenseError(
-            "--device-names is for devices of VMC, SteamVR or SlimeVR; give --vmc-in, --vmt or --slimevr"
-        )
-    devices, joints = _named(device_names)
-    if joints and not slimevr:
-        raise BodysenseError(
-            f"--device-names {device_names}: {next(iter(joints))} is a SlimeVR tracker; give --slimevr"
-        )
-    if devices.names and vmc_in is None and not vmt:
-        serial = next(iter(devices.names))
-        raise BodysenseError(
-            f"--device-names {device_names}: {serial!r} is a device of VMC or SteamVR; give --vmc-in or --vmt"
-        )
+    devices, joints = _named(device_names, vmc_in is not None or vmt, slimevr)
     if bridge and not (vmc_out or vrchat_out or vmt or vrchat or solarxr):
         raise BodysenseError(
             "--bridge has nowhere to send to; give --vmc-out, --vrchat-out, --vrchat, --vmt or --solarxr"
@@ -168,10 +158,10 @@ def serve(
         receivers=tuple([*(_receiver("vmc", a) for a in vmc_out), *(_receiver("vrchat", a) for a in vrchat_out)]),
         vmt=VmtSettings(vmt_host, port=vmt_port, first=vmt_first, hands=vmt_hands, devices=devices) if vmt else None,
         vrchat=VrchatSettings(vrchat_host) if vrchat else None,
-        solarxr=SolarxrSettings(runtime_folder(os.environ)) if solarxr else None,
+        solarxr=SolarxrSettings(runtime_folder(os.environ), solarxr_port) if solarxr else None,
         slimevr=SlimevrSettings(slimevr_host, slimevr_port, joints) if slimevr else None,
     )
-    bound = listen(access.host, port)
+    bound = listen_tcp("--port", access.host, port)
     address = _address(access, bound.getsockname()[1], lan)
 
     def started() -> None:
@@ -189,14 +179,28 @@ def serve(
         serve_in_workers(settings, bound, workers, started)
 
 
-def _named(table: Path | None) -> tuple[TrackedDevices, dict[str, str]]:
-    """What a table says of devices by their serials, and of SlimeVR's trackers by theirs."""
+def _named(table: Path | None, steamvr: bool, slimevr: bool) -> tuple[TrackedDevices, dict[str, str]]:
+    """What a table says of devices by their serials, and of SlimeVR's trackers by theirs.
+
+    Raises BodysenseError, naming the option, for devices of what is not there: VMC or SteamVR, SlimeVR.
+    """
     from bodysense.serve.slimevr_link import is_serial
     from bodysense.serve.tracked_devices import TrackedDevices, read_device_names
 
+    if table is not None and not steamvr and not slimevr:
+        raise BodysenseError(
+            "--device-names is for devices of VMC, SteamVR or SlimeVR; give --vmc-in, --vmt or --slimevr"
+        )
     names = {} if table is None else read_device_names(table)
     joints = {serial.upper(): point for serial, point in names.items() if is_serial(serial.upper())}
-    return TrackedDevices({serial: point for serial, point in names.items() if not is_serial(serial.upper())}), joints
+    devices = {serial: point for serial, point in names.items() if not is_serial(serial.upper())}
+    if joints and not slimevr:
+        raise BodysenseError(f"--device-names {table}: {next(iter(joints))} is a SlimeVR tracker; give --slimevr")
+    if devices and not steamvr:
+        raise BodysenseError(
+            f"--device-names {table}: {next(iter(devices))!r} is a device of VMC or SteamVR; give --vmc-in or --vmt"
+        )
+    return TrackedDevices(devices), joints
 
 
 def _access(

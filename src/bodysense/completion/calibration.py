@@ -64,15 +64,9 @@ def calibrated(observation: Observation, person: Person, stance: Stance = "stand
             if both.any():
                 span = float(np.median(np.linalg.norm(apart, axis=-1)))
                 lengths["left_wrist", "right_wrist"] = Measured(span, _SPAN_DEVIATION)
-        person = Person(height=height, lengths=lengths, mounts=person.mounts)
+        person = Person(height=height, lengths=lengths, mounts=person.mounts, hands=person.hands)
     stood = _stood(person, place, _mean(observation.rotation[known, head]), stance)
-    return Person(
-        person.skeleton,
-        height=person.height,
-        bone_deviation=person.bone_deviation,
-        mounts={**person.mounts, **_mounts(observation, stood)},
-        lengths=person.lengths,
-    )
+    return person.wearing(_mounts(observation, stood))
 
 
 def assigned(

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.products import world_rotation
 from bodysense.observation import Observation
 from bodysense.serve.estimation import Pipeline, PipelineState
 from bodysense.serve.protocol import PoseFrame, SignalFrame
@@ -39,19 +40,14 @@ class Answer:
     placement: Placement  # of the signal's world in the body's
 
     @cached_property
-    def _world(self) -> tuple[np.ndarray, np.ndarray]:
-        position, rotation = forward_kinematics(self.pose)
-        return np.asarray(position), np.asarray(rotation)
-
-    @property
     def points(self) -> np.ndarray:
         """(P, 3) m, world."""
-        return self._world[0] if self.estimated is None else self.estimated
+        return np.asarray(forward_kinematics(self.pose)[0]) if self.estimated is None else self.estimated
 
-    @property
+    @cached_property
     def turns(self) -> np.ndarray:
         """(J, 4) wxyz, world ← joint."""
-        return self._world[1]
+        return world_rotation(self.pose.skeleton, np.asarray(self.pose.rotation))
 
     @cached_property
     def in_signal(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:

@@ -3,7 +3,8 @@
 `left_knee_imu` is a sensor on what the joint `left_knee` turns, the shin. A calibration second gives both unknowns of
 each sensor. Its heading: a strap sits on a usual side of its segment (`FACING`), which then points where the wearer
 faces. Its mount: what is left over between it and the joint of somebody who stands. From then on a sensor gives its
-joint's rotation. Headings drift: taken anew, with the mounts as they are, whenever the wearer recentres.
+joint's rotation. A person keeps the mounts; headings drift, and are others whenever a sensor was switched on: they are
+taken anew, with the mounts as they are, when a sensor first comes and whenever the wearer recentres.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from bodysense.body.person import SENSOR, Person
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose, standing_pose
+from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import heading, normalize, quaternion_conjugate, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.calibration import Stance
@@ -22,7 +25,7 @@ from bodysense.observation import Observation
 _MIDDLE = ("head", "neck", "spine3", "spine2", "spine1", "pelvis")
 _SIDED = ("hip", "knee", "ankle", "collar", "shoulder", "elbow", "wrist")
 JOINTS = (*_MIDDLE, *(f"{side}_{part}" for side in ("left", "right") for part in _SIDED))
-IMUS = {f"{joint}_imu": joint for joint in JOINTS}
+IMUS = {f"{joint}{SENSOR}": joint for joint in JOINTS}
 # rad about +Y, from the front of a segment to the side on which its sensor is usually worn; to the wearer's left.
 FACING = {
     **dict.fromkeys(JOINTS, 0.0),
@@ -35,9 +38,9 @@ FACING = {
 
 @dataclass(frozen=True, eq=False)
 class Worn:
-    """A sensor of which all is known: joint = heading · sensor · mount, of rotations in the world."""
+    """A sensor whose mount is known: joint = heading · sensor · mount, of rotations in the world."""
 
-    heading: np.ndarray  # (4,) wxyz, about +Y
+    heading: np.ndarray | None  # (4,) wxyz, about +Y; None until it first comes
     mount: np.ndarray  # (4,) wxyz, sensor ← joint
 
 
@@ -46,6 +49,17 @@ class Inertial:
     """The sensors of a wearer, by name."""
 
     worn: Mapping[str, Worn] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, person: Person) -> Inertial:
+        """The sensors that a person wears."""
+        mounts = {name: mount for name, mount in person.mounts.items() if name in IMUS}
+        return cls({name: Worn(None, _back(mount.rotation)) for name, mount in mounts.items()})
+
+    @property
+    def mounts(self) -> dict[str, RigidTransform]:
+        """T_joint_tracker as a person keeps them; where on its joint a sensor is nobody knows."""
+        return {name: RigidTransform(rotation=_back(one.mount)) for name, one in self.worn.items()}
 
     def joints(self, observation: Observation) -> Observation:
         """The observation with joints in place of sensors; sensors of which nobody knows how they are worn go.
@@ -65,7 +79,7 @@ class Inertial:
                 keep.append(k)
                 continue
             worn = self.worn.get(name)
-            if worn is None or IMUS[name] in tracked:
+            if worn is None or worn.heading is None or IMUS[name] in tracked:
                 continue
             turned = quaternion_multiply(quaternion_multiply(worn.heading, observation.rotation[:, k]), worn.mount)
             if IMUS[name] in observation.points:  # of a tracker that is not seen now
@@ -84,6 +98,15 @@ class Inertial:
             accuracy=observation.accuracy[:, keep],
             time=observation.time,
         )
+
+    def headed(self, observation: Observation, skeleton: Skeleton) -> Inertial:
+        """The same with headings of the sensors that come for the first time, on somebody who stands upright."""
+        fresh = [name for name, one in self.worn.items() if one.heading is None and name in observation.points]
+        head = observation.points.index("head") if "head" in observation.points else None
+        if not fresh or (head is not None and not observation.has_rotation[:, head].any()):
+            return self
+        whole = self.reheaded(observation, skeleton).worn
+        return Inertial({**self.worn, **{name: whole[name] for name in fresh}})
 
     def reheaded(self, observation: Observation, skeleton: Skeleton) -> Inertial:
         """The same after the wearer stood upright, facing where the head does: headings are taken anew."""

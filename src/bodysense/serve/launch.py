@@ -3,48 +3,19 @@
 from __future__ import annotations
 
 import contextlib
-import errno
+import gc
 import logging
 import socket
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from bodysense.errors import BodysenseError, missing_package
+from bodysense.errors import missing_package
 from bodysense.serve.application import application
 from bodysense.serve.rehearsal import rehearse
 from bodysense.serve.settings import ServerSettings
 
 _SWITCH = 0.0005  # s after which a thread that computes lets the event loop go on
-
-
-def listen(host: str, port: int) -> socket.socket:
-    """A TCP socket to serve on. Raises BodysenseError, with the fix, without one."""
-    if not 0 <= port <= 65535:
-        raise BodysenseError(f"--port {port}: ports are 0 (any that is free) to 65535")
-    try:
-        family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-    except OSError:
-        raise BodysenseError(f"--host {host}: no such host; give an address of this machine") from None
-    found = socket.socket(family, kind)
-    try:
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        found.bind(address)
-        found.listen(128)
-    except OSError as error:
-        found.close()
-        raise BodysenseError(_why(error, host, port)) from None
-    return found
-
-
-def _why(error: OSError, host: str, port: int) -> str:
-    if error.errno == errno.EADDRINUSE:
-        return f"--port {port} is in use by another program; stop it or choose another --port (0 takes any)"
-    if error.errno == errno.EACCES:
-        return f"--port {port}: no permission to listen there; choose a --port of 1024 or more"
-    if error.errno == errno.EADDRNOTAVAIL:
-        return f"--host {host} is no address of this machine; give one of its own, or 0.0.0.0 for all"
-    return f"{host}:{port} cannot be listened on ({error.strerror}); choose another --port"
 
 
 def prepared(settings: ServerSettings, started: Callable[[Any], None] = lambda server: None) -> Any:
@@ -118,5 +89,7 @@ def serve(
             opened.enter_context(one)
         server = prepared(settings, started)
         rehearse()
+        gc.collect()
+        gc.freeze()  # what is loaded stays: searched again and again, it would hold a frame up for 20 ms
         sys.setswitchinterval(_SWITCH)
         server.run(list(bound))

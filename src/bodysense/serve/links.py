@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import socket
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 
-from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 from bodysense.serve.answer import Answer
 from bodysense.serve.live import Live
@@ -117,33 +115,6 @@ class DeviceInput(asyncio.DatagramProtocol):
         if observation is not None:
             self._sequence = (self._sequence + 1) % 2**32
             self._play(signal_of(observation, self._points, self._sequence, now))
-
-
-def listened(option: str, host: str, port: int) -> socket.socket:
-    """A UDP socket that is listened on. Raises BodysenseError, naming the option, where the port cannot be had."""
-    try:
-        family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-        found = socket.socket(family, kind)
-    except OSError as error:
-        raise BodysenseError(f"{option} {port}: {host}: {error.strerror}; give an address of this machine") from None
-    try:
-        found.setblocking(False)
-        found.bind(address)
-    except (OSError, OverflowError) as error:
-        found.close()
-        reason = getattr(error, "strerror", None) or error
-        raise BodysenseError(f"{option} {port}: UDP port {port} of {host}: {reason}; choose another port") from None
-    return found
-
-
-def address_toward(host: str) -> str:
-    """This machine's address as a host sees it."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect((host, 9))
-        except OSError:
-            return "127.0.0.1"
-        return probe.getsockname()[0]
 
 
 def signal_of(observation: Observation, points: tuple[str, ...], sequence: int, time: float) -> SignalFrame:

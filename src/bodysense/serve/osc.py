@@ -10,7 +10,11 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import groupby, pairwise
 from typing import TypeAlias
+
+import numpy as np
 
 Argument: TypeAlias = str | int | float | bool | bytes | None
 
@@ -21,7 +25,7 @@ DEEPEST = 4  # bundles in bundles
 DATAGRAM = 1400  # bytes that pass a network whole
 _BUNDLE = b"#bundle\0"
 _AT_ONCE = struct.pack(">Q", 1)
-_NUMBERS = {"i": ">i", "f": ">f", "d": ">d", "h": ">q", "t": ">Q"}
+_NUMBERS = {"i": "i", "f": "f", "d": "d", "h": "q", "t": "Q"}
 _WORDS: dict[str, bool | float | None] = {"T": True, "F": False, "N": None, "I": float("inf")}
 
 
@@ -58,7 +62,7 @@ def message_bytes(address: str, tags: str, *values: Argument) -> bytes:
             blob = bytes(value)  # type: ignore[arg-type]
             parts.append(struct.pack(">i", len(blob)) + blob + b"\0" * (-len(blob) % 4))
         else:
-            parts.append(struct.pack(_NUMBERS[tag], value))
+            parts.append(struct.pack(">" + _NUMBERS[tag], value))
     return b"".join(parts)
 
 
@@ -74,6 +78,35 @@ def bundled(messages: Sequence[bytes], largest: int = DATAGRAM) -> list[bytes]:
     if len(parts) > 2:
         packets.append(b"".join(parts))
     return packets
+
+
+class PacketForm:
+    """Packets of which only single-precision numbers change: built once, filled for every frame.
+
+    A message is its address, its types and the values that stay; types that are left over are `f`, to be filled.
+    """
+
+    def __init__(self, messages: Sequence[tuple[str, str, tuple[Argument, ...]]], largest: int = DATAGRAM) -> None:
+        free = [len(tags) - len(values) for _, tags, values in messages]
+        rows = [message_bytes(*row[:2], *row[2], *(n * (0.0,))) for row, n in zip(messages, free, strict=True)]
+        packets = bundled(rows, largest)
+        self._words = np.frombuffer(b"".join(packets), dtype=">u4")
+        self._ends = np.cumsum([len(packet) for packet in packets]).tolist()
+        places, end, left = [], 0, list(zip(rows, free, strict=True))
+        for packet in packets:
+            end, last = end + 16, end + len(packet)
+            while end < last:
+                row, count = left.pop(0)
+                end += 4 + len(row)
+                places += range(end // 4 - count, end // 4)
+        self._places = np.array(places, dtype=np.intp)
+
+    def filled(self, values: np.ndarray) -> list[bytes]:
+        """The packets with these numbers (N,), in the order of the messages."""
+        words = self._words.copy()
+        words[self._places] = values.astype(">f4").view(">u4")
+        data = words.tobytes()
+        return [data[start:end] for start, end in pairwise((0, *self._ends))]
 
 
 class _Malformed(Exception):
@@ -109,11 +142,13 @@ def _message(packet: bytes) -> Message:
     if not tags.startswith(",") or len(tags) > MOST_ARGUMENTS:
         raise _Malformed("no types: a comma and at most 4096 letters follow the address")
     values: list[Argument] = []
-    for tag in tags[1:]:
-        if tag in _NUMBERS:
-            form = _NUMBERS[tag]
-            values.append(_number(packet, place, form))
-            place += struct.calcsize(form)
+    for tag, numbers in _parts(tags[1:]):
+        if numbers is not None:
+            try:
+                values += numbers.unpack_from(packet, place)
+            except struct.error:
+                raise _Malformed("a number is cut off") from None
+            place += numbers.size
         elif tag in "sS":
             text, place = _string(packet, place)
             values.append(text)
@@ -128,6 +163,18 @@ def _message(packet: bytes) -> Message:
         else:
             raise _Malformed(f"the type {tag!r} is not read here")
     return Message(address, tuple(values))
+
+
+@lru_cache(maxsize=256)
+def _parts(tags: str) -> tuple[tuple[str, struct.Struct | None], ...]:
+    """Types one by one, but for numbers that follow one another, which are read at once."""
+    found: list[tuple[str, struct.Struct | None]] = []
+    for are_numbers, run in groupby(tags, _NUMBERS.__contains__):
+        if are_numbers:
+            found.append(("", struct.Struct(">" + "".join(_NUMBERS[tag] for tag in run))))
+        else:
+            found += [(tag, None) for tag in run]
+    return tuple(found)
 
 
 def _number(packet: bytes, place: int, form: str) -> int | float:

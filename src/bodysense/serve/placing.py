@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from bodysense.body.products import rotate
 from bodysense.observation import Observation
-from bodysense.serve.webxr import Placement, rotated
+from bodysense.serve.webxr import Placement
 
 
 def recentred(placement: Placement, raw: Observation) -> Placement:
     """The placement in which the head of a frame, in the signal's world, is in the middle and faces +Z."""
     head = raw.points.index("head")
-    ahead = rotated(raw.rotation[0, [head]], np.array([[0.0, 0, 1]]))[0]
+    ahead = rotate(raw.rotation[0, [head]], np.array([[0.0, 0, 1]]))[0]
     turned = raw.has_rotation[0, head] and math.hypot(ahead[0], ahead[2]) > 0.1
     heading = -math.atan2(ahead[0], ahead[2]) if turned else 0.0
     moved = Placement(heading).place(raw.position[:, head])[0]

@@ -5,10 +5,11 @@ from __future__ import annotations
 from functools import partial
 
 from bodysense.serve.datagrams import InputLink, MarkerInput, PoseSender, marker_points
-from bodysense.serve.links import DeviceInput, Link, Reader, listened
+from bodysense.serve.links import DeviceInput, Link, Reader
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.settings import ServerSettings
 from bodysense.serve.slimevr_link import SENSORS, SlimevrLink
+from bodysense.serve.sockets import listen_udp
 from bodysense.serve.solarxr_input import InputReader
 from bodysense.serve.solarxr_link import SolarxrLink
 from bodysense.serve.tracked_devices import SIGNALS
@@ -37,9 +38,9 @@ def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
         if settings.vmc_in is not None:
             reader, points = also(settings.vmc_trackers, SIGNALS)
             protocol = partial(DeviceInput, metrics=metrics, reader=reader, points=points)
-            links.append(InputLink("vmc", listened("--vmc-in", host, settings.vmc_in), points, protocol))
+            links.append(InputLink("vmc", listen_udp("--vmc-in", host, settings.vmc_in), points, protocol))
         if settings.markers_in is not None:
-            bound = listened("--markers-in", host, settings.markers_in)
+            bound = listen_udp("--markers-in", host, settings.markers_in)
             protocol = partial(MarkerInput, metrics=metrics, worn=settings.worn)
             links.append(InputLink("markers", bound, marker_points(settings.worn), protocol))
         if settings.receivers:

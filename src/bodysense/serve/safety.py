@@ -149,6 +149,15 @@ def why_refused(access: Access, host: str | None, origin: str | None, tokens: Se
     return None
 
 
+def why_not_local(host: str | None, origin: str | None) -> str | None:
+    """Why a WebSocket for this machine's own programs and pages is not opened; None where it is."""
+    if host is None or not is_loopback(_name(host)):
+        return f"the host {_short(host)} is not this machine's; connect to 127.0.0.1"
+    if origin is not None and not is_loopback(_name(_authority(origin))):
+        return f"the page's origin {_short(origin)} is not this machine's"
+    return None
+
+
 def _authority(origin: str) -> str:
     try:
         return urlsplit(origin).netloc.lower()

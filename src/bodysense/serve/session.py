@@ -1,9 +1,7 @@
 """One session: a signal in, poses out; settings, clock and placement of one person. No sockets, no threads.
 
 `receive` takes the newest frame, `job` gives what is to be completed, `answer` makes the pose of it; `step` is all of
-that for one session alone. Times of frames are the client's own. Inside they become moments that always increase, and
-by little: where the client's clock was set, and where the world was moved, a moment comes `AFRESH` s later than the one
-before, after which the tracker begins a new motion of the same person.
+that for one session alone.
 """
 
 from __future__ import annotations
@@ -16,14 +14,12 @@ from types import MappingProxyType
 import numpy as np
 
 from bodysense.body.person import Person
-from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.shape import Measured, stature
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
-from bodysense.observation import CONTACT_POINTS, Estimate, Observation, chosen_points
+from bodysense.observation import Estimate, Observation, chosen_points
 from bodysense.serve.answer import Answer, Job
 from bodysense.serve.calibrating import calibration, is_over
-from bodysense.serve.display import Display, mirrored
 from bodysense.serve.estimation import Pipeline, PipelineState, device_of, step_many
 from bodysense.serve.inertial import Inertial
 from bodysense.serve.message_text import changed
@@ -33,30 +29,20 @@ from bodysense.serve.messages import (
     Placed,
     ProportionsChanged,
     Recentre,
-    Region,
     Said,
     ServerMessage,
     Settings,
 )
+from bodysense.serve.moments import Moments
 from bodysense.serve.placing import raised, recentred
-from bodysense.serve.protocol import PoseFrame, SignalFrame
+from bodysense.serve.protocol import SignalFrame
+from bodysense.serve.showing import Showing
 from bodysense.serve.webxr import UNDECIDED, Placement, door, through
 from bodysense.tracker import Tracker, TrackerSettings
 
-CLOCK_SET = 1.0  # s: a clock that jumps as far back, or forward, was set
-AFRESH = 2.0  # s
-SHORTEST_STEP = 1e-4  # s between frames
-LEAP = 0.03  # m from one frame to the next
 NOTICED = 0.001  # m that a point of the T-pose must have moved for the skeleton to be told again
 TOLD_EVERY = 0.1  # s between two skeletons that are told
 _INFERRED = 0.02  # m, standard deviation of a height that was inferred
-_OTHER_FOOT = [CONTACT_POINTS.index(name) for name in ("right_ankle", "left_ankle", "right_foot", "left_foot")]
-_PARTS: dict[str, Region] = {
-    **dict.fromkeys(("spine1", "spine2", "spine3"), "torso"),
-    **dict.fromkeys(("neck", "head"), "head"),
-    **dict.fromkeys(("collar", "shoulder", "elbow", "wrist"), "arms"),
-    **dict.fromkeys(("hip", "knee", "ankle", "foot"), "legs"),
-}
 
 
 class Session:
@@ -82,9 +68,7 @@ class Session:
         self.calibrated: Person | None = None  # by the last calibration
         self._notes: list[ServerMessage] = []
         self._told = self._base = person  # by whoever made the session; as calibrated
-        self._time: float | None = None  # s, the client's, of the last frame
-        self._shift = 0.0  # s, from the client's time to moments
-        self._starts_afresh = False  # with the next frame
+        self._moments = Moments()
         self._waiting: tuple[SignalFrame, float, float] | None = None  # frame, moment, received
         self._busy = False
         self._placement = placement
@@ -93,9 +77,7 @@ class Session:
         self._stood: list[Observation] | None = None  # of a wearer who stands to be calibrated
         self._arms_out = False  # in which pose
         self._worn = dict(worn)  # undecided trackers → the joints that they are on
-        self._inertial = Inertial()
-        self._display, self._eased = Display(), eased
-        self._seen_before: tuple[list[str], np.ndarray] | None = None  # what was tracked, and (P, 3) m the body
+        self._inertial = Inertial.of(person)
         self._told_at = -math.inf  # the moment at which the skeleton was told last
         wearer = self._wearer()
         self.skeleton = wearer.skeleton  # as the clients know it
@@ -103,8 +85,8 @@ class Session:
             Tracker(wearer, settings=self._tracking), device_of(points, wearer.skeleton, wearer.hands)
         )
         self._state = self._pipeline.start()
-        self._standing = standing_pose(self.skeleton).rotation
-        self._path, self._mirror = self.skeleton.path, self.skeleton.mirror  # those of all bodies
+        self._showing = Showing(self.skeleton, settings, eased)
+        self._path = self.skeleton.path  # that of all bodies
         self.open_door(self.points)
 
     def _wearer(self) -> Person:
@@ -113,9 +95,10 @@ class Session:
         if height is None:
             return base
         if base.bone_deviation.any():
-            return Person(height=height, lengths=base.lengths, mounts=base.mounts)
+            return Person(height=height, lengths=base.lengths, mounts=base.mounts, hands=base.hands)
         offset = base.skeleton.rest_offset
-        return Person(base.skeleton.with_offsets(offset * (height / float(stature(offset)))), mounts=base.mounts)
+        scaled = base.skeleton.with_offsets(offset * (height / float(stature(offset))))
+        return Person(scaled, mounts=base.mounts, hands=base.hands)
 
     @property
     def _tracking(self) -> TrackerSettings:
@@ -123,7 +106,7 @@ class Session:
 
     def _pass_on(self, pipeline: Pipeline) -> None:
         """Go on with another pipeline from where the one until now was."""
-        if self._time is None:  # nobody has seen the body yet: nothing may grow or go on
+        if not self._moments.have_begun:  # nobody has seen the body yet: nothing may grow or go on
             self._state = pipeline.start()
             self.skeleton = pipeline.tracker.people[0].skeleton
             self._door = door(self.points, self.skeleton, self._worn)
@@ -141,12 +124,9 @@ class Session:
         self._choose()
 
     def _choose(self) -> None:
-        """What settings choose among points and joints."""
+        """What settings choose among points."""
         hidden = set(self.settings.hidden)
         self._seen = np.array([name not in hidden for name in self.points], dtype=bool)
-        regions = set(self.settings.regions)
-        self._still = np.array([_region(name) not in {None, *regions} for name in self.skeleton.joints])
-        self._keeps_still = bool(self._still.any())
 
     @property
     def height(self) -> float:
@@ -160,15 +140,11 @@ class Session:
 
     def receive(self, frame: SignalFrame, now: float) -> str | None:
         """Take a frame that came at `now` s of the server's clock; says why a frame was dropped, this or another."""
-        if self._time is not None:
-            step = frame.time - self._time
-            if -CLOCK_SET < step < SHORTEST_STEP and not self._starts_afresh:
-                return "late"
-            if abs(step) > CLOCK_SET or self._starts_afresh:
-                self._shift += AFRESH - step
-        self._time, self._starts_afresh = frame.time, False
+        moment = self._moments.of(frame.time)
+        if moment is None:
+            return "late"
         replaced = self._waiting is not None
-        self._waiting = (frame, frame.time + self._shift, now)
+        self._waiting = (frame, moment, now)
         return "replaced" if replaced else None
 
     def job(self) -> Job | None:
@@ -184,6 +160,7 @@ class Session:
             observation = self._set_up(frame, moment, observation)
         if self._stood is not None:
             self._stood.append(observation)
+        self._inertial = self._inertial.headed(observation, self.skeleton)
         return Job(self._pipeline, self._as_worn(observation), self._state, frame, received, self._placement)
 
     def _as_worn(self, observation: Observation) -> Observation:
@@ -209,28 +186,8 @@ class Session:
         self._state = state if ours else self._pipeline.continued(job.pipeline, state)
         moment = float(job.observation.time[0])
         self._follow(estimate.rest_offset[0], moment)
-        if self._eased:
-            self._lead_over(job.observation, estimate.points[0])
-        error, hidden, contact = estimate.confidence[0], 1.0 - estimate.measured[0], estimate.contact[0]
-        before = root, rotation
-        if self._keeps_still:
-            rotation = np.where(self._still[:, None], self._standing, rotation)
-        if self.settings.mirror:
-            root, rotation = mirrored(self.skeleton, root, rotation)
-            error, hidden, contact = error[self._mirror], hidden[self._mirror], contact[_OTHER_FOOT]
-        shown = Pose(self.skeleton, root, rotation)
-        pose, self._display = self._display.step(shown, moment, self.settings.smoothing)
-        root, rotation = np.asarray(pose.root_position), np.asarray(pose.rotation)
-        pose_frame = PoseFrame(job.frame.sequence, job.frame.time, root, rotation, error, hidden, contact)
-        estimated = estimate.points[0] if root is before[0] and rotation is before[1] else None
-        return Answer(job.frame, pose_frame, pose, moment, job.received, estimated, job.placement)
-
-    def _lead_over(self, observation: Observation, points: np.ndarray) -> None:
-        """Where something came to be tracked, or is not any more, and the body leaps for it, let it come there soon."""
-        seen = [name for k, name in enumerate(observation.points) if observation.has_position[0, k]]
-        before, self._seen_before = self._seen_before, (seen, points)
-        if before is not None and before[0] != seen and np.abs(points - before[1]).max() > LEAP:
-            self._display = self._display.broken()
+        pose, sent, points = self._showing.shown(self.skeleton, job.observation, estimate, job.frame)
+        return Answer(job.frame, sent, pose, moment, job.received, points, job.placement)
 
     def step(self) -> Answer | None:
         """The pose that answers the newest frame, None where there is none."""
@@ -246,7 +203,7 @@ class Session:
 
     def start_afresh(self) -> None:
         """Whatever time the next frame has, it begins a new motion."""
-        self._starts_afresh = True
+        self._moments.start_afresh()
 
     def notes(self) -> list[ServerMessage]:
         """What is to be told since the last call."""
@@ -270,10 +227,7 @@ class Session:
         if self.settings.height != before.height or self._tracking != self._pipeline.tracker.settings:
             self._retrack(before)
         self._choose()
-        if self.settings.mirror != before.mirror:
-            self._display = self._display.unsmoothed()
-        if any(getattr(self.settings, name) != getattr(before, name) for name in ("regions", "smoothing", "hold_feet")):
-            self._display = self._display.broken()
+        self._showing.change(self.settings)
         # A person of another height is raised by another height.
         if self.settings.posture != before.posture or (
             self.settings.posture == "seated"
@@ -293,7 +247,8 @@ class Session:
         """What another process needs to go on: the wearer, as tall as inferred; the placement; what is worn where."""
         base = self._base
         if base.height is None and base.bone_deviation.any() and self.settings.height is None:
-            base = Person(height=Measured(self.height, _INFERRED), lengths=base.lengths, mounts=base.mounts)
+            height = Measured(self.height, _INFERRED)
+            base = Person(height=height, lengths=base.lengths, mounts=base.mounts, hands=base.hands)
         return base, self._placement, self._worn
 
     def placed(self) -> Placed:
@@ -305,7 +260,7 @@ class Session:
         turned = rotation.copy()
         turned[:1] = self._placement.turn(rotation[:1])
         root = self._placement.place(root[None])[0]
-        return mirrored(self.skeleton, root, turned) if self.settings.mirror else (root, turned)
+        return self._showing.truth(self.skeleton, root, turned)
 
     def _follow(self, offset: np.ndarray, moment: float) -> None:
         """Take over and tell the proportions of the body, where they changed noticeably."""
@@ -339,8 +294,7 @@ class Session:
             return observation
         self._placement = placement
         self._notes.append(self.placed())
-        self._shift += AFRESH
-        return through(self._door, frame, self._seen, placement, moment + AFRESH)
+        return through(self._door, frame, self._seen, placement, self._moments.begin_anew(moment))
 
     def _head_height(self) -> float:
         """m, of the head of this person who stands, in the body's world."""
@@ -353,33 +307,25 @@ class Session:
         stance = "arms out" if self._arms_out else "standing"
         try:
             found = calibration(stood, self._told, stance, self.settings.floor, self._inertial)
-            wearer = found.person
-            if wearer is not None:
-                height = round(float(stature(wearer.skeleton.rest_offset)), 3)
+            if found.measured:
+                height = round(float(stature(found.person.skeleton.rest_offset)), 3)
                 self.settings = replace(self.settings, height=height)
         except BodysenseError as error:
             self._notes.append(Said(str(error)))
             return
-        self._inertial, self._display = found.inertial, self._display.broken()
+        self._inertial = found.inertial
+        self._showing.lead_over()
         self._notes += [Said(text) for text in found.said]
-        if wearer is None:
+        self._base = self.calibrated = found.person
+        if not found.measured:
             return
-        self._base = self.calibrated = wearer
         if found.worn:
             self._worn |= found.worn
             self._door = door(self.points, self.skeleton, self._worn)
-        self._track(wearer)
+        self._track(found.person)
         self.revision += 1
 
 
 def rounded(skeleton: Skeleton) -> tuple[tuple[float, float, float], ...]:
     """Rest offsets as a message has them."""
     return tuple((round(x, 6), round(y, 6), round(z, 6)) for x, y, z in skeleton.rest_offset.tolist())
-
-
-def _region(joint: str) -> Region | None:
-    """The region of a joint; None for the pelvis, which always moves."""
-    part = joint.removeprefix("left_").removeprefix("right_")
-    if part == "pelvis":
-        return None
-    return _PARTS.get(part, "fingers")

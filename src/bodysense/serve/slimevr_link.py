@@ -15,12 +15,13 @@ from bodysense.errors import BodysenseError
 from bodysense.observation import Observation, usual_accuracy
 from bodysense.serve.answer import Answer
 from bodysense.serve.inertial import IMUS, JOINTS
-from bodysense.serve.links import Command, Reader, listened, signal_of
+from bodysense.serve.links import Command, Reader, signal_of
 from bodysense.serve.live import Live
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.safety import RateLimit
 from bodysense.serve.seat import Seat
 from bodysense.serve.slimevr import HEARTBEAT_EVERY, PORT, SlimevrState, heartbeat, take
+from bodysense.serve.sockets import listen_udp
 
 SENSORS = tuple(IMUS)
 LOST = 0.5  # s after which a sensor that does not come counts as not tracked
@@ -63,7 +64,7 @@ class SlimevrLink(asyncio.DatagramProtocol):
 
     def __init__(self, settings: SlimevrSettings, metrics: Metrics, alone: bool) -> None:
         self._settings, self._metrics, self._alone = settings, metrics, alone
-        self._bound = listened("--slimevr", settings.host, settings.port)
+        self._bound = listen_udp("--slimevr-port", settings.host, settings.port)
         self.state = SlimevrState()
         self._said: set[str] = set()
         self._rate = RateLimit(_MOST_PACKETS, 0.0)

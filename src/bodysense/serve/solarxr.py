@@ -190,22 +190,6 @@ def settings_bundle(transaction: int | None) -> bytes:
     return _bundle(builder, 1, builder.EndObject())
 
 
-def start_bundle(interval_ms: int = 1) -> bytes:
-    """What a runtime asks for: updates, at least so far apart. Our own benchmark plays one."""
-    builder = _builder()
-    builder.StartObject(6)
-    builder.PrependUint16Slot(0, interval_ms, 0)
-    builder.PrependBoolSlot(3, True, False)
-    feeds = _vector(builder, [builder.EndObject()])
-    builder.StartObject(1)
-    builder.PrependUOffsetTRelativeSlot(0, feeds, 0)
-    start = builder.EndObject()
-    builder.StartObject(2)
-    builder.PrependUint8Slot(0, START, 0)
-    builder.PrependUOffsetTRelativeSlot(1, start, 0)
-    return _bundle(builder, 0, builder.EndObject())
-
-
 def _builder() -> Any:
     try:
         from flatbuffers import Builder

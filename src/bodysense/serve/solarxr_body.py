@@ -10,12 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bodysense.body.products import multiply
+from bodysense.body.products import multiply, rotate
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply, shortest_arc
 from bodysense.body.skeleton import Skeleton
 from bodysense.serve.driver_axes import ABOUT_Y
 from bodysense.serve.solarxr import Moved, Told
-from bodysense.serve.webxr import rotated
 
 Places = Mapping[str, np.ndarray]  # by the names of points or joints
 _DOWN = np.array([0.0, -1.0, 0.0])
@@ -95,11 +94,11 @@ def told_of(skeleton: Skeleton, eyes: np.ndarray) -> Told:
 def moved(points: Places, turns: Places, eyes: np.ndarray) -> Moved:
     """Trackers and bones of a body, from places (3,) m and rotations (4,) wxyz in the runtime's world."""
     segments = multiply(np.array([turns[joint] for joint in _TURNS]), _SEGMENTS)
-    at_eyes = points["head"] + rotated(turns["head"][None], eyes[None])[0]
+    at_eyes = points["head"] + rotate(turns["head"][None], eyes[None])[0]
     start = np.array([at_eyes, *(points[name] for name in _STARTS)])
     along = np.array([points["head"], *(points[name] for name in _ENDS)]) - start
     turned = multiply(segments[len(TRACKERS) :], _TO_BONE)
-    now = rotated(turned, _DOWN[None])
+    now = rotate(turned, _DOWN[None])
     along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
     return Moved(
         place=np.array([points[name] for name in _PLACES]),

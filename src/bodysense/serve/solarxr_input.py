@@ -10,11 +10,8 @@ import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
-from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation
 from bodysense.serve.driver_axes import from_driver_rotation
-from bodysense.serve.tracked_devices import Device, DeviceState, TrackedDevices
+from bodysense.serve.tracked_devices import Device, DeviceReader, DeviceState, pose_of
 
 LARGEST = 1024  # bytes of a message
 _POSITION, _ADDED, _STATUS = 1, 3, 4  # fields of a message: what it is of
@@ -34,10 +31,8 @@ class InputState:
 
 
 @dataclass(frozen=True)
-class InputReader:
-    """How messages are read; satisfies the same questions as `VmcTrackers`."""
-
-    devices: TrackedDevices = TrackedDevices()
+class InputReader(DeviceReader):
+    """How messages are read."""
 
     def start(self) -> InputState:
         """Nothing came yet."""
@@ -62,18 +57,6 @@ class InputReader:
             return state, str(error)
         return state, None
 
-    def observation(self, now: float, state: InputState) -> Observation | None:
-        """One frame, as of the last device that came; None where none came lately."""
-        return self.devices.observation(now, state.devices)
-
-    def is_whole(self, now: float, state: InputState) -> bool:
-        """Whether all devices that are tracked came at `now`."""
-        return self.devices.is_whole(now, state.devices)
-
-    def commands(self, packet: bytes) -> tuple[()]:
-        """Runtimes ask for nothing here."""
-        return ()
-
     def _placed(
         self, told: Mapping[int, Value], identity: int, now: float, state: InputState
     ) -> tuple[InputState, str | None]:
@@ -83,14 +66,12 @@ class InputReader:
         numbers = [told.get(k, 0.0) for k in range(2, 9)]
         if not all(isinstance(value, float) for value in numbers):
             return state, "a position is not of floats"
-        values = np.array(numbers, dtype=float)
-        if not np.isfinite(values).all() or np.abs(values[:3]).max() > FARTHEST:
-            return state, f"a position is not finite, or farther than {FARTHEST:g} m away"
-        kind, serial = role
-        length = float(np.linalg.norm(values[3:])) if np.abs(values[3:]).max() < 2 else 0.0
-        is_turned = kind == "Hmd" and abs(length - 1) < UNIT_TOLERANCE
-        turn = from_driver_rotation(values[3:] / length) if is_turned else None
-        devices, reason = self.devices.put([(serial, Device(kind, values[:3], turn, now, raw=True))], state.devices)
+        pose = pose_of(numbers, "a position")
+        if isinstance(pose, str):
+            return state, pose
+        (place, turn), (kind, serial) = pose, role
+        rotation = None if turn is None or kind != "Hmd" else from_driver_rotation(turn)
+        devices, reason = self.devices.put([(serial, Device(kind, place, rotation, now, raw=True))], state.devices)
         return replace(state, devices=devices), reason
 
 

@@ -1,5 +1,7 @@
 """The link to OpenXR runtimes on Linux (Monado, WiVRn): they find SlimeVR's sockets here, give a headset, take a body.
 
+SlimeVR's own programs hear the same by a WebSocket.
+
 A runtime connects once, when it starts: the server has to be up before. It tells of its headset after every update that
 it gets, so updates go on while nobody is tracked.
 """
@@ -8,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import os
 import socket
 import struct
@@ -15,7 +18,7 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,13 +29,19 @@ from bodysense.serve.links import LOST, MOST_PACKETS, Reader, signal_of
 from bodysense.serve.live import Live
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.protocol import SignalFrame
-from bodysense.serve.safety import RateLimit
+from bodysense.serve.safety import RateLimit, why_not_local
+from bodysense.serve.sockets import listen_tcp
 from bodysense.serve.solarxr import Updates, read_bundle, settings_bundle
 from bodysense.serve.solarxr_body import moved, told_of
 from bodysense.serve.solarxr_input import LARGEST
 from bodysense.serve.webxr import between_eyes
 
+if TYPE_CHECKING:
+    from websockets.asyncio.server import ServerConnection
+    from websockets.http11 import Request, Response
+
 RPC, INPUT = "SlimeVRRpc", "SlimeVRInput"
+PORT = 21110  # of SlimeVR's WebSocket
 FASTEST = 1 / 120  # s between updates, and so between poses of a headset
 _SLOWEST = 1 / 45  # s
 _GROWN = 0.01  # m by which a bone must have changed to be told anew: a runtime then makes its skeleton anew
@@ -40,13 +49,16 @@ _LARGEST_REQUEST = 1 << 16  # bytes
 _MOST_BEHIND = 1 << 16  # bytes that a runtime has not read, after which updates are left out for it
 _MOST_CLIENTS = 8
 _SIZE = struct.Struct("<I")  # counts itself
+_QUIET = logging.getLogger("bodysense.solarxr")
+_QUIET.setLevel(logging.CRITICAL)  # who is no client is no news
 
 
 @dataclass(frozen=True)
 class SolarxrSettings:
-    """Where the sockets are: the folder in which runtimes look."""
+    """Where the doors are: the folder in which runtimes look, and the TCP port of the WebSocket, on this machine."""
 
     folder: Path
+    port: int = PORT
 
 
 def runtime_folder(environment: Mapping[str, str]) -> Path:
@@ -62,7 +74,8 @@ def runtime_folder(environment: Mapping[str, str]) -> Path:
 
 @dataclass(eq=False)
 class _Client:
-    writer: asyncio.StreamWriter
+    transport: Any
+    write: Callable[[bytes], None]  # one message
     interval: float | None = None  # s between updates; None: none were asked for
     sent: float = field(default=-np.inf)  # s, when
     later: asyncio.TimerHandle | None = None  # an update that waits until it is due
@@ -74,7 +87,7 @@ class SolarxrLink:
     def __init__(self, settings: SolarxrSettings, metrics: Metrics, reader: Reader, points: tuple[str, ...]) -> None:
         self._metrics, self._reader, self._points = metrics, reader, points
         self._clients: list[_Client] = []
-        self._servers: list[asyncio.Server] = []
+        self._servers: list[Any] = []
         self._beating: asyncio.Task[None] | None = None
         self._eyes = between_eyes(default_skeleton())
         self._updates = Updates(told_of(default_skeleton(), self._eyes))
@@ -86,6 +99,7 @@ class SolarxrLink:
         try:
             for path in self._paths:
                 self._bound.append(_listened(path))
+            self._bound.append(listen_tcp("--solarxr-port", "127.0.0.1", settings.port))
         except BaseException:
             self.close()
             raise
@@ -94,8 +108,22 @@ class SolarxrLink:
         """Begin to serve."""
         seat, loop = live.own("solarxr", self._points), asyncio.get_running_loop()
         self._play: Callable[[SignalFrame], None] = partial(live.receive, seat)
-        for bound, serve in zip(self._bound, (self._rpc, self._input), strict=True):
-            self._servers.append(await asyncio.start_unix_server(serve, sock=bound))
+        from websockets.asyncio.server import serve
+
+        rpc, told, door = self._bound
+        self._servers.append(await asyncio.start_unix_server(self._rpc, sock=rpc))
+        self._servers.append(await asyncio.start_unix_server(self._input, sock=told))
+        self._servers.append(
+            await serve(
+                self._websocket,
+                sock=door,
+                process_request=_refused,
+                max_size=_LARGEST_REQUEST,
+                compression=None,
+                server_header=None,
+                logger=_QUIET,
+            )
+        )
         self._beating = loop.create_task(self._beat())
 
     def show(self, answer: Answer) -> None:
@@ -115,9 +143,10 @@ class SolarxrLink:
         for server in self._servers:
             server.close()
         for client in self._clients:
-            client.writer.close()
-        for bound, path in zip(self._bound, self._paths, strict=False):
+            client.transport.close()
+        for bound in self._bound:
             bound.close()
+        for _, path in zip(self._bound, self._paths, strict=False):
             path.unlink(missing_ok=True)
 
     def _measure(self, skeleton: Skeleton) -> None:
@@ -131,17 +160,30 @@ class SolarxrLink:
             self._updates, self._eyes = Updates(told), eyes
 
     async def _rpc(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        client = _Client(writer)
-        if len(self._clients) >= _MOST_CLIENTS:
+        def write(packet: bytes) -> None:
+            writer.write(_SIZE.pack(_SIZE.size + len(packet)) + packet)
+
+        try:
+            await self._converse(_Client(writer.transport, write), _packets(reader, _LARGEST_REQUEST))
+        finally:
             writer.close()
+
+    async def _websocket(self, connection: ServerConnection) -> None:
+        from websockets.asyncio.server import broadcast
+
+        client = _Client(connection.transport, partial(broadcast, [connection]))
+        await self._converse(client, _binary(connection))
+
+    async def _converse(self, client: _Client, packets: AsyncIterator[bytes]) -> None:
+        """Answer a client until it is gone."""
+        if len(self._clients) >= _MOST_CLIENTS:
             return
         self._clients.append(client)
         try:
-            async for packet in _packets(reader, _LARGEST_REQUEST):
+            async for packet in packets:
                 self._answer(client, packet)
         finally:
             self._clients.remove(client)
-            writer.close()
 
     def _answer(self, client: _Client, packet: bytes) -> None:
         asked = read_bundle(packet)
@@ -207,13 +249,12 @@ class SolarxrLink:
         self._send(client, self._update)
 
     def _send(self, client: _Client, packet: bytes) -> None:
-        transport: Any = client.writer.transport
-        if transport.is_closing():
+        if client.transport.is_closing():
             return
-        if transport.get_write_buffer_size() > _MOST_BEHIND:
+        if client.transport.get_write_buffer_size() > _MOST_BEHIND:
             self._metrics.dropped("slow client")
             return
-        client.writer.write(_SIZE.pack(_SIZE.size + len(packet)) + packet)
+        client.write(packet)
 
 
 async def _packets(reader: asyncio.StreamReader, largest: int) -> AsyncIterator[bytes]:
@@ -224,6 +265,22 @@ async def _packets(reader: asyncio.StreamReader, largest: int) -> AsyncIterator[
             if not 0 <= size <= largest:
                 return
             yield await reader.readexactly(size)
+
+
+async def _binary(connection: ServerConnection) -> AsyncIterator[bytes]:
+    """Messages of a WebSocket until its end; texts, an older protocol of SlimeVR's, are left out."""
+    from websockets.exceptions import ConnectionClosed
+
+    with contextlib.suppress(ConnectionClosed):
+        async for message in connection:
+            if isinstance(message, bytes):
+                yield message
+
+
+def _refused(connection: ServerConnection, request: Request) -> Response | None:
+    """Why a WebSocket is not opened; None where it is."""
+    reason = why_not_local(request.headers.get("Host"), request.headers.get("Origin"))
+    return None if reason is None else connection.respond(403, f"{reason}\n")
 
 
 def _listened(path: Path) -> socket.socket:

@@ -15,16 +15,18 @@ A device keeps its last pose for a moment and then counts as not tracked.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation, usual_accuracy
+from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, usual_accuracy
 from bodysense.serve.driver_axes import ABOUT_Y
+from bodysense.serve.messages import Calibrate, Recentre
 from bodysense.serve.webxr import UNDECIDED
 
 HANDS = ("left_controller", "right_controller")
@@ -186,6 +188,34 @@ class TrackedDevices:
         if len(free) == 2 and len(new) == 1:
             free = [HANDS[0] if toward_left[new[0]] > 0 else HANDS[1]]
         return kept | dict(zip(new, free, strict=False))
+
+
+@dataclass(frozen=True)
+class DeviceReader:
+    """What readers of packets (`links.Reader`) share whose state has `devices`; they ask for nothing."""
+
+    devices: TrackedDevices = TrackedDevices()
+
+    def observation(self, now: float, state: Any) -> Observation | None:
+        """One frame, as of the last device that came; None where none came lately."""
+        return self.devices.observation(now, state.devices)
+
+    def is_whole(self, now: float, state: Any) -> bool:
+        """Whether all devices that are tracked came at `now`."""
+        return self.devices.is_whole(now, state.devices)
+
+    def commands(self, packet: bytes) -> Sequence[Calibrate | Recentre]:
+        """What a packet asks for."""
+        return ()
+
+
+def pose_of(numbers: Sequence[Any], what: str) -> tuple[np.ndarray, np.ndarray | None] | str:
+    """Place (3,) and rotation (4,) of seven numbers as sent, None where it is none; or why they are no pose."""
+    values = np.array(numbers, dtype=float)
+    if not np.isfinite(values).all() or np.abs(values[:3]).max() > FARTHEST:
+        return f"{what} is not finite, or farther than {FARTHEST:g} m away"
+    length = float(np.linalg.norm(values[3:])) if np.abs(values[3:]).max() < 2 else 0.0
+    return values[:3], values[3:] / length if abs(length - 1) < UNIT_TOLERANCE else None
 
 
 def read_device_names(path: str | Path) -> dict[str, str]:

@@ -14,7 +14,7 @@ from bodysense.body.pose import Pose
 from bodysense.body.rotation import normalize
 from bodysense.body.skeleton import Skeleton
 from bodysense.io.gltf.humanoid import VRM_BONES, check_humanoid, t_posed, unity_bone
-from bodysense.serve.osc import bundled, message_bytes
+from bodysense.serve.osc import PacketForm
 from bodysense.serve.unity import one_finite_pose, unity_position, unity_rotation
 
 PORT = 39539  # where receivers ("marionettes") listen
@@ -30,25 +30,29 @@ def vmc_packets(pose: Pose, time: float, tracked: bool = True) -> list[bytes]:
     finite numbers.
     """
     one_finite_pose(pose)
-    joints, heads = _bones(pose.skeleton)
+    joints = _joints(pose.skeleton)
     posed = t_posed(pose)
     place = posed.skeleton.rest_offset[: len(pose.skeleton.joints)].copy()
     place[0] = pose.root_position
     values = np.concatenate([unity_position(place), unity_rotation(normalize(posed.rotation))], axis=1)
-    numbers = values[joints].astype(">f4").tobytes()
-    messages = [
-        message_bytes("/VMC/Ext/OK", "iiii", 1, _CALIBRATED, _NORMAL, int(tracked)),
-        message_bytes("/VMC/Ext/T", "f", time),
-        message_bytes("/VMC/Ext/Root/Pos", _SEVEN, "root", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0),
-    ]
-    messages += [head + numbers[28 * k : 28 * (k + 1)] for k, head in enumerate(heads)]
-    return bundled(messages)
+    return _form(tracked).filled(np.append(time, values[joints]))
 
 
 @lru_cache(maxsize=64)
-def _bones(skeleton: Skeleton) -> tuple[np.ndarray, list[bytes]]:
-    """The joints that are sent, and each one's message up to its numbers."""
+def _joints(skeleton: Skeleton) -> np.ndarray:
+    """The joints that are sent."""
     check_humanoid(skeleton)
-    zeros = 7 * (0.0,)
-    heads = [message_bytes("/VMC/Ext/Bone/Pos", _SEVEN, unity_bone(bone), *zeros)[:-28] for bone in VRM_BONES.values()]
-    return skeleton.indices(list(VRM_BONES)), heads
+    return skeleton.indices(list(VRM_BONES))
+
+
+@lru_cache
+def _form(tracked: bool) -> PacketForm:
+    """What is sent but for the time and the bones."""
+    return PacketForm(
+        [
+            ("/VMC/Ext/OK", "iiii", (1, _CALIBRATED, _NORMAL, int(tracked))),
+            ("/VMC/Ext/T", "f", ()),
+            ("/VMC/Ext/Root/Pos", _SEVEN, ("root", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)),
+            *(("/VMC/Ext/Bone/Pos", _SEVEN, (unity_bone(bone),)) for bone in VRM_BONES.values()),
+        ]
+    )

@@ -7,15 +7,14 @@ raises. Which device is which point, and until when it counts, is `tracked_devic
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation
 from bodysense.serve.messages import Calibrate, Recentre
 from bodysense.serve.osc import Argument, Message, read_packet
 from bodysense.serve.osc_commands import OURS, commands_of
-from bodysense.serve.tracked_devices import MOST_DEVICES, Device, DeviceState, TrackedDevices
+from bodysense.serve.tracked_devices import MOST_DEVICES, Device, DeviceReader, DeviceState, pose_of
 from bodysense.serve.unity import from_unity_rotation, unity_position
 
 _KINDS = {f"/VMC/Ext/{kind}/Pos{tail}": (kind, bool(tail)) for kind in ("Hmd", "Con", "Tra") for tail in ("", "/Local")}
@@ -34,10 +33,9 @@ class VmcState:
 
 
 @dataclass(frozen=True)
-class VmcTrackers:
+class VmcTrackers(DeviceReader):
     """How packets are read. See the module's text."""
 
-    devices: TrackedDevices = field(default_factory=TrackedDevices)
     longest_delay: float = 1.0  # s: a sender's clock that goes back by more was started afresh
 
     def start(self) -> VmcState:
@@ -62,14 +60,6 @@ class VmcTrackers:
         devices, reason = self.devices.put([one for one in found if not isinstance(one, str)], state.devices)
         return replace(state, devices=devices), reason or (wrong[-1] if wrong else None)
 
-    def observation(self, now: float, state: VmcState) -> Observation | None:
-        """One frame, as of the last device that came; None where none came lately."""
-        return self.devices.observation(now, state.devices)
-
-    def is_whole(self, now: float, state: VmcState) -> bool:
-        """Whether all devices that are tracked came at `now`."""
-        return self.devices.is_whole(now, state.devices)
-
     def commands(self, packet: bytes) -> list[Calibrate | Recentre]:
         """What a packet asks for: calibration (VMC's own), or that the wearer is in the middle (ours)."""
         return commands_of(packet, _ASKED)
@@ -88,13 +78,12 @@ def _device(message: Message, now: float) -> tuple[str, Device] | str:
     serial, numbers = message.arguments[0] if message.arguments else None, message.arguments[1:8]
     if not isinstance(serial, str) or len(serial) > _LONGEST_SERIAL or len(numbers) < 7 or not _finite(numbers):
         return f"{message.address} is not a serial, three coordinates and a quaternion"
-    values = np.array(numbers, dtype=float)
-    if np.abs(values[:3]).max() > FARTHEST:
-        return f"{message.address}: {serial!r} is farther than {FARTHEST:g} m away"
-    kind, raw = _KINDS[message.address]
-    unit = abs(float(np.linalg.norm(values[3:])) - 1) < UNIT_TOLERANCE if np.abs(values[3:]).max() < 2 else False
-    rotation = from_unity_rotation(values[3:] / np.linalg.norm(values[3:])) if unit else None
-    return serial, Device(kind, unity_position(values[:3]), rotation, now, raw)
+    pose = pose_of(numbers, f"{message.address}: {serial!r}")
+    if isinstance(pose, str):
+        return pose
+    (place, turn), (kind, raw) = pose, _KINDS[message.address]
+    rotation = None if turn is None else from_unity_rotation(turn)
+    return serial, Device(kind, unity_position(place), rotation, now, raw)
 
 
 def _finite(values: tuple[Argument, ...]) -> bool:

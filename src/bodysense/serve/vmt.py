@@ -7,14 +7,14 @@ No sockets here. Positions and rotations are of the driver's raw space: right-ha
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
-from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation
 from bodysense.serve.driver_axes import driver_rotation, from_driver_rotation
-from bodysense.serve.osc import Message, message_bytes, read_packet
-from bodysense.serve.tracked_devices import Device, DeviceState, TrackedDevices
+from bodysense.serve.osc import Message, PacketForm, message_bytes, read_packet
+from bodysense.serve.tracked_devices import Device, DeviceReader, DeviceState, pose_of
 
 DRIVER_PORT = 39570  # the driver listens here
 LAST_INDEX = 57  # of a virtual device
@@ -44,10 +44,8 @@ class VmtState:
 
 
 @dataclass(frozen=True)
-class VmtReader:
-    """How packets of the driver are read; satisfies the same questions as `VmcTrackers`."""
-
-    devices: TrackedDevices = field(default_factory=TrackedDevices)
+class VmtReader(DeviceReader):
+    """How packets of the driver are read."""
 
     def start(self) -> VmtState:
         """Nothing came yet."""
@@ -74,28 +72,16 @@ class VmtReader:
         devices, reason = self.devices.put(told, state.devices)
         return replace(state, devices=devices), reason or wrong
 
-    def observation(self, now: float, state: VmtState) -> Observation | None:
-        """One frame, as of the last device that came; None where none came lately."""
-        return self.devices.observation(now, state.devices)
-
-    def is_whole(self, now: float, state: VmtState) -> bool:
-        """Whether all devices that are tracked came at `now`."""
-        return self.devices.is_whole(now, state.devices)
-
-    def commands(self, packet: bytes) -> tuple[()]:
-        """The driver asks for nothing."""
-        return ()
-
     def _device(self, message: Message, now: float, state: VmtState) -> tuple[str, Device] | str:
         serial, numbers = message.arguments[0] if message.arguments else None, message.arguments[1:8]
         if not isinstance(serial, str) or len(numbers) < 7 or not all(isinstance(x, float) for x in numbers):
             return f"{message.address} is not a serial, three coordinates and a quaternion"
-        values = np.array(numbers, dtype=float)
-        if not np.isfinite(values).all() or np.abs(values[:3]).max() > FARTHEST:
-            return f"{message.address}: {serial[:40]!r} is not finite, or farther than {FARTHEST:g} m away"
-        length = float(np.linalg.norm(values[3:])) if np.abs(values[3:]).max() < 2 else 0.0
-        turn = from_driver_rotation(values[3:] / length) if abs(length - 1) < UNIT_TOLERANCE else None
-        return serial, Device(self._kind(serial, state), values[:3], turn, now, raw=True)
+        pose = pose_of(numbers, f"{message.address}: {serial[:40]!r}")
+        if isinstance(pose, str):
+            return pose
+        place, turn = pose
+        rotation = None if turn is None else from_driver_rotation(turn)
+        return serial, Device(self._kind(serial, state), place, rotation, now, raw=True)
 
     def _kind(self, serial: str, state: VmtState) -> str:
         """VMT tells no kinds: two devices that nobody named are the controllers, of more than two none is."""
@@ -134,22 +120,24 @@ def subscriptions(state: VmtState, address: str, port: int) -> list[bytes]:
     return asked
 
 
-def tracker_messages(
-    first: int, trackers: Sequence[tuple[str, str]], points: Mapping[str, np.ndarray], turns: Mapping[str, np.ndarray]
-) -> list[bytes]:
-    """A message for each virtual tracker, from places (3,) m and rotations (4,) wxyz by name, in the driver's world."""
-    return [
-        device_message(first + TRACKERS.index((place, turn)), TRACKER, points[place], driver_rotation(turns[turn]))
-        for place, turn in trackers
-    ]
+def tracker_packet(first: int, points: Mapping[str, np.ndarray], turns: Mapping[str, np.ndarray]) -> bytes:
+    """A bundle of all virtual trackers, from places (3,) m and rotations (4,) wxyz by name, in the driver's world."""
+    place = np.array([points[name] for name, _ in TRACKERS])
+    turn = driver_rotation(np.array([turns[joint] for _, joint in TRACKERS]))
+    (packet,) = _form(first).filled(np.hstack([place, turn]).ravel())
+    return packet
 
 
-def device_message(index: int, kind: int, place: np.ndarray, turn: np.ndarray) -> bytes:
-    """A virtual device at a place (3,) m, turned as x y z w."""
-    return message_bytes("/VMT/Raw/Driver", f"iif{_SEVEN}", index, kind, 0.0, *place.tolist(), *turn.tolist())
+@lru_cache
+def _form(first: int) -> PacketForm:
+    return PacketForm([device_message(first + k, TRACKER) for k in range(len(TRACKERS))])
+
+
+def device_message(index: int, kind: int) -> tuple[str, str, tuple[int, int, float]]:
+    """What switches a virtual device on, but for its place, m, and how it is turned, x y z w."""
+    return "/VMT/Raw/Driver", f"iif{_SEVEN}", (index, kind, 0.0)
 
 
 def off_messages(indices: Sequence[int]) -> list[bytes]:
     """Virtual devices that are lost: without this the driver shows their last pose for ever."""
-    lost = 3 * (0.0,), (0.0, 0.0, 0.0, 1.0)
-    return [message_bytes("/VMT/Raw/Driver", f"iif{_SEVEN}", k, OFF, 0.0, *lost[0], *lost[1]) for k in indices]
+    return [message_bytes("/VMT/Raw/Driver", f"iif{_SEVEN}", k, OFF, *(7 * (0.0,)), 1.0) for k in indices]

@@ -12,15 +12,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from bodysense.body.rigid import RigidTransform
-from bodysense.body.rotation import matrix_to_quaternion, quaternion_multiply
+from bodysense.body.products import CONJUGATE, multiply, rotate
+from bodysense.body.rotation import matrix_to_quaternion
 from bodysense.body.skeleton import Skeleton
 from bodysense.io.mcap_take import hand_axes
-from bodysense.serve.osc import bundled, message_bytes
+from bodysense.serve.osc import PacketForm
 from bodysense.serve.vmt import LEFT_HAND, RIGHT_HAND, device_message
 
 BONES = 31
-_FINGERS = ("thumb", "index", "middle", "ring", "pinky")
+_FINGERS = ("index", "middle", "ring", "pinky")
 _LARGEST = 4000  # bytes of a bundle: the driver takes 4098, and this stays on one machine
 # A bone's axes, as columns, in OpenXR's of the same joint (−Z to the tip, +Y out of the back of the hand).
 _FINGER = {
@@ -37,81 +37,73 @@ _WRIST_IN_ROOT = {  # of the rest pose: m, wxyz
 }
 _METACARPAL = 0.2  # of the way from the wrist to the knuckle: where a metacarpal begins, which our hands lack
 _HELPERS = (4, 9, 14, 19, 24)  # bones that the last five repeat in the root's frame
-_ABOUT_X = np.array([0.0, 1.0, 0.0, 0.0])
+_ABOUT_X = np.tile([0.0, 1.0, 0.0, 0.0], (len(_HELPERS), 1))
+_IDENTITY = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+_BONES = (  # which of our joints turns a bone, and where it begins: wrist, thumb, and fingers with metacarpals
+    ("wrist", "wrist"),
+    *((f"thumb{k}", f"thumb{k}") for k in (1, 2, 3)),
+    ("thumb3", "thumb_tip"),
+    *(
+        row
+        for finger in _FINGERS
+        for row in (("wrist", "wrist"), *((f"{finger}{k}",) * 2 for k in (1, 2, 3)), (f"{finger}3", f"{finger}_tip"))
+    ),
+)
+_JOINTS, _POINTS = zip(*_BONES, strict=True)
+_METACARPALS = np.array([6, 11, 16, 21])
+_CHILDREN = np.array([*range(2, 26), *_HELPERS])
+_PARENTS = np.array([*(1 if k in (2, *_METACARPALS) else k - 1 for k in range(2, 26)), *len(_HELPERS) * [0]])
 
 
 def hand_bones(
     side: str, skeleton: Skeleton, points: Mapping[str, np.ndarray], turns: Mapping[str, np.ndarray]
-) -> tuple[RigidTransform, list[RigidTransform]]:
-    """Where the controller of a hand is, world ← root, and its 31 bones, each parent ← bone.
+) -> np.ndarray:
+    """(32, 7) m and wxyz: where the controller of a hand is, world ← root, and its 31 bones, each parent ← bone.
 
     `points` (3,) m and `turns` (4,) wxyz are of the world, by the names of our joints and fingertips.
     """
-    wrist = RigidTransform(points[f"{side}_wrist"], _bone_turn(side, skeleton, f"{side}_wrist", turns))
-    place, turn = _WRIST_IN_ROOT[side]
-    wrist_in_root = RigidTransform(np.array(place), np.array(turn) / np.linalg.norm(turn))
-    root = wrist @ wrist_in_root.inverse()
-    bones = [RigidTransform(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])), wrist_in_root]
-    for finger in _FINGERS:
-        parent = wrist
-        for bone in _finger(side, finger, skeleton, points, turns):
-            bones.append(parent.inverse() @ bone)
-            parent = bone
-    world = _from_root(bones)
-    for k in _HELPERS:
-        helper = world[k]
-        turned = quaternion_multiply(helper.rotation, _ABOUT_X) if side == "left" else helper.rotation
-        bones.append(RigidTransform(helper.translation, turned))
-    return root, bones
+    joints = [f"{side}_{joint}" for joint in _JOINTS]
+    offset, rest = (np.array([values]) for values in _WRIST_IN_ROOT[side])
+    rest /= np.linalg.norm(rest)
+    place = np.empty((1 + len(joints), 3))  # root, wrist and fingers in the world
+    place[1:] = [points[f"{side}_{point}"] for point in _POINTS]
+    place[_METACARPALS] = place[1] + _METACARPAL * (place[_METACARPALS + 1] - place[1])
+    turn = np.empty((1 + len(joints), 4))
+    turn[1:] = multiply(np.array([turns[joint] for joint in joints]), _in_joints(side, skeleton))
+    turn[:1] = multiply(turn[1:2], rest * CONJUGATE)
+    place[:1] = place[1:2] - rotate(turn[:1], offset)
+    back = turn[_PARENTS] * CONJUGATE
+    bones = np.empty((1 + BONES, 7))
+    bones[0] = np.append(place[0], turn[0])
+    bones[1] = _IDENTITY
+    bones[2] = np.append(offset, rest)
+    bones[3:, :3] = rotate(back, place[_CHILDREN] - place[_PARENTS])
+    bones[3:, 3:] = multiply(back, turn[_CHILDREN])
+    if side == "left":
+        bones[-len(_HELPERS) :, 3:] = multiply(bones[-len(_HELPERS) :, 3:], _ABOUT_X)
+    return bones
 
 
-def hand_messages(
+def hand_packet(
     side: str, index: int, skeleton: Skeleton, points: Mapping[str, np.ndarray], turns: Mapping[str, np.ndarray]
 ) -> bytes:
     """One bundle: the virtual controller, its 31 bones, and the word that they are whole."""
-    root, bones = hand_bones(side, skeleton, points, turns)
-    kind = LEFT_HAND if side == "left" else RIGHT_HAND
-    messages = [device_message(index, kind, root.translation, np.roll(root.rotation, -1))]
-    for k, bone in enumerate(bones):
-        values = *bone.translation.tolist(), *np.roll(bone.rotation, -1).tolist()
-        messages.append(message_bytes("/VMT/Skeleton/Driver", "iifffffff", index, k, *values))
-    messages.append(message_bytes("/VMT/Skeleton/Apply", "if", index, 0.0))
-    (bundle,) = bundled(messages, _LARGEST)
-    return bundle
+    bones = hand_bones(side, skeleton, points, turns)
+    (packet,) = _form(side, index).filled(bones[:, [0, 1, 2, 4, 5, 6, 3]].ravel())
+    return packet
 
 
-def _finger(
-    side: str, finger: str, skeleton: Skeleton, points: Mapping[str, np.ndarray], turns: Mapping[str, np.ndarray]
-) -> list[RigidTransform]:
-    """World ← bone of one finger: thumb 4, others 5, tips with the last bone's rotation."""
-    names = [f"{side}_{finger}{k}" for k in (1, 2, 3)]
-    bones = [RigidTransform(points[name], _bone_turn(side, skeleton, name, turns)) for name in names]
-    if finger != "thumb":
-        wrist, knuckle = points[f"{side}_wrist"], points[names[0]]
-        along = RigidTransform(wrist, _bone_turn(side, skeleton, f"{side}_wrist", turns, finger=True))
-        bones.insert(0, RigidTransform(wrist + _METACARPAL * (knuckle - wrist), along.rotation))
-    return [*bones, RigidTransform(points[f"{side}_{finger}_tip"], bones[-1].rotation)]
+@lru_cache
+def _form(side: str, index: int) -> PacketForm:
+    bones = [("/VMT/Skeleton/Driver", "iifffffff", (index, k)) for k in range(BONES)]
+    device = device_message(index, LEFT_HAND if side == "left" else RIGHT_HAND)
+    return PacketForm([device, *bones, ("/VMT/Skeleton/Apply", "if", (index, 0.0))], _LARGEST)
 
 
-def _bone_turn(
-    side: str, skeleton: Skeleton, name: str, turns: Mapping[str, np.ndarray], finger: bool | None = None
-) -> np.ndarray:
-    """World ← bone (4,), from the world ← joint rotation of ours."""
-    is_finger = not name.endswith("wrist") if finger is None else finger
-    return quaternion_multiply(turns[name], _in_joint(side, skeleton, name, is_finger))
-
-
-@lru_cache(maxsize=256)
-def _in_joint(side: str, skeleton: Skeleton, name: str, is_finger: bool) -> np.ndarray:
-    """Joint ← bone (4,)."""
-    constant = matrix_to_quaternion(np.array((_FINGER if is_finger else _WRIST)[side], dtype=float))
-    return quaternion_multiply(hand_axes(skeleton, side)[name], constant)
-
-
-def _from_root(bones: list[RigidTransform]) -> list[RigidTransform]:
-    """Root ← bone of the bones until now: the wrist hangs on the root, fingers on the wrist, bones on one another."""
-    world = list(bones[:2])
-    for k in range(2, len(bones)):
-        first = k in (2, 6, 11, 16, 21)
-        world.append(world[1 if first else k - 1] @ bones[k])
-    return world
+@lru_cache(maxsize=64)
+def _in_joints(side: str, skeleton: Skeleton) -> np.ndarray:
+    """Joint ← bone (25, 4) of the wrist and the fingers' bones."""
+    axes = hand_axes(skeleton, side)
+    finger, wrist = (matrix_to_quaternion(np.array(rows[side], dtype=float)) for rows in (_FINGER, _WRIST))
+    in_axes = np.array([wrist, *(len(_JOINTS) - 1) * [finger]])
+    return multiply(np.array([axes[f"{side}_{joint}"] for joint in _JOINTS]), in_axes)

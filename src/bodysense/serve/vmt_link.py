@@ -10,13 +10,13 @@ from functools import partial
 
 from bodysense.errors import BodysenseError
 from bodysense.serve.answer import Answer
-from bodysense.serve.links import LOST, DeviceInput, Reader, address_toward, listened
+from bodysense.serve.links import LOST, DeviceInput, Reader
 from bodysense.serve.live import Live
 from bodysense.serve.metrics import Metrics
+from bodysense.serve.sockets import address_toward, listen_udp
 from bodysense.serve.tracked_devices import SIGNALS, TrackedDevices
-from bodysense.serve.vmt import DRIVER_PORT, LAST_INDEX, TRACKERS, off_messages, subscriptions
-from bodysense.serve.vmt import tracker_messages as trackers_of
-from bodysense.serve.vmt_hands import hand_messages
+from bodysense.serve.vmt import DRIVER_PORT, LAST_INDEX, TRACKERS, off_messages, subscriptions, tracker_packet
+from bodysense.serve.vmt_hands import hand_packet
 
 _ASK_EVERY = 1.0  # s: a SteamVR that was restarted has forgotten what was asked of it
 _SIDES = ("left", "right")
@@ -52,7 +52,7 @@ class VmtLink:
             raise BodysenseError(f"--vmt-host {settings.host}: no such host; give the machine of SteamVR") from None
         self._driver = (address, settings.driver_port)
         self._here = address_toward(address)
-        self._bound = listened("--vmt-port", self._here, settings.port)
+        self._bound = listen_udp("--vmt-port", self._here, settings.port)
         self._port = self._bound.getsockname()[1]
         self._transport: asyncio.DatagramTransport | None = None
         self._input: DeviceInput | None = None
@@ -76,13 +76,13 @@ class VmtLink:
         """Send the virtual trackers of a body, and its hands where fingers are wanted."""
         places, turns = answer.in_signal
         first = self._settings.first
-        messages = trackers_of(first, TRACKERS, places, turns)
+        packets = [tracker_packet(first, places, turns)]
         shown = set(range(first, first + len(TRACKERS)))
         if self._settings.hands:
             for k, side in enumerate(_SIDES, start=first + len(TRACKERS)):
-                messages.append(hand_messages(side, k, answer.pose.skeleton, places, turns))
+                packets.append(hand_packet(side, k, answer.pose.skeleton, places, turns))
                 shown.add(k)
-        self._send(messages)
+        self._send(packets)
         self._shown, self._last = shown, asyncio.get_running_loop().time()
 
     def close(self) -> None:

@@ -6,11 +6,12 @@ Source: VRChat's documentation, *OSC Trackers*: world positions in metres and Eu
 from __future__ import annotations
 
 from collections.abc import Collection
+from functools import lru_cache
 
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.serve.osc import bundled, message_bytes
+from bodysense.serve.osc import PacketForm
 from bodysense.serve.unity import one_finite_pose, unity_euler, unity_position
 
 PORT = 9000
@@ -38,12 +39,14 @@ def vrchat_packets(
     """
     one_finite_pose(pose)
     points, turns = forward_kinematics(pose) if world is None else world
-    wanted = {name: where for name, where in TRACKERS.items() if name in trackers or name == "head"}
-    places = pose.skeleton.indices([place for place, _ in wanted.values()])
-    joints = pose.skeleton.indices([turn for _, turn in wanted.values()])
-    position, angle = unity_position(points[places]), unity_euler(turns[joints])
-    messages = []
-    for name, place, turn in zip(wanted, position.tolist(), angle.tolist(), strict=True):
-        messages.append(message_bytes(f"/tracking/trackers/{name}/position", "fff", *place))
-        messages.append(message_bytes(f"/tracking/trackers/{name}/rotation", "fff", *turn))
-    return bundled(messages)
+    wanted = tuple(name for name in TRACKERS if name in trackers or name == "head")
+    places = pose.skeleton.indices([TRACKERS[name][0] for name in wanted])
+    joints = pose.skeleton.indices([TRACKERS[name][1] for name in wanted])
+    return _form(wanted).filled(np.hstack([unity_position(points[places]), unity_euler(turns[joints])]).ravel())
+
+
+@lru_cache(maxsize=64)
+def _form(trackers: tuple[str, ...]) -> PacketForm:
+    """What is sent but for where the trackers are and how they are turned."""
+    rows = [(f"/tracking/trackers/{name}/{what}", "fff", ()) for name in trackers for what in ("position", "rotation")]
+    return PacketForm(rows)

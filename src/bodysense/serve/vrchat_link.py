@@ -13,10 +13,11 @@ from typing import Any
 
 from bodysense.errors import BodysenseError, missing_package
 from bodysense.serve.answer import Answer
-from bodysense.serve.links import DeviceInput, Reader, address_toward, listened
+from bodysense.serve.links import DeviceInput, Reader
 from bodysense.serve.live import Live
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.oscquery import OscQueryServer, OscService
+from bodysense.serve.sockets import address_toward, listen_udp
 from bodysense.serve.vrchat import PORT, vrchat_packets
 from bodysense.serve.vrchat_devices import TAKEN
 
@@ -47,7 +48,7 @@ class VrchatLink:
             raise BodysenseError(f"--vrchat-host {settings.host}: no such host; give the machine of VRChat") from None
         self._usual = self.target = (self._host, settings.port)
         self._here = address_toward(self._host)
-        self._bound = listened("--vrchat", self._here, 0)
+        self._bound = listen_udp("--vrchat", self._here, 0)
         self._web = socket.create_server((self._here, 0))
         name = f"bodysense-{secrets.token_hex(3)}"
         self.service = OscService(name, self._here, self._bound.getsockname()[1], TAKEN)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bodysense.body.glove import glove_marker
-from bodysense.body.products import CONJUGATE, MATRIX, multiply
+from bodysense.body.products import CONJUGATE, multiply, rotate
 from bodysense.body.rotation import matrix_to_quaternion
 from bodysense.body.skeleton import Skeleton, default_body, default_skeleton
 from bodysense.observation import CAMERA_ACCURACY, TRACKER_ACCURACY, Observation, usual_accuracy
@@ -156,7 +156,7 @@ def through(door: Door, frame: SignalFrame, shown: np.ndarray, placement: Placem
         if not door.is_plain:
             rotation = multiply(rotation, told.turn)
             # Where the device's rotation is not known, its own place is the best guess of ours.
-            position += rotated(rotation, told.shift) * has_rotation[:, None]
+            position += rotate(rotation, told.shift) * has_rotation[:, None]
             has_rotation = has_rotation & told.turned
         position, rotation = placement.place(position), placement.turn(rotation)
     moment = np.array([time])
@@ -214,12 +214,6 @@ def _told(door: Door, point: bytes, shown: bytes) -> _Told:
         bytes([HAS_POSITION | HAS_ROTATION] * len(rows)),
         every,
     )
-
-
-def rotated(rotation: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Vectors (N, 3) turned by unit quaternions (N, 4)."""
-    products = (rotation[:, :, None] * rotation[:, None, :]).reshape(-1, 16)
-    return ((products @ MATRIX).reshape(-1, 3, 3) @ vector[:, :, None])[:, :, 0]
 
 
 def _ours(name: str, skeleton: Skeleton) -> tuple[str, np.ndarray, np.ndarray, bool] | None:

@@ -13,6 +13,7 @@ from bodysense.conform.subject import FOOT_POINTS, Subject
 _LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 NEEDED = ("pelvis", "head", *(f"{side}_{part}" for side in ("left", "right") for part in _LIMBS))
 _TREND = 120  # frames at either end that are compared
+_EASED = 0.1  # m/s: a body whose fastest joint was so slow before it stood still came to rest
 _STUCK = 0.05  # m/s: a body that moves faster than this on average does not repeat bit for bit
 
 
@@ -132,10 +133,11 @@ def frozen_frames(subject: Subject) -> Value | Unanswered:
         return Unanswered("the body hardly moves")
     same = (subject.places[1:] == subject.places[:-1]).all(axis=-1) & (subject.known[1:] & subject.known[:-1])
     stuck = (same | ~subject.known[1:]).all(axis=1) & subject.known[1:].any(axis=1)
-    if not subject.transport.messages:  # editors hold a file's first or last pose
-        moves = np.flatnonzero(~stuck)
-        stuck[: moves[0] if len(moves) else 0] = False
-        stuck[moves[-1] if len(moves) else 0 :] = False
+    if not subject.transport.messages:  # in a file bodies come to rest, and editors hold its first or last pose
+        fastest = np.nan_to_num(subject.speed).max(axis=1)
+        for start, end in runs(stuck):
+            if start == 0 or end == len(stuck) or fastest[start - 1] < _EASED:
+                stuck[start:end] = False
     run, start = longest_run(stuck)
     return Value(run * subject.interval, "", start)
 
@@ -191,14 +193,16 @@ def windows_covered(subject: Subject) -> Value | Unanswered:
     return Value(len(bad), ", ".join(bad))
 
 
+def runs(flags: np.ndarray) -> list[tuple[int, int]]:
+    """Start and end of every run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
 def longest_run(flags: np.ndarray) -> tuple[int, int | None]:
     """Length and start of the longest run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    if not len(edges):
-        return 0, None
-    lengths = edges[1::2] - edges[::2]
-    best = int(np.argmax(lengths))
-    return int(lengths[best]), int(edges[::2][best])
+    start, end = max(runs(flags), key=lambda run: run[1] - run[0], default=(0, 0))
+    return end - start, start if end else None
 
 
 def _body(subject: Subject) -> list[int]:

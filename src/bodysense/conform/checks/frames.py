@@ -40,6 +40,10 @@ def up_axis(subject: Subject) -> Value | Unanswered:
     straight = [float(np.nanmedian((leg * mean / length).sum(axis=-1))) for leg in legs]
     if not straight or min(straight) < 0.8:
         return Unanswered("the legs are not stretched under the trunk: nobody stands")
+    arms = [unit(subject.at(f"{s}_elbow") - subject.at(f"{s}_shoulder")) for s in SIDES if subject.has(f"{s}_elbow")]
+    hanging = [float(np.nanmedian((arm * mean / length).sum(axis=-1))) for arm in arms]
+    if not hanging or min(hanging) > -0.8:
+        return Unanswered("no arm hangs: nobody stands")
     return Value(float(np.degrees(np.arccos(np.clip(mean[1] / length, -1, 1)))))
 
 

@@ -16,26 +16,28 @@ _STEP = 0.35  # m/s: a foot this fast steps
 
 
 def skate(subject: Subject) -> Value | Unanswered:
-    """How far the slower foot goes while the body goes one metre: 0 in a firm walk, 1 for who glides."""
+    """How far the slower foot goes along while the body goes one metre: 0 in a firm walk, 1 for who glides."""
     feet = [name for name in ("left_ankle", "right_ankle") if subject.has(name)]
     if len(feet) < 2 or not subject.has("pelvis"):
         return Unanswered("no feet")
     flat = np.array([1.0, 0.0, 1.0])
-    moved = np.linalg.norm(np.diff(subject.at("pelvis"), axis=0) * flat, axis=-1)
-    ways = [np.linalg.norm(np.diff(subject.at(name), axis=0) * flat, axis=-1) for name in feet]
-    slower = nan_min(np.stack(ways), axis=0)
+    way = np.diff(subject.at("pelvis"), axis=0) * flat
+    moved, ahead = np.linalg.norm(way, axis=-1), unit(way)
+    ways = np.stack([np.diff(subject.at(name), axis=0) * flat for name in feet])
+    slower = np.nan_to_num(np.linalg.norm(ways, axis=-1), nan=np.inf).argmin(axis=0)
+    along = (ways[slower, np.arange(len(way))] * ahead).sum(axis=-1)  # feet that move otherwise dance
     low = nan_min(np.stack([subject.at(name)[:, 1] for name in feet]), axis=0)[1:] - subject.ground
     counted = (
         (moved > _TRAVELS * subject.step)
         & (moved < _RUNS * subject.step)
-        & np.isfinite(slower)
+        & np.isfinite(along)
         & (low < 0.25)
         & (subject.step > 0)
     )
     counted &= _goes_on(subject)
     if counted.sum() * subject.interval < 2.0 or not _alternates(subject, counted):
         return Unanswered("the body walks for less than two seconds")
-    return Value(float(slower[counted].sum() / moved[counted].sum()))
+    return Value(float(np.clip(along, 0, moved)[counted].sum() / moved[counted].sum()))
 
 
 def under_floor(subject: Subject) -> Value | Unanswered:

@@ -28,8 +28,11 @@ def beyond(joints: tuple[str, ...], subject: Subject) -> Value | Unanswered:
         if not subject.has(joint, parent) or not _rotated(subject, joint, parent):
             continue
         turn = quaternion_log(subject.local(parent, joint))
-        k = ours.index(joint)
-        over = np.degrees(np.maximum(np.maximum(turn - ranges.high[k], ranges.low[k] - turn), 0).max(axis=-1))
+        # Beyond half a turn a logarithm goes the other way about: the same rotation is as far as the nearer of the two.
+        length = np.maximum(np.linalg.norm(turn, axis=-1, keepdims=True), 1e-9)
+        low, high = ranges.low[ours.index(joint)], ranges.high[ours.index(joint)]
+        ways = [np.maximum(way - high, low - way).max(axis=-1) for way in (turn, turn * (1 - 2 * np.pi / length))]
+        over = np.degrees(np.maximum(np.minimum(*ways), 0))
         here = float(np.nanpercentile(over, 75)) if np.isfinite(over).any() else 0.0
         if here > worst:
             worst, where, frame = here, joint, int(np.nanargmax(over)) if np.isfinite(over).any() else None
@@ -117,11 +120,11 @@ CHECKS = (
         after=_FRAMES,
     ),
     _limit("knees", _both("knee"), 75, "Knees that twist, or bend sideways."),
-    _limit("hips", _both("hip"), 90, "Legs in places that no leg reaches."),
+    _limit("hips", _both("hip"), 100, "Legs in places that no leg reaches."),
     _limit("ankles", _both("ankle"), 90, "Feet that point backward."),
     _limit("spine", ("spine1", "spine2", "spine3"), 75, "A trunk that folds or wrings."),
     _limit("neck", ("neck", "head"), 80, "A head that looks backward."),
-    _limit("shoulders", _both("shoulder"), 40, "Arms in places that no arm reaches."),
+    _limit("shoulders", _both("shoulder"), 55, "Arms in places that no arm reaches."),
     _limit("elbows", _both("elbow"), 60, "Elbows that bend backward, forearms that wring."),
     _limit("wrists", _both("wrist"), 80, "Hands that bend off the arm."),
     Check(
@@ -129,7 +132,7 @@ CHECKS = (
         partial(penetration, ((THIGH[0], THIGH[1]), (SHIN[0], SHIN[1])), 0.01),
         "%",
         "One leg goes through the other.",
-        most=30,
+        most=70,
         after=SIZED,
     ),
     Check(
@@ -141,7 +144,7 @@ CHECKS = (
         ),
         "%",
         "Forearms go through trunk or neck.",
-        most=70,
+        most=75,
         after=SIZED,
     ),
     Check(
@@ -149,7 +152,7 @@ CHECKS = (
         partial(penetration, ((FOREARM[0], FOREARM[1]),), 0.01),
         "%",
         "One forearm goes through the other.",
-        most=70,
+        most=75,
         after=SIZED,
     ),
 )

@@ -99,13 +99,13 @@ def _noisiest(noise: dict[str, float]) -> Value | Unanswered:
 
 
 CHECKS = (
-    Check("motion.shake", shake, "mm", "What stands trembles.", most=17, after=TIMED),
+    Check("motion.shake", shake, "mm", "What stands trembles.", most=20, after=TIMED),
     Check(
         "motion.rotation_shake",
         rotation_shake,
         "°",
         "What stands trembles in its rotations.",
-        most=2.9,
+        most=3.5,
         after=(*TIMED, "anatomy.component_order"),
     ),
     Check("motion.drift", drift, "cm/s", "How calm the calmest second is.", after=TIMED),

@@ -35,6 +35,7 @@ def commands() -> SubcommandApp:
     group.command(name="live-outputs")(bench_outputs.live_outputs)
     group.command(live_checks.live_fuzz)
     group.command(live_checks.packet_fuzz)
+    group.command(live_checks.packet_decoders)
     group.command(live_checks.live_soak)
     return group
 

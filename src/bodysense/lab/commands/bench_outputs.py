@@ -75,7 +75,7 @@ class _Peers:
             driver = stack.enter_context(_udp(DRIVER_PORT))
             command = [sys.executable, "-m", "bodysense", "serve", "--port", "0", "--vmc-in", str(port)]
             command += ["--vmc-out", f"127.0.0.1:{ports[0]}", "--vrchat-out", f"127.0.0.1:{ports[1]}"]
-            command += ["--vmt", "--vmt-port", "0", "--solarxr"]
+            command += ["--vmt", "--vmt-port", "0", "--solarxr", "--solarxr-port", "0"]
             stack.enter_context(_started(command, folder))
             runtime = stack.enter_context(_runtime(Path(folder)))
             self._selector = stack.enter_context(selectors.DefaultSelector())
@@ -158,14 +158,14 @@ def _started(command: list[str], folder: str) -> Iterator[None]:
 @contextmanager
 def _runtime(folder: Path) -> Iterator[socket.socket]:
     """A runtime that asked for updates."""
-    from bodysense.serve.solarxr import start_bundle
+    from bodysense.lab.serving.solarxr_client import request
     from bodysense.serve.solarxr_link import RPC
 
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as found:
         found.settimeout(_TO_START)
         found.connect(str(folder / RPC))
-        request = start_bundle()
-        found.sendall(struct.pack("<I", 4 + len(request)) + request)
+        starts = request(polls=False, starts=1, asks=None)
+        found.sendall(struct.pack("<I", 4 + len(starts)) + starts)
         yield found
 
 

@@ -1,4 +1,4 @@
-"""`bodysense bench live-fuzz` and `live-soak`: hostile clients, and a bad network for a long time."""
+"""`bodysense bench live-fuzz`, `packet-fuzz`, `packet-decoders`, `live-soak`: the live server held to its word."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def live_fuzz(frames: int = 1_000_000, seed: int = 1, json: Path | None = None) 
 
     from bodysense.cli.show import write_numbers
     from bodysense.errors import BodysenseError
-    from bodysense.serve.fuzz import FuzzCounts, run_fuzz
+    from bodysense.lab.serving.hostile_clients import FuzzCounts, run_fuzz
 
     if frames < 1:
         raise BodysenseError(f"--frames {frames}: give 1 or more")
@@ -38,22 +38,67 @@ def live_fuzz(frames: int = 1_000_000, seed: int = 1, json: Path | None = None) 
     write_numbers(json, numbers | {"seed": seed, "seconds": round(seconds, 1)})
 
 
-def packet_fuzz(packets: int = 1_000_000, seed: int = 1) -> None:
+def packet_fuzz(packets: int = 1_000_000, seed: int = 1, json: Path | None = None) -> None:
     """Read hostile packets of all that comes in by UDP or sockets (VMC, VMT, VRChat, SlimeVR, SolarXR); none may raise.
 
     Args:
         packets: Packets to read.
         seed: random seed of the packets.
+        json: Write the numbers here, as one flat object.
     """
     import numpy as np
 
+    from bodysense.cli.show import write_numbers
+    from bodysense.lab.serving.hostile_packets import fuzz_packets
+
+    _some(packets)
+    begun = time.perf_counter()
+    found = fuzz_packets(packets, np.random.default_rng(seed))
+    seconds = time.perf_counter() - begun
+    parts = ", ".join(f"{name} {count}" for name, count in found.items())
+    print(f"{packets} packets in {seconds:.0f} s, no failure: {parts}")
+    numbers: dict[str, float] = {"packets": packets, "seed": seed, "seconds": round(seconds, 1)}
+    write_numbers(json, numbers | found)
+
+
+def packet_decoders(packets: int = 1_000_000, seed: int = 1, json: Path | None = None) -> None:
+    """Read all that goes out (VMC, VRChat, VMT, SolarXR) with decoders that are not ours; all must be read as meant.
+
+    python-osc, Wireshark's tshark where it is installed, and a reader of SolarXR's public schema.
+
+    Args:
+        packets: Packets to read.
+        seed: random seed of the bodies.
+        json: Write the numbers here, as one flat object.
+    """
+    import shutil
+
+    import numpy as np
+    from rich.progress import Progress
+
+    from bodysense.cli.show import write_numbers
+    from bodysense.lab.serving.decoders import Decoded, decode
+
+    _some(packets)
+    begun, found = time.perf_counter(), Decoded()
+    with Progress() as progress:
+        bar = progress.add_task("decoding", total=packets)
+        for found in decode(packets, np.random.default_rng(seed), shutil.which("tshark")):
+            progress.update(bar, completed=found.osc + found.solarxr)
+    seconds = time.perf_counter() - begun
+    wireshark = f"Wireshark {found.wireshark} of these" if found.wireshark else "no tshark here"
+    print(
+        f"{packets} packets in {seconds:.0f} s, all read as meant: python-osc {found.osc} with {found.osc_messages} "
+        f"messages, {wireshark}, a reader of SolarXR {found.solarxr}"
+    )
+    write_numbers(json, {"packets": packets, "seed": seed, "seconds": round(seconds, 1)} | asdict(found))
+
+
+def _some(packets: int) -> None:
     from bodysense.errors import BodysenseError
-    from bodysense.serve.packet_fuzz import fuzz_packets
 
     if packets < 1:
         raise BodysenseError(f"--packets {packets}: give 1 or more")
-    found = fuzz_packets(packets, np.random.default_rng(seed))
-    print(f"{packets} packets, no failure: " + ", ".join(f"{name} {count}" for name, count in found.items()))
 
 
 def live_soak(
@@ -85,7 +130,7 @@ def live_soak(
 
     from bodysense.cli.show import write_numbers
     from bodysense.errors import BodysenseError
-    from bodysense.serve.soak import SoakPlan, check, soak
+    from bodysense.lab.serving.soak import SoakPlan, check, soak
 
     if not (minutes > 0 and sessions > 0 and rate > 0 and 0 <= loss < 0.9):
         raise BodysenseError("live-soak: give positive minutes, sessions and rate, and a loss of 0 to 0.9")

@@ -190,8 +190,10 @@ def message_of(rng: np.random.Generator, k: int) -> str | bytes:
 def broken(data: bytes, rng: np.random.Generator) -> bytes:
     """The same with some bytes changed, and perhaps cut or doubled."""
     found = bytearray(data)
-    for place in rng.integers(0, len(found), int(rng.integers(1, 8))):
-        found[place] = rng.choice([0, 0x7F, 0x80, 0xFF, int(rng.integers(256))])
+    count = int(rng.integers(1, 8))
+    places, kinds = rng.integers(0, len(found), count).tolist(), rng.integers(0, 5, count).tolist()
+    for place, kind, byte in zip(places, kinds, rng.bytes(count), strict=True):
+        found[place] = (0, 0x7F, 0x80, 0xFF, byte)[kind]
     if rng.random() < 0.2:
         found = found[: int(rng.integers(len(found)))]
     return bytes(found * 2 if rng.random() < 0.05 else found)

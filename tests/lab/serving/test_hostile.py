@@ -1,4 +1,4 @@
-"""Hostile clients against the real code: short in plain tests, long in `bodysense bench live-fuzz`."""
+"""Hostile clients against the real code: few messages here, a million in `bench live-fuzz` and `packet-fuzz`."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 pytest.importorskip("prometheus_client", reason="needs bodysense[serve]")
-from bodysense.serve.fuzz import FuzzCounts, run_fuzz
-from bodysense.serve.packet_fuzz import fuzz_packets
+from bodysense.lab.serving.hostile_clients import FuzzCounts, run_fuzz
+from bodysense.lab.serving.hostile_packets import fuzz_packets
 
 
 def test_hostile_clients_are_refused_and_others_are_served() -> None:

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from bodysense.errors import BodysenseError
-from bodysense.serve.fuzz import broken
+from bodysense.lab.serving.hostile_clients import broken
+from bodysense.lab.serving.solarxr_client import request
 from bodysense.serve.links import Reader
 from bodysense.serve.osc import bundled, message_bytes
 from bodysense.serve.slimevr import SlimevrState, take
-from bodysense.serve.solarxr import read_bundle, settings_bundle, start_bundle
+from bodysense.serve.solarxr import read_bundle, settings_bundle
 from bodysense.serve.solarxr_input import InputReader
 from bodysense.serve.vmc_trackers import VmcTrackers
 from bodysense.serve.vmt import VmtReader
@@ -60,7 +61,7 @@ def fuzz_packets(count: int, rng: np.random.Generator) -> dict[str, int]:
     for name, (reader, good) in _READERS.items():
         steps[name] = partial(_read, reader, good, rng, [reader.start()])
     steps["slimevr"] = partial(_slimevr, rng, [SlimevrState()])
-    requests = start_bundle(), settings_bundle(7)
+    requests = request(starts=1, asks=7), settings_bundle(7)
     steps["solarxr"] = lambda k: _ignored(read_bundle(_packet(requests, rng)))
     for k in range(count):
         name = list(steps)[k % len(steps)]

@@ -1,0 +1,42 @@
+"""This project's own tracker before its referee."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.body.shape import sample_bodies
+from bodysense.body.skeleton import default_skeleton
+from bodysense.conform.checks import TABLE
+from bodysense.conform.verdict import judge
+from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.tracker import Tracker
+
+from .conftest import HANG, RATE, RELAXED, about, both, given_out, leg, planted, swung
+
+
+def test_who_sits_with_hands_in_the_lap_has_feet_on_the_floor_by_head_and_hands_alone() -> None:
+    """Arms stretched ahead are another matter: the network knows nobody who sits so (docs/conform.md)."""
+    skeleton, stand = default_skeleton().with_offsets(sample_bodies("test", 3)[2]), HANG | RELAXED
+    lap = (
+        stand
+        | both(shoulder=about(y=-25.0, z=-65.0), elbow=about(y=-60.0))
+        | leg("left", 88, 88)
+        | leg("right", 88, 88)
+    )
+    rotation, steps = swung(
+        skeleton,
+        [
+            ("stand", 3.0, [(0.0, stand), (1.0, stand)]),
+            ("sit", 5.0, [(0.25, lap), (0.9, lap), (1.0, lap)]),
+            ("remount", 1.0, [(0.0, stand), (1.0, stand)]),
+            ("other", 1.0, [(0.0, stand), (1.0, stand)]),
+        ],
+    )
+    pose = planted(skeleton, rotation)
+    tracker = Tracker(Person(skeleton))
+    seen = observe(pose, np.arange(len(rotation)) / RATE, SENSOR_SETS["three_point"])
+    found = tracker.step(seen, tracker.start())[0].pose
+    sitting = [check for check in TABLE if check.id in ("poses.sit_down", "poses.sit_knees", "poses.sit_feet")]
+    verdict = judge(given_out(found, steps), sitting)
+    assert {one.check.id: one.outcome for one in verdict.findings} == {check.id: "pass" for check in sitting}

@@ -1,0 +1,32 @@
+"""Decoders that are not ours read what goes out, as it was meant: few packets here, a million in `bench`."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+
+from bodysense.errors import BodysenseError
+from bodysense.lab.serving import decoders
+from bodysense.lab.serving.decoders import decode
+
+
+def test_python_osc_and_a_reader_of_solarxr_read_every_packet() -> None:
+    *_, found = decode(200, np.random.default_rng(1), None)
+    assert found.osc + found.solarxr == 200 and found.solarxr > 10 and found.osc_messages > 1000
+
+
+@pytest.mark.slow
+def test_wireshark_reads_every_packet() -> None:
+    tshark = shutil.which("tshark")
+    if tshark is None:
+        pytest.skip("no tshark on this machine: apt-get install tshark")
+    *_, found = decode(3000, np.random.default_rng(1), tshark)
+    assert found.osc == found.wireshark > 2000
+
+
+def test_a_packet_that_is_read_otherwise_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(decoders, "_python_osc", lambda data: [])
+    with pytest.raises(BodysenseError, match="python-osc reads otherwise"):
+        list(decode(5, np.random.default_rng(1), None))
