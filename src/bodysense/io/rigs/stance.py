@@ -80,8 +80,9 @@ def _crookedness(place: Places) -> np.ndarray:
     angles = [
         _angle(place["neck"] - place["pelvis"], _UP),
         _angle(place["left_shoulder"] - place["right_shoulder"], across),
-        _angle(place["head"] - place["neck"], _UP),
     ]
+    if "head" in place:
+        angles.append(_angle(place["head"] - place["neck"], _UP))
     if all(eye in place for eye in _EYES):
         angles.append(_angle(place[_EYES[0]] - place[_EYES[1]], across))
     for side, out in (("left", across), ("right", -across)):

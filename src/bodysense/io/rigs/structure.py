@@ -10,7 +10,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.rigs import words
 from bodysense.io.rigs.hands import fingers_of
 from bodysense.io.rigs.limbs import Limb, Tree, as_limb, pairs_of
-from bodysense.io.rigs.trunk import head_of, spine_of
+from bodysense.io.rigs.trunk import Head, head_of, spine_of
 
 NO_BODY = "not a humanoid: two legs and two arms were not found"
 WORST = 16.0  # penalty of what is still taken for a body
@@ -116,9 +116,9 @@ def _named(tree: Tree, leg: Limb, arm: Limb, penalty: float) -> Structure:
     if np.median(np.linalg.norm(tree.place[:, pelvis] - hips, axis=-1)) > HIGH_HUB * np.median(trunk):
         points = {}  # the legs hang on the middle of the trunk, as OpenNI has them
         spine = [pelvis, *spine]
-    head = head_of(tree, leg, arm)
-    if head is None:
-        raise BodysenseError(f"{NO_BODY[:14]}: there are legs and arms, but no head")
+    head = head_of(tree, leg, arm) or Head(None, None, None, ())
+    if head.head is None:
+        remarks = (*remarks, "its head, which the file lacks, is put over the shoulders")
     spine = [*spine, *head.spine]
     if len(spine) > 2:
         spine = [spine[0], spine[len(spine) // 2], spine[-1]]
@@ -129,7 +129,8 @@ def _named(tree: Tree, leg: Limb, arm: Limb, penalty: float) -> Structure:
     neck = head.neck if head.neck is not None else neck_below
     if neck is not None:
         points["neck"] = neck
-    points["head"] = head.head
+    if head.head is not None:
+        points["head"] = head.head
     if head.top is not None:
         points["head_top"] = head.top
     for side, a, b in (("left", left_leg, left_arm), ("right", 1 - left_leg, 1 - left_arm)):
@@ -142,10 +143,10 @@ def _named(tree: Tree, leg: Limb, arm: Limb, penalty: float) -> Structure:
         points |= {f"{side}_{part}": k for part, k in fingers_of(tree, points[f"{side}_wrist"]).items()}
     joints = len(figure.joints)
     sited = [name for name, k in points.items() if k >= joints and not name.endswith(("_top", "_toe", "_tip"))]
-    if any(name in ("head", "pelvis") or "shoulder" in name or "hip" in name for name in sited):
+    if any(name == "pelvis" or "shoulder" in name or "hip" in name for name in sited):
         raise BodysenseError(NO_BODY)
     return Structure(
-        {name: k for name, k in points.items() if name not in sited or name.endswith(("wrist", "ankle"))},
+        {name: k for name, k in points.items() if name not in sited or name.endswith(("head", "wrist", "ankle"))},
         penalty,
         sides,
         remarks,
