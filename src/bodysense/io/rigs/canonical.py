@@ -39,6 +39,8 @@ from bodysense.io.rigs.options import ReadingOptions
 from bodysense.io.rigs.rig import recognise
 
 _SPINE = ("spine1", "spine2")
+_LIMBS = {f"{side}_{part}" for side in ("left", "right") for part in ("hip", "shoulder")}
+_HANGING = {"left": np.deg2rad(-75.0), "right": np.deg2rad(75.0)}  # about +Z: arms from a T-pose
 _RIGID = 1e-6  # m: a bone that keeps its place in its parent's frame to this is rigid
 
 
@@ -68,7 +70,7 @@ def canonical(
     parents = _matched_parents(ours, match)
     standing = rest_pose(source) if rest is None else _facing_forward(rest, match)
     align, unknown = alignment(ours, _places(standing, match), parents)
-    if unknown and rest is None and _is_t_pose(_places(clip.pose[0], match)):
+    if unknown and rest is None and _LIMBS <= match.keys() and _is_t_pose(_places(clip.pose[0], match)):
         standing = _facing_forward(clip.pose[0], match)
         align, unknown = alignment(ours, _places(standing, match), parents)
     if unknown and not hinges:
@@ -94,13 +96,31 @@ def canonical(
         bone = {name: _usual(world[parent], places[name] - places[parent]) for name, parent in parents.items()}
     skeleton = complete_skeleton(_between_filled(ours, bone, parents))
     world = _aimed(world, places, bone, parents)
+    still = _standing(world)
     for joint, name in enumerate(ours.joints):
         if name not in world:  # missing joints go with their parent
-            world[name] = world[ours.joints[ours.parents[joint]]]
+            world[name] = still[name] if name in still else world[ours.joints[ours.parents[joint]]]
     local = local_rotation(skeleton, np.stack([world[name] for name in ours.joints], axis=-2))
     pose = Pose(skeleton, places["pelvis"], quaternion_canonical(local))
     pose, has_fingers = with_fingers(pose, [name for name in ours.joints if is_finger(name) and name not in align])
     return replace(clip, pose=pose, has_fingers=has_fingers)
+
+
+def _standing(world: Vectors) -> Vectors:
+    """World rotations of the first joints of limbs that a half of a body lacks: legs stand, arms hang."""
+    if "left_hip" not in world:
+        across = quaternion_rotate(world["pelvis"], np.array([1.0, 0.0, 0.0]))
+        heading = np.zeros_like(across)
+        heading[:, 1] = np.arctan2(-across[:, 2], across[:, 0])
+        return dict.fromkeys(("left_hip", "right_hip"), quaternion_exp(heading))
+    if "left_shoulder" not in world:
+        chest = next(world[name] for name in ("spine3", "spine2", "spine1", "pelvis") if name in world)
+        turns = {side: quaternion_exp(np.array([0.0, 0.0, angle])) for side, angle in _HANGING.items()}
+        return {
+            f"{side}_shoulder": quaternion_multiply(chest, np.tile(turn, (len(chest), 1)))
+            for side, turn in turns.items()
+        }
+    return {}
 
 
 def _usual(rotation: np.ndarray, bone: np.ndarray) -> np.ndarray:
@@ -202,9 +222,10 @@ def _places(pose: Pose, match: Mapping[str, int]) -> Vectors:
 
 
 def _facing_forward(pose: Pose, match: Mapping[str, int]) -> Pose:
-    """One pose, turned about +Y so that its left hip is toward +X of its right."""
+    """One pose, turned about +Y so that its left hip (shoulder, where it has no hips) is toward +X of its right."""
     place = _places(pose, match)
-    across = (place["left_hip"] - place["right_hip"]) * np.array([1.0, 0.0, 1.0])
+    part = "hip" if "left_hip" in place else "shoulder"
+    across = (place[f"left_{part}"] - place[f"right_{part}"]) * np.array([1.0, 0.0, 1.0])
     angle = np.arctan2(across[2], across[0])
     rotation = pose.rotation.copy()
     rotation[0] = quaternion_multiply(quaternion_exp(np.array([0.0, angle, 0.0])), rotation[0])

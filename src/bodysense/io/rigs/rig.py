@@ -62,6 +62,16 @@ class Rig:
         return list(dict.fromkeys(name.removeprefix("left_").removeprefix("right_") for name in self.missing))
 
     @property
+    def made_up(self) -> tuple[str, ...]:
+        """What is done about large parts of a body that the figure lacks."""
+        done = {
+            "head": "its head is put over the shoulders",
+            "left_hip": "its legs stand still",
+            "left_shoulder": "its arms hang",
+        }
+        return tuple(said for name, said in done.items() if name not in self.joints)
+
+    @property
     def has_fingers(self) -> bool:
         """Whether it has joints of fingers."""
         return any(name.endswith("2") and name[-2:] != "e2" for name in self.joints)
@@ -91,7 +101,8 @@ class Rig:
         fingers = "fingers" if self.has_fingers else "no fingers"
         return (
             f"{self.family}, {self.count} joints, {unit}, {self.height:.2f} m tall, {up}, {floor}, "
-            f"{self.frame_rate:g} Hz, {fingers}{lacking}" + "".join(f"; {note}" for note in self.notes)
+            f"{self.frame_rate:g} Hz, {fingers}{lacking}"
+            + "".join(f"; {note}" for note in (*self.made_up, *self.notes))
         )
 
 
@@ -122,10 +133,7 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
         raise BodysenseError(
             f"{figure.name}: it never stands upright, so that no upward axis was found; say which, as --up y or --up z"
         )
-    leg = tree.distance(points["left_hip"], points["left_knee"]) + tree.distance(
-        points["left_knee"], points["left_ankle"]
-    )
-    sole = find_floor(tree, points, up, leg) * unit
+    sole = find_floor(tree, points, up) * unit
     lift = -options.floor if options.floor is not None else 0.0 if abs(sole) <= FLOOR_TOLERANCE else -sole
     return Rig(
         family=family or "unnamed rig",

@@ -15,6 +15,7 @@ import numpy as np
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import normalize, quaternion_conjugate, quaternion_multiply
 from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.errors import BodysenseError
 from bodysense.io.bvh_lines import BvhLines
 from bodysense.io.rigs.rigged import Rigged
 
@@ -109,6 +110,11 @@ def joints_of_file(file: BvhLines, rigged: Rigged) -> SourceJoints:
         joint = ours[name] = place[figure.nodes[point]]
         mine = rotation[:, pose.skeleton.index(name)]
         turn[name] = _mean(np.asarray(quaternion_multiply(quaternion_conjugate(mine), world[:, joint])))
+    if any(figure.parents[k] > 0 and file.parents[place[figure.nodes[k]]] <= 0 for k in range(len(figure.joints))):
+        raise BodysenseError(
+            f"{file.path}: its joints do not hang on one another, so that no other motion fits it; hang them: "
+            f"bodysense.write('hung.bvh', bodysense.read('{file.path.name}'))"
+        )
     return SourceJoints(file.joints, file.parents, ours, sites, turn, rig.turn)
 
 

@@ -108,7 +108,7 @@ def _split(tree: Tree, chain: list[int], height) -> Head | None:
         heads = joints[-1:]  # spine.006 of Rigify
     necks = [k for k in joints if hinted(k, "neck")]
     alone, low = len(joints) == 1, height(joints[-1]) < _NECK_HEIGHT
-    if not heads and (necks == joints and (alone or low) or alone and low and not tree.reach[joints[0]]):
+    if not heads and ((necks == joints and (alone or low)) or (alone and low and not tree.reach[joints[0]])):
         return _on_neck(joints[0], chain[-1], height(chain[-1]), tuple(spine))
     if not heads:
         heads = [k for k in joints if k not in necks] or joints[-1:]
