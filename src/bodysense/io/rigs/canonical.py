@@ -32,7 +32,7 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.fingers import FINGERS, is_finger, with_fingers
-from bodysense.io.rigs.alignment import Vectors, alignment, angle_between
+from bodysense.io.rigs.alignment import Vectors, alignment, angle_between, turned_by_places
 from bodysense.io.rigs.figure import Figure
 from bodysense.io.rigs.hinges import twisted_by_hinges
 from bodysense.io.rigs.options import ReadingOptions
@@ -50,6 +50,7 @@ def canonical(
     rest: Pose | None = None,
     place: np.ndarray | None = None,
     hinges: bool = False,
+    turns: bool = True,
 ) -> Clip:
     """The clip on the joints and end sites of `default_skeleton()`, with the clip's own proportions.
 
@@ -57,7 +58,8 @@ def canonical(
     batch axes) of the clip's skeleton in which it stands in a T-pose, facing anywhere. None takes the skeleton's rest
     pose; where that leaves the twist of a limb unknown (all bones along one axis, as in LaFAN1), the clip's first frame
     if that is a T-pose. `place` (T, P, 3) m is where its points are, if its bones stretch and kinematics do not say it.
-    `hinges` takes the twist of arms and legs from how elbows and knees bend. Missing joints are the default skeleton's,
+    `hinges` takes the twist of arms and legs from how elbows and knees bend. Where the clip `turns` no joint but says
+    places, rotations follow from these. Missing joints are the default skeleton's,
     scaled, and do not turn (fingers: relaxed). See the module's text for what is kept exactly.
     Raises BodysenseError where joints are missing or unknown, and where no T-pose is to be had.
     """
@@ -68,6 +70,31 @@ def canonical(
     if "pelvis" not in match:
         raise BodysenseError(f"{clip.name}: no joint is its pelvis, which carries the legs and the trunk")
     parents = _matched_parents(ours, match)
+    places = _places(clip.pose, match) if place is None else {name: place[:, k] for name, k in match.items()}
+    if turns:
+        world, bone = _turned(clip, match, parents, rest, hinges)
+    else:
+        world, bone = turned_by_places(ours, places, parents), {}
+    if place is not None:
+        bone = {name: _usual(world[parent], places[name] - places[parent]) for name, parent in parents.items()}
+    found = world.keys()
+    skeleton = complete_skeleton(_between_filled(ours, bone, parents))
+    world = _aimed(world, places, bone, parents)
+    world |= _standing(world)
+    for joint, name in enumerate(ours.joints):
+        if name not in world:  # missing joints go with their parent
+            world[name] = world[ours.joints[ours.parents[joint]]]
+    local = local_rotation(skeleton, np.stack([world[name] for name in ours.joints], axis=-2))
+    pose = Pose(skeleton, places["pelvis"], quaternion_canonical(local))
+    pose, has_fingers = with_fingers(pose, [name for name in ours.joints if is_finger(name) and name not in found])
+    return replace(clip, pose=pose, has_fingers=has_fingers)
+
+
+def _turned(
+    clip: Clip, match: Mapping[str, int], parents: Mapping[str, str], rest: Pose | None, hinges: bool
+) -> tuple[Vectors, Vectors]:
+    """World rotations (T, 4) of matched joints, and the bones (3,) to matched points in them."""
+    ours, source = default_skeleton(), clip.pose.skeleton
     standing = rest_pose(source) if rest is None else _facing_forward(rest, match)
     align, unknown = alignment(ours, _places(standing, match), parents)
     if unknown and rest is None and _LIMBS <= match.keys() and _is_t_pose(_places(clip.pose[0], match)):
@@ -89,21 +116,7 @@ def canonical(
     }
     at_rest = _places(standing, match)
     bone = {name: quaternion_rotate(align[parent], at_rest[name] - at_rest[parent]) for name, parent in parents.items()}
-    if place is None:
-        places = _places(clip.pose, match)
-    else:
-        places = {name: place[:, k] for name, k in match.items()}
-        bone = {name: _usual(world[parent], places[name] - places[parent]) for name, parent in parents.items()}
-    skeleton = complete_skeleton(_between_filled(ours, bone, parents))
-    world = _aimed(world, places, bone, parents)
-    still = _standing(world)
-    for joint, name in enumerate(ours.joints):
-        if name not in world:  # missing joints go with their parent
-            world[name] = still[name] if name in still else world[ours.joints[ours.parents[joint]]]
-    local = local_rotation(skeleton, np.stack([world[name] for name in ours.joints], axis=-2))
-    pose = Pose(skeleton, places["pelvis"], quaternion_canonical(local))
-    pose, has_fingers = with_fingers(pose, [name for name in ours.joints if is_finger(name) and name not in align])
-    return replace(clip, pose=pose, has_fingers=has_fingers)
+    return world, bone
 
 
 def _standing(world: Vectors) -> Vectors:

@@ -110,10 +110,11 @@ def joints_of_file(file: BvhLines, rigged: Rigged) -> SourceJoints:
         joint = ours[name] = place[figure.nodes[point]]
         mine = rotation[:, pose.skeleton.index(name)]
         turn[name] = _mean(np.asarray(quaternion_multiply(quaternion_conjugate(mine), world[:, joint])))
-    if any(figure.parents[k] > 0 and file.parents[place[figure.nodes[k]]] <= 0 for k in range(len(figure.joints))):
+    flat = any(figure.parents[k] > 0 and file.parents[place[figure.nodes[k]]] <= 0 for k in range(len(figure.joints)))
+    if flat or (not figure.turns and len(figure.position) > 1):
         raise BodysenseError(
-            f"{file.path}: its joints do not hang on one another, so that no other motion fits it; hang them: "
-            f"bodysense.write('hung.bvh', bodysense.read('{file.path.name}'))"
+            f"{file.path}: its joints do not hang on one another, or do not turn, so that no other motion fits it; "
+            f"write it anew: bodysense.write('hung.bvh', bodysense.read('{file.path.name}'))"
         )
     return SourceJoints(file.joints, file.parents, ours, sites, turn, rig.turn)
 
