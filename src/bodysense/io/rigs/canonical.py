@@ -30,7 +30,7 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.clip import Clip
+from bodysense.io.clip import Clip, parts_lacking
 from bodysense.io.fingers import FINGERS, is_finger, with_fingers
 from bodysense.io.rigs.alignment import Vectors, alignment, angle_between, turned_by_places
 from bodysense.io.rigs.figure import Figure
@@ -87,7 +87,7 @@ def canonical(
     local = local_rotation(skeleton, np.stack([world[name] for name in ours.joints], axis=-2))
     pose = Pose(skeleton, places["pelvis"], quaternion_canonical(local))
     pose, has_fingers = with_fingers(pose, [name for name in ours.joints if is_finger(name) and name not in found])
-    return replace(clip, pose=pose, has_fingers=has_fingers)
+    return replace(clip, pose=pose, has_fingers=has_fingers, lacks=parts_lacking(found))
 
 
 def _turned(
@@ -97,7 +97,7 @@ def _turned(
     ours, source = default_skeleton(), clip.pose.skeleton
     standing = rest_pose(source) if rest is None else _facing_forward(rest, match)
     align, unknown = alignment(ours, _places(standing, match), parents)
-    if unknown and rest is None and _LIMBS <= match.keys() and _is_t_pose(_places(clip.pose[0], match)):
+    if unknown and rest is None and match.keys() >= _LIMBS and _is_t_pose(_places(clip.pose[0], match)):
         standing = _facing_forward(clip.pose[0], match)
         align, unknown = alignment(ours, _places(standing, match), parents)
     if unknown and not hinges:

@@ -10,6 +10,7 @@ import numpy as np
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import parts_lacking
 from bodysense.io.rigs.families import family_of
 from bodysense.io.rigs.figure import Figure
 from bodysense.io.rigs.joint_map import read_joint_map
@@ -62,14 +63,10 @@ class Rig:
         return list(dict.fromkeys(name.removeprefix("left_").removeprefix("right_") for name in self.missing))
 
     @property
-    def made_up(self) -> tuple[str, ...]:
+    def made_up(self) -> list[str]:
         """What is done about large parts of a body that the figure lacks."""
-        done = {
-            "head": "its head is put over the shoulders",
-            "left_hip": "its legs stand still",
-            "left_shoulder": "its arms hang",
-        }
-        return tuple(said for name, said in done.items() if name not in self.joints)
+        done = {"head": "its head is put over the shoulders", "legs": "its legs stand still", "arms": "its arms hang"}
+        return [done[part] for part in parts_lacking(self.joints)]
 
     @property
     def has_fingers(self) -> bool:

@@ -85,11 +85,12 @@ class SourceJoints:
         return has_position, has_rotation
 
 
-def own_joints(skeleton: Skeleton) -> SourceJoints:
-    """The joints of a motion that is on ours."""
+def own_joints(skeleton: Skeleton, lacking: Sequence[str] = ()) -> SourceJoints:
+    """The joints of a motion that is on ours, but for those that it is `lacking`."""
     count, unturned = len(skeleton.joints), np.array([1.0, 0.0, 0.0, 0.0])
-    ours = {name: k for k, name in enumerate(skeleton.joints)}
-    sites = {name: skeleton.parents[k] for k, name in enumerate(skeleton.points) if k >= count}
+    ours = {name: k for k, name in enumerate(skeleton.joints) if name not in lacking}
+    ends = ((name, skeleton.parents[k]) for k, name in enumerate(skeleton.points) if k >= count)
+    sites = {name: joint for name, joint in ends if skeleton.joints[joint] in ours}
     turn = dict.fromkeys(skeleton.joints, unturned)
     return SourceJoints(skeleton.joints, skeleton.parents[:count], ours, sites, turn, unturned)
 
