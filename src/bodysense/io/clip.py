@@ -28,7 +28,7 @@ class Clip:
     person: str = ""  # who moves; splits are by person
     category: str = ""  # what they do, where the data set says
     has_fingers: bool = True  # False where the recording has no finger motion (they are filled in, relaxed)
-    lacks: tuple[str, ...] = ()  # of `PARTS`, what the recording has not: legs stand still, arms hang
+    lacks: tuple[str, ...] = ()  # of `PARTS`, what the recording has not: legs and arms keep still
 
     def __len__(self) -> int:
         return int(self.pose.root_position.shape[0])

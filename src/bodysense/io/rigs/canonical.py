@@ -41,6 +41,8 @@ from bodysense.io.rigs.rig import recognise
 _SPINE = ("spine1", "spine2")
 _LIMBS = {f"{side}_{part}" for side in ("left", "right") for part in ("hip", "shoulder")}
 _HANGING = {"left": np.deg2rad(-75.0), "right": np.deg2rad(75.0)}  # about +Z: arms from a T-pose
+SITTING = 0.75  # of the height at which a pelvis stands: where it is lower, legs that are not there sit
+_SEATED = quaternion_exp(np.array([np.deg2rad(-85.0), 0.0, 0.0]))  # thighs, from standing
 _RIGID = 1e-6  # m: a bone that keeps its place in its parent's frame to this is rigid
 
 
@@ -80,7 +82,7 @@ def canonical(
     found = world.keys()
     skeleton = complete_skeleton(_between_filled(ours, bone, parents))
     world = _aimed(world, places, bone, parents)
-    world |= _standing(world)
+    world |= _still(world, places["pelvis"], skeleton)
     for joint, name in enumerate(ours.joints):
         if name not in world:  # missing joints go with their parent
             world[name] = world[ours.joints[ours.parents[joint]]]
@@ -119,13 +121,16 @@ def _turned(
     return world, bone
 
 
-def _standing(world: Vectors) -> Vectors:
-    """World rotations of the first joints of limbs that a half of a body lacks: legs stand, arms hang."""
+def _still(world: Vectors, pelvis: np.ndarray, skeleton: Skeleton) -> Vectors:
+    """World rotations of limbs that a half of a body lacks: legs stand, or sit under a low pelvis, and arms hang."""
     if "left_hip" not in world:
         across = quaternion_rotate(world["pelvis"], np.array([1.0, 0.0, 0.0]))
         heading = np.zeros_like(across)
         heading[:, 1] = np.arctan2(-across[:, 2], across[:, 0])
-        return dict.fromkeys(("left_hip", "right_hip"), quaternion_exp(heading))
+        shin = thigh = quaternion_exp(heading)
+        if np.median(pelvis[:, 1]) < SITTING * skeleton.rest_offset[0, 1]:
+            thigh = quaternion_multiply(shin, np.tile(_SEATED, (len(shin), 1)))
+        return {f"{side}_{part}": turn for side in _HANGING for part, turn in (("hip", thigh), ("knee", shin))}
     if "left_shoulder" not in world:
         chest = next(world[name] for name in ("spine3", "spine2", "spine1", "pelvis") if name in world)
         turns = {side: quaternion_exp(np.array([0.0, 0.0, angle])) for side, angle in _HANGING.items()}

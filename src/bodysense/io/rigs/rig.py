@@ -65,7 +65,7 @@ class Rig:
     @property
     def made_up(self) -> list[str]:
         """What is done about large parts of a body that the figure lacks."""
-        done = {"head": "its head is put over the shoulders", "legs": "its legs stand still", "arms": "its arms hang"}
+        done = {"head": "its head is put over the shoulders", "legs": "its legs keep still", "arms": "its arms hang"}
         return [done[part] for part in parts_lacking(self.joints)]
 
     @property

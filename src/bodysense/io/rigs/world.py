@@ -28,6 +28,7 @@ KNOWN_UNITS = {
 CMU_TENTH = ("units of 0.0056444 m", 0.0056444)
 
 _LEG = 0.496  # of a standing adult's height: hip to ankle
+_PELVIS = (0.15, 0.62)  # of a person's height: how high the pelvis of one who sits or stands is
 _SOLE = {"ankle": 0.08, "foot": 0.02, "toe": 0.0}  # of a leg's length: how far the sole lies below each
 _EXTENDED = 0.8  # of legs and trunk stretched out: a body so long stands or lies
 _UPRIGHT, _CLEAR = 0.5, 0.7  # mean cosine between a body and an axis: enough to keep y, enough to take another
@@ -113,11 +114,15 @@ def find_up(tree: Tree, points: dict[str, int]) -> tuple[UpAxis, float]:
 
 
 def find_floor(tree: Tree, points: dict[str, int], up: UpAxis) -> float:
-    """Height of the soles along the upward axis when they are lowest, file units; without legs, where they stand."""
+    """Height of the soles along the upward axis when they are lowest, file units.
+
+    Without legs it is 0 where the pelvis is as high as one that stands or sits, else where it stands.
+    """
     if "left_hip" not in points:
-        height = quaternion_rotate(TURNS[up], tree.place[:, points["pelvis"]])[:, 1]
-        body = default_skeleton()
-        return float(np.median(height)) - stature(tree, points) * body.rest_offset[0, 1] / body.height
+        pelvis = float(np.median(quaternion_rotate(TURNS[up], tree.place[:, points["pelvis"]])[:, 1]))
+        body, size = default_skeleton(), stature(tree, points)
+        low, high = _PELVIS
+        return 0.0 if low * size < pelvis < high * size else pelvis - size * body.rest_offset[0, 1] / body.height
     leg = tree.distance(points["left_hip"], points["left_knee"]) + tree.distance(
         points["left_knee"], points["left_ankle"]
     )
