@@ -26,6 +26,8 @@ def hung(figures: list[Figure], options: ReadingOptions) -> list[Figure]:
     place, turn, node = {}, {}, {}
     for figure in figures:
         own = [figure.joints.index(given) for given in ours.values() if given in figure.joints]
+        if not own:
+            continue
         for k, where, turned in zip(own, *(np.moveaxis(part, 1, 0) for part in figure.world(own)), strict=True):
             place[figure.joints[k]], turn[figure.joints[k]], node[figure.joints[k]] = where, turned, figure.nodes[k]
     body = default_skeleton()

@@ -116,7 +116,7 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
         else:
             points, penalty, remarks = read_joint_map(options.joints, figure), 0.0, ("joints as told",)
     except BodysenseError as error:
-        raise BodysenseError(f"{figure.name}: {error}") from None
+        raise BodysenseError(f"{figure.name}: {error}{_way_on(figure, options)}") from None
     family = family_of(figure.points)
     size = stature(tree, points)
     if not size > 0:
@@ -145,6 +145,15 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
         count=len(figure.joints),
         used=sum(point < len(figure.joints) for point in points.values()),
         notes=remarks,
+    )
+
+
+def _way_on(figure: Figure, options: ReadingOptions) -> str:
+    """What to do about a body that is not recognised, whose joints nobody told."""
+    if options.joints is not None:
+        return ""
+    return (
+        f"; if it is a body, say which joint is which: bodysense data joints {figure.name} -o joints.json, and --joints"
     )
 
 
