@@ -90,7 +90,10 @@ def write_places(layout: Layout, clip: Clip, *, on_root: bool) -> str:
     bones = [bone for bone in layout.bones if bone[0] != "End Site" and bone[2] in skeleton.points]
     place = {name: position[:, skeleton.index(at)] / layout.unit for name, _, at in bones}
     root = bones[0][0]
-    parents = {name: root if on_root or parent not in place else parent for name, parent, _ in bones[1:]}
+    above = {name: parent for name, parent, _ in layout.bones}
+    parents = {name: root if on_root else above[name] for name, _, _ in bones[1:]}
+    while dropped := [name for name in parents if parents[name] not in place]:
+        parents |= {name: above[parents[name]] for name in dropped}
     lines, columns = ["HIERARCHY"], []
 
     def emit(name: str) -> None:

@@ -44,11 +44,11 @@ def read_joint_map(path: Path, figure: Figure) -> dict[str, int]:
         if ours in found:
             raise BodysenseError(f"--joints {path}: {ours!r} stands twice; each joint of ours is one of the file's")
         found[ours] = index[given]
-    halves = [[name for name in (NEEDED[0], *half) if name not in found] for half in (ARMS, LEGS)]
-    if all(halves):
+    halves = [half for half in (ARMS, LEGS) if found.keys() & set(half)] or [ARMS, LEGS]
+    if missing := [name for name in ("pelvis", *(name for half in halves for name in half)) if name not in found]:
         raise BodysenseError(
-            f"--joints {path}: it names no {', '.join(min(halves, key=len)[:4])}; a body needs a pelvis and two arms, "
-            "two legs, or both, of three joints each"
+            f"--joints {path}: it names no {', '.join(missing[:4])}; a body needs a pelvis, and all {len(ARMS)} joints "
+            f"of its arms, all {len(LEGS)} of its legs, or both"
         )
     return found
 

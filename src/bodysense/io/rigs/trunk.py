@@ -11,6 +11,7 @@ from bodysense.io.rigs.limbs import Limb, Tree
 
 HEAD_HEIGHT = 0.40  # of the trunk's length: how far over the shoulders the joint of a head is
 _NECK_HEIGHT = 0.3  # what is lower is a neck where there is more above it
+_NAMED_NECK_HEIGHT = 0.36  # the same of what is named a neck
 _TOP_HEIGHT = 0.55  # a last joint that is higher is the top of the head
 _BESIDE = 0.35  # of the trunk's length: what is farther beside the middle is no head
 
@@ -107,9 +108,11 @@ def _split(tree: Tree, chain: list[int], height) -> Head | None:
     if not heads and all(hinted(k, "spine") for k in joints):
         heads = joints[-1:]  # spine.006 of Rigify
     necks = [k for k in joints if hinted(k, "neck")]
-    alone, low = len(joints) == 1, height(joints[-1]) < _NECK_HEIGHT
-    if not heads and ((necks == joints and (alone or low)) or (alone and low and not tree.reach[joints[0]])):
-        return _on_neck(joints[0], chain[-1], height(chain[-1]), tuple(spine))
+    alone, tip = len(joints) == 1, height(joints[-1])
+    is_neck = alone and tip < _NECK_HEIGHT and not tree.reach[joints[0]]
+    if not heads and (is_neck or (necks == joints and (alone or tip < _NAMED_NECK_HEIGHT))):
+        end = chain[-1] if chain[-1] not in joints else joints[0]
+        return _on_neck(joints[0], end, height(end), tuple(spine))
     if not heads:
         heads = [k for k in joints if k not in necks] or joints[-1:]
         high = [k for k in heads if height(k) > _NECK_HEIGHT]
