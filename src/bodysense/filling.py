@@ -25,7 +25,7 @@ from bodysense.body.rotation import (
 )
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh_lines import BvhLines, open_bvh
-from bodysense.io.clip import Clip
+from bodysense.io.clip import Clip, part_joints
 from bodysense.io.datasets.sources import Source, read_source
 from bodysense.io.fingers import is_finger
 from bodysense.io.holes import Missing, flat_lined, told_missing
@@ -62,7 +62,8 @@ def open_holed(source: Path | Clip, missing: Sequence[Missing], options: Reading
     if isinstance(source, Path) and source.suffix.lower() == ".bvh":
         return _holed_file(source, missing, options)
     clip = source if isinstance(source, Clip) else read_source(Source(source, person="", split="test"), options)
-    rig, whole = own_joints(clip.pose.skeleton), np.asarray(clip.pose.rotation, dtype=float)
+    lacking = part_joints(clip.lacks, clip.pose.skeleton.joints)
+    rig, whole = own_joints(clip.pose.skeleton, lacking), np.asarray(clip.pose.rotation, dtype=float)
     holes = told_missing(missing, rig.joints, rig.parents, len(clip), rig.ours)
     rotation, rest = _rooted(clip.name, rig, whole, holes, 1 / clip.frame_rate)
     return Holed(replace(clip, pose=replace(clip.pose, rotation=rotation)), rig, rotation, holes, rest)
@@ -188,6 +189,16 @@ def _trusted_after(ours: Mapping[str, int], joint: int) -> float:
     """The time in `TRUSTED` of a joint; of one that we do not have, any."""
     name = next((name for name, place in ours.items() if place == joint), "")
     return TRUSTED.get(name.rpartition("_")[2], TRUSTED["hand"] if is_finger(name) else TRUSTED["body"])
+
+
+def with_parts(holed: Holed, estimate: Pose) -> Holed:
+    """The motion with the legs, arms or head that it lacks as the completed body (T,) has them."""
+    clip, skeleton = holed.clip, holed.clip.pose.skeleton
+    own = [skeleton.index(name) for name in part_joints(clip.lacks, skeleton.joints) if name not in holed.rig.ours]
+    rotation = np.array(clip.pose.rotation)
+    rotation[:, own] = estimate.rotation[:, own]
+    clip = replace(clip, pose=replace(clip.pose, rotation=rotation))
+    return replace(holed, clip=clip, rotation=holed.rotation if holed.file is not None else rotation)
 
 
 def pose_of(holed: Holed, rotation: Array) -> Pose:

@@ -18,7 +18,7 @@ from bodysense.devices.gloves.device import check_calibrated, glove_device, glov
 from bodysense.devices.simulated.device import DEVICES
 from bodysense.devices.video.pictures import is_video
 from bodysense.errors import BodysenseError
-from bodysense.filling import Holed, filled, observed, on_feet, open_holed, pose_of
+from bodysense.filling import Holed, filled, observed, on_feet, open_holed, pose_of, with_parts
 from bodysense.io.bvh_lines import BvhLines
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
@@ -59,13 +59,13 @@ class Take:
             path: where to, its format chosen by its ending.
             rig: whose joints it is written on: one of `RIGS`, or a BVH file. 'source' is the rig of the BVH file that
                 was tracked; if that was filled, the file itself with its holes filled. If omitted, 'source' where a BVH
-                file was filled and is written as BVH, else our own.
+                file of a whole body was filled and is written as BVH, else our own.
 
         Raises BodysenseError for a rig that there is not.
         """
         path = Path(path)
         if rig is None:
-            rig = SOURCE if self.file is not None and path.suffix.lower() == ".bvh" else OWN
+            rig = SOURCE if self.file is not None and path.suffix.lower() == ".bvh" and not self.clip.lacks else OWN
         check_rig(path, rig, self.source)
         if rig == SOURCE and self.file is not None:
             self.file.write(path)
@@ -146,7 +146,7 @@ def _holed(source: Source, device: str | None, missing: str | Sequence[str], rea
     except BodysenseError as error:
         name = called(source)
         raise error if name in str(error) else BodysenseError(f"{name}: {error}") from None
-    if not holed.holes.any():
+    if not holed.holes.any() and not holed.clip.lacks:
         raise BodysenseError(
             f"{called(source)}: nothing is missing in this motion; say what is, such as --missing left_hand, or what "
             f"watches it, such as --device headset_camera; valid are {', '.join(DEVICES)}"
@@ -173,6 +173,7 @@ def _filled(
     """A motion whose holes are filled."""
     clip = holed.clip
     take = _tracked(Signal(clip.name, observed(holed), Person(clip.pose.skeleton)), settings, network, advance)
+    holed = with_parts(holed, take.estimate.pose)
     rotation = filled(holed, take.estimate.pose)
     rotation = on_feet(holed, rotation, take.estimate.contact, settings.floor)
     file = None if holed.file is None else holed.file.with_rotation(rotation, holed.missing)

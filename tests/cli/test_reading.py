@@ -93,7 +93,7 @@ def test_a_table_of_joints_is_drafted_edited_and_read(inches: Path, tmp_path: Pa
     table.write_text(json.dumps(drafted | {"left_index1": ""}))
     run("simulate", inches, "-o", seen, "--joints", table)
     for change, message in (
-        ({"Gelenk": ""}, "it names no left_elbow; a body needs 14 joints"),
+        ({"Gelenk": ""}, "it names no left_elbow; a body needs a pelvis, and all 6 joints"),
         ({"Gelenk": "left_elbo"}, "no joint of ours is 'left_elbo'; near are left_elbow"),
         ({"Gelenkk": "left_elbow"}, "the file has no joint 'Gelenkk'; near are Gelenk"),
         ({"Gelenk": "left_knee"}, "'left_knee' stands twice"),

@@ -237,6 +237,8 @@ def _write_with_fingers(file: Path, out: Path, reading: ReadingOptions, rate: fl
 
 def holes_line(holed: Holed) -> str:
     """What was missing of a motion."""
+    if holed.clip.lacks and not holed.holes.any():
+        return f"completed {' and '.join(holed.clip.lacks)}, which the motion lacks"
     count, share = int(holed.holes.any(axis=1).sum()), holed.holes.sum(axis=0)
     names = [holed.rig.joints[joint] for joint in share.argsort(kind="stable")[::-1] if share[joint]]
     shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more joints" if len(names) > 6 else "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,12 @@ import numpy as np
 from bodysense.body.pose import Pose
 
 Z_UP_TO_Y_UP = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0])  # -90° about X: (x, y, z) becomes (x, z, -y)
+# Large parts of a body that a recording may lack, and their joints without sides; the first must be there.
+PARTS = {
+    "head": ("head", "neck"),
+    "legs": ("hip", "knee", "ankle", "foot"),
+    "arms": ("shoulder", "elbow", "wrist", "collar"),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +28,7 @@ class Clip:
     person: str = ""  # who moves; splits are by person
     category: str = ""  # what they do, where the data set says
     has_fingers: bool = True  # False where the recording has no finger motion (they are filled in, relaxed)
+    lacks: tuple[str, ...] = ()  # of `PARTS`, what the recording has not: legs and arms keep still
 
     def __len__(self) -> int:
         return int(self.pose.root_position.shape[0])
@@ -34,3 +42,15 @@ class Clip:
     def time(self) -> np.ndarray:
         """(T,) s, from 0."""
         return np.arange(len(self)) / self.frame_rate
+
+
+def parts_lacking(joints: Collection[str]) -> tuple[str, ...]:
+    """Which of `PARTS` are not among joints of ours."""
+    known = {name.rpartition("_")[2] for name in joints}
+    return tuple(part for part, (first, *_) in PARTS.items() if first not in known)
+
+
+def part_joints(parts: Collection[str], joints: Collection[str]) -> list[str]:
+    """Which of our joints belong to some of `PARTS`."""
+    own = {name for part in parts for name in PARTS[part]}
+    return [name for name in joints if name.rpartition("_")[2] in own]

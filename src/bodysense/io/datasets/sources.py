@@ -50,8 +50,14 @@ class Source:
 
 
 def read_source(source: Source, options: ReadingOptions = AS_FOUND) -> Clip:
-    """The clip of a source in canonical form, with its person and category."""
-    return read_with_rig(source, options)[0]
+    """The clip of a source in canonical form, with its person and category. Raises for halves, too."""
+    clip = read_with_rig(source, options)[0]
+    if clip.lacks:
+        raise BodysenseError(
+            f"{source.file.place}: the body has no {' and no '.join(clip.lacks)}; leave the file out, or complete it "
+            f"first: bodysense track {source.file.place.name} -o whole.bvh"
+        )
+    return clip
 
 
 def read_with_rig(source: Source, options: ReadingOptions = AS_FOUND) -> tuple[Clip, Rig | None]:

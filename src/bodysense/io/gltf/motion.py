@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bodysense.body.pose import Pose, local_rotation
+from bodysense.body.pose import Pose, forward_kinematics, local_rotation
 from bodysense.body.rotation import (
     matrix_to_quaternion,
     quaternion_canonical,
@@ -37,6 +37,7 @@ ENDINGS = (".glb", ".gltf", ".vrma", ".vrm")
 HEIGHTS = (1.0, 2.6)  # m, of a resting body in metres
 USUAL = 1.7  # m, of a body in no known unit
 _STEADY = 0.02  # share by which the steps between frames may differ
+STRETCH = 1e-4  # m: bones that vary by less are rigid
 _LOOKED_AT = 60  # frames by which a body is recognised
 _LONGEST = 10**7  # frames × nodes
 
@@ -51,13 +52,14 @@ def read_gltf(path: Path, joints: Path | None = None) -> tuple[Clip, tuple[str, 
     tracks = _tracks(file)
     if is_vrm and joints is not None:
         raise BodysenseError(f"{path}: a VRM file says which joint is which; leave --joints out")
-    told = None
+    told, made_up = None, ()
     if is_vrm and "pelvis" in names:
         root = names.index("pelvis")
     else:
         rig = _recognised(file, _figure(file, names, tracks), joints)
         root = names.index(rig.joints.get("pelvis", rig.hub))
         told = None if joints is None else {given: ours for ours, given in rig.joints.items()}
+        made_up = rig.made_up
     below = _in_our_order(_below(file, root), names)
     time = _times(path, tracks, below)
     if len(time) * len(below) > _LONGEST:
@@ -76,7 +78,11 @@ def read_gltf(path: Path, joints: Path | None = None) -> tuple[Clip, tuple[str, 
     rate = 1 / float(np.median(np.diff(time))) if len(time) > 1 else 30.0
     rate = round(rate) if abs(rate - round(rate)) < 1e-3 * rate else rate
     clip = Clip(str(path), from_t_posed(pose) if is_vrm else pose, float(rate))
-    return replace(canonical(clip, joints=told), name=path.stem), remarks
+    found = np.moveaxis(moving[:, :, :3, 3], 0, 1) * scale
+    stretch = np.abs(np.asarray(forward_kinematics(pose)[0]) - found).max() > STRETCH
+    turns = not stretch or bool(np.ptp(world, axis=0).max() > STRETCH)
+    whole = canonical(clip, joints=told, place=found if stretch else None, turns=turns)
+    return replace(whole, name=path.stem), (*made_up, *remarks)
 
 
 def _names(file: GltfFile) -> tuple[list[str], bool]:

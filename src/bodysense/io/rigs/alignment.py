@@ -62,6 +62,25 @@ def alignment(ours: Skeleton, place: Vectors, parents: Mapping[str, str]) -> tup
     return align, unknown
 
 
+def turned_by_places(ours: Skeleton, place: Vectors, parents: Mapping[str, str]) -> Vectors:
+    """World rotations (T, 4) of joints of which only places (T, 3) are known: none is twisted more than it must be."""
+    default_place = dict(zip(ours.points, ours.path @ ours.rest_offset, strict=True))
+    world: Vectors = {}
+    for name in (name for name in ours.joints if name in place):
+        still = np.tile([1.0, 0.0, 0.0, 0.0], (len(place[name]), 1))
+        turn = world[parents[name]] if name in parents else still
+        children = [child for child, parent in parents.items() if parent == name]
+        pairs = _two_directions(name, children, place)
+        wanted, found = (_frame(pairs, default_place), _frame(pairs, place)) if pairs else (None, None)
+        if wanted is not None and found is not None:
+            turn = matrix_to_quaternion(found @ wanted.T)
+        elif len(children) == 1:
+            bone = quaternion_rotate(turn, default_place[children[0]] - default_place[name])
+            turn = quaternion_multiply(shortest_arc(bone, place[children[0]] - place[name]), turn)
+        world[name] = turn
+    return world
+
+
 def _two_directions(name: str, children: list[str], place: Vectors) -> list[tuple[str, str]]:
     """Two pairs of points (from, to) that orient a joint with several children; empty where there are none."""
     side = name.partition("_")[0]
@@ -75,13 +94,14 @@ def _two_directions(name: str, children: list[str], place: Vectors) -> list[tupl
 
 
 def _frame(pairs: list[tuple[str, str]], place: Vectors) -> np.ndarray | None:
-    """Orthonormal axes (3, 3), as columns, from two directions; None where they are zero or parallel."""
+    """Orthonormal axes (..., 3, 3), as columns, from two directions; None where they are zero or parallel."""
     first, second = (place[b] - place[a] for a, b in pairs)
     third = np.cross(first, second)
-    if np.linalg.norm(third) < 1e-6 * max(1e-9, np.linalg.norm(first) * np.linalg.norm(second)):
+    size, across, area = (np.linalg.norm(vector, axis=-1, keepdims=True) for vector in (first, second, third))
+    if (area < 1e-6 * np.maximum(1e-9, size * across)).any():
         return None
-    x, z = first / np.linalg.norm(first), third / np.linalg.norm(third)
-    return np.stack([x, np.cross(z, x), z], axis=1)
+    x, z = first / size, third / area
+    return np.stack([x, np.cross(z, x), z], axis=-1)
 
 
 def angle_between(u: np.ndarray, v: np.ndarray) -> float:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from bodysense.errors import BodysenseError
 from bodysense.io.rigs.figure import Figure
+from bodysense.io.rigs.flat import hung
 from bodysense.io.rigs.limbs import Tree
 from bodysense.io.rigs.options import ReadingOptions
 from bodysense.io.rigs.rig import sampled
@@ -17,6 +18,7 @@ _DEEPEST = 3  # joints above several bodies
 
 def bodies_of(figures: list[Figure], options: ReadingOptions) -> list[Figure]:
     """The figures that are people. One alone is given back untried, so that recognising it says what is wrong."""
+    figures = hung(figures, options)
     if options.joints is not None and len(figures) == 1:
         return figures
     found = [body for figure in figures for body in _apart(figure, _DEEPEST)]

@@ -30,15 +30,19 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.clip import Clip
+from bodysense.io.clip import Clip, parts_lacking
 from bodysense.io.fingers import FINGERS, is_finger, with_fingers
-from bodysense.io.rigs.alignment import Vectors, alignment, angle_between
+from bodysense.io.rigs.alignment import Vectors, alignment, angle_between, turned_by_places
 from bodysense.io.rigs.figure import Figure
 from bodysense.io.rigs.hinges import twisted_by_hinges
 from bodysense.io.rigs.options import ReadingOptions
 from bodysense.io.rigs.rig import recognise
 
 _SPINE = ("spine1", "spine2")
+_LIMBS = {f"{side}_{part}" for side in ("left", "right") for part in ("hip", "shoulder")}
+_HANGING = {"left": np.deg2rad(-75.0), "right": np.deg2rad(75.0)}  # about +Z: arms from a T-pose
+SITTING = 0.75  # of the height at which a pelvis stands: where it is lower, legs that are not there sit
+_SEATED = quaternion_exp(np.array([np.deg2rad(-85.0), 0.0, 0.0]))  # thighs, from standing
 _RIGID = 1e-6  # m: a bone that keeps its place in its parent's frame to this is rigid
 
 
@@ -48,6 +52,7 @@ def canonical(
     rest: Pose | None = None,
     place: np.ndarray | None = None,
     hinges: bool = False,
+    turns: bool = True,
 ) -> Clip:
     """The clip on the joints and end sites of `default_skeleton()`, with the clip's own proportions.
 
@@ -55,7 +60,8 @@ def canonical(
     batch axes) of the clip's skeleton in which it stands in a T-pose, facing anywhere. None takes the skeleton's rest
     pose; where that leaves the twist of a limb unknown (all bones along one axis, as in LaFAN1), the clip's first frame
     if that is a T-pose. `place` (T, P, 3) m is where its points are, if its bones stretch and kinematics do not say it.
-    `hinges` takes the twist of arms and legs from how elbows and knees bend. Missing joints are the default skeleton's,
+    `hinges` takes the twist of arms and legs from how elbows and knees bend. Where the clip `turns` no joint but says
+    places, rotations follow from these. Missing joints are the default skeleton's,
     scaled, and do not turn (fingers: relaxed). See the module's text for what is kept exactly.
     Raises BodysenseError where joints are missing or unknown, and where no T-pose is to be had.
     """
@@ -66,9 +72,34 @@ def canonical(
     if "pelvis" not in match:
         raise BodysenseError(f"{clip.name}: no joint is its pelvis, which carries the legs and the trunk")
     parents = _matched_parents(ours, match)
+    places = _places(clip.pose, match) if place is None else {name: place[:, k] for name, k in match.items()}
+    if turns:
+        world, bone = _turned(clip, match, parents, rest, hinges)
+    else:
+        world, bone = turned_by_places(ours, places, parents), {}
+    if place is not None:
+        bone = {name: _usual(world[parent], places[name] - places[parent]) for name, parent in parents.items()}
+    found = world.keys()
+    skeleton = complete_skeleton(_between_filled(ours, bone, parents))
+    world = _aimed(world, places, bone, parents)
+    world |= _still(world, places["pelvis"], skeleton)
+    for joint, name in enumerate(ours.joints):
+        if name not in world:  # missing joints go with their parent
+            world[name] = world[ours.joints[ours.parents[joint]]]
+    local = local_rotation(skeleton, np.stack([world[name] for name in ours.joints], axis=-2))
+    pose = Pose(skeleton, places["pelvis"], quaternion_canonical(local))
+    pose, has_fingers = with_fingers(pose, [name for name in ours.joints if is_finger(name) and name not in found])
+    return replace(clip, pose=pose, has_fingers=has_fingers, lacks=parts_lacking(found))
+
+
+def _turned(
+    clip: Clip, match: Mapping[str, int], parents: Mapping[str, str], rest: Pose | None, hinges: bool
+) -> tuple[Vectors, Vectors]:
+    """World rotations (T, 4) of matched joints, and the bones (3,) to matched points in them."""
+    ours, source = default_skeleton(), clip.pose.skeleton
     standing = rest_pose(source) if rest is None else _facing_forward(rest, match)
     align, unknown = alignment(ours, _places(standing, match), parents)
-    if unknown and rest is None and _is_t_pose(_places(clip.pose[0], match)):
+    if unknown and rest is None and match.keys() >= _LIMBS and _is_t_pose(_places(clip.pose[0], match)):
         standing = _facing_forward(clip.pose[0], match)
         align, unknown = alignment(ours, _places(standing, match), parents)
     if unknown and not hinges:
@@ -87,20 +118,27 @@ def canonical(
     }
     at_rest = _places(standing, match)
     bone = {name: quaternion_rotate(align[parent], at_rest[name] - at_rest[parent]) for name, parent in parents.items()}
-    if place is None:
-        places = _places(clip.pose, match)
-    else:
-        places = {name: place[:, k] for name, k in match.items()}
-        bone = {name: _usual(world[parent], places[name] - places[parent]) for name, parent in parents.items()}
-    skeleton = complete_skeleton(_between_filled(ours, bone, parents))
-    world = _aimed(world, places, bone, parents)
-    for joint, name in enumerate(ours.joints):
-        if name not in world:  # missing joints go with their parent
-            world[name] = world[ours.joints[ours.parents[joint]]]
-    local = local_rotation(skeleton, np.stack([world[name] for name in ours.joints], axis=-2))
-    pose = Pose(skeleton, places["pelvis"], quaternion_canonical(local))
-    pose, has_fingers = with_fingers(pose, [name for name in ours.joints if is_finger(name) and name not in align])
-    return replace(clip, pose=pose, has_fingers=has_fingers)
+    return world, bone
+
+
+def _still(world: Vectors, pelvis: np.ndarray, skeleton: Skeleton) -> Vectors:
+    """World rotations of limbs that a half of a body lacks: legs stand, or sit under a low pelvis, and arms hang."""
+    if "left_hip" not in world:
+        across = quaternion_rotate(world["pelvis"], np.array([1.0, 0.0, 0.0]))
+        heading = np.zeros_like(across)
+        heading[:, 1] = np.arctan2(-across[:, 2], across[:, 0])
+        shin = thigh = quaternion_exp(heading)
+        if np.median(pelvis[:, 1]) < SITTING * skeleton.rest_offset[0, 1]:
+            thigh = quaternion_multiply(shin, np.tile(_SEATED, (len(shin), 1)))
+        return {f"{side}_{part}": turn for side in _HANGING for part, turn in (("hip", thigh), ("knee", shin))}
+    if "left_shoulder" not in world:
+        chest = next(world[name] for name in ("spine3", "spine2", "spine1", "pelvis") if name in world)
+        turns = {side: quaternion_exp(np.array([0.0, 0.0, angle])) for side, angle in _HANGING.items()}
+        return {
+            f"{side}_shoulder": quaternion_multiply(chest, np.tile(turn, (len(chest), 1)))
+            for side, turn in turns.items()
+        }
+    return {}
 
 
 def _usual(rotation: np.ndarray, bone: np.ndarray) -> np.ndarray:
@@ -202,9 +240,10 @@ def _places(pose: Pose, match: Mapping[str, int]) -> Vectors:
 
 
 def _facing_forward(pose: Pose, match: Mapping[str, int]) -> Pose:
-    """One pose, turned about +Y so that its left hip is toward +X of its right."""
+    """One pose, turned about +Y so that its left hip (shoulder, where it has no hips) is toward +X of its right."""
     place = _places(pose, match)
-    across = (place["left_hip"] - place["right_hip"]) * np.array([1.0, 0.0, 1.0])
+    part = "hip" if "left_hip" in place else "shoulder"
+    across = (place[f"left_{part}"] - place[f"right_{part}"]) * np.array([1.0, 0.0, 1.0])
     angle = np.arctan2(across[2], across[0])
     rotation = pose.rotation.copy()
     rotation[0] = quaternion_multiply(quaternion_exp(np.array([0.0, angle, 0.0])), rotation[0])

@@ -50,6 +50,11 @@ class Figure:
                 bone[joint] = np.median(place, axis=0)
         return bone
 
+    @cached_property
+    def turns(self) -> bool:
+        """Whether any joint turns; else a motion is in the places of its joints alone."""
+        return bool(np.any(self.rotation[..., 1:]))
+
     def above(self, point: int) -> list[int]:
         """A point, its parent … up to the root."""
         chain = [point]

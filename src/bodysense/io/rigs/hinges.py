@@ -29,7 +29,7 @@ def twisted_by_hinges(
     position, rotation = forward_kinematics(pose)
     rest = forward_kinematics(standing)[1]
     twisted = dict(align)
-    for (first, second, third), hinge in _HINGES:
+    for (first, second, third), hinge in (limb for limb in _HINGES if limb[0][0] in match):
         upper, lower = (position[:, match[b]] - position[:, match[a]] for a, b in ((first, second), (second, third)))
         normal = np.cross(upper, lower)
         lengths = np.linalg.norm(upper, axis=-1) * np.linalg.norm(lower, axis=-1)

@@ -12,19 +12,13 @@ from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.io.rigs.figure import Figure
 
-NEEDED = (
-    "pelvis",
-    "head",
-    *(
-        f"{side}_{part}"
-        for side in ("left", "right")
-        for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-    ),
-)
+ARMS = tuple(f"{side}_{part}" for side in ("left", "right") for part in ("shoulder", "elbow", "wrist"))
+LEGS = tuple(f"{side}_{part}" for side in ("left", "right") for part in ("hip", "knee", "ankle"))
+NEEDED = ("pelvis", "head", *ARMS, *LEGS)  # of a whole body
 
 
-def read_joint_map(path: Path, figure: Figure) -> dict[str, int]:
-    """Points of a figure by our names, as a file says. Raises BodysenseError where it says it wrongly."""
+def table_of(path: Path) -> dict[str, str]:
+    """The table of a file, {name in the file: ours}, without what is left out. Raises BodysenseError for another."""
     try:
         table = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -33,11 +27,14 @@ def read_joint_map(path: Path, figure: Figure) -> dict[str, int]:
         raise BodysenseError(f"--joints {path}: not JSON ({error}); draft it with bodysense data joints") from None
     if not isinstance(table, dict) or not all(isinstance(ours, str) for ours in table.values()):
         raise BodysenseError(f'--joints {path}: must be one object of names, {{"name in the file": "our name"}}')
+    return {given: ours for given, ours in table.items() if ours}
+
+
+def read_joint_map(path: Path, figure: Figure) -> dict[str, int]:
+    """Points of a figure by our names, as a file says. Raises BodysenseError where it says it wrongly."""
     index = {name: point for point, name in enumerate(figure.points)}
     found: dict[str, int] = {}
-    for given, ours in table.items():
-        if not ours:
-            continue
+    for given, ours in table_of(path).items():
         if given not in index:
             raise BodysenseError(f"--joints {path}: the file has no joint {given!r}{_near(given, figure.points)}")
         if ours not in default_skeleton().points:
@@ -47,10 +44,11 @@ def read_joint_map(path: Path, figure: Figure) -> dict[str, int]:
         if ours in found:
             raise BodysenseError(f"--joints {path}: {ours!r} stands twice; each joint of ours is one of the file's")
         found[ours] = index[given]
-    missing = [name for name in NEEDED if name not in found]
-    if missing:
+    halves = [half for half in (ARMS, LEGS) if found.keys() & set(half)] or [ARMS, LEGS]
+    if missing := [name for name in ("pelvis", *(name for half in halves for name in half)) if name not in found]:
         raise BodysenseError(
-            f"--joints {path}: it names no {', '.join(missing[:4])}; a body needs {len(NEEDED)} joints"
+            f"--joints {path}: it names no {', '.join(missing[:4])}; a body needs a pelvis, and all {len(ARMS)} joints "
+            f"of its arms, all {len(LEGS)} of its legs, or both"
         )
     return found
 

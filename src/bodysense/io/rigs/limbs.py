@@ -19,6 +19,7 @@ from bodysense.io.rigs.figure import Figure
 ALIKE = 0.25  # by which share the bones of a left and a right limb may differ
 SHORTEST = 0.12  # of the longest way down from the root: what is shorter is no limb
 _BRANCHES = 12  # of a joint, the longest, that are looked at
+_FINGERS = 4  # chains that hang on one joint: that joint is the end of a limb
 _LONGEST_CHAIN = 18  # points of a limb
 _HINT, _CONTRADICTION, _HELPER = 1.5, 1.5, 4.0  # of names
 
@@ -65,6 +66,11 @@ class Tree:
         """Whether three points that hang one on another stay in one line."""
         straight = np.linalg.norm(self.place[:, a] - self.place[:, c], axis=-1).min()
         return bool(straight > 0.97 * (self.length[b] + self.length[c]))
+
+    def parts(self, point: int) -> bool:
+        """Whether many chains hang on a point, as fingers on a wrist and toes on a foot."""
+        names, children = self.figure.points, self.figure.children[point]
+        return sum(self.reach[k] > 0 and not words.is_helper(names[k]) for k in children) >= _FINGERS
 
     def branches(self, point: int) -> list[int]:
         """The longest branches below a point."""
@@ -158,11 +164,14 @@ def _alike(
 def as_limb(tree: Tree, hub: int, chains: tuple[tuple[int, ...], tuple[int, ...]], kind: Kind) -> Limb | None:
     """The three joints of a pair of chains that make it most a leg or an arm; None where there are no three."""
     joints = sum(1 for a, b in zip(*chains, strict=True) if max(a, b) < len(tree.figure.joints))
+    last = next((k for k, (point, _) in enumerate(zip(*chains, strict=True)) if tree.parts(point)), len(chains[0]))
     straight = _Straight(tree, hub, chains)
     best: Limb | None = None
     for first, second, third in combinations(range(len(chains[0])), 3):
         if second >= joints:
             break
+        if third > last >= 2:
+            continue
         limb = _fit(tree, straight, hub, chains, (first, second, third), kind)
         if limb is not None and (best is None or limb.penalty < best.penalty - 1e-6):
             best = limb

@@ -10,6 +10,7 @@ import numpy as np
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import parts_lacking
 from bodysense.io.rigs.families import family_of
 from bodysense.io.rigs.figure import Figure
 from bodysense.io.rigs.joint_map import read_joint_map
@@ -62,6 +63,12 @@ class Rig:
         return list(dict.fromkeys(name.removeprefix("left_").removeprefix("right_") for name in self.missing))
 
     @property
+    def made_up(self) -> list[str]:
+        """What is done about large parts of a body that the figure lacks."""
+        done = {"head": "its head is put over the shoulders", "legs": "its legs keep still", "arms": "its arms hang"}
+        return [done[part] for part in parts_lacking(self.joints)]
+
+    @property
     def has_fingers(self) -> bool:
         """Whether it has joints of fingers."""
         return any(name.endswith("2") and name[-2:] != "e2" for name in self.joints)
@@ -91,7 +98,8 @@ class Rig:
         fingers = "fingers" if self.has_fingers else "no fingers"
         return (
             f"{self.family}, {self.count} joints, {unit}, {self.height:.2f} m tall, {up}, {floor}, "
-            f"{self.frame_rate:g} Hz, {fingers}{lacking}" + "".join(f"; {note}" for note in self.notes)
+            f"{self.frame_rate:g} Hz, {fingers}{lacking}"
+            + "".join(f"; {note}" for note in (*self.made_up, *self.notes))
         )
 
 
@@ -108,7 +116,7 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
         else:
             points, penalty, remarks = read_joint_map(options.joints, figure), 0.0, ("joints as told",)
     except BodysenseError as error:
-        raise BodysenseError(f"{figure.name}: {error}") from None
+        raise BodysenseError(f"{figure.name}: {error}{_way_on(figure, options)}") from None
     family = family_of(figure.points)
     size = stature(tree, points)
     if not size > 0:
@@ -122,10 +130,7 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
         raise BodysenseError(
             f"{figure.name}: it never stands upright, so that no upward axis was found; say which, as --up y or --up z"
         )
-    leg = tree.distance(points["left_hip"], points["left_knee"]) + tree.distance(
-        points["left_knee"], points["left_ankle"]
-    )
-    sole = find_floor(tree, points, up, leg) * unit
+    sole = find_floor(tree, points, up) * unit
     lift = -options.floor if options.floor is not None else 0.0 if abs(sole) <= FLOOR_TOLERANCE else -sole
     return Rig(
         family=family or "unnamed rig",
@@ -140,6 +145,15 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
         count=len(figure.joints),
         used=sum(point < len(figure.joints) for point in points.values()),
         notes=remarks,
+    )
+
+
+def _way_on(figure: Figure, options: ReadingOptions) -> str:
+    """What to do about a body that is not recognised, whose joints nobody told."""
+    if options.joints is not None:
+        return ""
+    return (
+        f"; if it is a body, say which joint is which: bodysense data joints {figure.name} -o joints.json, and --joints"
     )
 
 

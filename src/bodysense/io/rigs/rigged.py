@@ -90,7 +90,8 @@ def _clip(figure: Figure, rig: Rig, must_stand: bool) -> Clip:
             f"best {np.rad2deg(stance.torso):.0f}° from it); leave it out"
         )
     hinges = stance.rest is not None and not must_stand
-    clip = canonical(source, joints, rest=stance.rest, place=place, hinges=hinges)
+    turns = place is None or figure.turns
+    clip = canonical(source, joints, rest=stance.rest, place=place, hinges=hinges, turns=turns)
     return replace(clip, name=Path(figure.name).stem)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import normalize, quaternion_conjugate, quaternion_multiply
 from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.errors import BodysenseError
 from bodysense.io.bvh_lines import BvhLines
 from bodysense.io.rigs.rigged import Rigged
 
@@ -84,11 +85,12 @@ class SourceJoints:
         return has_position, has_rotation
 
 
-def own_joints(skeleton: Skeleton) -> SourceJoints:
-    """The joints of a motion that is on ours."""
+def own_joints(skeleton: Skeleton, lacking: Sequence[str] = ()) -> SourceJoints:
+    """The joints of a motion that is on ours, but for those that it is `lacking`."""
     count, unturned = len(skeleton.joints), np.array([1.0, 0.0, 0.0, 0.0])
-    ours = {name: k for k, name in enumerate(skeleton.joints)}
-    sites = {name: skeleton.parents[k] for k, name in enumerate(skeleton.points) if k >= count}
+    ours = {name: k for k, name in enumerate(skeleton.joints) if name not in lacking}
+    ends = ((name, skeleton.parents[k]) for k, name in enumerate(skeleton.points) if k >= count)
+    sites = {name: joint for name, joint in ends if skeleton.joints[joint] in ours}
     turn = dict.fromkeys(skeleton.joints, unturned)
     return SourceJoints(skeleton.joints, skeleton.parents[:count], ours, sites, turn, unturned)
 
@@ -109,6 +111,12 @@ def joints_of_file(file: BvhLines, rigged: Rigged) -> SourceJoints:
         joint = ours[name] = place[figure.nodes[point]]
         mine = rotation[:, pose.skeleton.index(name)]
         turn[name] = _mean(np.asarray(quaternion_multiply(quaternion_conjugate(mine), world[:, joint])))
+    flat = any(figure.parents[k] > 0 and file.parents[place[figure.nodes[k]]] <= 0 for k in range(len(figure.joints)))
+    if flat or (not figure.turns and len(figure.position) > 1):
+        raise BodysenseError(
+            f"{file.path}: its joints do not hang on one another, or do not turn, so that no other motion fits it; "
+            f"write it anew: bodysense.write('hung.bvh', bodysense.read('{file.path.name}'))"
+        )
     return SourceJoints(file.joints, file.parents, ours, sites, turn, rig.turn)
 
 

@@ -22,6 +22,7 @@ UPRIGHT = np.deg2rad(30.0)  # of the best frame: in a torso more oblique than th
 HANGING = np.deg2rad(10.0)  # by how much nearer than a T-pose hanging arms must be, to be preferred
 _EYES = ("b_l_eye", "b_r_eye")  # of the rigs of Meta's data sets: they say where a head looks
 _UP = np.array([0.0, 1.0, 0.0])
+_LEG = (("hip", "knee"), ("knee", "ankle"))
 
 Places = dict[str, np.ndarray]  # of points of ours, and of the eyes, by name: (..., 3) m, world
 
@@ -56,22 +57,38 @@ def _places(pose: Pose, index: dict[str, int]) -> Places:
     position, _ = forward_kinematics(pose)
     place = {name: position[..., k, :] for name, k in index.items()}
     if "neck" not in place:
-        place["neck"] = (place["left_shoulder"] + place["right_shoulder"]) / 2
+        place["neck"] = _over(place)
     return place
+
+
+def _over(place: Places) -> np.ndarray:
+    """Somewhere up the trunk, of a body without a neck: between the shoulders, on the spine, or over the legs."""
+    if "left_shoulder" in place:
+        return _middle(place, "shoulder")
+    spine = [place[name] for name in ("spine3", "spine1") if name in place]
+    return spine[0] if spine else 2 * _middle(place, "hip") - _middle(place, "knee")
 
 
 def _stands(place: Places) -> bool:
     """Whether a rest pose, whichever way is up in it, is one of standing: legs down, arms not over the head, to 60°."""
-    across = _unit(place["left_shoulder"] - place["right_shoulder"])
-    up = _unit(place["neck"] - (place["left_hip"] + place["right_hip"]) / 2)
+    upper = "shoulder" if "left_shoulder" in place else "hip"
+    across = _unit(place[f"left_{upper}"] - place[f"right_{upper}"])
+    up = _unit(place["neck"] - (_middle(place, "hip") if "left_hip" in place else place["pelvis"]))
     directions = [(up, np.cross(np.cross(across, up), across))]
     for side, out in (("left", across), ("right", -across)):
-        directions += [
-            (place[f"{side}_knee"] - place[f"{side}_hip"], -up),
-            (place[f"{side}_ankle"] - place[f"{side}_knee"], -up),
-            (place[f"{side}_elbow"] - place[f"{side}_shoulder"], out - up),
-        ]
+        ways = {**dict.fromkeys(_LEG, -up), ("shoulder", "elbow"): out - up}
+        directions += [(bone, wanted) for ends, wanted in ways.items() for bone in _bone(place, side, *ends)]
     return all(float(_angle(found, wanted)) < np.deg2rad(60.0) for found, wanted in directions)
+
+
+def _bone(place: Places, side: str, start: str, end: str) -> list[np.ndarray]:
+    """From one joint to another, where the body has both."""
+    names = (f"{side}_{start}", f"{side}_{end}")
+    return [place[names[1]] - place[names[0]]] if all(name in place for name in names) else []
+
+
+def _middle(place: Places, part: str) -> np.ndarray:
+    return (place[f"left_{part}"] + place[f"right_{part}"]) / 2
 
 
 def _crookedness(place: Places) -> np.ndarray:
@@ -79,19 +96,18 @@ def _crookedness(place: Places) -> np.ndarray:
     across = _across(place)
     angles = [
         _angle(place["neck"] - place["pelvis"], _UP),
-        _angle(place["left_shoulder"] - place["right_shoulder"], across),
-        _angle(place["head"] - place["neck"], _UP),
     ]
+    if "left_shoulder" in place:
+        angles.append(_angle(place["left_shoulder"] - place["right_shoulder"], across))
+    if "head" in place:
+        angles.append(_angle(place["head"] - place["neck"], _UP))
     if all(eye in place for eye in _EYES):
         angles.append(_angle(place[_EYES[0]] - place[_EYES[1]], across))
     for side, out in (("left", across), ("right", -across)):
-        upper = place[f"{side}_elbow"] - place[f"{side}_shoulder"]
-        angles += [
-            _angle(place[f"{side}_knee"] - place[f"{side}_hip"], -_UP),
-            _angle(place[f"{side}_ankle"] - place[f"{side}_knee"], -_UP),
-            np.minimum(_angle(upper, out), _angle(upper, -_UP) + HANGING),
-            _angle(place[f"{side}_wrist"] - place[f"{side}_elbow"], upper),
-        ]
+        angles += [_angle(bone, -_UP) for ends in _LEG for bone in _bone(place, side, *ends)]
+        for upper in _bone(place, side, "shoulder", "elbow"):
+            angles.append(np.minimum(_angle(upper, out), _angle(upper, -_UP) + HANGING))
+            angles += [_angle(bone, upper) for bone in _bone(place, side, "elbow", "wrist")]
     return np.sum(np.square(angles), axis=0)
 
 
@@ -112,8 +128,9 @@ def _looking_ahead(pose: Pose, index: dict[str, int]) -> Pose:
 
 
 def _across(place: Places) -> np.ndarray:
-    """From the right hip to the left one, level, of length one."""
-    return _unit((place["left_hip"] - place["right_hip"]) * np.array([1.0, 0.0, 1.0]))
+    """From the right hip to the left one, or from shoulder to shoulder, level, of length one."""
+    part = "hip" if "left_hip" in place else "shoulder"
+    return _unit((place[f"left_{part}"] - place[f"right_{part}"]) * np.array([1.0, 0.0, 1.0]))
 
 
 def _axes(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bodysense.errors import BodysenseError
 from bodysense.io.rigs import words
 from bodysense.io.rigs.hands import fingers_of
-from bodysense.io.rigs.limbs import Limb, Tree, as_limb, pairs_of
-from bodysense.io.rigs.trunk import head_of, spine_of
+from bodysense.io.rigs.limbs import ROLES, Kind, Limb, Tree, as_limb, pairs_of
+from bodysense.io.rigs.trunk import Head, head_of, spine_of
 
 NO_BODY = "not a humanoid: two legs and two arms were not found"
 WORST = 16.0  # penalty of what is still taken for a body
@@ -19,6 +19,10 @@ _WITH_HEAD = 8  # of them, the best, that are searched for a head
 _HEADLESS = 6.0
 HIGH_HUB = 0.3  # of the way to the shoulders: a joint that is so far from the hips is no pelvis
 _GUESS = 0.4  # of 6: feet that are not there and knees that are straight say no more of left and right
+_OF: dict[Kind, tuple[str, ...]] = {  # what there is of a limb
+    "leg": ("hip", "knee", "ankle", "foot", "toe"),
+    "arm": ("collar", "shoulder", "elbow", "wrist", *words.FINGERS),
+}
 _ZERO = 0.01  # of a leg's length: what is nearer is in one place
 
 # What is usual of a body, and how far the logarithm of it strays: legs over arms, trunk over legs.
@@ -44,13 +48,55 @@ def find_body(tree: Tree) -> Structure:
     legs, arms = (sorted(limbs, key=lambda limb: limb.penalty)[:_CANDIDATES] for limbs in (legs, arms))
     choices = [(_together(tree, a, b, longest), a, b) for a in legs for b in arms if _disjoint(a, b)]
     if not choices:
-        raise BodysenseError(NO_BODY)
+        return _half(tree, legs, arms)
     choices = sorted(choices, key=lambda choice: choice[0])[:_WITH_HEAD]
     choices = [(penalty + (0 if head_of(tree, a, b) else _HEADLESS), a, b) for penalty, a, b in choices]
     penalty, leg, arm = min(choices, key=lambda choice: choice[0])
-    if penalty > WORST or _is_animal(tree, leg, arm, legs):
-        raise BodysenseError(NO_BODY)
+    if penalty > WORST or _is_animal(tree, leg, arm, legs) or _says_other(tree, leg, "leg"):
+        return _half(tree, legs, arms)
     return _named(tree, leg, arm, penalty)
+
+
+def _half(tree: Tree, legs: list[Limb], arms: list[Limb]) -> Structure:
+    """The upper or the lower half of a body, which its names tell. Raises BodysenseError where they tell none."""
+    names = tree.figure.points
+    named = {kind: [one for one in limbs if _says(tree, one, kind)] for kind, limbs in (("leg", legs), ("arm", arms))}
+    kind: Kind = "arm" if named["arm"] else "leg"
+    other: Kind = "leg" if kind == "arm" else "arm"
+    if not named[kind] or all(any(role in words.parts(name) for name in names) for role in ROLES[other]):
+        raise BodysenseError(NO_BODY)
+    found = min(named[kind], key=lambda limb: limb.penalty)
+    end = _other_end(tree, found, "pelvis" if kind == "arm" else "spine")
+    stub = Limb(end, ((end,), (end,)), (0, 0, 0), (found.length / 2, found.length / 2), 0.0)
+    body = _named(tree, *((stub, found) if kind == "arm" else (found, stub)), found.penalty)
+    gone = [name for name in body.points if name.partition("_")[2].rstrip("123").removesuffix("_tip") in _OF[other]]
+    return replace(body, points={name: point for name, point in body.points.items() if name not in gone})
+
+
+def _says(tree: Tree, limb: Limb, kind: Kind) -> bool:
+    """Whether the names of both limbs say that they are legs or arms, and which is left."""
+    names = tree.figure.points
+    said = all(
+        role in words.parts(names[k]) for n in (0, 1) for role, k in zip(ROLES[kind], limb.joints(n), strict=True)
+    )
+    return said and words.side(*([names[k] for k in chain] for chain in limb.chains)) != 0
+
+
+def _says_other(tree: Tree, limb: Limb, kind: Kind) -> bool:
+    """Whether the names of all joints of a limb say that it is something else."""
+    said = [(role, words.parts(tree.figure.points[k])) for role, k in zip(ROLES[kind], limb.joints(0), strict=True)]
+    return all(parts and role not in parts for role, parts in said)
+
+
+def _other_end(tree: Tree, limb: Limb, part: str) -> int:
+    """The joint at the end of the trunk that has no limbs: the one named so, or the farthest that it can be."""
+    figure = tree.figure
+    own = {k for chain in limb.chains for k in chain}
+    trunk = figure.above(limb.hub) if part == "pelvis" else [k for k in range(len(figure.joints)) if k not in own]
+    named = [k for k in trunk if part in words.parts(figure.points[k]) and not words.is_helper(figure.points[k])]
+    if part == "pelvis":
+        return (named or trunk[-1:])[0]
+    return (named or [limb.hub])[-1]
 
 
 def _disjoint(leg: Limb, arm: Limb) -> bool:
@@ -113,12 +159,11 @@ def _named(tree: Tree, leg: Limb, arm: Limb, penalty: float) -> Structure:
     points: dict[str, int] = {"pelvis": pelvis}
     hips = _middle(tree, leg)
     trunk = np.linalg.norm(_middle(tree, arm) - hips, axis=-1)
-    if np.median(np.linalg.norm(tree.place[:, pelvis] - hips, axis=-1)) > HIGH_HUB * np.median(trunk):
+    over_hips = np.median(np.linalg.norm(tree.place[:, pelvis] - hips, axis=-1))
+    if arm.chains[0] != arm.chains[1] and over_hips > HIGH_HUB * np.median(trunk):
         points = {}  # the legs hang on the middle of the trunk, as OpenNI has them
         spine = [pelvis, *spine]
-    head = head_of(tree, leg, arm)
-    if head is None:
-        raise BodysenseError(f"{NO_BODY[:14]}: there are legs and arms, but no head")
+    head = head_of(tree, leg, arm) or Head(None, None, None, ())
     spine = [*spine, *head.spine]
     if len(spine) > 2:
         spine = [spine[0], spine[len(spine) // 2], spine[-1]]
@@ -129,7 +174,8 @@ def _named(tree: Tree, leg: Limb, arm: Limb, penalty: float) -> Structure:
     neck = head.neck if head.neck is not None else neck_below
     if neck is not None:
         points["neck"] = neck
-    points["head"] = head.head
+    if head.head is not None:
+        points["head"] = head.head
     if head.top is not None:
         points["head_top"] = head.top
     for side, a, b in (("left", left_leg, left_arm), ("right", 1 - left_leg, 1 - left_arm)):
@@ -142,10 +188,10 @@ def _named(tree: Tree, leg: Limb, arm: Limb, penalty: float) -> Structure:
         points |= {f"{side}_{part}": k for part, k in fingers_of(tree, points[f"{side}_wrist"]).items()}
     joints = len(figure.joints)
     sited = [name for name, k in points.items() if k >= joints and not name.endswith(("_top", "_toe", "_tip"))]
-    if any(name in ("head", "pelvis") or "shoulder" in name or "hip" in name for name in sited):
+    if any(name == "pelvis" or "shoulder" in name or "hip" in name for name in sited):
         raise BodysenseError(NO_BODY)
     return Structure(
-        {name: k for name, k in points.items() if name not in sited or name.endswith(("wrist", "ankle"))},
+        {name: k for name, k in points.items() if name not in sited or name.endswith(("head", "wrist", "ankle"))},
         penalty,
         sides,
         remarks,

@@ -10,6 +10,8 @@ from bodysense.io.rigs import words
 from bodysense.io.rigs.limbs import Limb, Tree
 
 HEAD_HEIGHT = 0.40  # of the trunk's length: how far over the shoulders the joint of a head is
+_NECK_HEIGHT = 0.3  # what is lower is a neck where there is more above it
+_NAMED_NECK_HEIGHT = 0.36  # the same of what is named a neck
 _TOP_HEIGHT = 0.55  # a last joint that is higher is the top of the head
 _BESIDE = 0.35  # of the trunk's length: what is farther beside the middle is no head
 
@@ -18,7 +20,7 @@ _BESIDE = 0.35  # of the trunk's length: what is farther beside the middle is no
 class Head:
     """What is over the shoulders."""
 
-    head: int
+    head: int | None  # None where nothing is where a head is
     neck: int | None
     top: int | None
     spine: tuple[int, ...]  # joints below the neck that the arms do not hang on
@@ -105,13 +107,18 @@ def _split(tree: Tree, chain: list[int], height) -> Head | None:
     heads = [k for k in joints if hinted(k, "head")]
     if not heads and all(hinted(k, "spine") for k in joints):
         heads = joints[-1:]  # spine.006 of Rigify
+    necks = [k for k in joints if hinted(k, "neck")]
+    alone, tip = len(joints) == 1, height(joints[-1])
+    is_neck = alone and tip < _NECK_HEIGHT and not tree.reach[joints[0]]
+    if not heads and (is_neck or (necks == joints and (alone or tip < _NAMED_NECK_HEIGHT))):
+        end = chain[-1] if chain[-1] not in joints else joints[0]
+        return _on_neck(joints[0], end, height(end), tuple(spine))
     if not heads:
-        necks = [k for k in joints if hinted(k, "neck")]
         heads = [k for k in joints if k not in necks] or joints[-1:]
-        if not necks and len(heads) > 1:
-            tops = [heads[-1]] if height(heads[-1]) > _TOP_HEIGHT and not tree.reach[heads[-1]] else []
-            heads = [k for k in heads if k not in tops]
-        heads = [min(heads, key=lambda k: abs(height(k) - HEAD_HEIGHT))]
+        high = [k for k in heads if height(k) > _NECK_HEIGHT]
+        if not necks and len(high) > 1 and height(heads[-1]) > _TOP_HEIGHT and not tree.reach[heads[-1]]:
+            high = high[:-1]
+        heads = [min(high or heads, key=lambda k: abs(height(k) - HEAD_HEIGHT))]
     head = heads[0]
     before = joints[: joints.index(head)]
     above = [k for k in chain[chain.index(head) + 1 :] if tree.distance(k, head) > 0.02 * tree.reach[0] / 2]
@@ -119,6 +126,13 @@ def _split(tree: Tree, chain: list[int], height) -> Head | None:
     named = [k for k in before if hinted(k, "neck")]
     top = tops[-1] if tops and height(tops[-1]) > height(head) else None
     return Head(head, (named or before or [None])[0], top, tuple(spine))
+
+
+def _on_neck(neck: int, tip: int, height: float, spine: tuple[int, ...]) -> Head:
+    """What a neck carries that no joint follows: nothing, a head or its top, by how high its tip is."""
+    if tip == neck or height < _NECK_HEIGHT:
+        return Head(None, neck, None, spine)
+    return Head(None, neck, tip, spine) if height > _TOP_HEIGHT else Head(tip, neck, None, spine)
 
 
 def spine_of(tree: Tree, leg: Limb, arm: Limb, zero: float) -> tuple[list[int], int, int | None]:

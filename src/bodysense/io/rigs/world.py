@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from itertools import pairwise
+
 import numpy as np
 
 from bodysense.body.rotation import quaternion_rotate
+from bodysense.body.skeleton import default_skeleton
 from bodysense.io.rigs.limbs import Tree
 from bodysense.io.rigs.options import UpAxis
+
+Places = Mapping[str, np.ndarray]  # (S, 3) of points of ours, by name
 
 PERSON = (1.3, 2.3)  # m: how tall a person is
 CHILD = 0.9  # m: in metres, centimetres or millimetres a smaller person is believed, too
@@ -21,7 +27,8 @@ KNOWN_UNITS = {
 }
 CMU_TENTH = ("units of 0.0056444 m", 0.0056444)
 
-_LEG_AND_TRUNK = 0.763  # of a standing adult's height: hip to ankle and hips to shoulders (the default body's)
+_LEG = 0.496  # of a standing adult's height: hip to ankle
+_PELVIS = (0.15, 0.62)  # of a person's height: how high the pelvis of one who sits or stands is
 _SOLE = {"ankle": 0.08, "foot": 0.02, "toe": 0.0}  # of a leg's length: how far the sole lies below each
 _EXTENDED = 0.8  # of legs and trunk stretched out: a body so long stands or lies
 _UPRIGHT, _CLEAR = 0.5, 0.7  # mean cosine between a body and an axis: enough to keep y, enough to take another
@@ -42,19 +49,38 @@ _AXES: dict[UpAxis, np.ndarray] = {
 
 
 def stature(tree: Tree, points: dict[str, int]) -> float:
-    """Height of a body, sole to crown, in file units, from the lengths of its legs and trunk."""
-    legs = [
-        tree.distance(points[f"{side}_{a}"], points[f"{side}_{b}"])
+    """Height of a body, sole to crown, in file units, from the lengths of its legs and trunk, or arms and trunk."""
+    body = default_skeleton()
+    rest = body.path @ body.rest_offset
+    usual = {name: rest[None, body.index(name)] for name in points if name in body.points}
+    found = {name: tree.place[:, point] for name, point in points.items()}
+    return body.height * _extent(found) / _extent(usual)
+
+
+def _extent(place: Places) -> float:
+    """Length of a leg and the trunk, or where there are no legs of an arm and the trunk."""
+    limb = ("hip", "knee", "ankle") if "left_hip" in place else ("shoulder", "elbow", "wrist")
+    bones = [
+        float(np.median(np.linalg.norm(place[f"{side}_{a}"] - place[f"{side}_{b}"], axis=-1)))
         for side in ("left", "right")
-        for a, b in (("hip", "knee"), ("knee", "ankle"))
+        for a, b in pairwise(limb)
     ]
-    trunk = np.median(np.linalg.norm(middle(tree, points, "shoulder") - middle(tree, points, "hip"), axis=-1))
-    return float((sum(legs) / 2 + trunk) / _LEG_AND_TRUNK)
+    return sum(bones) / 2 + float(np.median(np.linalg.norm(_upper(place) - _lower(place), axis=-1)))
 
 
-def middle(tree: Tree, points: dict[str, int], part: str) -> np.ndarray:
+def _upper(place: Places) -> np.ndarray:
+    """(S, 3) between the shoulders, or where there are none the pelvis."""
+    return _between(place, "shoulder") if "left_shoulder" in place else place["pelvis"]
+
+
+def _lower(place: Places) -> np.ndarray:
+    """(S, 3) between the hips, or where there are none the pelvis; where there is nothing else above, the hips."""
+    return _between(place, "hip") if "left_hip" in place else place["pelvis"]
+
+
+def _between(place: Places, part: str) -> np.ndarray:
     """(S, 3) between left and right."""
-    return (tree.place[:, points[f"left_{part}"]] + tree.place[:, points[f"right_{part}"]]) / 2
+    return (place[f"left_{part}"] + place[f"right_{part}"]) / 2
 
 
 def find_unit(height: float, is_cmu: bool) -> tuple[str, float]:
@@ -71,11 +97,14 @@ def find_unit(height: float, is_cmu: bool) -> tuple[str, float]:
 
 def find_up(tree: Tree, points: dict[str, int]) -> tuple[UpAxis, float]:
     """The axis along which the body stands, and the mean cosine between both; y where it stands along none."""
-    shoulders, hips, ankles = (middle(tree, points, part) for part in ("shoulder", "hip", "ankle"))
-    trunk, whole = shoulders - hips, shoulders - ankles
-    full = np.median(np.linalg.norm(trunk, axis=-1)) + 0.85 * stature(tree, points) * _LEG_AND_TRUNK * 0.65
-    extended = np.linalg.norm(whole, axis=-1) > _EXTENDED * full
-    ways = whole[extended] if extended.any() else trunk + whole
+    place = {name: tree.place[:, point] for name, point in points.items()}
+    trunk = _upper(place) - _lower(place)
+    ways = trunk
+    if "left_hip" in place:
+        whole = _upper(place) - _between(place, "ankle")
+        full = np.median(np.linalg.norm(trunk, axis=-1)) + 0.85 * stature(tree, points) * _LEG
+        extended = np.linalg.norm(whole, axis=-1) > _EXTENDED * full
+        ways = whole[extended] if extended.any() else trunk + whole
     ways = ways / np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), 1e-9)
     score: dict[UpAxis, float] = {axis: float((ways @ way).mean()) for axis, way in _AXES.items()}
     best = max(score, key=lambda axis: score[axis])
@@ -84,8 +113,19 @@ def find_up(tree: Tree, points: dict[str, int]) -> tuple[UpAxis, float]:
     return best, score[best]
 
 
-def find_floor(tree: Tree, points: dict[str, int], up: UpAxis, leg: float) -> float:
-    """Height of the soles along the upward axis when they are lowest, file units."""
+def find_floor(tree: Tree, points: dict[str, int], up: UpAxis) -> float:
+    """Height of the soles along the upward axis when they are lowest, file units.
+
+    Without legs it is 0 where the pelvis is as high as one that stands or sits, else where it stands.
+    """
+    if "left_hip" not in points:
+        pelvis = float(np.median(quaternion_rotate(TURNS[up], tree.place[:, points["pelvis"]])[:, 1]))
+        body, size = default_skeleton(), stature(tree, points)
+        low, high = _PELVIS
+        return 0.0 if low * size < pelvis < high * size else pelvis - size * body.rest_offset[0, 1] / body.height
+    leg = tree.distance(points["left_hip"], points["left_knee"]) + tree.distance(
+        points["left_knee"], points["left_ankle"]
+    )
     below = [
         (points[f"{side}_{part}"], share)
         for side in ("left", "right")

@@ -1,0 +1,162 @@
+"""Rigs without a head, half bodies, flat trees and joints that only have places: read to the millimetre, and said."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from partial_layouts import EVERY, PARTIAL, flat, lower_half, scattered, upper_half, write_places
+from rig_files import Layout, held_still, mapped, motion, read_plainly, write
+from rig_layouts import LAYOUTS
+from test_odd_rigs import of_shape, seated
+from test_rigs import beast, of, renamed, unit_of
+
+import bodysense
+from bodysense.body.pose import forward_kinematics
+from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.sources import Source, read_source
+from bodysense.io.rigs.rigged import Rigged
+
+USUAL = ("Mixamo", "Unreal", "LaFAN1")
+OTHERS = (
+    *("CMU, metres", "Bandai-Namco", "SMPL-X", "VRoid", "100STYLE", "Xsens MVN", "ACCAD", "Rokoko", "Unity"),
+    *("MikuMikuDance", "Kinect Azure", "Character Creator", "Ready Player Me", "HumanIK"),
+)
+NAMES = [*USUAL, *(pytest.param(name, marks=pytest.mark.slow) for name in OTHERS)]
+
+
+def places(clip: Clip) -> np.ndarray:
+    return np.asarray(forward_kinematics(clip.pose)[0])
+
+
+def check(rigged: Rigged, text: str, layout: Layout, clip: Clip) -> None:
+    """What the file has is where an independent reader finds it, and where it was written, to 1 mm."""
+    plain, skeleton = read_plainly(text), rigged.clip.pose.skeleton
+    expected = mapped(layout)
+    parts = [name for name in expected if re.search("hip|knee|ankle|shoulder|elbow|wrist|^head$|pelvis", name)]
+    assert {name for name in parts if name not in rigged.rig.joints} <= {"pelvis"}
+    for name in (name for name in expected if name in rigged.rig.joints):
+        found = places(rigged.clip)[:, skeleton.index(name)]
+        given = rigged.rig.to_world(plain[rigged.rig.joints[name]]) if rigged.rig.joints[name] in plain else found
+        assert np.abs(found - given).max() < 1e-3, name
+        truth = places(clip)[:, skeleton.index(name)]
+        assert np.linalg.norm(found - truth, axis=-1).max() < 1e-3, (name, rigged.rig.line())
+
+
+@pytest.mark.parametrize("what", PARTIAL)
+@pytest.mark.parametrize("name", NAMES)
+def test_what_there_is_of_a_body_is_read(name: str, what: str) -> None:
+    change, said = PARTIAL[what]
+    layout = change(EVERY[name])
+    clip = held_still(motion(10, 60), layout)
+    text = write(layout, clip)
+    rigged = of(text, **unit_of(layout))
+    assert said in rigged.rig.line() and rigged.rig.up == layout.up
+    assert bool(said) == bool(rigged.clip.lacks)
+    check(rigged, text, layout, clip)
+
+
+@pytest.mark.parametrize("on_root", [False, True])
+@pytest.mark.parametrize("name", NAMES)
+def test_joints_that_only_have_places(name: str, on_root: bool) -> None:
+    layout = EVERY[name]
+    clip = held_still(motion(10, 60), layout)
+    text = write_places(layout, clip, on_root=on_root)
+    check(of(text, **unit_of(layout)), text, layout, clip)
+
+
+def test_a_flat_tree_of_no_known_names_is_read_with_a_table(tmp_path: Path) -> None:
+    whole = EVERY["Mixamo"]
+    number = {name: f"n{k}" for k, (name, _, _) in enumerate(whole.bones)} | {"-": "-", "End Site": "End Site"}
+    layout = flat(replace(whole, bones=[(number[name], number[parent], place) for name, parent, place in whole.bones]))
+    clip = held_still(motion(6, 60), layout)
+    text = write(layout, clip)
+    with pytest.raises(BodysenseError, match=r"^take.bvh: not a humanoid: .*bodysense data joints take.bvh"):
+        of(text)
+    table = tmp_path / "joints.json"
+    table.write_text(json.dumps({given: ours for ours, given in mapped(layout).items()}))
+    check(of(text, joints=table), text, layout, clip)
+
+
+@pytest.mark.parametrize("change", [flat, scattered])
+def test_nothing_is_written_on_a_flat_tree(tmp_path: Path, change) -> None:
+    layout = change(EVERY["Mixamo"])
+    path = tmp_path / "flat.bvh"
+    path.write_text(write(layout, held_still(motion(6, 60), layout)))
+    with pytest.raises(BodysenseError, match=r"flat.bvh: its joints do not hang on one another.*bodysense.write"):
+        bodysense.track(path, missing="left_hand")
+
+
+def test_legs_that_are_not_there_stand_or_sit_on_the_floor() -> None:
+    layout = upper_half(EVERY["Mixamo"])
+    for clip, shift in ((motion(10, 2), 0.0), (motion(10, 2), -1.5), (seated(), 0.0)):
+        rigged = of(write(layout, held_still(clip, layout), shift=shift))
+        knee, ankle, foot = (
+            places(rigged.clip)[:, rigged.clip.pose.skeleton.index(f"left_{part}")]
+            for part in ("knee", "ankle", "foot")
+        )
+        assert np.abs(knee[:, [0, 2]] - ankle[:, [0, 2]]).max() < 0.05, "shins are upright"
+        assert np.abs(foot[:, 1]).max() < 0.12, rigged.rig.line()
+        assert (rigged.rig.lift > 0) == (shift < 0)
+
+
+@pytest.mark.parametrize("name", ["Mixamo", "pose lifter"])
+def test_what_a_motion_lacks_is_completed_when_it_is_tracked(tmp_path: Path, name: str) -> None:
+    layout = upper_half(EVERY[name])
+    clip = held_still(motion(45, 2), layout)
+    path = tmp_path / "half.bvh"
+    path.write_text(write(layout, clip))
+    still, take = bodysense.read(path), bodysense.track(path)
+    assert isinstance(still, Clip)
+    known = clip.pose.skeleton.indices(["pelvis", "left_shoulder", "right_wrist", "head"])
+    np.testing.assert_allclose(places(take.clip)[:, known], places(clip)[:, known], atol=1e-3)
+    ankles = clip.pose.skeleton.indices(["left_ankle", "right_ankle"])
+    assert np.ptp(places(take.clip)[:, ankles] - places(still)[:, ankles], axis=0).max() > 1e-3, "legs move"
+    take.save(tmp_path / "whole.bvh")
+    whole = bodysense.read(tmp_path / "whole.bvh")
+    assert isinstance(whole, Clip) and not whole.lacks
+    np.testing.assert_allclose(places(whole), places(take.clip), atol=1e-3)
+    with pytest.raises(BodysenseError, match=r"half.bvh: the body has no legs; leave the file out, or complete it"):
+        read_source(Source(path, person="", split="train"))
+
+
+def test_halves_are_known_by_names_alone() -> None:
+    for half in (upper_half, lower_half):
+        layout = half(EVERY["Mixamo"])
+        number = {name: f"n{k}" for k, (name, _, _) in enumerate(layout.bones)} | {"-": "-", "End Site": "End Site"}
+        blank = replace(layout, bones=[(number[a], number[b], place) for a, b, place in layout.bones])
+        with pytest.raises(BodysenseError, match="not a humanoid"):
+            of(write(blank, held_still(motion(6, 60), blank)))
+
+
+def test_an_animal_with_arms_of_a_biped_is_no_half() -> None:
+    text = beast(2, 1.0, 5)
+    for k, parts in enumerate((("Thigh", "Calf", "Foot"), ("UpperArm", "Forearm", "Hand"))):
+        for side in "lr":
+            for j, part in enumerate(parts, start=1):
+                text = text.replace(f"{side}{k}_{j}\n", f"Bip01 {side.upper()} {part}\n")
+    assert "Bip01 L UpperArm" in text
+    with pytest.raises(BodysenseError, match="not a humanoid"):
+        of(text)
+
+
+@pytest.mark.parametrize("name", ["Mixamo", "Unreal", "Xsens MVN", "SMPL"])
+def test_nameless_children_and_chibis_have_a_head_over_their_neck(name: str) -> None:
+    import random
+
+    bones, _ = renamed(LAYOUTS[name].bones, random.Random(name))
+    blank = replace(LAYOUTS[name], bones=bones)
+    spots = {joint: place for joint, _, place in bones if joint != "End Site"}
+    for factors in (
+        {"knee": 0.5, "ankle": 0.5, "elbow": 0.6, "wrist": 0.6, "head": 1.8},
+        {"knee": 0.4, "ankle": 0.4, "elbow": 0.5, "wrist": 0.5, "head": 2.4, "top": 2.0, "spine": 0.8},
+    ):
+        clip = held_still(of_shape(motion(10, 60), **factors), blank)
+        rig = of(write(blank, clip)).rig
+        for part in ("head", "neck", "left_wrist", "right_elbow", "left_knee", "right_ankle"):
+            assert spots[rig.joints[part]] == part
