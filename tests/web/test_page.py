@@ -41,8 +41,8 @@ def used(
 Used = tuple[Path, dict[str, Any]]
 
 
-def test_the_first_visit_fetches_little(used: Used) -> None:
-    assert used[1]["bytes"] < 13e6
+def test_a_visit_fetches_little(used: Used) -> None:
+    assert 5e6 < used[1]["sent"] <= 12e6  # bytes, by the page and by its service worker, of a host that packs nothing
     assert "3 points tracked" in used[1]["shown"]
 
 

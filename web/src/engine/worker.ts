@@ -6,6 +6,7 @@ import { Tracker } from "../core/tracker";
 import { defaultBody, fetched, unpacked } from "./files";
 import { openGraph } from "./graph";
 import type { FromEngine, ToEngine } from "./messages";
+import { unpackedXz } from "./xz";
 
 const tell = (message: FromEngine): void => postMessage(message);
 let tracker: Tracker | null = null;
@@ -14,7 +15,7 @@ let turn: Promise<void> = Promise.resolve(); // messages are taken one after the
 async function open(base: string): Promise<void> {
   const [network, runtime, space, body] = await Promise.all([
     unpacked(base, "completion.onnx.gz"),
-    unpacked(base, "runtime.wasm.gz"),
+    unpackedXz(base, "runtime.wasm.xz"),
     fetched(base, "shape_space.npz").then(readNpz),
     defaultBody(base),
   ]);

@@ -23,15 +23,6 @@ const AXE = createRequire(import.meta.url).resolve("axe-core/axe.min.js");
 const site = await serveFolder(folder);
 
 await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
-  let bytes = 0;
-  page.on(
-    "response",
-    (response) =>
-      void response.body().then(
-        (body) => (bytes += body.length),
-        () => undefined,
-      ),
-  );
   await page.goto(site.address);
   const until = (id, part) =>
     page.waitForFunction(([where, what]) => document.querySelector(where).textContent.includes(what), [id, part], {
@@ -43,7 +34,6 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
   const facts = {};
   await until("#rate", "completed here");
   await until("#shown", "from the truth");
-  facts.bytes = bytes;
   facts.shown = await text("#shown");
 
   await page.addScriptTag({ path: AXE });
@@ -119,6 +109,7 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
 
   // The network is gone: everything still works.
   await page.waitForFunction(() => navigator.serviceWorker.controller !== null, null, { polling: 100 });
+  facts.sent = site.sent();
   site.close();
   await page.context().setOffline(true);
   await page.reload();
