@@ -8,7 +8,7 @@ import { openGraph } from "./graph";
 import type { FromEngine, ToEngine } from "./messages";
 import { unpackedXz } from "./xz";
 
-const tell = (message: FromEngine): void => postMessage(message);
+const tell = (message: FromEngine, given: ArrayBuffer[] = []): void => postMessage(message, { transfer: given });
 let tracker: Tracker | null = null;
 let turn: Promise<void> = Promise.resolve(); // messages are taken one after the other
 
@@ -34,7 +34,9 @@ async function take(message: ToEngine): Promise<void> {
   else {
     const began = performance.now();
     const body = await tracker.step(message.observation);
-    tell({ type: "completed", id: message.id, body, milliseconds: performance.now() - began });
+    const milliseconds = performance.now() - began;
+    const given = [body.rotation.buffer, body.restOffset.buffer] as ArrayBuffer[]; // the two that it has
+    tell({ type: "completed", id: message.id, body, milliseconds }, given);
   }
 }
 
