@@ -36,14 +36,18 @@ await scenario({ isCalm: false, viewport: { width: 300, height: 200 } }, async (
   const began = Date.now();
   const passed = () => (Date.now() - began) / 1000;
   const atFirst = scheduled(renderer.id);
-  await page.evaluate(() => [steps, frames].forEach((times) => times.splice(0)));
+  await page.evaluate(() => [steps, frames].forEach((times) => (times.count = 0)));
   await page.waitForTimeout(1000 * WARM_UP);
   const held = [];
   const looked = async () => held.push({ at: passed(), ...(await memory(page, renderer.id)) });
   for (await looked(); passed() < seconds; await looked())
     await page.waitForTimeout(1000 * Math.min(LOOK, Math.max(seconds - passed(), 0)));
   const [end, early, late] = [passed(), held[0], held.at(-1)];
-  const [atLast, times] = [scheduled(renderer.id), await page.evaluate(() => ({ steps, frames }))];
+  const atLast = scheduled(renderer.id);
+  const times = await page.evaluate(() => {
+    const taken = ({ values, count }) => [...values.subarray(0, count)];
+    return { steps: taken(steps), frames: taken(frames) };
+  });
   const growth = Object.fromEntries(["heap", "process"].map((key) => [key, late[key] / early[key] - 1]));
   const perStep = (key) => atLast && (atLast[key] - atFirst[key]) / times.steps.length;
   return {
@@ -65,8 +69,10 @@ function quantiles(times) {
 
 /** A display of so many Hz, a wearer who moves, and how long each step took in the worker, each frame in the page (ms). */
 function timed(rate) {
-  window.steps = [];
-  window.frames = [];
+  const room = () => ({ values: new Float32Array(100_000), count: 0 }); // that is held from the beginning
+  window.steps = room();
+  window.frames = room();
+  const count = (times, milliseconds) => (times.values[times.count++] = milliseconds);
   let due = performance.now();
   window.requestAnimationFrame = (call) => {
     const now = performance.now();
@@ -79,7 +85,7 @@ function timed(rate) {
       device.controllers.left.position.set(-0.25, 1.2 + 0.3 * swing, -0.35 + 0.1 * Math.sin(3 * time));
       device.controllers.right.position.set(0.25, 1.2 - 0.3 * swing, -0.35);
       call(began);
-      frames.push(performance.now() - began);
+      count(frames, performance.now() - began);
     }, due - now);
   };
   window.cancelAnimationFrame = (id) => clearTimeout(id);
@@ -95,7 +101,7 @@ function timed(rate) {
   window.Worker = class extends Plain {
     constructor(...made) {
       super(...made);
-      this.addEventListener("message", ({ data }) => data.type === "completed" && steps.push(data.milliseconds));
+      this.addEventListener("message", ({ data }) => data.type === "completed" && count(steps, data.milliseconds));
     }
   };
 }
