@@ -15,7 +15,7 @@ import pytest
 WEB = Path(__file__).parents[2] / "web"
 PAGE = Path(__file__).parents[2] / "src" / "bodysense" / "serve" / "page"
 
-LANDMARKERS = Path("~/.cache/bodysense/landmarkers").expanduser()
+VISION = WEB / "node_modules" / "@mediapipe" / "tasks-vision" / "wasm"
 
 Scenario = Callable[..., dict[str, Any]]
 
@@ -32,13 +32,21 @@ def web() -> Path:
 
 @pytest.fixture(scope="session")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder that `bodysense page` writes; with the webcam where MediaPipe's files are there."""
-    from bodysense.serve.page_files import write_page
+    """The folder that `bodysense page` writes; with the webcam where MediaPipe's files are there.
+
+    Its models are scripts/build_landmarkers.py's, its WebAssembly is npm's.
+    """
+    from bodysense.capture.landmarker_files import landmarker_folder
+    from bodysense.serve.page_files import WEBCAM, write_page
 
     if not (PAGE / "index.html").is_file():
         pytest.skip("the page is not built: run `npm run build` in web/")
-    folder = tmp_path_factory.mktemp("site")
-    write_page(folder, LANDMARKERS)
+    mediapipe, folder = tmp_path_factory.mktemp("mediapipe"), tmp_path_factory.mktemp("site")
+    for name in WEBCAM:
+        found = next(filter(Path.is_file, (landmarker_folder() / name, VISION / name)), None)
+        if found is not None:
+            (mediapipe / name).symlink_to(found)
+    write_page(folder, mediapipe)
     return folder
 
 

@@ -44,9 +44,10 @@ def film(path: Path) -> Path:
 
 
 def test_a_webcam_sees_a_person(scenario: Scenario, site: Path, tmp_path: Path) -> None:
-    if not all((site / name).is_file() for name in WEBCAM):
-        pytest.skip("MediaPipe's files for the page are missing: run scripts/build_landmarkers.py")
+    missing = [name for name in WEBCAM if not (site / name).is_file()]
+    if missing:
+        pytest.skip(f"MediaPipe's {missing[0]} is missing: run scripts/build_landmarkers.py, and `npm ci` in web/")
     pytest.importorskip("moderngl", reason="needs bodysense[render]")
-    said = scenario("webcam", site, film(tmp_path / "person.mjpeg"))
+    said = scenario("webcam", site, film(tmp_path / "person.mjpeg"), tmp_path / "seen.png")
     assert int(said["points"]) >= 8
     assert said["nobody"].startswith("Nobody is seen yet")

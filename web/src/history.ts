@@ -23,7 +23,7 @@ export interface Moment extends BodyFrame {
   readonly isJump: boolean; // the source's clock did not lead here from the moment before
 }
 
-const LIMIT = 12_000; // frames: over 3 minutes at 60 Hz, about 50 MB
+const LIMIT = 12_000; // frames: over 3 minutes at 60 Hz, about 60 MB
 const LONGEST_STEP = 1; // s
 const JUMP = 1 / 30; // s that a jump takes on the timeline
 
@@ -48,7 +48,7 @@ export class History {
     const moment = { ...frame, time: before ? before.time + (isJump ? JUMP : step) : 0, isJump };
     this.moments.push(moment);
     this.added(moment);
-    if (this.moments.length > this.limit) this.moments.splice(0, Math.ceil(this.limit / 10));
+    if (this.moments.length > this.limit) this.moments.shift();
   }
 
   clear(): void {

@@ -2,7 +2,7 @@
 
 import type { Observation } from "./core/observation";
 import { NOBODY, personOf, type Person } from "./core/person";
-import { place, withOffsets, type Body, type Skeleton } from "./core/skeleton";
+import type { Body, Skeleton } from "./core/skeleton";
 import { TRACKER_SETTINGS, type TrackerSettings } from "./core/tracker";
 import type { Engine, Step } from "./engine/engine";
 import { History } from "./history";
@@ -104,8 +104,7 @@ export class Live implements Sink {
 
   private keep({ body, milliseconds }: Step, { points }: Observation, truth: Body | null): void {
     this.newest = body;
-    const placed = place(withOffsets(this.skeleton, body.restOffset), body.rootPosition, body.rotation);
-    this.completed(body.time, placed);
+    this.completed(body.time, body.placed);
     this.times.push(milliseconds);
     if (this.times.length > COUNTED) this.times.shift();
     this.history.add({
@@ -113,7 +112,7 @@ export class Live implements Sink {
       rootPosition: body.rootPosition,
       rotation: body.rotation,
       restOffset: body.restOffset,
-      body: placed,
+      body: body.placed,
       signal: points,
       truth,
       expected: body.confidence,

@@ -30,5 +30,16 @@ canvas.addEventListener("webglcontextrestored", () => (element("notice").hidden 
 const base = document.baseURI;
 const files = firstFiles(base); // on their way while the 3-D view is made
 const view = viewOf(canvas);
+let pressed: HTMLButtonElement | null = null; // before there is an app that hears it
+const remember = ({ target }: Event): void => {
+  pressed = target instanceof Element ? target.closest("button") : null;
+};
+addEventListener("click", remember);
 if (view)
-  files.then((first) => new App(view, new Engine(base), first, base)).catch((error: unknown) => fault(reasonOf(error)));
+  files
+    .then((first) => {
+      new App(view, new Engine(base), first, base);
+      removeEventListener("click", remember);
+      pressed?.click();
+    })
+    .catch((error: unknown) => fault(reasonOf(error)));

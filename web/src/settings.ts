@@ -22,7 +22,7 @@ export const DEFAULT_SETTINGS: Settings = {
   figure: "avatar",
   colouring: "plain",
   truth: false,
-  signal: true,
+  signal: false, // marks on a face are for who asks what is tracked
   theme: "auto",
 };
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import gzip
 import hashlib
 import json
-import lzma
 from collections.abc import Iterator
 from functools import lru_cache
 from importlib.resources import files
@@ -25,8 +24,7 @@ _OF_THE_LIBRARY = {
     "performance.npz": ("bodysense.demo", "performance.npz"),
 }
 _NETWORK = "completion.onnx"
-_RUNTIME = "runtime.wasm"  # kept as .xz, which browsers do not unpack: two thirds of its .gz
-LIBRARY_FILES = (f"{_NETWORK}.gz", f"{_RUNTIME}.gz", *_OF_THE_LIBRARY)  # by the names that the page asks for
+LIBRARY_FILES = (f"{_NETWORK}.gz", *_OF_THE_LIBRARY)  # by the names that the page asks for
 # What MediaPipe needs to see a person in a webcam, where somebody put it.
 WEBCAM = (
     "pose_landmarker_full.task",
@@ -48,8 +46,6 @@ def library_file(name: str) -> bytes:
     """The bytes of one of `LIBRARY_FILES`."""
     if name == f"{_NETWORK}.gz":
         return gzip.compress(files("bodysense.weights").joinpath(_NETWORK).read_bytes(), 9, mtime=0)
-    if name == f"{_RUNTIME}.gz":
-        return gzip.compress(lzma.decompress((built() / f"{_RUNTIME}.xz").read_bytes()), 9, mtime=0)
     package, file = _OF_THE_LIBRARY[name]
     return files(package).joinpath(file).read_bytes()
 
@@ -72,8 +68,7 @@ def page_files(webcam: Path | None = None) -> Iterator[tuple[str, bytes]]:
         webcam: a folder with the files of `WEBCAM`; without them the webcam's door is closed.
     """
     folder, digest, names = built(), hashlib.sha256(), []
-    others = (ABOUT, f"{_RUNTIME}.xz")
-    own = [(path.name, path.read_bytes()) for path in sorted(folder.iterdir()) if path.name not in others]
+    own = [(path.name, path.read_bytes()) for path in sorted(folder.iterdir()) if path.name != ABOUT]
     library = [(name, library_file(name)) for name in LIBRARY_FILES]
     seen = webcam is not None and all((webcam / name).is_file() for name in WEBCAM)
     vision = [(name, (webcam / name).read_bytes()) for name in WEBCAM] if webcam is not None and seen else []

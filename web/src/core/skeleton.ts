@@ -46,17 +46,24 @@ export function place(skeleton: Skeleton, root: ArrayLike<number>, local: ArrayL
   const { joints, parents, restOffset } = skeleton;
   const position = new Float32Array(3 * parents.length);
   const rotation = new Float32Array(4 * joints);
+  worldRotations(skeleton, local, rotation);
   parents.forEach((parent, point) => {
     if (parent < 0) {
       for (let k = 0; k < 3; k++) position[k] = root[k];
-      for (let k = 0; k < 4; k++) rotation[k] = local[k];
       return;
     }
     rotate(rotation, 4 * parent, restOffset, 3 * point, position, 3 * point);
     for (let k = 0; k < 3; k++) position[3 * point + k] += position[3 * parent + k];
-    if (point < joints) multiply(rotation, 4 * parent, local, 4 * point, rotation, 4 * point);
   });
   return { position, rotation };
+}
+
+/** Rotations world ← joint (joints × 4, wxyz) from those parent ← joint. */
+export function worldRotations({ joints, parents }: Skeleton, local: ArrayLike<number>, out: Float32Array): void {
+  for (let joint = 0; joint < joints; joint++) {
+    if (parents[joint] >= 0) multiply(out, 4 * parents[joint], local, 4 * joint, out, 4 * joint);
+    else for (let k = 0; k < 4; k++) out[4 * joint + k] = local[4 * joint + k];
+  }
 }
 
 /** Height of the rest pose, lowest to highest point, metres. */

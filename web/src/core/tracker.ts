@@ -4,7 +4,7 @@ import { interval } from "./clock";
 import type { Observation } from "./observation";
 import { Growing, NOBODY, trackedPoints, type Person } from "./person";
 import type { ShapeSpace } from "./shape";
-import type { Skeleton } from "./skeleton";
+import { worldRotations, type Body, type Skeleton } from "./skeleton";
 
 export interface GraphTensor {
   readonly type: "float32" | "bool" | "int64";
@@ -20,16 +20,31 @@ export interface Graph {
   run(inputs: Tensors): Promise<Tensors>;
 }
 
-/** One whole body. */
+/** One whole body. Its arrays lie in two buffers, which a worker gives away whole: what a take keeps, and the rest. */
 export interface Completed {
   readonly time: number; // s
   readonly rootPosition: Float32Array; // (3) m
   readonly rotation: Float32Array; // (joints × 4) wxyz, parent ← joint
-  readonly points: Float32Array; // (points × 3) m, world
+  readonly placed: Body;
   readonly restOffset: Float32Array; // (points × 3) m
   readonly measured: Uint8Array; // (points) 0 or 1
   readonly confidence: Float32Array; // (points) m, expected position error
-  readonly contact: Float32Array; // (4) probability
+}
+
+function completedAt(time: number, { joints, points }: Skeleton): Completed {
+  const count = points.length;
+  const motion = new Float32Array(3 + 4 * joints);
+  const rest = new Float32Array(7 * count + 4 * joints + Math.ceil(count / 4));
+  const turned = 3 * count + 4 * joints;
+  return {
+    time,
+    rootPosition: motion.subarray(0, 3),
+    rotation: motion.subarray(3),
+    placed: { position: rest.subarray(0, 3 * count), rotation: rest.subarray(3 * count, turned) },
+    restOffset: rest.subarray(turned, turned + 3 * count),
+    confidence: rest.subarray(turned + 3 * count, turned + 4 * count),
+    measured: new Uint8Array(rest.buffer, 4 * (turned + 4 * count), count),
+  };
 }
 
 export interface TrackerSettings {
@@ -74,7 +89,8 @@ export class Tracker {
     if (isFresh) this.state = this.graph.start;
     this.time = observation.time;
     this.body.update(frame, seconds, this.settings.floor);
-    const restOffset = Float32Array.from(this.body.shown);
+    const answer = completedAt(observation.time, this.skeleton);
+    answer.restOffset.set(this.body.shown);
     const floats = (data: Float32Array, ...dims: number[]): GraphTensor => ({ type: "float32", data, dims });
     const flags = (data: Uint8Array, ...dims: number[]): GraphTensor => ({ type: "bool", data, dims });
     const outputs = await this.graph.run({
@@ -84,7 +100,7 @@ export class Tracker {
       has_rotation: flags(frame.hasRotation, joints),
       accuracy: floats(frame.accuracy, points),
       interval: floats(Float32Array.of(seconds)),
-      rest_offset: floats(restOffset, points, 3),
+      rest_offset: floats(answer.restOffset, points, 3),
       certainty: floats(Float32Array.from(this.body.deviation), points),
       floor: floats(Float32Array.of(this.settings.floor)),
       hold: floats(Float32Array.of(this.settings.holdFeet ? 1 : 0)),
@@ -97,15 +113,12 @@ export class Tracker {
         { type, dims, data: outputs[name.replace("state_", "next_")].data },
       ]),
     );
-    return {
-      time: observation.time,
-      rootPosition: read("root_position"),
-      rotation: read("local_rotation"),
-      points: read("points"),
-      restOffset,
-      measured: frame.hasPosition,
-      confidence: read("confidence"),
-      contact: read("contact"),
-    };
+    answer.rootPosition.set(read("root_position"));
+    answer.rotation.set(read("local_rotation"));
+    answer.placed.position.set(read("points"));
+    worldRotations(this.skeleton, answer.rotation, answer.placed.rotation);
+    answer.measured.set(frame.hasPosition);
+    answer.confidence.set(read("confidence"));
+    return answer;
   }
 }

@@ -6,15 +6,16 @@ import { Tracker } from "../core/tracker";
 import { defaultBody, fetched, unpacked } from "./files";
 import { openGraph } from "./graph";
 import type { FromEngine, ToEngine } from "./messages";
+import { unpackedXz } from "./xz";
 
-const tell = (message: FromEngine): void => postMessage(message);
+const tell = (message: FromEngine, given: ArrayBuffer[] = []): void => postMessage(message, { transfer: given });
 let tracker: Tracker | null = null;
 let turn: Promise<void> = Promise.resolve(); // messages are taken one after the other
 
 async function open(base: string): Promise<void> {
   const [network, runtime, space, body] = await Promise.all([
     unpacked(base, "completion.onnx.gz"),
-    unpacked(base, "runtime.wasm.gz"),
+    unpackedXz(base, "runtime.wasm.xz"),
     fetched(base, "shape_space.npz").then(readNpz),
     defaultBody(base),
   ]);
@@ -33,7 +34,9 @@ async function take(message: ToEngine): Promise<void> {
   else {
     const began = performance.now();
     const body = await tracker.step(message.observation);
-    tell({ type: "completed", id: message.id, body, milliseconds: performance.now() - began });
+    const milliseconds = performance.now() - began;
+    const given = [body.rotation.buffer, body.restOffset.buffer] as ArrayBuffer[]; // the two that it has
+    tell({ type: "completed", id: message.id, body, milliseconds }, given);
   }
 }
 

@@ -1,6 +1,16 @@
 /** A mirror before the wearer: what is tracked stands behind its plane, turned over. */
 
-import { BoxGeometry, Group, Matrix4, Mesh, MeshStandardMaterial, Quaternion, Vector3 } from "three";
+import {
+  BoxGeometry,
+  Group,
+  Matrix4,
+  Mesh,
+  MeshBasicMaterial,
+  MeshStandardMaterial,
+  PlaneGeometry,
+  Quaternion,
+  Vector3,
+} from "three";
 
 const AWAY = 1.5; // m from the wearer's head
 const [WIDTH, HEIGHT, RIM] = [1.5, 2.1, 0.035]; // m
@@ -22,6 +32,11 @@ export class Mirror {
       bar(RIM, HEIGHT, -(WIDTH + RIM) / 2, HEIGHT / 2),
       bar(RIM, HEIGHT, (WIDTH + RIM) / 2, HEIGHT / 2),
     );
+    const glass = new MeshBasicMaterial({ color: "#cfe3e4", transparent: true, opacity: 0.14, depthWrite: false });
+    const pane = new Mesh(new PlaneGeometry(WIDTH, HEIGHT), glass);
+    pane.position.y = HEIGHT / 2;
+    pane.renderOrder = 3; // before whatever stands behind it
+    this.frame.add(pane);
     this.frame.visible = false;
   }
 

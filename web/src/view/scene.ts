@@ -178,8 +178,8 @@ function sun(): DirectionalLight {
   light.shadow.camera.left = light.shadow.camera.bottom = -1.8;
   light.shadow.camera.right = light.shadow.camera.top = 1.8;
   [light.shadow.camera.near, light.shadow.camera.far] = [1.5, 8]; // m: tight, so that feet touch their shadow
-  light.shadow.radius = 4;
-  light.shadow.blurSamples = 12;
+  light.shadow.radius = 7;
+  light.shadow.blurSamples = 16;
   return light;
 }
 
@@ -199,8 +199,8 @@ function floorTexture(middle: string, line: string): CanvasTexture {
     context.fillRect(0, 0, size, size);
     context.strokeStyle = line;
     for (let metre = 1; metre < RADIUS; metre++) {
-      context.globalAlpha = 0.75 * (1 - metre / RADIUS);
-      context.lineWidth = 2.5;
+      context.globalAlpha = 0.55 * (1 - metre / RADIUS);
+      context.lineWidth = 2;
       context.beginPath();
       context.arc(half, half, (metre / RADIUS) * half, 0, 2 * Math.PI);
       context.stroke();

@@ -28,11 +28,11 @@ export class VrMenu {
   readonly board = new Group();
   private readonly panel: Mesh<PlaneGeometry, MeshBasicMaterial>;
   private readonly dot: Mesh;
+  private readonly hover: Mesh;
   private readonly canvas = document.createElement("canvas");
   private readonly texture: CanvasTexture;
   private readonly caster = new Raycaster();
   private readonly height: number;
-  private hovered = -1;
   private drawn = "";
   private line = "";
 
@@ -48,9 +48,13 @@ export class VrMenu {
       new RingGeometry(0.006, 0.01, 24),
       new MeshBasicMaterial({ color: "#0f6a63", depthTest: false }),
     );
-    this.dot.renderOrder = 5;
-    this.dot.visible = false;
-    this.board.add(this.panel, this.dot);
+    this.hover = new Mesh(
+      new PlaneGeometry(WIDTH - 0.05, ROW),
+      new MeshBasicMaterial({ color: "#0f6a63", transparent: true, opacity: 0.12, depthTest: false }),
+    );
+    [this.hover.renderOrder, this.dot.renderOrder] = [4, 5];
+    this.hover.visible = this.dot.visible = false;
+    this.board.add(this.panel, this.hover, this.dot);
     this.board.visible = false;
   }
 
@@ -68,10 +72,14 @@ export class VrMenu {
   /** Rays of hands and controllers, world ← ray; a menu is redrawn where it changed. */
   point(rays: readonly Matrix4[]): void {
     const hits = rays.map((ray) => this.hit(ray)).filter((hit) => hit !== null);
-    this.hovered = hits[0]?.row ?? -1;
-    this.dot.visible = hits.length > 0;
-    if (hits[0]) this.dot.position.copy(this.board.worldToLocal(hits[0].place)).setZ(0.004);
-    const state = JSON.stringify([this.line, this.hovered, this.items.map(({ text, isOn }) => [text(), isOn?.()])]);
+    const [hit] = hits;
+    this.dot.visible = hit !== undefined;
+    this.hover.visible = hit !== undefined && hit.row >= 0; // over the picture, which is not drawn anew for it
+    if (hit) {
+      this.dot.position.copy(this.board.worldToLocal(hit.place)).setZ(0.004);
+      this.hover.position.set(0, this.height / 2 - HEAD - hit.row * (ROW + GAP) - ROW / 2, 0.002);
+    }
+    const state = JSON.stringify([this.line, this.items.map(({ text, isOn }) => [text(), isOn?.()])]);
     if (state === this.drawn) return;
     this.drawn = state;
     this.draw();
@@ -113,7 +121,7 @@ export class VrMenu {
       .forEach((text, k) => context.fillText(text, 0.03 * m, (0.082 + 0.028 * k) * m));
     this.items.forEach(({ text, isOn }, row) => {
       const top = (HEAD + row * (ROW + GAP)) * m;
-      context.fillStyle = isOn?.() ? "#0f6a63" : row === this.hovered ? "#dcebe8" : "#ece9e1";
+      context.fillStyle = isOn?.() ? "#0f6a63" : "#ece9e1";
       context.beginPath();
       context.roundRect(0.025 * m, top, (WIDTH - 0.05) * m, ROW * m, 0.02 * m);
       context.fill();

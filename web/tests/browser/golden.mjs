@@ -52,7 +52,7 @@ async function run() {
       });
       const answer = await ask({ type: "step", id: frame, observation: { time: time[frame], points: rows } });
       if (answer.type !== "completed") throw new Error(answer.reason);
-      parts.push(answer.body.points, answer.body.rotation);
+      parts.push(answer.body.placed.position, answer.body.rotation);
       spent.push(answer.milliseconds);
     }
   }

@@ -42,6 +42,13 @@ await scenario({ colorScheme: "light", viewport: { width: 480, height: 320 } }, 
   await download.saveAs(`${pictures}/take.bvh`);
   await page.waitForTimeout(1000);
   await page.screenshot({ path: `${pictures}/after.png` });
-  return { before, controllers, hands, after: await text("#notice-text"), take: await text("#take") };
+  const [after, take] = [await text("#notice-text"), await text("#take")];
+  await page.evaluate(() => {
+    navigator.xr.requestSession = () => Promise.reject(new DOMException("not now", "NotAllowedError"));
+  });
+  await page.dispatchEvent("#door-headset", "click");
+  await says("#notice-text", "did not let");
+  const refused = { refused: await text("#notice-text"), stillThere: await text("#take") };
+  return { before, controllers, hands, after, take, ...refused };
 });
 site.close();

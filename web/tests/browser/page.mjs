@@ -1,5 +1,6 @@
 /** The built page in a headless Chromium, for the scenarios beside this file. */
 
+import { createHash } from "node:crypto";
 import { createServer } from "node:http";
 import { readFile } from "node:fs/promises";
 import { extname, join } from "node:path";
@@ -18,18 +19,27 @@ const ARGUMENTS = [
   "--enable-unsafe-swiftshader",
 ];
 
-/** Serve a folder that `bodysense page` wrote, without a server of bodysense: its address. */
+/** Serve a folder that `bodysense page` wrote, as a static host does that packs nothing: its address, and the bytes that
+ * it sent. What a browser has already is not sent again.
+ */
 export async function serveFolder(folder) {
+  let sent = 0;
   const server = createServer((request, response) => {
     const path = new URL(request.url ?? "/", "http://page").pathname;
     const name = path === "/" ? "index.html" : path.slice(1);
     readFile(join(folder, name)).then(
-      (content) => response.setHeader("content-type", KINDS[extname(name)] ?? "application/octet-stream").end(content),
+      (content) => {
+        const tag = `"${createHash("sha256").update(content).digest("base64url")}"`;
+        response.setHeader("etag", tag);
+        if (request.headers["if-none-match"] === tag) return response.writeHead(304).end();
+        sent += content.length;
+        return response.setHeader("content-type", KINDS[extname(name)] ?? "application/octet-stream").end(content);
+      },
       () => response.writeHead(404).end(),
     );
   });
   await new Promise((done) => server.listen(0, "127.0.0.1", done));
-  return { address: `http://localhost:${server.address().port}/`, close: () => server.close() };
+  return { address: `http://localhost:${server.address().port}/`, close: () => server.close(), sent: () => sent };
 }
 
 /** Run something in a fresh page of a browser of its own; unless `isCalm` is false it draws few pictures. */

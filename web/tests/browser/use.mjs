@@ -23,15 +23,6 @@ const AXE = createRequire(import.meta.url).resolve("axe-core/axe.min.js");
 const site = await serveFolder(folder);
 
 await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
-  let bytes = 0;
-  page.on(
-    "response",
-    (response) =>
-      void response.body().then(
-        (body) => (bytes += body.length),
-        () => undefined,
-      ),
-  );
   await page.goto(site.address);
   const until = (id, part) =>
     page.waitForFunction(([where, what]) => document.querySelector(where).textContent.includes(what), [id, part], {
@@ -43,7 +34,6 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
   const facts = {};
   await until("#rate", "completed here");
   await until("#shown", "from the truth");
-  facts.bytes = bytes;
   facts.shown = await text("#shown");
 
   await page.addScriptTag({ path: AXE });
@@ -86,6 +76,20 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
   await until("#shown", "2 points");
   await part.dispatchEvent("click");
 
+  // The legend is there as long as colours mean something.
+  const legend = () => page.isVisible("#legend");
+  await page.locator("input[name=figure][value=figure]").dispatchEvent("click");
+  await page.selectOption("#colouring", "confidence");
+  await page.waitForSelector("#legend:not([hidden])");
+  await page.selectOption("#colouring", "plain");
+  await page.waitForTimeout(600);
+  facts.legend = [await legend()];
+  await page.selectOption("#colouring", "hidden");
+  await page.waitForSelector("#legend:not([hidden])");
+  await page.locator("input[name=figure][value=avatar]").dispatchEvent("click");
+  await page.waitForTimeout(600);
+  facts.legend.push(await legend());
+
   for (const kind of ["bvh", "glb", "vrma"]) {
     const [download] = await Promise.all([page.waitForEvent("download"), page.dispatchEvent(`#save-${kind}`, "click")]);
     await download.saveAs(`${pictures}/motion.${kind}`);
@@ -104,6 +108,18 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
     ),
   );
   facts.dog = await notice("dog.bvh");
+  const joint = (name, inside = "") =>
+    `JOINT ${name}\n{\nOFFSET 0 10 5\nCHANNELS 3 Zrotation Xrotation Yrotation\n${inside}}\n`;
+  const legs = ["FrontLeft", "FrontRight", "RearLeft", "RearRight"].map((leg) => joint(`${leg}Paw`)).join("");
+  const hound = joint("Spine", joint("Neck", joint("Head"))) + joint("Tail1", joint("Tail2")) + legs;
+  const root = "ROOT Hips\n{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n";
+  const still = Array(3 * 11)
+    .fill(0)
+    .join(" ");
+  await drop("hound.bvh", Buffer.from(`HIERARCHY\n${root}${hound}}\nMOTION\nFrames: 1\nFrame Time: 0.1\n${still}\n`));
+  facts.hound = await notice("hound.bvh");
+  await drop("film.mp4", Buffer.alloc(100));
+  facts.film = await notice("film.mp4");
   await drop("boxes.vrm", vrmBytes(boneOf));
   await page.waitForSelector("#own-avatar:not([hidden])");
   await page.dispatchEvent("#own-avatar", "click");
@@ -119,6 +135,7 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
 
   // The network is gone: everything still works.
   await page.waitForFunction(() => navigator.serviceWorker.controller !== null, null, { polling: 100 });
+  facts.sent = site.sent();
   site.close();
   await page.context().setOffline(true);
   await page.reload();

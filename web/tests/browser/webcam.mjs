@@ -1,8 +1,8 @@
-/** A webcam on the page alone, fed from a film, and one that shows nobody: node webcam.mjs FOLDER FILM */
+/** A webcam on the page alone, fed from a film, and one that shows nobody: node webcam.mjs FOLDER FILM PICTURE */
 
 import { launched, scenario, serveFolder } from "./page.mjs";
 
-const [folder, film] = process.argv.slice(2);
+const [folder, film, picture] = process.argv.slice(2);
 const site = await serveFolder(folder);
 const FAKE = ["--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream"];
 const options = { viewport: { width: 420, height: 320 } };
@@ -20,7 +20,7 @@ const until = (page, id, part) =>
 const nobody = await launched(FAKE, options, async (page) => {
   await slow(page);
   await page.goto(site.address);
-  await page.dispatchEvent("#door-webcam", "click");
+  await page.dispatchEvent("#door-webcam", "click"); // at once: what is pressed before the page is ready is not lost
   await until(page, "#notice-text", "Nobody");
   return page.textContent("#notice-text");
 });
@@ -43,6 +43,8 @@ await scenario(
     const shown = await seen.jsonValue();
     const [, points] = /(\d+) points/.exec(shown);
     const notice = await page.textContent("#notice-text");
+    await page.waitForTimeout(2000);
+    await page.screenshot({ path: picture });
     return { nobody, points, shown, notice, rate: await page.textContent("#rate") };
   },
   [...FAKE, `--use-file-for-fake-video-capture=${film}`],
