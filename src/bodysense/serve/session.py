@@ -307,8 +307,9 @@ class Session:
         stance = "arms out" if self._arms_out else "standing"
         try:
             found = calibration(stood, self._told, stance, self.settings.floor, self._inertial)
-            if found.measured:
-                height = round(float(stature(found.person.skeleton.rest_offset)), 3)
+            wearer = found.person
+            if wearer is not None:
+                height = round(float(stature(wearer.skeleton.rest_offset)), 3)
                 self.settings = replace(self.settings, height=height)
         except BodysenseError as error:
             self._notes.append(Said(str(error)))
@@ -316,13 +317,13 @@ class Session:
         self._inertial = found.inertial
         self._showing.lead_over()
         self._notes += [Said(text) for text in found.said]
-        self._base = self.calibrated = found.person
-        if not found.measured:
+        self._base = self.calibrated = wearer or self._base.wearing(found.inertial.mounts)
+        if wearer is None:
             return
         if found.worn:
             self._worn |= found.worn
             self._door = door(self.points, self.skeleton, self._worn)
-        self._track(found.person)
+        self._track(wearer)
         self.revision += 1
 
 
