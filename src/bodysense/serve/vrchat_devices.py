@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bodysense.body.rotation import euler_to_quaternion, quaternion_multiply
+from bodysense.body.rotation import euler_to_quaternion
 from bodysense.observation import FARTHEST, Observation, usual_accuracy
-from bodysense.serve.driver_axes import ABOUT_Y
+from bodysense.serve.driver_axes import turned_about
 from bodysense.serve.messages import Calibrate, Recentre
 from bodysense.serve.osc import Message, read_packet
 from bodysense.serve.osc_commands import commands_of
@@ -112,7 +112,7 @@ def _pose(message: Message, now: float) -> _Seen | str:
         return f"{message.address} is not finite, or farther than {FARTHEST:g} m away"
     turn = None
     if _POSES[message.address] == "headset":
-        turn = quaternion_multiply(_from_unity_euler(values[3:]), ABOUT_Y)  # a headset's −Z is forward
+        turn = turned_about(_from_unity_euler(values[3:]))  # a headset's −Z is forward
     return _Seen(unity_position(values[:3]), turn, now)
 
 
