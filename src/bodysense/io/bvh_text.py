@@ -15,6 +15,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.rigs.figure import Figure, placed
 
 _BLOCK = 256  # frames that are converted at once
+LARGEST = 1e9  # of an angle in degrees or a place in any unit: what is larger is damage
 MOST_NODES = 20_000  # joints and end sites; no body has a tenth of them
 
 _TOKEN = re.compile(
@@ -201,8 +202,8 @@ def _three_numbers(text: str, broken: Callable[[str], BodysenseError]) -> tuple[
     except ValueError:
         said = "has commas for decimal points; put points" if "," in text else "is not three numbers"
         raise broken(f"OFFSET {' '.join(text.split())!r} {said}") from None
-    if not np.isfinite(numbers).all():
-        raise broken(f"OFFSET {' '.join(text.split())!r} is not finite")
+    if not sound(np.array(numbers)).all():
+        raise broken(f"OFFSET {' '.join(text.split())!r} is not finite, or beyond {LARGEST:g}")
     return numbers
 
 
@@ -240,13 +241,20 @@ def _parse_motion(path: Path, data: bytes, start: int, channels: int) -> tuple[n
             f"{rows} whole frames{f' and {rest} values' if rest else ''}; correct that number, or export the file again"
         )
     values = values.reshape(frames, channels)
-    if not np.isfinite(values).all():
+    if not (good := sound(values)).all():
+        row, column = (int(k) for k in np.argwhere(~good)[0])
+        beyond = f" ({values[row, column]:g}, beyond {LARGEST:g})" if np.isfinite(values[row, column]) else ""
         raise BodysenseError(
-            f"{path}: frame {int(np.argwhere(~np.isfinite(values))[0][0])} is not finite; cut or mend it, or fill it: "
+            f"{path}: frame {row} is not finite{beyond}; cut or mend it, or fill it: "
             f"bodysense track {path.name} -o filled.bvh"
         )
     rate = 1 / frame_time
     return values, float(round(rate)) if abs(rate - round(rate)) < 1e-4 * rate else rate
+
+
+def sound(values: np.ndarray) -> np.ndarray:
+    """Which numbers are any: finite, and not so large that no place and no angle is."""
+    return np.abs(values) <= LARGEST
 
 
 def with_plain_nan(block: bytes) -> bytes:

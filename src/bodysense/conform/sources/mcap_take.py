@@ -83,6 +83,7 @@ def _tracks(path: Path) -> dict[str, _Track]:
     """The topics of a file: 'body', 'left', 'right'."""
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
+    from zstandard import ZstdError
 
     found: dict[str, list[Any]] = {}
     try:
@@ -93,7 +94,7 @@ def _tracks(path: Path) -> dict[str, _Track]:
                     found.setdefault(kind, []).append(message)
     except OSError as error:
         raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
-    except (McapError, ValueError, struct.error, EOFError, RuntimeError) as error:
+    except (McapError, ZstdError, ValueError, struct.error, EOFError, RuntimeError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise BodysenseError(f"{path}: not a whole MCAP file ({reason[:80]}); export it again") from None
     return {kind: _track(kind, messages) for kind, messages in found.items()}
