@@ -14,11 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
+from bodysense.arrays import sound
 from bodysense.body.gaps import runs
 from bodysense.body.rotation import euler_to_quaternion, quaternion_canonical, quaternion_to_euler, swing_twist
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
-from bodysense.io.bvh_text import parse_bvh, sound, with_plain_nan
+from bodysense.io.bvh_text import parse_bvh, with_plain_nan
 
 _TURN = 2 * np.pi
 

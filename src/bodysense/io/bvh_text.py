@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
+from bodysense.arrays import HUGE, sound
 from bodysense.body.rotation import euler_to_quaternion, quaternion_canonical
 from bodysense.errors import BodysenseError
 from bodysense.io.rigs.figure import Figure, placed
 
 _BLOCK = 256  # frames that are converted at once
-LARGEST = 1e9  # of an angle in degrees or a place in any unit: what is larger is damage
 MOST_NODES = 20_000  # joints and end sites; no body has a tenth of them
 
 _TOKEN = re.compile(
@@ -203,7 +203,7 @@ def _three_numbers(text: str, broken: Callable[[str], BodysenseError]) -> tuple[
         said = "has commas for decimal points; put points" if "," in text else "is not three numbers"
         raise broken(f"OFFSET {' '.join(text.split())!r} {said}") from None
     if not sound(np.array(numbers)).all():
-        raise broken(f"OFFSET {' '.join(text.split())!r} is not finite, or beyond {LARGEST:g}")
+        raise broken(f"OFFSET {' '.join(text.split())!r} is not finite, or beyond {HUGE:g}")
     return numbers
 
 
@@ -243,18 +243,13 @@ def _parse_motion(path: Path, data: bytes, start: int, channels: int) -> tuple[n
     values = values.reshape(frames, channels)
     if not (good := sound(values)).all():
         row, column = (int(k) for k in np.argwhere(~good)[0])
-        beyond = f" ({values[row, column]:g}, beyond {LARGEST:g})" if np.isfinite(values[row, column]) else ""
+        beyond = f" ({values[row, column]:g}, beyond {HUGE:g})" if np.isfinite(values[row, column]) else ""
         raise BodysenseError(
             f"{path}: frame {row} is not finite{beyond}; cut or mend it, or fill it: "
             f"bodysense track {path.name} -o filled.bvh"
         )
     rate = 1 / frame_time
     return values, float(round(rate)) if abs(rate - round(rate)) < 1e-4 * rate else rate
-
-
-def sound(values: np.ndarray) -> np.ndarray:
-    """Which numbers are any: finite, and not so large that no place and no angle is."""
-    return np.abs(values) <= LARGEST
 
 
 def with_plain_nan(block: bytes) -> bytes:

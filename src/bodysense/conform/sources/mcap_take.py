@@ -26,6 +26,8 @@ from bodysense.io.mcap_take import (
 )
 
 _SIDES = ("left", "right")
+# What reading a damaged file raises beside its format's own errors.
+_BROKEN = (ValueError, ArithmeticError, LookupError, struct.error, EOFError, RuntimeError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +96,7 @@ def _tracks(path: Path) -> dict[str, _Track]:
                     found.setdefault(kind, []).append(message)
     except OSError as error:
         raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
-    except (McapError, ZstdError, ValueError, struct.error, EOFError, RuntimeError) as error:
+    except (McapError, ZstdError, *_BROKEN) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise BodysenseError(f"{path}: not a whole MCAP file ({reason[:80]}); export it again") from None
     return {kind: _track(kind, messages) for kind, messages in found.items()}
@@ -176,7 +178,8 @@ def _part(kind: str, track: _Track, time: np.ndarray) -> _Part:
 
 
 def _numbers(joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return joints["position"].astype(float), joints["rotation"].astype(float)
+    with np.errstate(invalid="ignore"):  # of damaged numbers, which are NaN
+        return joints["position"].astype(float), joints["rotation"].astype(float)
 
 
 def _nearest(sampled: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
