@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from bodysense.io.mcap_take import (
 
 _SIDES = ("left", "right")
 # What reading a damaged file raises beside its format's own errors.
-_BROKEN = (ValueError, ArithmeticError, LookupError, struct.error, EOFError, RuntimeError)
+_BROKEN = (ValueError, MemoryError, ArithmeticError, LookupError, struct.error, EOFError, RuntimeError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +90,11 @@ def _tracks(path: Path) -> dict[str, _Track]:
 
     found: dict[str, list[Any]] = {}
     try:
-        with path.open("rb") as file:
-            for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
-                kind = _kind(channel.topic, "" if schema is None else schema.name)
-                if kind is not None:
-                    found.setdefault(kind, []).append(message)
+        stream = BytesIO(path.read_bytes())  # of which no more can be read than there is, whatever a length says
+        for schema, channel, message in make_reader(stream).iter_messages(log_time_order=False):
+            kind = _kind(channel.topic, "" if schema is None else schema.name)
+            if kind is not None:
+                found.setdefault(kind, []).append(message)
     except OSError as error:
         raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
     except (McapError, ZstdError, *_BROKEN) as error:
