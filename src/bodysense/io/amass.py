@@ -143,8 +143,9 @@ def _array(path: Path, arrays: Mapping[str, np.ndarray], key: str, shape: tuple[
         raise BodysenseError(
             f"{path}: {key!r} has shape {array.shape} of {array.dtype}; it must be numbers {_shape_text(shape)}"
         )
+    is_whole = array.dtype.kind != "f"  # a table of joints, in which a number may stand for none
     array = array.astype(np.float64)
-    if not sound(array).all():
+    if not (is_whole or sound(array).all()):
         row = int(np.argwhere(~sound(array))[0][0])
         raise BodysenseError(f"{path}: {key!r} is not finite in row {row}; cut or mend that frame")
     return array
