@@ -7,6 +7,8 @@ axis found there is the twist that the rest pose leaves open.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
@@ -23,7 +25,7 @@ _HINGES = [
 
 
 def twisted_by_hinges(
-    align: dict[str, np.ndarray], pose: Pose, standing: Pose, match: dict[str, int]
+    align: dict[str, np.ndarray], pose: Pose, standing: Pose, match: Mapping[str, int]
 ) -> dict[str, np.ndarray]:
     """Alignments (4,) with upper arms and thighs, forearms and shins twisted so that they bend as ours do."""
     position, rotation = forward_kinematics(pose)

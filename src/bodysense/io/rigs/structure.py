@@ -60,7 +60,10 @@ def find_body(tree: Tree) -> Structure:
 def _half(tree: Tree, legs: list[Limb], arms: list[Limb]) -> Structure:
     """The upper or the lower half of a body, which its names tell. Raises BodysenseError where they tell none."""
     names = tree.figure.points
-    named = {kind: [one for one in limbs if _says(tree, one, kind)] for kind, limbs in (("leg", legs), ("arm", arms))}
+    named: dict[Kind, list[Limb]] = {
+        "leg": [one for one in legs if _says(tree, one, "leg")],
+        "arm": [one for one in arms if _says(tree, one, "arm")],
+    }
     kind: Kind = "arm" if named["arm"] else "leg"
     other: Kind = "leg" if kind == "arm" else "arm"
     if not named[kind] or all(any(role in words.parts(name) for name in names) for role in ROLES[other]):
