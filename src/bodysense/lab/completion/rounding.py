@@ -1,0 +1,74 @@
+"""Weights rounded to bytes so that products stay what they are, for what the network really reads.
+
+Rounding each weight to the nearest byte moves a product by what all its errors add up to. Here columns are rounded one
+after the other, and what one misses is made up for by those that are still to come (Frantar et al. 2023, GPTQ).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bodysense.lab.completion.graph import CompletionStep
+from bodysense.lab.completion.network import CompletionNetwork
+from bodysense.lab.completion.rewriting import row_step
+from bodysense.lab.completion.state import Inputs, State
+
+_DAMPING = 0.01  # of the mean square of what is read: what was never read must not be made up for
+_MOST = 127
+
+
+def moments_of(step: CompletionStep, inputs: Inputs, state: State) -> dict[str, np.ndarray]:
+    """Second moments (K, K) of what each of the body's large products reads, by parameter, over B frames."""
+    network, read = step.body, dict[str, Tensor]()
+    hidden, layers = network.config.hidden, network.config.layers
+    hooks = [
+        network.reader.register_forward_hook(lambda _, __, features: read.update(features=features)),
+        network.turn_branch.register_forward_pre_hook(lambda _, given: read.update(both=given[0])),
+    ]
+    try:
+        with torch.no_grad():
+            _, after = step(inputs, state)
+    finally:
+        for hook in hooks:
+            hook.remove()
+    size = 2 * layers * hidden
+    before, now = (each.memory[:, :size].reshape(-1, layers, hidden) for each in (state, after))
+    rows = {"recurrent.weight_ih_l0": read["features"].reshape(-1, network.features)}
+    for layer in range(layers):
+        rows[f"recurrent.weight_hh_l{layer}"] = before[:, layer]
+        if layer:
+            rows[f"recurrent.weight_ih_l{layer}"] = now[:, layer - 1]
+    rows["turn_branch.0.weight"] = read["both"]
+    return {name: (each.mT @ each / len(each)).double().numpy() for name, each in rows.items()}
+
+
+def round_weights(network: CompletionNetwork, moments: Mapping[str, np.ndarray]) -> None:
+    """Round the weights, in place, that have moments."""
+    parameters = dict(network.named_parameters())
+    with torch.no_grad():
+        for name, moment in moments.items():
+            values = rounded(parameters[name].numpy(), moment)
+            parameters[name].copy_(torch.from_numpy(values))
+
+
+def rounded(values: np.ndarray, moment: np.ndarray) -> np.ndarray:
+    """Weights (N, K) as multiples of `row_step`, which they keep, for inputs of a second moment (K, K)."""
+    step = row_step(values)[:, 0].astype(np.float64)
+    left, counts = values.astype(np.float64).copy(), np.empty(values.shape)
+    widest = np.abs(values).argmax(axis=1)
+    damped = moment + _DAMPING * np.trace(moment) / len(moment) * np.eye(len(moment))
+    order = np.argsort(-np.diag(moment))  # what is read most is rounded first
+    inverse = np.linalg.cholesky(np.linalg.inv(damped[np.ix_(order, order)])).T
+    for place, column in enumerate(order):
+        count = np.clip(np.round(left[:, column] / step), -_MOST, _MOST)
+        # The widest stays so: by it the step is found again.
+        count = np.where(widest == column, np.round(values[:, column] / step), count)
+        missed = (left[:, column] - count * step) / inverse[place, place]
+        later = order[place + 1 :]
+        left[:, later] -= missed[:, None] * inverse[place, place + 1 :]
+        counts[:, column] = count
+    return (counts * step[:, None]).astype(np.float32)
