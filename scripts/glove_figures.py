@@ -1,4 +1,4 @@
-"""Write the tables of docs/gloves.md, and the one of gloves in README.md, from the numbers that the commands wrote.
+"""Write the tables of docs/gloves.md from the numbers that the commands wrote.
 
     bodysense evaluate gloves-table3 --data DIR --json FIGURES/gloves-table3.json
     bodysense evaluate gloves-table4 --data DIR --json FIGURES/gloves-table4.json
@@ -27,7 +27,7 @@ from bodysense.lab.two_hands.limits_report import LINES
 from bodysense.lab.two_hands.tables import PUBLISHED_MARKERS, PUBLISHED_POINTS, PUBLISHED_STILL
 from bodysense.lab.two_hands.trials import DURATIONS, HIDDEN
 
-PAGE, README = Path(__file__).parents[1] / "docs" / "gloves.md", Path(__file__).parents[1] / "README.md"
+PAGE = Path(__file__).parents[1] / "docs" / "gloves.md"
 METHODS = {"lk": "last known", "ls": "last shape of the hand", "ma": "moving average", "ac": "affine", "nn": "network"}
 PLACES = {"": "recorded", "_synthesised": "synthesised"}
 Numbers = dict[str, float]
@@ -47,10 +47,9 @@ def main(folder: Path) -> None:
     for name, table in tables.items():
         if name in read:
             text = put(text, name, table(read[name]))
-    PAGE.write_text(text, encoding="utf-8")
     if {"gloves-table3", "gloves-table4", "gloves-speed"} <= set(read):
-        text = put(README.read_text(encoding="utf-8"), "gloves", summary(read))
-        README.write_text(text, encoding="utf-8")
+        text = put(text, "gloves", summary(read))
+    PAGE.write_text(text, encoding="utf-8")
 
 
 def summary(read: dict[str, Numbers]) -> str:

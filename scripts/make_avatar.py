@@ -23,6 +23,7 @@ from bodysense.lab.rendering.figure import Character, load_figure
 
 OUTPUT = Path(__file__).parents[1] / "web" / "public" / "avatar.vrm.gz"
 SKIN, SHIRT, TROUSERS, SHOES, HAIR = range(5)
+SMILE = 0.007  # m by which the corners of the mouth go up
 THICKNESS = {SHIRT: 0.013, TROUSERS: 0.010}  # m
 
 
@@ -201,7 +202,7 @@ def boundary(triangles: np.ndarray) -> np.ndarray:
 
 
 def skin(mesh: Mesh, figure: Character, covered: list[np.ndarray]) -> None:
-    """What clothes leave bare, and a little of what they cover; with lips, brows and a blush."""
+    """What clothes leave bare, and a little of what they cover; with lips that smile, brows and a blush."""
     bare = 0.02 - np.maximum.reduce(covered)  # 2 cm go on under the cloth
     bare[figure.part == 1] = -1.0
     ankle = figure.rest[figure.skeleton.index("left_ankle")][1]
@@ -219,7 +220,15 @@ def skin(mesh: Mesh, figure: Character, covered: list[np.ndarray]) -> None:
     thick = 0.0036 * (1.15 - 0.7 * np.clip(along, 0, 1))
     brow = np.exp(-(((x[:, 1] - arch) / thick) ** 4)) * ((along > 0) & (along < 1)) * face
     colour += brow[:, None] * (BROWS - colour)
-    mesh.add(x, colour, source, part.triangles)
+    mesh.add(x + smile(x, figure.part[source] == 2, face), colour, source, part.triangles)
+
+
+def smile(x: np.ndarray, lips: np.ndarray, face: np.ndarray) -> np.ndarray:
+    """How far each vertex of the skin moves (N, 3), m, when the corners of the mouth go up and apart."""
+    wide, corner = np.abs(x[:, 0]), np.abs(x[lips, 0]).max()
+    height = x[lips, 1][np.abs(x[lips, 0]) > 0.8 * corner].mean()
+    near = np.exp(-(((wide - corner) / 0.016) ** 2) - ((x[:, 1] - height) / 0.016) ** 2) * face
+    return np.stack([0.0015 * np.sign(x[:, 0]) * near, SMILE * near, -0.001 * near], axis=1)
 
 
 def grid(rows: int, columns: int) -> np.ndarray:

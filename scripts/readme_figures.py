@@ -63,10 +63,10 @@ def main(folder: Path) -> None:
         COMPLETION.write_text(whole, encoding="utf-8")
         card = CARD.read_text(encoding="utf-8")
         CARD.write_text(put(card, "completion", completion(read["completion"])), encoding="utf-8")
-    if {"step", "ik", "occlusion", "bvh", "import"} <= set(read):
-        text = put(text, "speed", speed(read))
     README.write_text(text, encoding="utf-8")
     tables = EVALUATION.read_text(encoding="utf-8")
+    if {"step", "ik", "occlusion", "bvh", "import"} <= set(read):
+        tables = put(tables, "speed", speed(read))
     if "headset" in read:
         tables = put(tables, "headset", headset(read["headset"]))
     if "unoc-table2" in read:

@@ -1,4 +1,4 @@
-"""Write the tables of docs/arms.md and docs/rendered.md, and the one of video in README.md, from what commands wrote.
+"""Write the tables of docs/arms.md and docs/rendered.md from what commands wrote.
 
     bodysense data render DIR -o RENDERED --videos 24 --seconds 6
     bodysense evaluate video-rendered RENDERED --json FIGURES/video-rendered.json
@@ -55,8 +55,7 @@ def main(folder: Path) -> None:
     """Replace the text between every pair of markers whose figures are in `folder`."""
     read = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")}
     if "video-rendered" in read:
-        for page in ("README.md", "docs/rendered.md"):
-            _write(page, "video", rendered(read["video-rendered"]))
+        _write("docs/rendered.md", "video", rendered(read["video-rendered"]))
     if "gestures" in read:
         _write("docs/rendered.md", "gestures", gestures(read["gestures"]))
     if "pahmt-table1" in read:

@@ -144,6 +144,15 @@ def heavy(module: str, seen: set[str]) -> set[str]:
     return outside.union(*(heavy(other, seen) for other in (ours(names) | packages) & set(MODULES)))
 
 
+def test_no_two_classes_share_a_name() -> None:
+    found: dict[str, list[str]] = {}
+    for module in MODULES:
+        for node in ast.walk(parsed(module)):
+            if isinstance(node, ast.ClassDef):
+                found.setdefault(node.name, []).append(module)
+    assert not {name: modules for name, modules in found.items() if len(modules) > 1}
+
+
 def test_the_run_time_is_light() -> None:
     heavier = {name: heavy(name, set()) - LIGHT for name in MODULES if room(name) not in LAB}
     assert not {name: packages for name, packages in heavier.items() if packages}

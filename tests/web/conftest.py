@@ -36,7 +36,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     Its models are scripts/build_landmarkers.py's, its WebAssembly is npm's.
     """
-    from bodysense.capture.landmarker_files import landmarker_folder
+    from bodysense.devices.video.landmarker_files import landmarker_folder
     from bodysense.serve.page_files import WEBCAM, write_page
 
     if not (PAGE / "index.html").is_file():

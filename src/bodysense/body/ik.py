@@ -67,25 +67,15 @@ class IkState:
         return self.body.position
 
 
-def solve_sequence(
-    ik: InverseKinematics,
-    target: np.ndarray,
-    weight: np.ndarray | None = None,
-    rotation_target: np.ndarray | None = None,
-    rotation_weight: np.ndarray | None = None,
-) -> Pose:
-    """Solve T frames, each from the one before: targets (T, P, 3), weights (T, P), and rotations likewise → Pose (T,).
+def solve_sequence(ik: InverseKinematics, target: np.ndarray, weight: np.ndarray | None = None) -> Pose:
+    """Solve T frames, each from the one before: targets (T, P, 3), weights (T, P) → Pose (T,).
 
     Shapes, units and errors of a frame are those of `InverseKinematics.solve`.
     """
-
-    def frame(values: np.ndarray | None, t: int) -> np.ndarray | None:
-        return None if values is None else values[t]
-
     state = None
     bodies: list[PosedBody] = []
     for t in range(len(target)):
-        _, state = ik.solve(target[t], frame(weight, t), frame(rotation_target, t), frame(rotation_weight, t), state)
+        _, state = ik.solve(target[t], None if weight is None else weight[t], state=state)
         bodies.append(state.body)
     joints = len(ik.skeleton.joints)
     root = np.array([body.root_position for body in bodies]).reshape(-1, 3)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bodysense.arrays import read_arrays
+from bodysense.arrays import read_arrays, sound
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
@@ -143,9 +143,10 @@ def _array(path: Path, arrays: Mapping[str, np.ndarray], key: str, shape: tuple[
         raise BodysenseError(
             f"{path}: {key!r} has shape {array.shape} of {array.dtype}; it must be numbers {_shape_text(shape)}"
         )
+    is_whole = array.dtype.kind != "f"  # a table of joints, in which a number may stand for none
     array = array.astype(np.float64)
-    if not np.isfinite(array).all():
-        row = int(np.argwhere(~np.isfinite(array))[0][0])
+    if not (is_whole or sound(array).all()):
+        row = int(np.argwhere(~sound(array))[0][0])
         raise BodysenseError(f"{path}: {key!r} is not finite in row {row}; cut or mend that frame")
     return array
 

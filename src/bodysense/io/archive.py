@@ -24,7 +24,7 @@ _BROKEN = (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotI
 class MotionFile:
     """A motion file on disk, or a member of the zip file at `path`.
 
-    A zip file without a member is one that no motion can be read from; reading it says why.
+    Of a zip file without a member the only motion is read; where it has none or several, that is said.
     """
 
     path: Path
@@ -66,12 +66,12 @@ class MotionFile:
 
     @contextmanager
     def _opened(self) -> Iterator[IO[bytes]]:
-        if self.path.suffix.lower() == ZIP and not self.member:
-            raise BodysenseError(_why_not(self.path))
+        is_whole_zip = self.path.suffix.lower() == ZIP and not self.member
+        member = _only_member(self.path) if is_whole_zip else self.member
         try:
-            if self.member:
-                with zipfile.ZipFile(self.path) as archive, archive.open(self.member) as stream:
-                    check_member(self.place, archive.getinfo(self.member))
+            if member:
+                with zipfile.ZipFile(self.path) as archive, archive.open(member) as stream:
+                    check_member(self.place, archive.getinfo(member))
                     yield stream
             else:
                 with self.path.open("rb") as stream:
@@ -79,7 +79,7 @@ class MotionFile:
         except KeyError:
             raise BodysenseError(f"{self.place}: the zip file has no such member; was it replaced?") from None
         except _BROKEN as error:
-            if self.member:
+            if member:
                 raise BodysenseError(f"{self.place}: {_damaged(error)}") from None
             raise BodysenseError(f"{self.path}: cannot be read ({getattr(error, 'strerror', error)})") from None
 
@@ -121,17 +121,23 @@ def _is_unpacked(path: Path, member: str) -> bool:
     return (path.parent / member).is_file() or (path.with_suffix("") / member).is_file()
 
 
-def _why_not(path: Path) -> str:
-    """Why no motion can be read from a zip file."""
+def _only_member(path: Path) -> str:
+    """The one motion in a zip file. Raises BodysenseError where there is none, or several."""
     try:
         with zipfile.ZipFile(path) as archive:
             count = len(archive.infolist())
-        motions = len(_members(path))
+        members = _members(path)
     except _BROKEN as error:
-        return f"{path}: {_damaged(error)}"
-    if motions:
-        return f"{path}: a zip file of {motions} motions, not one; give the folder it lies in, or unpack it"
-    return f"{path}: no .bvh file among the {count} in this zip file; take it out of the folder or download it again"
+        raise BodysenseError(f"{path}: {_damaged(error)}") from None
+    if len(members) > 1:
+        raise BodysenseError(
+            f"{path}: a zip file of {len(members)} motions, not one; give the folder it lies in, or unpack it"
+        )
+    if not members:
+        raise BodysenseError(
+            f"{path}: no .bvh file among the {count} in this zip file; take it out of the folder or download it again"
+        )
+    return members[0]
 
 
 def _damaged(error: Exception) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bodysense.arrays import sound
 from bodysense.body.gaps import runs
 from bodysense.body.rotation import euler_to_quaternion, quaternion_canonical, quaternion_to_euler, swing_twist
 from bodysense.errors import BodysenseError
@@ -183,11 +184,11 @@ def open_bvh(path: str | Path) -> BvhLines:
     if numbers is None:
         parse_bvh(data, path)  # says what is wrong
         raise BodysenseError(f"{path}: its motion cannot be read line by line; export it again")
-    values = np.where(np.isfinite(numbers), numbers, np.nan).reshape(frames, -1)
+    values = np.where(sound(numbers), numbers, np.nan).reshape(frames, -1)
     lines = _lines(body, words, *values.shape)
     # What the hierarchy says is read beside numbers that are all there.
-    sound = b"\n".join(b" ".join(b"%.9g" % value for value in row) for row in _bridged(values, 0.0)[:1])
-    file = parse_bvh(_TIMING.sub(b"Frames: 1 Frame Time: \\2 ", data[:begin]) + sound, path)
+    plain = b"\n".join(b" ".join(b"%.9g" % value for value in row) for row in _bridged(values, 0.0)[:1])
+    file = parse_bvh(_TIMING.sub(b"Frames: 1 Frame Time: \\2 ", data[:begin]) + plain, path)
     joints = [k for k, node in enumerate(file.nodes) if not node.is_site]
     place = {k: joint for joint, k in enumerate(joints)}
     return BvhLines(

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bodysense.arrays import HUGE, sound
 from bodysense.body.rotation import euler_to_quaternion, quaternion_canonical
 from bodysense.errors import BodysenseError
 from bodysense.io.rigs.figure import Figure, placed
@@ -201,8 +202,8 @@ def _three_numbers(text: str, broken: Callable[[str], BodysenseError]) -> tuple[
     except ValueError:
         said = "has commas for decimal points; put points" if "," in text else "is not three numbers"
         raise broken(f"OFFSET {' '.join(text.split())!r} {said}") from None
-    if not np.isfinite(numbers).all():
-        raise broken(f"OFFSET {' '.join(text.split())!r} is not finite")
+    if not sound(np.array(numbers)).all():
+        raise broken(f"OFFSET {' '.join(text.split())!r} is not finite, or beyond {HUGE:g}")
     return numbers
 
 
@@ -240,9 +241,11 @@ def _parse_motion(path: Path, data: bytes, start: int, channels: int) -> tuple[n
             f"{rows} whole frames{f' and {rest} values' if rest else ''}; correct that number, or export the file again"
         )
     values = values.reshape(frames, channels)
-    if not np.isfinite(values).all():
+    if not (good := sound(values)).all():
+        row, column = (int(k) for k in np.argwhere(~good)[0])
+        beyond = f" ({values[row, column]:g}, beyond {HUGE:g})" if np.isfinite(values[row, column]) else ""
         raise BodysenseError(
-            f"{path}: frame {int(np.argwhere(~np.isfinite(values))[0][0])} is not finite; cut or mend it, or fill it: "
+            f"{path}: frame {row} is not finite{beyond}; cut or mend it, or fill it: "
             f"bodysense track {path.name} -o filled.bvh"
         )
     rate = 1 / frame_time

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.arrays import array_shapes, read_array, read_arrays
+from bodysense.arrays import array_shapes, read_array, read_arrays, sound
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import (
     matrix_to_quaternion,
@@ -164,8 +164,8 @@ def _numbers(path: Path, name: str, values: np.ndarray) -> np.ndarray:
     if values.dtype.kind not in "fiu" or not values.size:
         raise BodysenseError(f"{path}: {name!r} is {values.shape} of {values.dtype}; it must be numbers, a row a frame")
     values = values.astype(np.float64)
-    if not np.isfinite(values).all():
-        row = int(np.argwhere(~np.isfinite(values))[0][0]) if values.ndim else 0
+    if not sound(values).all():
+        row = int(np.argwhere(~sound(values))[0][0]) if values.ndim else 0
         raise BodysenseError(f"{path}: {name!r} is not finite in frame {row}; cut or mend that frame")
     return values
 

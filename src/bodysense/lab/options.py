@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -71,11 +71,23 @@ class MotionRun(Run):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Training(MotionRun, Card):
-    """A run whose seed is asked here, and not by its schedule."""
+class Paced:
+    """What a run asks whose schedule is the method's own."""
 
     seed: int = 1
     """random seed"""
+    check_every: int | None = None
+    """steps between checkpoints; the method's own if omitted"""
+
+    def paced(self, schedule: T) -> T:
+        """The method's schedule, with what the run changes of it."""
+        changed: Any = {"seed": self.seed} | ({} if self.check_every is None else {"check_every": self.check_every})
+        return replace(schedule, **changed)  # type: ignore[type-var]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Training(MotionRun, Card, Paced):
+    """A run that learns from motion, whose schedule is the method's own."""
 
 
 @dataclass(frozen=True, kw_only=True)

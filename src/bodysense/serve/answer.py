@@ -16,7 +16,7 @@ from bodysense.serve.webxr import Placement
 
 
 @dataclass(frozen=True, eq=False)
-class Job:
+class CompletionJob:
     """What is to be completed."""
 
     pipeline: Pipeline

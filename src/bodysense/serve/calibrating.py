@@ -21,8 +21,7 @@ STANDING = 1.0  # s
 class Calibrated:
     """What came of it."""
 
-    person: Person
-    measured: bool  # by a headset; else there were inertial sensors alone
+    person: Person | None  # None where no headset was there to measure
     worn: Mapping[str, str]  # undecided trackers → the joints that they are on
     inertial: Inertial
     said: tuple[str, ...]  # to the wearer
@@ -42,18 +41,17 @@ def calibration(
     """
     whole = joined(stood)
     inertial = stood_still(whole, person.skeleton, stance, inertial)
-    person = person.wearing(inertial.mounts)
     sensors = (f"{len(inertial.worn)} inertial sensors are worn as you stand",) if inertial.worn else ()
     head = whole.points.index("head") if "head" in whole.points else None
     if has_sensors(whole) and (head is None or not whole.has_position[:, head].any()):
-        return Calibrated(person, False, {}, inertial, sensors)
+        return Calibrated(None, {}, inertial, sensors)
     undecided = [name for name in whole.points if name in UNDECIDED]
     found = assigned(whole, undecided, person, stance) if undecided else {}
     renamed = replace(whole, points=tuple(found.get(name, name) for name in whole.points))
-    wearer = calibrated(renamed, person, stance, floor)
+    wearer = calibrated(renamed, person.wearing(inertial.mounts), stance, floor)
     height = f"you are {float(stature(wearer.skeleton.rest_offset)):.2f} m tall"
     where = ("worn: " + ", ".join(f"{name} on {joint}" for name, joint in found.items()),) if found else ()
-    return Calibrated(wearer, True, found, inertial, (*where, *sensors, height))
+    return Calibrated(wearer, found, inertial, (*where, *sensors, height))
 
 
 def joined(frames: Sequence[Observation]) -> Observation:

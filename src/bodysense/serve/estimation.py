@@ -17,7 +17,7 @@ from bodysense.observation import Estimate, Observation, without_gloves
 from bodysense.tracker import Tracker, TrackerSettings, TrackerState, step_together
 
 
-class Device(Protocol):
+class PointSolver(Protocol):
     """Turns what a sensor measures into points of a skeleton, as a glove's solver does with markers."""
 
     def start(self) -> Any:
@@ -42,7 +42,7 @@ class Pipeline:
     """From one person's signal to their body. Immutable; state is an argument."""
 
     tracker: Tracker
-    device: Device | None = None  # None: the points of the signal are a tracker's already
+    device: PointSolver | None = None  # None: the points of the signal are a tracker's already
 
     def start(self) -> PipelineState:
         """The state before the first frame."""
@@ -83,7 +83,7 @@ class WithoutMarkers:
         return without_gloves(observation), state
 
 
-def device_of(points: Sequence[str], skeleton: Skeleton, calibrated: Mapping[str, GlovedHand]) -> Device | None:
+def device_of(points: Sequence[str], skeleton: Skeleton, calibrated: Mapping[str, GlovedHand]) -> PointSolver | None:
     """What a signal of these points needs before a tracker takes it; None where nothing."""
     hands = glove_hands(points)
     if not hands:

@@ -37,7 +37,7 @@ FACING = {
 
 
 @dataclass(frozen=True, eq=False)
-class Worn:
+class WornSensor:
     """A sensor whose mount is known: joint = heading · sensor · mount, of rotations in the world."""
 
     heading: np.ndarray | None  # (4,) wxyz, about +Y; None until it first comes
@@ -48,13 +48,13 @@ class Worn:
 class Inertial:
     """The sensors of a wearer, by name."""
 
-    worn: Mapping[str, Worn] = field(default_factory=dict)
+    worn: Mapping[str, WornSensor] = field(default_factory=dict)
 
     @classmethod
     def of(cls, person: Person) -> Inertial:
         """The sensors that a person wears."""
         mounts = {name: mount for name, mount in person.mounts.items() if name in IMUS}
-        return cls({name: Worn(None, _back(mount.rotation)) for name, mount in mounts.items()})
+        return cls({name: WornSensor(None, _back(mount.rotation)) for name, mount in mounts.items()})
 
     @property
     def mounts(self) -> dict[str, RigidTransform]:
@@ -129,7 +129,7 @@ def stood_still(observation: Observation, skeleton: Skeleton, stance: Stance, be
         ahead = quaternion_multiply(turned, _back(outward))
         turn = quaternion_multiply(face, _back(heading(ahead)))
         mount = quaternion_multiply(_back(quaternion_multiply(turn, turned)), stood[joint])
-        worn[name] = Worn(turn, mount)
+        worn[name] = WornSensor(turn, mount)
     return Inertial(worn)
 
 

@@ -25,7 +25,7 @@ _LONGEST_REQUEST = 8192  # bytes
 
 
 @dataclass(frozen=True)
-class Taken:
+class OscAddress:
     """An address that is taken: its OSC types and what it is."""
 
     types: str
@@ -39,7 +39,7 @@ class OscService:
     name: str
     host: str
     port: int  # UDP
-    taken: Mapping[str, Taken]
+    taken: Mapping[str, OscAddress]
 
     def host_info(self) -> dict[str, Any]:
         """HOST_INFO: where OSC is taken, and what of OSCQuery is known here."""

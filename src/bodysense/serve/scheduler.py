@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Generic, Protocol, TypeVar
 
 from bodysense.observation import Estimate
-from bodysense.serve.answer import Answer, Job
+from bodysense.serve.answer import Answer, CompletionJob
 from bodysense.serve.estimation import PipelineState, step_many
 from bodysense.serve.session import Session
 
@@ -52,7 +52,7 @@ class Scheduler(Generic[Who]):
         finally:
             self._thread.shutdown(wait=False, cancel_futures=True)
 
-    def _job(self, who: Who) -> Job | None:
+    def _job(self, who: Who) -> CompletionJob | None:
         """The job of one session; one that fails touches no other."""
         try:
             return who.session.job()
@@ -76,7 +76,7 @@ class Scheduler(Generic[Who]):
             self.ready(who)  # a newer frame may have come meanwhile
 
 
-def completed(jobs: Sequence[Job]) -> list[tuple[Estimate, PipelineState] | None]:
+def completed(jobs: Sequence[CompletionJob]) -> list[tuple[Estimate, PipelineState] | None]:
     """Estimate and state of every job; None for one that failed, which touches no other."""
     try:
         return list(step_many([(job.pipeline, job.observation, job.state) for job in jobs]))

@@ -18,7 +18,7 @@ from bodysense.body.shape import Measured, stature
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.observation import Estimate, Observation, chosen_points
-from bodysense.serve.answer import Answer, Job
+from bodysense.serve.answer import Answer, CompletionJob
 from bodysense.serve.calibrating import calibration, is_over
 from bodysense.serve.estimation import Pipeline, PipelineState, device_of, step_many
 from bodysense.serve.inertial import Inertial
@@ -147,7 +147,7 @@ class Session:
         self._waiting = (frame, moment, now)
         return "replaced" if replaced else None
 
-    def job(self) -> Job | None:
+    def job(self) -> CompletionJob | None:
         """The next job, if there is a frame and no other job is under way."""
         if self._waiting is None or self._busy:
             return None
@@ -161,7 +161,7 @@ class Session:
         if self._stood is not None:
             self._stood.append(observation)
         self._inertial = self._inertial.headed(observation, self.skeleton)
-        return Job(self._pipeline, self._as_worn(observation), self._state, frame, received, self._placement)
+        return CompletionJob(self._pipeline, self._as_worn(observation), self._state, frame, received, self._placement)
 
     def _as_worn(self, observation: Observation) -> Observation:
         """The same without the rotations of what nobody knows how it is strapped on."""
@@ -175,7 +175,7 @@ class Session:
         decided = [k for k, name in enumerate(observation.points) if name not in UNDECIDED]
         return self._inertial.joints(chosen_points(observation, decided))
 
-    def answer(self, job: Job, estimate: Estimate, state: PipelineState) -> Answer | None:
+    def answer(self, job: CompletionJob, estimate: Estimate, state: PipelineState) -> Answer | None:
         """The pose of a job; None where it is made of numbers that are none."""
         self._busy = False
         root, rotation = np.asarray(estimate.pose.root_position[0]), np.asarray(estimate.pose.rotation[0])
@@ -307,8 +307,9 @@ class Session:
         stance = "arms out" if self._arms_out else "standing"
         try:
             found = calibration(stood, self._told, stance, self.settings.floor, self._inertial)
-            if found.measured:
-                height = round(float(stature(found.person.skeleton.rest_offset)), 3)
+            wearer = found.person
+            if wearer is not None:
+                height = round(float(stature(wearer.skeleton.rest_offset)), 3)
                 self.settings = replace(self.settings, height=height)
         except BodysenseError as error:
             self._notes.append(Said(str(error)))
@@ -316,13 +317,13 @@ class Session:
         self._inertial = found.inertial
         self._showing.lead_over()
         self._notes += [Said(text) for text in found.said]
-        self._base = self.calibrated = found.person
-        if not found.measured:
+        self._base = self.calibrated = wearer or self._base.wearing(found.inertial.mounts)
+        if wearer is None:
             return
         if found.worn:
             self._worn |= found.worn
             self._door = door(self.points, self.skeleton, self._worn)
-        self._track(found.person)
+        self._track(wearer)
         self.revision += 1
 
 

@@ -57,7 +57,7 @@ class Sensor:
 
 
 @dataclass(frozen=True, eq=False)
-class Tracker:
+class SlimevrTracker:
     """A tracker with its sensors."""
 
     address: tuple[str, int]
@@ -70,7 +70,7 @@ class Tracker:
 class SlimevrState:
     """The trackers that came, by serial: the address of their hardware, as 'AA:BB:CC:DD:EE:FF'."""
 
-    trackers: Mapping[str, Tracker] = field(default_factory=dict)
+    trackers: Mapping[str, SlimevrTracker] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +128,7 @@ def _greeted(packet: bytes, address: tuple[str, int], state: SlimevrState, known
     before = state.trackers.get(serial)
     others = {name: one for name, one in state.trackers.items() if one.address != address}
     sensors = {} if before is None else before.sensors
-    return Taken(SlimevrState({**others, serial: Tracker(address, sensors=sensors)}), (_GREETING,))
+    return Taken(SlimevrState({**others, serial: SlimevrTracker(address, sensors=sensors)}), (_GREETING,))
 
 
 def _opened(kind: int, body: bytes) -> Iterator[tuple[int, bytes]]:
@@ -150,7 +150,7 @@ def _opened(kind: int, body: bytes) -> Iterator[tuple[int, bytes]]:
 class _Reading:
     """What the messages of one datagram change in a tracker."""
 
-    def __init__(self, tracker: Tracker) -> None:
+    def __init__(self, tracker: SlimevrTracker) -> None:
         self.tracker = tracker
         self.replies: list[bytes] = []
         self.asked: list[Calibrate | Recentre] = []

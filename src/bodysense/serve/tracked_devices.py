@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
+from bodysense.body.rotation import quaternion_conjugate, quaternion_rotate
 from bodysense.errors import BodysenseError
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, usual_accuracy
-from bodysense.serve.driver_axes import ABOUT_Y
+from bodysense.serve.driver_axes import turned_about
 from bodysense.serve.messages import Calibrate, Recentre
 from bodysense.serve.webxr import UNDECIDED
 
@@ -120,7 +120,7 @@ class TrackedDevices:
                 newest[place], position[place] = device.at, device.position
                 rotation[place] = np.nan if device.rotation is None else device.rotation
                 if place <= len(HANDS):
-                    rotation[place] = quaternion_multiply(rotation[place], ABOUT_Y)
+                    rotation[place] = turned_about(rotation[place])
         known = np.isfinite(newest)
         if not known.any():
             return None

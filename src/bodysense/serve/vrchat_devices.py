@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bodysense.body.rotation import euler_to_quaternion, quaternion_multiply
+from bodysense.body.rotation import euler_to_quaternion
 from bodysense.observation import FARTHEST, Observation, usual_accuracy
-from bodysense.serve.driver_axes import ABOUT_Y
+from bodysense.serve.driver_axes import turned_about
 from bodysense.serve.messages import Calibrate, Recentre
 from bodysense.serve.osc import Message, read_packet
 from bodysense.serve.osc_commands import commands_of
-from bodysense.serve.oscquery import Taken
+from bodysense.serve.oscquery import OscAddress
 from bodysense.serve.unity import unity_position
 
 VRCHAT_POINTS = ("headset", "left_wrist", "right_wrist")
@@ -25,15 +25,15 @@ _POSES = {
     f"/tracking/vrsystem/{part}/pose": point
     for part, point in zip(("head", "leftwrist", "rightwrist"), VRCHAT_POINTS, strict=True)
 }
-TAKEN = {address: Taken("ffffff", "place in m, Euler angles in degrees") for address in _POSES} | {
-    "/bodysense/calibrate": Taken("N", "stand upright and still for a second"),
-    "/bodysense/recentre": Taken("N", "where the wearer stands, and faces, becomes the middle"),
+TAKEN = {address: OscAddress("ffffff", "place in m, Euler angles in degrees") for address in _POSES} | {
+    "/bodysense/calibrate": OscAddress("N", "stand upright and still for a second"),
+    "/bodysense/recentre": OscAddress("N", "where the wearer stands, and faces, becomes the middle"),
 }
 _ACCURACY = usual_accuracy(VRCHAT_POINTS)[None]  # (1, P) m
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
+class _SeenDevice:
     position: np.ndarray  # (3,) m
     rotation: np.ndarray | None  # (4,) wxyz
     at: float  # s
@@ -43,7 +43,7 @@ class _Seen:
 class VrchatState:
     """What came in until now, by point."""
 
-    seen: Mapping[str, _Seen] = field(default_factory=dict)
+    seen: Mapping[str, _SeenDevice] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class VrchatReader:
         return commands_of(packet)
 
 
-def _pose(message: Message, now: float) -> _Seen | str:
+def _pose(message: Message, now: float) -> _SeenDevice | str:
     """Place and rotation of a message, or why it has none."""
     numbers = message.arguments
     if len(numbers) != 6 or not all(isinstance(x, float) for x in numbers):
@@ -112,8 +112,8 @@ def _pose(message: Message, now: float) -> _Seen | str:
         return f"{message.address} is not finite, or farther than {FARTHEST:g} m away"
     turn = None
     if _POSES[message.address] == "headset":
-        turn = quaternion_multiply(_from_unity_euler(values[3:]), ABOUT_Y)  # a headset's −Z is forward
-    return _Seen(unity_position(values[:3]), turn, now)
+        turn = turned_about(_from_unity_euler(values[3:]))  # a headset's −Z is forward
+    return _SeenDevice(unity_position(values[:3]), turn, now)
 
 
 def _from_unity_euler(angles: np.ndarray) -> np.ndarray:

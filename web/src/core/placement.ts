@@ -24,8 +24,3 @@ export function placed(points: readonly Point[], { turn, offset }: Placement): P
     rotation: point.rotation && multiply(turn, point.rotation),
   }));
 }
-
-/** The angle about +Y, rad. */
-export function angleOf({ turn: [w, , y] }: Placement): number {
-  return 2 * Math.atan2(y, w);
-}

@@ -23,7 +23,7 @@ export class LookPanel {
     this.colouring = settings.colouring;
     for (const radio of document.querySelectorAll<HTMLInputElement>("input[name=figure]")) {
       radio.checked = radio.value === settings.figure;
-      radio.onchange = () => this.pick(radio.value === "figure" ? "figure" : "avatar", events);
+      radio.onchange = () => events.changed({ figure: radio.value === "figure" ? "figure" : "avatar" });
     }
     const rows = COLOURINGS.map((name) => [name, NAMES[name]] as const);
     choices("colouring", rows, settings.colouring, (colouring) => {
@@ -49,9 +49,5 @@ export class LookPanel {
     element("legend-low").textContent = shown.low;
     element("legend-high").textContent = shown.high;
     element("legend-bar").style.background = shown.css;
-  }
-
-  private pick(figure: Settings["figure"], events: LookEvents): void {
-    events.changed({ figure });
   }
 }

@@ -30,7 +30,7 @@ async function picture(name, options, before = async () => undefined, after = as
       });
     await says("#rate", "completed here");
     await after(page, says);
-    await page.addStyleTag({ content: "#rate { visibility: hidden }" }); // where no graphics card draws it tells nothing
+    await page.addStyleTag({ content: "#rate { display: none }" }); // where no graphics card draws it tells nothing
     const then = await page.evaluate(() => window.pictureTime);
     await page.waitForFunction((until) => window.pictureTime > until, then + 1000 * SECONDS, { polling: 100 });
     await page.screenshot({ path: `${pictures}/${name}.png` });

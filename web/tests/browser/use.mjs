@@ -2,23 +2,10 @@
 
 import { createRequire } from "node:module";
 import { readFileSync } from "node:fs";
-import { vrmBytes } from "../vrm_file.mjs";
+import { gunzipSync } from "node:zlib";
 import { scenario, serveFolder } from "./page.mjs";
 
 const [folder, pictures, motion] = process.argv.slice(2);
-const HUMAN = { pelvis: "hips", spine1: "spine", neck: "neck", head: "head" };
-const LIMB = {
-  shoulder: "UpperArm",
-  elbow: "LowerArm",
-  wrist: "Hand",
-  hip: "UpperLeg",
-  knee: "LowerLeg",
-  ankle: "Foot",
-};
-const boneOf = (joint) => {
-  const [side, part] = joint.split("_");
-  return HUMAN[joint] ?? (part in LIMB ? side + LIMB[part] : null);
-};
 const AXE = createRequire(import.meta.url).resolve("axe-core/axe.min.js");
 const site = await serveFolder(folder);
 
@@ -120,7 +107,7 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
   facts.hound = await notice("hound.bvh");
   await drop("film.mp4", Buffer.alloc(100));
   facts.film = await notice("film.mp4");
-  await drop("boxes.vrm", vrmBytes(boneOf));
+  await drop("other.vrm", gunzipSync(readFileSync(`${folder}/avatar.vrm.gz`)));
   await page.waitForSelector("#own-avatar:not([hidden])");
   await page.dispatchEvent("#own-avatar", "click");
   await drop("walk.bvh", readFileSync(motion));

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,8 @@ from bodysense.io.mcap_take import (
 )
 
 _SIDES = ("left", "right")
+# What reading a damaged file raises beside its format's own errors.
+_BROKEN = (ValueError, MemoryError, ArithmeticError, LookupError, struct.error, EOFError, RuntimeError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,17 +86,18 @@ def _tracks(path: Path) -> dict[str, _Track]:
     """The topics of a file: 'body', 'left', 'right'."""
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
+    from zstandard import ZstdError
 
     found: dict[str, list[Any]] = {}
     try:
-        with path.open("rb") as file:
-            for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
-                kind = _kind(channel.topic, "" if schema is None else schema.name)
-                if kind is not None:
-                    found.setdefault(kind, []).append(message)
+        stream = BytesIO(path.read_bytes())  # of which no more can be read than there is, whatever a length says
+        for schema, channel, message in make_reader(stream).iter_messages(log_time_order=False):
+            kind = _kind(channel.topic, "" if schema is None else schema.name)
+            if kind is not None:
+                found.setdefault(kind, []).append(message)
     except OSError as error:
         raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
-    except (McapError, ValueError, struct.error, EOFError, RuntimeError) as error:
+    except (McapError, ZstdError, *_BROKEN) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise BodysenseError(f"{path}: not a whole MCAP file ({reason[:80]}); export it again") from None
     return {kind: _track(kind, messages) for kind, messages in found.items()}
@@ -175,7 +179,8 @@ def _part(kind: str, track: _Track, time: np.ndarray) -> _Part:
 
 
 def _numbers(joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return joints["position"].astype(float), joints["rotation"].astype(float)
+    with np.errstate(invalid="ignore"):  # of damaged numbers, which are NaN
+        return joints["position"].astype(float), joints["rotation"].astype(float)
 
 
 def _nearest(sampled: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

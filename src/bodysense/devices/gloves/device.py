@@ -1,6 +1,6 @@
 """Gloves as a device: the markers of hands in, their wrists, finger joints and fingertips out, as observed points.
 
-The solver (`estimators.gloves`) fills hidden markers, rejects wrong ones and keeps hands from jumping. What it gives is
+The solver (`hands.py`) fills hidden markers, rejects wrong ones and keeps hands from jumping. What it gives is
 observed like any other point, with the error that it expects: 1-2 mm where markers are seen, more the longer they are
 hidden. A hand whose markers have all been hidden for more than a moment, 0.1 s, is not observed, so that the tracker
 completes it. Where nothing but gloves is tracked a head is assumed (`standing_head`).

@@ -48,7 +48,8 @@ class GltfFile:
             raw = np.lib.stride_tricks.as_strided(
                 np.frombuffer(data, "u1", offset=start), (count, row), (step, 1), writeable=False
             )
-            values = np.ascontiguousarray(raw).view(kind).astype(np.float64)
+            with np.errstate(invalid="ignore"):  # of damaged numbers, which are NaN
+                values = np.ascontiguousarray(raw).view(kind).astype(np.float64)
         except (KeyError, IndexError, TypeError, ValueError) as error:
             raise BodysenseError(f"{self.path}: array {accessor} cannot be read ({error}); export it again") from None
         if about.get("normalized") and kind.kind != "f":

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bodysense.arrays import sound
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.io.markers.c3d_parameters import (
@@ -54,7 +55,7 @@ def read_c3d(path: Path) -> RawMarkers:
     written = parameters.text("POINT", "UNITS").lower()
     if written not in _UNITS:
         raise BodysenseError(f"{path}: its unit is {written!r}; m, cm and mm are read")
-    missing = (residual < 0) | ~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)
+    missing = (residual < 0) | ~sound(position).all(axis=-1) | ~position.any(axis=-1)
     position[missing] = np.nan
     outputs = {name for kind in _OUTPUTS for name in parameters.texts("POINT", kind)}
     kept = [k for k, name in enumerate(names) if name not in outputs]
@@ -118,10 +119,11 @@ def _points(path: Path, data: bytes, order: int, parameters: Parameters) -> tupl
         raise BodysenseError(f"{path}: {frames} frames are announced, but there are {there}; was the file cut short?")
     raw = np.frombuffer(data, dtype="u1", count=frames * row, offset=start).reshape(frames, row)
     raw = np.ascontiguousarray(raw[:, : 4 * count * width])
-    if width == 4:
-        values = from_dec(raw) if order == DEC else raw.view(f"{mark}f4").astype(np.float64)
-    else:
-        values = raw.view(f"{mark}i2").astype(np.float64)
+    with np.errstate(invalid="ignore"):  # of damaged numbers, which are NaN
+        if width == 4:
+            values = from_dec(raw) if order == DEC else raw.view(f"{mark}f4").astype(np.float64)
+        else:
+            values = raw.view(f"{mark}i2").astype(np.float64)
     values = values.reshape(frames, count, 4)
     return values[..., :3] * (1.0 if width == 4 else scale), np.nan_to_num(values[..., 3], nan=-1.0), rate
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from bodysense.body.rotation import matrix_to_quaternion, quaternion_exp, quaternion_to_matrix
-from bodysense.io.markers.marker_sets import Frame, Recipe
+from bodysense.io.markers.marker_sets import Recipe, SegmentFrame
 
 AXES = ("left", "up", "forward")  # of a body that faces +Z: X, Y, Z
 SHOULDER_DROP = 0.17  # of the distance between both acromia
@@ -21,7 +21,7 @@ Places = dict[str, np.ndarray]  # (T, 3) m of every marker and point, NaN where 
 Axes = Sequence[np.ndarray]  # (T, 3, 3) of the segments that a recipe names, columns left, up, forward
 
 
-def axes_of(frame: Frame, places: Mapping[str, np.ndarray], frames: Mapping[str, np.ndarray]) -> np.ndarray:
+def axes_of(frame: SegmentFrame, places: Mapping[str, np.ndarray], frames: Mapping[str, np.ndarray]) -> np.ndarray:
     """Axes (T, 3, 3), columns left, up, forward, of a segment as a standing body has them; NaN where hidden."""
     if not frame.standing:
         lift = -frame.lift if frame.name.startswith("right_") else frame.lift
@@ -35,7 +35,7 @@ def axes_of(frame: Frame, places: Mapping[str, np.ndarray], frames: Mapping[str,
     return _axes(frame, places) @ _axes(frame, usual).T
 
 
-def _axes(frame: Frame, places: Mapping[str, np.ndarray]) -> np.ndarray:
+def _axes(frame: SegmentFrame, places: Mapping[str, np.ndarray]) -> np.ndarray:
     """Axes (..., 3, 3) from two directions between markers: the first is kept."""
     directions: list[tuple[int, np.ndarray]] = []
     for axis, start, end in frame.axes:
@@ -53,7 +53,7 @@ def _axes(frame: Frame, places: Mapping[str, np.ndarray]) -> np.ndarray:
     return axes
 
 
-def _left_of(frame: Frame, places: Mapping[str, np.ndarray], beside: np.ndarray) -> np.ndarray:
+def _left_of(frame: SegmentFrame, places: Mapping[str, np.ndarray], beside: np.ndarray) -> np.ndarray:
     """m (T,) by which the marker that is worn on either side is left of the others, by the axes of another segment."""
     _, start, end = next(row for row in frame.axes if row[0] == "left")
     return ((_mean(places, end) - _mean(places, start)) * beside[..., 0]).sum(axis=-1)

@@ -19,7 +19,7 @@ _SIDES = {"left": ("L", "R"), "right": ("R", "L")}
 
 
 @dataclass(frozen=True)
-class Frame:
+class SegmentFrame:
     """Axes of a segment from two directions, each from the mean of some markers to the mean of others."""
 
     name: str
@@ -52,7 +52,7 @@ class MarkerSet:
 
     name: str
     labels: Mapping[str, str]  # as `plain` has them → the set's own
-    frames: tuple[Frame, ...] = ()
+    frames: tuple[SegmentFrame, ...] = ()
     points: tuple[Recipe, ...] = ()
     spans: tuple[tuple[str, str, float], ...] = ()  # usual distances, m
     low: tuple[str, ...] = ()
@@ -164,7 +164,7 @@ def _parsed(stored: dict[str, Any]) -> MarkerSet:
         for label, own in zip(_both(theirs), _both(ours), strict=True):
             labels.setdefault(plain(label), own)
     frames = [
-        Frame(
+        SegmentFrame(
             name=_point(row["name"], side),
             joint=_point(row["joint"], side) if "joint" in row else None,
             axes=tuple(

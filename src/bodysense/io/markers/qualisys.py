@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bodysense.arrays import sound
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text
 from bodysense.io.markers.raw_markers import RawMarkers
@@ -72,6 +73,7 @@ def _segments(path: Path, header: Header, columns: list[str], rows: Rows, rate: 
         for places in ((1, 2, 3), (7, 4, 5, 6))
     )
     raw = markers_of(path, [columns[k] for k in starts], position, _rate(path, header, rate), "mm", _Z_UP)
+    rotation = np.where(sound(rotation), rotation, np.nan)
     length = np.linalg.norm(rotation, axis=-1, keepdims=True)
     known = np.isfinite(raw.position).all(axis=-1, keepdims=True) & (np.abs(length - 1) < _UNIT)
     return replace(raw, rotation=np.where(known, rotation / np.where(known, length, 1), np.nan))

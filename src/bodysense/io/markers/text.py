@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bodysense.arrays import sound
 from bodysense.errors import BodysenseError
 from bodysense.io.markers.raw_markers import RawMarkers, Unit
 
@@ -77,9 +78,9 @@ def rate_of(path: Path, text: str, name: str, told: float | None = None) -> floa
 def markers_of(
     path: Path, names: Sequence[str], position: np.ndarray, rate: float, unit: Unit, axes: np.ndarray | None = None
 ) -> RawMarkers:
-    """Markers (T, M, 3) at a constant rate; what is not finite, or all zero, is missing."""
+    """Markers (T, M, 3) at a constant rate; what is no sound number, or all zero, is missing."""
     if not len(position) or not len(names):
         raise BodysenseError(f"{path}: {len(position)} frames of {len(names)} markers; export the trajectories again")
-    missing = np.asarray(~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1))
+    missing = np.asarray(~sound(position).all(axis=-1) | ~position.any(axis=-1))
     position = np.where(missing[..., None], np.nan, position)
     return RawMarkers(tuple(names), position, np.arange(len(position)) / rate, rate, unit, axes)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from tyro.extras import SubcommandApp
 
-from bodysense.lab.commands import arms, completion_tables, gloves, hmd_vae, rendering, unoc
+from bodysense.lab.commands import arms, completion, gloves, hmd_vae, rendering, unoc
 
 
 def commands() -> SubcommandApp:
     """The group's commands."""
     group = SubcommandApp()
-    for command in (completion_tables.completion, completion_tables.fingers, completion_tables.holes):
-        group.command(command)
+    group.command(name="completion")(completion.completion_table)
+    group.command(name="fingers")(completion.untracked_fingers)
+    group.command(completion.holes)
     group.command(unoc.finger_synthesis)
     group.command(name="hmd-vae")(hmd_vae.hmd_vae_figures)
     for command in (arms.pahmt_table1, rendering.video_rendered, unoc.unoc_table1, unoc.unoc_table2, unoc.unoc_table3):

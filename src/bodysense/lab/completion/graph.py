@@ -24,7 +24,7 @@ from bodysense.lab.completion.expected_errors import ExpectedErrors
 from bodysense.lab.completion.features import MOVING, Reading
 from bodysense.lab.completion.fingers import FingerNetwork
 from bodysense.lab.completion.frame import Frame, FrameFinder
-from bodysense.lab.completion.hands import Hands
+from bodysense.lab.completion.hands import HandStep
 from bodysense.lab.completion.masks import Conditions, Means
 from bodysense.lab.completion.measured import UNTRACKED, Branches, MeasuredDirections
 from bodysense.lab.completion.mirrored import MirroredNetwork
@@ -91,7 +91,7 @@ class CompletionStep(nn.Module):
         self.conditions, self.means = Conditions(conditions()), Means(means(), {"body": HEAD})
         self.branches, self.directions = Branches(), MeasuredDirections()
         self.frame_finder, self.mirrored, self.blending = FrameFinder(), MirroredNetwork(body), Blending()
-        self.spine, self.limbs, self.hands = Spine(), Limbs(), Hands(fingers)
+        self.spine, self.limbs, self.hands = Spine(), Limbs(), HandStep(fingers)
         self.expected_errors = ExpectedErrors(mean, bound)
         for name, values in {**reading_tables(), **skeleton_tables()}.items():
             self.register_buffer(name, values, persistent=False)

@@ -47,7 +47,7 @@ def from_wrists() -> Tensor:
     return table
 
 
-class Hands(nn.Module):
+class HandStep(nn.Module):
     """The finger network in a single frame."""
 
     wrists: Tensor

@@ -29,7 +29,7 @@ from bodysense.lab.completion.sequences import Sequence, draw_sequence
 from bodysense.lab.fit import Task, played
 from bodysense.lab.options import Schedule
 
-WORN = ("sit", "talk_gesture", "everyday", "locomotion")  # what wearers of a headset do
+WORN = ("sit", "talk_gesture", "everyday", "locomotion", "")  # what wearers of a headset do; unknown motion counts
 _FEET = [BODY.index(name) for name in CONTACT]
 # Recorded feet turn unreliably.
 _TURN_WEIGHT = {"ankle": 0.6, "foot": 0.3}

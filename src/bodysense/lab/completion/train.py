@@ -35,6 +35,8 @@ _GROUP = 16  # sequences side by side
 def validation_batches(corpus: Corpus, stride: int) -> dict[str, list[SequenceBatch]]:
     """Whole clips of what wearers do, every `stride`-th, on their own body and on a stranger's; by set and body."""
     clips = [k for k in range(len(corpus)) if corpus.category[k] in WORN][::stride]
+    if not clips:
+        raise BodysenseError("the val split has no everyday motion; give --data with some, or without categories")
     clips.sort(key=lambda k: corpus.length[k] / corpus.rate[k])
     strangers = sample_bodies("validation", len(clips))
     batches: dict[str, list[SequenceBatch]] = {}

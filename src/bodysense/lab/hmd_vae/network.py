@@ -40,7 +40,7 @@ from bodysense.lab.hmd_vae.options import BodyVaeConfig
 from bodysense.lab.hmd_vae.windows import Joints
 
 
-class Decoded(NamedTuple):
+class DecodedBody(NamedTuple):
     """A body in the axes of a window, its pelvis at the origin."""
 
     local: Tensor  # (..., 22, 4) wxyz, parent ← joint; the pelvis' is frame ← pelvis
@@ -161,11 +161,11 @@ class BodyVae(nn.Module):
         position = seen.position * (self.stature / self.height(rest_offset))[:, None, None, None]
         return torch.cat([position, quaternion_to_matrix(seen.rotation).flatten(-2)], dim=-1).flatten(-2)
 
-    def decode(self, z: Tensor, rest_offset: Tensor) -> Decoded:
+    def decode(self, z: Tensor, rest_offset: Tensor) -> DecodedBody:
         """The body of z (..., B, d) on rest offsets (B, 22, 3)."""
         local = self.decoder(z)
         root = torch.zeros_like(local[..., 0, :3])
-        return Decoded(local, *forward_kinematics(Pose(self.skeleton, root, local), rest_offset))
+        return DecodedBody(local, *forward_kinematics(Pose(self.skeleton, root, local), rest_offset))
 
     def posterior(self, seen: Joints, rest_offset: Tensor) -> tuple[Tensor, Tensor]:
         """Mean and log variance (B, d) of z, given joints (B, T, P) in the axes of the window."""

@@ -1,7 +1,7 @@
 """Rotations of arms and hands from key-points: AHMT, PAHMT and the CNN beside them (Liu et al., CVPR Workshops 2022).
 
 A window of 32 frames of `ArmKeypoints` goes in, local rotations of the 38 `ARM_JOINTS` come out, for every frame. The
-features are made inside (`arm_features.py`), so that training, the exported file and the run time share them.
+features are made inside (`features.py`), so that training, the exported file and the run time share them.
 
 Where the paper is silent: kernels of three frames; four layers over time, two over joints; the regression token's 64
 numbers go through one linear layer to the width of the features to which they are added.

@@ -24,7 +24,7 @@ from bodysense.lab.chart import BarPanel, Line, LinePanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, census_of, describe
 from bodysense.lab.pahmt.network import ArmNetwork, read_arms
 from bodysense.lab.pahmt.options import FINGERS, Studio
-from bodysense.lab.pahmt.rows import TABLE_1, Row
+from bodysense.lab.pahmt.rows import TABLE_1, TableRow
 from bodysense.lab.pahmt.twist import ARMS, solved_from_positions, twist_errors
 from bodysense.lab.pahmt.windows import (
     FRAMES,
@@ -56,7 +56,7 @@ class ScoredRow:
     """One row: what it is, and its figures."""
 
     name: str
-    row: Row
+    row: TableRow
     network: ArmNetwork | None = field(repr=False)  # None: inverse kinematics on the true positions of all joints
     tallies: Tallies = field(default_factory=dict, repr=False)
     learned: tuple[Mapping[str, float], ...] = field(default=(), repr=False)  # on the validation split, by "step"
@@ -81,11 +81,11 @@ def rows_in(folder: Path, model: Path | None = None) -> list[ScoredRow]:
         raise BodysenseError(
             f"{folder}: none of the table's networks in it; train them with `bodysense train arms-table` into it"
         )
-    found.append(ScoredRow("ik", Row("inverse kinematics, true positions", losses=()), None))
+    found.append(ScoredRow("ik", TableRow("inverse kinematics, true positions", losses=()), None))
     if model is not None:
         network = read_arms(model)[0]
         config = network.config
-        row = Row(f"{config.kind.upper()}, {model.stem}", config.kind, config.input)
+        row = TableRow(f"{config.kind.upper()}, {model.stem}", config.kind, config.input)
         found.append(ScoredRow("shipped", row, network))
     return found
 

@@ -30,7 +30,7 @@ from bodysense.serve.vmt_hands import hand_packet
 from bodysense.serve.vrchat import vrchat_packets
 from bodysense.serve.webxr import between_eyes
 
-AT_ONCE = 50_000  # packets that Wireshark is given at a time
+AT_ONCE = 20_000  # packets that Wireshark is given at a time
 _POSES = 256  # that are made at a time
 _HANDS_EVERY = 8  # poses: they take longest
 _SENT_FROM = 50000

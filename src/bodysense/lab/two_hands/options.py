@@ -10,7 +10,7 @@ from typing import Literal
 from tyro.conf import Suppress
 
 from bodysense.errors import BodysenseError
-from bodysense.lab.options import Card, Flat, Run, TableOptions, check_fields, check_positive
+from bodysense.lab.options import Card, Flat, Paced, Run, TableOptions, check_fields
 
 Network = Literal["markers", "joints", "two-hands", "recurrent"]
 Form = Literal["shipped", "paper"]
@@ -18,7 +18,7 @@ OF_THE_PAPER: tuple[Network, ...] = ("markers", "joints")
 
 
 @dataclass(frozen=True, kw_only=True)
-class GloveTraining(Run, Card):
+class GloveTraining(Run, Card, Paced):
     """Train the networks of a glove (two-hands, 3.2) into a folder: glove_markers.onnx, glove_joints.onnx and so on."""
 
     data: Path | None = None
@@ -39,8 +39,6 @@ class GloveTraining(Run, Card):
     leave_one_out: bool = False
     """train as often as there are people in the data, each time without one of them, in a folder `without-PERSON` each,
     for `bodysense evaluate gloves-table3 --left-out`"""
-    seed: int = 1
-    """random seed"""
     without: Suppress[tuple[str, ...]] = ()  # people of the data that are left out
 
     @property
@@ -51,7 +49,7 @@ class GloveTraining(Run, Card):
     def __post_init__(self) -> None:
         if self.out.suffix == ".onnx":
             raise BodysenseError(f"{self.out}: several networks are written; give a folder")
-        check_positive(steps=self.steps)
+        check_fields(self, "steps", "check_every")
         if self.network == "two-hands" and self.data is None and not self.pair_minutes > 0:
             raise BodysenseError("--pair-minutes 0: the network of two hands needs pairs; give more than 0, or --data")
         for name in ("hand_minutes", "pair_minutes"):

@@ -191,7 +191,7 @@ def _both(left: HandMotion, right: HandMotion, own: int, drawn: int, seed: list[
 def _train(
     run: GloveTraining, name: Network, frames: GloveFrames, validation: GloveFrames, rate: float, console: Console
 ) -> None:
-    schedule = replace(SCHEDULES[name, run.form], seed=run.seed)
+    schedule = run.paced(SCHEDULES[name, run.form])
     if run.steps is not None:
         schedule = replace(schedule, steps=run.steps)
     torch.manual_seed(run.seed)

@@ -19,6 +19,13 @@ from bodysense.lab.options import (
 )
 from bodysense.lab.unoc.point_model import Task
 
+EPOCHS = 5  # of the paper's schedule
+
+
+def _check_epochs(epochs: int) -> None:
+    if epochs > EPOCHS:
+        raise BodysenseError(f"--epochs {epochs}: the paper's schedule has {EPOCHS}; give 1 to {EPOCHS}")
+
 
 @dataclass(frozen=True, kw_only=True)
 class BodyTraining(Training):
@@ -29,7 +36,7 @@ class BodyTraining(Training):
     of positions only, 'paper-world-axes' also in the paper's frame"""
     steps: int = 20_000
     """optimiser steps of the shipped form"""
-    epochs: int = 5
+    epochs: int = EPOCHS
     """epochs of the paper's form"""
     window_stride: int = 1
     """the paper's form learns from every n-th window; 1 is the paper's"""
@@ -50,7 +57,10 @@ class BodyTraining(Training):
 
     def __post_init__(self) -> None:
         check_ending(self.out, ".onnx")
-        check_fields(self, "steps", "epochs", "window_stride", "passes", "lanes", "chunk", "hidden", "devices")
+        check_fields(
+            self, "steps", "epochs", "window_stride", "passes", "lanes", "chunk", "hidden", "devices", "check_every"
+        )
+        _check_epochs(self.epochs)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +74,7 @@ class TablesTraining(Training, Machines):
     """whose networks: 2, 3, 4, smoothness"""
     networks: tuple[str, ...] = ()
     """single networks instead, by name"""
-    epochs: int = 5
+    epochs: int = EPOCHS
     """the paper's schedule has 5"""
     window_stride: int = 1
     """learn from every n-th window; 1 is the paper's"""
@@ -74,7 +84,8 @@ class TablesTraining(Training, Machines):
     """networks trained side by side, each in a process of its own"""
 
     def __post_init__(self) -> None:
-        check_fields(self, "epochs", "window_stride", "jobs", "devices", "nodes")
+        check_fields(self, "epochs", "window_stride", "jobs", "devices", "nodes", "check_every")
+        _check_epochs(self.epochs)
         if not self.batch_scale > 0:
             raise BodysenseError(f"--batch-scale {self.batch_scale:g}: give a positive number; 1 is the paper's")
         if self.jobs > 1 and (self.devices > 1 or self.nodes > 1):
@@ -99,7 +110,7 @@ class PointTraining(Training):
 
     def __post_init__(self) -> None:
         check_ending(self.out, ".onnx")
-        check_fields(self, "steps")
+        check_fields(self, "steps", "check_every")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -82,16 +82,17 @@ def train_body(run: BodyTraining) -> None:
     forms = {"shipped": BodyNetworkConfig(), "paper": PAPER, "paper-world-axes": replace(PAPER, frame="world")}
     network = BodyNetwork(replace(forms[run.form], hidden=run.hidden), default_skeleton())
     shipped = run.form == "shipped"
-    schedule = BodySchedule(
-        steps=run.steps,
-        epochs=run.epochs,
-        window_stride=run.window_stride,
-        lanes=run.lanes,
-        chunk=run.chunk,
-        finger_share=run.finger_share,
-        seed=run.seed,
-        average_decay=0.999 if shipped else 0.0,
-        loss=SHIPPED_LOSS if shipped else LossWeights(),
+    schedule = run.paced(
+        BodySchedule(
+            steps=run.steps,
+            epochs=run.epochs,
+            window_stride=run.window_stride,
+            lanes=run.lanes,
+            chunk=run.chunk,
+            finger_share=run.finger_share,
+            average_decay=0.999 if shipped else 0.0,
+            loss=SHIPPED_LOSS if shipped else LossWeights(),
+        )
     )
     variations = tuple(variation_of(number, shipped) for number in range(run.passes + run.finger_passes))
     make = partial(_body_episodes, config=network.config, variations=variations, passes=run.passes, seed=run.seed)
@@ -120,7 +121,7 @@ def train_points(run: PointTraining) -> None:
     check_place(run.out)
     begin(run.seed, run.threads)
     config = CONFIGS[run.task, run.form]
-    schedule = replace(SCHEDULES[run.task, run.form], steps=run.steps, seed=run.seed)
+    schedule = run.paced(replace(SCHEDULES[run.task, run.form], steps=run.steps))
     network = PointNetwork(config, default_skeleton())
     variations = VARIATIONS[run.task] if run.form == "shipped" else PAPER_VARIATIONS
     episodes = _point_episodes_in(run, config, "train", variations)

@@ -144,14 +144,15 @@ def chosen_networks(run: TablesTraining) -> list[str]:
 def schedule_of(run: TablesTraining, name: str) -> BodySchedule:
     """The paper's schedule, with what the run changes of it."""
     batches = tuple(max(1, round(batch * run.batch_scale)) for batch in BodySchedule().epoch_batches)
-    return BodySchedule(
-        epochs=run.epochs,
-        epoch_batches=batches,
-        window_stride=run.window_stride,
-        average_decay=0.0,
-        check_every=100,
-        seed=run.seed,
-        loss=replace(PAPER_LOSS, **VARIANTS[name].loss),
+    return run.paced(
+        BodySchedule(
+            epochs=run.epochs,
+            epoch_batches=batches,
+            window_stride=run.window_stride,
+            average_decay=0.0,
+            check_every=100,
+            loss=replace(PAPER_LOSS, **VARIANTS[name].loss),
+        )
     )
 
 

@@ -1,0 +1,83 @@
+"""Damaged files of every kind that is written here are read, or refused in one line that names them."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from bodysense.conform.sources.mcap_take import read_mcap
+from bodysense.demo import packaged_performance
+from bodysense.devices.simulated.device import simulate
+from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.recording import Recording
+from bodysense.reading import read, write
+
+KINDS = ("a.bvh", "a.glb", "a.vrma", "a.mcap", "a.npz", "a.jsonl", "a.npy")
+WORDS = [b"nan", b"-1", b"1e308", b"99999999999", b"0", b"null", b"{}", b"[]", b'"x"', b""]
+SPOTS = re.compile(rb"-?\d+\.?\d*|null|true|\"[^\"]{1,30}\"")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a sound file of each kind."""
+
+    folder = tmp_path_factory.mktemp("whole")
+    clip = packaged_performance()
+    clip = Clip("take", clip.pose[:40:8], 30.0)
+    for name in KINDS[:4]:
+        write(folder / name, clip)
+    seen = Recording(simulate(clip, "three_point"), clip.pose.skeleton)
+    for name in KINDS[4:6]:
+        write(folder / name, seen)
+    np.save(folder / "a.npy", np.zeros((4, 72)))
+    return folder
+
+
+@st.composite
+def damages(draw: st.DrawFn) -> Callable[[bytes], bytes]:
+    """What is done to a file: numbers and words become others, bytes change, are gone, or are there twice."""
+    at, value = draw(st.integers(0, 1 << 20)), draw(st.binary(min_size=1, max_size=4))
+    how, length = draw(st.sampled_from(["word", "change", "cut", "gone", "twice"])), draw(st.sampled_from([1, 4, 40]))
+    word = draw(st.sampled_from(WORDS))
+
+    def damaged(data: bytes) -> bytes:
+        start = at % len(data)
+        spots = [spot.span() for spot in SPOTS.finditer(data[start : start + 2000])] if how == "word" else []
+        if spots:
+            first, last = spots[at % len(spots)]
+            return data[: start + first] + word + data[start + last :]
+        if how == "cut":
+            return data[: max(start, 1)]
+        if how == "gone":
+            return data[:start] + data[start + length :]
+        if how == "twice":
+            return data[: start + length] + data[start:]
+        return data[:start] + value + data[start + len(value) :]
+
+    return damaged
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(done=st.lists(damages(), min_size=1, max_size=3))
+def test_a_damaged_file_is_read_or_refused_in_one_line(
+    tmp_path: Path, whole: Path, kind: str, done: list[Callable[[bytes], bytes]]
+) -> None:
+    path, data = tmp_path / kind, (whole / kind).read_bytes()
+    for damage in done:
+        data = damage(data) or b"x"
+    path.write_bytes(data)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)  # which would be lines of their own
+        try:
+            (read_mcap if kind.endswith(".mcap") else read)(path)
+        except BodysenseError as error:
+            assert kind in str(error) and "\n" not in str(error).strip()
