@@ -394,7 +394,7 @@ def test_the_file_equals_pytorch(tmp_path: Path, motion: Motion, large: int) -> 
         state = network.start(people)
         for inputs, wanted in zip(of, run(stored, of), strict=True):
             got, state = network.step({name: value.numpy() for name, value in inputs._asdict().items()}, state)
-            for name, atol in (("points", 1e-4), ("confidence", 1e-4), ("local_rotation", 2e-4), ("contact", 1e-4)):
+            for name, atol in (("points", 1e-4), ("confidence", 1e-4), ("local_rotation", 5e-4), ("contact", 1e-4)):
                 assert np.abs(got[name] - getattr(wanted, name).numpy()).max() < atol
         assert set(state) == {f"state_{name}" for name in State._fields}
     model = onnx.load(path)
