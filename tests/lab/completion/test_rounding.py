@@ -22,7 +22,7 @@ def read_by(seed: int, inputs: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(5, 40))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_products_stay_nearer(seed: int, inputs: int) -> None:
     weights, frames = read_by(seed, inputs)
     step = row_step(weights)
