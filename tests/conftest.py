@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
@@ -17,6 +18,10 @@ from bodysense.devices.simulated.dropout import hide
 from bodysense.devices.simulated.glove import observe
 from bodysense.io.clip import Clip
 from bodysense.observation import Observation
+
+# How long an example takes says how busy a machine is, not what is wrong.
+settings.register_profile("bodysense", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("bodysense")
 
 
 @pytest.fixture(scope="session")

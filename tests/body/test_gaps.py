@@ -24,7 +24,7 @@ def speed(rotation: np.ndarray) -> np.ndarray:
 
 
 @given(st.integers(2, 90), st.lists(st.tuples(st.integers(0, 89), st.integers(1, 60)), max_size=4), st.booleans())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_what_is_known_stays_bit_for_bit(frames: int, gaps: list[tuple[int, int]], guessing: bool) -> None:
     rotation, missing = swing(frames, 1), np.zeros(frames, dtype=bool)
     for first, count in gaps:

@@ -17,7 +17,6 @@ def turns(seed: int, count: int = 20) -> np.ndarray:
     return q / np.linalg.norm(q, axis=1, keepdims=True)
 
 
-@settings(deadline=None)
 @given(seed=st.integers(0, 9999))
 def test_they_are_the_rotations_of_the_slow_twin(seed: int) -> None:
     a, b = turns(seed), turns(seed + 1)
@@ -38,7 +37,7 @@ def test_small_and_large_turns_come_back(size: float) -> None:
     np.testing.assert_allclose(products.log(-there), vector, rtol=1e-6, atol=1e-12)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 9999))
 def test_world_rotations_are_those_of_forward_kinematics(seed: int) -> None:
     skeleton = default_skeleton()

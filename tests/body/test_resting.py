@@ -31,7 +31,7 @@ def test_batches(batch: tuple[int, ...]) -> None:
     np.testing.assert_array_equal(offset[..., HEAD, :], 0)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 999), yaw=st.floats(-np.pi, np.pi))
 def test_a_turned_body_has_the_same_offsets(seed: int, yaw: float) -> None:
     pose = some_pose(seed)

@@ -56,7 +56,7 @@ def begun(rng: np.random.Generator, batch: tuple[int, ...]) -> tuple[Pose, Pose,
 
 
 @pytest.mark.parametrize("batch", BATCHES)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=seeds)
 def test_the_pose_goes_on_where_it_was(batch: tuple[int, ...], seed: int) -> None:
     shown, target, offset = begun(np.random.default_rng(seed), batch)
@@ -66,7 +66,7 @@ def test_the_pose_goes_on_where_it_was(batch: tuple[int, ...], seed: int) -> Non
 
 
 @pytest.mark.parametrize("batch", BATCHES)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=seeds)
 def test_the_velocity_goes_on_as_it_was(batch: tuple[int, ...], seed: int) -> None:
     """Both of what was shown and of a target that moves itself."""
@@ -82,7 +82,7 @@ def test_the_velocity_goes_on_as_it_was(batch: tuple[int, ...], seed: int) -> No
 
 
 @pytest.mark.parametrize("batch", BATCHES)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=seeds)
 def test_the_target_is_reached_and_then_shown_to_the_bit(batch: tuple[int, ...], seed: int) -> None:
     _, target, offset = begun(np.random.default_rng(seed), batch)
@@ -94,7 +94,7 @@ def test_the_target_is_reached_and_then_shown_to_the_bit(batch: tuple[int, ...],
     assert ONE.apply(target, 1 / 60, offset)[0] is target
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=seeds, steps=st.lists(st.floats(1e-3, 0.1), min_size=2, max_size=6))
 def test_any_frame_rate_is_the_same(seed: int, steps: list[float]) -> None:
     _, target, offset = begun(np.random.default_rng(seed), (2,))
@@ -113,7 +113,7 @@ def test_half_of_an_offset_at_rest_decays_in_the_half_life() -> None:
 
 
 @pytest.mark.parametrize("batch", BATCHES)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=seeds)
 def test_joints_that_follow_are_exact(batch: tuple[int, ...], seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -144,7 +144,7 @@ def test_no_file_and_the_wrong_skeleton(tmp_path: Path, reframe, make_clip) -> N
         read_amass(saved(tmp_path / "a.npz", motion()), other)
 
 
-@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=120, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_any_damage_is_refused_or_a_motion(tmp_path: Path, data: st.DataObject) -> None:
     path = saved(tmp_path / "a.npz", motion(frames=2))

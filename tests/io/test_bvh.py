@@ -17,7 +17,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.clip import Clip
 
-quick = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+quick = settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 SMALL = """HIERARCHY
 ROOT Hips
@@ -241,7 +241,7 @@ def test_a_hierarchy_of_great_depth_is_no_trouble(tmp_path: Path) -> None:
     assert len(read_bvh(path).pose.skeleton.joints) == depth + 1
 
 
-@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.permutations("XYZ"),
     st.sampled_from([1.0, 0.01, 0.001]),

@@ -221,7 +221,7 @@ def test_what_is_wrong_is_said(tmp_path: Path, stranger: Clip, what: str) -> Non
     changes=st.lists(st.tuples(st.integers(0, 12000), st.integers(0, 255)), max_size=5),
     cut=st.one_of(st.none(), st.integers(0, 60000)),
 )
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_damaged_files_are_read_or_refused_in_one_line(
     tmp_path_factory: pytest.TempPathFactory, changes: list[tuple[int, int]], cut: int | None
 ) -> None:

@@ -69,7 +69,7 @@ def read_or_refuse(path: Path) -> Recording | None:
 
 
 @pytest.mark.parametrize("ending", [".npz", ".jsonl"])
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(frames=st.integers(1, 12), seed=st.integers(0, 999))
 def test_a_round_trip(folder: Path, ending: str, frames: int, seed: int) -> None:
     recording, path = example(frames, seed), folder / f"round{ending}"
@@ -144,7 +144,7 @@ def test_unix_time_is_a_time(tmp_path: Path, ending: str) -> None:
 # --- damage of any kind
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(share=st.floats(0, 1))
 def test_a_file_cut_short(folder: Path, share: float) -> None:
     for ending in (".npz", ".jsonl"):
@@ -160,7 +160,7 @@ def test_a_file_cut_short(folder: Path, share: float) -> None:
             np.testing.assert_allclose(recording.observation.time, example(20).observation.time[:length], atol=1e-6)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(content=st.binary(max_size=300), ending=st.sampled_from([".npz", ".jsonl"]))
 def test_any_bytes(folder: Path, content: bytes, ending: str) -> None:
     path = folder / f"any{ending}"
@@ -169,7 +169,7 @@ def test_any_bytes(folder: Path, content: bytes, ending: str) -> None:
     is_recording(path)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(place=st.floats(0, 1, exclude_max=True), value=st.integers(0, 255), ending=st.sampled_from([".npz", ".jsonl"]))
 def test_a_wrong_byte(folder: Path, place: float, value: int, ending: str) -> None:
     whole, path = folder / f"good{ending}", folder / f"wrong{ending}"
@@ -185,7 +185,7 @@ KEYS = ("format", "points", *FIELDS, "time", "joints", "end_sites", "parents", "
 SHAPES = arrays.array_shapes(min_dims=0, max_dims=4, min_side=0, max_side=6)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(key=st.sampled_from(KEYS), data=st.data())
 def test_an_array_of_any_kind(folder: Path, key: str, data: st.DataObject) -> None:
     """One array is replaced by one of any shape and type, or left out."""
@@ -209,7 +209,7 @@ JSON = st.recursive(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     key=st.sampled_from(["format", "points", "skeleton", "joints", "parents", "rest_offset", *FIELDS[:2], "time"]),
     value=JSON,

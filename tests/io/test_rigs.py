@@ -203,7 +203,7 @@ def rigs(draw: st.DrawFn) -> Layout:
     )
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(rigs(), st.integers(0, 30))
 def test_rigs_at_random_without_names(layout: Layout, start: int) -> None:
     clip = held_still(motion(10, 40, start), layout)
@@ -262,7 +262,7 @@ def test_animals_are_refused(legs: int, length: float, tail: int) -> None:
 WHOLE = write(LAYOUTS["pose lifter"], motion(4, 100))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.data())
 def test_damaged_files_are_refused_in_one_line_or_read(data: st.DataObject) -> None:
     content = bytearray(WHOLE.encode())

@@ -182,7 +182,7 @@ def test_the_conversion_of_a_pickled_array_works(tmp_path: Path, vectors: np.nda
     changes=st.lists(st.tuples(st.integers(0, 3000), st.integers(0, 255)), min_size=1, max_size=5),
     cut=st.one_of(st.none(), st.integers(0, 3000)),
 )
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_damaged_files_are_read_or_refused_in_one_line(
     tmp_path_factory: pytest.TempPathFactory, changes: list[tuple[int, int]], cut: int | None
 ) -> None:

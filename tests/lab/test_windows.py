@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bodysense.errors import BodysenseError
 from bodysense.lab.windows import find_windows
 
 
-@settings(deadline=None)
 @given(st.lists(st.integers(0, 40), min_size=1, max_size=6), st.integers(1, 9), st.integers(1, 5))
 def test_against_counting_by_hand(lengths: list[int], length: int, stride: int) -> None:
     starts = np.cumsum([0, *lengths[:-1]])

@@ -54,7 +54,7 @@ def test_the_tree_has_what_vrchat_looks_for() -> None:
     assert SERVICE.answer("/avatar")[0] == 404 and SERVICE.answer("/?COLOUR")[0] == 400
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.text(max_size=40) | st.binary(max_size=40).map(lambda data: data.decode("latin-1")))
 def test_whatever_is_asked_for_gets_an_answer(target: str) -> None:
     with suppress(ValueError):  # no address at all: the server answers 400
@@ -84,7 +84,7 @@ def test_head_and_wrists_of_vrchat() -> None:
     assert reader.observation(6.0, state) is None  # silence
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.binary(max_size=200) | st.builds(lambda tail: pose("head")[:40] + tail, st.binary(max_size=60)))
 def test_nothing_that_comes_raises(packet: bytes) -> None:
     reader = VrchatReader()

@@ -104,7 +104,7 @@ def test_head_and_hands_are_where_they_are_measured() -> None:
     np.testing.assert_allclose(place[SKELETON.indices(POINTS[1:])], expected[1:], atol=0.01)
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(st.integers(0, 2**32 - 1))
 def test_frames_that_are_late_repeated_or_reordered_are_dropped(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -124,7 +124,7 @@ def test_frames_that_are_late_repeated_or_reordered_are_dropped(seed: int) -> No
     assert (np.diff(moments) > 0).all()
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(st.lists(st.floats(-1e10, 1e10), min_size=2, max_size=8))
 def test_no_clock_stops_a_session(times: list[float]) -> None:
     one, moments = session(), []

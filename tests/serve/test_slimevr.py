@@ -133,7 +133,7 @@ def test_buttons_batteries_and_features() -> None:
 PIECES = st.sampled_from([handshake(), info(1), turned(2, np.array([1.0, 0, 0, 0])), struct.pack(">IQ", 101, 3)])
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     st.lists(
         st.binary(max_size=80)
@@ -209,7 +209,7 @@ def squatting(facing: float = 0.0, depth: float = 0.6) -> Pose:
     return pose
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.floats(-3, 3))
 def test_after_standing_sensors_say_how_joints_are_turned(seed: int, facing: float) -> None:
     wearer = Wearer(seed, LEGS)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
 from pythonosc.osc_message_builder import OscMessageBuilder
@@ -247,7 +247,6 @@ def test_a_crowd_of_devices_does_not_grow() -> None:
     assert reason is None and "HMD" in state.devices.devices
 
 
-@settings(deadline=None)
 @given(st.lists(st.binary(max_size=120), max_size=8))
 def test_any_bytes_leave_a_state_that_can_be_seen(packets: list[bytes]) -> None:
     state = VmcState()

@@ -69,7 +69,7 @@ def test_of_more_devices_the_controllers_are_named() -> None:
     assert found == {"headset", "right_controller", "left_ankle_tracker"}
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.binary(max_size=200) | st.builds(lambda tail: device("HMD")[:28] + tail, st.binary(max_size=80)))
 def test_nothing_that_comes_raises(packet: bytes) -> None:
     reader = VmtReader()

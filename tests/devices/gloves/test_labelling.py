@@ -116,7 +116,7 @@ def test_another_person_s_hands(gloves: Observation, hands: Mapping[str, Skeleto
 
 
 @given(seed=st.integers(0, 1000), count=st.integers(0, 25))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_any_points_are_labelled_at_most_once(hands: Mapping[str, Skeleton], seed: int, count: int) -> None:
     rng, labeller = np.random.default_rng(seed), Labeller(hands)
     state = labeller.start()

@@ -103,7 +103,7 @@ def test_the_layout_of_the_release(tmp_path: Path, hidden_gloves: Observation) -
     comment=st.booleans(),
     seed=st.integers(0, 1000),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_headers_may_differ(
     tmp_path_factory: pytest.TempPathFactory,
     separator: str,
@@ -133,7 +133,7 @@ def test_headers_may_differ(
 
 
 @given(text=st.text(alphabet=st.sampled_from("time,.xyzLn1-\n; NaN\t"), max_size=80))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_no_text_breaks_the_reader(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
     path = tmp_path_factory.mktemp("csv") / "a.csv"
     path.write_text(text)

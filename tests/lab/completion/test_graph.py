@@ -201,7 +201,7 @@ def test_bones_are_rigid_and_points_are_those_of_the_rotations(step: CompletionS
 
 
 @given(st.lists(st.integers(0, 64), max_size=20), st.lists(st.integers(0, 51), max_size=12), st.integers(0, FRAMES - 4))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_what_is_measured_is_kept(points: list[int], turns: list[int], first: int) -> None:
     step, motion = small_step(), performance()
     seen, turned = torch.zeros(3, 1, 65, dtype=torch.bool), torch.zeros(3, 1, 52, dtype=torch.bool)
@@ -394,7 +394,7 @@ def test_the_file_equals_pytorch(tmp_path: Path, motion: Motion, large: int) -> 
         state = network.start(people)
         for inputs, wanted in zip(of, run(stored, of), strict=True):
             got, state = network.step({name: value.numpy() for name, value in inputs._asdict().items()}, state)
-            for name, atol in (("points", 1e-4), ("confidence", 1e-4), ("local_rotation", 2e-4), ("contact", 1e-4)):
+            for name, atol in (("points", 1e-4), ("confidence", 1e-4), ("local_rotation", 5e-4), ("contact", 1e-4)):
                 assert np.abs(got[name] - getattr(wanted, name).numpy()).max() < atol
         assert set(state) == {f"state_{name}" for name in State._fields}
     model = onnx.load(path)

@@ -46,7 +46,7 @@ def session() -> onnxruntime.InferenceSession:
 
 
 @given(st.integers(1, 9), st.sampled_from([1e-3, 1.0, 4.0]), st.integers(0, 2**32 - 1))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_products_are_as_near_as_two_bytes(rows: int, size: float, seed: int) -> None:
     x = np.clip(size * np.random.default_rng(seed).normal(size=(rows, INPUTS)), -0.99 * REACH, 0.99 * REACH)
     weights, bias = weights_and_bias()

@@ -53,7 +53,7 @@ def run(estimator: BodyVaeEstimator, observation: Observation, sizes: list[int] 
     return replace(parts[0], **{n: np.concatenate([getattr(p, n) for p in parts]) for n in ("position", "confidence")})
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(cut=st.lists(st.integers(1, 89), min_size=1, max_size=5, unique=True))
 def test_pieces_are_the_whole(model: BodyVaeModel, signal: Observation, cut: list[int]) -> None:
     sizes = np.diff([0, *sorted(cut), 90]).tolist()
@@ -101,7 +101,7 @@ def test_after_the_tracker_head_and_hands_are_near(model: BodyVaeModel, signal: 
     assert missed[:, 0].max() < 0.01 and missed[:, 1:].max() < 0.05  # of a network that knows nothing of arms
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 9999))
 def test_garbage_gives_numbers(model: BodyVaeModel, signal: Observation, seed: int) -> None:
     rng = np.random.default_rng(seed)

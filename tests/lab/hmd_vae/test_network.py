@@ -57,7 +57,7 @@ def scipy_rotation(q: Tensor) -> Rotation:
     return Rotation.from_quat(q.numpy().reshape(-1, 4), scalar_first=True)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 9999), anchor=st.sampled_from([0, HEAD]))
 def test_the_likelihood_is_a_distance_and_an_angle(seed: int, anchor: int) -> None:
     rng = np.random.default_rng(seed)
@@ -71,7 +71,7 @@ def test_the_likelihood_is_a_distance_and_an_angle(seed: int, anchor: int) -> No
     np.testing.assert_allclose(got.numpy(), wanted, rtol=1e-9)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 9999))
 def test_the_likelihood_is_left_invariant(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -114,7 +114,7 @@ def test_the_whole_loss_has_finite_gradients(model: int) -> None:
     assert all(one is not None and torch.isfinite(one).all() for one in gradients)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 9999))
 def test_the_divergence_is_that_of_torch(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -143,7 +143,7 @@ def test_samples_are_averaged() -> None:
     assert float(terms["loss"].detach()) == pytest.approx(np.mean(alone) + 0.5 * divergence)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 9999), origin=st.sampled_from(["head", "pelvis"]))
 def test_where_the_body_stands_and_faces_is_not_seen(seed: int, origin: Origin) -> None:
     rng = np.random.default_rng(seed)

@@ -110,7 +110,7 @@ def test_half_of_a_jump_is_closed_after_the_half_life(half_life: float, rate: in
     np.testing.assert_allclose(after.rotation[others], target.rotation[others], atol=1e-12)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     st.lists(st.floats(1e-4, 0.2), min_size=1, max_size=8),
     st.floats(0.005, 0.5),

@@ -67,7 +67,7 @@ def test_frames_are_calls(learned: Learned, waving_clip: Clip) -> None:
     assert isinstance(end, LearnedState) and end.time is not None
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(rate=st.floats(30, 120))
 def test_any_rate_is_answered_and_the_network_steps_about_30_times_a_second(
     learned: Learned, waving_clip: Clip, rate: float
@@ -80,7 +80,7 @@ def test_any_rate_is_answered_and_the_network_steps_about_30_times_a_second(
     assert gaps.max() <= 1 / 30 + 1 / rate
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(st.lists(st.floats(0.004, 0.2), min_size=2, max_size=60))
 def test_irregular_times_and_dropped_frames(learned: Learned, waving_clip: Clip, gaps: list[float]) -> None:
     observation = at_times(waving_clip, np.cumsum(gaps))

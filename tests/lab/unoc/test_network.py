@@ -110,7 +110,7 @@ def assert_same(first: tuple[Tensor, ...], second: tuple[Tensor, ...], tolerance
 
 
 @pytest.mark.parametrize("form", FORMS)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 9999), hidden=st.floats(0, 1), data=st.data())
 def test_pieces_are_the_whole(form: str, networks, seed: int, hidden: float, data: st.DataObject) -> None:
     frames = data.draw(st.integers(1, 14))
@@ -143,7 +143,7 @@ def test_a_sequence_does_not_see_its_neighbours(networks) -> None:
 
 
 @pytest.mark.parametrize("form", FORMS)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(
     seed=st.integers(0, 9999),
     yaw=st.floats(-np.pi, np.pi),
@@ -168,7 +168,7 @@ def test_the_answer_moves_with_the_world(
 
 
 @pytest.mark.parametrize("form", FORMS)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 9999), size=st.floats(0.6, 1.5))
 def test_the_answer_grows_with_the_body(form: str, networks, seed: int, size: float) -> None:
     tracked = motion(6, seed)
@@ -185,7 +185,7 @@ def test_the_answer_grows_with_the_body(form: str, networks, seed: int, size: fl
 
 
 @pytest.mark.parametrize("form", FORMS)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 9999), garbage=st.floats(-1e6, 1e6), hidden=st.floats(0, 1))
 def test_hidden_values_do_not_matter(form: str, networks, seed: int, garbage: float, hidden: float) -> None:
     tracked = motion(6, seed, hidden=hidden)
@@ -339,7 +339,7 @@ def exported(small_network: Path) -> tuple[Path, BodyNetwork, BodyNetwork]:
     return small_network, network, rounded
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=4)
 @given(seed=st.integers(0, 9999), hidden=st.floats(0.2, 1))
 def test_the_file_says_what_the_network_says(exported, seed: int, hidden: float) -> None:
     path, network, rounded = exported

@@ -49,7 +49,7 @@ def packaged(task: Task) -> Path:
 # --- from positions to rotations
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 9999), frames=st.integers(1, 4))
 def test_positions_of_this_hand_are_reached_exactly(seed: int, frames: int) -> None:
     """Fingers turned at random: the rotations that are found put every joint and tip back where it was."""
@@ -65,7 +65,7 @@ def test_positions_of_this_hand_are_reached_exactly(seed: int, frames: int) -> N
     np.testing.assert_allclose(again, truth, atol=1e-7)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 9999))
 def test_bones_do_not_twist(seed: int) -> None:
     """A turn by the shortest arc has its axis at right angles to the bone."""
@@ -169,7 +169,7 @@ def test_every_point_is_placed_and_what_is_measured_is_kept(upper_body: LearnedU
     np.testing.assert_allclose(np.linalg.norm(length, axis=1), SKELETON.bone_length[ankles[0]], atol=1e-9)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(yaw=st.floats(-np.pi, np.pi))
 def test_an_upper_body_turns_with_the_world(upper_body: LearnedUpperBody, waving_clip: Clip, yaw: float) -> None:
     turn, along = Rotation.from_rotvec([0, yaw, 0]), np.array([2.0, 0, -1])
@@ -199,7 +199,7 @@ def test_forearms_have_their_length(upper_body: LearnedUpperBody, waving_clip: C
         np.testing.assert_allclose(length, SKELETON.bone_length[wrist], atol=1e-6)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 9999))
 def test_an_arm_that_fits_is_left_alone_and_another_nearly_fits(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -69,7 +69,7 @@ def placed(network: PointNetwork, tracked: TrackedPoints, size: int | None = Non
 
 
 @pytest.mark.parametrize("form", FORMS)
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 999), frames=st.integers(1, 12), size=st.integers(1, 5))
 def test_pieces_are_the_whole(form: str, networks, waving_clip: Clip, seed: int, frames: int, size: int) -> None:
     tracked, _ = tracked_of(moving(waving_clip, frames, seed), networks[form])
@@ -92,7 +92,7 @@ def test_a_state_that_is_carried_remembers(form: str, networks, waving_clip: Cli
 
 
 @pytest.mark.parametrize("form", FORMS)
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 999), yaw=st.floats(-np.pi, np.pi))
 def test_the_answer_turns_and_moves_with_the_body(
     form: str, networks, waving_clip: Clip, seed: int, yaw: float
@@ -108,7 +108,7 @@ def test_the_answer_turns_and_moves_with_the_body(
 
 
 @pytest.mark.parametrize("form", FORMS)
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 999), height=st.floats(1.0, 2.4))
 def test_the_answer_grows_with_the_body(form: str, networks, waving_clip: Clip, seed: int, height: float) -> None:
     pose = moving(waving_clip, 6, seed)

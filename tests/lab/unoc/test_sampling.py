@@ -37,7 +37,7 @@ def frames_of(batch: EpisodeBatch, row: int) -> tuple[int, list[int]]:
     return int(clip.pop()), batch.features[row, :, 1].int().tolist()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(LENGTHS, st.integers(1, 4), st.integers(1, 12), st.integers(0, 99))
 def test_lanes_play_whole_clips_in_order(lengths: list[int], count: int, chunk: int, seed: int) -> None:
     drawn = lanes(episodes(lengths), np.ones(len(lengths)), count, chunk, np.random.default_rng(seed))
@@ -72,7 +72,7 @@ def test_the_same_seed_draws_the_same() -> None:
         assert all(torch.equal(one, other) for one, other in zip(a, b, strict=True))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(LENGTHS, st.integers(1, 9), st.integers(1, 4), st.integers(1, 16), st.integers(0, 99))
 def test_an_epoch_ends_a_window_at_each_frame_once(
     lengths: list[int], window: int, stride: int, batch_size: int, seed: int

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -25,6 +26,7 @@ from bodysense.lab.completion.graph import CompletionStep
 from bodysense.lab.completion.network import CompletionNetwork
 from bodysense.lab.completion.options import BODIES, Body
 from bodysense.lab.completion.points import body_places
+from bodysense.lab.completion.rounding import round_weights, sample_moments
 from bodysense.lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of, stacked
 from bodysense.lab.completion.task import WORN
 from bodysense.tracker import Tracker
@@ -132,11 +134,16 @@ _LONGEST, _CLIPS = 9.0, 2  # s of a clip, and clips of a person who was learned 
 
 
 def publish(body: CompletionNetwork, fingers: FingerNetwork, data: Path, out: Path, card: dict[str, Any]) -> None:
-    """Write the whole step with true errors; `card` says what it was trained on, and its licence."""
+    """Write the whole step, its weights rounded, with true errors; `card`: what it was trained on, and its licence."""
+    body = copy.deepcopy(body)
+    start = unchanged_errors()
     beside = out.with_name(f"{out.stem}.uncalibrated.onnx")
     try:
-        _write(body, fingers, unchanged_errors(), unchanged_errors(), beside, {})
-        samples = sample_errors(_judged_scenes(data), load_completion(beside))
+        _write(body, fingers, start, start, beside, {})
+        step = CompletionStep(body, fingers, start, start).eval()
+        round_weights(body, sample_moments(step, _scenes(data, ("train",)), load_completion(beside)))
+        _write(body, fingers, start, start, beside, {})
+        samples = sample_errors(_scenes(data, ("train", "val")), load_completion(beside))
     finally:
         beside.unlink(missing_ok=True)
     mean, bound = fit_error_map(samples), fit_error_map(samples, QUANTILE)
@@ -155,14 +162,13 @@ def _write(
     write_completion(CompletionStep(body, fingers, mean, bound), out, {**configured, **card})
 
 
-def _judged_scenes(data: Path) -> dict[Truth, list[list[TrackedScene]]]:
+def _scenes(data: Path, splits: tuple[Split, ...]) -> dict[Truth, list[list[TrackedScene]]]:
     """Batches of scenes of what wearers do, on their own bodies and on strangers'.
 
     Of people that were watched all clips, and of people that were learned from a few each: the former are few, and how
     far errors spread shows in many people only.
     """
     truths: tuple[Truth, ...] = ("own", "stranger")
-    splits: tuple[Split, ...] = ("train", "val")
     scenes: dict[Truth, list[list[TrackedScene]]] = {truth: [] for truth in truths}
     for split in splits:
         clips = [_piece(clip) for clip in open_clips(data, split) if clip.category in WORN]
