@@ -122,4 +122,4 @@ def test_the_page_computes_what_the_library_does(
     apart, turned = differences(library, page)
     assert apart.max() <= 0.1  # mm
     # Single precision differs by processor; where a spine hardly bends, that turns its middle by more than it moves it.
-    assert np.quantile(turned, 0.99) <= 0.01 and turned.max() <= 0.05  # degrees
+    assert np.quantile(turned, 0.98) <= 0.01 and turned.max() <= 0.05  # degrees

@@ -1,4 +1,4 @@
-"""Products in whole numbers: as near as two bytes are, each row by itself, larger values cut; read back as stored."""
+"""Products in whole numbers: as near as three bytes are, each row by itself, larger values cut; read back as stored."""
 
 from functools import lru_cache
 from importlib.resources import as_file, files
@@ -47,11 +47,11 @@ def session() -> onnxruntime.InferenceSession:
 
 @given(st.integers(1, 9), st.sampled_from([1e-3, 1.0, 4.0]), st.integers(0, 2**32 - 1))
 @settings(max_examples=60)
-def test_products_are_as_near_as_two_bytes(rows: int, size: float, seed: int) -> None:
+def test_products_are_as_near_as_three_bytes(rows: int, size: float, seed: int) -> None:
     x = np.clip(size * np.random.default_rng(seed).normal(size=(rows, INPUTS)), -0.99 * REACH, 0.99 * REACH)
     weights, bias = weights_and_bias()
     (got,) = session().run(None, {"x": x.astype(np.float32)})
-    bound = np.abs(weights).sum(axis=1) * REACH / 2**15 + 1e-4
+    bound = np.abs(weights).sum(axis=1) * REACH / 2**21
     assert (np.abs(got - (x @ weights.T + bias)) < bound).all()
     for row, alone in zip(x, got, strict=True):
         assert (session().run(None, {"x": row[None].astype(np.float32)})[0][0] == alone).all()

@@ -1,8 +1,8 @@
-"""Large products in whole numbers, with plain ONNX operators: weights in bytes, what they multiply in two bytes.
+"""Large products in whole numbers, with plain ONNX operators: weights in bytes, what they multiply in a few bytes each.
 
 A step reads all weights for one wearer; in bytes they are a quarter of what single precision has, and processors
-multiply bytes several times as fast. What is multiplied is split into a coarse and a fine byte: a memory of one byte
-would tremble.
+multiply bytes several times as fast. What is multiplied is split into a coarse byte and finer ones: a memory of one
+byte would tremble, and runtimes that round otherwise would differ.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ from bodysense.lab.completion.rewriting import LARGE, Graph, cells, row_step
 
 REACH = 16.0  # features that are larger, in metres or their own units, count as this
 _STATE_REACH = 1.0  # of memories, between the values of tanh
-_ZERO, _COARSE, _SHARE = "zero_of_bytes", "coarse_in_fine", 256.0
+_BYTES, _STATE_BYTES = 3, 2  # features, and memories, are split into so many
+_SHARE = 254.0  # of a byte's unit in that of the next: what is left, half a unit either way, fits
+_ZERO, _FINER = "zero_of_bytes", "finer"
 
 
 def whole_products(model: ModelProto, large: int = LARGE) -> ModelProto:
@@ -32,16 +34,16 @@ def whole_products(model: ModelProto, large: int = LARGE) -> ModelProto:
         if values.size < large or not (counts * step == values).all():
             continue
         source, name = product.input[0], product.input[1]
-        reach = _STATE_REACH if source in states else REACH
+        reach, parts = (_STATE_REACH, _STATE_BYTES) if source in states else (REACH, _BYTES)
         constants = {f"{name}_bytes": counts.T.astype(np.int8), f"{name}_step": step[:, 0]}
         if not split:
-            constants |= {_ZERO: np.array(128, np.uint8), _COARSE: np.array(_SHARE, np.float32)}
-        nodes = _multiplied(product, name)
+            constants |= {_ZERO: np.array(128, np.uint8), _FINER: np.array(_SHARE, np.float32)}
+        nodes = _multiplied(product, name, parts)
         if source not in split:
             split.add(source)
-            coarse = np.array(reach / 128, np.float32)
-            constants |= {f"{source}_coarse_unit": coarse, f"{source}_fine_unit": coarse / np.float32(_SHARE)}
-            nodes = _split(source) + nodes
+            units = reach / 128 / _SHARE ** np.arange(parts, dtype=np.float32)
+            constants |= {f"{source}_unit{part}": unit for part, unit in enumerate(units)}
+            nodes = _split(source, parts) + nodes
         graph.graph.initializer.remove(weights)
         graph.graph.initializer.extend(numpy_helper.from_array(value, key) for key, value in constants.items())
         place = list(graph.graph.node).index(product)
@@ -51,31 +53,36 @@ def whole_products(model: ModelProto, large: int = LARGE) -> ModelProto:
     return model
 
 
-def _split(source: str) -> list[NodeProto]:
-    """(N, K) → (2 N, K) bytes: what is coarse of it, then what is fine."""
-    coarse, fine = [f"{source}_coarse_unit", _ZERO], [f"{source}_fine_unit", _ZERO]
-    return [
-        helper.make_node("QuantizeLinear", [source, *coarse], [f"{source}_coarse"]),
-        helper.make_node("DequantizeLinear", [f"{source}_coarse", *coarse], [f"{source}_rounded"]),
-        helper.make_node("Sub", [source, f"{source}_rounded"], [f"{source}_rest"]),
-        helper.make_node("QuantizeLinear", [f"{source}_rest", *fine], [f"{source}_fine"]),
-        helper.make_node("Concat", [f"{source}_coarse", f"{source}_fine"], [f"{source}_split"], axis=0),
-    ]
+def _split(source: str, parts: int) -> list[NodeProto]:
+    """(N, K) → (parts · N, K) bytes: the coarse ones, then finer and finer ones of what is left."""
+    nodes, rest = list[NodeProto](), source
+    for part in range(parts):
+        unit, byte = [f"{source}_unit{part}", _ZERO], f"{source}_byte{part}"
+        nodes.append(helper.make_node("QuantizeLinear", [rest, *unit], [byte]))
+        if part + 1 < parts:
+            nodes.append(helper.make_node("DequantizeLinear", [byte, *unit], [f"{byte}_rounded"]))
+            nodes.append(helper.make_node("Sub", [rest, f"{byte}_rounded"], [f"{byte}_rest"]))
+            rest = f"{byte}_rest"
+    names = [f"{source}_byte{part}" for part in range(parts)]
+    return [*nodes, helper.make_node("Concat", names, [f"{source}_split"], axis=0)]
 
 
-def _multiplied(product: NodeProto, name: str) -> list[NodeProto]:
+def _multiplied(product: NodeProto, name: str, parts: int) -> list[NodeProto]:
     """The product of what was split with weights in bytes, put together again."""
     source, _, *bias = product.input
     (output,) = product.output
-    added = [helper.make_node("Add", [f"{name}_scaled", each], [output]) for each in bias]
-    return [
+    sums = [f"{name}_sum{part}" for part in range(parts)]
+    nodes = [
         helper.make_node("MatMulInteger", [f"{source}_split", f"{name}_bytes", _ZERO], [f"{name}_products"]),
         helper.make_node("Cast", [f"{name}_products"], [f"{name}_sums"], to=TensorProto.FLOAT),
-        helper.make_node("Split", [f"{name}_sums"], [f"{name}_coarse", f"{name}_fine"], axis=0, num_outputs=2),
-        helper.make_node("Mul", [f"{name}_coarse", _COARSE], [f"{name}_raised"]),
-        helper.make_node("Add", [f"{name}_raised", f"{name}_fine"], [f"{name}_both"]),
-        # Both are constant: it is done when the file is loaded.
-        helper.make_node("Mul", [f"{name}_step", f"{source}_fine_unit"], [f"{name}_unit"]),
-        helper.make_node("Mul", [f"{name}_both", f"{name}_unit"], [f"{name}_scaled" if added else output]),
-        *added,
+        helper.make_node("Split", [f"{name}_sums"], sums, axis=0, num_outputs=parts),
     ]
+    whole = sums[0]
+    for finer in sums[1:]:
+        nodes.append(helper.make_node("Mul", [whole, _FINER], [f"{finer}_raised"]))
+        nodes.append(helper.make_node("Add", [f"{finer}_raised", finer], [f"{finer}_whole"]))
+        whole = f"{finer}_whole"
+    # Both are constant: it is done when the file is loaded.
+    nodes.append(helper.make_node("Mul", [f"{name}_step", f"{source}_unit{parts - 1}"], [f"{name}_unit"]))
+    nodes.append(helper.make_node("Mul", [whole, f"{name}_unit"], [f"{name}_scaled" if bias else output]))
+    return nodes + [helper.make_node("Add", [f"{name}_scaled", each], [output]) for each in bias]
