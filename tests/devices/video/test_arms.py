@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from bodysense.body.arms import ARM_JOINTS, arm_rotations
-from bodysense.body.keypoints import ArmKeypoints, body_torso, joined
+from bodysense.body.keypoints import ArmKeypoints, body_torso
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
@@ -136,8 +136,10 @@ def test_the_body_stands_turned_as_the_torso(model: ArmModel, waving_clip: Clip)
 def test_a_gap_starts_afresh_and_nothing_is_lost(model: ArmModel, waving_clip: Clip) -> None:
     keypoints = filmed(waving_clip)[:30]
     later = replace(keypoints, time=keypoints.time + 9.0)
+    parts = {one.name: [getattr(each, one.name) for each in (keypoints, later)] for one in fields(ArmKeypoints)}
+    joined = ArmKeypoints(**{name: np.concatenate(values) for name, values in parts.items()})
     estimator = Arms(default_skeleton(), model)
-    both, alone = estimator.complete(joined([keypoints, later])), estimator.complete(keypoints)
+    both, alone = estimator.complete(joined), estimator.complete(keypoints)
     assert len(both) == 60
     np.testing.assert_array_equal(both.estimate.position[:30], alone.estimate.position)
     np.testing.assert_allclose(both.estimate.position[30:], alone.estimate.position, atol=1e-5)

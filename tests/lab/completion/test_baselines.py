@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
+from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.augment import at_height, turned
+from bodysense.io.augment import at_height
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.lab.completion.baselines import cached_mean_body, fit_mean_body
@@ -26,6 +27,13 @@ def posed(drop: float, bend: float) -> Clip:
     pose.rotation[SKELETON.indices(["left_knee", "right_knee"])] = turn
     root = np.tile(pose.root_position - [0.0, drop, 0.0], (60, 1))
     return Clip("posed", Pose(SKELETON, root, np.tile(pose.rotation, (60, 1, 1))), 30.0)
+
+
+def turned(clip: Clip, angle: float) -> Clip:
+    """The clip turned about +Y, through the origin."""
+    yaw, rotation = quaternion_exp(np.array([0.0, angle, 0.0])), clip.pose.rotation.copy()
+    rotation[:, 0] = quaternion_multiply(yaw, rotation[:, 0])
+    return replace(clip, pose=Pose(clip.pose.skeleton, quaternion_rotate(yaw, clip.pose.root_position), rotation))
 
 
 def test_the_height_of_the_head_tells_the_legs() -> None:

@@ -45,23 +45,26 @@ def session() -> onnxruntime.InferenceSession:
     return onnxruntime.InferenceSession(model.SerializeToString(), providers=["CPUExecutionProvider"])
 
 
+def multiplied(x: np.ndarray) -> np.ndarray:
+    return np.asarray(session().run(None, {"x": x.astype(np.float32)})[0])
+
+
 @given(st.integers(1, 9), st.sampled_from([1e-3, 1.0, 4.0]), st.integers(0, 2**32 - 1))
 @settings(max_examples=60)
 def test_products_are_as_near_as_three_bytes(rows: int, size: float, seed: int) -> None:
     x = np.clip(size * np.random.default_rng(seed).normal(size=(rows, INPUTS)), -0.99 * REACH, 0.99 * REACH)
     weights, bias = weights_and_bias()
-    (got,) = session().run(None, {"x": x.astype(np.float32)})
+    got = multiplied(x)
     bound = np.abs(weights).sum(axis=1) * REACH / 2**21
     assert (np.abs(got - (x @ weights.T + bias)) < bound).all()
     for row, alone in zip(x, got, strict=True):
-        assert (session().run(None, {"x": row[None].astype(np.float32)})[0][0] == alone).all()
+        assert (multiplied(row[None])[0] == alone).all()
 
 
 def test_what_reaches_further_is_cut() -> None:
     far, edge = (np.full((1, INPUTS), value, np.float32) for value in (1000.0, REACH))
     weights, bias = weights_and_bias()
-    (got,) = session().run(None, {"x": far})
-    np.testing.assert_allclose(got, edge @ weights.T + bias, atol=0.02 * REACH)
+    np.testing.assert_allclose(multiplied(far), edge @ weights.T + bias, atol=0.02 * REACH)
 
 
 def test_the_packaged_networks_are_read_back() -> None:

@@ -86,8 +86,8 @@ def moments_of(step: CompletionStep, inputs: Inputs, state: State) -> dict[str, 
     network, read = step.body, dict[str, Tensor]()
     hidden, layers = network.config.hidden, network.config.layers
     hooks = [
-        network.reader.register_forward_hook(lambda _, __, features: read.update(features=features)),
-        network.turn_branch.register_forward_pre_hook(lambda _, given: read.update(both=given[0])),
+        network.reader.register_forward_hook(lambda _, __, features: read.update({"features": features})),
+        network.turn_branch.register_forward_pre_hook(lambda _, given: read.update({"both": given[0]})),
     ]
     try:
         with torch.no_grad():
