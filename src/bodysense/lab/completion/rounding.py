@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import torch
 from rich.progress import track as progress
-from torch import Tensor
 
 from bodysense.completion.model import CompletionModel
 from bodysense.completion.network import STATE, Network
@@ -83,7 +82,7 @@ def sample_moments(
 
 def moments_of(step: CompletionStep, inputs: Inputs, state: State) -> dict[str, np.ndarray]:
     """Second moments (K, K) of what each of the body's large products reads, by parameter, over B frames."""
-    network, read = step.body, dict[str, Tensor]()
+    network, read = step.body, dict[str, Any]()
     hidden, layers = network.config.hidden, network.config.layers
     hooks = [
         network.reader.register_forward_hook(lambda _, __, features: read.update({"features": features})),
