@@ -21,6 +21,7 @@ def key(tmp_path: Path) -> Path:
     return tmp_path / "key.json"
 
 
+@pytest.mark.slow
 def test_build(tmp_path: Path, short_clip: Clip, small_network: Path, run) -> None:
     for name in ("one", "two"):
         write_bvh(tmp_path / f"{name}.bvh", replace(short_clip, pose=short_clip.pose[:15]))

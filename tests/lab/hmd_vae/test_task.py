@@ -177,6 +177,7 @@ def test_a_run_exports(folder: Path, tmp_path: Path) -> None:
     assert model.latent == network.config.latent
 
 
+@pytest.mark.slow
 def test_a_sweep_keeps_what_is_there(folder: Path, tmp_path: Path) -> None:
     run = VaeRun(data=folder, out=tmp_path / "sweep", config=SMALL, schedule=replace(SCHEDULE, steps=2), threads=1)
     run_sweep(run, sweep_configs(SMALL, "one")[:2])

@@ -172,6 +172,7 @@ def test_means_merge_as_if_they_had_been_one() -> None:
     assert np.isnan(one.get("b"))
 
 
+@pytest.mark.slow
 def test_both_comparisons_measure_both_networks(networks: Path, hand: Skeleton, motion: HandMotion) -> None:
     pair = synthesize_pair(hand, 4.0, np.random.default_rng(3), 15.0)
     numbers = compare_two_hands([pair], networks, networks / "glove_markers.onnx")
