@@ -1,4 +1,4 @@
-"""People before a camera, the device that watches them, and gloves' networks that were never trained."""
+"""People before a camera, and the device that watches them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from bodysense.body.arms import SIDES
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.gloves.hands import GloveModels
 from bodysense.devices.video.arms import Arms, ArmSettings, load_arms
 from bodysense.devices.video.device import POINTS, VideoDevice, VideoFrames, VideoSettings
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
@@ -36,23 +35,6 @@ def make_device(small_arms: Path) -> Any:
         return VideoDevice(SKELETON, arms, 16 / 9, VideoSettings(look_ahead=look_ahead, tilt=tilt))
 
     return make
-
-
-class Untrained:
-    """A network of gloves with weights by chance: what holds of every network holds of it."""
-
-    def __init__(self, outputs: int, scale: float) -> None:
-        rng = np.random.default_rng(outputs)
-        self.first, self.second = rng.normal(size=(114, 16)), scale * rng.normal(size=(16, outputs))
-
-    def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
-        hidden = np.maximum(np.concatenate([markers, hand], axis=1) @ self.first, 0.0)
-        return (hidden @ self.second).astype(np.float32)
-
-
-@pytest.fixture(scope="session")
-def small_gloves() -> GloveModels:
-    return GloveModels(Untrained(27, 0.1), Untrained(26, 0.3))
 
 
 def walking(frames: int = 45) -> Pose:

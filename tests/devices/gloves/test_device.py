@@ -66,8 +66,8 @@ def observed(device: GloveDevice, seen: Observation) -> Observation:
     return check_observation(found)
 
 
-def test_markers_become_points_of_hands(small_gloves: GloveModels, gloves: Observation, head: Observation) -> None:
-    device = glove_device(SKELETON, models=small_gloves)
+def test_markers_become_points_of_hands(small_models: GloveModels, gloves: Observation, head: Observation) -> None:
+    device = glove_device(SKELETON, models=small_models)
     assert has_gloves(gloves) and not has_gloves(head)
     found = observed(device, together(head, gloves))
     assert found.points == ("head", *device.points) and not has_gloves(found)
@@ -86,7 +86,7 @@ def test_markers_become_points_of_hands(small_gloves: GloveModels, gloves: Obser
 @pytest.mark.parametrize("with_head", [True, False], ids=["head", "alone"])
 @pytest.mark.parametrize("sides", [SIDES, ("right",)], ids=["both", "right"])
 def test_a_glove_s_hand_arrives_unchanged(
-    small_gloves: GloveModels,
+    small_models: GloveModels,
     completion: CompletionModel,
     gloves: Observation,
     head: Observation,
@@ -95,7 +95,7 @@ def test_a_glove_s_hand_arrives_unchanged(
 ) -> None:
     """The gloves' networks were never trained: two wrists may be out of reach, but are never turned wrongly."""
     seen = chosen_points(gloves, [k for k, name in enumerate(gloves.points) if name.startswith(sides)])
-    device = glove_device(SKELETON, sides, small_gloves)
+    device = glove_device(SKELETON, sides, small_models)
     found = observed(device, together(head, seen) if with_head else seen)
     tracker = Tracker(Person(SKELETON), network=completion)
     estimate, _ = tracker.step(found, tracker.start())
@@ -109,10 +109,10 @@ def test_a_glove_s_hand_arrives_unchanged(
         assert np.linalg.norm(off, axis=-1).max() < 0.005
 
 
-def test_one_call_equals_many(small_gloves: GloveModels, gloves: Observation) -> None:
+def test_one_call_equals_many(small_models: GloveModels, gloves: Observation) -> None:
     hidden = np.random.default_rng(0).random(gloves.has_position.shape) < 0.3
     hidden[20:50, :9] = True
-    seen, device = hide(gloves, hidden), glove_device(SKELETON, models=small_gloves)
+    seen, device = hide(gloves, hidden), glove_device(SKELETON, models=small_models)
     whole, state = observed(device, seen), device.start()
     for t in range(len(seen)):
         one, state = device.step(seen[t : t + 1], state)
@@ -121,12 +121,12 @@ def test_one_call_equals_many(small_gloves: GloveModels, gloves: Observation) ->
 
 
 def test_a_hidden_hand_is_not_observed_and_accuracy_tells_of_hidden_markers(
-    small_gloves: GloveModels, gloves: Observation
+    small_models: GloveModels, gloves: Observation
 ) -> None:
     hidden = np.zeros(gloves.has_position.shape, dtype=bool)
     hidden[20:50, :9] = True  # all of the left
     hidden[10:60, 9 + 5] = True  # the tip of the right index finger
-    found = observed(glove_device(SKELETON, models=small_gloves), hide(gloves, hidden))
+    found = observed(glove_device(SKELETON, models=small_models), hide(gloves, hidden))
     left, right = (found.has_position[:, found.points.index(f"{side}_wrist")] for side in SIDES)
     assert right.all() and left[:20].all() and left[50:].all()
     assert left[20:24].all() and not left[28:50].any()  # a moment is bridged
@@ -135,14 +135,14 @@ def test_a_hidden_hand_is_not_observed_and_accuracy_tells_of_hidden_markers(
     assert found.accuracy[5, found.points.index("left_wrist")] == OPTICAL_ACCURACY
 
 
-def test_a_lost_hand_is_completed_without_a_jump(small_gloves: GloveModels, completion: CompletionModel) -> None:
+def test_a_lost_hand_is_completed_without_a_jump(small_models: GloveModels, completion: CompletionModel) -> None:
     clip = resample(replace(packaged_performance(), pose=packaged_performance().pose[50:110]), 60.0)
     gloves = glove.observe(clip.pose, clip.time)
     head = chosen_points(three_point.observe(clip.pose, clip.time, three_point.ThreePoint(hands=False)), [0])
     hidden = np.zeros(gloves.has_position.shape, dtype=bool)
     hidden[40:, :9] = True
     skeleton = clip.pose.skeleton
-    found = observed(glove_device(skeleton, models=small_gloves), together(head, hide(gloves, hidden)))
+    found = observed(glove_device(skeleton, models=small_models), together(head, hide(gloves, hidden)))
     assert not found.has_position[50:, found.points.index("left_wrist")].any()
     tracker = Tracker(Person(skeleton), network=completion)
     estimate, _ = tracker.step(found, tracker.start())
@@ -153,9 +153,9 @@ def test_a_lost_hand_is_completed_without_a_jump(small_gloves: GloveModels, comp
 
 
 def test_a_standing_head_is_assumed_for_gloves_alone(
-    small_gloves: GloveModels, completion: CompletionModel, clip: Clip, gloves: Observation, head: Observation
+    small_models: GloveModels, completion: CompletionModel, clip: Clip, gloves: Observation, head: Observation
 ) -> None:
-    device = glove_device(SKELETON, models=small_gloves)
+    device = glove_device(SKELETON, models=small_models)
     found = observed(device, gloves)
     place = found.points.index("head")
     assert found.has_position[:, place].all() and found.has_rotation[:, place].all()
@@ -174,12 +174,12 @@ def test_a_standing_head_is_assumed_for_gloves_alone(
     assert observed(device, together(head, gloves)).accuracy[0, 0] == head.accuracy[0, 0]
 
 
-def test_another_device_s_hand_stays_where_the_glove_is_lost(small_gloves: GloveModels, gloves: Observation) -> None:
+def test_another_device_s_hand_stays_where_the_glove_is_lost(small_models: GloveModels, gloves: Observation) -> None:
     controller = chosen_points(gloves, [0])
     controller = replace(controller, points=("left_wrist",), accuracy=np.full((len(gloves), 1), 0.02))
     hidden = np.zeros(gloves.has_position.shape, dtype=bool)
     hidden[30:, :9] = True
-    found = observed(glove_device(SKELETON, models=small_gloves), together(controller, hide(gloves, hidden)))
+    found = observed(glove_device(SKELETON, models=small_models), together(controller, hide(gloves, hidden)))
     assert found.points.count("left_wrist") == 1
     assert found.accuracy[20, 0] == OPTICAL_ACCURACY and found.accuracy[59, 0] == 0.02
     np.testing.assert_array_equal(found.position[59, 0], controller.position[59, 0])
@@ -222,8 +222,8 @@ def test_accuracy_is_about_the_error() -> None:
     assert np.corrcoef(accuracy, error)[0, 1] > 0.3
 
 
-def test_what_is_refused(small_gloves: GloveModels, gloves: Observation) -> None:
-    more = Hands({"left2": hand_skeleton(SKELETON, "left")}, small_gloves)
+def test_what_is_refused(small_models: GloveModels, gloves: Observation) -> None:
+    more = Hands({"left2": hand_skeleton(SKELETON, "left")}, small_models)
     with pytest.raises(BodysenseError, match="'left2' is not of this body; it has 'left' and 'right'"):
         GloveDevice(more)
     with pytest.raises(BodysenseError, match="lost is 0; it must be positive"):
@@ -231,7 +231,7 @@ def test_what_is_refused(small_gloves: GloveModels, gloves: Observation) -> None
     assert gloved_sides(gloves.points) == SIDES
     with pytest.raises(BodysenseError, match="the gloves are 'left2'; name the hands of a body"):
         gloved_sides(glove_points("left2"))
-    device = glove_device(SKELETON, models=small_gloves)
+    device = glove_device(SKELETON, models=small_models)
     _, state = device.step(gloves[:2], device.start())
     with pytest.raises(BodysenseError, match="in order of time"):
         device.step(gloves[:1], state)
