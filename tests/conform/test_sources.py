@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.writer import CompressionType, Writer
 
 from bodysense.body.pose import Pose
 from bodysense.cli import main
@@ -19,7 +20,7 @@ from bodysense.conform.report.junit import write_junit
 from bodysense.conform.report.record import record
 from bodysense.conform.script import read_script
 from bodysense.conform.sources.files import clip_subject, read_subject
-from bodysense.conform.sources.mcap_take import read_record
+from bodysense.conform.sources.mcap_take import read_mcap, read_record
 from bodysense.conform.sources.vmc import vmc_subject
 from bodysense.conform.sources.websocket import messages_subject
 from bodysense.conform.subject import Step, Subject
@@ -92,6 +93,18 @@ def test_reports_hold_every_finding(clean: Subject, tmp_path: Path) -> None:
     root = ElementTree.parse(tmp_path / "r.xml").getroot()
     assert sum(int(suite.get("tests", 0)) for suite in root) == len(verdict.findings)
     assert [case.get("type") for case in root.iter("failure")] == ["device"]
+
+
+def test_a_take_that_unpacks_to_far_more_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "take.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.ZSTD)
+        writer.start()
+        channel = writer.register_channel("/body", "flatbuffer", writer.register_schema("x", "flatbuffer", b""))
+        writer.add_message(channel, 0, bytes(300 << 20), 0)
+        writer.finish()
+    with pytest.raises(BodysenseError, match="was it made to fill memory"):
+        read_mcap(path)
 
 
 def test_the_command_says_by_its_status_what_was_found(clip: Clip, tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ def read_amass(path: str | Path, skeleton: Skeleton | None = None, trans_to_pelv
     `skeleton_from_smpl`). `trans_to_pelvis` (3,) metres is added to `trans` to give the pelvis joint: zeros for files
     whose `trans` is that joint; for AMASS proper, whose `trans` moves the whole model, the rest place of the model's
     pelvis, `skeleton_from_smpl(...).rest_offset[0]`. Leaving it out there shifts a clip by a constant (some 20 cm
-    horizontally, 3 cm in height). Fingers that were not recorded are relaxed (`data.fingers`).
+    horizontally, 3 cm in height). Fingers that were not recorded are relaxed (`io.fingers`).
     Raises BodysenseError, naming the file, for anything that is not such a motion.
     """
     path = Path(path)

@@ -28,9 +28,9 @@ def open_clips(
 ) -> Iterator[Clip]:
     """The clips of a folder or a store one after the other, in canonical form, at their own frame rates.
 
-    `categories` None takes all; `layout` None recognises a folder's (`data.layouts`); `at_most` takes so many, spread
-    evenly; `options` say what motion files do not. Raises BodysenseError where nothing is left, and for the first file
-    that cannot be read (`prepare` skips such files and says why).
+    `categories` None takes all; `layout` None recognises a folder's (`io.datasets.layouts`); `at_most` takes so many,
+    spread evenly; `options` say what motion files do not. Raises BodysenseError where nothing is left, and for the
+    first file that cannot be read (`prepare` skips such files and says why).
     """
     chosen, clip_at = _choose(directory, split, categories, layout, options)
     if at_most is not None and at_most < len(chosen):

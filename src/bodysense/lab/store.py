@@ -108,8 +108,9 @@ def prepare(
     `workers` processes of this machine do it (None: one for each processor; 1: this process alone), or, where
     `scheduler` is its address ('tcp://host:8786'), a Dask cluster that sees the same folders. A stopped run goes on
     where it was when it is run again; a finished one is left as it is. `layout` None recognises the folder's
-    (`data.layouts`); `options` say what the files do not. Raises BodysenseError where the folder has no motion, where
-    nothing in it can be read, and where `store_path` was made from other files, with other options or at another rate.
+    (`io.datasets.layouts`); `options` say what the files do not. Raises BodysenseError where the folder has no motion,
+    where nothing in it can be read, and where `store_path` was made from other files, with other options or at another
+    rate.
     """
     directory, store_path = Path(directory), Path(store_path)
     sources = {source.key(directory): source for source in list_sources(directory, layout)}

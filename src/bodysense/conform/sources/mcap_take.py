@@ -1,4 +1,4 @@
-"""MCAP takes as subjects: bodies and hands in the schemas of `export.mcap_take`, by anybody's writer."""
+"""MCAP takes as subjects: bodies and hands in the schemas of `io.mcap_take`, by anybody's writer."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from bodysense.arrays import check_sizes
 from bodysense.body.skeleton import default_skeleton
 from bodysense.conform.subject import Subject, Transport, ordered
 from bodysense.errors import BodysenseError
@@ -90,8 +91,9 @@ def _tracks(path: Path) -> dict[str, _Track]:
 
     found: dict[str, list[Any]] = {}
     try:
-        stream = BytesIO(path.read_bytes())  # of which no more can be read than there is, whatever a length says
-        for schema, channel, message in make_reader(stream).iter_messages(log_time_order=False):
+        data = path.read_bytes()  # of which no more can be read than there is, whatever a length says
+        _check_chunks(path, data)
+        for schema, channel, message in make_reader(BytesIO(data)).iter_messages(log_time_order=False):
             kind = _kind(channel.topic, "" if schema is None else schema.name)
             if kind is not None:
                 found.setdefault(kind, []).append(message)
@@ -101,6 +103,20 @@ def _tracks(path: Path) -> dict[str, _Track]:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise BodysenseError(f"{path}: not a whole MCAP file ({reason[:80]}); export it again") from None
     return {kind: _track(kind, messages) for kind, messages in found.items()}
+
+
+def _check_chunks(path: Path, data: bytes) -> None:
+    """Raise BodysenseError where the chunks of a file say that they unpack to far more than it is."""
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader
+    from zstandard import frame_content_size
+
+    unpacked = 0
+    for record in StreamReader(BytesIO(data), emit_chunks=True).records:
+        if isinstance(record, Chunk):
+            said = frame_content_size(record.data) if record.compression == "zstd" else 0
+            unpacked += max(record.uncompressed_size, said)
+            check_sizes(path, unpacked, len(data))
 
 
 def _kind(topic: str, schema: str) -> str | None:

@@ -86,10 +86,11 @@ def list_sources(directory: str | Path, layout: Layout | None = None) -> list[So
     """The motion files of a folder, those in zip files included, sorted by path.
 
     A folder with `splits.json` is read by that file, `categories.csv` and `skeletons.json` (see docs/data.md), and so
-    is the folder of one of its sets. The published data sets that `data.layouts` describes are recognised by what is in
-    the folder, or taken to be of `layout`. In any other, the person is the first folder below `directory`; of files
-    that lie in it, the 'subject5' in the name, or else the name up to the first '_'. The split follows from the
-    person's name. Raises BodysenseError where there is no file, and where the folder is not of the layout asked for.
+    is the folder of one of its sets. The published data sets that `io.datasets.layouts` describes are recognised by
+    what is in the folder, or taken to be of `layout`. In any other, the person is the first folder below `directory`;
+    of files that lie in it, the 'subject5' in the name, or else the name up to the first '_'. The split follows from
+    the person's name. Raises BodysenseError where there is no file, and where the folder is not of the layout asked
+    for.
     """
     directory = Path(directory)
     if not directory.is_dir():

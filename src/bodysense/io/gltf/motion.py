@@ -45,7 +45,7 @@ _LONGEST = 10**7  # frames × nodes
 def read_gltf(path: Path, joints: Path | None = None) -> tuple[Clip, tuple[str, ...]]:
     """The motion of a file in canonical form, and remarks. Raises BodysenseError for one without a moving humanoid.
 
-    `joints` is a file that says which joint is which (`rigs.joint_map`); they are recognised if it is omitted.
+    `joints` is a file that says which joint is which (`io.rigs.joint_map`); they are recognised if it is omitted.
     """
     file = open_gltf(path)
     names, is_vrm = _names(file)

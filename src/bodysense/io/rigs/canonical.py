@@ -3,7 +3,7 @@
 The form is that of `default_skeleton()`: same names, same tree, and a rest pose (all rotations the identity) that is
 a T-pose facing +Z. What changes is only the meaning of the rotations; in the world the body stays where it was.
 
-How a source's rest bones are aligned with ours: `data.alignment`.
+How a source's rest bones are aligned with ours: `io.rigs.alignment`.
 
 Skipped joints. Joints that we lack (LowerBack, twist bones, a fourth spine joint) are left out. If they do not move,
 all matched joints keep their world positions to rounding. If they do, a joint with one child is turned each frame so

@@ -1,7 +1,7 @@
 """What the name of a joint says: a side, the parts of a body it may be, a helper that is none.
 
 The one table of words: a tree of joints is recognised by its structure, in which these weigh in, and a list of names
-alone (`rigs.names`) by them.
+alone (`io.rigs.names`) by them.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Frames of the 22-joint body of many clips in flat arrays, as HMD-VAE is trained and tested on them (section 5.1).
 
-Recordings come to 30 Hz exactly (`data.resample`). One at a whole multiple of it, 60 or 120 Hz, loses frames and no
+Recordings come to 30 Hz exactly (`io.resample`). One at a whole multiple of it, 60 or 120 Hz, loses frames and no
 other changes, as in the paper. One at any other rate is interpolated, rotations by slerp: the paper would thin 100 Hz
 to 33.3 Hz and still count 1/30 s between frames, and ours is at 24 and 12 Hz, where nothing can be thinned.
 """

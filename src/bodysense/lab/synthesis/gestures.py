@@ -96,7 +96,7 @@ _TOGETHER = np.linalg.cholesky(
 
 @dataclass(frozen=True, eq=False)
 class KeyPoses:
-    """K poses; those of the last two fields are to be made by `data.hand_touch`."""
+    """K poses; those of the last two fields are to be made by `lab.synthesis.touch`."""
 
     angles: np.ndarray  # (K, 26) rad, within the limits
     gesture: np.ndarray  # (K,) index into GESTURES, −1 for none

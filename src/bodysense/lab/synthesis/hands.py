@@ -1,6 +1,6 @@
 """Hands that move by themselves: random key poses in the 26 degrees of freedom, joined by smooth paths.
 
-The wrist travels on a path of its own. Two hands that act on each other are in `data.pair_synthesis`.
+The wrist travels on a path of its own. Two hands that act on each other are in `lab.synthesis.pairs`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """How many markers of a glove are hidden at once, and for how long: one hand, two hands (two-hands, Figs 13 and 14).
 
-A ring of cameras looks at the hands (`occlusion.camera_ring`). One hand: the other one is taken away, so that both are
-counted in the same motion.
+A ring of cameras looks at the hands (`devices.simulated.camera_ring`). One hand: the other one is taken away, so that
+both are counted in the same motion.
 """
 
 from __future__ import annotations
