@@ -388,13 +388,16 @@ def test_the_file_equals_pytorch(tmp_path: Path, motion: Motion, large: int) -> 
     path = tmp_path / "step.onnx"
     write_completion(small_step(), path, {"licence": "none"}, large)
     network = Network.open(path, NetworkFormat(FORMAT, "completion network", "bodysense train completion"))
+    bounds = {"points": 1e-4, "confidence": 1e-4, "local_rotation": 2e-4, "contact": 1e-5}
+    if large == 500:  # in whole numbers even the smallest products
+        bounds |= {"local_rotation": 5e-4, "contact": 1e-4}
     stored = as_stored(small_step())
     for people in (1, 2, 5, 64):
         of = seen_as(motion, *changing_masks(people))[: FRAMES if people < 10 else 12]
         state = network.start(people)
         for inputs, wanted in zip(of, run(stored, of), strict=True):
             got, state = network.step({name: value.numpy() for name, value in inputs._asdict().items()}, state)
-            for name, atol in (("points", 1e-4), ("confidence", 1e-4), ("local_rotation", 5e-4), ("contact", 1e-4)):
+            for name, atol in bounds.items():
                 assert np.abs(got[name] - getattr(wanted, name).numpy()).max() < atol
         assert set(state) == {f"state_{name}" for name in State._fields}
     model = onnx.load(path)

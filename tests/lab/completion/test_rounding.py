@@ -1,17 +1,24 @@
 """Weights rounded for what a network reads: whole multiples of the same step, products nearer than by nearest ones."""
 
+from dataclasses import replace
+from importlib.resources import as_file, files
+
 import numpy as np
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bodysense.completion.model import packaged_model
+from bodysense.io.clip import Clip
 from bodysense.lab.completion.error_map import unchanged_errors
 from bodysense.lab.completion.export import as_stored, example_inputs
 from bodysense.lab.completion.fingers import FingerConfig, FingerNetwork
 from bodysense.lab.completion.graph import CompletionStep
 from bodysense.lab.completion.network import CompletionConfig, CompletionNetwork
 from bodysense.lab.completion.rewriting import row_step
-from bodysense.lab.completion.rounding import moments_of, round_weights, rounded
+from bodysense.lab.completion.rounding import moments_of, round_weights, rounded, sample_moments
+from bodysense.lab.completion.scenes import scene_of
+from bodysense.lab.completion.stored import read_networks
 
 
 def read_by(seed: int, inputs: int) -> tuple[np.ndarray, np.ndarray]:
@@ -57,3 +64,14 @@ def test_a_network_is_rounded_as_it_will_be_stored() -> None:
     stored = dict(as_stored(step).body.named_parameters())
     for name in moments:
         assert (stored[name] == of[name]).all(), name
+
+
+def test_moments_are_of_what_a_tracker_asks(waving_clip: Clip) -> None:
+    with as_file(files("bodysense.weights") / "completion.onnx") as path:
+        body, fingers = read_networks(path)
+    step = CompletionStep(body, fingers, *[unchanged_errors()] * 2).eval()
+    clip = replace(waving_clip, pose=waving_clip.pose[:20])
+    batch = [scene_of(clip, "own", "train")]
+    moments = sample_moments(step, {"own": [batch], "stranger": [batch]}, packaged_model())
+    assert len(moments) == 5
+    assert all(np.isfinite(moment).all() and np.trace(moment) > 0.1 for moment in moments.values())

@@ -6,8 +6,9 @@ after the other, and what one misses is made up for by those that are still to c
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from typing import Any, cast
 
 import numpy as np
@@ -37,7 +38,7 @@ class _Watched:
 
     network: Network
     frames: list[tuple[Inputs, State]] = field(default_factory=list)
-    asked: list[int] = field(default_factory=lambda: [0])
+    asked: Iterator[int] = field(default_factory=lambda: count(1))
 
     def start(self, batch: int = 1) -> dict[str, np.ndarray]:
         return self.network.start(batch)
@@ -45,8 +46,7 @@ class _Watched:
     def step(
         self, inputs: Mapping[str, np.ndarray], state: Mapping[str, np.ndarray]
     ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        self.asked[0] += 1
-        if self.asked[0] % _STRIDE == 0:
+        if next(self.asked) % _STRIDE == 0:
             told = Inputs(*(torch.tensor(inputs[name]) for name in Inputs._fields))
             self.frames.append((told, State(*(torch.tensor(state[f"{STATE}{name}"]) for name in State._fields))))
         return self.network.step(inputs, state)
@@ -71,13 +71,13 @@ def sample_moments(
             whole, state = stacked([scene.observe(sensors) for scene in batch]), tracker.start()
             for frame in range(len(whole.time)):
                 _, state = tracker.step(whole[frame : frame + 1], state)
-    sums, count = dict[str, np.ndarray](), 0
+    sums, frames = dict[str, np.ndarray](), 0
     for inputs, state in watched.frames:
         people = len(inputs.interval)
         for name, moment in moments_of(step, inputs, state).items():
             sums[name] = sums.get(name, 0.0) + people * moment
-        count += people
-    return {name: moment / count for name, moment in sums.items()}
+        frames += people
+    return {name: moment / frames for name, moment in sums.items()}
 
 
 def moments_of(step: CompletionStep, inputs: Inputs, state: State) -> dict[str, np.ndarray]:
