@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from bodysense.body.glove import ALIGNMENT, Glove
 from bodysense.body.hand import FINGERS, HAND_JOINTS
+from bodysense.devices.gloves.fingers import POINT_COUNT
 
 # Fitted to hands of `lab.synthesis.hands` whose markers are hidden at random for 0.05 to 3 s, one or several at once.
 SHOWN_ERROR, TIP_SHOWN_ERROR = 0.001, 0.002  # m, expected of a point whose markers are seen
@@ -16,26 +19,38 @@ BACK_ERROR = 0.010  # where the three are that place the hand
 LOST_ERROR = 0.12  # where all are: hands that stay where they were are off by 3 to 6 cm after 0.1 s (docs/gloves.md)
 LONGEST = 1.0  # s
 LARGEST_ERROR = 0.3  # m
-_FINGERTIPS, _BACK = slice(len(HAND_JOINTS), None), list(ALIGNMENT)
+_TIPS = np.arange(POINT_COUNT) >= len(HAND_JOINTS)
+_SHOWN = np.where(_TIPS, TIP_SHOWN_ERROR, SHOWN_ERROR)  # (21,)
+_BACK = list(ALIGNMENT)
 
 
-def expected_error(hidden: np.ndarray, influence: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Errors expected (H, 21) m where markers have been hidden for (H, 9) s, and how much is hidden (H, 21), 0 to 1."""
-    root = np.sqrt(np.minimum(hidden, LONGEST))
-    error = HIDDEN_ERROR * (root @ influence)
-    error[:, _FINGERTIPS] *= TIP_HIDDEN_ERROR / HIDDEN_ERROR
-    error += OTHERS_ERROR * root.mean(axis=1, keepdims=True)
-    error += BACK_ERROR * root[:, _BACK].min(axis=1, keepdims=True)
-    error += SHOWN_ERROR
-    error[:, _FINGERTIPS] += TIP_SHOWN_ERROR - SHOWN_ERROR
-    lost = np.minimum.reduce(hidden, axis=1)
-    if lost.any():
-        error += (LOST_ERROR * np.sqrt(lost))[:, None]
-    return np.minimum(error, LARGEST_ERROR), (hidden > 0) @ influence
+class Influence(NamedTuple):
+    """What each marker tells of each point of a hand."""
+
+    share: np.ndarray  # (9, 21) of where the point is; of sum 1 for every point
+    growth: np.ndarray  # (9, 21) m/√s: what its being hidden adds to the point's expected error
 
 
-def influence(glove: Glove) -> np.ndarray:
-    """(9, 21): how much each marker tells of where each point of a hand is; of sum 1 for every point."""
+def expected_error(hidden: np.ndarray, influence: Influence) -> tuple[np.ndarray, np.ndarray]:
+    """Errors expected (…, 21) m where markers have been hidden for (…, 9) s, and how much is hidden (…, 21), 0 to 1."""
+    error = np.sqrt(np.minimum(hidden, LONGEST)) @ influence.growth + _SHOWN
+    back = np.minimum.reduce(hidden.take(_BACK, axis=-1), axis=-1, keepdims=True)
+    if back.any():
+        lost = np.minimum.reduce(hidden, axis=-1, keepdims=True)
+        error += BACK_ERROR * np.sqrt(np.minimum(back, LONGEST)) + LOST_ERROR * np.sqrt(lost)
+        error = np.minimum(error, LARGEST_ERROR)
+    return error, np.sign(hidden) @ influence.share
+
+
+def influence(glove: Glove) -> Influence:
+    """Of the markers of a glove."""
+    share = _share(glove)
+    hidden = np.where(_TIPS, TIP_HIDDEN_ERROR, HIDDEN_ERROR)
+    return Influence(share, hidden * share + OTHERS_ERROR / len(share))
+
+
+def _share(glove: Glove) -> np.ndarray:
+    """(9, 21) as in `Influence`."""
     points = ["wrist", *HAND_JOINTS[1:], *(f"{finger}_tip" for finger in FINGERS)]
     back = np.array([carrier == "wrist" for carrier in glove.carried_by], dtype=float)
     rows = np.tile(back / back.sum(), (len(points), 1))

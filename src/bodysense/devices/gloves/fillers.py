@@ -16,7 +16,7 @@ import numpy as np
 from bodysense.body.glove import Glove, default_glove, template
 from bodysense.body.registration import Levers, brought_back, fit, levers, moved, register
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.networks import HandNetwork, known_shapes, size_ratios
+from bodysense.devices.gloves.networks import HandNetwork, for_hands, known_shapes, size_ratios
 from bodysense.errors import BodysenseError
 
 MARKER_COUNT = 9
@@ -98,6 +98,10 @@ class NetworkFiller:
     def _shapes(self) -> np.ndarray:
         return known_shapes(self.hands, self._gloves)
 
+    @cached_property
+    def _network(self) -> HandNetwork:
+        return for_hands(self.model, self._shapes)
+
     def start(self, hands: int) -> NetworkState:
         """Registered nowhere. Raises BodysenseError where there are other hands than told."""
         if len(self.hands) not in (1, hands):
@@ -117,7 +121,7 @@ class NetworkFiller:
         _, rotation, translation = fit(used, seen, state[:2])
         local = brought_back(seen, rotation, translation) * scale
         shapes = self._shapes if len(self._shapes) == hands else self._shapes.repeat(hands, axis=0)
-        answer = self.model.run(local.reshape(hands, -1).astype(np.float32), shapes)
+        answer = self._network.run(local.reshape(hands, -1).astype(np.float32), shapes)
         guess = moved(answer.reshape(hands, MARKER_COUNT, 3) * self._ratio, rotation, translation)
         if used.loose:
             guess[known.sum(axis=1) < self.fewest] = np.nan

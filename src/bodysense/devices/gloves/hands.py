@@ -35,7 +35,7 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves.contact import Contact, ContactSettings, ContactState
 from bodysense.devices.gloves.continuity import FADING, Remembered
-from bodysense.devices.gloves.expectation import expected_error, influence
+from bodysense.devices.gloves.expectation import Influence, expected_error, influence
 from bodysense.devices.gloves.fillers import Filler, LastShape, NetworkFiller, Stack, any_of, missing
 from bodysense.devices.gloves.fingers import POINT_COUNT, Aim
 from bodysense.devices.gloves.joints import HandPoses, JointReader
@@ -177,8 +177,7 @@ class Hands:
         return Settling(self._reader.shape, self.glove, self.settings.speed, self.settings.unseen_speed)
 
     @cached_property
-    def _influence(self) -> np.ndarray:
-        """(9, 21)."""
+    def _influence(self) -> Influence:
         return influence(self.glove)
 
     def start(self) -> HandsState:
@@ -195,13 +194,14 @@ class Hands:
         frames, hands = len(observation.time), len(self.hands)
         root, rotation = np.empty((frames, hands, 3)), np.empty((frames, hands, len(HAND_JOINTS), 4))
         position = np.empty((frames, hands, POINT_COUNT, 3))
-        error, occluded = np.empty((2, frames, hands, POINT_COUNT))
+        hidden = np.empty((frames, hands, len(self.glove.markers)))
         for frame, now in enumerate(observation.time.tolist()):
             interval, state = self._continued(now, state)
             pose, state = self.complete(markers[frame], interval, state)
             state = HandsState(now, *state[1:])
             root[frame], rotation[frame], position[frame] = pose
-            error[frame], occluded[frame] = expected_error(state.hidden, self._influence)
+            hidden[frame] = state.hidden
+        error, occluded = expected_error(hidden, self._influence)
         root *= self._flip[:, 0]
         position *= self._flip
         rotation *= self._turned_over * np.copysign(1.0, rotation[..., :1])

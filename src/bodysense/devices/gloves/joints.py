@@ -26,7 +26,7 @@ from bodysense.devices.gloves.fingers import (
     pointed,
     turning,
 )
-from bodysense.devices.gloves.networks import HandNetwork, known_shapes, size_ratios
+from bodysense.devices.gloves.networks import HandNetwork, for_hands, known_shapes, size_ratios
 
 
 class HandPoses(NamedTuple):
@@ -67,6 +67,10 @@ class JointReader:
         return known_shapes(self.hands, self.gloves)
 
     @cached_property
+    def _network(self) -> HandNetwork:
+        return for_hands(self.model, self._shapes)
+
+    @cached_property
     def _ratio(self) -> np.ndarray:
         return size_ratios(self.hands)[:, None, None]
 
@@ -95,5 +99,5 @@ class JointReader:
     def _local(self, own: np.ndarray) -> np.ndarray:
         """Local rotations (H, 15, 4) that the network tells of markers (H, 9, 3) m in the hands' axes, calibrated."""
         single = (own / self._ratio).astype(np.float32)
-        angles = self.model.run(single.reshape(len(single), -1), self._shapes)
+        angles = self._network.run(single.reshape(len(single), -1), self._shapes)
         return local_rotations(angles.astype(float), self._turning)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -28,7 +28,7 @@ class DenseLayers:
     """Layers x → max(x · weight + bias, 0), the last without the maximum."""
 
     weights: tuple[np.ndarray, ...]  # (inputs, outputs) each
-    biases: tuple[np.ndarray, ...]
+    biases: tuple[np.ndarray, ...]  # (outputs,) each; the first also (H, outputs)
 
     @property
     def width(self) -> int:
@@ -157,12 +157,33 @@ class GloveNetwork:
         if self.layers is None:
             (answer,) = self.network.run({"markers": markers, "hand": hand}).values()
             return answer
+        if self.layers.width == 27:
+            return self.layers.run(markers)
         read = [markers]
         if self.layers.width in (36, 124):  # also which markers are known, as in models/glove.py
-            read.append(np.logical_or.reduce(markers.reshape(len(markers), 9, 3), axis=2).astype(np.float32))
+            read.append(np.logical_or.reduce(markers.reshape(len(markers), 9, 3), axis=2))
         if self.layers.width in (115, 124):
-            read += [hand, hand.any(axis=1, keepdims=True).astype(np.float32)]
+            read.append(_told(hand))
         return self.layers.run(np.concatenate(read, axis=1))
+
+
+def for_hands(network: HandNetwork, hand: np.ndarray) -> HandNetwork:
+    """The network for hands of these shapes (H, 87), or one for all: what they add to a first dense layer is added once.
+
+    It is still told the shapes, and may not look at them.
+    """
+    layers = network.layers if isinstance(network, GloveNetwork) else None
+    if not isinstance(network, GloveNetwork) or layers is None or layers.width not in (115, 124):
+        return network
+    of_markers, of_shape = np.split(layers.weights[0], [layers.width - 88])
+    bias = layers.biases[0] + _told(hand) @ of_shape
+    narrow = DenseLayers((of_markers, *layers.weights[1:]), (bias, *layers.biases[1:]))
+    return replace(network, layers=narrow)
+
+
+def _told(hand: np.ndarray) -> np.ndarray:
+    """(H, 88) single precision: shapes (H, 87), and whether they are known."""
+    return np.concatenate([hand, hand.any(axis=1, keepdims=True)], axis=1, dtype=np.float32)
 
 
 def load_marker_network(path: str | Path | None = None) -> GloveNetwork:
