@@ -12,7 +12,7 @@ from bodysense.body.products import MATRIX
 # toward that by this much, m². Three markers 3 cm apart pull with 1e-3 m².
 _PULL = 1e-9
 _PULLED = _PULL * np.eye(3)
-_FEW = 4  # hands, to which `_turns` is faster
+FEW = 4  # hands, up to which numbers one by one are faster than arrays
 
 
 def _quadratic() -> np.ndarray:
@@ -59,6 +59,36 @@ def register(
     return fit(levers(template, known), seen, last)[1:]
 
 
+# Places in a matrix, row by row: its cofactors are one · other − third · fourth.
+_ONE, _OTHER = [4, 5, 3, 7, 8, 6, 1, 2, 0], [8, 6, 7, 2, 0, 1, 5, 3, 4]
+_THIRD, _FOURTH = [5, 3, 4, 8, 6, 7, 2, 0, 1], [7, 8, 6, 1, 2, 0, 4, 5, 3]
+
+
+def _cofactors(matrix: np.ndarray) -> np.ndarray:
+    """Of matrices, row by row (9, N): (9, N)."""
+    one, other, third, fourth = (matrix.take(places, axis=0) for places in (_ONE, _OTHER, _THIRD, _FOURTH))
+    return one * other - third * fourth
+
+
+def registered_threes(template: np.ndarray, markers: np.ndarray, members: np.ndarray) -> np.ndarray:
+    """The template (M, 3) m, moved onto markers (M, 3) m by three of them at a time, N times: (M, 3, N) m.
+
+    `members` (M, N) are 1 for the three, which are not on a line, and else 0. In closed form, in a fifth of the time
+    that `register` takes: S has rank 2, so that its singular values s and t have the product |cofactors of S| and the
+    sum √(|S|² + 2 s t).
+    """
+    base, middle = template.T @ members / 3, markers.T @ members / 3
+    joined = (markers[:, :, None] * template[:, None]).reshape(-1, 9).T @ members
+    spread = joined - 3 * (middle[:, None] * base).reshape(9, -1)
+    across = _cofactors(spread)
+    product = np.sqrt((across * across).sum(axis=0)) + 1e-30
+    normal = across / product  # of rank 1: from one plane's normal to the other's
+    total = np.sqrt((spread * spread).sum(axis=0) + 2 * product)
+    rotation = ((spread + _cofactors(spread + normal) - across) / total + normal).reshape(3, 3, -1)
+    lever = template[:, :, None] - base  # (M, 3, N)
+    return (rotation * lever[:, None]).sum(axis=2) + middle
+
+
 class Levers(NamedTuple):
     """What registering needs of the template and of which markers are known."""
 
@@ -85,7 +115,7 @@ def fit(
     hands, spread = len(drawn), drawn[:, :3]
     if levers.loose:
         spread = spread + (_PULLED if last is None else _PULL * last[0].swapaxes(1, 2))
-    turns = _turns(spread) if hands <= _FEW else None
+    turns = _turns(spread) if hands <= FEW else None
     if turns is None:
         quaternion = np.linalg.eigh((spread.reshape(hands, 9) @ _QUADRATIC).reshape(hands, 4, 4))[1][:, :, 3]
         rotation = to_matrix(quaternion)
@@ -139,7 +169,9 @@ def _turns(spread: np.ndarray) -> np.ndarray | None:
         length = -((column[0] ** 2 + column[1] ** 2 + column[2] ** 2 + column[3] ** 2) ** 0.5)
         if not length < -1e-4 * size * root:
             return None
-        turns.append(_with_matrix(*(part / length for part in column)))
+        w, x, y, z = column
+        w, x, y, z = w / length, x / length, y / length, z / length
+        turns.append((w, x, y, z, *matrix_of(w, x, y, z)))
     return np.array(turns)
 
 
@@ -153,12 +185,11 @@ def _minors(
     )
 
 
-def _with_matrix(w: float, x: float, y: float, z: float) -> tuple[float, ...]:
-    """A unit quaternion and its matrix, row by row."""
+def matrix_of(w: float, x: float, y: float, z: float) -> tuple[float, ...]:
+    """The matrix of a unit quaternion, row by row."""
     ww, xx, yy, zz, wx, wy, wz = w * w, x * x, y * y, z * z, 2 * w * x, 2 * w * y, 2 * w * z
     xy, yz, zx = 2 * x * y, 2 * y * z, 2 * z * x
-    first, second = (ww + xx - yy - zz, xy - wz, zx + wy), (xy + wz, ww - xx + yy - zz, yz - wx)
-    return (w, x, y, z, *first, *second, zx - wy, yz + wx, ww - xx - yy + zz)
+    return ww + xx - yy - zz, xy - wz, zx + wy, xy + wz, ww - xx + yy - zz, yz - wx, zx - wy, yz + wx, ww - xx - yy + zz
 
 
 def to_matrix(quaternion: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ import pytest
 from bodysense.body.glove import default_glove, marker_positions
 from bodysense.body.hand import FINGERS, FREEDOMS, rotations_of
 from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.registration import moved
 from bodysense.body.rotation import (
     quaternion_canonical,
     quaternion_conjugate,
@@ -17,7 +18,6 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.fingers import (
     Aim,
     hand_shape,
-    in_order,
     local_rotations,
     pointed,
     shortest_arcs,
@@ -70,9 +70,7 @@ def test_fingers_point_at_markers_as_the_slow_way_says(hand: Skeleton, aim: Aim)
     angles = rng.normal(scale=0.3, size=(3, 26))
     markers = np.stack([np.asarray(marker_positions(glove, _posed(one, angles[k]))) for k, one in enumerate(hands)])
     markers += rng.normal(scale=0.01, size=markers.shape)
-    local, ways = pointed(local_rotations(angles, turning()), markers, hand_shape(hands, [glove] * 3, aim))
-    identity, nowhere = np.tile(np.eye(3), (3, 1, 1)), np.zeros((3, 3))
-    points = in_order(ways, identity, nowhere)
+    local, points = pointed(local_rotations(angles, turning()), markers, hand_shape(hands, [glove] * 3, aim))
     for k, one in enumerate(hands):
         turned = _posed(one, angles[k]).rotation.copy()
         position, _ = forward_kinematics(Pose(one, np.zeros(3), turned))
@@ -108,9 +106,9 @@ def test_points_are_placed_in_the_world(hand: Skeleton) -> None:
     world[0] = wrist
     position, _ = forward_kinematics(Pose(hand, np.array([1.0, 2.0, 3.0]), world))
     markers = np.asarray(marker_positions(default_glove(), pose))[None]
-    _, ways = pointed(local_rotations(angles, turning()), markers, hand_shape([hand], [default_glove()]))
+    _, points = pointed(local_rotations(angles, turning()), markers, hand_shape([hand], [default_glove()]))
     rotation = np.stack([quaternion_rotate(wrist, axis) for axis in np.eye(3)], axis=-1)[None]
-    np.testing.assert_allclose(in_order(ways, rotation, np.array([[1.0, 2.0, 3.0]]))[0], position, atol=1e-12)
+    np.testing.assert_allclose(moved(points, rotation, np.array([[1.0, 2.0, 3.0]]))[0], position, atol=1e-12)
 
 
 def test_errors(hand: Skeleton) -> None:

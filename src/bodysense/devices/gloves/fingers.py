@@ -8,14 +8,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from math import sqrt
 from typing import Literal
 
 import numpy as np
 
-from bodysense.body.glove import MARKERS, Glove, hand_size
+from bodysense.body.glove import Glove, hand_size
 from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, joint_bases
 from bodysense.body.products import LEFT
-from bodysense.body.registration import to_matrix
+from bodysense.body.registration import FEW, matrix_of, to_matrix
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
@@ -28,16 +29,17 @@ POINT_COUNT = 21  # of a hand: the wrist, 15 joints, 5 tips
 class HandShape:
     """What is constant of H hands in a batch: where bases are, how long bones, what must point at the markers.
 
-    Bones are columns, as turned one joint after the other: the tip and what points, from joint 3; these and joint 3,
-    from joint 2; these, the base (0) and joint 2, from the base.
+    Bones are columns, as turned one joint after the other: the tip and what points, from joint 3; these, joint 3 and
+    what a marker in the middle of the finger is worn at, from joint 2; these, the base (0) and joint 2, from the base.
     """
 
     base: np.ndarray = field(repr=False)  # (H, 5, 3, 1) m, of each finger, from the wrist
-    last: np.ndarray = field(repr=False)  # (H, 5, 3, 2) m
-    middle: np.ndarray = field(repr=False)  # (H, 5, 3, 1) m
-    first: np.ndarray = field(repr=False)  # (H, 5, 3, 1) m
-    thumb: np.ndarray = field(repr=False)  # (H, 3, 1) m, the thumb's middle marker, from joint 2
-    markers: np.ndarray = field(repr=False)  # (5,) the marker that each finger points at
+    last: np.ndarray = field(repr=False)  # (H, 5, 3, 2) m, from joint 3
+    middle: np.ndarray = field(
+        repr=False
+    )  # (H, 5, 3, 4) m, from joint 2: thrice joint 3, and the thumb's middle marker
+    first: np.ndarray = field(repr=False)  # (H, 5, 3, 1) m, from the base
+    markers: np.ndarray = field(repr=False)  # (6,) the marker that each finger's tip points at, and the thumb's middle
 
 
 def hand_shape(hands: Sequence[Skeleton], gloves: Sequence[Glove], aim: Aim = "marker") -> HandShape:
@@ -48,11 +50,11 @@ def hand_shape(hands: Sequence[Skeleton], gloves: Sequence[Glove], aim: Aim = "m
     """
     if aim not in ("marker", "last segment"):
         raise BodysenseError(f"gloves: aim {aim!r}; it is 'marker' or 'last segment'")
-    markers = np.array([gloves[0].markers.index(f"{finger}_tip") for finger in FINGERS])
-    bones, thumb = np.zeros((len(hands), 5, 3, 5)), np.zeros((len(hands), 3, 1))
+    markers = np.array([gloves[0].markers.index(name) for name in (*(f"{f}_tip" for f in FINGERS), "thumb_middle")])
+    bones = np.zeros((len(hands), 5, 3, 6))
     for place, (hand, glove) in enumerate(zip(hands, gloves, strict=True)):
         scale = hand_size(hand) / glove.size
-        thumb[place, :, 0] = glove.offset[glove.markers.index("thumb_middle")] * scale
+        bones[place, 0, :, 5] = glove.offset[markers[5]] * scale
         for row, finger in enumerate(FINGERS):
             names = [f"{finger}1", f"{finger}2", f"{finger}3", f"{finger}_tip"]
             bones[place, row, :, :4] = hand.rest_offset[hand.indices(names)].T
@@ -63,36 +65,35 @@ def hand_shape(hands: Sequence[Skeleton], gloves: Sequence[Glove], aim: Aim = "m
                     f"{glove.carried_by[marker]!r}; it must be at {names[3]!r}, carried by {names[2]!r}"
                 )
             bones[place, row, :, 4] = tip + glove.offset[marker] * scale if aim == "marker" else tip / 2
-    first, middle, last = bones[..., 1:2].copy(), bones[..., 2:3].copy(), bones[..., 3:].copy()
-    return HandShape(bones[..., :1], last, middle, first, thumb, markers)
+    first, middle, last = bones[..., 1:2].copy(), bones[..., [2, 2, 2, 5]], bones[..., 3:5].copy()
+    return HandShape(bones[..., :1].copy(), last, middle, first, markers)
+
+
+_PHASES = ((1, 1), (1, -1), (-1, 1), (-1, -1))  # of half a joint's turns z + s · y + t · x: s and t
+# Of cos, then sin, of these: the quaternion of Rz · Ry · Rx, whose products of three are sums of such.
+_EULER = (
+    np.array(
+        [[1, s, -t, s * t] for s, t in _PHASES] + [[-s * t, t, s, 1] for s, t in _PHASES],
+    )
+    / 4
+)
 
 
 @lru_cache(maxsize=1)
-def _half_turns() -> np.ndarray:
-    """(26, 45): half of each joint's turns about its z, y and x from the 26 angles."""
-    halves = np.zeros((len(FREEDOMS), 15, 3))
-    column = {"flexion": (0, -0.5), "abduction": (1, 0.5), "twist": (2, 0.5)}
+def _phases() -> tuple[np.ndarray, np.ndarray]:
+    """From 26 angles (26, 120) to the phases of the cosines of every joint, eight each, and what to add (120,)."""
+    phases = np.zeros((len(FREEDOMS), 15, 2, 4))
+    signs = {"flexion": [-1] * 4, "abduction": [s for s, _ in _PHASES], "twist": [t for _, t in _PHASES]}
     for row, freedom in enumerate(FREEDOMS):
-        axis, half = column[freedom.angle]
-        halves[row, HAND_JOINTS.index(freedom.joint) - 1, axis] = half
-    return halves.reshape(len(FREEDOMS), 45)
-
-
-# fmt: off
-_EULER = np.array([  # of cos or sin of z, y and x, multiplied: the quaternion of Rz · Ry · Rx
-    [1, 0, 0, 0], [0, 1, 0, 0],  # czcycx, czcysx
-    [0, 0, 1, 0], [0, 0, 0, -1],  # czsycx, czsysx
-    [0, 0, 0, 1], [0, 0, 1, 0],  # szcycx, szcysx
-    [0, -1, 0, 0], [1, 0, 0, 0],  # szsycx, szsysx
-], dtype=float)
-# fmt: on
+        phases[row, HAND_JOINTS.index(freedom.joint) - 1] = np.array(signs[freedom.angle]) / 2
+    return phases.reshape(len(FREEDOMS), -1), np.tile([0.0] * 4 + [-np.pi / 2] * 4, 15)
 
 
 def turning(calibration: np.ndarray | None = None, axes: np.ndarray | None = None) -> np.ndarray:
-    """(15, 8, 4), or (H, 15, 8, 4) with a calibration or axes (H, 15, 4): from products of sines to local rotations.
+    """(15, 8, 4), or (H, 15, 8, 4) with a calibration or axes (H, 15, 4): from waves of angles to local rotations.
 
-    A joint's rotation is about · Rz · Ry · Rx · about⁻¹ (`body.hand`), then · calibration: linear in the products.
-    `axes` turn the joints' own axes at rest.
+    A joint's rotation is about · Rz · Ry · Rx · about⁻¹ (`body.hand`), then · calibration: linear in the waves. `axes`
+    turn the joints' own axes at rest.
     """
     about = np.array(joint_bases())[:, None]
     if axes is not None:
@@ -103,20 +104,16 @@ def turning(calibration: np.ndarray | None = None, axes: np.ndarray | None = Non
 
 def local_rotations(angles: np.ndarray, turning: np.ndarray) -> np.ndarray:
     """Local rotations (H, 15, 4) of finger joints, of either sign, from angles (H, 26) rad; `turning` as above."""
-    half = (angles @ _half_turns()).reshape(-1, 15, 3)
-    wave = np.empty((*half.shape, 2))
-    np.cos(half, out=wave[..., 0])
-    np.sin(half, out=wave[..., 1])
-    product = wave[:, :, 0, :, None] * wave[:, :, 1, None, :]
-    product = product[..., None] * wave[:, :, 2, None, None, :]
-    return (product.reshape(-1, 15, 1, 8) @ turning)[:, :, 0]
+    phases, shift = _phases()
+    waves = np.cos(angles @ phases + shift)
+    return (waves.reshape(-1, 15, 1, 8) @ turning)[:, :, 0]
 
 
 def reached(local: np.ndarray, shape: HandShape) -> np.ndarray:
-    """Base (0), joints 2 and 3, tip and what points, (H, 5, 3, 5) m from each finger's base in the hand's axes."""
+    """Base (0), joints 2 and 3, tip, what points, and the middle marker, (H, 5, 3, 6) m from each finger's base."""
     turn = to_matrix(local).reshape(-1, 5, 3, 3, 3)
-    ways = np.zeros((len(local), 5, 3, 5))
-    ways[..., 3:] = turn[:, :, 2] @ shape.last
+    ways = np.zeros((len(local), 5, 3, 6))
+    ways[..., 3:5] = turn[:, :, 2] @ shape.last
     ways[..., 2:] += shape.middle
     ways[..., 2:] = turn[:, :, 1] @ ways[..., 2:]
     ways[..., 1:] += shape.first
@@ -136,16 +133,18 @@ def pointed(
         shape: of the hands.
         restraint: of large arcs (`shortest_arcs`).
 
-    Returns the rotations, and of every finger base, joints 2 and 3 and tip, as columns: (H, 5, 3, 4) m in the hand's
-    axes, from the wrist.
+    Returns the rotations, and all points of the hands, (H, 21, 3) m in their axes, from the wrist.
     """
     ways = reached(local, shape)
-    turn = to_matrix(local[:, :2])
-    points, toward = ways[..., 4].copy(), markers.take(shape.markers, axis=1) - shape.base[..., 0]
-    tip = toward[:, :1].copy()
-    points[:, 0] = ways[:, 0, :, 1] + (turn[:, 0] @ turn[:, 1] @ shape.thumb)[..., 0]
-    toward[:, 0] = markers[:, _THUMB_MIDDLE] - shape.base[:, 0, :, 0]
-    arc = shortest_arcs(points, toward, restraint)
+    toward = markers.take(shape.markers, axis=1)
+    toward[:, :5] -= shape.base[..., 0]
+    toward[:, 5] -= shape.base[:, 0, :, 0]
+    if len(local) <= FEW:
+        return _pointed_few(local, ways, toward, shape, restraint)
+    points, tip = ways[..., 4].copy(), toward[:, :1].copy()
+    points[:, 0] = ways[:, 0, :, 5]
+    toward[:, 0] = toward[:, 5]
+    arc = shortest_arcs(points, toward[:, :5], restraint)
     local[:, 0::3] = product(arc, local[:, 0::3])
     ways = to_matrix(arc) @ ways
     joint = ways[:, :1, :, 1]
@@ -153,17 +152,52 @@ def pointed(
     base = local[:, :1]
     local[:, 1:2] = product(product(base * _BACK, arc), product(base, local[:, 1:2]))
     ways[:, :1, :, 2:] = to_matrix(arc) @ (ways[:, :1, :, 2:] - joint[..., None]) + joint[..., None]
-    return local, ways[..., :4] + shape.base
+    return local, in_order(ways, shape)
 
 
-def in_order(ways: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
-    """All points (H, 21, 3) m of hands in the world, from those of `pointed` and the wrists' places."""
-    world = rotation[:, None] @ ways
+def _pointed_few(
+    local: np.ndarray, ways: np.ndarray, toward: np.ndarray, shape: HandShape, restraint: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The rest of `pointed`, number by number: for a hand or two a fraction of the time."""
+    points = []
+    for hand, (fingers, aims, bases, turns) in enumerate(
+        zip(ways.tolist(), toward.tolist(), shape.base[..., 0].tolist(), local.tolist(), strict=True)
+    ):
+        joints, tips = [0.0, 0.0, 0.0], []
+        for finger, ((_, xj, xk, xt, xp, xm), (_, yj, yk, yt, yp, ym), (_, zj, zk, zt, zp, zm)) in enumerate(fingers):
+            x, y, z = bases[finger]
+            if finger:
+                arc = _arc(xp, yp, zp, *aims[finger], restraint)
+            else:
+                arc = _arc(xm, ym, zm, *aims[5], restraint)
+            base = turns[3 * finger] = _times(arc, turns[3 * finger])
+            xx, xy, xz, yx, yy, yz, zx, zy, zz = matrix_of(*arc)
+            jx, jy, jz = xx * xj + xy * yj + xz * zj, yx * xj + yy * yj + yz * zj, zx * xj + zy * yj + zz * zj
+            kx, ky, kz = xx * xk + xy * yk + xz * zk, yx * xk + yy * yk + yz * zk, zx * xk + zy * yk + zz * zk
+            tx, ty, tz = xx * xt + xy * yt + xz * zt, yx * xt + yy * yt + yz * zt, zx * xt + zy * yt + zz * zt
+            if not finger:
+                px, py, pz = xx * xp + xy * yp + xz * zp, yx * xp + yy * yp + yz * zp, zx * xp + zy * yp + zz * zp
+                ax, ay, az = aims[0]
+                arc = _arc(px - jx, py - jy, pz - jz, ax - jx, ay - jy, az - jz, restraint)
+                w, i, j, k = base
+                turns[1] = _times(_times((w, -i, -j, -k), arc), _times(base, turns[1]))
+                xx, xy, xz, yx, yy, yz, zx, zy, zz = matrix_of(*arc)
+                i, j, k = kx - jx, ky - jy, kz - jz
+                kx, ky, kz = jx + xx * i + xy * j + xz * k, jy + yx * i + yy * j + yz * k, jz + zx * i + zy * j + zz * k
+                i, j, k = tx - jx, ty - jy, tz - jz
+                tx, ty, tz = jx + xx * i + xy * j + xz * k, jy + yx * i + yy * j + yz * k, jz + zx * i + zy * j + zz * k
+            joints += (x, y, z, x + jx, y + jy, z + jz, x + kx, y + ky, z + kz)
+            tips += (x + tx, y + ty, z + tz)
+        local[hand] = turns
+        points += joints + tips
+    return local, np.array(points).reshape(-1, POINT_COUNT, 3)
+
+
+def in_order(ways: np.ndarray, shape: HandShape) -> np.ndarray:
+    """All points (H, 21, 3) m of hands in their axes, from the wrist, of those that are `reached` from the bases."""
     points = np.zeros((len(ways), POINT_COUNT * 3))
-    points[:, 3:] = world.reshape(-1, 60).take(_ORDER, axis=1)
-    points = points.reshape(-1, POINT_COUNT, 3)
-    points += translation[:, None]
-    return points
+    points[:, 3:] = (ways[..., :4] + shape.base).reshape(-1, 60).take(_ORDER, axis=1)
+    return points.reshape(-1, POINT_COUNT, 3)
 
 
 def _order() -> np.ndarray:
@@ -173,7 +207,6 @@ def _order() -> np.ndarray:
 
 
 _ORDER = _order()
-_THUMB_MIDDLE = MARKERS.index("thumb_middle")
 _BACK = np.array([1.0, -1.0, -1.0, -1.0])  # of a rotation
 _HAMILTON = LEFT.reshape(4, 4, 4).swapaxes(1, 2).reshape(16, 4)  # (16, 4): a · b from a ⊗ b, row by row
 
@@ -210,3 +243,27 @@ def shortest_arcs(u: np.ndarray, v: np.ndarray, restraint: float = 0.0) -> np.nd
         arc[..., :1] += restraint * back * back / length
     arc[..., :1] += length
     return arc / np.sqrt((arc * arc) @ _ONES)
+
+
+def _arc(
+    ux: float, uy: float, uz: float, vx: float, vy: float, vz: float, restraint: float
+) -> tuple[float, float, float, float]:
+    """`shortest_arcs` of two vectors."""
+    w, x, y, z = ux * vx + uy * vy + uz * vz, uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    square = x * x + y * y + z * z
+    length = sqrt(w * w + square) + 1e-15
+    back = length - w
+    w += restraint * back * back / length + length
+    scale = 1 / sqrt(w * w + square)
+    return w * scale, x * scale, y * scale, z * scale
+
+
+def _times(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float, float]:
+    """Hamilton product."""
+    (w, x, y, z), (r, i, j, k) = a, b
+    return (
+        w * r - x * i - y * j - z * k,
+        w * i + x * r + y * k - z * j,
+        w * j - x * k + y * r + z * i,
+        w * k + x * j - y * i + z * r,
+    )

@@ -14,14 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from bodysense.body.glove import ALIGNMENT, Glove, template
-from bodysense.body.registration import Levers, brought_back, fit, levers
+from bodysense.body.registration import Levers, brought_back, fit, levers, moved
 from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.fingers import (
     Aim,
     HandShape,
     hand_shape,
-    in_order,
     local_rotations,
     pointed,
     turning,
@@ -85,11 +84,11 @@ class JointReader:
         """Poses from markers (H, 9, 3) m, none missing."""
         quaternion, rotation, root = fit(self._levers, markers)
         own = brought_back(markers, rotation, root)
-        local, ways = pointed(self._local(own), own, self.shape, self.restraint)
+        local, points = pointed(self._local(own), own, self.shape, self.restraint)
         turned = np.empty((len(markers), 16, 4))
         turned[:, 0] = quaternion
         turned[:, 1:] = local
-        return HandPoses(root, turned, in_order(ways, rotation, root))
+        return HandPoses(root, turned, moved(points, rotation, root))
 
     def told(self, markers: np.ndarray) -> np.ndarray:
         """Local rotations (H, 15, 4) that the network tells, before fingers are turned to their markers."""

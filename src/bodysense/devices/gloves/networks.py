@@ -168,9 +168,9 @@ class GloveNetwork:
 
 
 def for_hands(network: HandNetwork, hand: np.ndarray) -> HandNetwork:
-    """The network for hands of these shapes (H, 87), or one for all: what they add to a first dense layer is added once.
+    """The network for hands of these shapes (H, 87), or (1, 87) for all.
 
-    It is still told the shapes, and may not look at them.
+    What shapes add to the first of dense layers is added once. Such a network is still told them, and does not look.
     """
     layers = network.layers if isinstance(network, GloveNetwork) else None
     if not isinstance(network, GloveNetwork) or layers is None or layers.width not in (115, 124):

@@ -18,13 +18,13 @@ from typing import NamedTuple
 import numpy as np
 
 from bodysense.body.glove import ALIGNMENT, Glove, hand_size, template
-from bodysense.body.registration import moved, register
+from bodysense.body.registration import moved, register, registered_threes
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.fillers import any_of, missing
 from bodysense.errors import BodysenseError
 
 _SAME_PLACE = 0.005  # m: two identifiers nearer than this are one marker
-_TRIPLES = np.array(list(combinations(range(9), 3)))
+_TRIPLES = np.array([np.isin(range(9), three) for three in combinations(range(9), 3)], dtype=float).T  # (9, 84)
 
 
 @dataclass(frozen=True)
@@ -191,19 +191,17 @@ class Rejection:
 def _agreed(expected: np.ndarray, markers: np.ndarray, sure: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
     """Expected places (9, 3), moved rigidly as most of the sure markers (9,) agree."""
     sure = sure & ~np.isnan(expected[:, 0])
-    triples = _TRIPLES[sure[_TRIPLES].all(axis=1)]
-    if not len(triples):
+    if sure.sum() < 3:
         return np.full_like(expected, np.nan)
-    known = np.zeros((len(triples), 9), dtype=bool)
-    np.put_along_axis(known, triples, True, axis=1)
-    many = np.broadcast_to(np.nan_to_num(markers), (len(triples), 9, 3))
-    source = np.nan_to_num(expected)
-    trials = moved(np.broadcast_to(source, many.shape), *register(source, many, known))
-    apart = np.linalg.norm(trials - markers, axis=-1)
-    near = sure & (apart < tolerance)
-    score = near.sum(axis=1) - np.where(near, apart / (9 * tolerance), 0.0).sum(axis=1)  # most, then nearest
-    best = near[np.argmax(score)] if near.any() else sure
-    agreed = moved(source[None], *register(source, np.nan_to_num(markers)[None], best[None]))[0]
+    members = _TRIPLES[:, _TRIPLES[~sure].sum(axis=0) == 0]
+    origin = markers[sure][0]  # small numbers are exact
+    source, target = np.nan_to_num(expected - origin), np.nan_to_num(markers - origin)
+    away = registered_threes(source, target, members) - target[:, :, None]
+    apart = np.sqrt((away * away).sum(axis=1))  # (9, N)
+    near = sure[:, None] & (apart < tolerance[:, None])
+    score = np.where(near, 1 - apart / (9 * tolerance[:, None]), 0.0).sum(axis=0)  # most, then nearest
+    best = near[:, np.argmax(score)] if near.any() else sure
+    agreed = moved(source[None], *register(source, target[None], best[None]))[0] + origin
     return np.where(np.isnan(expected), np.nan, agreed)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from bodysense.body.glove import Glove
 from bodysense.body.hand import FINGERS, HAND_JOINTS
-from bodysense.body.registration import to_matrix
+from bodysense.body.registration import moved, to_matrix
 from bodysense.body.rotation import quaternion_conjugate
 from bodysense.devices.gloves.fingers import POINT_COUNT, HandShape, in_order, product, reached, shortest_arcs
 from bodysense.devices.gloves.joints import HandPoses
@@ -131,8 +131,8 @@ def displaced(told: HandPoses, away: Away | None, shape: HandShape) -> HandPoses
     if away is None:
         return told
     root, rotation = told.root + away.root, product(away.turn, told.rotation)
-    ways = reached(rotation[:, 1:], shape)[..., :4] + shape.base
-    return HandPoses(root, rotation, in_order(ways, to_matrix(rotation[:, 0]), root))
+    points = in_order(reached(rotation[:, 1:], shape), shape)
+    return HandPoses(root, rotation, moved(points, to_matrix(rotation[:, 0]), root))
 
 
 def _share(step: np.ndarray, way: np.ndarray, reach: np.ndarray, most: np.ndarray) -> np.ndarray:
