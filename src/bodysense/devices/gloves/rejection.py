@@ -18,11 +18,12 @@ from typing import NamedTuple
 import numpy as np
 
 from bodysense.body.glove import ALIGNMENT, Glove, hand_size, template
-from bodysense.body.registration import moved, register, registered_threes
+from bodysense.body.registration import fit, levers, moved, registered_threes
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.fillers import any_of, missing
 from bodysense.errors import BodysenseError
 
+_ONES = np.ones(3)
 _SAME_PLACE = 0.005  # m: two identifiers nearer than this are one marker
 _TRIPLES = np.array([np.isin(range(9), three) for three in combinations(range(9), 3)], dtype=float).T  # (9, 84)
 
@@ -53,7 +54,7 @@ class RejectionState(NamedTuple):
     known_before: np.ndarray  # (H, 9) bool, in the one before
     doubted: np.ndarray  # (H, 9, 3) m, from where it was expected; NaN where nothing was doubted
     since: np.ndarray  # (H, 9) s for which it has been doubted
-    settled: bool  # whether nothing was doubted
+    settled: tuple[bool, ...]  # (H) whether nothing was doubted
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,7 @@ class Rejection:
         """Nothing expected."""
         shape = (len(self.hands), 9, 3)
         nothing, none = np.full(shape, np.nan), np.zeros(shape[:2])
-        return RejectionState(nothing, nothing, 1.0, none > 0, none > 0, nothing, none, False)
+        return RejectionState(nothing, nothing, 1.0, none > 0, none > 0, nothing, none, (False,) * len(self.hands))
 
     @cached_property
     def _farthest(self) -> np.ndarray:
@@ -93,22 +94,23 @@ class Rejection:
         `hidden` (H, 9) s says for how long each was by the last frame. The state says what is doubted; `remember` must
         follow with what the frame was found to be.
         """
-        steps = interval / state.interval
-        expected = state.place + (state.place - state.before) * steps
-        far = np.abs(markers - expected)
+        expected = state.place + (state.place - state.before) * (interval / state.interval)
         limit = 0.577 * (self.settings.tolerance + self.settings.speed * interval)
-        if state.settled and not any_of(far > limit):  # of hidden markers the comparison is false
+        far = np.abs(markers - expected) > limit  # of hidden markers the comparison is false
+        if not any_of(far) and False not in state.settled:
             return markers, state
         known = ~missing(markers)
         # A marker that was filled in one of the last two frames has no velocity to go by.
         moving = np.where((state.known & state.known_before)[..., None], expected, np.nan)
         shapes = np.stack([state.place, moving], axis=1)
         markers, doubted, since = markers.copy(), np.full_like(state.doubted, np.nan), np.zeros_like(state.since)
-        for hand in range(len(markers)):
-            markers[hand], doubted[hand], since[hand] = self._judge(
-                hand, markers[hand], known[hand], shapes[hand], hidden[hand] + interval, interval, state
-            )
-        return markers, state._replace(doubted=doubted, since=since, settled=not since.any())
+        for hand, settled in enumerate(state.settled):
+            if not settled or any_of(far[hand]):
+                markers[hand], doubted[hand], since[hand] = self._judge(
+                    hand, markers[hand], known[hand], shapes[hand], hidden[hand] + interval, interval, state
+                )
+        settled = tuple((~since.any(axis=1)).tolist())
+        return markers, state._replace(doubted=doubted, since=since, settled=settled)
 
     def remember(
         self, markers: np.ndarray, known: np.ndarray, interval: float, state: RejectionState
@@ -135,21 +137,21 @@ class Rejection:
         sure = known & held
         if sure.sum() >= 4:
             shapes = np.stack([_agreed(shape, markers, sure, tolerance) for shape in shapes])
-            step = np.linalg.norm(shapes[1] - shapes[0], axis=-1)
-            tolerance = tolerance + settings.haste * np.nan_to_num(step)
-            outside = sure & ~(np.linalg.norm(markers - shapes, axis=-1) < tolerance).any(axis=0)
+            step = _length(shapes[1] - shapes[0])
+            tolerance = tolerance + settings.haste * np.where(np.isnan(step), 0.0, step)
+            outside = sure & ~(_length(markers - shapes) < tolerance).any(axis=0)
             if 2 * outside.sum() <= sure.sum():  # else the hand is another than was expected
                 wrong = outside
         expected = np.where(np.isnan(shapes[1]), shapes[0], shapes[1])
         wrong = self._exchanged(markers, wrong, expected, tolerance)
         wrong = wrong | self._impossible(hand, np.where(wrong[:, None], np.nan, markers), expected)
         doubted = np.where(wrong[:, None], markers - np.where(held[:, None], expected, 0.0), np.nan)
-        moved_since = np.linalg.norm(doubted - state.doubted[hand], axis=-1)
+        moved_since = _length(doubted - state.doubted[hand])
         stays = wrong & (moved_since < tolerance)
         since[wrong] = np.where(stays, state.since[hand] + interval, 1e-9)[wrong]
         for marker in np.flatnonzero(stays & (since >= settings.patience)):
             trial = np.where(wrong[:, None], np.nan, markers)
-            others = np.linalg.norm(trial - markers[marker], axis=-1)
+            others = _length(trial - markers[marker])
             trial[marker] = markers[marker]
             if not (others < _SAME_PLACE).any() and not self._violations(hand, trial)[marker]:
                 wrong[marker], doubted[marker], since[marker] = False, np.nan, 0.0
@@ -157,15 +159,15 @@ class Rejection:
 
     def _violations(self, hand: int, markers: np.ndarray) -> np.ndarray:
         """(9,) with how many others each marker is impossibly far apart, or impossibly near."""
-        apart = np.linalg.norm(markers[:, None] - markers, axis=-1)
+        apart = _length(markers[:, None] - markers)
         return ((apart > self._farthest[hand]) | (apart < self._nearest[hand])).sum(axis=1)
 
     def _impossible(self, hand: int, markers: np.ndarray, expected: np.ndarray) -> np.ndarray:
         """(9,) markers that no hand of this size can have: the worst is taken out until the rest is possible."""
         trial, wrong = markers.copy(), np.zeros(9, dtype=bool)
-        apart = np.nan_to_num(np.linalg.norm(markers - expected, axis=-1))
         while (count := self._violations(hand, trial)).any():
             worst = np.flatnonzero(count == count.max())
+            apart = np.nan_to_num(_length(markers - expected))
             marker = worst[np.argmax(apart[worst])]
             trial[marker], wrong[marker] = np.nan, True
         return wrong
@@ -177,7 +179,7 @@ class Rejection:
         rows = np.flatnonzero(wrong)
         if len(rows) < 2:
             return wrong
-        apart = np.linalg.norm(markers[rows][:, None] - expected[rows], axis=-1)  # measured × expected
+        apart = _length(markers[rows][:, None] - expected[rows])  # measured × expected
         origin = np.argmin(apart, axis=0)  # of every wrong marker the measurement nearest to its place
         fits = apart[origin, np.arange(len(rows))] < tolerance[rows]
         fits &= np.bincount(origin, minlength=len(rows))[origin] == 1
@@ -190,19 +192,26 @@ class Rejection:
 
 def _agreed(expected: np.ndarray, markers: np.ndarray, sure: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
     """Expected places (9, 3), moved rigidly as most of the sure markers (9,) agree."""
-    sure = sure & ~np.isnan(expected[:, 0])
+    lacking = np.isnan(expected[:, 0])
+    sure = sure & ~lacking
     if sure.sum() < 3:
         return np.full_like(expected, np.nan)
-    members = _TRIPLES[:, _TRIPLES[~sure].sum(axis=0) == 0]
-    origin = markers[sure][0]  # small numbers are exact
-    source, target = np.nan_to_num(expected - origin), np.nan_to_num(markers - origin)
+    members = _TRIPLES if sure.all() else _TRIPLES[:, _TRIPLES[~sure].sum(axis=0) == 0]
+    origin = markers[sure.argmax()]  # small numbers are exact
+    source = np.where(lacking[:, None], 0.0, expected - origin)
+    target = np.where(sure[:, None], markers - origin, 0.0)
     away = registered_threes(source, target, members) - target[:, :, None]
-    apart = np.sqrt((away * away).sum(axis=1))  # (9, N)
+    apart = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2 + away[:, 2] ** 2)  # (9, N)
     near = sure[:, None] & (apart < tolerance[:, None])
     score = np.where(near, 1 - apart / (9 * tolerance[:, None]), 0.0).sum(axis=0)  # most, then nearest
-    best = near[:, np.argmax(score)] if near.any() else sure
-    agreed = moved(source[None], *register(source, target[None], best[None]))[0] + origin
-    return np.where(np.isnan(expected), np.nan, agreed)
+    best = near[:, score.argmax()] if any_of(near) else sure
+    _, rotation, translation = fit(levers(source, best[None]), target[None])
+    agreed = moved(source[None], rotation, translation)[0] + origin
+    return np.where(lacking[:, None], np.nan, agreed)
+
+
+def _length(vectors: np.ndarray) -> np.ndarray:
+    return np.sqrt((vectors * vectors) @ _ONES)
 
 
 def _way(hand: Skeleton, glove: Glove) -> np.ndarray:
