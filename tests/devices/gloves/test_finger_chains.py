@@ -5,21 +5,19 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.hand import angles_of, hand_skeleton, limits, rotations_of
+from bodysense.body.hand import angles_of, hand_skeleton, joint_bases, limits, rotations_of
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import geodesic_angle, quaternion_to_matrix
+from bodysense.body.rotation import quaternion_canonical, quaternion_to_matrix
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.finger_chains import (
     FREE,
     HIGH,
     LOW,
-    angles_of_turns,
+    angles_of_rotations,
     finger_chains,
-    own_turns,
     placed_fingers,
-    turned_by,
+    rotations_of_angles,
     turning_axes,
-    turns_of_angles,
 )
 
 HAND = hand_skeleton(default_skeleton(), "left")
@@ -33,8 +31,7 @@ def random_rotations(count: int, seed: int) -> np.ndarray:
 def test_hands_are_where_forward_kinematics_has_them() -> None:
     hands = [HAND, HAND.with_offsets(1.2 * HAND.rest_offset), HAND]
     rotation, root = random_rotations(3, seed=0), np.random.default_rng(1).normal(size=(3, 3))
-    matrix = quaternion_to_matrix(rotation)
-    placed = placed_fingers(finger_chains(hands), root, matrix[:, 0], own_turns(matrix[:, 1:]))
+    placed = placed_fingers(finger_chains(hands), root, quaternion_to_matrix(rotation[:, 0]), rotation[:, 1:])
     offsets = np.stack([hand.rest_offset for hand in hands])
     expected, _ = forward_kinematics(Pose(HAND, root, rotation), offsets)
     np.testing.assert_allclose(placed.position, expected, atol=1e-12)
@@ -43,20 +40,30 @@ def test_hands_are_where_forward_kinematics_has_them() -> None:
 def test_angles_are_those_of_the_hand() -> None:
     low, high = limits()
     angles = np.random.default_rng(2).uniform(low, high, size=(4, 26))
-    turn = own_turns(quaternion_to_matrix(rotations_of(angles)))
-    found = angles_of_turns(turn)
+    rotation = rotations_of(angles)
+    found = angles_of_rotations(rotation)
     np.testing.assert_allclose(found[:, FREE], angles, atol=1e-9)
     np.testing.assert_allclose(found[:, FREE], angles_of(rotations_of(angles)), atol=1e-9)
     np.testing.assert_allclose(found[:, ~FREE], 0, atol=1e-9)
-    np.testing.assert_allclose(turns_of_angles(found), turn, atol=1e-12)
+    np.testing.assert_allclose(quaternion_canonical(rotations_of_angles(found)), rotation, atol=1e-12)
     np.testing.assert_array_equal(LOW[FREE], low)
     np.testing.assert_array_equal(HIGH[FREE], high)
 
 
-def test_turns_are_euler_angles() -> None:
+def test_rotations_are_euler_angles_in_the_joints_own_axes() -> None:
     angles = np.random.default_rng(3).uniform(-1, 1, size=(2, 15, 3))
-    expected = Rotation.from_euler("ZYX", (angles * [-1, 1, 1]).reshape(-1, 3)).as_matrix()
-    np.testing.assert_allclose(turns_of_angles(angles).reshape(-1, 3, 3), expected, atol=1e-12)
+    own = Rotation.from_euler("ZYX", (angles * [-1, 1, 1]).reshape(-1, 3))
+    about = Rotation.from_quat(np.tile(joint_bases(), (2, 1)), scalar_first=True)
+    found = Rotation.from_quat(rotations_of_angles(angles).reshape(-1, 4), scalar_first=True)
+    np.testing.assert_allclose(found.as_matrix(), (about * own * about.inv()).as_matrix(), atol=1e-12)
+
+
+def test_angles_are_found_whatever_else_a_joint_does() -> None:
+    rotation = random_rotations(3, seed=6)[:, 1:]
+    about = Rotation.from_quat(np.tile(joint_bases(), (3, 1)), scalar_first=True)
+    own = about.inv() * Rotation.from_quat(rotation.reshape(-1, 4), scalar_first=True) * about
+    expected = own.as_euler("ZYX").reshape(3, 15, 3) * [-1, 1, 1]
+    np.testing.assert_allclose(angles_of_rotations(rotation), np.where(FREE, expected, 0), atol=1e-9)
 
 
 def test_axes_are_the_derivative() -> None:
@@ -65,9 +72,9 @@ def test_axes_are_the_derivative() -> None:
     wrist = Rotation.from_euler("xyz", [[0.4, -1.2, 2.0]]).as_matrix()
 
     def positions(values: np.ndarray) -> np.ndarray:
-        return placed_fingers(chains, root, wrist, turns_of_angles(values)).position[0]
+        return placed_fingers(chains, root, wrist, rotations_of_angles(values)).position[0]
 
-    placed = placed_fingers(chains, root, wrist, turns_of_angles(angles))
+    placed = placed_fingers(chains, root, wrist, rotations_of_angles(angles))
     axes = turning_axes(placed, angles)
     for joint in range(15):
         tip = 16 + joint // 3
@@ -77,13 +84,3 @@ def test_axes_are_the_derivative() -> None:
             change = (positions(angles + step) - positions(angles - step))[tip] / 2e-6
             arm = placed.position[0, tip] - placed.position[0, 1 + joint]
             np.testing.assert_allclose(np.cross(axes[0, joint, angle], arm), change, atol=1e-8)
-
-
-def test_a_rotation_turns_with_its_angles() -> None:
-    rng = np.random.default_rng(5)
-    before, after = rng.uniform(-0.8, 0.8, size=(2, 2, 26))
-    table = np.zeros((2, 2, 15, 3))
-    table[:, :, FREE] = np.stack([before, after])
-    turned = turned_by(rotations_of(before), table[0], table[1])
-    np.testing.assert_allclose(geodesic_angle(turned, rotations_of(after)), 0, atol=1e-7)
-    assert (turned[..., 0] >= 0).all()

@@ -12,12 +12,11 @@ from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.contact_rows import ANGLES, PARTS, Ends, growth_rows, joined, tip_ends, tip_pairs
 from bodysense.devices.gloves.finger_chains import (
-    angles_of_turns,
+    angles_of_rotations,
     finger_chains,
-    own_turns,
     placed_fingers,
+    rotations_of_angles,
     turning_axes,
-    turns_of_angles,
 )
 from bodysense.devices.gloves.meetings import COUNT, HandFlesh, meet, nearest, points_on
 
@@ -53,10 +52,7 @@ def test_pairs_are_as_near_as_depth_says(seed: int) -> None:
     np.testing.assert_allclose(depth[:count], own_depth(poses[0]), atol=1e-9)
     np.testing.assert_allclose(depth[count : 2 * count], own_depth(poses[1]), atol=1e-9)
     np.testing.assert_allclose(depth[2 * count :], mutual_depth(*poses).ravel(), atol=1e-9)
-    start, end = (
-        points_on(meeting.axes, which, along)
-        for which, along in zip((pairs.first, pairs.second), meeting.along, strict=True)
-    )
+    start, end = points_on(meeting.axes, pairs.start, meeting.along)
     np.testing.assert_allclose(np.linalg.norm(end - start, axis=1) ** 2, meeting.squared, atol=1e-12)
 
 
@@ -71,8 +67,8 @@ def test_capsules_lie_where_the_hands_are() -> None:
 def test_hands_far_from_each_other_are_not_compared() -> None:
     flesh = HandFlesh(HANDS, SIDES)
     far, near = (flesh.pairs(points(two_poses(0, apart))) for apart in (0.5, 0.0))
-    assert len(far.first) == 2 * len(own_pairs()[0])
-    assert len(near.first) == len(far.first) + COUNT**2
+    assert len(far.reach) == 2 * len(own_pairs()[0])
+    assert len(near.reach) == len(far.reach) + COUNT**2
 
 
 def test_the_nearest_pairs_are_kept() -> None:
@@ -81,36 +77,35 @@ def test_the_nearest_pairs_are_kept() -> None:
     meeting = meet(flesh.axes(position), pairs)
     some, of_them = nearest(pairs, meeting, 0.01)
     gap = np.sqrt(meeting.squared) - pairs.reach
-    assert len(some.first) == (gap < 0.01).sum() > 0
+    assert len(some.reach) == (gap < 0.01).sum() > 0
     again = meet(meeting.axes, some)
     np.testing.assert_array_equal(again.squared, of_them.squared)
 
 
 def test_rows_are_the_derivative() -> None:
     poses, chains, flesh = two_poses(2), finger_chains(HANDS), HandFlesh(HANDS, SIDES)
-    rotation = quaternion_to_matrix(np.stack([pose.rotation for pose in poses]))
-    root, turn = np.stack([pose.root_position for pose in poses]), own_turns(rotation[:, 1:])
-    angles = angles_of_turns(turn)
+    rotation, root = np.stack([pose.rotation for pose in poses]), np.stack([pose.root_position for pose in poses])
+    wrist, angles = quaternion_to_matrix(rotation[:, 0]), angles_of_rotations(rotation[:, 1:])
     pairs = flesh.pairs(points(poses))
     rng = np.random.default_rng(3)
-    chosen = pairs[rng.choice(len(pairs.first), 20, replace=False)]
+    chosen = pairs.take(rng.choice(len(pairs.reach), 20, replace=False))
     along = rng.random((2, 20))
     tips = np.array([1, 7]), np.array([9, 8])  # index of the left, middle of the right, and of what they may touch
     toward = rng.normal(size=(20, 3))
 
     def ends(change: np.ndarray) -> tuple[Ends, Ends, np.ndarray]:
-        changed = turns_of_angles(angles + change[:, :ANGLES].reshape(angles.shape))
-        position = placed_fingers(chains, root + change[:, ANGLES:], rotation[:, 0], changed).position
+        changed = rotations_of_angles(angles + change[:, :ANGLES].reshape(angles.shape))
+        position = placed_fingers(chains, root + change[:, ANGLES:], wrist, changed).position
         axes, tip = flesh.axes(position), (position[:, 16:] * FLIP[:, None]).reshape(-1, 3)
         start, end = (
-            joined(Ends(which, points_on(axes, which, share)), tip_ends(mine, tip[mine]))
-            for which, share, mine in zip((chosen.first, chosen.second), along, tips, strict=True)
+            joined(Ends(which, place), tip_ends(mine, tip[mine]))
+            for which, place, mine in zip(chosen.capsule, points_on(axes, chosen.start, along), tips, strict=True)
         )
         every = np.concatenate([toward, np.tile(np.eye(3), (2, 1))])
         return start, end, np.sum((end.point - start.point) * every, axis=1)
 
     nothing = np.zeros((2, PARTS))
-    placed = placed_fingers(chains, root, rotation[:, 0], turn)
+    placed = placed_fingers(chains, root, wrist, rotation[:, 1:])
     start, end, _ = ends(nothing)
     every = np.concatenate([toward, np.tile(np.eye(3), (2, 1))])
     rows = growth_rows(placed, turning_axes(placed, angles), FLIP, start, end, every)

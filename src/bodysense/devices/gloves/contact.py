@@ -33,21 +33,21 @@ from bodysense.devices.gloves.contact_rows import (
     tip_ends,
     tip_pairs,
 )
+from bodysense.devices.gloves.fillers import any_of
 from bodysense.devices.gloves.finger_chains import (
     FREE,
     HIGH,
     LOW,
     FingerChains,
     PlacedFingers,
-    angles_of_turns,
+    angles_of_rotations,
     finger_chains,
     levers,
-    own_turns,
     placed_fingers,
-    turned_by,
+    rotations_of_angles,
     turning_axes,
-    turns_of_angles,
 )
+from bodysense.devices.gloves.fingers import product
 from bodysense.devices.gloves.joints import HandPoses
 from bodysense.devices.gloves.meetings import HandFlesh, Meeting, Pairs, meet, nearest, points_on
 from bodysense.errors import BodysenseError
@@ -58,6 +58,10 @@ _MOST_ROWS = 48  # of collisions at a time, the deepest
 _SOFT, _SOFT_PINCH = 1e-3, 1e-2  # how softly collisions and touches, and pinches are met, of 1 for a finger's own ease
 _UNSEEN = 2e-4  # m: a correction that takes no point so far is none
 _SLACK = 3e-4  # m: what is missed by less is left
+_BACK = np.array([1.0, -1.0, -1.0, -1.0])  # of a rotation
+_ALIGNMENT = list(ALIGNMENT)
+# (48,) which marker is seen where a part of the change is weighed: those of five fingers, and the back of the hand.
+_WEIGHED = np.repeat([0, 1, 2, 3, 4, 5], [9, 9, 9, 9, 9, 3])
 _HORIZON = 0.015  # m: pairs with a wider gap are not looked at again in a frame
 
 
@@ -76,7 +80,7 @@ class _Given:
     root: np.ndarray  # (H, 3)
     wrist: np.ndarray  # (H, 3, 3)
     angles: np.ndarray  # (H, 15, 3) rad
-    rest: np.ndarray  # (H, 15, 3, 3) what of the joints' turns is none of their angles
+    rest: np.ndarray  # (H, 15, 4) what of the joints' rotations is none of their angles
     ease: np.ndarray  # (H · 48,)
     bounds: tuple[np.ndarray, np.ndarray]  # (H · 48,)
     pinches: Pinches
@@ -107,13 +111,19 @@ class Contact:
 
     @cached_property
     def _lever(self) -> np.ndarray:
-        """(H, 15) m."""
-        return np.stack([levers(hand) for hand in self.hands])
+        """(H, 45) m from each angle's joint to its fingertip."""
+        return np.stack([levers(hand) for hand in self.hands]).repeat(3, axis=1)
 
     @cached_property
     def _reach(self) -> np.ndarray:
         """(H, 45, 5) m that each angle can carry each fingertip, a radian."""
-        return self._lever.repeat(3, axis=1)[..., None] * np.eye(5).repeat(9, axis=0)
+        return self._lever[..., None] * np.eye(5).repeat(9, axis=0)
+
+    @cached_property
+    def _ease(self) -> np.ndarray:
+        """(H, 48) how easily each part changes where no marker is seen; 0 if it may not."""
+        shift = np.full((len(self.hands), PARTS - ANGLES), 1 / self.settings.hand_weight)
+        return np.concatenate([FREE.ravel() / self._lever**2, shift], axis=1)
 
     @cached_property
     def _tips(self) -> tuple[np.ndarray, np.ndarray]:
@@ -140,7 +150,7 @@ class Contact:
         """
         pairs, pinching = self._flesh.pairs(posed.position), self._pinches(posed, markers, known)
         meeting = meet(self._flesh.axes(posed.position), pairs)
-        needed = len(pinching.first) > 0 or bool(self._collides(pairs, meeting).any())
+        needed = len(pinching.first) > 0 or any_of(self._collides(pairs, meeting))
         if state.change is None and not needed:
             return posed, ContactState(True)
         before = np.zeros((len(posed.root), PARTS)) if state.change is None else state.change
@@ -148,30 +158,32 @@ class Contact:
         if not needed and self._way(rest) < _UNSEEN:
             return posed, ContactState(True)
         given = self._given(posed, known, pinching)
-        wanted, placed = self._solved(given, *self._near(pairs, meeting), rest)
+        pairs, farthest, meeting = self._near(pairs, meeting)
+        wanted, placed = self._solved(given, pairs, farthest, rest, None if rest.any() else meeting)
         limited = self._limited(wanted, before, interval) if state.begun else wanted
         if self._way(limited) < _UNSEEN:
             return posed, ContactState(True)
         if limited is not wanted:
             placed = self._placed(given, limited)
-        return _moved(posed, given, limited, placed), ContactState(True, limited)
+        return _moved(posed, limited, placed), ContactState(True, limited)
 
     def _collides(self, pairs: Pairs, meeting: Meeting) -> np.ndarray:
         """(P,) whether pairs stand in each other so deep that something is done about it."""
         return meeting.squared < (pairs.reach - self.settings.tolerance - _SLACK) ** 2
 
-    def _near(self, pairs: Pairs, meeting: Meeting) -> tuple[Pairs, np.ndarray]:
-        """The pairs that are to be looked at in a frame, and how far (P,) m they may be from each other.
+    def _near(self, pairs: Pairs, meeting: Meeting) -> tuple[Pairs, np.ndarray, Meeting]:
+        """The pairs that are to be looked at in a frame, how far (P,) m they may be from each other, and how they meet.
 
         Fingertips that touch, or nearly, stay as near as they are; other pairs may be anywhere.
         """
         pairs, meeting = nearest(pairs, meeting, _HORIZON)
         farthest, tips = np.full(len(pairs.reach), np.inf), np.flatnonzero(pairs.tips)
-        distance, touch = np.sqrt(meeting.squared[tips]), pairs.reach[tips] / (1 - GIVE)
-        gap, keeping = np.maximum(distance - touch, 0.0), self.settings.keeping
-        most = np.maximum(distance, touch) + gap**3 / keeping**2
-        farthest[tips] = np.where(gap < keeping, most, np.inf)
-        return pairs, farthest
+        if len(tips):
+            distance, touch = np.sqrt(meeting.squared[tips]), pairs.reach[tips] / (1 - GIVE)
+            gap, keeping = np.maximum(distance - touch, 0.0), self.settings.keeping
+            most = np.maximum(distance, touch) + gap**3 / keeping**2
+            farthest[tips] = np.where(gap < keeping, most, np.inf)
+        return pairs, farthest, meeting
 
     def _pinches(self, posed: HandPoses, markers: np.ndarray, known: np.ndarray) -> Pinches:
         """The fingertips whose markers are seen near each other, and that are farther apart than these."""
@@ -183,47 +195,46 @@ class Contact:
 
     def _given(self, posed: HandPoses, known: np.ndarray, pinching: Pinches) -> _Given:
         """A frame taken apart into what may change and what may not."""
-        matrix = to_matrix(posed.rotation)
-        turn = own_turns(matrix[:, 1:])
-        angles = np.where(FREE, angles_of_turns(turn), 0.0)
-        rest = turns_of_angles(angles).swapaxes(-1, -2) @ turn
-        seen = np.where(known[:, _TIP_MARKERS], self.settings.seen_weight, 1.0).repeat(3, axis=1)
-        back = np.where(known[:, list(ALIGNMENT)].all(axis=1), self.settings.seen_weight, 1.0)
-        ease = np.empty((len(angles), PARTS))
-        ease[:, :ANGLES] = (FREE / (seen * self._lever**2)[..., None]).reshape(-1, ANGLES)
-        ease[:, ANGLES:] = 1 / (self.settings.hand_weight * back[:, None])
-        bounds = np.full((2, len(angles), PARTS), [[[-np.inf]], [[np.inf]]])
-        bounds[0, :, :ANGLES] = np.minimum(LOW - angles, 0).reshape(-1, ANGLES)
-        bounds[1, :, :ANGLES] = np.maximum(HIGH - angles, 0).reshape(-1, ANGLES)
-        low, high = bounds.reshape(2, -1)
-        return _Given(posed.root, matrix[:, 0], angles, rest, ease.ravel(), (low, high), pinching)
+        local, settings = posed.rotation[:, 1:], self.settings
+        angles = angles_of_rotations(local)
+        rest = product(rotations_of_angles(angles) * _BACK, local)
+        seen = np.empty((len(angles), 6))
+        seen[:, :5] = known.take(_TIP_MARKERS, axis=1)
+        seen[:, 5] = np.logical_and.reduce(known.take(_ALIGNMENT, axis=1), axis=1)
+        ease = self._ease / (1 + (settings.seen_weight - 1) * seen).take(_WEIGHED, axis=1)
+        low, high = np.full(ease.shape, -np.inf), np.full(ease.shape, np.inf)
+        low[:, :ANGLES] = np.minimum(LOW - angles, 0).reshape(-1, ANGLES)
+        high[:, :ANGLES] = np.maximum(HIGH - angles, 0).reshape(-1, ANGLES)
+        wrist = to_matrix(posed.rotation[:, 0])
+        return _Given(posed.root, wrist, angles, rest, ease.ravel(), (low.ravel(), high.ravel()), pinching)
 
     def _placed(self, given: _Given, change: np.ndarray) -> PlacedFingers:
         """Hands after a change (H, 48)."""
-        turn = turns_of_angles(_angles(given, change)) @ given.rest
-        return placed_fingers(self._chains, given.root + change[:, ANGLES:], given.wrist, turn)
+        local = product(rotations_of_angles(_angles(given, change)), given.rest)
+        return placed_fingers(self._chains, given.root + change[:, ANGLES:], given.wrist, local)
 
     def _solved(
-        self, given: _Given, pairs: Pairs, farthest: np.ndarray, rest: np.ndarray
+        self, given: _Given, pairs: Pairs, farthest: np.ndarray, rest: np.ndarray, meeting: Meeting | None
     ) -> tuple[np.ndarray, PlacedFingers]:
         """The change (H, 48) after which nothing collides, in linear steps from what rests of the last one.
 
-        And the hands after it.
+        And the hands after it. `meeting` is how pairs meet where nothing rests.
         """
         change, placed = rest, self._placed(given, rest)
         for _ in range(self.settings.max_iterations):
-            meeting = meet(self._flesh.axes(placed.position), pairs)
+            if meeting is None:
+                meeting = meet(self._flesh.axes(placed.position), pairs)
             if not len(given.pinches.first):
                 apart = meeting.squared > (farthest + _SLACK) ** 2
-                if not (apart | self._collides(pairs, meeting)).any():
+                if not any_of(apart | self._collides(pairs, meeting)):
                     break
             rows, demand, softness = self._demands(given, change, placed, pairs, farthest, meeting)
             bounds = (given.bounds[0] - change.ravel(), given.bounds[1] - change.ravel())
             exact = np.arange(len(rows)) >= len(rows) - 3 * len(given.pinches.first)
             way = least_change(rows, demand, exact, given.ease, bounds, softness)
-            way = np.clip(way, -_LONGEST_STEP, _LONGEST_STEP)
+            way = np.minimum(np.maximum(way, -_LONGEST_STEP), _LONGEST_STEP)
             change = change + way.reshape(change.shape)
-            placed = self._placed(given, change)
+            placed, meeting = self._placed(given, change), None
             if np.abs(way).max() < _SHORT_STEP:
                 break
         return change, placed
@@ -239,23 +250,20 @@ class Contact:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rows (K, H · 48), how much (K,) they are to grow, and how softly (K,).
 
-        First of collisions, then of fingertips that are not to part, then of pinches, which are to be met exactly.
+        First of collisions and of fingertips that are not to part, then of pinches, which are to be met exactly.
         """
         distance = np.sqrt(meeting.squared)
         gap = distance - pairs.reach
         parting = distance > (pairs.reach + farthest) / 2  # of fingertips: nearer to parting than to colliding
-        close = np.flatnonzero((gap < self.settings.nearby) & ~parting)
-        if len(close) > _MOST_ROWS:
-            close = close[np.argsort(gap[close])[:_MOST_ROWS]]
-        held = np.flatnonzero(parting)
-        which = np.concatenate([close, held])
-        sign = np.concatenate([np.ones(len(close)), -np.ones(len(held))])
-        start, end = (
-            Ends(side[which], points_on(meeting.axes, side[which], along[which]))
-            for side, along in zip((pairs.first, pairs.second), meeting.along, strict=True)
-        )
-        toward = (end.point - start.point) * (sign / np.maximum(distance[which], 1e-9))[:, None]
-        demand = np.concatenate([-gap[close] - self.settings.tolerance, distance[held] - farthest[held]])
+        close = (gap < self.settings.nearby) & ~parting
+        if np.count_nonzero(close) > _MOST_ROWS:
+            close[np.argsort(np.where(close, gap, np.inf))[_MOST_ROWS:]] = False
+        which = np.flatnonzero(close | parting)
+        demand = np.where(parting, distance - farthest, -gap - self.settings.tolerance).take(which)
+        sign = np.where(parting, -1.0, 1.0).take(which)
+        points = points_on(meeting.axes, pairs.start.take(which, axis=1), meeting.along.take(which, axis=1))
+        start, end = map(Ends, pairs.capsule.take(which, axis=1), points)
+        toward = (end.point - start.point) * (sign / np.maximum(distance.take(which), 1e-9))[:, None]
         softness = np.full(len(which), _SOFT)
         if len(given.pinches.first):
             tips = (placed.position[:, -5:] * self._flesh.flip[:, None]).reshape(-1, 3)
@@ -285,7 +293,7 @@ def _angles(given: _Given, change: np.ndarray) -> np.ndarray:
     return given.angles + change[:, :ANGLES].reshape(given.angles.shape)
 
 
-def _moved(posed: HandPoses, given: _Given, change: np.ndarray, placed: PlacedFingers) -> HandPoses:
+def _moved(posed: HandPoses, change: np.ndarray, placed: PlacedFingers) -> HandPoses:
     """The hands after a change; what it does not touch stays as it is to the bit."""
     touched = change != 0
     turned = touched[:, :ANGLES].reshape(-1, 5, 9).max(axis=-1)
@@ -294,6 +302,5 @@ def _moved(posed: HandPoses, given: _Given, change: np.ndarray, placed: PlacedFi
     points = shifted | np.concatenate([shifted, joints, turned], axis=1)
     position = np.where(points[..., None], placed.position, posed.position)
     rotation = posed.rotation.copy()
-    new = turned_by(rotation[:, 1:], given.angles, _angles(given, change))
-    rotation[:, 1:] = np.where(joints[..., None], new, rotation[:, 1:])
+    rotation[:, 1:] = np.where(joints[..., None], placed.rotation, rotation[:, 1:])
     return HandPoses(position[:, 0], rotation, position)

@@ -11,6 +11,7 @@ import numpy as np
 
 from bodysense.body.hand import FINGERS, HAND_JOINTS
 from bodysense.body.hand_capsules import NAMES
+from bodysense.devices.gloves.fillers import any_of
 from bodysense.devices.gloves.finger_chains import PlacedFingers
 from bodysense.devices.gloves.meetings import COUNT
 from bodysense.errors import BodysenseError
@@ -44,7 +45,7 @@ class ContactSettings:
             )
 
 
-_ONES = np.ones(3)
+_ONES, _EYE = np.ones(3), np.eye(3)
 ANGLES, PARTS = 45, 48  # of a hand's change: three angles a finger joint, then the wrist's shift
 _JOINTS_OF = np.array([[joint[:-1] == name[:-1] and joint <= name for joint in HAND_JOINTS[1:]] for name in NAMES])
 # (C, 48): the parts of its hand's change that move a capsule: the joints before it in its finger, and the wrist.
@@ -64,6 +65,9 @@ class Pinches(NamedTuple):
     first: np.ndarray  # (N,) number of a fingertip, hand · 5 + finger
     second: np.ndarray  # (N,)
     offset: np.ndarray  # (N, 3) m world, from the first to the second as it is to be
+
+
+_NONE = Pinches(np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros((0, 3)))
 
 
 def joined(one: Ends, other: Ends) -> Ends:
@@ -86,22 +90,25 @@ def growth_rows(
     """
     hands, count = len(flip), len(toward)
     both, away = joined(start, end), np.concatenate([-toward, toward])
-    hand = both.capsule // COUNT
-    away = away * flip[hand]
+    own = flip.take(both.capsule // COUNT, axis=0)
+    away = away * own
     # A joint at p that turns about a takes a point x along w by a · (x × w) + (p × a) · w: screws, all at once.
-    wrench = np.concatenate([cross(both.point * flip[hand], away), away], axis=1)
+    wrench = np.concatenate([cross(both.point * own, away), away], axis=1)
     screws = np.zeros((hands, PARTS, 6))
     screws[:, :ANGLES, :3] = axes.reshape(hands, ANGLES, 3)
     screws[:, :ANGLES, 3:] = cross(placed.position[:, 1:16, None], axes).reshape(hands, ANGLES, 3)
-    screws[:, ANGLES:, 3:] = np.eye(3)
-    parts = (wrench @ screws.reshape(-1, 6).T) * _moved_by(hands)[both.capsule]
+    screws[:, ANGLES:, 3:] = _EYE
+    parts = (wrench @ screws.reshape(-1, 6).T) * _moved_by(hands).take(both.capsule, axis=0)
     return parts[:count] + parts[count:]
+
+
+_YZX, _ZXY = [1, 2, 0], [2, 0, 1]
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a × b (..., 3), without the overhead of numpy's."""
-    ax, ay, az, bx, by, bz = a[..., 0], a[..., 1], a[..., 2], b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+    one, other = a.take(_YZX, axis=-1) * b.take(_ZXY, axis=-1), a.take(_ZXY, axis=-1) * b.take(_YZX, axis=-1)
+    return one - other
 
 
 @lru_cache(maxsize=8)
@@ -147,9 +154,12 @@ def pinches(
         missed: m that is too little to be brought nearer.
     """
     one, other = pairs
-    offset = markers[other] - markers[one]
+    offset = markers.take(other, axis=0) - markers.take(one, axis=0)
     squared = (offset * offset) @ _ONES
-    chosen = np.flatnonzero((squared < apart**2) & seen[one] & seen[other])
+    near = squared < apart**2
+    if not any_of(near):
+        return _NONE
+    chosen = np.flatnonzero(near & seen[one] & seen[other])
     one, other, offset, distance = one[chosen], other[chosen], offset[chosen], np.sqrt(squared[chosen])
     present = tips[other] - tips[one]
     share = np.minimum((apart - distance) / (apart - touching), 1.0)[:, None]
@@ -186,10 +196,10 @@ def least_change(
     for _ in range(_ROUNDS):
         eased = rows * moving
         matrix = eased @ rows.T
-        matrix[np.diag_indices_from(matrix)] += softness
+        matrix.reshape(-1)[:: len(matrix) + 1] += softness  # its diagonal
         x = fixed + forces(matrix, demand - rows @ fixed, exact) @ eased
         over = ((x < low) | (x > high)) & (moving > 0)
-        if not over.any():
+        if not any_of(over):
             return x
         fixed = np.where(over, np.clip(x, low, high), fixed)
         moving = np.where(over, 0.0, moving)
@@ -208,13 +218,15 @@ def forces(matrix: np.ndarray, demand: np.ndarray, exact: np.ndarray) -> np.ndar
     for _ in range(_MOST_EXCHANGES):
         chosen = np.flatnonzero(pushing)
         force[:] = 0.0
-        if chosen.size:
-            force[chosen] = np.linalg.solve(matrix[np.ix_(chosen, chosen)], demand[chosen])
+        if len(chosen) == len(demand):
+            force = np.linalg.solve(matrix, demand)
+        elif len(chosen):
+            force[chosen] = np.linalg.solve(matrix[chosen[:, None], chosen], demand[chosen])
         short = matrix @ force - demand
-        wrong = np.where(pushing, force < -1e-12, short < -1e-12) & ~exact
-        count = int(wrong.sum())
-        if not count:
+        wrong = (np.where(pushing, force, short) < -1e-12) & ~exact
+        if not any_of(wrong):
             break
+        count = int(wrong.sum())
         if count < fewest:
             fewest, tries = count, _TRIES
         elif tries:

@@ -69,24 +69,22 @@ def hand_shape(hands: Sequence[Skeleton], gloves: Sequence[Glove], aim: Aim = "m
     return HandShape(bones[..., :1].copy(), last, middle, first, markers)
 
 
-_PHASES = ((1, 1), (1, -1), (-1, 1), (-1, -1))  # of half a joint's turns z + s · y + t · x: s and t
-# Of cos, then sin, of these: the quaternion of Rz · Ry · Rx, whose products of three are sums of such.
-_EULER = (
-    np.array(
-        [[1, s, -t, s * t] for s, t in _PHASES] + [[-s * t, t, s, 1] for s, t in _PHASES],
-    )
-    / 4
-)
+_SIGNS = ((1, 1), (1, -1), (-1, 1), (-1, -1))
+# The waves of a joint: cosines, then sines, of half of z + s · y + t · x, its turns about its axes; from its flexion,
+# −z, abduction, y, and twist, x: (3, 8), and what to add (8,), for a sine is a cosine a quarter later.
+WAVES = np.array([[-1, s, t] for s, t in 2 * _SIGNS]).T / 2
+QUARTER = np.repeat([0.0, -np.pi / 2], 4)
+# (8, 4) of waves: the quaternion of Rz · Ry · Rx, whose products of three are sums of such.
+_EULER = np.array([[1, s, -t, s * t] for s, t in _SIGNS] + [[-s * t, t, s, 1] for s, t in _SIGNS]) / 4
 
 
 @lru_cache(maxsize=1)
-def _phases() -> tuple[np.ndarray, np.ndarray]:
-    """From 26 angles (26, 120) to the phases of the cosines of every joint, eight each, and what to add (120,)."""
-    phases = np.zeros((len(FREEDOMS), 15, 2, 4))
-    signs = {"flexion": [-1] * 4, "abduction": [s for s, _ in _PHASES], "twist": [t for _, t in _PHASES]}
+def _waves_of_freedoms() -> tuple[np.ndarray, np.ndarray]:
+    """The same of all joints (26, 120) from the 26 angles, and what to add (120,)."""
+    waves, column = np.zeros((len(FREEDOMS), 15, 8)), {"flexion": 0, "abduction": 1, "twist": 2}
     for row, freedom in enumerate(FREEDOMS):
-        phases[row, HAND_JOINTS.index(freedom.joint) - 1] = np.array(signs[freedom.angle]) / 2
-    return phases.reshape(len(FREEDOMS), -1), np.tile([0.0] * 4 + [-np.pi / 2] * 4, 15)
+        waves[row, HAND_JOINTS.index(freedom.joint) - 1] = WAVES[column[freedom.angle]]
+    return waves.reshape(len(FREEDOMS), -1), np.tile(QUARTER, 15)
 
 
 def turning(calibration: np.ndarray | None = None, axes: np.ndarray | None = None) -> np.ndarray:
@@ -104,8 +102,8 @@ def turning(calibration: np.ndarray | None = None, axes: np.ndarray | None = Non
 
 def local_rotations(angles: np.ndarray, turning: np.ndarray) -> np.ndarray:
     """Local rotations (H, 15, 4) of finger joints, of either sign, from angles (H, 26) rad; `turning` as above."""
-    phases, shift = _phases()
-    waves = np.cos(angles @ phases + shift)
+    waves, quarter = _waves_of_freedoms()
+    waves = np.cos(angles @ waves + quarter)
     return (waves.reshape(-1, 15, 1, 8) @ turning)[:, :, 0]
 
 

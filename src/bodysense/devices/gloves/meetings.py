@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
+from math import dist
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from bodysense.body.hand import HAND_JOINTS, Side
 from bodysense.body.hand_capsules import GIVE, NAMES, hand_capsules, own_pairs, point_beyond
 from bodysense.body.segments import nearest_shares
 from bodysense.body.skeleton import Skeleton
+from bodysense.devices.gloves.fillers import any_of
 
 COUNT = len(NAMES)
 _LAST = np.array([name.endswith("3") for name in NAMES])
@@ -25,17 +27,18 @@ _KNUCKLE = HAND_JOINTS.index("middle1")
 class Pairs:
     """P pairs of capsules; capsule c of hand h is number h · C + c. C = `COUNT`."""
 
-    first: np.ndarray  # (P,)
-    second: np.ndarray  # (P,)
+    capsule: np.ndarray  # (2, P) the first, the second
+    start: np.ndarray = field(
+        repr=False
+    )  # (2, P) where they begin among the axes of all; COUNT on, from there to the end
     reach: np.ndarray = field(repr=False)  # (P,) m: nearer than this they collide
-    squared: tuple[np.ndarray, np.ndarray] = field(repr=False)  # (P,), (P,) m², lengths of their axes
+    squared: np.ndarray = field(repr=False)  # (2, P) m², lengths of their axes
     tips: np.ndarray = field(repr=False)  # (P,) whether they are thumb's and finger's, or two hands', last segments
     products: np.ndarray = field(repr=False)  # (8, P) where in the matrix of all inner products theirs are
 
-    def __getitem__(self, key: np.ndarray) -> Pairs:
+    def take(self, places: np.ndarray) -> Pairs:
         """Some of them."""
-        squared = (self.squared[0][key], self.squared[1][key])
-        return Pairs(self.first[key], self.second[key], self.reach[key], squared, self.tips[key], self.products[:, key])
+        return Pairs(*(part.take(places, axis=-1) for part in vars(self).values()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +47,7 @@ class Meeting:
 
     axes: np.ndarray  # (H · 2C, 3) m: of each hand where its capsules begin, and from there to their ends
     squared: np.ndarray  # (P,) m² distance of their axes
-    along: tuple[np.ndarray, np.ndarray]  # (P,), (P,) how far along each axis, 0 to 1, the nearest points lie
+    along: np.ndarray  # (2, P) how far along each axis, 0 to 1, the nearest points lie
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,17 +64,14 @@ class HandFlesh:
 
     def pairs(self, position: np.ndarray) -> Pairs:
         """The pairs that may meet of hands whose points are at (H, 21, 3) m: of two hands only where they are near."""
-        if len(self.hands) == 1:
+        middle = (position[:, _KNUCKLE] * self.flip).tolist()
+        couples = list(combinations(range(len(middle)), 2))
+        if all(dist(middle[one], middle[other]) > self._near for one, other in couples):
             return self._own
-        one, other = self._couples
-        middle = position[:, _KNUCKLE] * self.flip
-        apart = middle[one] - middle[other]
-        if not ((apart * apart).sum(axis=1) < self._near).any():
-            return self._own
-        world = position * self.flip[:, None]
+        world, (one, other) = position * self.flip[:, None], np.array(couples).T
         low, high = world.min(axis=1), world.max(axis=1)
         gap = np.maximum(low[one] - high[other], low[other] - high[one]).max(axis=1)
-        return self._all if (gap < self._thick).any() else self._own
+        return self._all if any_of(gap < self._thick) else self._own
 
     def axes(self, position: np.ndarray) -> np.ndarray:
         """(H · 2C, 3) m: where all capsules lie in the world, for `meet`."""
@@ -91,18 +91,13 @@ class HandFlesh:
 
     @cached_property
     def _near(self) -> float:
-        """m²: hands whose middle knuckles are farther apart cannot meet."""
-        return float((2 * max(np.linalg.norm(hand.path @ hand.rest_offset, axis=1).max() for hand in self.hands)) ** 2)
+        """m: hands whose middle knuckles are farther apart cannot meet."""
+        return float(2 * max(np.linalg.norm(hand.path @ hand.rest_offset, axis=1).max() for hand in self.hands))
 
     @cached_property
     def _thick(self) -> float:
         """m: hands whose points' boxes are farther apart cannot meet."""
         return float(2 * max(hand_capsules(hand).radius.max() for hand in self.hands) + _MARGIN)
-
-    @cached_property
-    def _couples(self) -> np.ndarray:
-        """(2, K) every two hands."""
-        return np.array(list(combinations(range(len(self.hands)), 2)), dtype=np.intp).reshape(-1, 2).T
 
 
 def capsule_mix(hand: Skeleton) -> np.ndarray:
@@ -138,35 +133,36 @@ def pairs_of(hands: Sequence[Skeleton], mutual: bool) -> Pairs:
     p, q = (2 * COUNT * (number // COUNT) + number % COUNT for number in (first, second))
     u, v = p + COUNT, q + COUNT
     own = first // COUNT == second // COUNT
-    products = (product(u, v), product(u, p), product(u, q), product(v, p), product(v, q), product(p, p), product(q, q))
+    products = (product(u, v), product(u, p), product(v, p), product(p, p))
+    products += (product(u, q), product(v, q), product(p, q), product(q, q))
     return Pairs(
-        first,
-        second,
+        np.stack([first, second]),
+        np.stack([p, q]),
         (1 - GIVE) * (radius[first] + radius[second]),
-        (length[first], length[second]),
+        np.stack([length[first], length[second]]),
         _LAST[first % COUNT] & _LAST[second % COUNT] & (_THUMB[first % COUNT] | ~own),
-        np.stack([*products, product(p, q)]),
+        np.stack(products),
     )
 
 
 def meet(axes: np.ndarray, pairs: Pairs) -> Meeting:
     """How near pairs are whose capsules lie at `axes` (H · 2C, 3) m."""
-    uv, up, uq, vp, vq, pp, qq, pq = (axes @ axes.T).take(pairs.products)
-    uw, vw = up - uq, vp - vq
+    products = (axes @ axes.T).take(pairs.products)
+    uv, pq, qq = products[0], products[6], products[7]
+    uw, vw, pw = products[1:4] - products[4:7]  # of w = p − q
     uu, vv = pairs.squared
-    s, t = nearest_shares(uu, vv, uv, uw, vw)
-    squared = pp + qq - 2 * (pq + s * t * uv - s * uw + t * vw) + s * s * uu + t * t * vv
-    return Meeting(axes, np.maximum(squared, 0.0), (s, t))
+    along = np.empty((2, len(uv)))
+    along[0], along[1] = s, t = nearest_shares(uu, vv, uv, uw, vw)
+    squared = pw - pq + qq + s * (s * uu + 2 * (uw - t * uv)) + t * (t * vv - 2 * vw)
+    return Meeting(axes, np.maximum(squared, 0.0), along)
 
 
 def nearest(pairs: Pairs, meeting: Meeting, gap: float) -> tuple[Pairs, Meeting]:
     """The pairs whose gap is less, m."""
     near = np.flatnonzero(meeting.squared < (pairs.reach + gap) ** 2)
-    along = (meeting.along[0][near], meeting.along[1][near])
-    return pairs[near], Meeting(meeting.axes, meeting.squared[near], along)
+    return pairs.take(near), Meeting(meeting.axes, meeting.squared.take(near), meeting.along.take(near, axis=1))
 
 
-def points_on(axes: np.ndarray, capsule: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """(K, 3) m: points on the axes of capsules (K,), `along` (K,) of the way from their starts."""
-    place = 2 * COUNT * (capsule // COUNT) + capsule % COUNT
-    return axes[place] + along[:, None] * axes[place + COUNT]
+def points_on(axes: np.ndarray, start: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """(..., 3) m: points on capsules that `start` (...) among the axes, `along` (...) of the way."""
+    return axes.take(start, axis=0) + along[..., None] * axes.take(start + COUNT, axis=0)
