@@ -6,9 +6,9 @@ it knows; NaN where it knows nothing. State is an argument. The paper's baseline
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -49,14 +49,19 @@ def any_of(flags: np.ndarray) -> bool:
 
 
 class NetworkState(NamedTuple):
-    """How the hand was registered when it last was, whether that was in the last frame, and by what."""
+    """How the hand was registered when it last was, and whether that was in the last frame."""
 
     rotation: np.ndarray  # (H, 3, 3)
     translation: np.ndarray  # (H, 3) m
     fresh: bool
-    known: bytes  # which markers
-    levers: Levers | None
-    scale: np.ndarray | None  # (H, 9, 1) to the size that the network knows; 0 of what is hidden
+
+
+class Masked(NamedTuple):
+    """What does not change while the same markers are known."""
+
+    known: np.ndarray  # (H, 9, 1) bool
+    levers: Levers
+    scale: np.ndarray  # (H, 9, 1) to the size that the network knows; 0 of what is hidden
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,26 +111,53 @@ class NetworkFiller:
         """Registered nowhere. Raises BodysenseError where there are other hands than told."""
         if len(self.hands) not in (1, hands):
             raise BodysenseError(f"network filler: made for {len(self.hands)} hands, started for {hands}; give either")
-        return NetworkState(np.broadcast_to(np.eye(3), (hands, 3, 3)), np.zeros((hands, 3)), False, b"", None, None)
+        return NetworkState(np.broadcast_to(np.eye(3), (hands, 3, 3)), np.zeros((hands, 3)), False)
 
     def fill(self, markers: np.ndarray, interval: float, state: NetworkState) -> tuple[np.ndarray, NetworkState]:
         """See `Filler`."""
         hidden = missing(markers)
         if not any_of(hidden):
             return markers, state._replace(fresh=False)
-        known = ~hidden
-        which, used, scale, there = known.tobytes(), state.levers, state.scale, known[..., None]
-        if used is None or scale is None or which != state.known:
-            used, scale = levers(self._template, known), there / self._ratio
-        seen, hands = np.where(there, markers, 0.0), len(markers)
-        _, rotation, translation = fit(used, seen, state[:2])
-        local = brought_back(seen, rotation, translation) * scale
-        shapes = self._shapes if len(self._shapes) == hands else self._shapes.repeat(hands, axis=0)
-        answer = self._network.run(local.reshape(hands, -1).astype(np.float32), shapes)
-        guess = moved(answer.reshape(hands, MARKER_COUNT, 3) * self._ratio, rotation, translation)
-        if used.loose:
-            guess[known.sum(axis=1) < self.fewest] = np.nan
-        return np.where(there, markers, guess), NetworkState(rotation, translation, True, which, used, scale)
+        which = (~hidden).tobytes()
+        masked = self._masked(which)
+        if masked.levers.loose:
+            filled, rotation, translation = self._told(markers, masked, state[:2])
+            few = masked.known.sum(axis=1, keepdims=True) < self.fewest
+            filled = np.where(few & ~masked.known, np.nan, filled)
+        else:
+            filled, rotation, translation = self._told_again(which, markers.astype(float, copy=False).tobytes())
+        return filled, NetworkState(rotation, translation, True)
+
+    def _told(
+        self, markers: np.ndarray, masked: Masked, last: tuple[np.ndarray, np.ndarray] | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Markers (H, 9, 3) m, those told where they are hidden, and how the hands are registered."""
+        seen = np.where(masked.known, markers, 0.0)
+        _, rotation, translation = fit(masked.levers, seen, last)
+        local = brought_back(seen, rotation, translation) * masked.scale
+        shapes = self._shapes if len(self._shapes) == len(local) else self._shapes.repeat(len(local), axis=0)
+        answer = self._network.run(local.reshape(len(local), -1).astype(np.float32), shapes)
+        guess = moved(answer.reshape(-1, MARKER_COUNT, 3) * self._ratio, rotation, translation)
+        return np.where(masked.known, markers, guess), rotation, translation
+
+    @cached_property
+    def _masked(self) -> Callable[[bytes], Masked]:
+        """Of the known markers (H, 9) bool, as bytes."""
+
+        def masked(which: bytes) -> Masked:
+            known = np.frombuffer(which, dtype=bool).reshape(-1, MARKER_COUNT)
+            return Masked(known[..., None], levers(self._template, known), known[..., None] / self._ratio)
+
+        return lru_cache(maxsize=64)(masked)
+
+    @cached_property
+    def _told_again(self) -> Callable[[bytes, bytes], tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """`_told` of known and markers as bytes: where markers come and go the same frames are asked for again."""
+
+        def told(which: bytes, frame: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            return self._told(np.frombuffer(frame).reshape(-1, MARKER_COUNT, 3), self._masked(which), None)
+
+        return lru_cache(maxsize=4)(told)
 
     def axes(self, markers: np.ndarray, state: NetworkState) -> np.ndarray:
         """Those of the registered hand."""
