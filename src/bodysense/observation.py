@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import isfinite, isnan
 
 import numpy as np
 
@@ -211,9 +212,9 @@ def check_order(time: float, before: float | None, name: str) -> None:
 
     None or NaN: there was no frame before.
     """
-    if before is not None and np.isnan(before):
+    if before is not None and isnan(before):
         before = None
-    if np.isfinite(time) and (before is None or time > before):
+    if isfinite(time) and (before is None or time > before):
         return
     after = "" if before is None else f" came after one at {_seconds(before)}"
     raise BodysenseError(f"{name}: a frame at {_seconds(time)}{after}; give frames in order of time, in seconds")

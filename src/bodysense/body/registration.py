@@ -94,6 +94,7 @@ class Levers(NamedTuple):
 
     lever: np.ndarray  # (H, 4, M) of each marker, weighted: from the template's mean, m; and 1
     base: np.ndarray  # (H, 1, 3) m, the template's mean
+    bases: list[list[float]]  # the same as numbers
     loose: bool  # whether some hand has so few markers that they may leave a turn open
     empty: np.ndarray | None  # (H,) bool, where nothing is known; None where something is in all
 
@@ -104,7 +105,7 @@ def levers(template: np.ndarray, known: np.ndarray) -> Levers:
     weight = (known / np.maximum(count, 1)[:, None])[:, None]
     base = weight @ template
     lever = np.concatenate([(template - base).swapaxes(1, 2) * weight, weight], axis=1)
-    return Levers(lever, base, bool((count < 4).any()), None if count.all() else count == 0)
+    return Levers(lever, base, base[:, 0].tolist(), bool((count < 4).any()), None if count.all() else count == 0)
 
 
 def fit(
@@ -114,28 +115,31 @@ def fit(
     drawn = levers.lever @ seen  # Σ lever is 0: the markers' mean need not be taken off
     hands, spread = len(drawn), drawn[:, :3]
     if levers.loose:
-        spread = spread + (_PULLED if last is None else _PULL * last[0].swapaxes(1, 2))
-    turns = _turns(spread) if hands <= FEW else None
+        spread += _PULLED if last is None else _PULL * last[0].swapaxes(1, 2)
+    turns = _turns(drawn, levers.bases) if hands <= FEW else None
     if turns is None:
         quaternion = np.linalg.eigh((spread.reshape(hands, 9) @ _QUADRATIC).reshape(hands, 4, 4))[1][:, :, 3]
         rotation = to_matrix(quaternion)
+        translation = (drawn[:, 3:] - levers.base @ rotation.swapaxes(1, 2))[:, 0]
     else:
-        quaternion, rotation = turns[:, :4], turns[:, 4:].reshape(hands, 3, 3)
-    translation = (drawn[:, 3:] - levers.base @ rotation.swapaxes(1, 2))[:, 0]
+        quaternion, rotation, translation = turns[:, :4], turns[:, 4:13].reshape(hands, 3, 3), turns[:, 13:]
     if levers.empty is not None:
         origin = np.zeros(3) if last is None else last[1]
         translation = np.where(levers.empty[:, None], origin, translation)
     return quaternion, rotation, translation
 
 
-def _turns(spread: np.ndarray) -> np.ndarray | None:
-    """(H, 13) the quaternions and matrices of a few hands, number by number; None where one is not well determined.
+def _turns(drawn: np.ndarray, bases: list[list[float]]) -> np.ndarray | None:
+    """(H, 16) the quaternions, matrices and translations of a few hands, number by number.
+
+    None where one is not well determined.
 
     Theobald, Rapid calculation of RMSDs using a quaternion-based characteristic polynomial, 2005: for a hand or two a
     fraction of the time that eigenvectors take.
     """
     turns = []
-    for (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) in spread.tolist():
+    for (one, two, three, middle), base in zip(drawn.tolist(), bases, strict=True):
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = one, two, three
         # The quadratic form, symmetric: (a b c d), (b e f g), (c f h i), (d g i j).
         a, b, c, d = xx + yy + zz, yz - zy, zx - xz, xy - yx
         e, f, g, h, i, j = xx - yy - zz, xy + yx, zx + xz, yy - xx - zz, yz + zy, zz - xx - yy
@@ -143,7 +147,9 @@ def _turns(spread: np.ndarray) -> np.ndarray | None:
         linear = -8 * (xx * (yy * zz - yz * zy) - xy * (yx * zz - yz * zx) + xz * (yx * zy - yy * zx))
         s0, s1, s2, s3, s4, s5, c0, c1, c2, c3, c4, c5 = _minors(a, b, c, d, e, f, g, h, i, j)
         constant = s0 * c5 - s1 * c4 + s2 * c3 + s3 * c2 - s4 * c1 + s5 * c0
-        root = (3 * size) ** 0.5  # not below the largest eigenvalue, so that Newton's method comes down to it
+        # The largest eigenvalue of markers in a plane, of whose spread nothing is linear; of others not far off, and
+        # where the polynomial is convex, so that Newton's method comes down to it.
+        root = (size + max(size * size - constant, 0.0) ** 0.5) ** 0.5
         for _ in range(30):
             square = root * root
             slope = 4 * root * (square - size) + linear
@@ -151,7 +157,7 @@ def _turns(spread: np.ndarray) -> np.ndarray | None:
                 return None
             step = (square * (square - 2 * size) + linear * root + constant) / slope
             root -= step
-            if step < 1e-13 * root:
+            if abs(step) < 1e-13 * root:
                 break
         a, e, h, j = a - root, e - root, h - root, j - root
         s0, s1, s2, s3, s4, s5, c0, c1, c2, c3, c4, c5 = _minors(a, b, c, d, e, f, g, h, i, j)
@@ -171,7 +177,11 @@ def _turns(spread: np.ndarray) -> np.ndarray | None:
             return None
         w, x, y, z = column
         w, x, y, z = w / length, x / length, y / length, z / length
-        turns.append((w, x, y, z, *matrix_of(w, x, y, z)))
+        a, b, c, d, e, f, g, h, i = matrix_of(w, x, y, z)
+        x0, y0, z0 = base
+        x1, y1, z1 = middle
+        x1, y1, z1 = x1 - a * x0 - b * y0 - c * z0, y1 - d * x0 - e * y0 - f * z0, z1 - g * x0 - h * y0 - i * z0
+        turns.append((w, x, y, z, a, b, c, d, e, f, g, h, i, x1, y1, z1))
     return np.array(turns)
 
 

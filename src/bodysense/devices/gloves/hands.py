@@ -242,7 +242,7 @@ class Hands:
         shown, filler = self._filler.fill(markers, interval, state.filler)
         if checking:
             rejection = self._rejection.remember(np.where(known[..., None], markers, shown), known, interval, rejection)
-        hidden = np.where(known, 0.0, state.hidden + interval)
+        hidden = (state.hidden + interval) * ~known
         told, contact = self._reader.read(shown), state.contact
         without = self._without(told, shown, known, interval, state)
         poses, settling = self._settling.step(told, without, known, interval, state.settling)
@@ -254,7 +254,10 @@ class Hands:
         self, told: HandPoses, filled: np.ndarray, known: np.ndarray, interval: float, state: HandsState
     ) -> HandPoses:
         """Where hands would be had no marker (H, 9, 3) m been found in this frame."""
-        if state.settling is None or not any_of(found := known & ~state.settling.known):
+        if state.settling is None or known.tobytes() == state.settling.known.tobytes():
+            return told
+        found = known & ~state.settling.known
+        if not any_of(found):
             return told
         found &= (state.hidden < NEVER).any(axis=1, keepdims=True)
         kept = np.where((known & ~found)[..., None], filled, np.nan)

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
+from math import isnan
 from typing import NamedTuple
 
 import numpy as np
@@ -116,7 +117,7 @@ class Rejection:
         self, markers: np.ndarray, known: np.ndarray, interval: float, state: RejectionState
     ) -> RejectionState:
         """The state after a frame: all markers (H, 9, 3) m, measured where `known` (H, 9), else filled."""
-        before = markers if np.isnan(state.place[0, 0, 0]) else state.place
+        before = markers if isnan(state.place.item(0)) else state.place
         return RejectionState(markers, before, interval, known, state.known, state.doubted, state.since, state.settled)
 
     def _judge(

@@ -67,6 +67,11 @@ class Settling:
                 needed[marker, _FINGERS[FINGERS.index(joint[:-1]), 1:]] = 1.0
         return needed
 
+    @cached_property
+    def _slowest(self) -> np.ndarray:
+        """(H, 1) m/s."""
+        return np.full((len(self.shape.base), 1), self.speed)
+
     def step(
         self, told: HandPoses, without: HandPoses, known: np.ndarray, interval: float, state: SettlingState | None
     ) -> tuple[HandPoses, SettlingState]:
@@ -80,8 +85,7 @@ class Settling:
             state: after the frame before; None before the first.
         """
         if state is None or (state.away is None and without is told):
-            speed = np.full((len(known), 1), self.speed)
-            return told, SettlingState(told.position, told.position, known, None, speed)
+            return told, SettlingState(told.position, told.position, known, None, self._slowest)
         start, speed = displaced(without, state.away, self.shape), state.speed
         if without is not told:
             farthest = _length(start.position - told.position).max(axis=1, keepdims=True)
