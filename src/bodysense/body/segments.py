@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-_TINY = 1e-30  # keeps divisions by zero finite
+TINY = 1e-30  # keeps divisions by zero finite
 
 
 def nearest_shares(
@@ -14,7 +14,7 @@ def nearest_shares(
 
     Of segments p + s·u and q + t·v with w = p − q it takes inner products (...) alone, and returns s and t (...).
     """
-    s = np.minimum(np.maximum((uv * vw - uw * vv) / np.maximum(uu * vv - uv * uv, _TINY), 0.0), 1.0)
-    t = np.minimum(np.maximum((uv * s + vw) / np.maximum(vv, _TINY), 0.0), 1.0)
-    s = np.minimum(np.maximum((uv * t - uw) / np.maximum(uu, _TINY), 0.0), 1.0)
+    s = np.minimum(np.maximum((uv * vw - uw * vv) / np.maximum(uu * vv - uv * uv, TINY), 0.0), 1.0)
+    t = np.minimum(np.maximum((uv * s + vw) / np.maximum(vv, TINY), 0.0), 1.0)
+    s = np.minimum(np.maximum((uv * t - uw) / np.maximum(uu, TINY), 0.0), 1.0)
     return s, t

@@ -52,7 +52,7 @@ def test_pairs_are_as_near_as_depth_says(seed: int) -> None:
     np.testing.assert_allclose(depth[:count], own_depth(poses[0]), atol=1e-9)
     np.testing.assert_allclose(depth[count : 2 * count], own_depth(poses[1]), atol=1e-9)
     np.testing.assert_allclose(depth[2 * count :], mutual_depth(*poses).ravel(), atol=1e-9)
-    start, end = points_on(meeting.axes, pairs.start, meeting.along)
+    start, end = points_on(meeting.axes, pairs.start, np.stack(meeting.along))
     np.testing.assert_allclose(np.linalg.norm(end - start, axis=1) ** 2, meeting.squared, atol=1e-12)
 
 

@@ -71,18 +71,17 @@ class ContactState:
 
     begun: bool = False  # whether there was a frame
     change: np.ndarray | None = None  # (H, 48): correction of 45 angles, rad, and of the wrist, m; None: there is none
+    way: float = 0.0  # m: so far the farthest point goes by it, at most
 
 
 @dataclass(frozen=True, eq=False)
 class _Given:
-    """A frame before contact: what a change is made to, and what it may be."""
+    """A frame before contact: what a change is made to."""
 
     root: np.ndarray  # (H, 3)
     wrist: np.ndarray  # (H, 3, 3)
     angles: np.ndarray  # (H, 15, 3) rad
     rest: np.ndarray  # (H, 15, 4) what of the joints' rotations is none of their angles
-    ease: np.ndarray  # (H · 48,)
-    bounds: tuple[np.ndarray, np.ndarray]  # (H · 48,)
     pinches: Pinches
 
 
@@ -151,21 +150,23 @@ class Contact:
         pairs, pinching = self._flesh.pairs(posed.position), self._pinches(posed, markers, known)
         meeting = meet(self._flesh.axes(posed.position), pairs)
         needed = len(pinching.first) > 0 or any_of(self._collides(pairs, meeting))
-        if state.change is None and not needed:
+        remaining = 0.5 ** (interval / self.settings.half_life)
+        if not needed and remaining * state.way < _UNSEEN:
             return posed, ContactState(True)
         before = np.zeros((len(posed.root), PARTS)) if state.change is None else state.change
-        rest = 0.5 ** (interval / self.settings.half_life) * before
-        if not needed and self._way(rest) < _UNSEEN:
-            return posed, ContactState(True)
-        given = self._given(posed, known, pinching)
+        given, rest = self._given(posed, pinching), remaining * before
         pairs, farthest, meeting = self._near(pairs, meeting)
-        wanted, placed = self._solved(given, pairs, farthest, rest, None if rest.any() else meeting)
-        limited = self._limited(wanted, before, interval) if state.begun else wanted
-        if self._way(limited) < _UNSEEN:
+        wanted, placed = self._solved(given, known, pairs, farthest, rest, meeting if state.change is None else None)
+        limited, way = wanted, remaining * state.way if wanted is rest else self._way(wanted)
+        if state.begun:
+            moved = (1 - remaining) * state.way if wanted is rest else self._way(wanted - before)
+            allowed = self.settings.speed * interval
+            if moved > allowed:
+                limited = before + (allowed / moved) * (wanted - before)
+                placed, way = self._placed(given, limited), self._way(limited)
+        if way < _UNSEEN:
             return posed, ContactState(True)
-        if limited is not wanted:
-            placed = self._placed(given, limited)
-        return _moved(posed, limited, placed), ContactState(True, limited)
+        return _moved(posed, limited, placed), ContactState(True, limited, way)
 
     def _collides(self, pairs: Pairs, meeting: Meeting) -> np.ndarray:
         """(P,) whether pairs stand in each other so deep that something is done about it."""
@@ -181,7 +182,7 @@ class Contact:
         if len(tips):
             distance, touch = np.sqrt(meeting.squared[tips]), pairs.reach[tips] / (1 - GIVE)
             gap, keeping = np.maximum(distance - touch, 0.0), self.settings.keeping
-            most = np.maximum(distance, touch) + gap**3 / keeping**2
+            most = np.maximum(distance, touch) + gap * gap * gap / keeping**2
             farthest[tips] = np.where(gap < keeping, most, np.inf)
         return pairs, farthest, meeting
 
@@ -193,20 +194,23 @@ class Contact:
         seen = known.take(_TIP_MARKERS, axis=1).ravel()
         return pinches(self._tips, told, tips, seen, settings.touching, settings.apart, settings.missed)
 
-    def _given(self, posed: HandPoses, known: np.ndarray, pinching: Pinches) -> _Given:
+    def _given(self, posed: HandPoses, pinching: Pinches) -> _Given:
         """A frame taken apart into what may change and what may not."""
-        local, settings = posed.rotation[:, 1:], self.settings
+        local = posed.rotation[:, 1:]
         angles = angles_of_rotations(local)
         rest = product(rotations_of_angles(angles) * _BACK, local)
-        seen = np.empty((len(angles), 6))
+        return _Given(posed.root, to_matrix(posed.rotation[:, 0]), angles, rest, pinching)
+
+    def _freedom(self, given: _Given, known: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+        """How easily each part of a change (H · 48,) changes, and its bounds (H · 48,), (H · 48,)."""
+        seen = np.empty((len(known), 6))
         seen[:, :5] = known.take(_TIP_MARKERS, axis=1)
         seen[:, 5] = np.logical_and.reduce(known.take(_ALIGNMENT, axis=1), axis=1)
-        ease = self._ease / (1 + (settings.seen_weight - 1) * seen).take(_WEIGHED, axis=1)
+        ease = self._ease / (1 + (self.settings.seen_weight - 1) * seen).take(_WEIGHED, axis=1)
         low, high = np.full(ease.shape, -np.inf), np.full(ease.shape, np.inf)
-        low[:, :ANGLES] = np.minimum(LOW - angles, 0).reshape(-1, ANGLES)
-        high[:, :ANGLES] = np.maximum(HIGH - angles, 0).reshape(-1, ANGLES)
-        wrist = to_matrix(posed.rotation[:, 0])
-        return _Given(posed.root, wrist, angles, rest, ease.ravel(), (low.ravel(), high.ravel()), pinching)
+        low[:, :ANGLES] = np.minimum(LOW - given.angles, 0).reshape(-1, ANGLES)
+        high[:, :ANGLES] = np.maximum(HIGH - given.angles, 0).reshape(-1, ANGLES)
+        return ease.ravel(), (low.ravel(), high.ravel())
 
     def _placed(self, given: _Given, change: np.ndarray) -> PlacedFingers:
         """Hands after a change (H, 48)."""
@@ -214,13 +218,19 @@ class Contact:
         return placed_fingers(self._chains, given.root + change[:, ANGLES:], given.wrist, local)
 
     def _solved(
-        self, given: _Given, pairs: Pairs, farthest: np.ndarray, rest: np.ndarray, meeting: Meeting | None
+        self,
+        given: _Given,
+        known: np.ndarray,
+        pairs: Pairs,
+        farthest: np.ndarray,
+        rest: np.ndarray,
+        meeting: Meeting | None,
     ) -> tuple[np.ndarray, PlacedFingers]:
         """The change (H, 48) after which nothing collides, in linear steps from what rests of the last one.
 
         And the hands after it. `meeting` is how pairs meet where nothing rests.
         """
-        change, placed = rest, self._placed(given, rest)
+        change, placed, freedom = rest, self._placed(given, rest), None
         for _ in range(self.settings.max_iterations):
             if meeting is None:
                 meeting = meet(self._flesh.axes(placed.position), pairs)
@@ -229,9 +239,10 @@ class Contact:
                 if not any_of(apart | self._collides(pairs, meeting)):
                     break
             rows, demand, softness = self._demands(given, change, placed, pairs, farthest, meeting)
-            bounds = (given.bounds[0] - change.ravel(), given.bounds[1] - change.ravel())
+            ease, (low, high) = freedom = freedom or self._freedom(given, known)
+            bounds = (low - change.ravel(), high - change.ravel())
             exact = np.arange(len(rows)) >= len(rows) - 3 * len(given.pinches.first)
-            way = least_change(rows, demand, exact, given.ease, bounds, softness)
+            way = least_change(rows, demand, exact, ease, bounds, softness)
             way = np.minimum(np.maximum(way, -_LONGEST_STEP), _LONGEST_STEP)
             change = change + way.reshape(change.shape)
             placed, meeting = self._placed(given, change), None
@@ -261,7 +272,8 @@ class Contact:
         which = np.flatnonzero(close | parting)
         demand = np.where(parting, distance - farthest, -gap - self.settings.tolerance).take(which)
         sign = np.where(parting, -1.0, 1.0).take(which)
-        points = points_on(meeting.axes, pairs.start.take(which, axis=1), meeting.along.take(which, axis=1))
+        along = np.stack([meeting.along[0].take(which), meeting.along[1].take(which)])
+        points = points_on(meeting.axes, pairs.start.take(which, axis=1), along)
         start, end = map(Ends, pairs.capsule.take(which, axis=1), points)
         toward = (end.point - start.point) * (sign / np.maximum(distance.take(which), 1e-9))[:, None]
         softness = np.full(len(which), _SOFT)
@@ -280,12 +292,6 @@ class Contact:
         turned = (np.abs(change[:, None, :ANGLES]) @ self._reach)[:, 0]
         shift = change[:, ANGLES:]
         return float((turned.max(axis=1) + np.sqrt((shift * shift).sum(axis=1))).max())
-
-    def _limited(self, change: np.ndarray, before: np.ndarray, interval: float) -> np.ndarray:
-        """The change (H, 48) no farther from the one before than the speed allows."""
-        way = change - before
-        farthest, allowed = self._way(way), self.settings.speed * interval
-        return change if farthest <= allowed else before + (allowed / farthest) * way
 
 
 def _angles(given: _Given, change: np.ndarray) -> np.ndarray:

@@ -159,12 +159,14 @@ def pinches(
     near = squared < apart**2
     if not any_of(near):
         return _NONE
-    chosen = np.flatnonzero(near & seen[one] & seen[other])
-    one, other, offset, distance = one[chosen], other[chosen], offset[chosen], np.sqrt(squared[chosen])
-    present = tips[other] - tips[one]
-    share = np.minimum((apart - distance) / (apart - touching), 1.0)[:, None]
-    wide = np.sqrt((present * present) @ _ONES) - distance > missed
-    return Pinches(one[wide], other[wide], (present + share * (offset - present))[wide])
+    present = tips.take(other, axis=0) - tips.take(one, axis=0)
+    distance = np.sqrt(squared)
+    near &= np.sqrt((present * present) @ _ONES) - distance > missed
+    near &= seen.take(one) & seen.take(other)
+    if not any_of(near):
+        return _NONE
+    share = np.minimum((apart - distance[near]) / (apart - touching), 1.0)[:, None]
+    return Pinches(one[near], other[near], present[near] + share * (offset[near] - present[near]))
 
 
 _ROUNDS = 3  # of fixing what has reached a bound

@@ -12,7 +12,7 @@ import numpy as np
 
 from bodysense.body.hand import HAND_JOINTS, Side
 from bodysense.body.hand_capsules import GIVE, NAMES, hand_capsules, own_pairs, point_beyond
-from bodysense.body.segments import nearest_shares
+from bodysense.body.segments import TINY
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.fillers import any_of
 
@@ -32,7 +32,8 @@ class Pairs:
         repr=False
     )  # (2, P) where they begin among the axes of all; COUNT on, from there to the end
     reach: np.ndarray = field(repr=False)  # (P,) m: nearer than this they collide
-    squared: np.ndarray = field(repr=False)  # (2, P) m², lengths of their axes
+    squared: np.ndarray = field(repr=False)  # (3, P) m², lengths of their axes, m⁴, of both
+    inverse: np.ndarray = field(repr=False)  # (2, P) of their squares, m⁻²
     tips: np.ndarray = field(repr=False)  # (P,) whether they are thumb's and finger's, or two hands', last segments
     products: np.ndarray = field(repr=False)  # (8, P) where in the matrix of all inner products theirs are
 
@@ -47,7 +48,7 @@ class Meeting:
 
     axes: np.ndarray  # (H · 2C, 3) m: of each hand where its capsules begin, and from there to their ends
     squared: np.ndarray  # (P,) m² distance of their axes
-    along: np.ndarray  # (2, P) how far along each axis, 0 to 1, the nearest points lie
+    along: tuple[np.ndarray, np.ndarray]  # (P,), (P,) how far along each axis, 0 to 1, the nearest points lie
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +65,8 @@ class HandFlesh:
 
     def pairs(self, position: np.ndarray) -> Pairs:
         """The pairs that may meet of hands whose points are at (H, 21, 3) m: of two hands only where they are near."""
+        if len(self.hands) == 1:
+            return self._own
         middle = (position[:, _KNUCKLE] * self.flip).tolist()
         couples = list(combinations(range(len(middle)), 2))
         if all(dist(middle[one], middle[other]) > self._near for one, other in couples):
@@ -139,7 +142,8 @@ def pairs_of(hands: Sequence[Skeleton], mutual: bool) -> Pairs:
         np.stack([first, second]),
         np.stack([p, q]),
         (1 - GIVE) * (radius[first] + radius[second]),
-        np.stack([length[first], length[second]]),
+        np.stack([length[first], length[second], length[first] * length[second]]),
+        1 / np.maximum([length[first], length[second]], TINY),
         _LAST[first % COUNT] & _LAST[second % COUNT] & (_THUMB[first % COUNT] | ~own),
         np.stack(products),
     )
@@ -150,17 +154,21 @@ def meet(axes: np.ndarray, pairs: Pairs) -> Meeting:
     products = (axes @ axes.T).take(pairs.products)
     uv, pq, qq = products[0], products[6], products[7]
     uw, vw, pw = products[1:4] - products[4:7]  # of w = p − q
-    uu, vv = pairs.squared
-    along = np.empty((2, len(uv)))
-    along[0], along[1] = s, t = nearest_shares(uu, vv, uv, uw, vw)
-    squared = pw - pq + qq + s * (s * uu + 2 * (uw - t * uv)) + t * (t * vv - 2 * vw)
-    return Meeting(axes, np.maximum(squared, 0.0), along)
+    (uu, vv, uuvv), (per_uu, per_vv) = pairs.squared, pairs.inverse
+    # `segments.nearest_shares`, where lengths are known before.
+    s = np.minimum(np.maximum((uv * vw - uw * vv) / np.maximum(uuvv - uv * uv, TINY), 0.0), 1.0)
+    t = np.minimum(np.maximum((uv * s + vw) * per_vv, 0.0), 1.0)
+    over = uv * t - uw
+    s = np.minimum(np.maximum(over * per_uu, 0.0), 1.0)
+    squared = pw - pq + qq + s * (s * uu - over - over) + t * (t * vv - vw - vw)
+    return Meeting(axes, np.maximum(squared, 0.0), (s, t))
 
 
 def nearest(pairs: Pairs, meeting: Meeting, gap: float) -> tuple[Pairs, Meeting]:
     """The pairs whose gap is less, m."""
     near = np.flatnonzero(meeting.squared < (pairs.reach + gap) ** 2)
-    return pairs.take(near), Meeting(meeting.axes, meeting.squared.take(near), meeting.along.take(near, axis=1))
+    along = (meeting.along[0].take(near), meeting.along[1].take(near))
+    return pairs.take(near), Meeting(meeting.axes, meeting.squared.take(near), along)
 
 
 def points_on(axes: np.ndarray, start: np.ndarray, along: np.ndarray) -> np.ndarray:
