@@ -65,28 +65,31 @@ _THIRD, _FOURTH = [5, 3, 4, 8, 6, 7, 2, 0, 1], [7, 8, 6, 1, 2, 0, 4, 5, 3]
 
 
 def _cofactors(matrix: np.ndarray) -> np.ndarray:
-    """Of matrices, row by row (9, N): (9, N)."""
-    one, other, third, fourth = (matrix.take(places, axis=0) for places in (_ONE, _OTHER, _THIRD, _FOURTH))
+    """Of matrices, row by row (H, 9, N): (H, 9, N)."""
+    one, other, third, fourth = (matrix.take(places, axis=1) for places in (_ONE, _OTHER, _THIRD, _FOURTH))
     return one * other - third * fourth
 
 
 def registered_threes(template: np.ndarray, markers: np.ndarray, members: np.ndarray) -> np.ndarray:
-    """The template (M, 3) m, moved onto markers (M, 3) m by three of them at a time, N times: (M, 3, N) m.
+    """Templates (H, M, 3) m, each moved onto markers (M, 3) m by three of them at a time, N times: (H, M, 3, N) m.
 
     `members` (M, N) are 1 for the three, which are not on a line, and else 0. In closed form, in a fifth of the time
     that `register` takes: S has rank 2, so that its singular values s and t have the product |cofactors of S| and the
     sum √(|S|² + 2 s t).
     """
-    base, middle = template.T @ members / 3, markers.T @ members / 3
-    joined = (markers[:, :, None] * template[:, None]).reshape(-1, 9).T @ members
-    spread = joined - 3 * (middle[:, None] * base).reshape(9, -1)
+    base, middle = template.swapaxes(1, 2) @ members / 3, markers.T @ members / 3
+    joined = (markers[:, :, None] * template[:, :, None]).reshape(len(template), -1, 9).swapaxes(1, 2) @ members
+    spread = joined - 3 * (middle[:, None] * base[:, None]).reshape(joined.shape)
     across = _cofactors(spread)
-    product = np.sqrt((across * across).sum(axis=0)) + 1e-30
+    product = np.sqrt((across * across).sum(axis=1, keepdims=True)) + 1e-30
     normal = across / product  # of rank 1: from one plane's normal to the other's
-    total = np.sqrt((spread * spread).sum(axis=0) + 2 * product)
-    rotation = ((spread + _cofactors(spread + normal) - across) / total + normal).reshape(3, 3, -1)
-    lever = template[:, :, None] - base  # (M, 3, N)
-    return (rotation * lever[:, None]).sum(axis=2) + middle
+    total = np.sqrt((spread * spread).sum(axis=1, keepdims=True) + 2 * product)
+    turn = (spread + _cofactors(spread + normal) - across) / total + normal
+    rotation = turn.reshape(len(turn), 3, 3, -1)
+    columns = rotation.swapaxes(1, 2)
+    translation = middle - (columns * base[:, :, None]).sum(axis=1)
+    moved = template @ columns.reshape(len(turn), 3, -1)
+    return moved.reshape(*template.shape, -1) + translation[:, None]
 
 
 class Levers(NamedTuple):

@@ -62,6 +62,7 @@ class Masked(NamedTuple):
     known: np.ndarray  # (H, 9, 1) bool
     levers: Levers
     scale: np.ndarray  # (H, 9, 1) to the size that the network knows; 0 of what is hidden
+    network: HandNetwork
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,10 +104,6 @@ class NetworkFiller:
     def _shapes(self) -> np.ndarray:
         return known_shapes(self.hands, self._gloves)
 
-    @cached_property
-    def _network(self) -> HandNetwork:
-        return for_hands(self.model, self._shapes)
-
     def start(self, hands: int) -> NetworkState:
         """Registered nowhere. Raises BodysenseError where there are other hands than told."""
         if len(self.hands) not in (1, hands):
@@ -136,7 +133,7 @@ class NetworkFiller:
         _, rotation, translation = fit(masked.levers, seen, last)
         local = brought_back(seen, rotation, translation) * masked.scale
         shapes = self._shapes if len(self._shapes) == len(local) else self._shapes.repeat(len(local), axis=0)
-        answer = self._network.run(local.reshape(len(local), -1).astype(np.float32), shapes)
+        answer = masked.network.run(local.reshape(len(local), -1).astype(np.float32), shapes)
         guess = moved(answer.reshape(-1, MARKER_COUNT, 3) * self._ratio, rotation, translation)
         return np.where(masked.known, markers, guess), rotation, translation
 
@@ -146,7 +143,8 @@ class NetworkFiller:
 
         def masked(which: bytes) -> Masked:
             known = np.frombuffer(which, dtype=bool).reshape(-1, MARKER_COUNT)
-            return Masked(known[..., None], levers(self._template, known), known[..., None] / self._ratio)
+            network = for_hands(self.model, self._shapes, known)
+            return Masked(known[..., None], levers(self._template, known), known[..., None] / self._ratio, network)
 
         return lru_cache(maxsize=64)(masked)
 

@@ -167,18 +167,22 @@ class GloveNetwork:
         return self.layers.run(np.concatenate(read, axis=1))
 
 
-def for_hands(network: HandNetwork, hand: np.ndarray) -> HandNetwork:
-    """The network for hands of these shapes (H, 87), or (1, 87) for all.
+def for_hands(network: HandNetwork, hand: np.ndarray, known: np.ndarray | None = None) -> HandNetwork:
+    """The network for hands of these shapes (H, 87), or (1, 87) for all, and these known markers (H, 9), if given.
 
-    What shapes add to the first of dense layers is added once. Such a network is still told them, and does not look.
+    What they add to the first of dense layers is added once. Such a network is still told them, and does not look.
     """
     layers = network.layers if isinstance(network, GloveNetwork) else None
-    if not isinstance(network, GloveNetwork) or layers is None or layers.width not in (115, 124):
+    if not isinstance(network, GloveNetwork) or layers is None:
         return network
-    of_markers, of_shape = np.split(layers.weights[0], [layers.width - 88])
-    bias = layers.biases[0] + _told(hand) @ of_shape
-    narrow = DenseLayers((of_markers, *layers.weights[1:]), (bias, *layers.biases[1:]))
-    return replace(network, layers=narrow)
+    (weight, *weights), (bias, *biases) = layers.weights, layers.biases
+    if len(weight) in (115, 124):
+        weight, of_shape = weight[:-88], weight[-88:]
+        bias = bias + _told(hand) @ of_shape
+    if len(weight) == 36 and known is not None:
+        weight, of_known = weight[:27], weight[27:]
+        bias = bias + known.astype(np.float32) @ of_known
+    return replace(network, layers=DenseLayers((weight, *weights), (bias, *biases)))
 
 
 def _told(hand: np.ndarray) -> np.ndarray:

@@ -137,7 +137,7 @@ class Rejection:
         tolerance = settings.tolerance + settings.speed * (unseen - state.since[hand])  # doubt does not widen it
         sure = known & held
         if sure.sum() >= 4:
-            shapes = np.stack([_agreed(shape, markers, sure, tolerance) for shape in shapes])
+            shapes = _agreed(shapes, markers, sure, tolerance)
             step = _length(shapes[1] - shapes[0])
             tolerance = tolerance + settings.haste * np.where(np.isnan(step), 0.0, step)
             outside = sure & ~(_length(markers - shapes) < tolerance).any(axis=0)
@@ -192,23 +192,23 @@ class Rejection:
 
 
 def _agreed(expected: np.ndarray, markers: np.ndarray, sure: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
-    """Expected places (9, 3), moved rigidly as most of the sure markers (9,) agree."""
-    lacking = np.isnan(expected[:, 0])
-    sure = sure & ~lacking
-    if sure.sum() < 3:
-        return np.full_like(expected, np.nan)
-    members = _TRIPLES if sure.all() else _TRIPLES[:, _TRIPLES[~sure].sum(axis=0) == 0]
+    """Expected places (2, 9, 3), moved rigidly as most of the sure markers (9,) agree."""
+    lacking = np.isnan(expected[..., 0])
     origin = markers[sure.argmax()]  # small numbers are exact
-    source = np.where(lacking[:, None], 0.0, expected - origin)
+    source = np.where(lacking[..., None], 0.0, expected - origin)
     target = np.where(sure[:, None], markers - origin, 0.0)
-    away = registered_threes(source, target, members) - target[:, :, None]
-    apart = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2 + away[:, 2] ** 2)  # (9, N)
-    near = sure[:, None] & (apart < tolerance[:, None])
-    score = np.where(near, 1 - apart / (9 * tolerance[:, None]), 0.0).sum(axis=0)  # most, then nearest
-    best = near[:, score.argmax()] if any_of(near) else sure
-    _, rotation, translation = fit(levers(source, best[None]), target[None])
-    agreed = moved(source[None], rotation, translation)[0] + origin
-    return np.where(lacking[:, None], np.nan, agreed)
+    sure = sure & ~lacking
+    tried = (~sure).astype(float) @ _TRIPLES == 0  # (2, N)
+    away = registered_threes(source, target, _TRIPLES) - target[..., None]
+    away *= away
+    apart = np.sqrt(away[:, :, 0] + away[:, :, 1] + away[:, :, 2])  # (2, 9, N)
+    near = sure[..., None] & (apart < tolerance[:, None])
+    score = np.where(near, 1 - apart / (9 * tolerance[:, None]), 0.0).sum(axis=1)  # most, then nearest
+    best = near[(0, 1), :, np.where(tried, score, -1.0).argmax(axis=1)]
+    best = np.where(best.any(axis=1, keepdims=True), best, sure)
+    _, rotation, translation = fit(levers(source, best), target[None])
+    few = sure.sum(axis=1) < 3
+    return np.where((lacking | few[:, None])[..., None], np.nan, moved(source, rotation, translation) + origin)
 
 
 def _length(vectors: np.ndarray) -> np.ndarray:
