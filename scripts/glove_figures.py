@@ -3,12 +3,11 @@
     bodysense evaluate gloves-table3 --data DIR --json FIGURES/gloves-table3.json
     bodysense evaluate gloves-table4 --data DIR --json FIGURES/gloves-table4.json
     bodysense evaluate gloves-occlusion --data DIR --json FIGURES/gloves-occlusion.json
-    bodysense evaluate gloves-limits --data DIR --variants NETWORKS --json FIGURES/gloves-limits.json
+    bodysense evaluate gloves-limits --data DIR --json FIGURES/gloves-limits.json
     bodysense bench gloves --json FIGURES/gloves-speed.json
     python scripts/glove_figures.py FIGURES
 
-NETWORKS comes from `bodysense train gloves --network two-hands` and `--network recurrent`. Files that are not there
-leave their table as it is.
+Files that are not there leave their table as it is.
 """
 
 from __future__ import annotations

@@ -36,9 +36,9 @@ TRAININGS = {
     "arms": ("--model cnn --width 16 --layers 1 --epochs 6 --batch 32", "net.jsonl", "net.pt"),
     "arms-table": ("--networks cnn --width 16 --layers 1 --epochs 6 --batch 32", "nets/cnn.jsonl", "nets/cnn.pt"),
     "gloves": (
-        "--network recurrent --steps 6 --hand-minutes 0.5 --pair-minutes 0",
-        "nets/glove_recurrent.jsonl",
-        "nets/glove_recurrent.onnx",
+        "--network markers --steps 6 --hand-minutes 0.5 --pair-minutes 0",
+        "nets/glove_markers.jsonl",
+        "nets/glove_markers.onnx",
     ),
     "completion-fingers": ("--steps 6 --warm-up 1", "net.jsonl", "net.ckpt"),
 }

@@ -7,7 +7,7 @@ more with markers that have no names.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
@@ -17,8 +17,9 @@ import numpy as np
 from bodysense.body.hand import FINGERS, Side, hand_pose, hand_skeleton, mirrored_rotations, mirrored_vectors
 from bodysense.body.hand_capsules import GIVE, NAMES, hand_capsules, mutual_depth, own_depth, own_pairs
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.skeleton import default_skeleton
+from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
+from bodysense.devices.gloves.labelling import Labeller, LabellingSettings
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.devices.simulated.glove import GloveCapture, observe_hands
@@ -29,11 +30,9 @@ from bodysense.lab.datasets import Census, census_of
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.scoring import group_of
 from bodysense.lab.spread import spread
-from bodysense.lab.synthesis.hand_motion import RATE, HandMotion
+from bodysense.lab.synthesis.hand_motion import RATE
 from bodysense.lab.synthesis.hands import varied_hand
 from bodysense.lab.synthesis.pairs import synthesize_pair
-from bodysense.lab.two_hands.comparison import compare_memory, compare_two_hands, label_accuracy
-from bodysense.lab.two_hands.variants import MEMORY_NETWORK, TWO_HANDS_NETWORK
 from bodysense.observation import Observation
 
 COUNTED = 0.001  # m: a deeper penetration counts
@@ -61,11 +60,6 @@ class HandPair:
     def hands(self) -> dict[str, Pose]:
         """By the names that observations have."""
         return {"left": self.left, "right": self.right}
-
-    @property
-    def motions(self) -> tuple[HandMotion, HandMotion]:
-        """The same as motions."""
-        return HandMotion("", self.left, RATE, "", "left"), HandMotion("", self.right, RATE, "", "right")
 
 
 @dataclass(frozen=True)
@@ -217,6 +211,50 @@ def count_labels(findings: Findings, pair: HandPair, watched: Observation, rng: 
     findings.add_share("label_wrong_share", score.wrong, score.markers)
 
 
+@dataclass(frozen=True)
+class LabelScore:
+    """How well points were labelled, as shares of the markers that were there to be seen."""
+
+    right: float
+    wrong: float  # got another marker's label
+    missed: float  # got none
+    markers: int
+
+
+def label_accuracy(
+    observation: Observation,
+    hands: Mapping[str, Skeleton],
+    rng: np.random.Generator,
+    ghosts: int = 0,
+    settings: LabellingSettings = LabellingSettings(),
+) -> LabelScore:
+    """Take the names off the gloves' markers of an observation (T frames), shuffle them, label them, and compare.
+
+    `ghosts` points a frame that are no markers are added, anywhere within 0.3 m of the gloves. `hands` gives every hand
+    whose markers are in the observation its skeleton, as a left hand.
+    """
+    labeller = Labeller(hands, settings)
+    truth = [observation.points.index(name) for name in labeller.points]
+    right = wrong = total = 0
+    state = labeller.start()
+    for t, now in enumerate(np.asarray(observation.time, dtype=float).tolist()):
+        seen = np.flatnonzero(observation.has_position[t, truth])
+        points = observation.position[t, truth][seen]
+        more = np.zeros((0, 3))
+        if ghosts and len(points):
+            more = points[rng.integers(len(points), size=ghosts)] + rng.uniform(-0.3, 0.3, (ghosts, 3))
+        order = rng.permutation(len(points) + len(more))
+        names = np.concatenate([seen, np.full(len(more), -1)])[order]
+        labels, state = labeller.label(np.concatenate([points, more])[order], now, state)
+        marker = names >= 0
+        right += int((labels[marker] == names[marker]).sum())
+        wrong += int(((labels != names) & (labels >= 0)).sum())
+        total += int(marker.sum())
+    if not total:
+        raise BodysenseError("labelling: no marker is seen in any frame; there is nothing to label")
+    return LabelScore(right / total, wrong / total, 1 - (right + wrong) / total, total)
+
+
 def pair_of_clip(clip: Clip) -> HandPair:
     """Both hands of a clip with fingers, at 60 Hz."""
     body = resample(clip, RATE).pose
@@ -254,29 +292,6 @@ def measure_synthesised(
         found.merge(one)
         advance()
     return found
-
-
-def compare_variants(
-    found: Findings, pairs: Iterable[HandPair], variants: Path, networks: Networks, cameras: CameraRing
-) -> None:
-    """Add what a network of both hands and one with memory make of hidden markers, beside the one that runs.
-
-    `variants` is the folder in which `bodysense train gloves` wrote them; one of the two is enough. Raises
-    BodysenseError where there is neither.
-    """
-    motions = [pair.motions for pair in pairs]
-    numbers = {}
-    if (variants / TWO_HANDS_NETWORK).is_file():
-        numbers |= compare_two_hands(motions, variants, networks.markers, cameras)
-    if (variants / MEMORY_NETWORK).is_file():
-        numbers |= compare_memory((hand for pair in motions for hand in pair), variants, networks.markers)
-    if not numbers:
-        raise BodysenseError(
-            f"{variants}: neither {TWO_HANDS_NETWORK} nor {MEMORY_NETWORK} is there; "
-            "make them with bodysense train gloves --network two-hands, --network recurrent"
-        )
-    for name, value in numbers.items():
-        found.add_share(name, value, int(np.isfinite(value)))
 
 
 def _of_clip(clip: Clip, networks: Networks, cameras: CameraRing) -> Findings:

@@ -12,7 +12,6 @@ from bodysense.lab.scoring import GROUPS
 from bodysense.lab.synthesis.hand_motion import RATE
 from bodysense.lab.table import Cell, Report, finite
 from bodysense.lab.two_hands.limits import COUNTED, JUMP, SPIKES, TOUCHING, Findings
-from bodysense.lab.two_hands.trials import DURATIONS, HIDDEN
 
 SYNTHESISED = "synthesised"
 
@@ -56,17 +55,6 @@ LINES = (
     ),
     LimitLine("markers without names", "named rightly, of those seen, %", (None, None, "label_accuracy_share"), 100),
     LimitLine("markers without names", "named wrongly, of those seen, %", (None, None, "label_wrong_share"), 100),
-    LimitLine("hidden markers, both hands at once", "error, cm", (None, "single_hidden_cm", "two_hands_hidden_cm")),
-    LimitLine("of these, five or more of a hand", "error, cm", (None, "single_mutual_cm", "two_hands_mutual_cm")),
-    *(
-        LimitLine(
-            "a network with memory",
-            f"error after {duration:g} s, {count} hidden, cm",
-            (None, f"feed_forward_{count}_{duration:.1f}_cm", f"recurrent_{count}_{duration:.1f}_cm"),
-        )
-        for count in (HIDDEN[0], HIDDEN[-1])
-        for duration in DURATIONS
-    ),
 )
 
 
@@ -79,8 +67,8 @@ def limits_report(
     `…_deepest_mm_…`; `touch_gap_mm_…`, `touch_kept_share_…` and `pinch_gap_mm_…`, `pinch_error_mm_…` of fingertips
     that touch in truth; `error_cm_…`; `largest_jump_mm_…` and `jump_share_…`, of the frames, and of changes of the
     error `largest_error_step_mm_…` and `error_step_share_…`: each with 'truth', 'before' or 'after' contact.
-    `spikes_{0,1,5}_error_cm_{believed,rejected}`; `label_accuracy_share` and `label_wrong_share`; those of
-    `evaluation.glove_networks` where other networks are given. Of motion other than main with '_sport', '_dance' or
+    `spikes_{0,1,5}_error_cm_{believed,rejected}`; `label_accuracy_share` and `label_wrong_share`.
+    Of motion other than main with '_sport', '_dance' or
     '_other' behind, of synthesised hands with 'synthesised_' in front.
     """
     numbers = {group: one.numbers() for group, one in found.items()}
@@ -101,8 +89,7 @@ def limits_report(
         remarks_title="What is reached",
         caption=f"At {RATE:g} Hz. A penetration is deeper than {1000 * COUNTED:g} mm beyond what flesh gives way; "
         f"fingertips touch within {1000 * TOUCHING:g} mm; a point jumps that goes {1000 * JUMP:g} mm farther from "
-        "frame to frame than in truth. Without and with: the contact step; of wrong markers, their rejection; of "
-        "hidden ones, a network of both hands, and one with memory.",
+        "frame to frame than in truth. Without and with: the contact step; of wrong markers, their rejection.",
         digits=2,
         panels=(_panel(numbers, places),),
     )
