@@ -175,8 +175,8 @@ def test_what_it_is_unsure_of(model: BodyVaeModel, signal: Observation) -> None:
     assert estimate.confidence[3, knee] == card["left_knee"]
     assert estimate.confidence[3, wrist] < estimate.confidence[3, knee] < estimate.confidence[3, finger]
     with pytest.raises(BodysenseError, match=r"model0\.onnx: a model 0 reads the whole body, not a device"):
-        network = replace(model.network, card={**model.card, "reads": list(BODY)}, source=Path("model0.onnx"))
-        BodyVaeEstimator(SKELETON, BodyVaeModel(network))
+        network = replace(model, card={**model.card, "reads": list(BODY)}, source=Path("model0.onnx"))
+        BodyVaeEstimator(SKELETON, network)
     with pytest.raises(BodysenseError, match=r"noise has shape \(9,\); model2\.onnx needs \(4,\)"):
         BodyVaeEstimator(SKELETON, model, np.zeros(9))
     with pytest.raises(BodysenseError, match="0 samples cannot be; give at least 1"):

@@ -249,7 +249,7 @@ def test_the_file_answers_as_the_network_for_any_number_of_hands(
     write_glove_network(network, tmp_path / "one.onnx", {"licence": "none"})
     load = load_marker_network if name == "markers" else load_joint_network
     loaded = load(tmp_path / "one.onnx")
-    assert loaded.card["licence"] == "none"
+    assert loaded.network.card["licence"] == "none"
     assert (tmp_path / "one.onnx").stat().st_size < 1e6
     for count in (1, 2, 17):
         markers = torch.from_numpy(frames.markers[:count]).flatten(-2)

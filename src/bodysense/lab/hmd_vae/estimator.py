@@ -6,11 +6,9 @@ the network reads is interpolated from it at its own rate, backwards from now. I
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -45,21 +43,8 @@ FINGER_ERROR = 0.03  # m: of a relaxed finger about its wrist
 _EARLY = 1e-6  # s
 
 
-@dataclass(frozen=True)
-class BodyVaeModel:
+class BodyVaeModel(Network):
     """A body VAE."""
-
-    network: Network
-
-    @property
-    def name(self) -> str:
-        """Its file's name."""
-        return self.network.name
-
-    @property
-    def card(self) -> Mapping[str, Any]:
-        """What its file says of it."""
-        return self.network.card
 
     @property
     def frames(self) -> int:
@@ -91,14 +76,14 @@ class BodyVaeModel:
             "noise": noise,
             "rest_offset": rest_offset,
         }
-        outputs = self.network.run({name: value[None].astype(np.float32) for name, value in inputs.items()})
+        outputs = self.run({name: value[None].astype(np.float32) for name, value in inputs.items()})
         local = np.asarray(normalize(outputs["local_rotation"][0].astype(float)))
         return outputs["root_position"][0].astype(float), local
 
 
 def load_body_vae(path: str | Path | None = None) -> BodyVaeModel:
     """Load a network: a path, or None for the packaged one. Raises BodysenseError for a file that is not ours."""
-    return BodyVaeModel(Network.open(path, NETWORK))
+    return BodyVaeModel.open(path, NETWORK)
 
 
 @dataclass(frozen=True, eq=False)

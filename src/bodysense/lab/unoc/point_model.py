@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -26,21 +25,8 @@ NETWORKS: dict[Task, NetworkFormat] = {
 WARM_UP = 15  # steps on the first frame, so that the answer does not move while the memory fills
 
 
-@dataclass(frozen=True)
-class PointModel:
+class PointModel(Network):
     """A network that places points."""
-
-    network: Network
-
-    @property
-    def name(self) -> str:
-        """Its file's name."""
-        return self.network.name
-
-    @property
-    def card(self) -> Mapping[str, Any]:
-        """What its file says of it."""
-        return self.network.card
 
     @cached_property
     def reads(self) -> tuple[str, ...]:
@@ -71,13 +57,13 @@ def load_point_model(task: Task, path: str | Path | None = None) -> PointModel:
 
     Raises BodysenseError for a file that is not ours, or of another task.
     """
-    network = Network.open(path, NETWORKS[task])
+    network = PointModel.open(path, NETWORKS[task])
     if network.card["task"] != task:
         raise BodysenseError(
             f"{path or network.name}: a network for {network.card['task']}, not {task}; give the .onnx that "
             f"`{NETWORKS[task].command}` wrote"
         )
-    return PointModel(network)
+    return network
 
 
 @dataclass(frozen=True)
@@ -108,7 +94,7 @@ class PointRunner:
 
     def start(self) -> PointState:
         """The state before the first frame."""
-        return PointState(self.model.network.start())
+        return PointState(self.model.start())
 
     def step(
         self, position: np.ndarray, rotation: np.ndarray, time: float, state: PointState
@@ -125,8 +111,8 @@ class PointRunner:
         before = state.network
         if state.time is None:
             for _ in range(WARM_UP):
-                _, before = self.model.network.step(inputs, before)
-        outputs, after = self.model.network.step(inputs, before)
+                _, before = self.model.step(inputs, before)
+        outputs, after = self.model.step(inputs, before)
         if state.time is None or time - state.time >= self.model.step_interval:
             state = PointState(after, time)
         return outputs["placed"][0, 0].astype(float), outputs["error"][0, 0].astype(float), state
