@@ -80,8 +80,8 @@ def small_network(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small network that was never trained, exported: what holds of every network holds of it."""
     import torch
 
-    from bodysense.lab.unoc.export import write_onnx
     from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig
+    from bodysense.lab.unoc.train import write_onnx
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("network") / "small.onnx"
@@ -150,8 +150,7 @@ def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     import torch
 
-    from bodysense.lab.unoc.network import BodyNetwork, write_weights
-    from bodysense.lab.unoc.variants import VARIANTS
+    from bodysense.lab.unoc.network import VARIANTS, BodyNetwork, write_weights
 
     folder = tmp_path_factory.mktemp("networks")
     torch.manual_seed(0)

@@ -109,9 +109,9 @@ def test_smoothness(tmp_path: Path, folder: Path, networks: Path, small_network:
 
 @pytest.mark.slow
 def test_table_6_and_finger_synthesis(tmp_path: Path, folder: Path, networks: Path, run) -> None:
-    from bodysense.lab.unoc.export import write_point_network
     from bodysense.lab.unoc.point_model import Task
     from bodysense.lab.unoc.point_network import FINGERS, UPPER_BODY, PointNetwork, PointNetworkConfig
+    from bodysense.lab.unoc.train import write_point_network
 
     tasks: tuple[tuple[Task, PointNetworkConfig], ...] = (("upper-body", UPPER_BODY), ("fingers", FINGERS))
     for task, config in tasks:

@@ -18,7 +18,7 @@ from bodysense.cli import main
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.lab.clips import open_clips
-from bodysense.lab.unoc.finger_scores import (
+from bodysense.lab.unoc.fingers import (
     METHODS,
     Examples,
     body_features,
@@ -26,9 +26,8 @@ from bodysense.lab.unoc.finger_scores import (
     examples_of,
     finger_offsets,
 )
-from bodysense.lab.unoc.learned_upper_body import LearnedUpperBody
 from bodysense.lab.unoc.point_model import load_point_model
-from bodysense.lab.unoc.upper_body_table import evaluate_upper_body
+from bodysense.lab.unoc.upper_body_table import LearnedUpperBody, evaluate_upper_body
 
 
 @pytest.fixture(scope="module")

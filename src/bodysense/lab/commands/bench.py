@@ -249,7 +249,7 @@ def training(steps: int = 6, threads: int = 1, json: Path | None = None) -> None
         json: Write the numbers here, as one flat object.
     """
     from bodysense.demo import packaged_performance
-    from bodysense.lab.unoc.throughput import throughput
+    from bodysense.lab.unoc.train import throughput
 
     if steps < 1:
         raise BodysenseError(f"--steps {steps}: give at least 1")

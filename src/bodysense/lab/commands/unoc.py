@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 def unoc_table1(run: Flat[OcclusionEvaluation]) -> None:
     """UNOC, Table 1: how much a headset does not see, for how long, and how often the body touches itself."""
     from bodysense.lab.datasets import named_data
-    from bodysense.lab.unoc.occlusion_table import count_clips, occlusion_report
+    from bodysense.lab.unoc.occlusion import count_clips, occlusion_report
 
     check_outputs(run.table)
     sets = [named_data(one, run.table.split, run.table.quick) for one in run.data]
@@ -91,9 +91,8 @@ def unoc_table6(run: Flat[UpperBodyEvaluation]) -> None:
     One process does it.
     """
     from bodysense.lab.datasets import Census, census_of
-    from bodysense.lab.unoc.learned_upper_body import LearnedUpperBody
     from bodysense.lab.unoc.point_model import load_point_model
-    from bodysense.lab.unoc.upper_body_table import evaluate_upper_body, upper_body_report
+    from bodysense.lab.unoc.upper_body_table import LearnedUpperBody, evaluate_upper_body, upper_body_report
 
     chosen, network = open_data(run.data, run.table), load_point_model("upper-body", run.model)
     census = Census()
@@ -128,7 +127,7 @@ def finger_synthesis(run: Flat[FingerSynthesisEvaluation]) -> None:
 
     from bodysense.cli.show import write_numbers
     from bodysense.lab.datasets import named_data
-    from bodysense.lab.unoc.finger_scores import evaluate_finger_synthesis, examples_of
+    from bodysense.lab.unoc.fingers import evaluate_finger_synthesis, examples_of
     from bodysense.lab.unoc.point_model import load_point_model
 
     if run.json is not None:

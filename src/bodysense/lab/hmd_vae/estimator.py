@@ -28,7 +28,7 @@ from bodysense.completion.network import Network, NetworkFormat
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.three_point import POINTS
 from bodysense.errors import BodysenseError
-from bodysense.lab.unoc.learned import MEASURED_ERROR
+from bodysense.lab.unoc.ik_tracker import MEASURED_ERROR
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, check_order, observed_points
 
 FORMAT = "bodysense body vae 1"

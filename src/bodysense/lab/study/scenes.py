@@ -27,8 +27,7 @@ from bodysense.lab.hold import Hold
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.scoring import RATE, UNOC_EVAL_JOINTS
 from bodysense.lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
-from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
-from bodysense.lab.unoc.learned import Learned, load_model
+from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings, Learned, load_model
 from bodysense.pictures.animation import write_animation
 from bodysense.pictures.shot import Lens, Shot, frame_shot
 
