@@ -95,8 +95,8 @@ def small_vae(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """HMD-VAE's model 2, small and never trained, exported; its weights lie beside as .pt."""
     import torch
 
-    from bodysense.lab.hmd_vae.export import write_vae_onnx
     from bodysense.lab.hmd_vae.network import BodyVae, BodyVaeConfig, write_vae
+    from bodysense.lab.hmd_vae.train import write_vae_onnx
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("vae") / "model2.onnx"

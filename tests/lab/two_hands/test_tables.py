@@ -15,8 +15,7 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.gloves.hands import GloveModels
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
 from bodysense.lab.datasets import Census
-from bodysense.lab.synthesis.hand_motion import HandMotion
-from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense.lab.synthesis.hands import HandMotion, synthesize_hand
 from bodysense.lab.two_hands.baselines import LastKnown
 from bodysense.lab.two_hands.network import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig
 from bodysense.lab.two_hands.scores import ALONE, GloveTable, HandTask, measure_fingers, measure_markers

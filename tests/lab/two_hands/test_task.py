@@ -18,8 +18,7 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.gloves.networks import known_shapes, load_joint_network, load_marker_network, size_ratios
 from bodysense.errors import BodysenseError
 from bodysense.lab.fit import Progress
-from bodysense.lab.synthesis.hand_motion import HandMotion
-from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense.lab.synthesis.hands import HandMotion, synthesize_hand
 from bodysense.lab.two_hands.drawing import (
     FINGER_POINTS,
     JointTask,

@@ -17,7 +17,7 @@ from bodysense.body.resting import hand_length
 from bodysense.cli import main
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.lab.clips import open_clips
+from bodysense.lab.datasets import open_clips
 from bodysense.lab.unoc.fingers import (
     METHODS,
     Examples,

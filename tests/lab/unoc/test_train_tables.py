@@ -13,8 +13,8 @@ from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import split_of
-from bodysense.lab.unoc import train_tables as tables
 from bodysense.lab.unoc import network
+from bodysense.lab.unoc import train_tables as tables
 from bodysense.lab.unoc.network import PAPER, TABLES, VARIANTS, BodyNetworkConfig, Variant, read_weights
 from bodysense.lab.unoc.options import TablesTraining
 from bodysense.lab.unoc.task import Episode

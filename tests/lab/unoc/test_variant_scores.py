@@ -16,8 +16,7 @@ from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.lab.datasets import DataSet
-from bodysense.lab.hold import Hold
-from bodysense.lab.scoring import KNOWN, UNOC_EVAL_JOINTS
+from bodysense.lab.scoring import KNOWN, UNOC_EVAL_JOINTS, Hold
 from bodysense.lab.unoc import variant_scores as variants
 from bodysense.lab.unoc.network import PAPER, VARIANTS, BodyNetwork, read_weights, tracked_of
 from bodysense.lab.unoc.tables import scores_path

@@ -36,8 +36,8 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.lab.checkpoint import read_weights_file, write_weights_file
+from bodysense.lab.hmd_vae.frames import Joints
 from bodysense.lab.hmd_vae.options import BodyVaeConfig
-from bodysense.lab.hmd_vae.windows import Joints
 
 
 class DecodedBody(NamedTuple):

@@ -12,7 +12,7 @@ from bodysense.body.hand import angles_of
 from bodysense.body.hand_family import GlovedHand, carried_over, plain_hand
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.errors import BodysenseError
-from bodysense.lab.synthesis.hand_motion import HandMotion
+from bodysense.lab.synthesis.hands import HandMotion
 
 
 @dataclass(frozen=True, eq=False)

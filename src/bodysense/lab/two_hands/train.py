@@ -19,11 +19,10 @@ from bodysense.body.hand_family import draw_hand
 from bodysense.devices.gloves.networks import JOINT_FORMAT, MARKER_FORMAT
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder
-from bodysense.lab.clips import open_clips
+from bodysense.lab.datasets import open_clips
 from bodysense.lab.export import export
 from bodysense.lab.fit import printed
-from bodysense.lab.synthesis.hand_motion import HandMotion, hand_pairs
-from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense.lab.synthesis.hands import HandMotion, hand_pairs, synthesize_hand
 from bodysense.lab.synthesis.pairs import synthesize_pair
 from bodysense.lab.two_hands.drawing import JointTask, MarkerTask
 from bodysense.lab.two_hands.frames import GloveFrames, frames_of, join

@@ -26,7 +26,7 @@ from bodysense.devices.simulated.three_point import POINTS
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.clip import Clip
-from bodysense.lab.clips import open_clips
+from bodysense.lab.datasets import open_clips
 from bodysense.lab.export import export
 from bodysense.lab.fit import begin, fit, launched
 from bodysense.lab.unoc.ik_tracker import FORMAT
