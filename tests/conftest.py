@@ -14,8 +14,8 @@ from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.model import CompletionModel, packaged_model
-from bodysense.devices.simulated.dropout import hide
 from bodysense.devices.simulated.glove import observe
+from bodysense.devices.simulated.noise import hide
 from bodysense.io.clip import Clip
 from bodysense.observation import Observation
 
@@ -188,7 +188,7 @@ def filmed() -> tuple[np.ndarray, Clip]:
 
     from bodysense.demo import packaged_performance
     from bodysense.pictures.animation import draw_pose
-    from bodysense.pictures.shot import Lens, frame_shot
+    from bodysense.pictures.sheet import Lens, frame_shot
 
     clip = packaged_performance()
     clip = replace(clip, pose=clip.pose[600:624:3], frame_rate=15.0)  # here it is not taken for somebody's back

@@ -110,7 +110,7 @@ def joints(
     """
     from bodysense.io.archive import MotionFile
     from bodysense.io.gltf.motion import figure_of_gltf
-    from bodysense.io.rigs.joint_map import joint_map_text, write_joint_map
+    from bodysense.io.rigs.named import joint_map_text, write_joint_map
     from bodysense.io.rigs.names import joints_of
     from bodysense.io.rigs.rig import recognise
     from bodysense.io.rigs.rigged import figure_of_file

@@ -10,7 +10,7 @@ from typing import Any
 
 import onnx
 
-from bodysense.completion import format as completion
+from bodysense.completion import model as completion
 from bodysense.devices.gloves import networks as glove
 from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
 from bodysense.devices.video import arms

@@ -17,8 +17,8 @@ from bodysense.body.hand import hand_skeleton
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.assignment import assignment
 from bodysense.devices.gloves.labelling import Labeller, LabellingSettings
-from bodysense.devices.simulated.dropout import hide
 from bodysense.devices.simulated.glove import observe
+from bodysense.devices.simulated.noise import hide
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.markers.raw_markers import points_alone

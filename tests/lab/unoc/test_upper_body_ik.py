@@ -12,7 +12,7 @@ from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.estimate import Estimator, PointEstimate
-from bodysense.devices.simulated.dropout import hide
+from bodysense.devices.simulated.noise import hide
 from bodysense.devices.simulated.three_point import observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip

@@ -9,9 +9,9 @@ from itertools import combinations
 
 import numpy as np
 
+from bodysense.body.capsules import nearest_shares
 from bodysense.body.hand import HAND_JOINTS, Side
 from bodysense.body.hand_capsules import GIVE, NAMES, hand_capsules, own_pairs, point_beyond
-from bodysense.body.segments import nearest_shares
 from bodysense.body.skeleton import Skeleton
 
 COUNT = len(NAMES)

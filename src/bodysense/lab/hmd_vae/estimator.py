@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.body.body_joints import body_skeleton, whole_pose
-from bodysense.body.pose import Pose, forward_kinematics, standing_pose
+from bodysense.body.pose import Pose, body_skeleton, forward_kinematics, standing_pose, whole_pose
 from bodysense.body.rotation import (
     heading,
     normalize,

@@ -28,7 +28,7 @@ from bodysense.lab.scoring import RATE, UNOC_EVAL_JOINTS, Hold
 from bodysense.lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
 from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings, Learned, load_model
 from bodysense.pictures.animation import write_animation
-from bodysense.pictures.shot import Lens, Shot, frame_shot
+from bodysense.pictures.sheet import Lens, Shot, frame_shot
 
 FILES = ("index.html", "style.css", "study.js")
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bodysense.body.capsules import nearest_shares
 from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, Side, hand_pose, joint_bases, limits, rotations_of
 from bodysense.body.hand_capsules import GIVE, PALM, HandCapsules, hand_capsules, own_depth, own_pairs
 from bodysense.body.pose import Pose, forward_kinematics
@@ -25,7 +26,6 @@ from bodysense.body.rotation import (
     quaternion_multiply,
     quaternion_rotate,
 )
-from bodysense.body.segments import nearest_shares
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip

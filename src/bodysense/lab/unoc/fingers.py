@@ -24,8 +24,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.resting import hand_length, local_offset
+from bodysense.body.pose import Pose, forward_kinematics, hand_length, local_offset
 from bodysense.body.rotation import (
     heading,
     quaternion_canonical,

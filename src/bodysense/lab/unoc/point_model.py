@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from bodysense.body.resting import resting_offset
+from bodysense.body.pose import resting_offset
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.network import Network, NetworkFormat
 from bodysense.errors import BodysenseError

@@ -14,8 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.resting import resting_offset
+from bodysense.body.pose import Pose, forward_kinematics, resting_offset
 from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, swing_twist
 from bodysense.devices.simulated.three_point import POINTS
 from bodysense.io.augment import mirrored, with_limb_proportions

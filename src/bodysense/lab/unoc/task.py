@@ -18,8 +18,8 @@ import torch
 from torch import Tensor
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.devices.simulated.dropout import hide_hands
 from bodysense.devices.simulated.headset_camera import HeadsetCamera, observe
+from bodysense.devices.simulated.noise import hide_hands
 from bodysense.io.augment import mirrored, with_limb_proportions
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample

@@ -22,8 +22,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bodysense.body.pose import forward_kinematics, standing_pose
-from bodysense.body.resting import resting_offset
+from bodysense.body.pose import forward_kinematics, resting_offset, standing_pose
 from bodysense.body.rotation import (
     heading,
     quaternion_conjugate,
