@@ -127,8 +127,8 @@ def test_a_hand_that_is_lost_stays_by_the_head(model: BodyVaeModel, signal: Obse
         replace(signal, has_position=lost), BodyVaeEstimator(SKELETON, model).start()
     )[1]
     before = BodyVaeEstimator(SKELETON, model).step(signal[:30], BodyVaeEstimator(SKELETON, model).start())[1]
-    np.testing.assert_allclose(there.wrist_offset[0], before.wrist_offset[0])
-    assert not np.allclose(there.wrist_offset[1], before.wrist_offset[1])
+    np.testing.assert_allclose(there.last.wrist_offset[0], before.last.wrist_offset[0])
+    assert not np.allclose(there.last.wrist_offset[1], before.last.wrist_offset[1])
 
 
 def test_after_a_gap_it_begins_anew(model: BodyVaeModel, signal: Observation) -> None:

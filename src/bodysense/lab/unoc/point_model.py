@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 
-from bodysense.body.pose import resting_offset
+from bodysense.body.pose import forward_kinematics, resting_offset, standing_pose
+from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.network import Network, NetworkFormat
+from bodysense.devices.simulated.three_point import POINTS
 from bodysense.errors import BodysenseError
 
 FORMAT = "bodysense points 1"
@@ -42,6 +44,47 @@ class PointModel(Network):
     def step_interval(self) -> float:
         """s between steps of the network; a frame a little early still counts."""
         return 0.8 / float(self.card["rate"])
+
+
+@dataclass(frozen=True, eq=False)
+class HeadAndHands:
+    """Where head and wrists were last; a wrist that is lost stays where it was about the head."""
+
+    head_position: np.ndarray  # (3,) m, world
+    head_rotation: np.ndarray  # (4,) wxyz, world ← head
+    wrist_offset: np.ndarray  # (2, 3) m, left and right, from the head in its heading's axes
+    wrist_rotation: np.ndarray  # (2, 4) wxyz, the head's heading ← wrist
+
+    @classmethod
+    def standing(cls, skeleton: Skeleton) -> Self:
+        """Those of a standing body that faces +Z."""
+        places = skeleton.indices(POINTS)
+        position, rotation = (values[places] for values in forward_kinematics(standing_pose(skeleton)))
+        return cls(position[0], rotation[0], position[1:] - position[0], rotation[1:])
+
+    def seen(
+        self, position: np.ndarray, rotation: np.ndarray, has_position: np.ndarray, has_rotation: np.ndarray
+    ) -> Self:
+        """Take in one frame (3, …) of head and wrists."""
+        head = position[0] if has_position[0] else self.head_position
+        turn = rotation[0] if has_rotation[0] else self.head_rotation
+        away = quaternion_conjugate(np.tile(heading(turn), (2, 1)))
+        offset, turned = quaternion_rotate(away, position[1:] - head), quaternion_multiply(away, rotation[1:])
+        return replace(
+            self,
+            head_position=head,
+            head_rotation=turn,
+            wrist_offset=np.where(has_position[1:, None], offset, self.wrist_offset),
+            wrist_rotation=np.where(has_rotation[1:, None], turned, self.wrist_rotation),
+        )
+
+    @property
+    def world(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (3, 3) m and rotations (3, 4) of head and wrists."""
+        front = np.tile(heading(self.head_rotation), (2, 1))
+        wrists = self.head_position + quaternion_rotate(front, self.wrist_offset)
+        turned = quaternion_multiply(front, self.wrist_rotation)
+        return np.vstack([self.head_position, wrists]), np.vstack([self.head_rotation, turned])
 
 
 @dataclass(frozen=True)

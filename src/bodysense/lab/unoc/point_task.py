@@ -20,7 +20,7 @@ from bodysense.devices.simulated.three_point import POINTS
 from bodysense.io.augment import mirrored, with_limb_proportions
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.lab.fit import Task
+from bodysense.lab.fit import Task, played
 from bodysense.lab.unoc.point_network import PointNetwork, PointPrediction, TrackedPoints
 from bodysense.lab.unoc.task import RATE, LossWeights
 
@@ -145,15 +145,9 @@ def lanes(
     episodes: Sequence[PointEpisode], lane_count: int, chunk: int, rng: np.random.Generator
 ) -> Iterator[PointBatch]:
     """Endless chunks of whole clips, `lane_count` side by side, whose state carries over except where `begins`."""
-    current, place = [-1] * lane_count, np.zeros(lane_count, dtype=int)
-    while True:
-        begins = np.zeros(lane_count, dtype=bool)
-        for lane, index in enumerate(current):
-            if index < 0 or place[lane] >= len(episodes[index]):
-                # A drawn clip plays whole, so that it counts by its length already.
-                current[lane], place[lane], begins[lane] = int(rng.integers(len(episodes))), 0, True
-        yield collate([(episodes[k], int(p)) for k, p in zip(current, place, strict=True)], chunk, begins)
-        place += chunk
+    # A drawn clip plays whole, so that it counts by its length already.
+    for pieces, begins in played(lambda: episodes[rng.integers(len(episodes))], lane_count, chunk):
+        yield collate(pieces, chunk, begins)
 
 
 def windows(

@@ -23,7 +23,7 @@ from bodysense.devices.simulated.noise import hide_hands
 from bodysense.io.augment import mirrored, with_limb_proportions
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.lab.fit import Task, rate_at
+from bodysense.lab.fit import Task, played, rate_at
 from bodysense.lab.scoring import UNOC_EVAL_JOINTS
 from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig, BodyPrediction, tracked_of
 
@@ -173,27 +173,9 @@ def lanes(
 
     The state of a lane carries over from batch to batch, except where `begins`. A clip's last chunk is padded.
     """
-    length = np.array([len(episode) for episode in episodes])
-    for clips, starts, begins in walk(length, weight, lane_count, chunk, rng):
-        pieces = [(episodes[clip], int(start)) for clip, start in zip(clips, starts, strict=True)]
+    share = weight / weight.sum()
+    for pieces, begins in played(lambda: episodes[rng.choice(len(episodes), p=share)], lane_count, chunk):
         yield collate(pieces, chunk, begins)
-
-
-def walk(
-    length: np.ndarray, weight: np.ndarray, lane_count: int, chunk: int, rng: np.random.Generator
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Where each lane stands, chunk after chunk: its clip, its first frame there, and whether it begins the clip.
-
-    Clips of `length` (C,) frames are drawn by `weight` (C,) and play whole, so that they count by their length already.
-    """
-    probability = weight / weight.sum()
-    clip, place = np.full(lane_count, -1), np.zeros(lane_count, dtype=int)
-    while True:
-        begins = (clip < 0) | (place >= length[clip])
-        for lane in np.flatnonzero(begins):
-            clip[lane], place[lane] = rng.choice(len(length), p=probability), 0
-        yield clip.copy(), place.copy(), begins
-        place += chunk
 
 
 def collate(pieces: Sequence[tuple[Episode, int]], chunk: int, begins: np.ndarray) -> EpisodeBatch:

@@ -24,10 +24,7 @@ import numpy as np
 
 from bodysense.body.pose import forward_kinematics, resting_offset, standing_pose
 from bodysense.body.rotation import (
-    heading,
-    quaternion_conjugate,
     quaternion_exp,
-    quaternion_multiply,
     quaternion_rotate,
 )
 from bodysense.body.skeleton import Skeleton
@@ -41,7 +38,7 @@ from bodysense.lab.metrics import joint_error
 from bodysense.lab.scoring import GROUPS, RATE, Tally, group_of
 from bodysense.lab.table import Cell, Report, cell, finite, ordering
 from bodysense.lab.unoc.ik_tracker import MEASURED_ERROR
-from bodysense.lab.unoc.point_model import PointModel, PointRunner, PointState
+from bodysense.lab.unoc.point_model import HeadAndHands, PointModel, PointRunner, PointState
 from bodysense.lab.unoc.upper_body_ik import UpperBodyIk
 from bodysense.observation import Observation, observed_points
 
@@ -227,10 +224,7 @@ class LearnedUpperBodyState:
     """What the network remembers, and where head and hands were last."""
 
     network: PointState
-    head_position: np.ndarray  # (3,) m, world
-    head_rotation: np.ndarray  # (4,) wxyz, world ← head
-    wrist_offset: np.ndarray  # (2, 3) m, left and right, from the head in its heading's axes
-    wrist_rotation: np.ndarray  # (2, 4) wxyz, the head's heading ← wrist
+    last: HeadAndHands
 
 
 @dataclass(frozen=True)
@@ -271,11 +265,7 @@ class LearnedUpperBody:
 
     def start(self) -> LearnedUpperBodyState:
         """Nothing seen yet: a standing body that faces +Z."""
-        position, rotation = forward_kinematics(standing_pose(self.skeleton))
-        head, *wrists = self._oriented
-        return LearnedUpperBodyState(
-            self._runner.start(), position[head], rotation[head], position[wrists] - position[head], rotation[wrists]
-        )
+        return LearnedUpperBodyState(self._runner.start(), HeadAndHands.standing(self.skeleton))
 
     def step(
         self, observation: Observation, state: LearnedUpperBodyState
@@ -285,47 +275,19 @@ class LearnedUpperBody:
         known = self._oriented
         positions, errors = [], []
         for t, time in enumerate(observation.time):
-            state = self._remember(
-                position[t, known], rotation[t, known], has_position[t, known], has_rotation[t, known], state
-            )
-            whole, error, state = self._complete(float(time), state)
+            seen = (values[t, known] for values in (position, rotation, has_position, has_rotation))
+            whole, error, state = self._complete(float(time), replace(state, last=state.last.seen(*seen)))
             positions.append(np.where(has_position[t, :, None], position[t], whole))
             errors.append(np.where(has_position[t], MEASURED_ERROR, error))
         estimate = PointEstimate(self.skeleton, np.stack(positions), (~has_position).astype(float), np.stack(errors))
         return estimate, state
-
-    def _remember(
-        self,
-        position: np.ndarray,
-        rotation: np.ndarray,
-        has_position: np.ndarray,
-        has_rotation: np.ndarray,
-        state: LearnedUpperBodyState,
-    ) -> LearnedUpperBodyState:
-        """Take in head and wrists (3, …) of one frame."""
-        state = replace(
-            state,
-            head_position=position[0] if has_position[0] else state.head_position,
-            head_rotation=rotation[0] if has_rotation[0] else state.head_rotation,
-        )
-        away = quaternion_conjugate(heading(state.head_rotation))
-        offset = quaternion_rotate(np.tile(away, (2, 1)), position[1:] - state.head_position)
-        turned = quaternion_multiply(np.tile(away, (2, 1)), rotation[1:])
-        return replace(
-            state,
-            wrist_offset=np.where(has_position[1:, None], offset, state.wrist_offset),
-            wrist_rotation=np.where(has_rotation[1:, None], turned, state.wrist_rotation),
-        )
 
     def _complete(
         self, time: float, state: LearnedUpperBodyState
     ) -> tuple[np.ndarray, np.ndarray, LearnedUpperBodyState]:
         """Positions (P, 3) m and expected errors (P,) m of the whole body in one frame."""
         skeleton = self.skeleton
-        front = np.tile(heading(state.head_rotation), (2, 1))
-        wrist = state.head_position + quaternion_rotate(front, state.wrist_offset)
-        position = np.concatenate([state.head_position[None], wrist])
-        rotation = np.concatenate([state.head_rotation[None], quaternion_multiply(front, state.wrist_rotation)])
+        position, rotation = state.last.world
         placed, expected, network = self._runner.step(position[self._order], rotation, time, state.network)
 
         whole = np.zeros((len(skeleton.points), 3))
