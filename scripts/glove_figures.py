@@ -3,12 +3,11 @@
     bodysense evaluate gloves-table3 --data DIR --json FIGURES/gloves-table3.json
     bodysense evaluate gloves-table4 --data DIR --json FIGURES/gloves-table4.json
     bodysense evaluate gloves-occlusion --data DIR --json FIGURES/gloves-occlusion.json
-    bodysense evaluate gloves-limits --data DIR --variants NETWORKS --json FIGURES/gloves-limits.json
+    bodysense evaluate gloves-limits --data DIR --json FIGURES/gloves-limits.json
     bodysense bench gloves --json FIGURES/gloves-speed.json
     python scripts/glove_figures.py FIGURES
 
-NETWORKS comes from `bodysense train gloves --network two-hands` and `--network recurrent`. Files that are not there
-leave their table as it is.
+Files that are not there leave their table as it is.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from readme_figures import markdown, put
 from bodysense.cli.show import processor
 from bodysense.lab.two_hands.foreign import FEW_MANY, WAYS
 from bodysense.lab.two_hands.foreign import PLACES as FOREIGN_PLACES
-from bodysense.lab.two_hands.limits_report import LINES
+from bodysense.lab.two_hands.limits import LINES
 from bodysense.lab.two_hands.tables import PUBLISHED_MARKERS, PUBLISHED_POINTS, PUBLISHED_STILL
 from bodysense.lab.two_hands.trials import DURATIONS, HIDDEN
 

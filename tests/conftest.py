@@ -14,8 +14,8 @@ from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.model import CompletionModel, packaged_model
-from bodysense.devices.simulated.dropout import hide
 from bodysense.devices.simulated.glove import observe
+from bodysense.devices.simulated.noise import hide
 from bodysense.io.clip import Clip
 from bodysense.observation import Observation
 
@@ -80,8 +80,8 @@ def small_network(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small network that was never trained, exported: what holds of every network holds of it."""
     import torch
 
-    from bodysense.lab.unoc.export import write_onnx
     from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig
+    from bodysense.lab.unoc.train import write_onnx
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("network") / "small.onnx"
@@ -95,8 +95,8 @@ def small_vae(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """HMD-VAE's model 2, small and never trained, exported; its weights lie beside as .pt."""
     import torch
 
-    from bodysense.lab.hmd_vae.export import write_vae_onnx
     from bodysense.lab.hmd_vae.network import BodyVae, BodyVaeConfig, write_vae
+    from bodysense.lab.hmd_vae.train import write_vae_onnx
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("vae") / "model2.onnx"
@@ -150,8 +150,7 @@ def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     import torch
 
-    from bodysense.lab.unoc.network import BodyNetwork, write_weights
-    from bodysense.lab.unoc.variants import VARIANTS
+    from bodysense.lab.unoc.network import VARIANTS, BodyNetwork, write_weights
 
     folder = tmp_path_factory.mktemp("networks")
     torch.manual_seed(0)
@@ -189,7 +188,7 @@ def filmed() -> tuple[np.ndarray, Clip]:
 
     from bodysense.demo import packaged_performance
     from bodysense.pictures.animation import draw_pose
-    from bodysense.pictures.shot import Lens, frame_shot
+    from bodysense.pictures.sheet import Lens, frame_shot
 
     clip = packaged_performance()
     clip = replace(clip, pose=clip.pose[600:624:3], frame_rate=15.0)  # here it is not taken for somebody's back

@@ -16,7 +16,7 @@ from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
 from bodysense.filling import filled, observed, on_feet, open_holed
 from bodysense.io.bvh import read_bvh, write_bvh
-from bodysense.io.bvh_lines import BvhLines, open_bvh
+from bodysense.io.bvh_stream import BvhLines, open_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
 from bodysense.observation import CONTACT_POINTS

@@ -24,7 +24,7 @@ from bodysense.body.rotation import (
     quaternion_multiply,
 )
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh_lines import BvhLines, open_bvh
+from bodysense.io.bvh_stream import BvhLines, open_bvh
 from bodysense.io.clip import Clip, part_joints
 from bodysense.io.datasets.sources import Source, read_source
 from bodysense.io.fingers import is_finger

@@ -19,7 +19,7 @@ from bodysense.devices.simulated.device import DEVICES
 from bodysense.devices.video.pictures import is_video
 from bodysense.errors import BodysenseError
 from bodysense.filling import Holed, filled, observed, on_feet, open_holed, pose_of, with_parts
-from bodysense.io.bvh_lines import BvhLines
+from bodysense.io.bvh_stream import BvhLines
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
 from bodysense.io.markers.files import is_marker_file

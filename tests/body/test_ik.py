@@ -137,7 +137,7 @@ def pinocchio_solution(target: np.ndarray, weight: np.ndarray, start: Pose) -> n
         trial = pinocchio.integrate(model, q, step)
         found = error(trial)
         if (found**2).sum() <= (now**2).sum():
-            done = (now**2).sum() - (found**2).sum() < 1e-13
+            done = (now**2).sum() - (found**2).sum() < 1e-10
             q, now, damping = trial, found, max(damping / 3, 1e-9)
             if done:
                 break

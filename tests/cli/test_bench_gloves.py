@@ -3,8 +3,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from bodysense.lab.commands.bench import gloves
-from bodysense.lab.commands.glove_stream import glove_stream
+from bodysense.lab.commands.bench import glove_stream, gloves
 
 
 def test_bench_gloves(tmp_path: Path) -> None:

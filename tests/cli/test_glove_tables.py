@@ -32,7 +32,7 @@ def test_another_network_is_refused_before_anything_is_computed(
 @pytest.mark.slow
 def test_training_writes_into_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     few = ("--steps", "1", "--hand-minutes", "0.1", "--pair-minutes", "0.1", "--threads", "1")
-    assert main(["train", "gloves", "-o", str(tmp_path / "out"), "--network", "recurrent", *few]) == 0
-    assert (tmp_path / "out" / "glove_recurrent.onnx").is_file()
+    assert main(["train", "gloves", "-o", str(tmp_path / "out"), "--network", "joints", *few]) == 0
+    assert (tmp_path / "out" / "glove_joints.onnx").is_file()
     assert main(["train", "gloves", "-o", str(tmp_path / "one.onnx"), *few]) == 2
     assert "several networks are written; give a folder" in capsys.readouterr().err

@@ -16,8 +16,7 @@ from mcap.writer import CompressionType, Writer
 from bodysense.body.pose import Pose
 from bodysense.cli import main
 from bodysense.conform.report.html import page
-from bodysense.conform.report.junit import write_junit
-from bodysense.conform.report.record import record
+from bodysense.conform.report.text import record, write_junit
 from bodysense.conform.script import read_script
 from bodysense.conform.sources.files import clip_subject, read_subject
 from bodysense.conform.sources.mcap_take import read_mcap, read_record

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.body.rotation import geodesic_angle
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh_lines import BvhLines, euler_near, open_bvh
+from bodysense.io.bvh_stream import BvhLines, euler_near, open_bvh
 
 TEXT = """HIERARCHY\r
 ROOT Hips\r

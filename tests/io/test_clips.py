@@ -11,8 +11,8 @@ from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.datasets.sources import Source
 from bodysense.io.rigs.options import ReadingOptions
-from bodysense.lab import clips
-from bodysense.lab.clips import count_clips, open_clips
+from bodysense.lab import datasets
+from bodysense.lab.datasets import count_clips, open_clips
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def test_an_option_that_a_command_lacks_goes_to_the_preparation(folder: Path, mo
     def lying(source: Source, options: ReadingOptions) -> None:
         raise BodysenseError(f"{source.path}: it never stands upright; say which axis is up, as --up y")
 
-    monkeypatch.setattr(clips, "read_source", lying)
+    monkeypatch.setattr(datasets, "read_source", lying)
     with pytest.raises(
         BodysenseError, match=r"--up y; where a command has no --up, .*data prepare .* -o STORE.zarr --up"
     ):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
-from bodysense.io.bvh_lines import BvhLines, open_bvh
+from bodysense.io.bvh_stream import BvhLines, open_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.holes import Missing, below, flat_lined, missing_items, told_missing
 from bodysense.io.rigs.rigged import read_rigged

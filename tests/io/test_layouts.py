@@ -18,7 +18,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.datasets.layouts import LAYOUTS, layout_of
 from bodysense.io.datasets.sources import list_sources, read_source
 from bodysense.io.datasets.splits import split_of
-from bodysense.lab.clips import open_clips
+from bodysense.lab.datasets import open_clips
 from bodysense.reading import read
 
 MILLIMETRE = 1e-3

@@ -13,7 +13,7 @@ from bodysense.io.bvh import write_bvh
 from bodysense.io.resample import resample
 from bodysense.io.rigs.options import ReadingOptions
 from bodysense.lab import store as store_module
-from bodysense.lab.clips import open_clips
+from bodysense.lab.datasets import open_clips
 from bodysense.lab.store import is_store, prepare, read_store
 
 pytest.importorskip("zarr", reason="needs bodysense[lab]")

@@ -16,7 +16,7 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.pictures.animation import Stage, _meet_link, draw_pose, write_animation
-from bodysense.pictures.shot import Lens, Shot, frame_shot
+from bodysense.pictures.sheet import Lens, Shot, frame_shot
 
 SMALL = Lens(width=96, height=120)
 

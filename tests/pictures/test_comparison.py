@@ -11,7 +11,7 @@ from PIL import Image
 
 from bodysense.io.clip import Clip
 from bodysense.pictures.comparison import View, draw_views, write_comparison, write_moments
-from bodysense.pictures.shot import Lens
+from bodysense.pictures.sheet import Lens
 
 LENS = Lens(width=90, height=110)
 

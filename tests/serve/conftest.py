@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from bodysense.serve.launch import prepared
+from bodysense.serve.links import listen_tcp
 from bodysense.serve.message_text import write_message
 from bodysense.serve.messages import ClientMessage, Hello
 from bodysense.serve.protocol import POSE, SUBPROTOCOL, PoseFrame, SignalFrame, read_pose, write_signal
 from bodysense.serve.settings import ServerSettings
-from bodysense.serve.sockets import listen_tcp
 
 DEVICES = ("headset", "left_controller", "right_controller")
 

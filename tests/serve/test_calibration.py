@@ -19,7 +19,7 @@ from bodysense.serve.messages import Calibrate, Recentre
 from bodysense.serve.osc import bundled, message_bytes
 from bodysense.serve.settings import ServerSettings
 from bodysense.serve.unity import unity_position, unity_rotation
-from bodysense.serve.vmc_trackers import VmcTrackers
+from bodysense.serve.vmc import VmcTrackers
 
 from .conftest import Serving
 from .test_datagrams import free_port

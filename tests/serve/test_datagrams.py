@@ -21,7 +21,7 @@ from bodysense.serve.osc import bundled, message_bytes, read_packet
 from bodysense.serve.protocol import SignalFrame
 from bodysense.serve.settings import ServerSettings
 from bodysense.serve.tracked_devices import SIGNALS
-from bodysense.serve.vmc_trackers import VmcTrackers
+from bodysense.serve.vmc import VmcTrackers
 
 from .conftest import Connecting, Serving, signal
 

@@ -14,13 +14,13 @@ import pytest
 from bodysense.errors import BodysenseError
 from bodysense.serve.answer import Answer
 from bodysense.serve.certificate import check_pair, own_certificate, qr_code
-from bodysense.serve.leader import Leader
 from bodysense.serve.live import Live
 from bodysense.serve.messages import Hello, Recentre, Resume
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.outbox import Outbox
 from bodysense.serve.protocol import SIGNAL
 from bodysense.serve.safety import Guesses, Limits
+from bodysense.serve.seat import Leader
 from bodysense.serve.session import Session
 from bodysense.serve.settings import ServerSettings
 

@@ -22,14 +22,13 @@ from pythonosc.osc_packet import OscPacket
 
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.errors import BodysenseError
-from bodysense.serve.driver_axes import ABOUT_Y
 from bodysense.serve.messages import Calibrate, Recentre
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.osc import message_bytes
 from bodysense.serve.oscquery import OscService
 from bodysense.serve.settings import ServerSettings
-from bodysense.serve.unity import unity_euler
-from bodysense.serve.vrchat_devices import TAKEN, VRCHAT_POINTS, VrchatReader
+from bodysense.serve.unity import ABOUT_Y, unity_euler
+from bodysense.serve.vrchat import TAKEN, VRCHAT_POINTS, VrchatReader
 from bodysense.serve.vrchat_link import VrchatLink, VrchatSettings
 
 from .conftest import Connecting, Serving

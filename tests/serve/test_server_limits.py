@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 
 from bodysense.errors import BodysenseError
+from bodysense.serve.links import listen_tcp
 from bodysense.serve.message_text import write_message
 from bodysense.serve.messages import Hello
 from bodysense.serve.protocol import SUBPROTOCOL, write_signal
 from bodysense.serve.safety import Access, Limits, RateLimit, why_refused
 from bodysense.serve.settings import ServerSettings
-from bodysense.serve.sockets import listen_tcp
 
 from .conftest import DEVICES, Address, Connecting, Serving, signal
 

@@ -16,7 +16,7 @@ from bodysense.errors import BodysenseError
 from bodysense.observation import Observation, check_observation
 from bodysense.serve.osc import bundled, message_bytes
 from bodysense.serve.tracked_devices import POINTS, TrackedDevices, read_device_names
-from bodysense.serve.vmc_trackers import VmcState, VmcTrackers
+from bodysense.serve.vmc import VmcState, VmcTrackers
 
 READER = VmcTrackers()
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)

@@ -21,12 +21,12 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from bodysense.serve.launch import prepared
+from bodysense.serve.links import listen_tcp
 from bodysense.serve.message_text import write_message
 from bodysense.serve.messages import Hello, Resume, Settings
 from bodysense.serve.protocol import SUBPROTOCOL
 from bodysense.serve.session_store import SessionStore
 from bodysense.serve.settings import ServerSettings
-from bodysense.serve.sockets import listen_tcp
 from bodysense.serve.workers import Workers, _take, _Worker, hand_out
 
 from .conftest import DEVICES, Connecting, Serving

@@ -12,8 +12,7 @@ import pytest
 
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.camera_view import Camera
-from bodysense.lab.rendering.figure import load_figure
-from bodysense.lab.rendering.scene import sample_scene
+from bodysense.lab.rendering.scene import load_figure, sample_scene
 from bodysense.lab.rendering.stage import open_stage
 from bodysense.serve.page_files import WEBCAM
 

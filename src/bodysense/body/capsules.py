@@ -1,4 +1,7 @@
-"""Primitives: the capsules and boxes that stand for a body's flesh, fitted to any skeleton of the default tree."""
+"""Primitives: the capsules and boxes that stand for a body's flesh, fitted to any skeleton of the default tree.
+
+Where two segments are nearest to each other.
+"""
 
 from __future__ import annotations
 
@@ -206,3 +209,19 @@ def place(primitives: Primitives, position: np.ndarray, rotation: np.ndarray) ->
         center=move(boxes, primitives.center),
         axes=turn[..., boxes, :, :],
     )
+
+
+TINY = 1e-30  # keeps divisions by zero finite
+
+
+def nearest_shares(
+    uu: np.ndarray, vv: np.ndarray, uv: np.ndarray, uw: np.ndarray, vw: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far along each of two segments, 0 to 1, their nearest points lie (Ericson 2005, Collision Detection, 5.1.9).
+
+    Of segments p + s·u and q + t·v with w = p − q it takes inner products (...) alone, and returns s and t (...).
+    """
+    s = np.minimum(np.maximum((uv * vw - uw * vv) / np.maximum(uu * vv - uv * uv, TINY), 0.0), 1.0)
+    t = np.minimum(np.maximum((uv * s + vw) / np.maximum(vv, TINY), 0.0), 1.0)
+    s = np.minimum(np.maximum((uv * t - uw) / np.maximum(uu, TINY), 0.0), 1.0)
+    return s, t

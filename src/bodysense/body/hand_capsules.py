@@ -16,12 +16,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from bodysense.body.capsules import fit_primitives
+from bodysense.body.capsules import fit_primitives, nearest_shares
 from bodysense.body.glove import hand_size
 from bodysense.body.hand import FINGERS, HAND_JOINTS, hand_skeleton
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_to_matrix
-from bodysense.body.segments import nearest_shares
 from bodysense.body.skeleton import Skeleton, default_skeleton
 
 PALM = tuple(f"palm_{finger}" for finger in FINGERS[1:])

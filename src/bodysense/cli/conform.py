@@ -53,8 +53,7 @@ def conform(
         limit: of a folder: how many pieces are judged, evenly spread; all if omitted.
     """
     from bodysense.conform.report.html import write_html
-    from bodysense.conform.report.junit import write_junit
-    from bodysense.conform.report.record import write_json
+    from bodysense.conform.report.text import write_json, write_junit
     from bodysense.conform.script import read_script, script_beside
     from bodysense.conform.verdict import EXIT_STATUS, judge
 
@@ -138,7 +137,7 @@ def _judge_folder(
     """Judge every file of a folder, or its pieces; print a line each that does not pass, and how many do."""
     from rich.console import Console
 
-    from bodysense.conform.report.record import versions
+    from bodysense.conform.report.text import versions
     from bodysense.conform.verdict import EXIT_STATUS, judge
 
     if window is not None and not 1 <= window <= 3600:

@@ -55,7 +55,7 @@ def info(
     """
     from rich.progress import track
 
-    from bodysense.cli.show import wide_console, write_numbers
+    from bodysense.cli.show import print_report, wide_console, write_numbers
     from bodysense.files import check_place
 
     if picture is not None:
@@ -63,10 +63,12 @@ def info(
     total, every = files_in(place, split, layout, reading)
     found, console = list[FoundFile](), wide_console()
     if occlusion:
-        from bodysense.lab.unoc.occlusion_table import occlusion_table
+        from bodysense.lab.unoc.occlusion import columns_of, count_clips, occlusion_table
 
-        shown, numbers = occlusion_table(readable(track(every, "looking", total), found), camera)
-        console.print(shown)
+        clips = readable(track(every, "looking", total), found)
+        report = occlusion_table(columns_of(count_clips(clips, 1, lambda clip: None, camera)[0]))
+        print_report(report, console)
+        numbers = report.numbers
     else:
         counts = _Counts()
         for clip in readable(track(every, "reading", total) if total > 1 else every, found):
@@ -108,7 +110,7 @@ def joints(
     """
     from bodysense.io.archive import MotionFile
     from bodysense.io.gltf.motion import figure_of_gltf
-    from bodysense.io.rigs.joint_map import joint_map_text, write_joint_map
+    from bodysense.io.rigs.named import joint_map_text, write_joint_map
     from bodysense.io.rigs.names import joints_of
     from bodysense.io.rigs.rig import recognise
     from bodysense.io.rigs.rigged import figure_of_file

@@ -46,7 +46,7 @@ def files_in(
 ) -> tuple[int, Iterable[FoundFile]]:
     """How many files a place has, and each of them when its turn comes."""
     from bodysense.io.datasets.sources import Source, list_sources
-    from bodysense.lab.clips import count_clips, open_clips
+    from bodysense.lab.datasets import count_clips, open_clips
     from bodysense.lab.store import is_store
 
     if place.is_dir() and is_store(place):

@@ -1,4 +1,7 @@
-"""The packaged completion network: one step of B people."""
+"""The packaged completion network: one step of B people.
+
+What a completion network's file names as its format.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.completion.format import FORMAT
 from bodysense.completion.inputs import Frames
 from bodysense.completion.network import Network, NetworkFormat
 from bodysense.completion.proportions import Proportions
+
+FORMAT = "bodysense-completion-1"
+
 
 PACKAGED = "completion.onnx"
 

@@ -14,7 +14,7 @@ from importlib.resources import files
 from importlib.resources.abc import Traversable
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -45,7 +45,7 @@ class Network:
     format: NetworkFormat
 
     @classmethod
-    def open(cls, path: str | Path | None, format: NetworkFormat, *, batch: int | None = None) -> Network:
+    def open(cls, path: str | Path | None, format: NetworkFormat, *, batch: int | None = None) -> Self:
         """Open the file at a path, or the packaged one where there is none.
 
         With `batch` the session is for so many at a time, which is quicker, where the file leaves that open.

@@ -10,7 +10,7 @@ import numpy as np
 
 from bodysense.body.gaps import runs
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh_lines import BvhLines
+from bodysense.io.bvh_stream import BvhLines
 from bodysense.io.rigs.names import joint_of
 from bodysense.io.rigs.source_joints import SourceJoints
 

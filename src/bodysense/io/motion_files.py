@@ -14,8 +14,7 @@ from bodysense.files import check_place, part_beside
 from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.bvh_stream import BvhStream
 from bodysense.io.clip import Clip
-from bodysense.io.gltf.vrma import write_vrma
-from bodysense.io.gltf.written import write_glb
+from bodysense.io.gltf.written import write_glb, write_vrma
 from bodysense.io.mcap_take import write_mcap
 from bodysense.io.rigs.named import OWN, check_rig, is_rig_file, on_rig, renamed
 from bodysense.io.rigs.rig_file import write_on_rig_of

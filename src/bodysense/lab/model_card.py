@@ -10,14 +10,14 @@ from typing import Any
 
 import onnx
 
-from bodysense.completion import format as completion
+from bodysense.completion import model as completion
 from bodysense.devices.gloves import networks as glove
 from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
 from bodysense.devices.video import arms
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.lab.hmd_vae import estimator as body_vae
-from bodysense.lab.unoc import learned, point_model
+from bodysense.lab.unoc import ik_tracker, point_model
 
 Numbers = Mapping[str, float]
 
@@ -219,7 +219,7 @@ def _arm_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 _NOBODY = "identifying people, medical judgement."
 KINDS = {
-    (learned.FORMAT, ""): Kind(
+    (ik_tracker.FORMAT, ""): Kind(
         "Completes a body and its fingers from what a headset's cameras see (UNOC, Parger et al. 2021).",
         "bodysense evaluate unoc-table2",
         "Test people, main motions, RMSJPE in cm, through the tracker",

@@ -13,7 +13,7 @@ from bodysense.body.flesh import COLORS, Flesh, fit_flesh, place_flesh
 from bodysense.body.pose import Pose
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
-from bodysense.pictures.shot import Shot
+from bodysense.pictures.sheet import Shot
 
 _FINE = 2  # samples a pixel, across and down
 _MELT = 0.012  # m: links that come closer than this along a ray melt into one skin

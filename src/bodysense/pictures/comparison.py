@@ -14,7 +14,7 @@ from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.files import written_beside
 from bodysense.pictures.animation import Stage, write_pictures
-from bodysense.pictures.shot import Lens, frame_shot
+from bodysense.pictures.sheet import Lens, frame_shot
 
 LENS = Lens(width=360, height=420, aim=0.93, shown=2.0)
 _INK, _BAND = (34, 48, 60), 34  # colour of the captions, pixels of height they take

@@ -1,9 +1,16 @@
-"""The web application: `/ws`, `/healthz`, `/metrics` and the page."""
+"""The web application: `/ws`, `/healthz`, `/metrics` and the page.
+
+What every answer by HTTP has: safe headers; and no request has a body.
+
+The links of a server, from its settings.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 from collections.abc import AsyncIterator
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -11,15 +18,119 @@ from typing import Any
 from bodysense.errors import missing_package
 from bodysense.serve.answer import Answer
 from bodysense.serve.connection import converse
-from bodysense.serve.headers import HEADERS, guarded
+from bodysense.serve.datagrams import InputLink, MarkerInput, PoseSender, marker_points
+from bodysense.serve.links import DeviceInput, Link, Reader, listen_udp
 from bodysense.serve.live import Live
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.page_files import library_routes
 from bodysense.serve.protocol import SUBPROTOCOL
-from bodysense.serve.runtimes import links_of
 from bodysense.serve.safety import Doorkeeper
 from bodysense.serve.session_store import SessionStore
 from bodysense.serve.settings import ServerSettings
+from bodysense.serve.slimevr import SENSORS, SlimevrLink
+from bodysense.serve.solarxr_link import InputReader, SolarxrLink
+from bodysense.serve.tracked_devices import SIGNALS
+from bodysense.serve.vmt import VmtReader
+from bodysense.serve.vmt_link import VmtLink
+from bodysense.serve.vrchat import VRCHAT_POINTS, VrchatReader
+from bodysense.serve.vrchat_link import VrchatLink
+
+_NO_UPLOAD = "bodysense takes no uploads; avatars and recordings that are dropped on the page stay in the browser.\n"
+_LINGER_S = 1.0
+_LINGER_BYTES = 1024 * 1024
+HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",  # the address holds the token
+    "Content-Security-Policy": "frame-ancestors 'none'",
+}
+
+
+def guarded(application: Any) -> Any:
+    """The application, with safe headers, and without bodies: an upload is refused before it is read."""
+
+    async def guard(scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] != "http":
+            await application(scope, receive, send)
+            return
+        names = {name for name, value in scope["headers"] if (name, value) != (b"content-length", b"0")}
+        if names & {b"content-length", b"transfer-encoding"}:
+            await _refuse_upload(receive, send)
+            return
+
+        async def with_headers(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                have = {name.lower() for name, _ in message["headers"]}
+                more = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
+                message["headers"] = [*message["headers"], *(row for row in more if row[0] not in have)]
+            await send(message)
+
+        await application(scope, receive, with_headers)
+
+    return guard
+
+
+async def _refuse_upload(receive: Any, send: Any) -> None:
+    """Answer 413, then let go only when the sender has stopped, or has had its time.
+
+    A connection closed over unread bytes is reset, and a reset takes the answer with it.
+    """
+    body = _NO_UPLOAD.encode()
+    headers = [
+        (b"content-type", b"text/plain; charset=utf-8"),
+        (b"content-length", str(len(body)).encode()),
+        (b"connection", b"close"),
+    ]
+    await send({"type": "http.response.start", "status": 413, "headers": headers})
+    await send({"type": "http.response.body", "body": body, "more_body": True})
+    unread = _LINGER_BYTES
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(_LINGER_S):
+            while unread > 0:
+                message = await receive()
+                if message["type"] == "http.disconnect" or not message.get("more_body", False):
+                    break
+                unread -= len(message.get("body", b""))
+    await send({"type": "http.response.body", "body": b""})
+
+
+def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
+    """All other programs that a server talks with. Raises BodysenseError for ports and hosts that cannot be had.
+
+    Inertial trackers join every input that tracks a wearer's head, and stand alone where there is none.
+    """
+    host, links = settings.access.host, list[Link]()
+    sensors: SlimevrLink | None = None
+
+    def also(reader: Reader, points: tuple[str, ...]) -> tuple[Reader, tuple[str, ...]]:
+        return (reader, points) if sensors is None else (sensors.joined(reader), (*points, *SENSORS))
+
+    try:
+        if settings.slimevr is not None:
+            headsets = settings.vmc_in, settings.vmt, settings.vrchat, settings.solarxr
+            sensors = SlimevrLink(settings.slimevr, metrics, alone=all(one is None for one in headsets))
+            links.append(sensors)
+        if settings.vmc_in is not None:
+            reader, points = also(settings.vmc_trackers, SIGNALS)
+            protocol = partial(DeviceInput, metrics=metrics, reader=reader, points=points)
+            links.append(InputLink("vmc", listen_udp("--vmc-in", host, settings.vmc_in), points, protocol))
+        if settings.markers_in is not None:
+            bound = listen_udp("--markers-in", host, settings.markers_in)
+            protocol = partial(MarkerInput, metrics=metrics, worn=settings.worn)
+            links.append(InputLink("markers", bound, marker_points(settings.worn), protocol))
+        if settings.receivers:
+            links.append(PoseSender(settings.receivers, metrics))
+        if settings.vmt is not None:
+            links.append(VmtLink(settings.vmt, metrics, *also(VmtReader(settings.vmt.devices), SIGNALS)))
+        if settings.vrchat is not None:
+            links.append(VrchatLink(settings.vrchat, metrics, *also(VrchatReader(), VRCHAT_POINTS)))
+        if settings.solarxr is not None:
+            links.append(SolarxrLink(settings.solarxr, metrics, *also(InputReader(), SIGNALS)))
+    except BaseException:
+        for link in links:
+            link.close()
+        raise
+    return links
+
 
 _NO_PAGE = "bodysense serves no page here: this copy was installed without it. The WebSocket is at /ws.\n"
 

@@ -13,7 +13,6 @@ from time import monotonic
 from bodysense.body.person import Person
 from bodysense.errors import BodysenseError
 from bodysense.serve.answer import Answer
-from bodysense.serve.leader import Leader
 from bodysense.serve.message_text import changed
 from bodysense.serve.messages import (
     Calibrate,
@@ -29,21 +28,14 @@ from bodysense.serve.messages import (
 )
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.outbox import Outbox
-from bodysense.serve.protocol import (
-    ProtocolError,
-    SignalFrame,
-    write_pose,
-    write_signal,
-    write_truth,
-)
+from bodysense.serve.protocol import ProtocolError, SignalFrame, write_pose, write_signal, write_truth
 from bodysense.serve.recordings import Recordings
 from bodysense.serve.replay import Playable, Player
 from bodysense.serve.safety import Limits
 from bodysense.serve.scheduler import Scheduler
-from bodysense.serve.seat import Seat
+from bodysense.serve.seat import Leader, Seat, WearerFile
 from bodysense.serve.session import Session
 from bodysense.serve.session_store import Kept, SessionStore
-from bodysense.serve.wearer_file import WearerFile
 
 _SWEEP = 0.5  # s between looks for sessions that are over
 

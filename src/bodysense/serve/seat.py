@@ -1,11 +1,19 @@
-"""A session's place in the server: who is connected to it, what plays it, what records it."""
+"""A session's place in the server: who is connected to it, what plays it, what records it.
+
+Whose body goes to avatars and runtimes.
+
+The file of whoever the server's own inputs track: written when they are calibrated, read by the next start.
+"""
 
 from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass, field
+from pathlib import Path
 
-from bodysense.serve.messages import ServerMessage, Source, Welcome
+from bodysense.errors import BodysenseError
+from bodysense.serve.answer import Answer
+from bodysense.serve.messages import Said, ServerMessage, Source, Welcome
 from bodysense.serve.outbox import Outbox
 from bodysense.serve.recorder import Recorder
 from bodysense.serve.replay import Player
@@ -63,3 +71,46 @@ class Seat:
             length=None if self.player is None else self.player.playable.length,
             resumed=resumed,
         )
+
+
+_SILENCE = 1.0  # s after which another one leads
+
+
+class Leader:
+    """The first session that sends a body, until it is silent; the server's own inputs come before clients.
+
+    Who only looks (a page that was opened) sends none, and never leads.
+    """
+
+    def __init__(self) -> None:
+        self._seat: Seat | None = None
+        self._own = False
+        self._at = 0.0  # s, when it last led
+
+    def leads(self, seat: Seat, answer: Answer, own: bool, now: float) -> bool:
+        """Whether this answer, of one of the server's `own` inputs or of a client, goes to avatars."""
+        if not answer.is_tracked:
+            return False
+        if self._seat is not seat and self._seat is not None:
+            is_silent, is_outranked = now - self._at > _SILENCE, own and not self._own
+            if not is_silent and not is_outranked:
+                return False
+        self._seat, self._own, self._at = seat, own, now
+        return True
+
+
+class WearerFile:
+    """A person's file; `path` None: none is kept."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+
+    def keep(self, seat: Seat) -> None:
+        """Write the wearer of a session, where they were calibrated since the last call."""
+        wearer, seat.session.calibrated = seat.session.calibrated, None
+        if wearer is None or self._path is None:
+            return
+        try:
+            wearer.save(self._path)
+        except (OSError, BodysenseError) as error:
+            seat.tell(Said(f"your file cannot be written: {error}"))

@@ -34,10 +34,9 @@ from bodysense.serve.messages import (
     Settings,
 )
 from bodysense.serve.moments import Moments
-from bodysense.serve.placing import raised, recentred
 from bodysense.serve.protocol import SignalFrame
 from bodysense.serve.showing import Showing
-from bodysense.serve.webxr import UNDECIDED, Placement, door, through
+from bodysense.serve.webxr import UNDECIDED, Placement, door, raised, recentred, through
 from bodysense.tracker import Tracker, TrackerSettings
 
 NOTICED = 0.001  # m that a point of the T-pose must have moved for the skeleton to be told again

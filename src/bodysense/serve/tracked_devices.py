@@ -25,8 +25,8 @@ import numpy as np
 from bodysense.body.rotation import quaternion_conjugate, quaternion_rotate
 from bodysense.errors import BodysenseError
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, usual_accuracy
-from bodysense.serve.driver_axes import turned_about
 from bodysense.serve.messages import Calibrate, Recentre
+from bodysense.serve.unity import turned_about
 from bodysense.serve.webxr import UNDECIDED
 
 HANDS = ("left_controller", "right_controller")

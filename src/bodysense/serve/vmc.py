@@ -2,10 +2,17 @@
 
 Source: protocol.vmc.info, *Marionette*: /VMC/Ext/OK (2.5), T, Root/Pos (2.0) and Bone/Pos, named as Unity's
 `HumanBodyBones`, local to the parent, quaternions x, y, z, w. Rotations are relative to VRM's T-pose.
+
+Headset, controllers and trackers that come in by VMC: /VMC/Ext/Hmd|Con|Tra/Pos and …/Pos/Local (docs/avatars.md).
+
+`VmcTrackers` reads packets and opens no socket. Messages may be lost, doubled, late or nonsense: a packet whose
+/VMC/Ext/T is older than one that was taken is left out; what is no message is refused with a reason, and nothing
+raises. Which device is which point, and until when it counts, is `tracked_devices`' part.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -14,8 +21,10 @@ from bodysense.body.pose import Pose
 from bodysense.body.rotation import normalize
 from bodysense.body.skeleton import Skeleton
 from bodysense.io.gltf.humanoid import VRM_BONES, check_humanoid, t_posed, unity_bone
-from bodysense.serve.osc import PacketForm
-from bodysense.serve.unity import one_finite_pose, unity_position, unity_rotation
+from bodysense.serve.messages import Calibrate, Recentre
+from bodysense.serve.osc import OURS, Argument, Message, PacketForm, commands_of, read_packet
+from bodysense.serve.tracked_devices import MOST_DEVICES, Device, DeviceReader, DeviceState, pose_of
+from bodysense.serve.unity import from_unity_rotation, one_finite_pose, unity_position, unity_rotation
 
 PORT = 39539  # where receivers ("marionettes") listen
 _SEVEN = "s" + 7 * "f"
@@ -56,3 +65,76 @@ def _form(tracked: bool) -> PacketForm:
             *(("/VMC/Ext/Bone/Pos", _SEVEN, (unity_bone(bone),)) for bone in VRM_BONES.values()),
         ]
     )
+
+
+_KINDS = {f"/VMC/Ext/{kind}/Pos{tail}": (kind, bool(tail)) for kind in ("Hmd", "Con", "Tra") for tail in ("", "/Local")}
+# Its argument, the mode (0 usual, 1 and 2 for mixed reality), is not looked at.
+_ASKED: dict[str, Calibrate | Recentre] = {**OURS, "/VMC/Ext/Set/Calib/Exec": Calibrate()}
+_MOST_TOLD = 4 * MOST_DEVICES  # poses in a packet
+_LONGEST_SERIAL = 128
+
+
+@dataclass(frozen=True, eq=False)
+class VmcState:
+    """What came in until now."""
+
+    devices: DeviceState = DeviceState()
+    clock: float | None = None  # s, the sender's, of the newest packet that had one
+
+
+@dataclass(frozen=True)
+class VmcTrackers(DeviceReader):
+    """How packets are read. See the module's text."""
+
+    longest_delay: float = 1.0  # s: a sender's clock that goes back by more was started afresh
+
+    def start(self) -> VmcState:
+        """Nothing came yet."""
+        return VmcState()
+
+    def take(self, packet: bytes, now: float, state: VmcState) -> tuple[VmcState, str | None]:
+        """Take in a packet that came at `now` s; the reason, too, where it or a part of it is of no use."""
+        messages = read_packet(packet)
+        if isinstance(messages, str):
+            return state, messages
+        told = [message for message in messages if message.address in _KINDS]
+        if len(told) > _MOST_TOLD:
+            return state, f"more than {_MOST_TOLD} devices in one packet"
+        clock = _clock(messages)
+        if clock is not None:
+            if state.clock is not None and 0 < state.clock - clock <= self.longest_delay:
+                return state, f"late: sent at {clock:g} s, after one of {state.clock:g} s"
+            state = replace(state, clock=clock)
+        found = [_device(message, now) for message in told]
+        wrong = [one for one in found if isinstance(one, str)]
+        devices, reason = self.devices.put([one for one in found if not isinstance(one, str)], state.devices)
+        return replace(state, devices=devices), reason or (wrong[-1] if wrong else None)
+
+    def commands(self, packet: bytes) -> list[Calibrate | Recentre]:
+        """What a packet asks for: calibration (VMC's own), or that the wearer is in the middle (ours)."""
+        return commands_of(packet, _ASKED)
+
+
+def _clock(messages: tuple[Message, ...]) -> float | None:
+    """The sender's time, where a packet has one."""
+    for message in messages:
+        if message.address == "/VMC/Ext/T" and message.arguments and _finite(message.arguments[:1]):
+            return float(message.arguments[0])  # type: ignore[arg-type]
+    return None
+
+
+def _device(message: Message, now: float) -> tuple[str, Device] | str:
+    """Serial and pose of one message, or why it has none; arguments after the eighth are left out, as VMC asks."""
+    serial, numbers = message.arguments[0] if message.arguments else None, message.arguments[1:8]
+    if not isinstance(serial, str) or len(serial) > _LONGEST_SERIAL or len(numbers) < 7 or not _finite(numbers):
+        return f"{message.address} is not a serial, three coordinates and a quaternion"
+    pose = pose_of(numbers, f"{message.address}: {serial!r}")
+    if isinstance(pose, str):
+        return pose
+    (place, turn), (kind, raw) = pose, _KINDS[message.address]
+    rotation = None if turn is None else from_unity_rotation(turn)
+    return serial, Device(kind, unity_position(place), rotation, now, raw)
+
+
+def _finite(values: tuple[Argument, ...]) -> bool:
+    return all(isinstance(x, int | float) and not isinstance(x, bool) and abs(x) < np.inf for x in values)

@@ -12,9 +12,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from bodysense.serve.driver_axes import driver_rotation, from_driver_rotation
 from bodysense.serve.osc import Message, PacketForm, message_bytes, read_packet
 from bodysense.serve.tracked_devices import Device, DeviceReader, DeviceState, pose_of
+from bodysense.serve.unity import driver_rotation, from_driver_rotation
 
 DRIVER_PORT = 39570  # the driver listens here
 LAST_INDEX = 57  # of a virtual device

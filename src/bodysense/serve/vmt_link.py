@@ -10,10 +10,9 @@ from functools import partial
 
 from bodysense.errors import BodysenseError
 from bodysense.serve.answer import Answer
-from bodysense.serve.links import LOST, DeviceInput, Reader
+from bodysense.serve.links import LOST, DeviceInput, Reader, address_toward, listen_udp
 from bodysense.serve.live import Live
 from bodysense.serve.metrics import Metrics
-from bodysense.serve.sockets import address_toward, listen_udp
 from bodysense.serve.tracked_devices import SIGNALS, TrackedDevices
 from bodysense.serve.vmt import DRIVER_PORT, LAST_INDEX, TRACKERS, off_messages, subscriptions, tracker_packet
 from bodysense.serve.vmt_hands import hand_packet

@@ -13,13 +13,11 @@ from typing import Any
 
 from bodysense.errors import BodysenseError, missing_package
 from bodysense.serve.answer import Answer
-from bodysense.serve.links import DeviceInput, Reader
+from bodysense.serve.links import DeviceInput, Reader, address_toward, listen_udp
 from bodysense.serve.live import Live
 from bodysense.serve.metrics import Metrics
 from bodysense.serve.oscquery import OscQueryServer, OscService
-from bodysense.serve.sockets import address_toward, listen_udp
-from bodysense.serve.vrchat import PORT, vrchat_packets
-from bodysense.serve.vrchat_devices import TAKEN
+from bodysense.serve.vrchat import PORT, TAKEN, vrchat_packets
 
 _HTTP, _OSC = "_oscjson._tcp.local.", "_osc._udp.local."
 _VRCHAT = "VRChat-Client"  # how its names begin

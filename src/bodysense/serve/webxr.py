@@ -3,13 +3,15 @@
 WebXR and OpenXR: the viewer and every joint of a hand look along −Z, +Y up (out of the back of a hand); a grip's −Z
 points to the thumb's end of a rod that is held, its +X out of the back of a right hand (WebXR device API, `gripSpace`;
 WebXR hand input, 4.1). Ours: the identity in the T-pose, facing +Z, left hand toward +X, palms down.
+
+Where the middle is, and how high somebody who sits is raised: placements from what a headset says.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from types import MappingProxyType
 from typing import NamedTuple
@@ -22,14 +24,7 @@ from bodysense.body.rotation import matrix_to_quaternion
 from bodysense.body.skeleton import Skeleton, default_body, default_skeleton
 from bodysense.observation import CAMERA_ACCURACY, TRACKER_ACCURACY, Observation, usual_accuracy
 from bodysense.serve.inertial import IMUS
-from bodysense.serve.protocol import (
-    ACCURACY_UNIT,
-    HAS_POSITION,
-    HAS_ROTATION,
-    MOST_POINTS,
-    ProtocolError,
-    SignalFrame,
-)
+from bodysense.serve.protocol import ACCURACY_UNIT, HAS_POSITION, HAS_ROTATION, MOST_POINTS, ProtocolError, SignalFrame
 
 IDENTITY, STILL = np.array([1.0, 0, 0, 0]), np.zeros(3)
 _NOWHERE, _UPRIGHT = STILL.astype(np.float32), IDENTITY.astype(np.float32)
@@ -276,3 +271,20 @@ def between_eyes(skeleton: Skeleton) -> np.ndarray:
 def _landmark(name: str) -> np.ndarray:
     """(3,) m from the joint that carries it, on the default body."""
     return next(np.array(row["offset"]) for row in default_body()["landmarks"] if row["name"] == name)
+
+
+def recentred(placement: Placement, raw: Observation) -> Placement:
+    """The placement in which the head of a frame, in the signal's world, is in the middle and faces +Z."""
+    head = raw.points.index("head")
+    ahead = rotate(raw.rotation[0, [head]], np.array([[0.0, 0, 1]]))[0]
+    turned = raw.has_rotation[0, head] and math.hypot(ahead[0], ahead[2]) > 0.1
+    heading = -math.atan2(ahead[0], ahead[2]) if turned else 0.0
+    moved = Placement(heading).place(raw.position[:, head])[0]
+    return Placement(heading, (-float(moved[0]), placement.offset[1], -float(moved[2])))
+
+
+def raised(placement: Placement, raw: Observation, standing: float | None) -> Placement:
+    """The placement in which the head of a frame is as high as standing, m; as high as it is where that is None."""
+    up = 0.0 if standing is None else standing - float(raw.position[0, raw.points.index("head"), 1])
+    x, _, z = placement.offset
+    return replace(placement, offset=(x, up, z))

@@ -31,7 +31,7 @@ def markers(worn: GlovedHand) -> np.ndarray:
 
 
 def test_a_hand_is_found_that_has_the_markers(worn: GlovedHand, markers: np.ndarray) -> None:
-    found = fit_hand(markers[::12])
+    found = fit_hand(markers[::24])
     assert found.error < 0.0015
     middle = hand_of(np.zeros(COUNT))
 
@@ -45,7 +45,7 @@ def test_a_hand_is_found_that_has_the_markers(worn: GlovedHand, markers: np.ndar
 def test_some_markers_may_be_missing_but_not_most(markers: np.ndarray) -> None:
     some = markers.copy()
     some[::2, 4] = np.nan
-    assert fit_hand(some[::17]).error < 0.0015
+    assert fit_hand(some[::34]).error < 0.0015
     with pytest.raises(BodysenseError, match="calibrating needs 6"):
         fit_hand(np.where(np.arange(9)[:, None] < 5, markers, np.nan))
 

@@ -26,7 +26,7 @@ from bodysense.devices.gloves.device import (
 )
 from bodysense.devices.gloves.hands import GloveModels, Hands, load_glove_models
 from bodysense.devices.simulated import glove, three_point
-from bodysense.devices.simulated.dropout import hide
+from bodysense.devices.simulated.noise import hide
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample

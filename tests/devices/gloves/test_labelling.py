@@ -17,13 +17,13 @@ from bodysense.body.hand import hand_skeleton
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.assignment import assignment
 from bodysense.devices.gloves.labelling import Labeller, LabellingSettings
-from bodysense.devices.simulated.dropout import hide
 from bodysense.devices.simulated.glove import observe
+from bodysense.devices.simulated.noise import hide
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.markers.raw_markers import points_alone
 from bodysense.io.resample import resample
-from bodysense.lab.two_hands.comparison import label_accuracy
+from bodysense.lab.two_hands.limits import label_accuracy
 from bodysense.observation import Observation, chosen_points
 
 

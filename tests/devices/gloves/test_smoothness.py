@@ -61,8 +61,8 @@ def test_fingers_are_where_they_are_when_all_is_seen(hand: Skeleton, observe_glo
 
 @pytest.mark.slow
 def test_real_hands_do_not_jump(motion_data: Path, observe_gloves) -> None:
-    from bodysense.lab.clips import open_clips
-    from bodysense.lab.synthesis.hand_motion import hand_motions
+    from bodysense.lab.datasets import open_clips
+    from bodysense.lab.synthesis.hands import hand_motions
 
     worst = []
     for motion in hand_motions(open_clips(motion_data / "rocketbox", "test", at_most=6)):

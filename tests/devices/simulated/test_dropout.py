@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.dropout import LONGEST, SHORTEST, hide, hide_hands
+from bodysense.devices.simulated.noise import LONGEST, SHORTEST, hide, hide_hands
 from bodysense.observation import Observation, check_observation
 
 SKELETON = default_skeleton()

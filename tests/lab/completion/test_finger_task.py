@@ -31,7 +31,6 @@ from bodysense.lab.completion.finger_sequences import (
     make_finger_sequence,
     with_other_hands,
 )
-from bodysense.lab.completion.finger_table import finger_numbers, score_fingers
 from bodysense.lab.completion.finger_task import (
     MOVING,
     FingerBatch,
@@ -41,12 +40,20 @@ from bodysense.lab.completion.finger_task import (
     collate_fingers,
     finger_losses,
     finger_positions,
+    finger_validation,
+    last_known_error,
+    mean_hand,
 )
-from bodysense.lab.completion.finger_validation import finger_validation, last_known_error, mean_hand
 from bodysense.lab.completion.fingers import HAND_JOINTS, HAND_POINTS, FingerConfig, FingerNetwork
 from bodysense.lab.completion.options import FingerTraining
 from bodysense.lab.completion.sequences import Draw, TrainingBody
-from bodysense.lab.completion.train_fingers import load_finger_network, train_fingers, without
+from bodysense.lab.completion.train_fingers import (
+    finger_numbers,
+    load_finger_network,
+    score_fingers,
+    train_fingers,
+    without,
+)
 from bodysense.lab.options import Schedule
 
 SMALL = FingerTaskConfig(network=FingerConfig(16, 16), streams=4, chunk=12, generated_hours=0.01)

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion.format import FORMAT
+from bodysense.completion.model import FORMAT
 from bodysense.completion.network import Network, NetworkFormat
 from bodysense.demo import packaged_performance
 from bodysense.lab.completion.blending import BLEND

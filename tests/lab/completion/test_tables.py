@@ -18,14 +18,18 @@ from bodysense.devices.simulated.sensors import TABLE_SETS
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.lab.completion import scoring, tables
-from bodysense.lab.completion.lattice import choose_scenes
 from bodysense.lab.completion.measures import count_jumps
 from bodysense.lab.completion.options import BODIES
-from bodysense.lab.completion.reports import completion_reports, draw_reliability
 from bodysense.lab.completion.scenes import TrackedScene
 from bodysense.lab.completion.scoring import evaluate_completion
-from bodysense.lab.completion.tables import CompletionSettings, CompletionTable, headline
-from bodysense.lab.completion.tracking import TrackBatch, TrackedBatch, TrackedBy
+from bodysense.lab.completion.tables import (
+    CompletionSettings,
+    CompletionTable,
+    completion_reports,
+    draw_reliability,
+    headline,
+)
+from bodysense.lab.completion.tracking import TrackBatch, TrackedBatch, TrackedBy, choose_scenes
 from bodysense.lab.datasets import Census, DataSet
 from bodysense.lab.metrics import jitter
 from bodysense.lab.scoring import scored_points

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
 
-from bodysense.completion.format import FORMAT
+from bodysense.completion.model import FORMAT
 from bodysense.errors import BodysenseError
 from bodysense.lab.completion.rewriting import row_step
 from bodysense.lab.completion.stored import read_networks

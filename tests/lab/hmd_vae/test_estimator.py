@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bodysense.body.body_joints import body_skeleton
-from bodysense.body.pose import forward_kinematics
+from bodysense.body.pose import body_skeleton, forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.devices.estimate import PointEstimate
@@ -128,8 +127,8 @@ def test_a_hand_that_is_lost_stays_by_the_head(model: BodyVaeModel, signal: Obse
         replace(signal, has_position=lost), BodyVaeEstimator(SKELETON, model).start()
     )[1]
     before = BodyVaeEstimator(SKELETON, model).step(signal[:30], BodyVaeEstimator(SKELETON, model).start())[1]
-    np.testing.assert_allclose(there.wrist_offset[0], before.wrist_offset[0])
-    assert not np.allclose(there.wrist_offset[1], before.wrist_offset[1])
+    np.testing.assert_allclose(there.last.wrist_offset[0], before.last.wrist_offset[0])
+    assert not np.allclose(there.last.wrist_offset[1], before.last.wrist_offset[1])
 
 
 def test_after_a_gap_it_begins_anew(model: BodyVaeModel, signal: Observation) -> None:
@@ -175,8 +174,8 @@ def test_what_it_is_unsure_of(model: BodyVaeModel, signal: Observation) -> None:
     assert estimate.confidence[3, knee] == card["left_knee"]
     assert estimate.confidence[3, wrist] < estimate.confidence[3, knee] < estimate.confidence[3, finger]
     with pytest.raises(BodysenseError, match=r"model0\.onnx: a model 0 reads the whole body, not a device"):
-        network = replace(model.network, card={**model.card, "reads": list(BODY)}, source=Path("model0.onnx"))
-        BodyVaeEstimator(SKELETON, BodyVaeModel(network))
+        network = replace(model, card={**model.card, "reads": list(BODY)}, source=Path("model0.onnx"))
+        BodyVaeEstimator(SKELETON, network)
     with pytest.raises(BodysenseError, match=r"noise has shape \(9,\); model2\.onnx needs \(4,\)"):
         BodyVaeEstimator(SKELETON, model, np.zeros(9))
     with pytest.raises(BodysenseError, match="0 samples cannot be; give at least 1"):

@@ -17,6 +17,7 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quatern
 from bodysense.body.skeleton import BODY
 from bodysense.devices.simulated.three_point import POINTS
 from bodysense.errors import BodysenseError
+from bodysense.lab.hmd_vae.frames import Joints, Origin, frame_of, seen_from
 from bodysense.lab.hmd_vae.network import (
     BodyVae,
     BodyVaeConfig,
@@ -27,7 +28,6 @@ from bodysense.lab.hmd_vae.network import (
     squared_distance,
     write_vae,
 )
-from bodysense.lab.hmd_vae.windows import Joints, Origin, frame_of, seen_from
 
 SMALL = BodyVaeConfig(latent=4, width=16, sequence_width=8, length=8)
 HEAD = BODY.index("head")

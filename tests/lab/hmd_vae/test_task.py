@@ -21,12 +21,10 @@ from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import split_of
 from bodysense.lab.fit import Progress, fit
 from bodysense.lab.hmd_vae.estimator import load_body_vae
-from bodysense.lab.hmd_vae.frames import BodyFrames, read_body_frames
+from bodysense.lab.hmd_vae.frames import BodyFrames, VaeBatch, make_batch, mirrored, read_body_frames
 from bodysense.lab.hmd_vae.network import BodyVae, read_vae, write_vae
 from bodysense.lab.hmd_vae.options import BodyVaeConfig, VaeRun, VaeSchedule
-from bodysense.lab.hmd_vae.task import VaeTask, joint_errors, one_cycle
-from bodysense.lab.hmd_vae.train import run_sweep, run_vae, sweep_configs, sweep_name
-from bodysense.lab.hmd_vae.windows import VaeBatch, make_batch, mirrored
+from bodysense.lab.hmd_vae.train import VaeTask, joint_errors, one_cycle, run_sweep, run_vae, sweep_configs, sweep_name
 
 SMALL = BodyVaeConfig(latent=4, width=16, sequence_width=8, length=8)
 SCHEDULE = VaeSchedule(steps=4, batch=8, check_every=2)

@@ -18,10 +18,10 @@ from bodysense.io.augment import mirrored as mirrored_clip
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.lab.fit import Progress, fit
-from bodysense.lab.pahmt.features import Window, window_of
+from bodysense.lab.pahmt.features import ArmBatch, ArmRecordings, Window, make_batch, read_arm_recordings, window_of
 from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig, read_arms
 from bodysense.lab.pahmt.options import ArmTableTraining, Studio
-from bodysense.lab.pahmt.rows import TABLE_1
+from bodysense.lab.pahmt.tables import TABLE_1
 from bodysense.lab.pahmt.task import (
     ArmSchedule,
     ArmTask,
@@ -31,7 +31,6 @@ from bodysense.lab.pahmt.task import (
     validate_arms,
 )
 from bodysense.lab.pahmt.train import mirrored, mirrored_rotations, row_run, run_table, write_arms_onnx
-from bodysense.lab.pahmt.windows import ArmBatch, ArmRecordings, make_batch, read_arm_recordings
 
 SMALL: dict[str, Any] = {
     "width": 16,

@@ -10,7 +10,7 @@ from bodysense.body.rotation import normalize, quaternion_exp, quaternion_multip
 from bodysense.devices.simulated.camera_view import FRONT, Camera, sample_cameras, view, view_points
 from bodysense.io.clip import Clip
 from bodysense.lab.pahmt.keypoint_noise import DetectorNoise, detect, flattened
-from bodysense.lab.rendering.keypoint_errors import BONES, keypoint_errors, noise_figures
+from bodysense.lab.rendering.keypoint_errors import ARM_BONES, keypoint_errors, noise_figures
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def true(waving_clip: Clip) -> ArmKeypoints:
 def test_there_is_no_error_in_the_truth(true: ArmKeypoints) -> None:
     figures = noise_figures([keypoint_errors(true, true)])
     figures.pop("depth")  # nothing by nothing
-    assert [figures.pop(f"{bone}_depth_kept") for bone in BONES] == pytest.approx([1.0, 1.0])
+    assert [figures.pop(f"{bone}_depth_kept") for bone in ARM_BONES] == pytest.approx([1.0, 1.0])
     assert figures.pop("arm_jitter") < 0.5  # no detector is thought to say that an arm points straight at it
     assert all(value == pytest.approx(0, abs=1e-9) for value in figures.values())
 
@@ -44,8 +44,8 @@ def test_what_is_put_in_is_measured(true: ArmKeypoints) -> None:
     )
     flat = flattened(true.arm, np.array([0.7, 0.5]), np.array([0.0, 0.2]))
     measured = noise_figures([keypoint_errors(replace(true, arm=flat), true)])
-    assert [measured[f"{bone}_depth_kept"] for bone in BONES] == pytest.approx([0.7, 0.5])
-    assert [measured[f"{bone}_nearer"] for bone in BONES] == pytest.approx([0.0, 0.2])
+    assert [measured[f"{bone}_depth_kept"] for bone in ARM_BONES] == pytest.approx([0.7, 0.5])
+    assert [measured[f"{bone}_nearer"] for bone in ARM_BONES] == pytest.approx([0.0, 0.2])
     assert measured["arm_drift"] == pytest.approx(0.0, abs=1e-6)
     figures = noise_figures([keypoint_errors(found, true)])
     assert figures["arm_jitter"] == pytest.approx(np.degrees(0.02), rel=0.15)

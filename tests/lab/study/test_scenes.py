@@ -16,7 +16,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.lab.study.scenes import StudySettings, build_study, complete_clip, cut_scenes
 from bodysense.lab.study.study import read_key
-from bodysense.pictures.shot import Lens
+from bodysense.pictures.sheet import Lens
 
 TINY = Lens(width=24, height=30)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,22 +10,21 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.hands import GloveModels
 from bodysense.devices.simulated.camera_ring import CameraRing
-from bodysense.errors import BodysenseError
 from bodysense.lab.datasets import Census
 from bodysense.lab.two_hands.limits import (
+    LINES,
+    SYNTHESISED,
     Findings,
     HandPair,
-    Networks,
-    compare_variants,
     count_jumps,
     count_penetration,
     count_touches,
     fingertip_gaps,
+    limits_report,
     measure_pair,
     points_of,
     synthesised_pair,
 )
-from bodysense.lab.two_hands.limits_report import LINES, SYNTHESISED, limits_report
 
 HAND = hand_skeleton(default_skeleton(), "left")
 
@@ -121,8 +118,7 @@ def test_a_recording_is_measured_and_told() -> None:
     models = GloveModels(Nothing(27), Nothing(26))
     found = measure_pair(pair, models, CameraRing(), np.random.default_rng(0))
     numbers = found.numbers()
-    own = [line for line in LINES if not line.limit.startswith(("hidden", "of these", "a network"))]
-    for line in own:  # the others are of other networks
+    for line in LINES:
         for key in line.keys:
             if key and not any(part in key for part in ("penetration_mm", "touch", "pinch")):  # those may not occur
                 assert np.isfinite(numbers[key]), key
@@ -132,11 +128,6 @@ def test_a_recording_is_measured_and_told() -> None:
     assert report.numbers["synthesised_error_cm_after"] == report.numbers["error_cm_after"] == numbers["error_cm_after"]
     assert all(len(row) == len(report.columns) for row in report.rows)
     assert any("Jumps above 5 mm" in remark for remark in report.remarks)
-
-
-def test_a_folder_without_other_networks_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BodysenseError, match="make them with bodysense train gloves --network two-hands"):
-        compare_variants(Findings(), [], tmp_path, Networks(), CameraRing())
 
 
 def test_hands_of_the_synthesiser_are_of_some_size() -> None:

@@ -9,8 +9,6 @@ from torch import Tensor
 from bodysense.lab.two_hands.network import (
     PAPER_JOINTS,
     PAPER_MARKERS,
-    RECURRENT_MARKERS,
-    TWO_HANDS,
     JointNetwork,
     JointNetworkConfig,
     MarkerNetwork,
@@ -18,7 +16,7 @@ from bodysense.lab.two_hands.network import (
     typical_hand,
 )
 
-MARKERS = {"ours": MarkerNetworkConfig((16, 8)), "paper": PAPER_MARKERS, "two hands": TWO_HANDS}
+MARKERS = {"ours": MarkerNetworkConfig((16, 8)), "paper": PAPER_MARKERS}
 
 
 @pytest.fixture
@@ -83,23 +81,3 @@ def test_a_hand_that_is_not_known_reads_as_none(read: tuple[Tensor, Tensor]) -> 
     features = MarkerNetwork(MarkerNetworkConfig((16,))).features(*read)
     assert not features[2, 36:].any()
     assert features[[0, 1, 3], -1].all()
-
-
-def test_without_the_other_hand_none_of_its_markers_is_known(read: tuple[Tensor, Tensor]) -> None:
-    network = MarkerNetwork(TWO_HANDS)
-    assert torch.equal(network(*read), network(*read, torch.zeros(4, 27)))
-    assert not torch.equal(network(*read), network(*read, read[0]))
-
-
-def test_memory_carries_over_frames_and_one_call_is_many(read: tuple[Tensor, Tensor]) -> None:
-    network = MarkerNetwork(RECURRENT_MARKERS).eval()
-    markers, hand = (part[None] for part in read)  # one hand, four frames
-    at_once, after = network.step(markers, hand, network.start(1))
-    memory, single = network.start(1), []
-    for frame in range(4):
-        told, memory = network.step(markers[:, frame : frame + 1], hand[:, frame : frame + 1], memory)
-        single.append(told)
-    assert torch.allclose(torch.cat(single, dim=1), at_once, atol=1e-5)
-    assert torch.allclose(memory, after, atol=1e-5)
-    first, _ = network.step(markers[:, :1], hand[:, :1], after)
-    assert not torch.allclose(first, at_once[:, :1], atol=1e-5)

@@ -15,11 +15,8 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.gloves.hands import GloveModels
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
 from bodysense.lab.datasets import Census
-from bodysense.lab.synthesis.hand_motion import HandMotion
-from bodysense.lab.synthesis.hands import synthesize_hand
-from bodysense.lab.synthesis.pairs import synthesize_pair
+from bodysense.lab.synthesis.hands import HandMotion, synthesize_hand
 from bodysense.lab.two_hands.baselines import LastKnown
-from bodysense.lab.two_hands.comparison import compare_memory, compare_two_hands
 from bodysense.lab.two_hands.network import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig
 from bodysense.lab.two_hands.scores import ALONE, GloveTable, HandTask, measure_fingers, measure_markers
 from bodysense.lab.two_hands.tables import finger_report, marker_report, published_ratio
@@ -55,8 +52,6 @@ def networks(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, network in {
         "glove_markers": MarkerNetwork(MarkerNetworkConfig((16,))),
         "glove_joints": JointNetwork(JointNetworkConfig((16,))),
-        "glove_two_hands": MarkerNetwork(MarkerNetworkConfig((16,), reads_other=True)),
-        "glove_recurrent": MarkerNetwork(MarkerNetworkConfig((16,), memory=8)),
     }.items():
         write_glove_network(network, folder / f"{name}.onnx", {})
     return folder
@@ -170,18 +165,6 @@ def test_means_merge_as_if_they_had_been_one() -> None:
     one.merge(other)
     assert one.get("a") == both.get("a") == 3.0
     assert np.isnan(one.get("b"))
-
-
-@pytest.mark.slow
-def test_both_comparisons_measure_both_networks(networks: Path, hand: Skeleton, motion: HandMotion) -> None:
-    pair = synthesize_pair(hand, 4.0, np.random.default_rng(3), 15.0)
-    numbers = compare_two_hands([pair], networks, networks / "glove_markers.onnx")
-    assert 0 < numbers["hidden_share"] < 1
-    assert {"single_hidden_cm", "two_hands_hidden_cm"} <= set(numbers)
-    memory = compare_memory([motion], networks, networks / "glove_markers.onnx")
-    assert {
-        f"{name}_4_0.5_cm" for name in ("feed_forward", "recurrent", "feed_forward_alone", "recurrent_alone")
-    } <= set(memory)
 
 
 def test_packaged_networks_do_what_the_paper_s_do(motion: HandMotion) -> None:

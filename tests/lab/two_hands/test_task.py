@@ -18,14 +18,11 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.gloves.networks import known_shapes, load_joint_network, load_marker_network, size_ratios
 from bodysense.errors import BodysenseError
 from bodysense.lab.fit import Progress
-from bodysense.lab.synthesis.hand_motion import HandMotion
-from bodysense.lab.synthesis.hands import synthesize_hand
-from bodysense.lab.synthesis.pairs import synthesize_pair
+from bodysense.lab.synthesis.hands import HandMotion, synthesize_hand
 from bodysense.lab.two_hands.drawing import (
     FINGER_POINTS,
     JointTask,
     MarkerTask,
-    MemoryTask,
     draw_markers,
     finger_points,
     hide,
@@ -37,7 +34,6 @@ from bodysense.lab.two_hands.frames import GloveFrames, frames_of, join
 from bodysense.lab.two_hands.network import (
     PAPER_JOINTS,
     PAPER_MARKERS,
-    TWO_HANDS,
     JointNetwork,
     JointNetworkConfig,
     MarkerNetwork,
@@ -77,19 +73,6 @@ def test_frames_are_the_motion_from_the_wrist_at_one_size(
         between = np.linalg.norm(true[:, 3:] - true[:, :-3], axis=-1) / ratio
         assert np.allclose(np.linalg.norm(ours[:, 3:] - ours[:, :-3], axis=-1), between, atol=1e-6)
     assert np.abs(frames.points[:, 0]).max() == 0
-    assert np.isnan(frames.other).all()
-
-
-def test_the_other_hand_stands_where_it_is_for_this_one(hand: Skeleton) -> None:
-    left, right = synthesize_pair(hand, 3.0, np.random.default_rng(6), 30.0)
-    made = frames_of(left, None, right)
-    # Distances between markers of both hands, in the world: the right hand is mirrored at x = 0 there.
-    ours, theirs = (np.asarray(marker_positions(default_glove(), one.pose)) for one in (left, right))
-    theirs = theirs * [-1, 1, 1]
-    true = np.linalg.norm(ours[:, :, None] - theirs[:, None], axis=-1) / size_ratios([hand])[0]
-    assert np.allclose(np.linalg.norm(made.markers[:, :, None] - made.other[:, None], axis=-1), true, atol=1e-6)
-    with pytest.raises(BodysenseError, match="both need the same times"):
-        frames_of(left, None, replace(right, pose=right.pose[:5]))
 
 
 def test_joined_motions_keep_their_own_hands(frames: GloveFrames, motion: HandMotion) -> None:
@@ -98,9 +81,7 @@ def test_joined_motions_keep_their_own_hands(frames: GloveFrames, motion: HandMo
     assert len(both) == 2 * len(frames)
     assert np.array_equal(both.rest[both.motion[-1]], other.rest[0])
     assert np.array_equal(both.rest[both.motion[0]], frames.rest[0])
-    rows = np.zeros(len(both), dtype=bool)
-    rows[len(frames) :] = True
-    assert np.array_equal(both.only(rows).markers, other.markers)
+    assert np.array_equal(both.markers[len(frames) :], other.markers)
     with pytest.raises(BodysenseError, match="no motion with fingers"):
         join([])
 
@@ -132,11 +113,10 @@ def test_markers_are_registered_by_those_that_are_known_as_scipy_does(frames: Gl
 
 
 def test_drawn_frames_are_of_one_motion_with_the_same_markers_hidden(frames: GloveFrames) -> None:
-    drawn = draw_markers(frames, 50, (0.5, 0.5), 0.0, 30.0, False, np.random.default_rng(1))
+    drawn = draw_markers(frames, 50, (0.5, 0.5), 0.0, 30.0, np.random.default_rng(1))
     assert torch.equal(drawn.hidden[0], drawn.hidden[1])
     assert torch.equal(drawn.hand[0], drawn.hand[1])
-    assert drawn.other is None
-    again = draw_markers(frames, 50, (0.5, 0.5), 0.0, 30.0, False, np.random.default_rng(1))
+    again = draw_markers(frames, 50, (0.5, 0.5), 0.0, 30.0, np.random.default_rng(1))
     assert torch.equal(drawn.seen, again.seen)
 
 
@@ -189,10 +169,10 @@ def test_shapes_are_told_exactly_with_an_error_or_not_at_all(motion: HandMotion)
     assert np.allclose(told.scale[exact], 1.0)
 
 
-@pytest.mark.parametrize("name", ["markers", "paper markers", "two hands", "recurrent", "joints", "paper joints"])
-def test_losses_fall(name: str, frames: GloveFrames, hand: Skeleton, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["markers", "paper markers", "joints", "paper joints"])
+def test_losses_fall(name: str, frames: GloveFrames, tmp_path: Path) -> None:
     torch.manual_seed(0)
-    network, task = _small(name, frames, hand)
+    network, task = _small(name, frames)
 
     def loss() -> float:
         with torch.no_grad():
@@ -204,18 +184,9 @@ def test_losses_fall(name: str, frames: GloveFrames, hand: Skeleton, tmp_path: P
     assert task.validate(network) == pytest.approx(score, rel=1e-5)  # the best weights are in it
 
 
-def _small(name: str, frames: GloveFrames, hand: Skeleton) -> tuple[MarkerNetwork | JointNetwork, Lesson]:
+def _small(name: str, frames: GloveFrames) -> tuple[MarkerNetwork | JointNetwork, Lesson]:
     """A small network and its task."""
     squared = replace(SMALL, squared=True, average_decay=0.0, patience=2)
-    if name == "two hands":
-        left, right = synthesize_pair(hand, 4.0, np.random.default_rng(6), 30.0)
-        frames = frames_of(left, None, right)
-        return MarkerNetwork(replace(TWO_HANDS, layers=(32,))), MarkerTask(frames, frames, SMALL, 30.0)
-    if name == "recurrent":
-        few = replace(SMALL, batch=8)
-        return MarkerNetwork(MarkerNetworkConfig((32,), memory=16)), MemoryTask(
-            frames, frames, few, length=10, before=4
-        )
     if name == "joints":
         return JointNetwork(JointNetworkConfig((32,))), JointTask(frames, frames, SMALL)
     if name == "paper joints":
@@ -277,7 +248,7 @@ def test_the_file_answers_as_the_network_for_any_number_of_hands(
     write_glove_network(network, tmp_path / "one.onnx", {"licence": "none"})
     load = load_marker_network if name == "markers" else load_joint_network
     loaded = load(tmp_path / "one.onnx")
-    assert loaded.card["licence"] == "none"
+    assert loaded.network.card["licence"] == "none"
     assert (tmp_path / "one.onnx").stat().st_size < 1e6
     for count in (1, 2, 17):
         markers = torch.from_numpy(frames.markers[:count]).flatten(-2)
@@ -309,8 +280,6 @@ def test_a_run_that_cannot_be_is_refused(tmp_path: Path) -> None:
         replace(good, steps=0)
     with pytest.raises(BodysenseError, match="--hand-minutes -1"):
         replace(good, hand_minutes=-1.0)
-    with pytest.raises(BodysenseError, match="the paper has no such network"):
-        replace(good, network="recurrent", form="paper")
 
 
 def default_hand() -> Skeleton:

@@ -10,7 +10,7 @@ import pytest
 from bodysense.lab.datasets import Census, DataSet
 from bodysense.lab.scoring import KNOWN, Tally
 from bodysense.lab.unoc.cross_table import PUBLISHED_BODY, PUBLISHED_FINGERS, SETS, cross_report
-from bodysense.lab.unoc.scores import Parts, Scores
+from bodysense.lab.unoc.tables import Parts, Scores
 
 
 def tally_of(error: float) -> Tally:

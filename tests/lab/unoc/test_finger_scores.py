@@ -12,13 +12,12 @@ import pytest
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.pose import Pose
-from bodysense.body.resting import hand_length
+from bodysense.body.pose import Pose, hand_length
 from bodysense.cli import main
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.lab.clips import open_clips
-from bodysense.lab.unoc.finger_scores import (
+from bodysense.lab.datasets import open_clips
+from bodysense.lab.unoc.fingers import (
     METHODS,
     Examples,
     body_features,
@@ -26,9 +25,8 @@ from bodysense.lab.unoc.finger_scores import (
     examples_of,
     finger_offsets,
 )
-from bodysense.lab.unoc.learned_upper_body import LearnedUpperBody
 from bodysense.lab.unoc.point_model import load_point_model
-from bodysense.lab.unoc.upper_body_table import evaluate_upper_body
+from bodysense.lab.unoc.upper_body_table import LearnedUpperBody, evaluate_upper_body
 
 
 @pytest.fixture(scope="module")

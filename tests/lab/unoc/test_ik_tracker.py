@@ -20,9 +20,8 @@ from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.lab.hold import Hold
-from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings, IkTrackerState, smooth
-from bodysense.lab.unoc.learned import Learned, load_model
+from bodysense.lab.scoring import Hold
+from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings, IkTrackerState, Learned, load_model, smooth
 from bodysense.observation import Observation, accuracy_like, observed_points
 
 SKELETON = default_skeleton()

@@ -13,8 +13,8 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.headset_camera import HeadsetCamera, Visibility, see
 from bodysense.errors import BodysenseError
 from bodysense.io.datasets.sources import list_sources, read_source
-from bodysense.lab.unoc import occlusion_statistics as statistics
-from bodysense.lab.unoc.occlusion_statistics import GROUPS, PUBLISHED, column, count, group_points, table
+from bodysense.lab.unoc import occlusion as statistics
+from bodysense.lab.unoc.occlusion import GROUPS, PUBLISHED, column, count, group_points
 
 
 def waving(frames: int, seed: int = 0) -> Pose:
@@ -89,18 +89,6 @@ def test_the_published_table() -> None:
         for whole, parts in (("body", ("shoulder", "elbow", "hip", "knee", "foot")), ("all", ("body", "hand"))):
             mean = sum((data.hiding[name].ratio or 0) * size[name] for name in parts) / size[whole]
             assert data.hiding[whole].ratio == pytest.approx(mean, abs=rounding)
-
-
-def test_the_printed_table() -> None:
-    header, rows = table([PUBLISHED[1], PUBLISHED[2]])
-    assert header == ("", "TWH16.2M", "Mixamo")
-    assert all(len(row) == 3 for row in rows)
-    printed = {row[0]: row[1:] for row in rows}
-    assert printed["frames"] == ("16,200,000", "261,000")
-    assert printed["frames/s"] == ("90", "30")
-    assert printed["self-contact"] == ("2.5 %", "13.0 %")
-    assert printed["hip hidden"] == ("99.0 %  207.27 s", "–  1.44 s")
-    assert [row[0].split()[0] for row in rows[4:]] == list(GROUPS)
 
 
 def test_errors_say_what_to_do() -> None:

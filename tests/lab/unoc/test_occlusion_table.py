@@ -10,8 +10,7 @@ import pytest
 from bodysense.devices.simulated.headset_camera import HeadsetCamera, see
 from bodysense.io.clip import Clip
 from bodysense.lab.datasets import DataSet
-from bodysense.lab.unoc.occlusion_statistics import GROUPS, PUBLISHED
-from bodysense.lab.unoc.occlusion_table import columns_of, count_clips, numbers_of, occlusion_report
+from bodysense.lab.unoc.occlusion import GROUPS, PUBLISHED, columns_of, count_clips, numbers_of, occlusion_report
 
 
 @pytest.fixture(scope="module")

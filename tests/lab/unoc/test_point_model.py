@@ -13,18 +13,17 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import bodysense.weights
-from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.resting import local_offset
+from bodysense.body.pose import Pose, forward_kinematics, local_offset
 from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated.three_point import observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.lab.unoc.finger_synthesis import FingerSynthesis, finger_rotations, synthesize
+from bodysense.lab.unoc.fingers import FingerSynthesis, finger_rotations, synthesize
 from bodysense.lab.unoc.ik_tracker import IkTracker
-from bodysense.lab.unoc.learned_upper_body import LEG_ERROR, LearnedUpperBody, fitted_arms
 from bodysense.lab.unoc.point_model import PACKAGED, PointModel, Task, load_point_model
+from bodysense.lab.unoc.upper_body_table import LEG_ERROR, LearnedUpperBody, fitted_arms
 from bodysense.observation import Observation
 
 SKELETON = default_skeleton()

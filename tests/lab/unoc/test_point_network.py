@@ -16,8 +16,6 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quatern
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.three_point import POINTS
 from bodysense.io.clip import Clip
-from bodysense.lab.unoc.export import write_point_network
-from bodysense.lab.unoc.point_episodes import tracked_of
 from bodysense.lab.unoc.point_model import WARM_UP, PointRunner, Task, load_point_model
 from bodysense.lab.unoc.point_network import (
     BODY,
@@ -31,6 +29,8 @@ from bodysense.lab.unoc.point_network import (
     TrackedPoints,
     bones,
 )
+from bodysense.lab.unoc.point_task import tracked_of
+from bodysense.lab.unoc.train import write_point_network
 
 SKELETON = default_skeleton()
 FORMS: dict[str, tuple[Task, PointNetworkConfig]] = {

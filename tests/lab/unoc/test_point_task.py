@@ -19,18 +19,21 @@ from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import split_of
 from bodysense.lab.fit import Progress, Report, fit
 from bodysense.lab.unoc.options import FingersTraining
-from bodysense.lab.unoc.point_episodes import (
+from bodysense.lab.unoc.point_model import load_point_model
+from bodysense.lab.unoc.point_network import FINGERS, UPPER_BODY, PointNetwork, PointNetworkConfig, PointPrediction
+from bodysense.lab.unoc.point_task import (
     PointEpisode,
+    PointSchedule,
+    PointTask,
     PointVariation,
     collate,
     lanes,
     make_point_episode,
+    point_loss,
+    validate_points,
     windows,
     with_bent_wrists,
 )
-from bodysense.lab.unoc.point_model import load_point_model
-from bodysense.lab.unoc.point_network import FINGERS, UPPER_BODY, PointNetwork, PointNetworkConfig, PointPrediction
-from bodysense.lab.unoc.point_task import PointSchedule, PointTask, point_loss, validate_points
 from bodysense.lab.unoc.train import train_points as run_points
 
 SMALL = replace(UPPER_BODY, hidden=8, branch=(8,), judge_branch=(8,))

@@ -10,7 +10,7 @@ import pytest
 
 from bodysense.lab.datasets import Census, DataSet
 from bodysense.lab.scoring import KNOWN, Tally
-from bodysense.lab.unoc.scores import (
+from bodysense.lab.unoc.tables import (
     Scores,
     better_last_known,
     identity_of,

@@ -10,7 +10,7 @@ import pytest
 
 from bodysense.lab.datasets import Census, DataSet
 from bodysense.lab.scoring import KNOWN, Tally
-from bodysense.lab.unoc.scores import Parts, Scores
+from bodysense.lab.unoc.network import TABLES
 from bodysense.lab.unoc.tables import (
     KEYS,
     OWN_NAMES,
@@ -18,11 +18,12 @@ from bodysense.lab.unoc.tables import (
     TABLE_3,
     TABLE_4,
     NetworkTable,
+    Parts,
+    Scores,
     name_of,
     network_report,
     numbers_of,
 )
-from bodysense.lab.unoc.variants import TABLES
 
 ALL = (TABLE_2, TABLE_3, TABLE_4)
 PARTS = ("body", "finger", "body_and_finger", "parent_body", "parent_all", "bone_body", "bone_all")

@@ -12,13 +12,13 @@ from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.estimate import Estimator, PointEstimate
-from bodysense.devices.simulated.dropout import hide
+from bodysense.devices.simulated.noise import hide
 from bodysense.devices.simulated.three_point import observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import list_sources, read_source
 from bodysense.io.resample import resample
-from bodysense.lab.hold import Hold
+from bodysense.lab.scoring import Hold
 from bodysense.lab.unoc.ik_tracker import IkTracker
 from bodysense.lab.unoc.upper_body_ik import UpperBodyIk, UpperBodyIkSettings
 from bodysense.observation import Observation, check_observation

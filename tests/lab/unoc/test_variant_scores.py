@@ -16,11 +16,10 @@ from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.lab.datasets import DataSet
-from bodysense.lab.hold import Hold
-from bodysense.lab.scoring import KNOWN, UNOC_EVAL_JOINTS
+from bodysense.lab.scoring import KNOWN, UNOC_EVAL_JOINTS, Hold
 from bodysense.lab.unoc import variant_scores as variants
-from bodysense.lab.unoc.network import PAPER, BodyNetwork, read_weights, tracked_of
-from bodysense.lab.unoc.scores import scores_path
+from bodysense.lab.unoc.network import PAPER, VARIANTS, BodyNetwork, read_weights, tracked_of
+from bodysense.lab.unoc.tables import scores_path
 from bodysense.lab.unoc.variant_scores import (
     Shipped,
     Work,
@@ -32,7 +31,6 @@ from bodysense.lab.unoc.variant_scores import (
     score_clip,
     score_pairs,
 )
-from bodysense.lab.unoc.variants import VARIANTS
 
 
 def never(clip: Clip) -> None:

@@ -15,7 +15,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.gltf.file import GltfFile, open_gltf
 from bodysense.io.gltf.humanoid import VRM_BONES
 from bodysense.io.rigs.canonical import canonical
-from bodysense.io.rigs.joint_map import NEEDED
+from bodysense.io.rigs.named import NEEDED
 from bodysense.io.rigs.names import joints_of
 
 _AT_REST: dict[str, list[float]] = {"translation": [0, 0, 0], "rotation": [0, 0, 0, 1], "scale": [1, 1, 1]}

@@ -78,7 +78,7 @@ def find_hands(
         hand: which it is.
         place: (N, 3) m, points.
         template: (9, 3) m, markers of a flat hand.
-        ranges: (9, K, 3) m, where the hand can have its markers (`hand_shapes.marker_ranges`).
+        ranges: (9, K, 3) m, where the hand can have its markers (`hand_family.marker_ranges`).
         allowed: (9, 1) m², how far, squared, markers may be from there.
         stiffness: m by which the sides of the triangle on the back of the hand may differ from the template's.
         sizes: smallest and largest factor of the template.

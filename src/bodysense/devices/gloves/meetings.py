@@ -10,9 +10,9 @@ from math import dist
 
 import numpy as np
 
+from bodysense.body.capsules import TINY
 from bodysense.body.hand import HAND_JOINTS, Side
 from bodysense.body.hand_capsules import GIVE, NAMES, hand_capsules, own_pairs, point_beyond
-from bodysense.body.segments import TINY
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.fillers import any_of
 
@@ -155,7 +155,7 @@ def meet(axes: np.ndarray, pairs: Pairs) -> Meeting:
     uv, pq, qq = products[0], products[6], products[7]
     uw, vw, pw = products[1:4] - products[4:7]  # of w = p − q
     (uu, vv, uuvv), (per_uu, per_vv) = pairs.squared, pairs.inverse
-    # `segments.nearest_shares`, where lengths are known before.
+    # `capsules.nearest_shares`, where lengths are known before.
     s = np.minimum(np.maximum((uv * vw - uw * vv) / np.maximum(uuvv - uv * uv, TINY), 0.0), 1.0)
     t = np.minimum(np.maximum((uv * s + vw) * per_vv, 0.0), 1.0)
     over = uv * t - uw

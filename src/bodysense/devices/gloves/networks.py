@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -141,16 +141,6 @@ class GloveNetwork:
 
     network: Network
     layers: DenseLayers | None = None
-
-    @property
-    def name(self) -> str:
-        """Its file's name."""
-        return self.network.name
-
-    @property
-    def card(self) -> Mapping[str, Any]:
-        """What its file says of it."""
-        return self.network.card
 
     def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
         """See `HandNetwork`; single precision."""

@@ -21,7 +21,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.simulated.camera_ring import CameraRing, seen
-from bodysense.devices.simulated.dropout import hide
+from bodysense.devices.simulated.noise import hide
 from bodysense.errors import BodysenseError
 from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
 

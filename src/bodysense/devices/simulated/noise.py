@@ -5,6 +5,8 @@ and 100 °/s. Its error is a drift that follows the way travelled, not time: fir
 a deviation that grows with speed; beside it a slow drift at rest, a wobble at some 5 Hz in motion, and almost no white
 noise. Everything else here is an assumption: controllers and worn trackers err alike, more; joints that cameras see
 err by millimetres for a fraction of a second; IMUs lose their heading.
+
+Tracking that fails for a while: spans in which a part of the body is lost whatever the camera sees.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bodysense.body.rotation import geodesic_angle, quaternion_canonical, quaternion_exp, quaternion_multiply
+from bodysense.body.skeleton import FINGERS
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 
@@ -204,3 +207,36 @@ def _oscillator(rate: float, gap: float) -> tuple[float, float, float]:
     last, lag = 2 * decay * np.cos(np.sqrt(1 - _DAMPING**2) * 2 * np.pi * rate * gap), -(decay**2)
     variance = (1 - lag) / ((1 + lag) * ((1 - lag) ** 2 - last**2))
     return float(last), float(lag), float(variance**-0.5)
+
+
+SHORTEST, LONGEST = 0.2, 3.0  # s
+
+
+def hide(observation: Observation, hidden: np.ndarray) -> Observation:
+    """The observation without the points of the mask `hidden` (..., T, P); their values become NaN."""
+    return replace(
+        observation,
+        position=np.where(hidden[..., None], np.nan, observation.position),
+        rotation=np.where(hidden[..., None], np.nan, observation.rotation),
+        has_position=observation.has_position & ~hidden,
+        has_rotation=observation.has_rotation & ~hidden,
+    )
+
+
+def hide_hands(observation: Observation, per_minute: float, rng: np.random.Generator) -> Observation:
+    """Lose each hand, wrist and fingers together, in `per_minute` spans of 0.2-3 s on average."""
+    hidden = np.zeros(observation.has_position.shape, dtype=bool)
+    duration = float(observation.time[-1] - observation.time[0])
+    for side in ("left", "right"):
+        hand = [point for point, name in enumerate(observation.points) if _is_hand(name, side)]
+        for _ in range(rng.poisson(per_minute * duration / 60)):
+            begin = observation.time[0] + rng.uniform(0, duration)
+            # Short losses are commoner than long ones: log-uniform.
+            end = begin + np.exp(rng.uniform(np.log(SHORTEST), np.log(LONGEST)))
+            lost = (observation.time >= begin) & (observation.time < end)
+            hidden[:, hand] |= lost[:, None]
+    return hide(observation, hidden)
+
+
+def _is_hand(name: str, side: str) -> bool:
+    return name.startswith(tuple(f"{side}_{part}" for part in ("wrist", *FINGERS)))

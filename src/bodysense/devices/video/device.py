@@ -1,7 +1,7 @@
 """Video as a device: a person's landmarks in, points of their body in the room out.
 
 Head, shoulders and legs are laid along the landmarks with the wearer's own bones (`landmark_points`). Arms and hands
-are rotations by a network, arms along the lines on which they are seen (`arm_lines`); where they are follows from
+are rotations by a network, arms along the lines on which they are seen (`camera_level`); where they are follows from
 these. What is not seen is not observed, so that the tracker completes it. The room's axes are the camera's, but for its
 tilt and roll, which are learned from how the person stands (`camera_level`); z is 0 where they begin, and the lowest
 point of their legs is on the floor.
@@ -28,8 +28,7 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import Skeleton
 from bodysense.body.spring import spring_step
 from bodysense.devices.simulated.camera_view import Camera
-from bodysense.devices.video.arm_lines import along_lines, with_depths
-from bodysense.devices.video.camera_level import CameraLevel, rolled, tilted, upright
+from bodysense.devices.video.camera_level import CameraLevel, along_lines, rolled, tilted, upright, with_depths
 from bodysense.devices.video.landmark_points import LaidPoints, LandmarkPoints, located
 from bodysense.devices.video.landmark_smoothing import REACH, smoothed
 from bodysense.devices.video.landmarks import BODY_LANDMARKS

@@ -2,13 +2,15 @@
 
 Rest poses of nodes may be turned and scaled as they like: what counts is where joints are in the world while resting
 and how far they turn from there.
+
+Animation of glTF: how properties of nodes change, and their values at any time.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +27,78 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.io.gltf.animation import Track, sampled, tracks_of
 from bodysense.io.gltf.file import GltfFile, open_gltf
 from bodysense.io.gltf.humanoid import VRM_BONES, from_t_posed
 from bodysense.io.rigs.canonical import canonical
 from bodysense.io.rigs.figure import Figure
 from bodysense.io.rigs.options import ReadingOptions
 from bodysense.io.rigs.rig import Rig, recognise
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """How one property of a node changes."""
+
+    times: np.ndarray  # (K,) s
+    values: np.ndarray  # (K, …)
+    kind: str  # LINEAR, STEP, CUBICSPLINE
+
+
+def tracks_of(file: GltfFile) -> dict[tuple[int, str], Track]:
+    """What moves, of the animation that moves most, by node and property."""
+    best: dict[tuple[int, str], Track] = {}
+    animations = file.document.get("animations", [])
+    for animation in animations if isinstance(animations, list) else []:
+        tracks: dict[tuple[int, str], Track] = {}
+        try:
+            for channel in animation["channels"]:
+                target, sampler = channel["target"], animation["samplers"][channel["sampler"]]
+                if "node" not in target or target["path"] not in ("translation", "rotation", "scale"):
+                    continue
+                kind = sampler.get("interpolation", "LINEAR")
+                times, values = file.array(sampler["input"])[:, 0], file.array(sampler["output"])
+                if not (np.isfinite(times).all() and np.isfinite(values).all()):
+                    raise BodysenseError(f"{file.path}: its animation is not all finite; export it again")
+                many = len(times) * (3 if kind == "CUBICSPLINE" else 1)
+                if len(values) != many or (np.diff(times) <= 0).any():
+                    raise BodysenseError(f"{file.path}: an animation's times and values do not match; export it again")
+                tracks[int(target["node"]), target["path"]] = Track(times, values, kind)
+        except (KeyError, IndexError, TypeError, ValueError):
+            raise BodysenseError(f"{file.path}: an animation in it is damaged; export it again") from None
+        best = max(best, tracks, key=len)
+    return best
+
+
+def sampled(track: Track, time: np.ndarray, turns: bool) -> np.ndarray:
+    """Values (T, …) of a track at some times; before its first and after its last it stays."""
+    after = np.clip(np.searchsorted(track.times, time, side="right"), 1, max(len(track.times) - 1, 1))
+    before = after - 1
+    if len(track.times) == 1:
+        return np.repeat(track.values[1:2] if track.kind == "CUBICSPLINE" else track.values, len(time), axis=0)
+    step = track.times[after] - track.times[before]
+    share = np.clip((time - track.times[before]) / step, 0, 1)[:, None]
+    if track.kind == "CUBICSPLINE":
+        into, value, out = track.values[0::3], track.values[1::3], track.values[2::3]
+        s, step = share, step[:, None]
+        return (
+            (2 * s**3 - 3 * s**2 + 1) * value[before]
+            + (s**3 - 2 * s**2 + s) * step * out[before]
+            + (3 * s**2 - 2 * s**3) * value[after]
+            + (s**3 - s**2) * step * into[after]
+        )
+    first, second = track.values[before], track.values[after]
+    if track.kind == "STEP":
+        return np.where(share >= 1, second, first)
+    if not turns:
+        return first + share * (second - first)
+    cosine = (first * second).sum(axis=-1, keepdims=True)
+    second = np.where(cosine < 0, -second, second)
+    angle = np.arccos(np.clip(np.abs(cosine), 0, 1))
+    near = angle < 1e-6
+    sine = np.where(near, 1.0, np.sin(angle))
+    start, end = (np.where(near, part, np.sin(part * angle) / sine) for part in (1 - share, share))
+    return start * first + end * second
+
 
 ENDINGS = (".glb", ".gltf", ".vrma", ".vrm")
 HEIGHTS = (1.0, 2.6)  # m, of a resting body in metres
@@ -45,7 +112,7 @@ _LONGEST = 10**7  # frames × nodes
 def read_gltf(path: Path, joints: Path | None = None) -> tuple[Clip, tuple[str, ...]]:
     """The motion of a file in canonical form, and remarks. Raises BodysenseError for one without a moving humanoid.
 
-    `joints` is a file that says which joint is which (`io.rigs.joint_map`); they are recognised if it is omitted.
+    `joints` is a file that says which joint is which (`io.rigs.named`); they are recognised if it is omitted.
     """
     file = open_gltf(path)
     names, is_vrm = _names(file)

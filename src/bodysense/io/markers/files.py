@@ -8,11 +8,11 @@ from bodysense.body.glove import glove_marker
 from bodysense.errors import BodysenseError
 from bodysense.files import check_plain
 from bodysense.io.markers.c3d import read_c3d, write_c3d
-from bodysense.io.markers.columns import read_csv, write_csv
 from bodysense.io.markers.motive import is_motive, read_motive
 from bodysense.io.markers.nexus import is_nexus, read_nexus
 from bodysense.io.markers.qualisys import read_tsv
 from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers, in_our_world, points_alone
+from bodysense.io.markers.text import read_csv, write_csv
 from bodysense.io.markers.trc import read_trc
 from bodysense.observation import Observation, chosen_points
 

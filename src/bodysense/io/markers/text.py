@@ -1,7 +1,16 @@
-"""What the text layouts share: numbers in columns, and frames as markers."""
+"""What the text layouts share: numbers in columns, and frames as markers.
+
+Markers as CSV, in the layout of the paper's release (github.com/dariopavllo/robust-finger-tracking).
+
+The first line names the columns: `time`, then for every marker `NAME.pos.x`, `NAME.pos.y`, `NAME.pos.z` and
+`NAME.isValid`. A frame is a line; a missing marker has empty values, NaN, or 0 in `isValid`. Also read: `NAME.x`,
+`NAME_x`, `NAME:X` …, semicolons or tabs between values, lines that begin with '#', no `isValid`, no `time`.
+"""
 
 from __future__ import annotations
 
+import csv
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,7 +18,9 @@ import numpy as np
 
 from bodysense.arrays import sound
 from bodysense.errors import BodysenseError
+from bodysense.files import read_text, written_beside
 from bodysense.io.markers.raw_markers import RawMarkers, Unit
+from bodysense.observation import Observation
 
 MISSING = {"", "nan", "null", "none", "-", "-nan(ind)", "1.#qnan"}
 UNITS: dict[str, Unit] = {
@@ -84,3 +95,109 @@ def markers_of(
     missing = np.asarray(~sound(position).all(axis=-1) | ~position.any(axis=-1))
     position = np.where(missing[..., None], np.nan, position)
     return RawMarkers(tuple(names), position, np.arange(len(position)) / rate, rate, unit, axes)
+
+
+_COORDINATE = re.compile(r"(?P<name>.*\S)(?:[ ._:/(-]+pos(?:ition)?)?[ ._:/(-]+(?P<axis>[xyz])\)?", re.IGNORECASE)
+_POSITION = re.compile(r"[ ._:/(-]+pos(?:ition)?$", re.IGNORECASE)
+_VALID = re.compile(r"(?P<name>.*\S)[ ._:/(-]+(?:isvalid|valid|visible|known)\)?", re.IGNORECASE)
+_TIME = re.compile(r"(?:time|timestamp|t|seconds)(?: ?\(s\)|_s| ?\[s\])?", re.IGNORECASE)
+_MISSING = {"", "nan", "null", "none", "-"}
+
+
+def read_csv(path: Path, rate: float | None = None) -> RawMarkers:
+    """Read markers; `rate` Hz is for a file without times. Raises BodysenseError naming line, column and the fix."""
+    text = read_text(path)
+    lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
+    if not lines:
+        raise BodysenseError(f"{path}: the file is empty; its first line names the columns")
+    delimiter = max(",;\t", key=lines[0][1].count)
+    header, *rows = csv.reader((line for _, line in lines), delimiter=delimiter)
+    header = [cell.strip() for cell in header]
+    if not rows:
+        raise BodysenseError(f"{path}: columns but no frames; every further line is one")
+    names, coordinates, valid, time = _columns(path, header)
+    values = _values(path, header, rows, [number for number, _ in lines[1:]], [*coordinates.ravel(), *valid.values()])
+    position = values[:, coordinates]  # (T, M, 3)
+    for marker, column in valid.items():
+        position[~(values[:, column] > 0), marker] = np.nan
+    position[~np.isfinite(position).all(axis=-1)] = np.nan
+    if time is not None:
+        moments = _values(path, header, rows, [number for number, _ in lines[1:]], [time])[:, time]
+        if not np.isfinite(moments).all():
+            number = lines[1 + int(np.argmin(np.isfinite(moments)))][0]
+            raise BodysenseError(f"{path}: line {number} has no time; give seconds in every line")
+    elif rate is None:
+        raise BodysenseError(f"{path}: no column of times; say how many frames a second there are with --rate")
+    else:
+        moments = np.arange(len(rows)) / rate
+    steps = np.diff(moments)
+    frame_rate = 1 / float(np.median(steps)) if len(steps) and np.median(steps) > 0 else rate or 60.0
+    return RawMarkers(tuple(names), position, moments, frame_rate)
+
+
+def write_csv(path: Path, observation: Observation) -> None:
+    """Write every point of an observation, metres and +Y up, in the layout of the release."""
+    columns = [f"{name}.{part}" for name in observation.points for part in ("pos.x", "pos.y", "pos.z", "isValid")]
+    with written_beside(path) as beside, beside.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(["time", *columns])
+        for place, seen, moment in zip(observation.position, observation.has_position, observation.time, strict=True):
+            row = [f"{moment:.6f}"]
+            for point, known in zip(place, seen, strict=True):
+                row += [*(f"{value:.6f}" for value in point), "1"] if known else ["", "", "", "0"]
+            writer.writerow(row)
+
+
+def _columns(path: Path, header: list[str]) -> tuple[list[str], np.ndarray, dict[int, int], int | None]:
+    """Markers' names, their columns (M, 3), those that say whether one is valid, and the column of times."""
+    twice = [name for name in header if name and header.count(name) > 1]
+    if twice:
+        raise BodysenseError(f"{path}: the column {twice[0]!r} stands twice; every marker has one name")
+    found: dict[str, dict[str, int]] = {}
+    flags: dict[str, int] = {}
+    times = [k for k, cell in enumerate(header) if _TIME.fullmatch(cell)]
+    for k, cell in enumerate(header):
+        if k in times:
+            continue
+        if match := _VALID.fullmatch(cell):
+            flags[match["name"]] = k
+        elif match := _COORDINATE.fullmatch(cell):
+            axes = found.setdefault(_POSITION.sub("", match["name"]), {})
+            if axes.setdefault(match["axis"].lower(), k) != k:
+                raise BodysenseError(f"{path}: {cell!r} is given by two columns; every marker has one name")
+    if not found:
+        raise BodysenseError(
+            f"{path}: no marker in the first line; columns are named 'NAME.pos.x', 'NAME.pos.y', 'NAME.pos.z'"
+        )
+    for name, axes in found.items():
+        lacking = [axis for axis in "xyz" if axis not in axes]
+        if lacking:
+            raise BodysenseError(f"{path}: the marker {name!r} has no column {lacking[0]!r}; give x, y and z")
+    names = list(found)
+    coordinates = np.array([[found[name][axis] for axis in "xyz"] for name in names])
+    valid = {k: flags[name] for k, name in enumerate(names) if name in flags}
+    return names, coordinates, valid, times[0] if times else None
+
+
+def _values(
+    path: Path, header: list[str], rows: list[list[str]], numbers: list[int], columns: Sequence[int]
+) -> np.ndarray:
+    """(T, columns of the file) the values of some columns; NaN for what is missing."""
+    values = np.full((len(rows), len(header)), np.nan)
+    for t, (row, number) in enumerate(zip(rows, numbers, strict=True)):
+        if len(row) != len(header):
+            raise BodysenseError(
+                f"{path}: line {number} has {len(row)} values, the first line names {len(header)} columns; "
+                "was the file cut short?"
+            )
+        for k in columns:
+            cell = row[k].strip()
+            if cell.lower() not in _MISSING:
+                try:
+                    values[t, k] = float(cell)
+                except ValueError:
+                    raise BodysenseError(
+                        f"{path}: line {number}, column {header[k]!r}: {cell[:20]!r} is not a number; "
+                        "leave missing markers empty"
+                    ) from None
+    return values

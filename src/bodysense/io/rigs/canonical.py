@@ -32,9 +32,8 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip, parts_lacking
 from bodysense.io.fingers import FINGERS, is_finger, with_fingers
-from bodysense.io.rigs.alignment import Vectors, alignment, angle_between, turned_by_places
+from bodysense.io.rigs.alignment import Vectors, alignment, angle_between, turned_by_places, twisted_by_hinges
 from bodysense.io.rigs.figure import Figure
-from bodysense.io.rigs.hinges import twisted_by_hinges
 from bodysense.io.rigs.options import ReadingOptions
 from bodysense.io.rigs.rig import recognise
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import takewhile
 
 from bodysense.io.rigs import words
-from bodysense.io.rigs.joint_map import NEEDED
+from bodysense.io.rigs.named import NEEDED
 from bodysense.io.rigs.words import FINGERS, ORDINALS, PARTS, PHALANGES
 
 _MIDDLE = ("pelvis", "neck", "head", "head_top")

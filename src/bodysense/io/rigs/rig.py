@@ -1,8 +1,12 @@
-"""Rig: what was recognised of a figure, and the way between its world and ours, both ways."""
+"""Rig: what was recognised of a figure, and the way between its world and ours, both ways.
+
+Families of rigs by the names that only they use: what a user is told, never what decides.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,13 +15,72 @@ from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, q
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import parts_lacking
-from bodysense.io.rigs.families import family_of
 from bodysense.io.rigs.figure import Figure
-from bodysense.io.rigs.joint_map import read_joint_map
 from bodysense.io.rigs.limbs import Tree
+from bodysense.io.rigs.named import read_joint_map
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions, UpAxis
 from bodysense.io.rigs.structure import WORST, find_body
+from bodysense.io.rigs.words import NAMESPACE
 from bodysense.io.rigs.world import FLOOR_TOLERANCE, TURNS, find_floor, find_unit, find_up, stature
+
+# The first family of which all names are there (lower case, no punctuation; '*' stands for any beginning).
+_FAMILIES: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("Mixamo", ("*mixamorig",)),
+    ("Reallusion (CC, iClone)", ("*ccbase",)),
+    ("VRoid", ("*jbip",)),
+    ("3ds Max Biped", ("*bip",)),
+    ("CMU", ("lhipjoint", "leftupleg")),
+    ("Rocketbox", ("lowerback", "leftupleg", "lefthandindex1")),
+    ("cgspeed's Daz and 3ds Max rig", ("lbuttock", "lthigh", "lshldr")),
+    ("Daz, Poser", ("lshldr", "lforearm")),
+    ("MakeHuman, as MocapNET writes", ("lbuttock", "lhip", "lknee", "lelbow")),
+    ("Bandai-Namco", ("jointroot", "upperarml", "lowerarml")),
+    ("Xsens, lower-case names", ("lhip", "lknee", "lankle", "lclavicle")),
+    ("Xsens MVN", ("pelvis", "l5", "t8")),
+    ("Meta", ("broot", "blupleg")),
+    ("OpenNI", ("torso", "lefthip", "leftknee", "leftfoot")),
+    ("Kinect", ("spinebase", "hipleft")),
+    ("Blender Rigify", ("*def",)),
+    ("Blender's human metarig", ("thighl", "shinl", "upperarml")),
+    ("Unreal", ("pelvis", "thighl", "upperarml")),
+    ("Auto-Rig Pro", ("thighstretchl", "armstretchl")),
+    ("MakeHuman", ("upperarm01l", "lowerleg02l")),
+    ("Daz Genesis", ("lshldrbend", "lthighbend")),
+    ("Daz Genesis", ("lupperarm", "lshin", "abdomen")),
+    ("ARKit", ("hipsjoint", "spine7joint")),
+    ("mocopi", ("torso7", "luparm")),
+    ("Second Life", ("mpelvis", "mtorso")),
+    ("OptiTrack", ("luarm", "lfarm")),
+    ("CMU", ("lfemur", "ltibia", "lhumerus")),
+    ("Roblox", ("humanoidrootpart", "lowertorso")),
+    ("Rokoko", ("leftthigh", "leftshin", "leftarm")),
+    ("Unity, VRM", ("leftupperleg", "leftlowerleg")),
+    ("Perception Neuron", ("leftinhandindex",)),
+    ("SMPL", ("lefthip", "leftknee", "leftcollar", "spine1")),
+    ("SMPL", ("lhip", "lknee", "lcollar", "spine1")),
+    ("Biovision", ("lefthip", "leftknee", "leftankle", "leftcollar")),
+    ("Biovision", ("leftcollar", "leftuparm", "leftlowarm")),
+    ("3-D pose lifter", ("lefthip", "leftknee", "leftankle", "leftelbow")),
+    ("Vicon, MotionBuilder", ("leftupleg", "leftleg", "leftforearm")),
+    ("MikuMikuDance", ("センター",)),
+)
+
+
+def family_of(names: Sequence[str]) -> str | None:
+    """The family of rigs that joints' names are of; None for none that is known."""
+    plain = {re.sub(r"[\W_]", "", NAMESPACE.sub("", name).lower()) for name in names}
+    whole = {re.sub(r"[\W_]", "", name.lower()) for name in names}
+    for family, needed in _FAMILIES:
+        if all(_has(word, plain, whole) for word in needed):
+            return family
+    return None
+
+
+def _has(word: str, plain: set[str], whole: set[str]) -> bool:
+    if word.startswith("*"):
+        return sum(name.startswith(word[1:]) for name in whole) > 5
+    return word in plain
+
 
 SAMPLE = 120  # frames, evenly spaced, that a rig is recognised by
 _UNIT_NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}

@@ -18,7 +18,7 @@ from bodysense.body.rotation import (
     quaternion_rotate,
 )
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh_lines import BvhLines, open_bvh
+from bodysense.io.bvh_stream import BvhLines, open_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.rigs.figure import placed
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions

@@ -16,7 +16,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import normalize, quaternion_conjugate, quaternion_multiply
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh_lines import BvhLines
+from bodysense.io.bvh_stream import BvhLines
 from bodysense.io.rigs.rigged import Rigged
 
 

@@ -8,9 +8,8 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 from bodysense.io.rigs import words
-from bodysense.io.rigs.hands import fingers_of
 from bodysense.io.rigs.limbs import ROLES, Kind, Limb, Tree, as_limb, pairs_of
-from bodysense.io.rigs.trunk import Head, head_of, spine_of
+from bodysense.io.rigs.trunk import Head, fingers_of, head_of, spine_of
 
 NO_BODY = "not a humanoid: two legs and two arms were not found"
 WORST = 16.0  # penalty of what is still taken for a body

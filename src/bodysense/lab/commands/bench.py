@@ -1,23 +1,28 @@
-"""`bodysense bench`: how fast, on this machine."""
+"""`bodysense bench`: how fast, on this machine.
+
+Gloves to time with: synthesised hands of which markers are hidden.
+"""
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from tyro.extras import SubcommandApp
 
+from bodysense.body.glove import default_glove, glove_points, marker_positions, side_of
+from bodysense.body.hand import hand_skeleton, mirrored_vectors
+from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated.device import SensorSetName
 from bodysense.errors import BodysenseError
 from bodysense.lab.commands import arms, bench_live, bench_outputs, live_checks
-
-if TYPE_CHECKING:
-    from bodysense.observation import Observation
+from bodysense.lab.synthesis.hands import RATE, synthesize_hand
+from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
 
 
 def commands() -> SubcommandApp:
@@ -108,7 +113,7 @@ def gloves(frames: int = 3000, json: Path | None = None) -> None:
         json: Write the numbers here, as one flat object.
     """
     from bodysense.devices.gloves.hands import Hands, HandsSettings, load_glove_models
-    from bodysense.lab.commands.glove_stream import glove_stream
+    from bodysense.lab.commands.bench import glove_stream
 
     numbers, models = {}, load_glove_models()
     for name, hands in (("one_hand", ("left",)), ("two_hands", ("left", "right"))):
@@ -249,7 +254,7 @@ def training(steps: int = 6, threads: int = 1, json: Path | None = None) -> None
         json: Write the numbers here, as one flat object.
     """
     from bodysense.demo import packaged_performance
-    from bodysense.lab.unoc.throughput import throughput
+    from bodysense.lab.unoc.train import throughput
 
     if steps < 1:
         raise BodysenseError(f"--steps {steps}: give at least 1")
@@ -285,3 +290,32 @@ def report(name: str, numbers: dict[str, float], json: Path | None) -> None:
     shown = ", ".join(f"{key} {value:,.3g}" for key, value in numbers.items())
     print(f"{name}: {shown}  ({processor()}, one thread)")
     write_numbers(json, numbers)
+
+
+_EVERY = 30  # frames, after which other markers are hidden
+
+
+def glove_stream(hands: Sequence[str], frames: int, hidden: int) -> tuple[dict[str, Skeleton], Observation]:
+    """The skeletons of hands and an observation of their markers at 60 Hz, `hidden` of each hidden at a time."""
+    rng, hand = np.random.default_rng(0), hand_skeleton(default_skeleton(), "left")
+    rows = []
+    for name in hands:
+        pose = synthesize_hand(hand, (frames + 1) / RATE, rng).pose[:frames]
+        markers = np.array(marker_positions(default_glove(), pose))
+        for start in range(0, frames, _EVERY):
+            markers[start : start + _EVERY, rng.permutation(markers.shape[1])[:hidden]] = np.nan
+        rows.append(mirrored_vectors(markers, side_of(name)))
+    position = np.concatenate(rows, axis=1)
+    seen = ~np.isnan(position[..., 0])
+    points = tuple(point for name in hands for point in glove_points(name))
+    turned = np.full((*position.shape[:2], 4), np.nan)
+    observation = Observation(
+        points=points,
+        position=position,
+        rotation=turned,
+        has_position=seen,
+        has_rotation=np.zeros_like(seen),
+        accuracy=accuracy_like(seen, EXACT_ACCURACY),
+        time=np.arange(frames) / RATE,
+    )
+    return dict.fromkeys(hands, hand), observation

@@ -27,7 +27,7 @@ def completion(run: Flat[CompletionTraining]) -> None:
     """
     from bodysense.lab.completion.fingers import FingerConfig, FingerNetwork
     from bodysense.lab.completion.publish import publish
-    from bodysense.lab.completion.train import train_completion
+    from bodysense.lab.completion.task import train_completion
     from bodysense.lab.completion.train_fingers import train_fingers
 
     check_place(run.out)
@@ -60,13 +60,11 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
     from rich.progress import Progress
 
     from bodysense.cli.show import print_report, wide_console, write_numbers
-    from bodysense.lab.clips import open_clips
     from bodysense.lab.completion.baselines import cached_mean_body
-    from bodysense.lab.completion.reports import completion_reports, draw_reliability
     from bodysense.lab.completion.scoring import evaluate_completion, work_of
-    from bodysense.lab.completion.tables import CompletionSettings
+    from bodysense.lab.completion.tables import CompletionSettings, completion_reports, draw_reliability
     from bodysense.lab.completion.tracking import TrackedBy, step_times
-    from bodysense.lab.datasets import Census, census_of, named_data
+    from bodysense.lab.datasets import Census, census_of, named_data, open_clips
     from bodysense.lab.spread import spread
     from bodysense.lab.table import write_csv
 
@@ -122,8 +120,13 @@ def untracked_fingers(run: Flat[UntrackedFingerEvaluation]) -> None:
 
     from bodysense.cli.show import write_numbers
     from bodysense.lab.completion.corpus import read_corpus
-    from bodysense.lab.completion.finger_table import SETS, finger_numbers, person_clips, score_fingers
-    from bodysense.lab.completion.train_fingers import load_finger_network
+    from bodysense.lab.completion.train_fingers import (
+        SETS,
+        finger_numbers,
+        load_finger_network,
+        person_clips,
+        score_fingers,
+    )
 
     if run.json is not None:
         check_place(run.json)

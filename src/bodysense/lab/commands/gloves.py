@@ -79,24 +79,20 @@ def gloves_limits(run: Flat[GloveLimitsEvaluation]) -> None:
     Two hands are watched by a ring of cameras and completed with and without the contact step; wrong samples are
     believed or rejected; markers that have lost their names are named again.
     """
-    from rich.console import Console
     from rich.progress import Progress
 
     from bodysense.devices.simulated.camera_ring import CameraRing
     from bodysense.lab.datasets import Census
-    from bodysense.lab.scoring import group_of
     from bodysense.lab.two_hands.limits import (
+        SYNTHESISED,
         SYNTHESISED_PIECES,
         SYNTHESISED_SECONDS,
         Findings,
         Networks,
-        compare_variants,
+        limits_report,
         measure_clips,
         measure_synthesised,
-        pair_of_clip,
-        synthesised_pair,
     )
-    from bodysense.lab.two_hands.limits_report import SYNTHESISED, limits_report
 
     table, data, jobs = run.table, run.data, run.table.processes
     ring, networks = CameraRing(count=run.cameras), Networks(run.markers, run.joints)
@@ -113,12 +109,6 @@ def gloves_limits(run: Flat[GloveLimitsEvaluation]) -> None:
     with Progress() as progress:
         bar = progress.add_task("synthesised hands", total=len(seeds))
         found[SYNTHESISED] = measure_synthesised(seeds, networks, ring, jobs, lambda: progress.update(bar, advance=1))
-    if run.variants is not None:
-        Console().print("comparing networks for hidden markers")
-        compare_variants(found[SYNTHESISED], map(synthesised_pair, seeds), run.variants, networks, ring)
-        if chosen is not None and "main" in found:
-            main = (pair_of_clip(clip) for clip in chosen.clips() if clip.has_fingers and group_of(clip) == "main")
-            compare_variants(found["main"], main, run.variants, networks, ring)
     finish(limits_report(found, ring, chosen, census, len(seeds) * SYNTHESISED_SECONDS), table)
 
 

@@ -52,7 +52,7 @@ def _planned(run: Rendering, motion: Path, rng: np.random.Generator) -> list[tup
     from rich.progress import track
 
     from bodysense.cli.recordings import load_clip
-    from bodysense.lab.clips import count_clips, open_clips
+    from bodysense.lab.datasets import count_clips, open_clips
     from bodysense.lab.rendering.take import plan_takes
 
     if motion.is_file():

@@ -14,9 +14,7 @@ from bodysense.lab.unoc.options import (
     FingerSynthesisEvaluation,
     OcclusionEvaluation,
     PredictorEvaluation,
-    ReliabilityEvaluation,
     SmoothnessEvaluation,
-    TransitionEvaluation,
     UpperBodyEvaluation,
     VariantEvaluation,
 )
@@ -30,7 +28,7 @@ if TYPE_CHECKING:
 def unoc_table1(run: Flat[OcclusionEvaluation]) -> None:
     """UNOC, Table 1: how much a headset does not see, for how long, and how often the body touches itself."""
     from bodysense.lab.datasets import named_data
-    from bodysense.lab.unoc.occlusion_table import count_clips, occlusion_report
+    from bodysense.lab.unoc.occlusion import count_clips, occlusion_report
 
     check_outputs(run.table)
     sets = [named_data(one, run.table.split, run.table.quick) for one in run.data]
@@ -93,9 +91,8 @@ def unoc_table6(run: Flat[UpperBodyEvaluation]) -> None:
     One process does it.
     """
     from bodysense.lab.datasets import Census, census_of
-    from bodysense.lab.unoc.learned_upper_body import LearnedUpperBody
     from bodysense.lab.unoc.point_model import load_point_model
-    from bodysense.lab.unoc.upper_body_table import evaluate_upper_body, upper_body_report
+    from bodysense.lab.unoc.upper_body_table import LearnedUpperBody, evaluate_upper_body, upper_body_report
 
     chosen, network = open_data(run.data, run.table), load_point_model("upper-body", run.model)
     census = Census()
@@ -122,26 +119,6 @@ def unoc_smoothness(run: Flat[SmoothnessEvaluation]) -> None:
     finish(smoothness_report(sums, census, chosen), run.table)
 
 
-def reliability(run: Flat[ReliabilityEvaluation]) -> None:
-    """The error that the predictor expects of hidden joints beside the true one, in ten bins of equal count."""
-    from bodysense.lab.unoc.reliability import measure_reliability, reliability_report
-
-    chosen = open_data(run.data, run.table)
-    with progress_over([chosen]) as advance:
-        pairs, census = measure_reliability(chosen, run.model, run.table.processes, advance)
-    finish(reliability_report(pairs, census, chosen), run.table)
-
-
-def transitions(run: Flat[TransitionEvaluation]) -> None:
-    """How jerky motion is in the second in which a joint is lost or seen again, before and after smoothing."""
-    from bodysense.lab.unoc.transitions import measure_transitions, transitions_report
-
-    chosen, settings = open_data(run.data, run.table), tracker_settings(run.half_life)
-    with progress_over([chosen]) as advance:
-        found, census = measure_transitions(chosen, run.model, settings, run.table.processes, advance)
-    finish(transitions_report(found, census, chosen), run.table)
-
-
 def finger_synthesis(run: Flat[FingerSynthesisEvaluation]) -> None:
     """Score finger synthesis (UNOC, Table 5, right) beside the mean hand and the hand of the nearest body."""
     from rich.console import Console
@@ -150,7 +127,7 @@ def finger_synthesis(run: Flat[FingerSynthesisEvaluation]) -> None:
 
     from bodysense.cli.show import write_numbers
     from bodysense.lab.datasets import named_data
-    from bodysense.lab.unoc.finger_scores import evaluate_finger_synthesis, examples_of
+    from bodysense.lab.unoc.fingers import evaluate_finger_synthesis, examples_of
     from bodysense.lab.unoc.point_model import load_point_model
 
     if run.json is not None:

@@ -20,7 +20,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.lab.clips import count_clips, open_clips
+from bodysense.lab.datasets import count_clips, open_clips
 
 FORMAT = "bodysense-mean-body-1"
 HEIGHTS = np.linspace(0.1, 1.3, 25)  # of the head, in shares of its height in the rest pose

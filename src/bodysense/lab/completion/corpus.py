@@ -15,7 +15,7 @@ from bodysense.devices.simulated.headset_camera import see
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.io.datasets.splits import Split
-from bodysense.lab.clips import count_clips, open_clips
+from bodysense.lab.datasets import count_clips, open_clips
 
 FORMAT = "bodysense-corpus-1"
 _JOINTS = len(BODY)

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion.format import FORMAT
+from bodysense.completion.model import FORMAT
 from bodysense.lab.completion.graph import CompletionStep
 from bodysense.lab.completion.rewriting import LARGE, row_step, shortened, stored_small
 from bodysense.lab.completion.state import JOINT_COUNT, POINT_COUNT, Inputs, Outputs, State

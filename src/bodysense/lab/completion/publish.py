@@ -18,7 +18,6 @@ from bodysense.completion.model import CompletionModel, load_completion
 from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS, SensorSet, random_edges
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
-from bodysense.lab.clips import open_clips
 from bodysense.lab.completion.error_map import CERTAINTY_SCALE, LOG_TRACKED, ErrorMap, unchanged_errors
 from bodysense.lab.completion.export import write_completion
 from bodysense.lab.completion.fingers import FingerNetwork
@@ -29,6 +28,7 @@ from bodysense.lab.completion.points import body_places
 from bodysense.lab.completion.rounding import round_weights, sample_moments
 from bodysense.lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of, stacked
 from bodysense.lab.completion.task import WORN
+from bodysense.lab.datasets import open_clips
 from bodysense.tracker import Tracker
 
 QUANTILE = 0.9

@@ -9,12 +9,25 @@ from typing import TypeVar
 from bodysense.devices.simulated.sensors import SENSOR_SETS, Edge, random_edges
 from bodysense.io.clip import Clip
 from bodysense.lab.completion.baselines import MeanBody
-from bodysense.lab.completion.calibration import Calibration
-from bodysense.lab.completion.lattice import EdgeScore, choose_scenes, score_lattice
-from bodysense.lab.completion.measures import Averages, measure, measure_confidence, measure_hidden, motion_measures
+from bodysense.lab.completion.measures import (
+    Averages,
+    Calibration,
+    measure,
+    measure_confidence,
+    measure_hidden,
+    motion_measures,
+)
 from bodysense.lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of, stacked
 from bodysense.lab.completion.tables import CompletionSettings, CompletionTable
-from bodysense.lab.completion.tracking import StepTimes, TrackBatch, step_times, track_batch
+from bodysense.lab.completion.tracking import (
+    EdgeScore,
+    StepTimes,
+    TrackBatch,
+    choose_scenes,
+    score_lattice,
+    step_times,
+    track_batch,
+)
 from bodysense.lab.scoring import last_known
 from bodysense.observation import Observation
 

@@ -11,7 +11,7 @@ import onnx
 import torch
 from onnx import numpy_helper
 
-from bodysense.completion.format import FORMAT
+from bodysense.completion.model import FORMAT
 from bodysense.errors import BodysenseError
 from bodysense.lab.completion.fingers import FingerConfig, FingerNetwork
 from bodysense.lab.completion.network import CompletionConfig, CompletionNetwork

@@ -1,18 +1,36 @@
-"""The finger network, from recorded motion to trained weights, and back from a checkpoint."""
+"""The finger network, from recorded motion to trained weights, and back from a checkpoint.
+
+Fingers that are not tracked, of a person of whom nothing was learned (`evaluate fingers`).
+
+Hidden fingers are those that the headset's cameras do not see, beside the hand as it was last known and, before that,
+the mean hand of those who were learned from. Synthesised ones are of hands of which only the wrist is tracked, beside
+that mean hand. Errors are root mean squares of distances in the frame of the wrist, of points that bend.
+"""
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from bodysense.errors import BodysenseError
 from bodysense.lab.checkpoint import best_weights, checkpoint_identity
 from bodysense.lab.completion.corpus import Corpus, read_corpus
 from bodysense.lab.completion.finger_sequences import clips_with_fingers
-from bodysense.lab.completion.finger_task import FingerTask, FingerTaskConfig
-from bodysense.lab.completion.finger_validation import finger_validation
+from bodysense.lab.completion.finger_task import (
+    FingerBatch,
+    FingerTask,
+    FingerTaskConfig,
+    finger_batches,
+    finger_error,
+    finger_validation,
+    last_known_error,
+    mean_hand,
+    scored_distances,
+)
 from bodysense.lab.completion.fingers import FingerConfig, FingerNetwork
 from bodysense.lab.completion.generated_fingers import generate_fingers, read_fingers, write_fingers
 from bodysense.lab.completion.options import FingerTraining
@@ -67,3 +85,70 @@ def load_finger_network(checkpoint: Path) -> tuple[FingerNetwork, FingerTaskConf
     return network.eval(), FingerTaskConfig(
         network=network.config, generated_hours=task.get("generated_hours", 0.0), left_out=task.get("left_out", "")
     )
+
+
+SETS = {"camera": "occluded", "nothing": "synthesised"}
+
+
+@dataclass(frozen=True)
+class FingerScore:
+    """One network on the person whom it does not know."""
+
+    network: str
+    task: FingerTaskConfig
+    sensors: str  # a key of `SETS`
+    error: float  # m
+    baseline: float  # m
+    points: int  # scored points, times frames
+
+    @property
+    def ratio(self) -> float:
+        """Of the network's error to the baseline's."""
+        return self.error / self.baseline
+
+
+@torch.no_grad()
+def score_fingers(
+    networks: Mapping[str, tuple[FingerNetwork, FingerTaskConfig]], scored: Corpus, learned: Corpus
+) -> list[FingerScore]:
+    """Score networks on the clips of the people whom they leave out; `learned` is the train split."""
+    scores = []
+    for name, (network, task) in networks.items():
+        theirs, others = (person_clips(corpus, task.left_out) for corpus in (scored, learned))
+        mean = mean_hand(learned.of(others[1]))
+        for sensors, batches in finger_batches(scored.of(theirs[0]), tuple(SETS)).items():
+            found = [finger_error(network, batch) for batch in batches]
+            known = [last_known_error(batch, mean) for batch in batches]
+            error, baseline = (_root_mean_square(one, batches) for one in (found, known))
+            count = len(scored_distances(found, batches))
+            scores.append(FingerScore(name, task, sensors, error, baseline, count))
+    return scores
+
+
+def person_clips(corpus: Corpus, person: str) -> tuple[np.ndarray, np.ndarray]:
+    """Clips with fingers of a person, and of all others."""
+    clips = clips_with_fingers(corpus)
+    theirs = np.array([str(corpus.name[clip]).split("/")[0] == person for clip in clips], dtype=bool)
+    return clips[theirs], clips[~theirs]
+
+
+def finger_numbers(scores: list[FingerScore]) -> dict[str, float]:
+    """One flat object: ratios over all people who were left out, with and without generated fingers."""
+    numbers: dict[str, float] = {}
+    for sensors, what in SETS.items():
+        for generated, ending in ((True, ""), (False, "_recorded_only")):
+            chosen = [one for one in scores if one.sensors == sensors and bool(one.task.generated_hours) == generated]
+            if chosen:
+                share = np.array([one.points for one in chosen], dtype=float)
+                error, baseline = (
+                    float(np.sqrt(np.average([getattr(one, name) ** 2 for one in chosen], weights=share)))
+                    for name in ("error", "baseline")
+                )
+                numbers[f"finger_{what}_ratio_foreign{ending}"] = error / baseline
+                numbers[f"finger_{what}_foreign{ending}_cm"] = 100 * error
+                numbers[f"finger_{what}_baseline_foreign{ending}_cm"] = 100 * baseline
+    return numbers
+
+
+def _root_mean_square(errors: list[torch.Tensor], batches: list[FingerBatch]) -> float:
+    return float(scored_distances(errors, batches).square().mean().sqrt())

@@ -6,23 +6,18 @@ the network reads is interpolated from it at its own rate, backwards from now. I
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from bodysense.body.body_joints import body_skeleton, whole_pose
-from bodysense.body.pose import Pose, forward_kinematics, standing_pose
+from bodysense.body.pose import Pose, body_skeleton, forward_kinematics, whole_pose
 from bodysense.body.rotation import (
-    heading,
     normalize,
     quaternion_conjugate,
     quaternion_identity,
     quaternion_multiply,
-    quaternion_rotate,
     slerp,
 )
 from bodysense.body.skeleton import BODY, Skeleton
@@ -30,7 +25,8 @@ from bodysense.completion.network import Network, NetworkFormat
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.three_point import POINTS
 from bodysense.errors import BodysenseError
-from bodysense.lab.unoc.learned import MEASURED_ERROR
+from bodysense.lab.unoc.ik_tracker import MEASURED_ERROR
+from bodysense.lab.unoc.point_model import HeadAndHands
 from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, check_order, observed_points
 
 FORMAT = "bodysense body vae 1"
@@ -45,21 +41,8 @@ FINGER_ERROR = 0.03  # m: of a relaxed finger about its wrist
 _EARLY = 1e-6  # s
 
 
-@dataclass(frozen=True)
-class BodyVaeModel:
+class BodyVaeModel(Network):
     """A body VAE."""
-
-    network: Network
-
-    @property
-    def name(self) -> str:
-        """Its file's name."""
-        return self.network.name
-
-    @property
-    def card(self) -> Mapping[str, Any]:
-        """What its file says of it."""
-        return self.network.card
 
     @property
     def frames(self) -> int:
@@ -91,14 +74,14 @@ class BodyVaeModel:
             "noise": noise,
             "rest_offset": rest_offset,
         }
-        outputs = self.network.run({name: value[None].astype(np.float32) for name, value in inputs.items()})
+        outputs = self.run({name: value[None].astype(np.float32) for name, value in inputs.items()})
         local = np.asarray(normalize(outputs["local_rotation"][0].astype(float)))
         return outputs["root_position"][0].astype(float), local
 
 
 def load_body_vae(path: str | Path | None = None) -> BodyVaeModel:
     """Load a network: a path, or None for the packaged one. Raises BodysenseError for a file that is not ours."""
-    return BodyVaeModel(Network.open(path, NETWORK))
+    return BodyVaeModel.open(path, NETWORK)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +91,7 @@ class BodyVaeState:
     time: np.ndarray  # (N,) s
     position: np.ndarray  # (N, 3, 3) m, world
     rotation: np.ndarray  # (N, 3, 4) wxyz, world
-    wrist_offset: np.ndarray  # (2, 3) m, from the head in its heading's axes
-    wrist_rotation: np.ndarray  # (2, 4) wxyz, the head's heading ← wrist
+    last: HeadAndHands
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,9 +142,7 @@ class BodyVaeEstimator:
 
     def start(self) -> BodyVaeState:
         """Nothing seen yet: a standing body that faces +Z."""
-        position, rotation = (values[self._places] for values in forward_kinematics(standing_pose(self.skeleton)))
-        offset = position[1:] - position[0]
-        return BodyVaeState(np.zeros(0), position[None][:0], rotation[None][:0], offset, rotation[1:])
+        return BodyVaeState(np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3, 4)), HeadAndHands.standing(self.skeleton))
 
     def step(self, observation: Observation, state: BodyVaeState) -> tuple[PointEstimate, BodyVaeState]:
         """Complete T frames, one after the other. Raises BodysenseError when time does not increase."""
@@ -174,9 +154,8 @@ class BodyVaeEstimator:
         rotation = np.asarray(normalize(np.where(has_rotation[..., None], rotation, quaternion_identity(rotation))))
         places, roots, rotations = self._places, [], []
         for t, time in enumerate(observation.time):
-            seen = (position[t, places], rotation[t, places])
-            masks = (has_position[t, places], has_rotation[t, places])
-            state = self._remember(float(time), *seen, *masks, state)
+            seen = (values[t, places] for values in (position, rotation, has_position, has_rotation))
+            state = self._remember(float(time), state.last.seen(*seen), state)
             root, local = self.model.body(*self._window(state), 1.0, self._noise, self._rest_offset)
             roots.append(root)
             rotations.append(local)
@@ -193,31 +172,10 @@ class BodyVaeEstimator:
         pose.rotation[:, places] = np.where(has_rotation[:, places, None], local, pose.rotation[:, places])
         return pose
 
-    def _remember(
-        self,
-        time: float,
-        position: np.ndarray,
-        rotation: np.ndarray,
-        has_position: np.ndarray,
-        has_rotation: np.ndarray,
-        state: BodyVaeState,
-    ) -> BodyVaeState:
-        """Take in head and wrists (3, …) of one frame."""
+    def _remember(self, time: float, last: HeadAndHands, state: BodyVaeState) -> BodyVaeState:
+        """Add head and wrists of one frame to the history."""
         check_order(time, state.time[-1] if len(state.time) else None, "body VAE")
-        if len(state.time):
-            last_position, last_rotation = state.position[-1, 0], state.rotation[-1, 0]
-        else:
-            standing = forward_kinematics(standing_pose(self.skeleton))
-            last_position, last_rotation = (values[self._places[0]] for values in standing)
-        head = position[0] if has_position[0] else last_position
-        turn = rotation[0] if has_rotation[0] else last_rotation
-        front = np.tile(heading(turn), (2, 1))
-        away = quaternion_conjugate(front)
-        offset = np.where(has_position[1:, None], quaternion_rotate(away, position[1:] - head), state.wrist_offset)
-        turned = np.where(has_rotation[1:, None], quaternion_multiply(away, rotation[1:]), state.wrist_rotation)
-        places = np.concatenate([head[None], head + quaternion_rotate(front, offset)])
-        turns = np.concatenate([turn[None], quaternion_multiply(front, turned)])
-
+        places, turns = last.world
         span = (self.model.frames - 1) * self.model.interval
         fresh = len(state.time) and time - state.time[-1] <= max(span, self.model.interval)
         # One frame from before the window stays, to interpolate from.
@@ -226,8 +184,7 @@ class BodyVaeEstimator:
             np.append(state.time[first:], time),
             np.concatenate([state.position[first:], places[None]]),
             np.concatenate([state.rotation[first:], turns[None]]),
-            offset,
-            turned,
+            last,
         )
 
     def _window(self, state: BodyVaeState) -> tuple[np.ndarray, np.ndarray]:

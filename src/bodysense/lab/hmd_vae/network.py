@@ -25,8 +25,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from bodysense.body.body_joints import body_skeleton
-from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.pose import Pose, body_skeleton, forward_kinematics
 from bodysense.body.rotation import (
     geodesic_angle,
     matrix_to_quaternion,
@@ -36,8 +35,8 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.lab.checkpoint import read_weights_file, write_weights_file
+from bodysense.lab.hmd_vae.frames import Joints
 from bodysense.lab.hmd_vae.options import BodyVaeConfig
-from bodysense.lab.hmd_vae.windows import Joints
 
 
 class DecodedBody(NamedTuple):

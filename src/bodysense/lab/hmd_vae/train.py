@@ -1,4 +1,9 @@
-"""A whole training run of HMD-VAE: one network, or the paper's sweep over many (section 5.3), resumable."""
+"""A whole training run of HMD-VAE: one network, or the paper's sweep over many (section 5.3), resumable.
+
+Training of HMD-VAE: batches of windows from flat arrays, the loop, its checkpoint (papers.md, part 2).
+
+Writing HMD-VAE, encoder and decoder, as one self-describing ONNX file.
+"""
 
 from __future__ import annotations
 
@@ -6,35 +11,180 @@ import csv
 import hashlib
 import itertools
 import json
+import math
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from rich.progress import track
+from torch import Tensor, nn
 
+from bodysense.body.rotation import quaternion_canonical, quaternion_multiply, quaternion_rotate
+from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
 from bodysense.files import check_folder, check_place, make_folder, written_beside
 from bodysense.io.clip import Clip
 from bodysense.lab.checkpoint import identity
-from bodysense.lab.clips import count_clips, open_clips
-from bodysense.lab.fit import Report, begin, fit, launched
-from bodysense.lab.hmd_vae.export import write_vae_onnx
+from bodysense.lab.datasets import count_clips, open_clips
+from bodysense.lab.export import export, in_bytes
+from bodysense.lab.fit import Report, Task, begin, fit, is_same, launched, sweep
+from bodysense.lab.hmd_vae.estimator import FORMAT
 from bodysense.lab.hmd_vae.frames import (
+    RATE,
     TRAIN_LENGTH,
     BodyFrames,
+    Joints,
+    VaeBatch,
+    frame_of,
     held_out,
+    make_batch,
+    mirrored,
     read_body_frames,
     read_split_file,
+    seen_from,
     split_clips,
 )
 from bodysense.lab.hmd_vae.network import BodyVae, pretrained, read_vae, write_vae
-from bodysense.lab.hmd_vae.options import MODELS, BodyVaeConfig, Grid, VaeRun
-from bodysense.lab.hmd_vae.task import VaeTask, joint_errors
-from bodysense.lab.sweep import is_same, sweep
+from bodysense.lab.hmd_vae.options import MODELS, BodyVaeConfig, Grid, VaeRun, VaeSchedule
 from bodysense.lab.windows import Windows
+
+_VALIDATED = 2048  # windows that are enough to see how a run goes
+
+
+@dataclass(frozen=True, eq=False)
+class VaeTask(Task):
+    """What HMD-VAE learns: windows of motion, each seen once an epoch."""
+
+    network: BodyVae
+    schedule: VaeSchedule
+    frames: BodyFrames
+    windows: Windows
+    validation: tuple[BodyFrames, Windows]
+    source: Mapping[str, Any] | None = None
+    keeps_best = False
+    clip = 50.0
+
+    def rate(self, step: int) -> float:
+        """See `one_cycle`."""
+        return one_cycle(self.schedule, step)
+
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[VaeBatch]:
+        """Windows without end, in another order every epoch."""
+        while True:
+            order = rng.permutation(len(self.windows))
+            for first in range(0, max(1, len(order) - self.schedule.batch + 1), self.schedule.batch):
+                which = order[first : first + self.schedule.batch]
+                batch = make_batch(self.network.config, self.frames, self.windows, which)
+                turned = torch.from_numpy(rng.random(len(which)) < 0.5)
+                yield mirrored(self.network.config, batch, turned) if self.schedule.mirrored else batch
+
+    def loss(self, batch: VaeBatch, memory: None) -> tuple[dict[str, Tensor], None]:
+        """The negative evidence lower bound."""
+        return self.network.negative_elbo(batch.seen, batch.truth, batch.rest_offset, None), None
+
+    def validate(self, network: BodyVae) -> dict[str, float]:
+        """Mean error of positions from the head, cm."""
+        return {"position_cm": 100 * float(joint_errors(network, *self.validation).mean())}
+
+
+def one_cycle(schedule: VaeSchedule, step: int) -> float:
+    """Up in the first tenth, then a cosine down to a thousandth (Smith & Topin 2019)."""
+    along = step / schedule.steps
+    if along < 0.1:
+        return schedule.learning_rate * along / 0.1
+    return schedule.learning_rate * (0.001 + 0.999 * 0.5 * (1 + math.cos(math.pi * (along - 0.1) / 0.9)))
+
+
+@torch.no_grad()
+def joint_errors(network: BodyVae, frames: BodyFrames, windows: Windows) -> Tensor:
+    """Mean error (22,), m, of positions from the head in the last frame of some windows, at the posterior's mean."""
+    training = network.training
+    network.eval()
+    which = np.linspace(0, len(windows) - 1, min(_VALIDATED, len(windows))).astype(np.int64)
+    batch = make_batch(network.config, frames, windows, which)
+    seen, truth = (Joints(*(values.to(network.stature.device) for values in one)) for one in (batch.seen, batch.truth))
+    offset = batch.rest_offset.to(network.stature.device)
+    body = network.decode(network.posterior(seen, offset)[0], offset)
+    head = BODY.index("head")
+    missed = (body.position - body.position[:, head, None]) - (truth.position - truth.position[:, head, None])
+    network.train(training)
+    return missed.norm(dim=-1).mean(dim=0).cpu()
+
+
+INPUTS = ("position", "rotation", "trust", "noise", "rest_offset")
+OUTPUTS = ("root_position", "local_rotation", "joint_position")
+
+
+class InWorld(nn.Module):
+    """One body in the world, its head where the measured one is.
+
+    z = trust · mean + (trust · deviation + 1 − trust) · noise: with numbers from N(0, I) as noise a sample, at trust 1
+    of the posterior of what is seen, at 0 of the prior; with zeros the mean.
+    """
+
+    def __init__(self, network: BodyVae) -> None:
+        super().__init__()
+        self.network = network
+        self.head = network.config.reads.index("head")
+
+    def forward(
+        self, position: Tensor, rotation: Tensor, trust: Tensor, noise: Tensor, rest_offset: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """World joints (B, T, P, 3) m and (B, T, P, 4), trust (B, 1), noise (B, d), rest offsets (B, 22, 3) m.
+
+        Returns root positions (B, 3), local rotations (B, 22, 4), the pelvis' of the world, and positions (B, 22, 3).
+        """
+        frame = frame_of("head", position[:, :, self.head], rotation[:, :, self.head])
+        mean, log_variance = self.network.posterior(seen_from(frame, Joints(position, rotation)), rest_offset)
+        deviation = trust * torch.exp(log_variance / 2) + (1 - trust)
+        body = self.network.decode(trust * mean + deviation * noise, rest_offset)
+        facing = frame.facing[:, None]
+        relative = body.position - body.position[:, BODY.index("head"), None]
+        turned = quaternion_rotate(facing.expand(*relative.shape[:-1], 4), relative)
+        placed = turned + position[:, -1, self.head, None]
+        pelvis = quaternion_multiply(facing, body.local[:, :1])
+        return placed[:, 0], quaternion_canonical(torch.cat([pelvis, body.local[:, 1:]], dim=1)), placed
+
+
+def write_vae_onnx(network: BodyVae, path: Path, card: dict[str, Any]) -> None:
+    """Export encoder and decoder with their card; large weights in bytes. The file appears whole or not.
+
+    Raises BodysenseError for a network whose origin is the pelvis: no device tracks that.
+    """
+    config = network.config
+    if config.origin != "head":
+        raise BodysenseError(
+            f"{path}: a network with origin {config.origin!r} needs to know where the {config.origin} is, which no "
+            "headset does; keep it as .pt for the tables, or train with --origin head"
+        )
+    network = network.eval()
+    shape = (1, config.frames, len(config.reads))
+    upright = torch.tensor([1.0, 0.0, 0.0, 0.0])
+    example = (
+        torch.zeros(*shape, 3),
+        upright.expand(*shape, 4).clone(),
+        torch.ones(1, 1),
+        torch.zeros(1, config.latent),
+        torch.tensor(np.array(network.skeleton.rest_offset[None]), dtype=torch.float32),
+    )
+    known = {name: value for name, value in card.items() if name not in ("identity", "validation_position_cm")}
+    if "validation_position_cm" in card:
+        known["validation"] = {"position_cm": card["validation_position_cm"]}
+    card = {
+        "reads": config.reads,
+        "frames": config.frames,
+        "latent": config.latent,
+        "rate": RATE,
+        "network": asdict(config),
+        "weights": sum(parameter.numel() for parameter in network.parameters()),
+        **known,
+    }
+    export(InWorld(network), example, list(INPUTS), list(OUTPUTS), FORMAT, card, path, shrink=in_bytes)
+
 
 BETAS, LATENTS, BLOCKS = (0.0001, 0.01, 0.1, 1.0, 5.0), (15, 30, 60), (3, 6)  # the paper's 30 settings
 FEW_BETAS, FEW_LATENTS = (0.01, 1.0), (30,)  # of these, what a small machine trains: 4 settings

@@ -18,9 +18,9 @@ from bodysense.body.arms import ARM_JOINTS, ARM_PARTS
 from bodysense.body.rotation import geodesic_angle
 from bodysense.lab.checkpoint import identity
 from bodysense.lab.fit import Task
+from bodysense.lab.pahmt.features import ArmBatch, ArmRecordings, arm_positions, arms_alone, make_batch
 from bodysense.lab.pahmt.network import ArmNetwork
 from bodysense.lab.pahmt.options import ArmNetworkConfig, ArmSchedule, Studio
-from bodysense.lab.pahmt.windows import ArmBatch, ArmRecordings, arm_positions, arms_alone, make_batch
 from bodysense.lab.windows import Windows
 
 _ARMS = [k for k, name in enumerate(ARM_JOINTS) if name.partition("_")[2] in ARM_PARTS]

@@ -19,16 +19,14 @@ from bodysense.devices.video.arms import FORMAT
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place, make_folder
 from bodysense.lab.checkpoint import identity
-from bodysense.lab.clips import count_clips, open_clips
+from bodysense.lab.datasets import count_clips, open_clips
 from bodysense.lab.export import export, in_bytes
-from bodysense.lab.fit import Report, begin, fit
-from bodysense.lab.pahmt.features import Window
+from bodysense.lab.fit import Report, begin, fit, is_same, sweep
+from bodysense.lab.pahmt.features import RATE, ArmRecordings, Window, read_arm_recordings
 from bodysense.lab.pahmt.network import ArmNetwork, read_arms, write_arms
 from bodysense.lab.pahmt.options import ArmRun, ArmTableTraining, ArmTraining
-from bodysense.lab.pahmt.rows import TABLE_1
+from bodysense.lab.pahmt.tables import TABLE_1
 from bodysense.lab.pahmt.task import ArmTask, Pair, epoch_steps
-from bodysense.lab.pahmt.windows import RATE, ArmRecordings, read_arm_recordings
-from bodysense.lab.sweep import is_same, sweep
 
 _MOST = 63  # of each sign: 7 bits change arms by 0.19° in the mean, and their error by nothing
 

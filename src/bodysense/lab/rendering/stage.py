@@ -13,8 +13,7 @@ from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_exp, quaternion_rotate
 from bodysense.devices.simulated.camera_view import Camera
 from bodysense.errors import BodysenseError
-from bodysense.lab.rendering.figure import Character, load_figure
-from bodysense.lab.rendering.scene import Scene
+from bodysense.lab.rendering.scene import Character, Scene, load_figure
 
 if TYPE_CHECKING:
     import moderngl

@@ -23,12 +23,19 @@ from bodysense.devices.video.person import PersonLandmarks, PersonState, arm_key
 from bodysense.devices.video.pictures import open_video
 from bodysense.errors import BodysenseError
 from bodysense.lab.chart import BarPanel, plain_bars
-from bodysense.lab.pahmt.twist import arm_errors, solved_from_positions
-from bodysense.lab.rendering.gestures import GESTURES
-from bodysense.lab.rendering.keypoint_errors import Errors, keypoint_errors, noise_figures
-from bodysense.lab.rendering.landmark_ik import MEASURES as BONES
-from bodysense.lab.rendering.landmark_ik import ArmBones, LandmarkIk, bone_errors, bones_of, bones_of_landmarks
-from bodysense.lab.rendering.take import RenderedTake, read_take
+from bodysense.lab.pahmt.tables import arm_errors, solved_from_positions
+from bodysense.lab.rendering.keypoint_errors import MEASURES as BONES
+from bodysense.lab.rendering.keypoint_errors import (
+    ArmBones,
+    Errors,
+    LandmarkIk,
+    bone_errors,
+    bones_of,
+    bones_of_landmarks,
+    keypoint_errors,
+    noise_figures,
+)
+from bodysense.lab.rendering.take import GESTURES, RenderedTake, read_take
 from bodysense.lab.scoring import GROUPS, Tally, group_named
 from bodysense.lab.table import Cell, Named, Report, cell, finite, ordering
 from bodysense.tracker import Tracker, TrackerSettings

@@ -22,8 +22,7 @@ from bodysense.errors import BodysenseError, missing_package
 from bodysense.lab.serving.solarxr_client import update
 from bodysense.serve import vmc, vrchat
 from bodysense.serve.osc import read_packet
-from bodysense.serve.solarxr import Moved, Updates
-from bodysense.serve.solarxr_body import moved, told_of
+from bodysense.serve.solarxr import Moved, Updates, moved, told_of
 from bodysense.serve.vmc import vmc_packets
 from bodysense.serve.vmt import DRIVER_PORT, tracker_packet
 from bodysense.serve.vmt_hands import hand_packet

@@ -16,10 +16,10 @@ from bodysense.serve.links import Reader
 from bodysense.serve.osc import bundled, message_bytes
 from bodysense.serve.slimevr import SlimevrState, take
 from bodysense.serve.solarxr import read_bundle, settings_bundle
-from bodysense.serve.solarxr_input import InputReader
-from bodysense.serve.vmc_trackers import VmcTrackers
+from bodysense.serve.solarxr_link import InputReader
+from bodysense.serve.vmc import VmcTrackers
 from bodysense.serve.vmt import VmtReader
-from bodysense.serve.vrchat_devices import VrchatReader
+from bodysense.serve.vrchat import VrchatReader
 
 _POSE = (0.0, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0)
 _HERE = ("127.0.0.1", 50000)

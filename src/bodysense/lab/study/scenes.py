@@ -23,14 +23,12 @@ from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.lab.hold import Hold
 from bodysense.lab.metrics import joint_error
-from bodysense.lab.scoring import RATE, UNOC_EVAL_JOINTS
+from bodysense.lab.scoring import RATE, UNOC_EVAL_JOINTS, Hold
 from bodysense.lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
-from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
-from bodysense.lab.unoc.learned import Learned, load_model
+from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings, Learned, load_model
 from bodysense.pictures.animation import write_animation
-from bodysense.pictures.shot import Lens, Shot, frame_shot
+from bodysense.pictures.sheet import Lens, Shot, frame_shot
 
 FILES = ("index.html", "style.css", "study.js")
 

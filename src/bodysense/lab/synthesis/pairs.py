@@ -21,11 +21,18 @@ from bodysense.body.rotation import (
     quaternion_rotate,
 )
 from bodysense.body.skeleton import Skeleton
-from bodysense.lab.synthesis.gestures import NAMES, key_poses
-from bodysense.lab.synthesis.hand_motion import RATE, HandMotion
-from bodysense.lab.synthesis.hands import DIGIT, FASTEST_FINGER, FASTEST_TURN, FASTEST_WRIST, frame_times
-from bodysense.lab.synthesis.key_paths import Timing, along, along_rotations, draw_timing
-from bodysense.lab.synthesis.touch import posed, settled
+from bodysense.lab.synthesis.gestures import NAMES, Timing, along, along_rotations, draw_timing, key_poses
+from bodysense.lab.synthesis.hands import (
+    DIGIT,
+    FASTEST_FINGER,
+    FASTEST_TURN,
+    FASTEST_WRIST,
+    RATE,
+    HandMotion,
+    frame_times,
+    posed,
+    settled,
+)
 
 Three = tuple[float, float, float]
 

@@ -34,7 +34,6 @@ class Registered(NamedTuple):
     all: Tensor  # (..., 27)
     hidden: Tensor  # (..., 9) bool
     hand: Tensor  # (..., 87)
-    other: Tensor | None  # (..., 27) of the other hand in the same frame, hidden ones 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,10 +48,10 @@ class MarkerTask:
     def loss(self, network: MarkerNetwork, rng: np.random.Generator) -> dict[str, Tensor]:
         """Of markers that are hidden, at two times."""
         schedule = self.schedule
-        share, noise, beside = schedule.hidden_share, schedule.noise, network.config.reads_other
-        batch = draw_markers(self.frames, schedule.batch, share, noise, self.rate, beside, rng)
+        share, noise = schedule.hidden_share, schedule.noise
+        batch = draw_markers(self.frames, schedule.batch, share, noise, self.rate, rng)
         if schedule.squared:
-            missed = network(batch.seen, batch.hand, batch.other) - batch.all
+            missed = network(batch.seen, batch.hand) - batch.all
             return {"loss": (missed * 100).square().mean()}
         before, after = self._errors(network, batch)
         position = (_rounded(before) + _rounded(after)).mean() / 2
@@ -62,64 +61,15 @@ class MarkerTask:
     @torch.no_grad()
     def validate(self, network: MarkerNetwork) -> float:
         """Mean change of the error since the occlusion, one to four markers hidden as often, cm."""
-        rng, beside = np.random.default_rng(0), network.config.reads_other
-        batch = draw_markers(self.validation, 4096, _ALL_ALIKE, 0.0, self.rate, beside, rng)
+        batch = draw_markers(self.validation, 4096, _ALL_ALIKE, 0.0, self.rate, np.random.default_rng(0))
         before, after = self._errors(network, batch)
         return 100 * float((after - before).norm(dim=-1).mean())
 
     @staticmethod
     def _errors(network: MarkerNetwork, batch: Registered) -> tuple[Tensor, Tensor]:
         """Of hidden markers (n, 3) m at both times."""
-        missed = (network(batch.seen, batch.hand, batch.other) - batch.all).unflatten(-1, (-1, 3))
+        missed = (network(batch.seen, batch.hand) - batch.all).unflatten(-1, (-1, 3))
         return missed[0][batch.hidden[0]], missed[1][batch.hidden[1]]
-
-
-@dataclass(frozen=True, eq=False)
-class MemoryTask:
-    """Hidden markers from the others and from what was seen before, by a network with memory.
-
-    Of every stretch of motion all markers are seen at first, then some are hidden to its end. Stretches are of every
-    frame, every second … so that they last up to 2 s.
-    """
-
-    frames: GloveFrames
-    validation: GloveFrames
-    schedule: GloveSchedule
-    length: int = 40  # frames of a stretch
-    before: int = 8  # of them with all markers
-    strides: tuple[int, ...] = (1, 2, 4)
-
-    def loss(self, network: MarkerNetwork, rng: np.random.Generator) -> dict[str, Tensor]:
-        """Of hidden markers, and of those seen before, a little."""
-        schedule = self.schedule
-        batch = self._draw(self.frames, schedule.batch, schedule.hidden_share, schedule.noise, rng)
-        missed = self._errors(network, batch)
-        hidden = _rounded(missed)[batch.hidden].mean()
-        return {"loss": 100 * (hidden + 0.1 * _rounded(missed)[~batch.hidden].mean()), "position": hidden}
-
-    @torch.no_grad()
-    def validate(self, network: MarkerNetwork) -> float:
-        """Mean error of hidden markers, one to four hidden as often, cm."""
-        batch = self._draw(self.validation, 512, _ALL_ALIKE, 0.0, np.random.default_rng(0))
-        return 100 * float(self._errors(network, batch)[batch.hidden].norm(dim=-1).mean())
-
-    @staticmethod
-    def _errors(network: MarkerNetwork, batch: Registered) -> Tensor:
-        """(B, T, 9, 3) m."""
-        told, _ = network.step(batch.seen, batch.hand, network.start(len(batch.seen)))
-        return (told - batch.all).unflatten(-1, (-1, 3))
-
-    def _draw(
-        self, frames: GloveFrames, count: int, share: tuple[float, ...], noise: float, rng: np.random.Generator
-    ) -> Registered:
-        begins, stride = rng.integers(len(frames), size=(count, 1)), rng.choice(self.strides, size=(count, 1))
-        rows = _within(frames, np.repeat(begins, self.length, axis=1), stride * np.arange(self.length))
-        hidden = np.repeat(hide(count, share, rng)[:, None], self.length, axis=1)
-        hidden[:, : self.before] = False
-        markers = frames.markers[rows] + rng.normal(0.0, noise, (*rows.shape, len(MARKERS), 3))
-        told = draw_told(frames, frames.motion[rows[:, 0]], rng)
-        flat, shape = (np.repeat(part[:, None], self.length, axis=1) for part in (told.template, told.shape))
-        return registered(markers * told.scale[:, None], hidden, shape, flat)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,23 +122,17 @@ def draw_markers(
     share: tuple[float, ...],
     noise: float,
     rate: float,
-    beside: bool,
     rng: np.random.Generator,
 ) -> Registered:
-    """Frames and others of the same motions up to 2 s later or earlier, the same markers hidden: (2, count, …).
-
-    Where `beside`, with the other hand, of which as many are hidden in a frame in which all are seen.
-    """
+    """Frames and others of the same motions up to 2 s later or earlier, the same markers hidden: (2, count, …)."""
     rows = rng.integers(len(frames), size=count)
     gap = np.exp(rng.uniform(np.log(0.1), np.log(2.0), count)) * rate
     later = _within(frames, rows, np.maximum(1, np.round(gap)).astype(int) * rng.choice([-1, 1], count))
     both, hidden = np.stack([rows, later]), hide(count, share, rng)
-    other = np.where(hide(count, share, rng)[:, :, None], np.nan, frames.other[both]) if beside else None
     markers = frames.markers[both] + rng.normal(0.0, noise, (2, count, len(MARKERS), 3))
     told = draw_told(frames, frames.motion[rows], rng)
     flat, shape = (np.stack([part, part]) for part in (told.template, told.shape))
-    beside_it = None if other is None else other * told.scale
-    return registered(markers * told.scale, np.stack([hidden, hidden]), shape, flat, beside_it)
+    return registered(markers * told.scale, np.stack([hidden, hidden]), shape, flat)
 
 
 def hide(count: int, share: tuple[float, ...], rng: np.random.Generator) -> np.ndarray:
@@ -198,12 +142,10 @@ def hide(count: int, share: tuple[float, ...], rng: np.random.Generator) -> np.n
     return rank < number[:, None]
 
 
-def registered(
-    markers: np.ndarray, hidden: np.ndarray, hand: np.ndarray, template: np.ndarray, other: np.ndarray | None = None
-) -> Registered:
+def registered(markers: np.ndarray, hidden: np.ndarray, hand: np.ndarray, template: np.ndarray) -> Registered:
     """Markers (..., 9, 3) m on `template` (..., 9, 3) by those that are not `hidden` (..., 9), as at run time.
 
-    `hand` (..., 87) m; `other` (..., 9, 3) m, the markers of the other hand beside them, NaN where hidden.
+    `hand` (..., 87) m.
     """
     aligned = _on_template(markers, markers, hidden, template)
     return Registered(
@@ -211,7 +153,6 @@ def registered(
         all=_flat(aligned),
         hidden=torch.from_numpy(hidden),
         hand=torch.from_numpy(np.asarray(hand, dtype=np.float32)),
-        other=None if other is None else _flat(np.nan_to_num(_on_template(other, markers, hidden, template))),
     )
 
 

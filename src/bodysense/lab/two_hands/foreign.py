@@ -31,7 +31,7 @@ from bodysense.devices.gloves.networks import (
     load_marker_network,
 )
 from bodysense.errors import BodysenseError
-from bodysense.lab.synthesis.hand_motion import HandMotion
+from bodysense.lab.synthesis.hands import HandMotion
 from bodysense.lab.two_hands.trials import DURATIONS, KeyedMeans, Trials, cut, finger_error, hide_some, marker_error
 
 FOREIGN, STRANGER, TEMPLATE = "foreign", "stranger", "template"

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from bodysense.body.glove import MARKERS, default_glove, hand_size, marker_positions, template
+from bodysense.body.glove import default_glove, hand_size, marker_positions, template
 from bodysense.body.hand import angles_of
 from bodysense.body.hand_family import GlovedHand, carried_over, plain_hand
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_conjugate, quaternion_rotate
 from bodysense.errors import BodysenseError
-from bodysense.lab.synthesis.hand_motion import HandMotion
-
-_MIRROR = np.array([-1.0, 1.0, 1.0])  # from one hand's world to the other's (`body.hand`)
+from bodysense.lab.synthesis.hands import HandMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +23,6 @@ class GloveFrames:
     """
 
     markers: np.ndarray  # (N, 9, 3) float32, m
-    other: np.ndarray  # (N, 9, 3) m, of the person's other hand as this one sees it; NaN where there is none
     points: np.ndarray  # (N, 21, 3) m
     angles: np.ndarray  # (N, 26) rad, about the hand's own axes
     motion: np.ndarray  # (N,) which motion a frame is of
@@ -37,33 +33,16 @@ class GloveFrames:
     def __len__(self) -> int:
         return len(self.motion)
 
-    def only(self, rows: np.ndarray) -> GloveFrames:
-        """Some of the frames: (N,) bool."""
-        per_frame = ("markers", "other", "points", "angles", "motion")
-        return replace(self, **{name: getattr(self, name)[rows] for name in per_frame})
 
-
-def frames_of(motion: HandMotion, hand: GlovedHand | None = None, other: HandMotion | None = None) -> GloveFrames:
-    """The frames of one motion, on its own hand or on another one; `other` is the person's other hand, as long.
-
-    Raises BodysenseError where both hands have not the same number of frames.
-    """
+def frames_of(motion: HandMotion, hand: GlovedHand | None = None) -> GloveFrames:
+    """The frames of one motion, on its own hand or on another one."""
     worn = plain_hand(motion.pose.skeleton) if hand is None else hand
     pose = carried_over(motion.pose, worn)
     ratio = hand_size(pose.skeleton) / default_glove().size
     local = _from_wrist(pose)
-    seen = np.full((len(motion), len(MARKERS), 3), np.nan)
-    if other is not None:
-        if len(other) != len(motion):
-            raise BodysenseError(f"hands: {len(motion)} and {len(other)} frames; both need the same times")
-        beside = plain_hand(other.pose.skeleton) if hand is None else hand
-        markers = _MIRROR * marker_positions(beside.glove, carried_over(other.pose, beside))
-        away = quaternion_conjugate(pose.rotation[:, :1])
-        seen = quaternion_rotate(away, markers - pose.root_position[:, None])
     points, _ = forward_kinematics(local)
     return GloveFrames(
         markers=(marker_positions(worn.glove, local) / ratio).astype(np.float32),
-        other=(seen / ratio).astype(np.float32),
         points=(points / ratio).astype(np.float32),
         angles=angles_of(motion.pose.rotation[:, 1:]).astype(np.float32),
         motion=np.zeros(len(motion), dtype=np.int64),

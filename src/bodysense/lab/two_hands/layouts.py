@@ -20,8 +20,7 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.calibration import fit_hand
 from bodysense.devices.gloves.device import glove_device
 from bodysense.devices.gloves.hands import GloveModels, load_glove_models
-from bodysense.lab.synthesis.hand_motion import RATE
-from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense.lab.synthesis.hands import RATE, synthesize_hand
 from bodysense.lab.table import Report, finite
 from bodysense.lab.two_hands.trials import FINGER_POINTS, KeyedMeans
 from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like

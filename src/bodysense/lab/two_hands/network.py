@@ -17,7 +17,6 @@ from torch import Tensor, nn
 from bodysense.body.glove import MARKERS, template
 from bodysense.body.hand import FINGERTIPS, FREEDOMS, HAND_JOINTS
 from bodysense.body.hand_family import COUNT, hand_of
-from bodysense.lab.recurrent import Recurrent
 
 MARKER_VALUES = 3 * len(MARKERS)
 BONES = len(HAND_JOINTS) - 1 + len(FINGERTIPS)
@@ -34,13 +33,9 @@ class MarkerNetworkConfig:
     layers: tuple[int, ...] = (256, 200, 256)
     reads_mask: bool = True  # and markers from the template; without, a hidden marker is a zero and nothing else
     reads_hand: bool = True  # its shape
-    reads_other: bool = False  # the markers of the person's other hand, in this one's frame
-    memory: int = 0  # of a recurrent layer (GRU) before the others; 0: it has none
 
 
 PAPER_MARKERS = MarkerNetworkConfig((200, 150, 200), reads_mask=False, reads_hand=False)
-RECURRENT_MARKERS = MarkerNetworkConfig(memory=128)
-TWO_HANDS = MarkerNetworkConfig(reads_other=True)
 
 
 @dataclass(frozen=True)
@@ -67,53 +62,31 @@ class MarkerNetwork(nn.Module):
         self.config = config
         shape, hand = typical_hand()
         blocks = [_seen_scale(shape) if config.reads_mask else (torch.eye(MARKER_VALUES) / _REACH, None)]
-        blocks += [_seen_scale(shape)] * config.reads_other + [_hand_scale(hand)] * config.reads_hand
+        blocks += [_hand_scale(hand)] * config.reads_hand
         _register_scale(self, blocks)
         self.register_buffer("typical", shape.flatten(), persistent=False)
-        features = len(self.scale)
-        self.recurrent = Recurrent("gru", features, config.memory, None) if config.memory else None
-        self.layers = _layers(features + config.memory, config.layers, MARKER_VALUES, 0.0)
+        self.layers = _layers(len(self.scale), config.layers, MARKER_VALUES, 0.0)
 
-    def forward(self, markers: Tensor, hand: Tensor, other: Tensor | None = None) -> Tensor:
-        """Markers (..., 27) m and the hand's shape (..., 87) m → (..., 27) m.
+    def forward(self, markers: Tensor, hand: Tensor) -> Tensor:
+        """Markers (..., 27) m and the hand's shape (..., 87) m → (..., 27) m."""
+        return self.answer(self.features(markers, hand))
 
-        `other` (..., 27) are the markers of the other hand in the same frame, hidden ones 0; none are known without it.
-        Not for a network with memory.
-        """
-        return self.answer(self.features(markers, hand, other))
-
-    def step(self, markers: Tensor, hand: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
-        """The same of a network with memory: (B, T, 27), (B, T, 87) and memory (B, M) → (B, T, 27) and memory."""
-        assert self.recurrent is not None, "this network has no memory: call it instead"
-        features = self.features(markers, hand)
-        hidden, memory = self.recurrent(features, memory)
-        return self.answer(torch.cat([features, hidden], dim=-1)), memory
-
-    def start(self, batch: int) -> Tensor:
-        """The memory before the first frame."""
-        assert self.recurrent is not None, "this network has no memory"
-        return self.recurrent.start(batch)
-
-    def raw(self, markers: Tensor, hand: Tensor, other: Tensor | None = None) -> Tensor:
+    def raw(self, markers: Tensor, hand: Tensor) -> Tensor:
         """What is read, not yet scaled."""
         config = self.config
-        parts = [_with_mask(markers)] if config.reads_mask else [markers]
-        if config.reads_other:
-            parts.append(_with_mask(torch.zeros_like(markers) if other is None else other))
-        if config.reads_hand:
-            parts.append(_with_flag(hand))
-        return torch.cat(parts, dim=-1)
+        seen = _with_mask(markers) if config.reads_mask else markers
+        return torch.cat([seen, _with_flag(hand)], dim=-1) if config.reads_hand else seen
 
-    def features(self, markers: Tensor, hand: Tensor, other: Tensor | None = None) -> Tensor:
+    def features(self, markers: Tensor, hand: Tensor) -> Tensor:
         """What the layers read."""
-        return nn.functional.linear(self.raw(markers, hand, other), self.scale, self.shift)
+        return nn.functional.linear(self.raw(markers, hand), self.scale, self.shift)
 
     def answer(self, features: Tensor) -> Tensor:
         """All markers (..., 27) m."""
         return self.typical + _REACH * self.layers(features)
 
     def folded(self) -> nn.Sequential:
-        """From `raw` to the answer, in as few layers as there are. Not for a network with memory."""
+        """From `raw` to the answer, in as few layers as there are."""
         return _folded(self.layers, self.scale, self.shift, _REACH, self.typical)
 
 

@@ -25,8 +25,7 @@ from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import Census, DataSet, census_of, describe
 from bodysense.lab.scoring import GROUPS, group_of
 from bodysense.lab.spread import spread
-from bodysense.lab.synthesis.hand_motion import RATE
-from bodysense.lab.synthesis.hands import varied_hand
+from bodysense.lab.synthesis.hands import RATE, varied_hand
 from bodysense.lab.synthesis.pairs import synthesize_pair
 from bodysense.lab.table import Cell, Report, cell, finite
 

@@ -12,9 +12,8 @@ from tyro.conf import Suppress
 from bodysense.errors import BodysenseError
 from bodysense.lab.options import Card, Flat, Paced, Run, TableOptions, check_fields
 
-Network = Literal["markers", "joints", "two-hands", "recurrent"]
+Network = Literal["markers", "joints"]
 Form = Literal["shipped", "paper"]
-OF_THE_PAPER: tuple[Network, ...] = ("markers", "joints")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,8 +24,7 @@ class GloveTraining(Run, Card, Paced):
     """folder of motion files or a prepared store; of its train split the clips with fingers are learned, left hands
     and right ones, and the weights that do best on its val split are kept; without it synthesised hands alone"""
     network: Network | Literal["both"] = "both"
-    """'both' is the two that run: 'markers' fills hidden markers, 'joints' tells angles. 'two-hands' fills those of one
-    hand from both, 'recurrent' remembers"""
+    """'markers' fills hidden markers, 'joints' tells angles"""
     form: Form = "shipped"
     """'shipped' is larger and reads the lengths of bones and which markers are hidden; 'paper' is as Tables 1 and 2
     have it"""
@@ -44,20 +42,16 @@ class GloveTraining(Run, Card, Paced):
     @property
     def networks(self) -> tuple[Network, ...]:
         """Which are trained."""
-        return OF_THE_PAPER if self.network == "both" else (self.network,)
+        return ("markers", "joints") if self.network == "both" else (self.network,)
 
     def __post_init__(self) -> None:
         if self.out.suffix == ".onnx":
             raise BodysenseError(f"{self.out}: several networks are written; give a folder")
         check_fields(self, "steps", "check_every")
-        if self.network == "two-hands" and self.data is None and not self.pair_minutes > 0:
-            raise BodysenseError("--pair-minutes 0: the network of two hands needs pairs; give more than 0, or --data")
         for name in ("hand_minutes", "pair_minutes"):
             if not 0 <= getattr(self, name) < inf:
                 option = name.replace("_", "-")
                 raise BodysenseError(f"--{option} {getattr(self, name):g}: give 0 or more")
-        if self.form == "paper" and not {*self.networks} <= {*OF_THE_PAPER}:
-            raise BodysenseError(f"--network {self.network}: the paper has no such network; leave --form out")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,8 +87,6 @@ class GloveLimitsEvaluation(RingEvaluation):
     """network for hidden markers, written by `bodysense train gloves`; the packaged one if omitted"""
     joints: Path | None = None
     """network for angles, written by `bodysense train gloves`; the packaged one if omitted"""
-    variants: Path | None = None
-    """folder that `bodysense train gloves` wrote with --network two-hands and recurrent, to compare these as well"""
     table: Flat[TableOptions] = TableOptions()
 
 

@@ -21,8 +21,7 @@ from bodysense.lab.datasets import Census, DataSet, census_of
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.scoring import GROUPS, Tally, group_of
 from bodysense.lab.spread import spread
-from bodysense.lab.synthesis.hand_motion import HandMotion, hand_motions
-from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense.lab.synthesis.hands import HandMotion, hand_motions, synthesize_hand
 from bodysense.lab.two_hands.baselines import AffineCombination, FingerLimits, LastKnown, MovingAverage, solve_fingers
 from bodysense.lab.two_hands.foreign import ForeignModels, foreign_fingers, foreign_markers
 from bodysense.lab.two_hands.trials import (

@@ -8,10 +8,9 @@ from functools import partial
 from pathlib import Path
 
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
-from bodysense.lab.bootstrap import Interval, interval
 from bodysense.lab.chart import BarPanel, plain_bars
 from bodysense.lab.datasets import DataSet, describe
-from bodysense.lab.table import Cell, Report, cell, finite, ordering, surely
+from bodysense.lab.table import Cell, Interval, Report, cell, finite, interval, ordering, surely
 from bodysense.lab.two_hands.foreign import ALONE, FEW_MANY, PLACES, WAYS, foreign_numbers
 from bodysense.lab.two_hands.scores import (
     SEEDS,

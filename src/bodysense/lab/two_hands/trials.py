@@ -20,7 +20,7 @@ from bodysense.devices.gloves.fillers import Filler
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.scoring import Tally
-from bodysense.lab.synthesis.hand_motion import RATE, HandMotion
+from bodysense.lab.synthesis.hands import RATE, HandMotion
 from bodysense.observation import EXACT_ACCURACY, Observation
 
 HIDDEN = (1, 2, 3, 4)  # markers at once

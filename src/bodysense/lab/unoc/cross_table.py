@@ -13,10 +13,9 @@ from bodysense.lab.datasets import DataSet, describe, missing
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.scoring import RATE, Tally, group_of
 from bodysense.lab.table import Cell, Report, cell, finite, ordering
-from bodysense.lab.unoc.finger_scores import finger_offsets
-from bodysense.lab.unoc.finger_synthesis import FingerSynthesis
+from bodysense.lab.unoc.fingers import FingerSynthesis, finger_offsets
 from bodysense.lab.unoc.point_model import PointModel
-from bodysense.lab.unoc.scores import Scores, better_last_known
+from bodysense.lab.unoc.tables import Scores, better_last_known
 
 Pair = tuple[str, str]  # trained on, tested on
 SETS = ("UNOC", "TWH16.2M", "Mixamo")  # of the paper

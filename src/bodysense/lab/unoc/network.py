@@ -3,12 +3,15 @@
 The network starts at tracked world positions and the headset's pose and ends at world positions: the change of frame
 (head's heading, wrist, body height) and the repetition of last known positions are inside, so that training, the
 exported file and every run time share them.
+
+The networks of UNOC's Tables 2 to 4: the paper's own, its rivals and its ablations, each as a configuration.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -334,3 +337,39 @@ def read_weights(path: Path, skeleton: Skeleton) -> BodyNetwork:
     except Exception as error:  # PyTorch raises what it likes: pickle, zip, missing keys
         raise BodysenseError(f"{path}: no network of these tables ({type(error).__name__}); train it again") from None
     return model.eval()
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One network of a table."""
+
+    title: str
+    config: BodyNetworkConfig = PAPER
+    loss: Mapping[str, float] = field(default_factory=dict)  # weights that differ from the paper's, by name
+
+
+VARIANTS: dict[str, Variant] = {
+    "gru": Variant("GRU"),
+    "rnn": Variant("RNN", replace(PAPER, cell="rnn")),
+    "lstm": Variant("LSTM", replace(PAPER, cell="lstm")),
+    "tcn": Variant("TCN", replace(PAPER, cell="tcn")),
+    "head_local": Variant("head-local fingers", replace(PAPER, finger_origin="head")),
+    "no_skip": Variant("without skip connections", replace(PAPER, skip=False)),
+    "window_9": Variant("9 frames", replace(PAPER, window=9)),
+    "window_81": Variant("81 frames", replace(PAPER, window=81)),
+    "hidden_1024": Variant("hidden 1024", replace(PAPER, hidden=1024)),
+    "no_occlusion": Variant("w/o occlusion prediction", replace(PAPER, judges=())),
+    "no_parent": Variant("w/o parent local", loss={"parent": 0.0}),
+    "no_bone": Variant("w/o bone length", loss={"body_bone": 0.0, "finger_bone": 0.0}),
+    "no_parent_no_bone": Variant(
+        "w/o parent local and bone length", loss={"parent": 0.0, "body_bone": 0.0, "finger_bone": 0.0}
+    ),
+    "mask_given": Variant("mask given", replace(PAPER, inputs="positions_and_mask", judges=())),
+}
+
+TABLES: dict[str, tuple[str, ...]] = {
+    "2": ("gru", "rnn", "lstm", "tcn"),
+    "3": ("gru", "head_local", "no_skip", "window_9", "window_81", "hidden_1024"),
+    "4": ("gru", "no_occlusion", "no_parent", "no_bone", "no_parent_no_bone"),
+    "smoothness": ("gru", "mask_given"),
+}

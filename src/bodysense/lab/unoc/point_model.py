@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, Self
 
 import numpy as np
 
-from bodysense.body.resting import resting_offset
+from bodysense.body.pose import forward_kinematics, resting_offset, standing_pose
+from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.completion.network import Network, NetworkFormat
+from bodysense.devices.simulated.three_point import POINTS
 from bodysense.errors import BodysenseError
 
 FORMAT = "bodysense points 1"
@@ -26,21 +27,8 @@ NETWORKS: dict[Task, NetworkFormat] = {
 WARM_UP = 15  # steps on the first frame, so that the answer does not move while the memory fills
 
 
-@dataclass(frozen=True)
-class PointModel:
+class PointModel(Network):
     """A network that places points."""
-
-    network: Network
-
-    @property
-    def name(self) -> str:
-        """Its file's name."""
-        return self.network.name
-
-    @property
-    def card(self) -> Mapping[str, Any]:
-        """What its file says of it."""
-        return self.network.card
 
     @cached_property
     def reads(self) -> tuple[str, ...]:
@@ -58,6 +46,47 @@ class PointModel:
         return 0.8 / float(self.card["rate"])
 
 
+@dataclass(frozen=True, eq=False)
+class HeadAndHands:
+    """Where head and wrists were last; a wrist that is lost stays where it was about the head."""
+
+    head_position: np.ndarray  # (3,) m, world
+    head_rotation: np.ndarray  # (4,) wxyz, world ← head
+    wrist_offset: np.ndarray  # (2, 3) m, left and right, from the head in its heading's axes
+    wrist_rotation: np.ndarray  # (2, 4) wxyz, the head's heading ← wrist
+
+    @classmethod
+    def standing(cls, skeleton: Skeleton) -> Self:
+        """Those of a standing body that faces +Z."""
+        places = skeleton.indices(POINTS)
+        position, rotation = (values[places] for values in forward_kinematics(standing_pose(skeleton)))
+        return cls(position[0], rotation[0], position[1:] - position[0], rotation[1:])
+
+    def seen(
+        self, position: np.ndarray, rotation: np.ndarray, has_position: np.ndarray, has_rotation: np.ndarray
+    ) -> Self:
+        """Take in one frame (3, …) of head and wrists."""
+        head = position[0] if has_position[0] else self.head_position
+        turn = rotation[0] if has_rotation[0] else self.head_rotation
+        away = quaternion_conjugate(np.tile(heading(turn), (2, 1)))
+        offset, turned = quaternion_rotate(away, position[1:] - head), quaternion_multiply(away, rotation[1:])
+        return replace(
+            self,
+            head_position=head,
+            head_rotation=turn,
+            wrist_offset=np.where(has_position[1:, None], offset, self.wrist_offset),
+            wrist_rotation=np.where(has_rotation[1:, None], turned, self.wrist_rotation),
+        )
+
+    @property
+    def world(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (3, 3) m and rotations (3, 4) of head and wrists."""
+        front = np.tile(heading(self.head_rotation), (2, 1))
+        wrists = self.head_position + quaternion_rotate(front, self.wrist_offset)
+        turned = quaternion_multiply(front, self.wrist_rotation)
+        return np.vstack([self.head_position, wrists]), np.vstack([self.head_rotation, turned])
+
+
 @dataclass(frozen=True)
 class PointState:
     """What the network remembers, and when it last took a frame in."""
@@ -71,13 +100,13 @@ def load_point_model(task: Task, path: str | Path | None = None) -> PointModel:
 
     Raises BodysenseError for a file that is not ours, or of another task.
     """
-    network = Network.open(path, NETWORKS[task])
+    network = PointModel.open(path, NETWORKS[task])
     if network.card["task"] != task:
         raise BodysenseError(
             f"{path or network.name}: a network for {network.card['task']}, not {task}; give the .onnx that "
             f"`{NETWORKS[task].command}` wrote"
         )
-    return PointModel(network)
+    return network
 
 
 @dataclass(frozen=True)
@@ -108,7 +137,7 @@ class PointRunner:
 
     def start(self) -> PointState:
         """The state before the first frame."""
-        return PointState(self.model.network.start())
+        return PointState(self.model.start())
 
     def step(
         self, position: np.ndarray, rotation: np.ndarray, time: float, state: PointState
@@ -125,8 +154,8 @@ class PointRunner:
         before = state.network
         if state.time is None:
             for _ in range(WARM_UP):
-                _, before = self.model.network.step(inputs, before)
-        outputs, after = self.model.network.step(inputs, before)
+                _, before = self.model.step(inputs, before)
+        outputs, after = self.model.step(inputs, before)
         if state.time is None or time - state.time >= self.model.step_interval:
             state = PointState(after, time)
         return outputs["placed"][0, 0].astype(float), outputs["error"][0, 0].astype(float), state

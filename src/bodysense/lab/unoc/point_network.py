@@ -2,7 +2,7 @@
 
 Finger synthesis and the three-point upper body are two configurations of it. It reads world positions of some points
 and the orientation of head and wrists, and ends at world positions: the change of frame and of size is inside, so that
-training, the exported file and every run time share it. What is measured from where says `body.resting`.
+training, the exported file and every run time share it. What is measured from where says `body.pose`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from bodysense.body.resting import hand_length
+from bodysense.body.pose import hand_length
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated.three_point import POINTS

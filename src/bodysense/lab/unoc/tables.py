@@ -1,16 +1,98 @@
-"""UNOC's Tables 2 to 4: the paper's network, its rivals and its ablations, ours beside the published figures."""
+"""UNOC's Tables 2 to 4: the paper's network, its rivals and its ablations, ours beside the published figures.
+
+What one method scored on one data set: sums that are kept in a file, so that no table counts them twice.
+"""
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
+from bodysense.files import written_beside
 from bodysense.lab.chart import BarPanel, plain_bars
-from bodysense.lab.datasets import DataSet, describe, missing
-from bodysense.lab.scoring import GROUPS, Measure
+from bodysense.lab.datasets import Census, DataSet, describe, missing
+from bodysense.lab.scoring import GROUPS, KNOWN, Measure, Tally
 from bodysense.lab.table import Cell, Named, Report, bounds, cell, finite, ordering, surely
-from bodysense.lab.unoc.scores import Scores, better_last_known
+
+FORMAT = 2  # of the files; another number makes them be counted again
+Parts = dict[tuple[str, str, str], Tally]  # by category group, part of the body, share of joints
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Errors (cm) of one method by group of categories, part of the body, and share of the joints."""
+
+    tallies: Parts = field(repr=False)
+    census: Census
+
+    def get(self, part: str, share: str, group: str = "main") -> Tally:
+        """One cell; empty where nothing was counted."""
+        return self.tallies.get((group, part, share), Tally())
+
+
+def scores_path(folder: Path, method: str, data: DataSet) -> Path:
+    """Where the scores of a method are kept: beside the network."""
+    return folder / f"{method}.{data.label}.scores.json"
+
+
+def identity_of(data: DataSet, stride: int, file: Path | None, settings: str = "") -> dict[str, Any]:
+    """What scores depend on; `file` is the network's."""
+    stat = file.stat() if file is not None else None
+    return {
+        "format": FORMAT,
+        "data": str(data.path.resolve()),
+        "split": data.split,
+        "quick": data.quick,
+        "stride": stride,
+        "file": [stat.st_size, stat.st_mtime_ns] if stat is not None else None,
+        "settings": settings,
+    }
+
+
+def write_scores(path: Path, scores: Scores, identity: Mapping[str, Any]) -> None:
+    """Write scores with what they depend on."""
+    tallies = {"/".join(key): _sums(tally) for key, tally in scores.tallies.items()}
+    census = asdict(scores.census) | {"people": sorted(scores.census.people)}
+    with written_beside(path) as beside:
+        kept = {"identity": identity, "census": census, "tallies": tallies}
+        beside.write_text(json.dumps(kept, indent=1), encoding="utf-8")
+
+
+def read_scores(path: Path, identity: Mapping[str, Any]) -> Scores | None:
+    """The scores of a file, or None where there is none of this identity: then they are to be counted."""
+    try:
+        kept = json.loads(path.read_text(encoding="utf-8"))
+        if kept["identity"] != identity:
+            return None
+        tallies: Parts = {}
+        for key, sums in kept["tallies"].items():
+            group, part, share = key.split("/")
+            people = {person: Tally(*of_person) for person, of_person in sums["people"].items()}
+            tallies[group, part, share] = Tally(*sums["all"], people=people)
+        return Scores(tallies, Census(**kept["census"] | {"people": frozenset(kept["census"]["people"])}))
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _sums(tally: Tally) -> dict[str, Any]:
+    people = {person: [one.count, one.total, one.squared] for person, one in tally.people.items()}
+    return {"all": [tally.count, tally.total, tally.squared], "people": people}
+
+
+def better_last_known(scores: Mapping[str, Scores]) -> str:
+    """The frame of `KNOWN` whose baseline, 'last_known_…', has the smaller error of hidden body joints (RMSJPE)."""
+
+    def error(frame: str) -> float:
+        one = scores[f"last_known_{frame}"]
+        groups = [group for group, part, _ in one.tallies if part == "body"]
+        return one.get("body", "occluded", "main" if "main" in groups else groups[0]).rmsjpe
+
+    return min(KNOWN, key=error)
+
 
 Place = tuple[str, str]  # part of the body, share of joints
 MEASURES: tuple[Measure, ...] = ("rmsjpe", "mpjpe")
@@ -196,7 +278,7 @@ def joints_of(place: Place) -> str:
 
 def name_of(method: str) -> str:
     """As a table prints it."""
-    from bodysense.lab.unoc.variants import VARIANTS
+    from bodysense.lab.unoc.network import VARIANTS
 
     return OWN_NAMES[method] if method in OWN_NAMES else VARIANTS[method].title
 

@@ -1,29 +1,38 @@
-"""Whole trainings of the body network, finger synthesis and the three-point upper body: data, variations, export."""
+"""Whole trainings of the body network, finger synthesis and the three-point upper body: data, variations, export.
+
+Writing UNOC's networks, each as one self-describing ONNX file.
+
+How fast a network trains: on windows, as in the paper, beside whole sequences with carried state.
+"""
 
 from __future__ import annotations
 
+import itertools
+import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import lru_cache, partial
-from typing import Literal, TypeVar
+from pathlib import Path
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import torch
 from rich.progress import track
+from torch import Tensor, nn
 
 from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.simulated.three_point import POINTS
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.clip import Clip
-from bodysense.lab.clips import open_clips
+from bodysense.lab.datasets import open_clips
+from bodysense.lab.export import export
 from bodysense.lab.fit import begin, fit, launched
-from bodysense.lab.unoc.episodes import RATE, Episode, Variation, make_episode
-from bodysense.lab.unoc.export import write_onnx, write_point_network
-from bodysense.lab.unoc.losses import LossWeights
-from bodysense.lab.unoc.network import PAPER, BodyNetwork, BodyNetworkConfig
+from bodysense.lab.unoc.ik_tracker import FORMAT
+from bodysense.lab.unoc.network import PAPER, BodyNetwork, BodyNetworkConfig, PredictorState, TrackedBody
 from bodysense.lab.unoc.options import BodyTraining, PointTraining
-from bodysense.lab.unoc.point_episodes import PointEpisode, PointVariation, make_point_episode
+from bodysense.lab.unoc.point_model import FORMAT as POINT_FORMAT
 from bodysense.lab.unoc.point_model import Task
 from bodysense.lab.unoc.point_network import (
     FINGERS,
@@ -32,9 +41,100 @@ from bodysense.lab.unoc.point_network import (
     UPPER_BODY,
     PointNetwork,
     PointNetworkConfig,
+    TrackedPoints,
 )
-from bodysense.lab.unoc.point_task import PointSchedule, PointTask
-from bodysense.lab.unoc.task import BodySchedule, BodyTask
+from bodysense.lab.unoc.point_task import PointEpisode, PointSchedule, PointTask, PointVariation, make_point_episode
+from bodysense.lab.unoc.task import RATE, BodySchedule, BodyTask, Episode, LossWeights, Variation, make_episode
+
+
+class _BodyStep(nn.Module):
+    """The network with its state spelled out as separate inputs and outputs."""
+
+    def __init__(self, model: BodyNetwork) -> None:
+        super().__init__()
+        self.model = model
+
+    def forward(self, *values: Tensor) -> tuple[Tensor, ...]:
+        count = len(TrackedBody._fields)
+        completed, state = self.model(TrackedBody(*values[:count]), PredictorState(*values[count:]))
+        return (*completed, *state)
+
+
+def write_onnx(model: BodyNetwork, path: Path, card: dict[str, Any]) -> None:
+    """Export one streaming step of `model` with its metadata; large weights in half precision.
+
+    `card` holds what a user should know: training data, licence, test figures, and `fastest_rate`, Hz, where the
+    network was taught to step faster than at `RATE`. The file appears whole or not at all.
+    """
+    model = model.eval()
+    points = len(model.skeleton.points)
+    state = model.start(1)
+    tracked = TrackedBody(
+        position=torch.zeros(1, 1, points, 3),
+        visible=torch.ones(1, 1, points, dtype=torch.bool),
+        head_position=torch.zeros(1, 1, 3),
+        head_rotation=torch.tensor([[[1.0, 0, 0, 0]]]),
+        interval=torch.full((1, 1), 1 / RATE),
+        bone_length=model.typical_bone[None],
+        height=torch.tensor([1.7]),
+    )
+    inputs = [*TrackedBody._fields, *(f"state_{name}" for name in PredictorState._fields)]
+    outputs = ["completed", "occluded", "error", *(f"next_{name}" for name in PredictorState._fields)]
+    start = {
+        f"state_{name}": {"shape": list(value.shape), "dtype": str(value.numpy().dtype)}
+        | ({"values": np.round(value.flatten().numpy().astype(float), 5).tolist()} if value.any() else {})
+        for name, value in zip(PredictorState._fields, state, strict=True)
+    }
+    card = {
+        "points": model.skeleton.points,
+        "rate": RATE,
+        "fastest_rate": RATE,
+        "state": start,
+        "network": vars(model.config),
+        "weights": sum(parameter.numel() for parameter in model.parameters()),
+        **card,
+    }
+    export(_BodyStep(model), (*tracked, *state), inputs, outputs, FORMAT, card, path)
+
+
+class _PointStep(nn.Module):
+    """The network with its inputs spelled out."""
+
+    def __init__(self, network: PointNetwork) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, *values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        return self.network(TrackedPoints(*values[:-1]), values[-1])
+
+
+def write_point_network(network: PointNetwork, path: Path, task: Task, card: dict[str, Any]) -> None:
+    """Export one streaming step with its metadata; large weights in half precision. Whole or not at all."""
+    network = network.eval()
+    skeleton, config = network.skeleton, network.config
+    memory = network.start(1)
+    upright = torch.tensor([1.0, 0.0, 0.0, 0.0])
+    tracked = TrackedPoints(
+        position=torch.zeros(1, 1, len(config.reads), 3),
+        rotation=upright.expand(1, 1, len(POINTS), 4).clone(),
+        rest=torch.zeros(1, len(config.places), 3),
+        bone_length=torch.tensor(skeleton.bone_length[None], dtype=torch.float32),
+        height=torch.tensor([skeleton.height], dtype=torch.float32),
+    )
+    card = {
+        "task": task,
+        "reads": config.reads,
+        "places": config.places,
+        "points": len(skeleton.points),
+        "rate": RATE,
+        "state": {"shape": list(memory.shape), "dtype": str(memory.numpy().dtype)},
+        "network": asdict(config),
+        "weights": sum(parameter.numel() for parameter in network.parameters()),
+        **card,
+    }
+    inputs, outputs = [*TrackedPoints._fields, "state_memory"], ["placed", "error", "next_memory"]
+    export(_PointStep(network), (*tracked, memory), inputs, outputs, POINT_FORMAT, card, path)
+
 
 E = TypeVar("E", Episode, PointEpisode)
 # What a wearer meets counts more than the error of a joint that is seen: the measured place overrides that one.
@@ -214,3 +314,32 @@ def _body_reader(config: BodyNetworkConfig) -> BodyNetwork:
 @lru_cache(maxsize=1)
 def _point_reader(config: PointNetworkConfig) -> PointNetwork:
     return PointNetwork(config, default_skeleton())
+
+
+def throughput(clip: Clip, steps: int, threads: int) -> dict[str, float]:
+    """Windows and taught frames a second of the paper's GRU on windows and on sequences; and their ratio.
+
+    Both train the same layers with the losses of the paper, in the precision and batch sizes that training uses.
+    """
+    torch.set_num_threads(threads)
+    schedule = BodySchedule(epochs=10**6, epoch_batches=(1024,) * 10**3)
+    found: dict[str, float] = {}
+    for form, config in (("window", PAPER), ("sequence", replace(PAPER, window=None))):
+        model = BodyNetwork(config, default_skeleton())
+        episode = make_episode(clip, model, Variation(), np.random.default_rng(0))
+        episodes = [episode] * 4  # more windows than a batch holds
+        task = BodyTask(model, schedule, episodes, [])
+        optimizer, memory, rng = task.optimizer(), None, np.random.default_rng(0)
+        frames, begun = 0, 0.0
+        for step, batch in enumerate(itertools.islice(task.batches(rng), steps + 1)):
+            if step == 1:
+                frames, begun = 0, time.perf_counter()
+            terms, memory = task.loss(batch, memory)
+            optimizer.zero_grad()
+            terms["loss"].backward()
+            optimizer.step()
+            frames += int(batch.valid.sum()) if config.window is None else len(batch.valid)
+        found[f"{form}_frames_per_second"] = frames / (time.perf_counter() - begun)
+    found["windows_per_second"] = found["window_frames_per_second"]
+    found["ratio"] = found["sequence_frames_per_second"] / found["window_frames_per_second"]
+    return found

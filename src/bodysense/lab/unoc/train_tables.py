@@ -22,15 +22,11 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder, written_beside
 from bodysense.lab.checkpoint import identity
-from bodysense.lab.clips import open_clips
-from bodysense.lab.fit import Report, begin, fit, launched, line_of
-from bodysense.lab.sweep import is_same, sweep
-from bodysense.lab.unoc.episodes import Episode, Variation, make_episode
-from bodysense.lab.unoc.losses import LossWeights
-from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig, write_weights
+from bodysense.lab.datasets import open_clips
+from bodysense.lab.fit import Report, begin, fit, is_same, launched, line_of, sweep
+from bodysense.lab.unoc.network import TABLES, VARIANTS, BodyNetwork, BodyNetworkConfig, write_weights
 from bodysense.lab.unoc.options import TablesTraining
-from bodysense.lab.unoc.task import BodySchedule, BodyTask, step_count
-from bodysense.lab.unoc.variants import TABLES, VARIANTS
+from bodysense.lab.unoc.task import BodySchedule, BodyTask, Episode, LossWeights, Variation, make_episode, step_count
 
 _ARRAYS = ("features", "known", "offset", "visible")
 

@@ -34,7 +34,7 @@ from bodysense.lab.scoring import (
 from bodysense.lab.spread import spread
 from bodysense.lab.unoc.ik_tracker import IkTrackerSettings, track_clip
 from bodysense.lab.unoc.network import BodyNetwork, TrackedBody, read_weights, tracked_of
-from bodysense.lab.unoc.scores import Parts, Scores, identity_of, read_scores, scores_path, write_scores
+from bodysense.lab.unoc.tables import Parts, Scores, identity_of, read_scores, scores_path, write_scores
 from bodysense.observation import Observation
 
 _WINDOWS = 256  # that are computed together

@@ -1,3 +1,0 @@
-"""What a completion network's file names as its format."""
-
-FORMAT = "bodysense-completion-1"
