@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from bodysense.devices.gloves.device import calibrated_hands, glove_device
 from bodysense.devices.simulated.glove import observe
 from bodysense.errors import BodysenseError
 from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense.lab.two_hands.frames import frames_of
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +41,31 @@ def test_a_hand_is_found_that_has_the_markers(worn: GlovedHand, markers: np.ndar
 
     assert off(found.hand) < off(middle)
     assert hand_size(found.hand.skeleton) == pytest.approx(hand_size(worn.skeleton), rel=0.08)
+
+
+@dataclass(frozen=True, eq=False)
+class _Knowing:
+    """A network that knows every frame: it tells the angles of the one whose markers are most like."""
+
+    markers: np.ndarray  # (T, 27) m, in the hand's axes, from its wrist, at the default size
+    angles: np.ndarray  # (T, 26) rad
+
+    def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
+        far = np.linalg.norm(markers[:, None] - self.markers, axis=-1)
+        return self.angles[far.argmin(axis=1)].astype(np.float32)
+
+
+def test_a_network_that_knows_how_joints_bend_brings_the_hand_nearer(worn: GlovedHand) -> None:
+    motion = synthesize_hand(worn.skeleton, 8.0, np.random.default_rng(12), 30.0)
+    frames = frames_of(motion, worn)
+    knowing = _Knowing(frames.markers.reshape(len(frames), -1), frames.angles)
+    markers = np.asarray(marker_positions(worn.glove, carried_over(motion.pose, worn)))[::24]
+
+    def off(network: _Knowing | None) -> float:
+        found = fit_hand(markers, network=network).hand.skeleton
+        return float(abs(found.bone_length - worn.skeleton.bone_length).mean())
+
+    assert off(knowing) < 0.9 * off(None)
 
 
 def test_some_markers_may_be_missing_but_not_most(markers: np.ndarray) -> None:

@@ -1,13 +1,15 @@
 """A hand and its glove from a few seconds of markers: least squares with the family of hands as prior.
 
 Unknown are the parameters of the hand (`body.hand_family`) and where each marker of its set sits, common to all frames,
-and of every frame a pose (`hand_model`). Markers must be where they are seen, parameters are standard normal, and poses
-are likely ones, loosely. Gauss-Newton with Levenberg's damping; what belongs to one frame is eliminated (Schur).
+and of every frame a pose (`hand_model`). Markers must be where they are seen, parameters are normal, and poses are
+likely ones, loosely: usual ones, then, of the standard markers, those that the joint network tells of the hand found so
+far, for how joints bend together says how long bones are. Gauss-Newton with Levenberg's damping; what belongs to one
+frame is eliminated (Schur).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,7 +21,17 @@ from bodysense.body.hand_family import SHAPE, GlovedHand, HandShapes, bare_shape
 from bodysense.body.registration import brought_back, register, to_matrix
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.gloves.hand_model import ANGLES, POSE, MarkedHand, moved, postures, unlikely
+from bodysense.devices.gloves.hand_model import (
+    ANGLES,
+    POSE,
+    MarkedHand,
+    hardly_possible,
+    moved,
+    postures,
+    unusual,
+)
+from bodysense.devices.gloves.joints import JointReader
+from bodysense.devices.gloves.networks import HandNetwork, load_joint_network
 from bodysense.errors import BodysenseError
 
 FRAMES = 32  # that are looked at, as different as there are
@@ -27,6 +39,12 @@ FEWEST = 6  # of them, with three quarters of the markers and the back of the ha
 _SEEN = 0.75  # of the markers, in a frame
 _MARKER = 0.0015  # m: standard deviation of a marker, from where the best hand of the family has it
 _STRAIGHT = 0.12  # rad, of the flexion of a finger where it reaches farthest, from 0; its base's, three times that
+_TOLD, _ROUNDS, _AGAIN = (
+    0.2,
+    2,
+    12,
+)  # rad: of an angle from what the network tells; how often it is asked; steps of each
+_FAMILY = 0.7  # how far the family is believed, for it was made of few hands; its size is
 _SIZES, _TRIED = (-1.0, 0.5, 2.0), 12  # standard deviations from which it starts, and steps of each
 _STEPS, _STEP = 30, 1e-4  # of the best one; of the numerical derivative, of a parameter or rad
 _SURE = 0.015  # m: markers whose place is known better say where a hand is before anything is known of it
@@ -43,15 +61,20 @@ class HandFit:
     frames: int  # that were looked at
 
 
-def fit_hand(markers: np.ndarray, worn: GloveSet | None = None) -> HandFit:
+def fit_hand(markers: np.ndarray, worn: GloveSet | None = None, network: HandNetwork | None = None) -> HandFit:
     """The likeliest hand and glove of markers (T, M, 3) m, as of a left hand; NaN where missing.
 
-    A flat hand and a fist, or any ten seconds of motion. `worn` is their set, the standard one if omitted. Raises
-    BodysenseError where too few markers are seen at once.
+    A flat hand and a fist, or any ten seconds of motion. `worn` is their set, the standard one if omitted; `network`
+    tells joints, of the standard markers alone, and without it postures are usual ones. Raises BodysenseError where too
+    few markers are seen at once.
     """
     problem = _CalibrationProblem(standard_set() if worn is None else worn, _different(markers, worn or standard_set()))
     begun = [problem.refined(*problem.start(size), _TRIED) for size in _SIZES]
     theta, pose, _ = problem.refined(*min(begun, key=lambda one: one[2])[:2], _STEPS)
+    if network is not None and problem.worn.names == standard_set().names:
+        for _ in range(_ROUNDS):
+            problem = problem.with_told(theta, network)
+            theta, pose, _ = problem.refined(theta, pose, _AGAIN)
     missed = (problem.marked.markers(problem.shapes(theta), pose) - problem.seen)[problem.known]
     return HandFit(problem.hand(theta), float(np.sqrt((missed**2).sum(axis=-1).mean())), len(problem.seen))
 
@@ -64,7 +87,7 @@ def enough_frames(markers: np.ndarray, worn: GloveSet | None = None) -> bool:
 def checked_fit(markers: np.ndarray, worn: GloveSet, name: str) -> HandFit:
     """`fit_hand` of the hand `name`; raises BodysenseError, with the fix, where it finds no hand of this set."""
     try:
-        found = fit_hand(markers, worn)
+        found = fit_hand(markers, worn, load_joint_network())
     except np.linalg.LinAlgError:
         raise BodysenseError(f"the {name} glove: its markers are of no hand; see its --marker-set, --unit") from None
     if worn.names == standard_set().names or found.error < _FITS:
@@ -86,6 +109,7 @@ class _CalibrationProblem:
 
     worn: GloveSet
     seen: np.ndarray  # (K, M, 3) m, NaN where missing
+    told: np.ndarray | None = None  # (K, 26) rad, what a network tells of frames; NaN where it tells nothing
 
     @cached_property
     def known(self) -> np.ndarray:
@@ -176,17 +200,39 @@ class _CalibrationProblem:
                     weight[frame, place] = 1 / (_STRAIGHT * (3.0 if row.joint.endswith("1") else 1.0))
         return weight
 
+    @cached_property
+    def prior(self) -> np.ndarray:
+        """(N,) how many standard deviations one unit of a parameter is."""
+        believed = np.full(SHAPE + 3 * len(self.worn.markers), 1.0)
+        believed[:SHAPE] = _FAMILY
+        believed[_SIZE_PART] = 1.0
+        return believed
+
+    def with_told(self, theta: np.ndarray, network: HandNetwork) -> _CalibrationProblem:
+        """The same with what a network tells of a hand of these parameters, where all its markers are seen."""
+        whole, hand = self.known.all(axis=1), self.hand(theta)
+        count, told = int(whole.sum()), np.full((len(self.seen), ANGLES), np.nan)
+        if count:
+            axes = np.broadcast_to(hand.axes, (count, *hand.axes.shape))
+            reader = JointReader(network, (hand.skeleton,) * count, (hand.glove,) * count, axes=axes)
+            told[whole] = reader.angles(self.seen[whole])
+        return replace(self, told=told)
+
     def residuals(self, theta: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """(..., K, R) of every frame, in standard deviations, without those of the parameters."""
         far = self.marked.markers(self.shapes(theta), pose) - np.nan_to_num(self.seen)
         missed = np.where(self.known[..., None], far, 0.0) / _MARKER
-        prior = np.concatenate([unlikely(pose), pose[..., :ANGLES] * self.straight], axis=-1)
+        usual, angles = unusual(pose), pose[..., :ANGLES]
+        if self.told is not None:
+            strange = np.where(np.isnan(self.told), 0.0, angles - self.told) / _TOLD
+            usual = np.concatenate([np.where(np.isnan(self.told[:, :1]), usual, 0.0), strange], axis=-1)
+        prior = np.concatenate([hardly_possible(pose), usual, angles * self.straight], axis=-1)
         prior = np.broadcast_to(prior, (*missed.shape[:-2], prior.shape[-1]))
         return np.concatenate([missed.reshape(*missed.shape[:-2], -1), prior], axis=-1)
 
     def cost(self, theta: np.ndarray, pose: np.ndarray) -> float:
         """Half of it is the negative logarithm of how likely these are."""
-        return float((self.residuals(theta, pose) ** 2).sum() + (theta**2).sum())
+        return float((self.residuals(theta, pose) ** 2).sum() + ((self.prior * theta) ** 2).sum())
 
     def refined(self, theta: np.ndarray, pose: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray, float]:
         """Parameters, poses and their cost after so many steps at most."""
@@ -216,10 +262,10 @@ class _CalibrationProblem:
         inner += damping * inner * np.eye(POSE) + 1e-9 * np.eye(POSE)
         across, drawn = own.swapaxes(1, 2) @ common, own.swapaxes(1, 2) @ now[..., None]
         solved = np.linalg.solve(inner, np.concatenate([across, drawn], axis=-1))
-        outer = (common.swapaxes(1, 2) @ common).sum(axis=0) + np.eye(count)
+        outer = (common.swapaxes(1, 2) @ common).sum(axis=0) + np.diag(self.prior**2)
         outer += damping * outer * np.eye(count)
         outer -= (across.swapaxes(1, 2) @ solved[..., :-1]).sum(axis=0)
-        slope = (common.swapaxes(1, 2) @ now[..., None]).sum(axis=0)[:, 0] + theta
+        slope = (common.swapaxes(1, 2) @ now[..., None]).sum(axis=0)[:, 0] + self.prior**2 * theta
         slope -= (across.swapaxes(1, 2) @ solved[..., -1:]).sum(axis=0)[:, 0]
         change = -np.linalg.solve(outer, slope)
         return change, -(solved[..., -1] + solved[..., :-1] @ change)

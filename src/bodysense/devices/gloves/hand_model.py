@@ -106,13 +106,22 @@ class MarkedHand:
 
 def unlikely(pose: np.ndarray) -> np.ndarray:
     """(..., R) how far poses are from likely ones, in standard deviations."""
+    return np.concatenate([hardly_possible(pose), unusual(pose)], axis=-1)
+
+
+def hardly_possible(pose: np.ndarray) -> np.ndarray:
+    """(..., R) how far poses are beyond what joints can do and from a relaxed hand, in standard deviations."""
     angles, (low, high) = pose[..., :ANGLES], limits()
-    middle, last = _couples()
-    coupled = (angles[..., last] - angles[..., middle] / 1.5) / _COUPLED
     beyond = (np.maximum(angles - high, 0.0) + np.minimum(angles - low, 0.0)) / _BEYOND
+    return np.concatenate([(angles - relaxed()) / _deviations(), beyond], axis=-1)
+
+
+def unusual(pose: np.ndarray) -> np.ndarray:
+    """(..., R) how far poses are from usual ones, whose joints bend together, in standard deviations."""
+    angles, (middle, last) = pose[..., :ANGLES], _couples()
+    coupled = (angles[..., last] - angles[..., middle] / 1.5) / _COUPLED
     usual, white = _usual()
-    unusual = _BELIEVED * ((angles - usual) @ white)
-    return np.concatenate([(angles - relaxed()) / _deviations(), coupled, beyond, unusual], axis=-1)
+    return np.concatenate([coupled, _BELIEVED * ((angles - usual) @ white)], axis=-1)
 
 
 def moved(pose: np.ndarray, change: np.ndarray) -> np.ndarray:

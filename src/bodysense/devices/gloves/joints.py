@@ -90,6 +90,11 @@ class JointReader:
         turned[:, 1:] = local
         return HandPoses(root, turned, moved(points, rotation, root))
 
+    def angles(self, markers: np.ndarray) -> np.ndarray:
+        """Angles (H, 26) rad that the network tells of markers (H, 9, 3) m."""
+        _, rotation, root = fit(self._levers, markers)
+        return self._angles(brought_back(markers, rotation, root))
+
     def told(self, markers: np.ndarray) -> np.ndarray:
         """Local rotations (H, 15, 4) that the network tells, before fingers are turned to their markers."""
         _, rotation, root = fit(self._levers, markers)
@@ -97,6 +102,8 @@ class JointReader:
 
     def _local(self, own: np.ndarray) -> np.ndarray:
         """Local rotations (H, 15, 4) that the network tells of markers (H, 9, 3) m in the hands' axes, calibrated."""
+        return local_rotations(self._angles(own), self._turning)
+
+    def _angles(self, own: np.ndarray) -> np.ndarray:
         single = (own / self._ratio).astype(np.float32)
-        angles = self._network.run(single.reshape(len(single), -1), self._shapes)
-        return local_rotations(angles.astype(float), self._turning)
+        return self._network.run(single.reshape(len(single), -1), self._shapes).astype(float)

@@ -27,6 +27,7 @@ from bodysense.devices.gloves.hands import GloveModels, HandsSettings
 from bodysense.devices.gloves.networks import (
     JOINT_NETWORK,
     MARKER_NETWORK,
+    HandNetwork,
     load_joint_network,
     load_marker_network,
 )
@@ -135,7 +136,7 @@ def _settings(
             if trials is None:
                 continue
             taken = {"nn": hand, "untold": _sized(hand)}
-            if calibrate and (found := _calibrated(motion, hand, rng)) is not None:
+            if calibrate and (found := _calibrated(motion, hand, load_joint_network(files[1]), rng)) is not None:
                 taken["calibrated"] = found
             ways = {way: replace(trials, worn=(one,) * len(trials)) for way, one in taken.items()}
             yield place, files, trials, ways
@@ -153,13 +154,15 @@ def _sized(hand: GlovedHand) -> GlovedHand:
     return plain_hand(default.with_offsets(default.rest_offset * (hand_size(hand.skeleton) / hand_size(default))))
 
 
-def _calibrated(motion: HandMotion, hand: GlovedHand, rng: np.random.Generator) -> GlovedHand | None:
+def _calibrated(
+    motion: HandMotion, hand: GlovedHand, network: HandNetwork, rng: np.random.Generator
+) -> GlovedHand | None:
     """What is found of a hand by its markers, to 0.3 mm, in the first ten seconds; None of motions too short."""
     some = replace(motion, pose=motion.pose[:_LOOKED])
     if len(some) < FEWEST:
         return None
     markers = np.asarray(marker_positions(hand.glove, carried_over(some.pose, hand)))
-    return fit_hand(markers + rng.normal(0.0, 3e-4, markers.shape)).hand
+    return fit_hand(markers + rng.normal(0.0, 3e-4, markers.shape), network=network).hand
 
 
 def paper_template() -> np.ndarray:

@@ -111,7 +111,7 @@ def _scored(layout: Layout, number: int, models: GloveModels) -> Iterator[tuple[
     truth = np.asarray(forward_kinematics(pose)[0])[:, hand.skeleton.indices(FINGER_POINTS)]
     half = round(SECONDS * RATE)
     for way in _WAYS:
-        known = hand if way == "told" else fit_hand(markers[:half], layout.worn).hand
+        known = hand if way == "told" else fit_hand(markers[:half], layout.worn, models.joints).hand
         for hidden in (0, 1):
             seen = markers[half:].copy()
             if hidden:

@@ -13,9 +13,9 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
 from bodysense.lab.two_hands.frames import GloveFrames
 
-EXACT, UNTOLD = 0.4, 0.2  # how often shapes are told exactly, and not at all; else with an error
-_OFF = 0.003  # m, largest standard deviation of a resting offset that is told with an error, and of a marker
-_TURNED = 0.08  # rad, likewise, of a joint's axes
+EXACT, UNTOLD = 0.3, 0.15  # how often shapes are told exactly, and not at all; else with an error
+_OFF = 0.006  # m, largest standard deviation of a resting offset that is told with an error, and of a marker
+_TURNED = 0.12  # rad, likewise, of a joint's axes
 _SIZED = 0.03  # log, likewise, of the size; that of a hand whose shape is not told is as far off
 _CHAIN = [HAND_JOINTS.index(f"middle{k}") for k in (1, 2, 3)]
 

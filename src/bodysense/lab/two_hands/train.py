@@ -85,7 +85,7 @@ RATE = 30.0  # Hz, of the frames that are learned
 SCHEDULES: dict[tuple[Network, Form], GloveSchedule] = {
     ("markers", "shipped"): GloveSchedule(steps=7_000),
     ("markers", "paper"): PAPER_MARKER_SCHEDULE,
-    ("joints", "shipped"): GloveSchedule(steps=8_000),
+    ("joints", "shipped"): GloveSchedule(steps=12_000),
     ("joints", "paper"): PAPER_JOINT_SCHEDULE,
 }
 _OWN, _DRAWN = 2, 6  # how often a recorded motion is learned on its own hand, and on hands of the family
