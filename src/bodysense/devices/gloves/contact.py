@@ -18,6 +18,7 @@ import numpy as np
 from bodysense.body.glove import ALIGNMENT, MARKERS
 from bodysense.body.hand import FINGERS, Side
 from bodysense.body.hand_capsules import GIVE
+from bodysense.body.products import CONJUGATE
 from bodysense.body.registration import to_matrix
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.contact_rows import (
@@ -58,7 +59,6 @@ _MOST_ROWS = 48  # of collisions at a time, the deepest
 _SOFT, _SOFT_PINCH = 1e-3, 1e-2  # how softly collisions and touches, and pinches are met, of 1 for a finger's own ease
 _UNSEEN = 2e-4  # m: a correction that takes no point so far is none
 _SLACK = 3e-4  # m: what is missed by less is left
-_BACK = np.array([1.0, -1.0, -1.0, -1.0])  # of a rotation
 _ALIGNMENT = list(ALIGNMENT)
 # (48,) which marker is seen where a part of the change is weighed: those of five fingers, and the back of the hand.
 _WEIGHED = np.repeat([0, 1, 2, 3, 4, 5], [9, 9, 9, 9, 9, 3])
@@ -198,7 +198,7 @@ class Contact:
         """A frame taken apart into what may change and what may not."""
         local = posed.rotation[:, 1:]
         angles = angles_of_rotations(local)
-        rest = product(rotations_of_angles(angles) * _BACK, local)
+        rest = product(rotations_of_angles(angles) * CONJUGATE, local)
         return _Given(posed.root, to_matrix(posed.rotation[:, 0]), angles, rest, pinching)
 
     def _freedom(self, given: _Given, known: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from bodysense.body.glove import Glove, hand_size
 from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, joint_bases
-from bodysense.body.products import LEFT
+from bodysense.body.products import CONJUGATE, LEFT
 from bodysense.body.registration import FEW, matrix_of, to_matrix
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
@@ -148,7 +148,7 @@ def pointed(
     joint = ways[:, :1, :, 1]
     arc = shortest_arcs(ways[:, :1, :, 4] - joint, tip - joint, restraint)
     base = local[:, :1]
-    local[:, 1:2] = product(product(base * _BACK, arc), product(base, local[:, 1:2]))
+    local[:, 1:2] = product(product(base * CONJUGATE, arc), product(base, local[:, 1:2]))
     ways[:, :1, :, 2:] = to_matrix(arc) @ (ways[:, :1, :, 2:] - joint[..., None]) + joint[..., None]
     return local, in_order(ways, shape)
 
@@ -205,7 +205,6 @@ def _order() -> np.ndarray:
 
 
 _ORDER = _order()
-_BACK = np.array([1.0, -1.0, -1.0, -1.0])  # of a rotation
 _HAMILTON = LEFT.reshape(4, 4, 4).swapaxes(1, 2).reshape(16, 4)  # (16, 4): a · b from a ⊗ b, row by row
 
 
