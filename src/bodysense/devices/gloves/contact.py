@@ -50,7 +50,7 @@ from bodysense.devices.gloves.finger_chains import (
 )
 from bodysense.devices.gloves.fingers import product
 from bodysense.devices.gloves.joints import HandPoses
-from bodysense.devices.gloves.meetings import HandFlesh, Meeting, Pairs, meet, nearest, points_on
+from bodysense.devices.gloves.meetings import HandFlesh, Meeting, Pairs, meet, points_on
 from bodysense.errors import BodysenseError
 
 _TIP_MARKERS = [MARKERS.index(f"{finger}_tip") for finger in FINGERS]
@@ -62,7 +62,6 @@ _SLACK = 3e-4  # m: what is missed by less is left
 _ALIGNMENT = list(ALIGNMENT)
 # (48,) which marker is seen where a part of the change is weighed: those of five fingers, and the back of the hand.
 _WEIGHED = np.repeat([0, 1, 2, 3, 4, 5], [9, 9, 9, 9, 9, 3])
-_HORIZON = 0.015  # m: pairs with a wider gap are not looked at again in a frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +154,7 @@ class Contact:
             return posed, ContactState(True)
         before = np.zeros((len(posed.root), PARTS)) if state.change is None else state.change
         given, rest = self._given(posed, pinching), remaining * before
-        pairs, farthest, meeting = self._near(pairs, meeting)
+        farthest = self._farthest(pairs, meeting)
         wanted, placed = self._solved(given, known, pairs, farthest, rest, meeting if state.change is None else None)
         limited, way = wanted, remaining * state.way if wanted is rest else self._way(wanted)
         if state.begun:
@@ -172,19 +171,17 @@ class Contact:
         """(P,) whether pairs stand in each other so deep that something is done about it."""
         return meeting.squared < (pairs.reach - self.settings.tolerance - _SLACK) ** 2
 
-    def _near(self, pairs: Pairs, meeting: Meeting) -> tuple[Pairs, np.ndarray, Meeting]:
-        """The pairs that are to be looked at in a frame, how far (P,) m they may be from each other, and how they meet.
+    def _farthest(self, pairs: Pairs, meeting: Meeting) -> np.ndarray:
+        """How far (P,) m pairs may be from each other in a frame.
 
         Fingertips that touch, or nearly, stay as near as they are; other pairs may be anywhere.
         """
-        pairs, meeting = nearest(pairs, meeting, _HORIZON)
-        farthest, tips = np.full(len(pairs.reach), np.inf), np.flatnonzero(pairs.tips)
-        if len(tips):
-            distance, touch = np.sqrt(meeting.squared[tips]), pairs.reach[tips] / (1 - GIVE)
-            gap, keeping = np.maximum(distance - touch, 0.0), self.settings.keeping
-            most = np.maximum(distance, touch) + gap * gap * gap / keeping**2
-            farthest[tips] = np.where(gap < keeping, most, np.inf)
-        return pairs, farthest, meeting
+        farthest, tips = np.full(len(pairs.reach), np.inf), pairs.tips
+        distance, touch = np.sqrt(meeting.squared.take(tips)), pairs.reach.take(tips) / (1 - GIVE)
+        gap, keeping = np.maximum(distance - touch, 0.0), self.settings.keeping
+        most = np.maximum(distance, touch) + gap * gap * gap / keeping**2
+        farthest[tips] = np.where(gap < keeping, most, np.inf)
+        return farthest
 
     def _pinches(self, posed: HandPoses, markers: np.ndarray, known: np.ndarray) -> Pinches:
         """The fingertips whose markers are seen near each other, and that are farther apart than these."""
