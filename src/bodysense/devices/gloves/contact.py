@@ -124,7 +124,7 @@ class Contact:
         return np.concatenate([FREE.ravel() / self._lever**2, shift], axis=1)
 
     @cached_property
-    def _tips(self) -> tuple[np.ndarray, np.ndarray]:
+    def _tips(self) -> list[tuple[int, int]]:
         return tip_pairs(len(self.hands))
 
     def start(self) -> ContactState:
