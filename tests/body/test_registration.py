@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.registration import brought_back, moved, register, to_matrix
+from bodysense.body.registration import FEW, brought_back, moved, register, registered_threes, to_matrix
 from bodysense.body.rotation import quaternion_to_matrix
 
 
@@ -26,6 +26,31 @@ def test_equals_scipy_on_noisy_markers() -> None:
         oracle = Rotation.align_vectors(b - b.mean(axis=0), a - a.mean(axis=0))[0]
         np.testing.assert_allclose(rotation[k], oracle.as_matrix(), atol=2e-5)  # the pull toward the last rotation
         np.testing.assert_allclose(translation[k], b.mean(axis=0) - rotation[k] @ a.mean(axis=0), atol=1e-12)
+
+
+def test_threes_at_once_are_registered_as_one_by_one() -> None:
+    rng = np.random.default_rng(8)
+    template, markers = rng.normal(scale=0.05, size=(2, 9, 3)), rng.normal(scale=0.05, size=(9, 3))
+    known = np.array([np.isin(range(9), rng.choice(9, 3, replace=False)) for _ in range(30)])
+    fast = registered_threes(template, markers, known.T.astype(float))
+    for one, points in zip(fast, template, strict=True):
+        many = np.broadcast_to(points, (30, 9, 3))
+        slow = moved(many, *register(many, np.broadcast_to(markers, (30, 9, 3)), known))
+        np.testing.assert_allclose(one.transpose(2, 0, 1), slow, atol=1e-5)  # the pull toward the last rotation
+
+
+@pytest.mark.parametrize("flat", [0.0, 0.01, 1.0])
+def test_few_hands_are_registered_as_many(flat: float) -> None:
+    rng = np.random.default_rng(9)
+    many, known = 10 * FEW, np.ones((10 * FEW, 9), dtype=bool)
+    template = rng.normal(scale=0.05, size=(many, 9, 3)) * [1, flat, 1]
+    turn = Rotation.from_quat(rng.normal(size=(many, 4))).as_matrix()
+    markers = moved(template, turn, rng.normal(size=(many, 3))) + rng.normal(scale=0.005, size=(many, 9, 3))
+    slow = register(template, markers, known)
+    for first in range(0, many, FEW):
+        some = slice(first, first + FEW)
+        for fast, wanted in zip(register(template[some], markers[some], known[some]), slow, strict=True):
+            np.testing.assert_allclose(fast, wanted[some], atol=1e-9)
 
 
 def test_of_mirrored_markers_the_best_proper_rotation() -> None:

@@ -6,7 +6,7 @@ import pytest
 from bodysense.body.glove import default_glove, marker_positions
 from bodysense.body.hand import FINGERS, FREEDOMS, rotations_of
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.registration import moved
+from bodysense.body.registration import FEW, moved
 from bodysense.body.rotation import (
     quaternion_canonical,
     quaternion_conjugate,
@@ -96,6 +96,22 @@ def test_fingers_point_at_markers_as_the_slow_way_says(hand: Skeleton, aim: Aim)
         wanted, _ = forward_kinematics(Pose(one, np.zeros(3), turned))
         np.testing.assert_allclose(points[k], wanted, atol=1e-12)
         np.testing.assert_allclose(quaternion_canonical(local[k]), quaternion_canonical(turned[1:]), atol=1e-12)
+
+
+@pytest.mark.parametrize("restraint", [0.0, 4.0])
+def test_few_hands_point_as_many(hand: Skeleton, restraint: float) -> None:
+    rng, glove, many = np.random.default_rng(6), default_glove(), 4 * FEW
+    hands = [varied_hand(hand, 0.1, rng) for _ in range(many)]
+    angles = rng.normal(scale=0.5, size=(many, 26))
+    markers = np.stack([np.asarray(marker_positions(glove, _posed(hand, row))) for row in angles])
+    markers += rng.normal(scale=0.03, size=markers.shape)
+    slow = pointed(local_rotations(angles, turning()), markers, hand_shape(hands, [glove] * many), restraint)
+    for first in range(0, many, FEW):
+        some = slice(first, first + FEW)
+        shape = hand_shape(hands[some], [glove] * FEW)
+        fast = pointed(local_rotations(angles[some], turning()), markers[some], shape, restraint)
+        for one, wanted in zip(fast, slow, strict=True):
+            np.testing.assert_allclose(one, wanted[some], atol=1e-12)
 
 
 def test_points_are_placed_in_the_world(hand: Skeleton) -> None:

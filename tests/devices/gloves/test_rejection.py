@@ -37,6 +37,28 @@ def test_true_motion_is_believed(hand: Skeleton, markers: np.ndarray) -> None:
     np.testing.assert_array_equal(check_all(hand, np.concatenate([markers[:50], flung[50:100]]))[50:], flung[50:100])
 
 
+def test_every_hand_is_judged_as_if_alone(hand: Skeleton, markers: np.ndarray) -> None:
+    flung = np.concatenate([markers[:20], markers[20:40] + 0.5])
+    flung[10, INDEX] += 0.1
+    both = np.stack([flung, markers[100:140]], axis=1)
+
+    def checked(frames: np.ndarray) -> np.ndarray:
+        hands = frames.shape[1]
+        rejection, filler = Rejection((hand,) * hands, default_glove()), LastShape(np.nan_to_num(frames[0]))
+        state, shape, kept = rejection.start(), filler.start(hands), []
+        for frame in frames:
+            seen, state = rejection.check(frame, 1 / RATE, np.zeros((hands, 9)), state)
+            whole, shape = filler.fill(seen, 1 / RATE, shape)
+            state = rejection.remember(whole, ~np.isnan(seen[..., 0]), 1 / RATE, state)
+            kept.append(seen)
+        return np.stack(kept)
+
+    together = checked(both)
+    np.testing.assert_array_equal(together[:, :1], checked(both[:, :1]))
+    np.testing.assert_array_equal(together[:, 1:], both[:, 1:])
+    assert np.isnan(together[10, 0, INDEX]).all() and np.isnan(together).sum() == 3
+
+
 def test_real_motion_is_believed(motion_data: object) -> None:
     from bodysense.body.glove import marker_positions
     from bodysense.lab.datasets import open_clips

@@ -18,6 +18,7 @@ import numpy as np
 from bodysense.body.glove import ALIGNMENT, MARKERS
 from bodysense.body.hand import FINGERS, Side
 from bodysense.body.hand_capsules import GIVE
+from bodysense.body.products import CONJUGATE
 from bodysense.body.registration import to_matrix
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.contact_rows import (
@@ -49,7 +50,7 @@ from bodysense.devices.gloves.finger_chains import (
 )
 from bodysense.devices.gloves.fingers import product
 from bodysense.devices.gloves.joints import HandPoses
-from bodysense.devices.gloves.meetings import HandFlesh, Meeting, Pairs, meet, nearest, points_on
+from bodysense.devices.gloves.meetings import HandFlesh, Meeting, Pairs, meet, points_on
 from bodysense.errors import BodysenseError
 
 _TIP_MARKERS = [MARKERS.index(f"{finger}_tip") for finger in FINGERS]
@@ -58,11 +59,9 @@ _MOST_ROWS = 48  # of collisions at a time, the deepest
 _SOFT, _SOFT_PINCH = 1e-3, 1e-2  # how softly collisions and touches, and pinches are met, of 1 for a finger's own ease
 _UNSEEN = 2e-4  # m: a correction that takes no point so far is none
 _SLACK = 3e-4  # m: what is missed by less is left
-_BACK = np.array([1.0, -1.0, -1.0, -1.0])  # of a rotation
 _ALIGNMENT = list(ALIGNMENT)
 # (48,) which marker is seen where a part of the change is weighed: those of five fingers, and the back of the hand.
 _WEIGHED = np.repeat([0, 1, 2, 3, 4, 5], [9, 9, 9, 9, 9, 3])
-_HORIZON = 0.015  # m: pairs with a wider gap are not looked at again in a frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +124,7 @@ class Contact:
         return np.concatenate([FREE.ravel() / self._lever**2, shift], axis=1)
 
     @cached_property
-    def _tips(self) -> tuple[np.ndarray, np.ndarray]:
+    def _tips(self) -> list[tuple[int, int]]:
         return tip_pairs(len(self.hands))
 
     def start(self) -> ContactState:
@@ -155,7 +154,7 @@ class Contact:
             return posed, ContactState(True)
         before = np.zeros((len(posed.root), PARTS)) if state.change is None else state.change
         given, rest = self._given(posed, pinching), remaining * before
-        pairs, farthest, meeting = self._near(pairs, meeting)
+        farthest = self._farthest(pairs, meeting)
         wanted, placed = self._solved(given, known, pairs, farthest, rest, meeting if state.change is None else None)
         limited, way = wanted, remaining * state.way if wanted is rest else self._way(wanted)
         if state.begun:
@@ -172,19 +171,17 @@ class Contact:
         """(P,) whether pairs stand in each other so deep that something is done about it."""
         return meeting.squared < (pairs.reach - self.settings.tolerance - _SLACK) ** 2
 
-    def _near(self, pairs: Pairs, meeting: Meeting) -> tuple[Pairs, np.ndarray, Meeting]:
-        """The pairs that are to be looked at in a frame, how far (P,) m they may be from each other, and how they meet.
+    def _farthest(self, pairs: Pairs, meeting: Meeting) -> np.ndarray:
+        """How far (P,) m pairs may be from each other in a frame.
 
         Fingertips that touch, or nearly, stay as near as they are; other pairs may be anywhere.
         """
-        pairs, meeting = nearest(pairs, meeting, _HORIZON)
-        farthest, tips = np.full(len(pairs.reach), np.inf), np.flatnonzero(pairs.tips)
-        if len(tips):
-            distance, touch = np.sqrt(meeting.squared[tips]), pairs.reach[tips] / (1 - GIVE)
-            gap, keeping = np.maximum(distance - touch, 0.0), self.settings.keeping
-            most = np.maximum(distance, touch) + gap * gap * gap / keeping**2
-            farthest[tips] = np.where(gap < keeping, most, np.inf)
-        return pairs, farthest, meeting
+        farthest, tips = np.full(len(pairs.reach), np.inf), pairs.tips
+        distance, touch = np.sqrt(meeting.squared.take(tips)), pairs.reach.take(tips) / (1 - GIVE)
+        gap, keeping = np.maximum(distance - touch, 0.0), self.settings.keeping
+        most = np.maximum(distance, touch) + gap * gap * gap / keeping**2
+        farthest[tips] = np.where(gap < keeping, most, np.inf)
+        return farthest
 
     def _pinches(self, posed: HandPoses, markers: np.ndarray, known: np.ndarray) -> Pinches:
         """The fingertips whose markers are seen near each other, and that are farther apart than these."""
@@ -198,7 +195,7 @@ class Contact:
         """A frame taken apart into what may change and what may not."""
         local = posed.rotation[:, 1:]
         angles = angles_of_rotations(local)
-        rest = product(rotations_of_angles(angles) * _BACK, local)
+        rest = product(rotations_of_angles(angles) * CONJUGATE, local)
         return _Given(posed.root, to_matrix(posed.rotation[:, 0]), angles, rest, pinching)
 
     def _freedom(self, given: _Given, known: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from itertools import combinations, product
+from math import dist
 from typing import NamedTuple
 
 import numpy as np
@@ -123,18 +125,17 @@ def tip_ends(tip: np.ndarray, place: np.ndarray) -> Ends:
     return Ends(capsule.repeat(3), place.repeat(3, axis=0))
 
 
-def tip_pairs(hands: int) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers (N,), (N,) of fingertips that can pinch: a thumb and its fingers, any two of two hands."""
+def tip_pairs(hands: int) -> list[tuple[int, int]]:
+    """Numbers of fingertips that can pinch: a thumb and its fingers, any two of two hands."""
     count = len(FINGERS)
     pairs = [(count * hand, count * hand + finger) for hand in range(hands) for finger in range(1, count)]
     for one, other in combinations(range(hands), 2):
         pairs += [(count * one + a, count * other + b) for a, b in product(range(count), repeat=2)]
-    first, second = np.array(pairs).T
-    return first, second
+    return pairs
 
 
 def pinches(
-    pairs: tuple[np.ndarray, np.ndarray],
+    pairs: Sequence[tuple[int, int]],
     markers: np.ndarray,
     tips: np.ndarray,
     seen: np.ndarray,
@@ -145,7 +146,7 @@ def pinches(
     """The fingertips that stand farther apart than their markers say, which are near each other.
 
     Args:
-        pairs: (N,), (N,) numbers of fingertips (`tip_pairs`).
+        pairs: numbers of fingertips (`tip_pairs`).
         markers: (H · 5, 3) m, world; NaN where there is none.
         tips: (H · 5, 3) m, world.
         seen: (H · 5,) bool; a marker that is filled says nothing of touch.
@@ -153,20 +154,18 @@ def pinches(
         apart: m from which on they are left; in between they are brought nearer in part.
         missed: m that is too little to be brought nearer.
     """
-    one, other = pairs
-    offset = markers.take(other, axis=0) - markers.take(one, axis=0)
-    squared = (offset * offset) @ _ONES
-    near = squared < apart**2
-    if not any_of(near):
+    place, known = markers.tolist(), seen.tolist()
+    near = [(a, b) for a, b in pairs if dist(place[a], place[b]) < apart and known[a] and known[b]]
+    if not near:
         return _NONE
-    present = tips.take(other, axis=0) - tips.take(one, axis=0)
-    distance = np.sqrt(squared)
-    near &= np.sqrt((present * present) @ _ONES) - distance > missed
-    near &= seen.take(one) & seen.take(other)
-    if not any_of(near):
+    one, other = np.array(near).T
+    offset, present = (of.take(other, axis=0) - of.take(one, axis=0) for of in (markers, tips))
+    distance = np.sqrt((offset * offset) @ _ONES)
+    wide = np.sqrt((present * present) @ _ONES) - distance > missed
+    if not any_of(wide):
         return _NONE
-    share = np.minimum((apart - distance[near]) / (apart - touching), 1.0)[:, None]
-    return Pinches(one[near], other[near], present[near] + share * (offset[near] - present[near]))
+    share = np.minimum((apart - distance) / (apart - touching), 1.0)[:, None]
+    return Pinches(one[wide], other[wide], (present + share * (offset - present))[wide])
 
 
 _ROUNDS = 3  # of fixing what has reached a bound

@@ -15,7 +15,7 @@ import numpy as np
 
 from bodysense.body.glove import Glove, hand_size
 from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, joint_bases
-from bodysense.body.products import LEFT
+from bodysense.body.products import CONJUGATE, LEFT
 from bodysense.body.registration import FEW, matrix_of, to_matrix
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
@@ -148,7 +148,7 @@ def pointed(
     joint = ways[:, :1, :, 1]
     arc = shortest_arcs(ways[:, :1, :, 4] - joint, tip - joint, restraint)
     base = local[:, :1]
-    local[:, 1:2] = product(product(base * _BACK, arc), product(base, local[:, 1:2]))
+    local[:, 1:2] = product(product(base * CONJUGATE, arc), product(base, local[:, 1:2]))
     ways[:, :1, :, 2:] = to_matrix(arc) @ (ways[:, :1, :, 2:] - joint[..., None]) + joint[..., None]
     return local, in_order(ways, shape)
 
@@ -162,12 +162,10 @@ def _pointed_few(
         zip(ways.tolist(), toward.tolist(), shape.base[..., 0].tolist(), local.tolist(), strict=True)
     ):
         joints, tips = [0.0, 0.0, 0.0], []
+        # Of a finger joint 2 (j) and 3 (k), the tip (t), what points at the marker (p), and the middle marker (m).
         for finger, ((_, xj, xk, xt, xp, xm), (_, yj, yk, yt, yp, ym), (_, zj, zk, zt, zp, zm)) in enumerate(fingers):
             x, y, z = bases[finger]
-            if finger:
-                arc = _arc(xp, yp, zp, *aims[finger], restraint)
-            else:
-                arc = _arc(xm, ym, zm, *aims[5], restraint)
+            arc = _arc((xp, yp, zp) if finger else (xm, ym, zm), aims[finger or 5], restraint)
             base = turns[3 * finger] = _times(arc, turns[3 * finger])
             xx, xy, xz, yx, yy, yz, zx, zy, zz = matrix_of(*arc)
             jx, jy, jz = xx * xj + xy * yj + xz * zj, yx * xj + yy * yj + yz * zj, zx * xj + zy * yj + zz * zj
@@ -176,7 +174,7 @@ def _pointed_few(
             if not finger:
                 px, py, pz = xx * xp + xy * yp + xz * zp, yx * xp + yy * yp + yz * zp, zx * xp + zy * yp + zz * zp
                 ax, ay, az = aims[0]
-                arc = _arc(px - jx, py - jy, pz - jz, ax - jx, ay - jy, az - jz, restraint)
+                arc = _arc((px - jx, py - jy, pz - jz), (ax - jx, ay - jy, az - jz), restraint)
                 w, i, j, k = base
                 turns[1] = _times(_times((w, -i, -j, -k), arc), _times(base, turns[1]))
                 xx, xy, xz, yx, yy, yz, zx, zy, zz = matrix_of(*arc)
@@ -205,7 +203,6 @@ def _order() -> np.ndarray:
 
 
 _ORDER = _order()
-_BACK = np.array([1.0, -1.0, -1.0, -1.0])  # of a rotation
 _HAMILTON = LEFT.reshape(4, 4, 4).swapaxes(1, 2).reshape(16, 4)  # (16, 4): a · b from a ⊗ b, row by row
 
 
@@ -243,10 +240,9 @@ def shortest_arcs(u: np.ndarray, v: np.ndarray, restraint: float = 0.0) -> np.nd
     return arc / np.sqrt((arc * arc) @ _ONES)
 
 
-def _arc(
-    ux: float, uy: float, uz: float, vx: float, vy: float, vz: float, restraint: float
-) -> tuple[float, float, float, float]:
+def _arc(u: Sequence[float], v: Sequence[float], restraint: float) -> tuple[float, float, float, float]:
     """`shortest_arcs` of two vectors."""
+    (ux, uy, uz), (vx, vy, vz) = u, v
     w, x, y, z = ux * vx + uy * vy + uz * vz, uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     square = x * x + y * y + z * z
     length = sqrt(w * w + square) + 1e-15

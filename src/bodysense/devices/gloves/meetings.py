@@ -34,12 +34,8 @@ class Pairs:
     reach: np.ndarray = field(repr=False)  # (P,) m: nearer than this they collide
     squared: np.ndarray = field(repr=False)  # (3, P) m², lengths of their axes, m⁴, of both
     inverse: np.ndarray = field(repr=False)  # (2, P) of their squares, m⁻²
-    tips: np.ndarray = field(repr=False)  # (P,) whether they are thumb's and finger's, or two hands', last segments
+    tips: np.ndarray = field(repr=False)  # (N,) those of last segments of thumb and finger, or of two hands
     products: np.ndarray = field(repr=False)  # (8, P) where in the matrix of all inner products theirs are
-
-    def take(self, places: np.ndarray) -> Pairs:
-        """Some of them."""
-        return Pairs(*(part.take(places, axis=-1) for part in vars(self).values()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +140,7 @@ def pairs_of(hands: Sequence[Skeleton], mutual: bool) -> Pairs:
         (1 - GIVE) * (radius[first] + radius[second]),
         np.stack([length[first], length[second], length[first] * length[second]]),
         1 / np.maximum([length[first], length[second]], TINY),
-        _LAST[first % COUNT] & _LAST[second % COUNT] & (_THUMB[first % COUNT] | ~own),
+        np.flatnonzero(_LAST[first % COUNT] & _LAST[second % COUNT] & (_THUMB[first % COUNT] | ~own)),
         np.stack(products),
     )
 
@@ -162,13 +158,6 @@ def meet(axes: np.ndarray, pairs: Pairs) -> Meeting:
     s = np.minimum(np.maximum(over * per_uu, 0.0), 1.0)
     squared = pw - pq + qq + s * (s * uu - over - over) + t * (t * vv - vw - vw)
     return Meeting(axes, np.maximum(squared, 0.0), (s, t))
-
-
-def nearest(pairs: Pairs, meeting: Meeting, gap: float) -> tuple[Pairs, Meeting]:
-    """The pairs whose gap is less, m."""
-    near = np.flatnonzero(meeting.squared < (pairs.reach + gap) ** 2)
-    along = (meeting.along[0].take(near), meeting.along[1].take(near))
-    return pairs.take(near), Meeting(meeting.axes, meeting.squared.take(near), along)
 
 
 def points_on(axes: np.ndarray, start: np.ndarray, along: np.ndarray) -> np.ndarray:

@@ -110,7 +110,7 @@ class Rejection:
                 markers[hand], doubted[hand], since[hand] = self._judge(
                     hand, markers[hand], known[hand], shapes[hand], hidden[hand] + interval, interval, state
                 )
-        settled = tuple((~since.any(axis=1)).tolist())
+        settled = tuple(not doubt.any() for doubt in since)
         return markers, state._replace(doubted=doubted, since=since, settled=settled)
 
     def remember(

@@ -17,15 +17,17 @@ import numpy as np
 
 from bodysense.body.glove import Glove
 from bodysense.body.hand import FINGERS, HAND_JOINTS
+from bodysense.body.products import CONJUGATE
 from bodysense.body.registration import moved, to_matrix
-from bodysense.body.rotation import quaternion_conjugate
 from bodysense.devices.gloves.fingers import POINT_COUNT, HandShape, in_order, product, reached, shortest_arcs
 from bodysense.devices.gloves.joints import HandPoses
 
 _OVER = 1e-4  # m: what is missed by less is left
+_NOWHERE = 1e-14  # m²: what goes less far stays where it is
 _BACK = np.array([0, *(HAND_JOINTS.index(f"{finger}1") for finger in FINGERS)])  # points that the fingers do not move
 _FINGERS = np.array([[*range(3 * k + 1, 3 * k + 4), len(HAND_JOINTS) + k] for k in range(len(FINGERS))])  # (5, 4)
-_ALL, _NONE = np.ones((1, 5)), np.zeros((1, 5))
+_ALL = np.ones((1, 5))
+_ONES = np.ones(3)
 _STAY = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -97,11 +99,12 @@ class Settling:
         def short(begin: HandPoses, end: HandPoses, points: np.ndarray) -> np.ndarray:
             """(H, …): so much of the way between them is left when one of the points (…, N) can go no farther."""
             step, way = begin.position - state.shown, end.position - begin.position
-            return 1 - _share(step[:, points], way[:, points], reach[:, points], most).min(axis=-1)
+            step, way, far = (part.take(points, axis=1) for part in (step, way, reach))
+            return 1 - _share(step, way, far, most).min(axis=-1)
 
         away = between(start, told)
         away = left(away, short(start, told, _BACK[None]), _ALL)
-        end = displaced(told, left(away, _ALL[:, :1], _NONE), self.shape)
+        end = carried(told, away)
         away = left(away, _ALL[:, :1], short(displaced(told, away, self.shape), end, _FINGERS))
         shown = displaced(told, away, self.shape)
         arc = _back(shown, state.shown, reach)
@@ -115,7 +118,7 @@ class Settling:
 
 def between(shown: HandPoses, told: HandPoses) -> Away:
     """Of hands that are shown but told elsewhere."""
-    turn = product(shown.rotation, quaternion_conjugate(told.rotation))
+    turn = product(shown.rotation, told.rotation * CONJUGATE)
     return Away(shown.root - told.root, turn * np.copysign(1.0, turn[..., :1]))
 
 
@@ -139,16 +142,25 @@ def displaced(told: HandPoses, away: Away | None, shape: HandShape) -> HandPoses
     return HandPoses(root, rotation, moved(points, to_matrix(rotation[:, 0]), root))
 
 
+def carried(told: HandPoses, away: Away) -> HandPoses:
+    """Hands as they are shown but for their fingers, which are in the hand where they are told."""
+    root, turn = told.root + away.root, away.turn[:, :1]
+    rotation = told.rotation.copy()
+    rotation[:, :1] = product(turn, rotation[:, :1])
+    own = told.position - told.root[:, None]
+    return HandPoses(root, rotation, moved(own, to_matrix(turn[:, 0]), root))
+
+
 def _share(step: np.ndarray, way: np.ndarray, reach: np.ndarray, most: np.ndarray) -> np.ndarray:
     """The largest share s ≤ 1 with |step + s · way| ≤ reach and |s · way| ≤ most, vectors (H, …, 3), m.
 
     Where no s has the first, that with the least |step + s · way|.
     """
-    squared, along = (way * way).sum(axis=-1), (step * way).sum(axis=-1)
-    over = (step * step).sum(axis=-1) - reach * reach
+    squared, along = (way * way) @ _ONES, (step * way) @ _ONES
+    over = (step * step) @ _ONES - reach * reach
     root = np.sqrt(np.maximum(along * along - squared * over, 0.0))
-    most = most.reshape(len(most), *[1] * (squared.ndim - 1)) / np.maximum(np.sqrt(squared), 1e-12)
-    share = np.where(squared + 2 * along + over <= 0, 1.0, (root - along) / np.maximum(squared, 1e-18))
+    most = most[..., None] / np.maximum(np.sqrt(squared), 1e-12)
+    share = np.where(squared + 2 * along + over <= 0, 1.0, (root - along) / np.maximum(squared, _NOWHERE))
     return np.minimum(np.maximum(share, 0.0), np.minimum(most, 1.0))
 
 
@@ -173,4 +185,4 @@ def _back(shown: HandPoses, before: np.ndarray, reach: np.ndarray) -> np.ndarray
 
 
 def _length(vectors: np.ndarray) -> np.ndarray:
-    return np.sqrt((vectors * vectors).sum(axis=-1))
+    return np.sqrt((vectors * vectors) @ _ONES)
