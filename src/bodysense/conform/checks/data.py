@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from bodysense.body.gaps import runs
 from bodysense.conform.check import Check, Unanswered, Value
 from bodysense.conform.checks.timing import TIMED
 from bodysense.conform.subject import FOOT_POINTS, Subject
@@ -191,12 +192,6 @@ def windows_covered(subject: Subject) -> Value | Unanswered:
         if step.label != "remount" and missing > 0.02 * (step.end - step.start) + 3 * subject.interval:
             bad.append(step.label)
     return Value(len(bad), ", ".join(bad))
-
-
-def runs(flags: np.ndarray) -> list[tuple[int, int]]:
-    """Start and end of every run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def longest_run(flags: np.ndarray) -> tuple[int, int | None]:

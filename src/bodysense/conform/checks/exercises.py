@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from bodysense.body.gaps import runs
 from bodysense.conform.check import Unanswered, Value
 from bodysense.conform.checks.steps import (
     SIDES,
@@ -19,8 +20,6 @@ from bodysense.conform.checks.steps import (
     standing_head,
 )
 from bodysense.conform.subject import Subject
-
-_UP = np.array([0.0, 1.0, 0.0])
 
 
 def squat_depth(subject: Subject, during: np.ndarray) -> Value:
@@ -65,8 +64,7 @@ def squats_alike(subject: Subject, during: np.ndarray) -> Value | Unanswered:
     bent = np.mean([hip(subject, side) for side in SIDES], axis=0)[during]
     bent = bent - np.nanpercentile(bent, 5)
     down = np.nan_to_num(bent) > 0.5 * np.nanmax(bent)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], down, [False]]).astype(np.int8)))
-    peaks = [float(np.nanmax(bent[a:b])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    peaks = [float(np.nanmax(bent[a:b])) for a, b in runs(down)]
     if len(peaks) < 2:
         return Unanswered("fewer than two squats")
     return Value(100 * abs(peaks[0] - peaks[1]) / max(peaks[:2]))

@@ -11,7 +11,7 @@ import numpy as np
 from bodysense.body.rotation import quaternion_conjugate, quaternion_rotate
 from bodysense.conform.check import Check, Unanswered, Value
 from bodysense.conform.checks.data import longest_run
-from bodysense.conform.checks.still import noise_floor
+from bodysense.conform.checks.still import noise_floor, noisiest
 from bodysense.conform.subject import Step, Subject, is_finger
 
 _SIDES = ("left", "right")
@@ -144,11 +144,7 @@ def shake(subject: Subject, side: str) -> Value | Unanswered:
     """Noise (mm) of the noisiest fingertip, in the wrist, in its calmest second."""
     tips = [_chain(subject, side, finger)[-1] for finger in _ALL]
     noise = {tip: 1000 * noise_floor(_in_wrist(subject, side, tip), subject, 0.1) for tip in tips}
-    known = {tip: value for tip, value in noise.items() if np.isfinite(value)}
-    if not known:
-        return Unanswered("no finger rests for a second")
-    worst = max(known, key=lambda tip: known[tip])
-    return Value(known[worst], worst)
+    return noisiest(noise, "no finger rests for a second")
 
 
 def pop(subject: Subject, side: str) -> Value | Unanswered:

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from bodysense.body.capsules import nearest_shares
 from bodysense.body.posture import posture
 from bodysense.body.rotation import quaternion_log, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
@@ -81,9 +82,7 @@ def _between_segments(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray
     c, d = c + 0.1 * (d - c), d + 0.1 * (c - d)
     u, v, w = b - a, d - c, a - c
     uu, uv, vv, uw, vw = ((p * q).sum(axis=-1) for p, q in ((u, u), (u, v), (v, v), (u, w), (v, w)))
-    s = np.clip((uv * vw - vv * uw) / np.maximum(uu * vv - uv * uv, 1e-12), 0, 1)
-    t = np.clip((uv * s + vw) / np.maximum(vv, 1e-12), 0, 1)
-    s = np.clip((uv * t - uw) / np.maximum(uu, 1e-12), 0, 1)
+    s, t = nearest_shares(uu, vv, uv, uw, vw)
     return np.linalg.norm(w + s[:, None] * u - t[:, None] * v, axis=-1)
 
 

@@ -44,7 +44,7 @@ def shake(subject: Subject) -> Value | Unanswered:
     """The noise of the noisiest joint in its calmest second."""
     joints = [name for name in body_points(subject) if name in BODY]  # the end of a foot says how its joint is turned
     noise = {name: 1000 * noise_floor(subject.at(name), subject, _SLOW) for name in joints}
-    return _noisiest(noise)
+    return noisiest(noise)
 
 
 def rotation_shake(subject: Subject) -> Value | Unanswered:
@@ -56,7 +56,7 @@ def rotation_shake(subject: Subject) -> Value | Unanswered:
             flips = np.where((turn[1:] * turn[:-1]).sum(axis=-1) < 0, -1.0, 1.0)
             whole = turn * np.concatenate([[1.0], np.cumprod(flips)])[:, None]
             noise[name] = np.degrees(2 * noise_floor(whole, subject, np.radians(_SLOW_TURN) / 2))
-    return _noisiest(noise)
+    return noisiest(noise)
 
 
 def drift(subject: Subject) -> Value | Unanswered:
@@ -90,10 +90,13 @@ def dead(subject: Subject) -> Value | Unanswered:
     return Value(fastest, f"the head moved by {1000 * sway:.1f} mm", blame="performer" if sway > _ALIVE else "device")
 
 
-def _noisiest(noise: dict[str, float]) -> Value | Unanswered:
+def noisiest(
+    noise: dict[str, float], none: str = "nothing stands for a second, or there are fewer than 15 frames a second"
+) -> Value | Unanswered:
+    """The largest noise and whose it is; why there is no figure where none is known."""
     known = {name: value for name, value in noise.items() if np.isfinite(value)}
     if not known:
-        return Unanswered("nothing stands for a second, or there are fewer than 15 frames a second")
+        return Unanswered(none)
     worst = max(known, key=lambda name: known[name])
     return Value(known[worst], worst)
 
