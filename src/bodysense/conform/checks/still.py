@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from bodysense.body.skeleton import BODY
-from bodysense.conform.check import Check, Unanswered, Value
+from bodysense.conform.check import Unanswered, Value, check_of
 from bodysense.conform.checks.motion import TIMED, body_points, is_rotated
 from bodysense.conform.subject import Subject
 
@@ -101,24 +103,19 @@ def noisiest(
     return Value(known[worst], worst)
 
 
+_timed = partial(check_of, "motion", before=TIMED)
+
 CHECKS = (
-    Check("motion.shake", shake, "mm", "What stands trembles.", most=20, after=TIMED),
-    Check(
-        "motion.rotation_shake",
+    _timed("shake", shake, "mm", "What stands trembles.", most=20),
+    _timed(
+        "rotation_shake",
         rotation_shake,
         "°",
         "What stands trembles in its rotations.",
         most=3.5,
-        after=(*TIMED, "anatomy.component_order"),
+        after=("anatomy.component_order",),
     ),
-    Check("motion.drift", drift, "cm/s", "How calm the calmest second is.", after=TIMED),
-    Check("motion.jitter", jitter, "10² m/s³", "Third derivative, to compare with papers.", after=TIMED),
-    Check(
-        "motion.dead",
-        dead,
-        "m/s",
-        "A script was performed and nothing moved.",
-        least=0.05,
-        after=TIMED,
-    ),
+    _timed("drift", drift, "cm/s", "How calm the calmest second is."),
+    _timed("jitter", jitter, "10² m/s³", "Third derivative, to compare with papers."),
+    _timed("dead", dead, "m/s", "A script was performed and nothing moved.", least=0.05),
 )
