@@ -59,4 +59,5 @@ def _workers(jobs: int, scheduler: str | None) -> Iterator[tuple[Callable[..., A
             f"--scheduler {scheduler}: no Dask scheduler answers; `dask scheduler` prints its address"
         ) from None
     with client:
-        yield partial(client.submit, pure=False), max(1, sum(client.ncores().values()))
+        cores: Any = client.ncores()
+        yield partial(client.submit, pure=False), max(1, sum(cores.values()))
