@@ -17,7 +17,6 @@ from bodysense.lab.datasets import open_clips
 from bodysense.lab.store import is_store, prepare, read_store
 
 pytest.importorskip("zarr", reason="needs bodysense[lab]")
-pytest.importorskip("dask", reason="needs bodysense[lab]")
 
 
 @pytest.fixture
@@ -76,9 +75,9 @@ def test_a_killed_run_goes_on_and_is_never_taken_for_whole(
     path, seen = tmp_path / "motion.zarr", []
     prepared, append = store_module._prepared, store_module._append
 
-    def counted(source, rate, options):
-        seen.append(source.path.name)
-        return prepared(source, rate, options)
+    def counted(item, rate, options):
+        seen.append(item[1].path.name)
+        return prepared(item, rate, options)
 
     def killed(group, table, batch):
         if len(table.clips) < 2 or moment == "before the rename":

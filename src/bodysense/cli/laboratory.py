@@ -18,7 +18,7 @@ COMMANDS = (
     ("data", "render"),
     ("data", "fingers"),
 )
-_NEEDED = ("torch", "lightning_fabric", "onnx", "zarr", "dask")
+_NEEDED = ("torch", "lightning_fabric", "onnx", "scipy", "zarr", "distributed")
 INSTALL = "pip install 'bodysense[lab]', or in a clone pip install -c constraints.txt '.[lab]'"
 
 

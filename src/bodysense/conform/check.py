@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -64,6 +64,25 @@ class Check:
         if self.most is not None:
             return f"≤ {self.most:g}{unit}"
         return f"≥ {self.least:g}{unit}" if self.least is not None else "–"
+
+
+def check_of(
+    group: Group,
+    name: str,
+    measure: Measure,
+    unit: str,
+    why: str,
+    *,
+    before: Sequence[str] = (),
+    after: Sequence[str] = (),
+    **limits: Any,
+) -> Check:
+    """A check of a group, after `before`, which many have, and `after`: names without a group are of the same one.
+
+    `limits` are the other fields of `Check`.
+    """
+    earlier = tuple(one if "." in one else f"{group}.{one}" for one in (*before, *after))
+    return Check(f"{group}.{name}", measure, unit, why, after=earlier, **limits)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ The clips of a place, whether it is a folder of motion files or a prepared store
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import islice
 from pathlib import Path
@@ -18,6 +18,7 @@ from bodysense.io.datasets.layouts import Layout
 from bodysense.io.datasets.sources import Source, list_sources, read_source
 from bodysense.io.datasets.splits import SPLITS, Split, empty_split
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.lab.spread import spread
 from bodysense.lab.store import read_store
 
 OPTIONS = tuple(field.name for field in fields(ReadingOptions))
@@ -167,6 +168,26 @@ def census_of(clip: Clip) -> Census:
     people = frozenset([clip.person] if clip.person else [])
     fingers = clip.has_fingers
     return Census(1, people, clip.seconds, int(fingers), clip.seconds * fingers)
+
+
+def gathered(
+    work: Callable[[Clip], Mapping[Any, Any]], clips: Iterable[Clip], jobs: int, advance: Callable[[Clip], None]
+) -> tuple[dict[Any, Any], Census]:
+    """What `work` found in clips, what has the same key merged, and how much motion that was.
+
+    `jobs` processes work; `advance` is told of every clip that is done.
+    """
+    found: dict[Any, Any] = {}
+    census = Census()
+    for clip, parts in spread(work, clips, jobs):
+        census += census_of(clip)
+        for key, part in parts.items():
+            if key in found:
+                found[key].merge(part)
+            else:
+                found[key] = part
+        advance(clip)
+    return found, census
 
 
 def named_data(text: str, split: Split | Literal["all"] = "test", quick: bool = False) -> DataSet:

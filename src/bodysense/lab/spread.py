@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from functools import partial
 from multiprocessing import get_context
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from bodysense.errors import BodysenseError, missing_package
 
@@ -23,28 +25,29 @@ def spread(
     `work` must pickle. No more than a few clips wait in memory. `scheduler` is the address of a Dask scheduler whose
     machines do the work instead.
     """
-    if scheduler is not None:
-        yield from _on_machines(work, clips, scheduler)
-        return
-    if jobs == 1:
+    if jobs == 1 and scheduler is None:
         for clip in clips:
             yield clip, work(clip)
         return
-    # Spawned, not forked: a fork of a process that has threads (a progress bar, BLAS, PyTorch) can hang.
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        waiting: deque[tuple[Item, Future[Result]]] = deque()
+    with _workers(jobs, scheduler) as (submit, count):
+        waiting: deque[tuple[Item, Any]] = deque()
         for clip in clips:
-            waiting.append((clip, pool.submit(work, clip)))
-            if len(waiting) > 2 * jobs:
+            waiting.append((clip, submit(work, clip)))
+            if len(waiting) > 2 * count:
                 done, future = waiting.popleft()
                 yield done, future.result()
         for done, future in waiting:
             yield done, future.result()
 
 
-def _on_machines(
-    work: Callable[[Item], Result], clips: Iterable[Item], scheduler: str
-) -> Iterator[tuple[Item, Result]]:
+@contextmanager
+def _workers(jobs: int, scheduler: str | None) -> Iterator[tuple[Callable[..., Any], int]]:
+    """What takes work and gives a future, and how much is done at a time."""
+    if scheduler is None:
+        # Spawned, not forked: a fork of a process that has threads (a progress bar, BLAS, PyTorch) can hang.
+        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+            yield pool.submit, jobs
+        return
     try:
         from distributed import Client
     except ImportError as error:
@@ -56,6 +59,5 @@ def _on_machines(
             f"--scheduler {scheduler}: no Dask scheduler answers; `dask scheduler` prints its address"
         ) from None
     with client:
-        waiting = [(clip, client.submit(work, clip, pure=False)) for clip in clips]
-        for clip, future in waiting:
-            yield clip, future.result()
+        cores: Any = client.ncores()
+        yield partial(client.submit, pure=False), max(1, sum(cores.values()))

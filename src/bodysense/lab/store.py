@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
-from multiprocessing import get_context
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from bodysense.io.datasets.sources import Source, list_sources, read_source
 from bodysense.io.datasets.splits import Split
 from bodysense.io.resample import resample
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.lab.spread import spread
 
 FORMAT = "bodysense-motion-1"
 CHUNK = 512  # frames that are compressed together: a random window reads one or two chunks
@@ -230,8 +231,9 @@ def _check_same(path: Path, table: Table, rate: float, sources: Mapping[str, Sou
         )
 
 
-def _prepared(source: Source, rate: float, options: ReadingOptions) -> tuple[Clip | str, str]:
-    """The clip at `rate`, or why there is none; and the hash of its file. Runs in the workers."""
+def _prepared(item: tuple[str, Source], rate: float, options: ReadingOptions) -> tuple[Clip | str, str]:
+    """The clip of a source at `rate`, or why there is none; and the hash of its file. Runs in the workers."""
+    _, source = item
     sha256 = source.file.sha256()
     try:
         clip = resample(read_source(source, options), rate)
@@ -245,37 +247,13 @@ def _prepared(source: Source, rate: float, options: ReadingOptions) -> tuple[Cli
 def _computed(
     sources: Mapping[str, Source], rate: float, workers: int | None, scheduler: str | None, options: ReadingOptions
 ) -> Iterator[list[tuple[str, Source, Clip | str, str]]]:
-    """What `_prepared` makes of the sources, computed by Dask: batches of (key, source, clip or reason, hash)."""
-    from dask.base import compute
-    from dask.config import set as configured
-    from dask.delayed import delayed
-
-    def batches(size: int) -> Iterator[list[tuple[str, Source, Clip | str, str]]]:
-        for some in (list(sources.items())[start : start + size] for start in range(0, len(sources), size)):
-            results = compute(*(delayed(_prepared, pure=False)(source, rate, options) for _, source in some))
-            yield [(key, source, *result) for (key, source), result in zip(some, results, strict=True)]
-
-    if scheduler is not None:
-        try:
-            from distributed import Client
-        except ImportError as error:
-            raise missing_package(error) from None
-        with Client(scheduler):
-            yield from batches(8 * BATCH)
-        return
+    """What `_prepared` makes of the sources: batches of (key, source, clip or reason, hash)."""
     workers = os.cpu_count() or 1 if workers is None else workers
     if workers < 1:
         raise BodysenseError(f"{workers} workers cannot be; give at least 1")
-    if workers == 1:
-        with configured(scheduler="synchronous"):
-            yield from batches(BATCH)
-        return
-    # Spawned, not forked: a fork of a process that has threads (a progress bar, BLAS) can hang.
-    with (
-        ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool,
-        configured(scheduler="processes", pool=pool),
-    ):
-        yield from batches(BATCH)
+    made = spread(partial(_prepared, rate=rate, options=options), sources.items(), workers, scheduler)
+    while batch := [(*item, *result) for item, result in islice(made, BATCH)]:
+        yield batch
 
 
 def _append(group: Any, table: Table, batch: Sequence[tuple[str, Source, Clip | str, str]]) -> Table:
@@ -324,7 +302,6 @@ def _publish(group: Any, table: Table, part: Path, store_path: Path) -> None:
 
 def _zarr() -> Any:
     try:
-        import dask  # noqa: F401
         import zarr
     except ImportError as error:
         raise missing_package(error) from None

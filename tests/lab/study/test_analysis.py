@@ -16,7 +16,6 @@ from bodysense.lab.study.analysis import (
     analyze,
     preference,
     simulate_answers,
-    student_two_sided,
     votes,
     write_csv,
 )
@@ -26,14 +25,6 @@ from bodysense.lab.study.study import COMPARISONS, Answers, Choice, Condition, S
 @pytest.fixture(scope="module")
 def key() -> StudyKey:
     return draw_key([f"scene{k}" for k in range(4)], np.random.default_rng(0))
-
-
-@pytest.mark.parametrize("freedom", [1, 2, 3, 7, 38, 500, 100_000])
-def test_student_against_scipy(freedom: int) -> None:
-    t = np.array([0, 1e-3, 0.1, 0.7, 1, 1.5, 2, 3, 5, 9.74, 17.5, 29.07, 100, 1e8, -2.5])
-    ours = np.array([student_two_sided(value, freedom) for value in t])
-    np.testing.assert_allclose(ours, 2 * stats.t.sf(np.abs(t), freedom), rtol=1e-9, atol=1e-300)
-    assert student_two_sided(math.inf, freedom) == 0
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from bodysense.conform.check import Check, Unanswered, Value
+from bodysense.conform.check import Unanswered, Value, check_of
 from bodysense.conform.subject import Subject, is_finger
 
 SIDES = ("left", "right")
@@ -100,10 +100,12 @@ UPPER_ARM, FOREARM = _sided("shoulder", "elbow"), _sided("elbow", "wrist")
 THIGH, SHIN = _sided("hip", "knee"), _sided("knee", "ankle")
 _TRUNK: tuple[Chain, ...] = (("pelvis", "neck"),)
 SIZED = ("anatomy.height", "anatomy.joint_order")
+_check = partial(check_of, "anatomy")
+_sized = partial(check_of, "anatomy", before=SIZED)
 
 CHECKS = (
-    Check(
-        "anatomy.height",
+    _check(
+        "height",
         height,
         "m",
         "Nobody is of another size; centimetres are not metres.",
@@ -111,63 +113,55 @@ CHECKS = (
         most=2.2,
         after=("data.finite",),
     ),
-    Check("anatomy.bone_constancy", bone_constancy, "%", "Bones that stretch tear an avatar's skin.", most=3),
-    Check(
-        "anatomy.bone_symmetry", bone_symmetry, "%", "One long leg limps.", most=12, after=("anatomy.bone_constancy",)
-    ),
-    Check("anatomy.joint_order", ends_in_order, "%", "A knee beyond its ankle folds the leg.", most=20),
-    Check(
-        "anatomy.arm_proportion",
+    _check("bone_constancy", bone_constancy, "%", "Bones that stretch tear an avatar's skin.", most=3),
+    _check("bone_symmetry", bone_symmetry, "%", "One long leg limps.", most=12, after=("bone_constancy",)),
+    _check("joint_order", ends_in_order, "%", "A knee beyond its ankle folds the leg.", most=20),
+    _sized(
+        "arm_proportion",
         partial(ratio, FOREARM, UPPER_ARM),
         "forearm / upper arm",
         "Hands miss what they reach for.",
         least=0.6,
         most=1.2,
-        after=SIZED,
     ),
-    Check(
-        "anatomy.leg_proportion",
+    _sized(
+        "leg_proportion",
         partial(ratio, SHIN, THIGH),
         "shin / thigh",
         "Knees bend at the wrong height.",
         least=0.7,
         most=1.35,
-        after=SIZED,
     ),
-    Check(
-        "anatomy.arms_to_legs",
+    _sized(
+        "arms_to_legs",
         partial(ratio, (*UPPER_ARM, *FOREARM), (*THIGH, *SHIN)),
         "arms / legs",
         "Arms too long or short for the legs.",
         least=0.5,
         most=0.85,
-        after=SIZED,
     ),
-    Check(
-        "anatomy.trunk_share",
+    _sized(
+        "trunk_share",
         partial(ratio, _TRUNK, (*THIGH, *SHIN)),
         "trunk / both legs",
         "A trunk too long or short for the legs.",
         least=0.2,
         most=0.48,
-        after=SIZED,
     ),
-    Check(
-        "anatomy.shoulder_width",
+    _sized(
+        "shoulder_width",
         partial(ratio, (("left_shoulder", "right_shoulder"),), _TRUNK),
         "shoulders / trunk",
         "Arms that hang on the neck, or beside the body.",
         least=0.4,
         most=1.0,
-        after=SIZED,
     ),
-    Check(
-        "anatomy.hip_width",
+    _sized(
+        "hip_width",
         partial(ratio, (("left_hip", "right_hip"),), _TRUNK),
         "hips / trunk",
         "Legs that share a hip, or straddle.",
         least=0.15,
         most=0.6,
-        after=SIZED,
     ),
 )

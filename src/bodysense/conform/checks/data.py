@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
-from bodysense.conform.check import Check, Unanswered, Value
+from bodysense.body.gaps import runs
+from bodysense.conform.check import Unanswered, Value, check_of
 from bodysense.conform.checks.timing import TIMED
 from bodysense.conform.subject import FOOT_POINTS, Subject
 
@@ -193,12 +195,6 @@ def windows_covered(subject: Subject) -> Value | Unanswered:
     return Value(len(bad), ", ".join(bad))
 
 
-def runs(flags: np.ndarray) -> list[tuple[int, int]]:
-    """Start and end of every run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
-
-
 def longest_run(flags: np.ndarray) -> tuple[int, int | None]:
     """Length and start of the longest run of True."""
     start, end = max(runs(flags), key=lambda run: run[1] - run[0], default=(0, 0))
@@ -220,65 +216,51 @@ def _worst(subject: Subject, amount: np.ndarray) -> tuple[str, int | None]:
     return subject.points[int(point)], int(frame)
 
 
+_check = partial(check_of, "data")
+_timed = partial(check_of, "data", before=TIMED)
+
 CHECKS = (
-    Check(
-        "data.long_enough",
-        long_enough,
-        "s",
-        "A second is the least of which motion can be judged.",
-        least=1,
-        required=True,
+    _check(
+        "long_enough", long_enough, "s", "A second is the least of which motion can be judged.", least=1, required=True
     ),
-    Check("data.joints_present", joints_present, "joints", "An avatar needs a pelvis, a head, arms and legs.", most=0),
-    Check("data.messages_decode", messages_decode, "%", "A receiver drops what it cannot read.", most=0),
-    Check("data.messages_lost", messages_lost, "%", "Lost messages are seen as stutter.", most=1),
-    Check("data.finite", finite, "values", "One NaN makes a whole avatar vanish.", most=0, required=True),
-    Check("data.no_zero_positions", no_zero_positions, "%", "Unset joints pull limbs to the origin.", most=1),
-    Check("data.within_reach", within_reach, "m", "Far from the origin single precision is too coarse.", most=1000),
-    Check("data.unit_quaternions", unit_quaternions, "", "Rotations of other lengths scale a body.", most=1e-3),
-    Check("data.sign_flips", sign_flips, "/min", "Programs that blend linearly spin at a flip."),
-    Check("data.presence", presence, "%", "Frames without a body are seen as drop-outs.", least=95, required=True),
-    Check(
-        "data.coverage",
+    _check("joints_present", joints_present, "joints", "An avatar needs a pelvis, a head, arms and legs.", most=0),
+    _check("messages_decode", messages_decode, "%", "A receiver drops what it cannot read.", most=0),
+    _check("messages_lost", messages_lost, "%", "Lost messages are seen as stutter.", most=1),
+    _check("finite", finite, "values", "One NaN makes a whole avatar vanish.", most=0, required=True),
+    _check("no_zero_positions", no_zero_positions, "%", "Unset joints pull limbs to the origin.", most=1),
+    _check("within_reach", within_reach, "m", "Far from the origin single precision is too coarse.", most=1000),
+    _check("unit_quaternions", unit_quaternions, "", "Rotations of other lengths scale a body.", most=1e-3),
+    _check("sign_flips", sign_flips, "/min", "Programs that blend linearly spin at a flip."),
+    _check("presence", presence, "%", "Frames without a body are seen as drop-outs.", least=95, required=True),
+    _check(
+        "coverage",
         coverage,
         "%",
         "A joint that is mostly invalid is no joint.",
         least=50,
-        after=("data.joints_present", "data.presence"),
+        after=("joints_present", "presence"),
     ),
-    Check(
-        "data.validity_trend",
-        validity_trend,
-        "%",
-        "Tracking that decays in a take ends lost.",
-        most=25,
-        after=("data.presence",),
+    _check(
+        "validity_trend", validity_trend, "%", "Tracking that decays in a take ends lost.", most=25, after=("presence",)
     ),
-    Check("data.flag_agrees", flag_agrees, "%", "A flag that says otherwise than the joints misleads.", most=1),
-    Check(
-        "data.frozen_frames",
-        frozen_frames,
-        "s",
-        "A body that repeats bit for bit has no tracker behind it.",
-        most=1.0,
-        after=TIMED,
-    ),
-    Check(
-        "data.frozen_joint",
+    _check("flag_agrees", flag_agrees, "%", "A flag that says otherwise than the joints misleads.", most=1),
+    _timed("frozen_frames", frozen_frames, "s", "A body that repeats bit for bit has no tracker behind it.", most=1.0),
+    _check(
+        "frozen_joint",
         frozen_joint,
         "s",
         "A joint that hangs in the air tears its limb.",
         most=0.5,
-        after=("data.frozen_frames", *TIMED),
+        after=("frozen_frames", *TIMED),
     ),
-    Check("data.joints_apart", joints_apart, "%", "Two joints in one place are one that was copied.", most=5),
-    Check("data.windows_wellformed", windows_wellformed, "steps", "Steps that overlap cannot be judged.", most=0),
-    Check(
-        "data.windows_covered",
+    _check("joints_apart", joints_apart, "%", "Two joints in one place are one that was copied.", most=5),
+    _check("windows_wellformed", windows_wellformed, "steps", "Steps that overlap cannot be judged.", most=0),
+    _check(
+        "windows_covered",
         windows_covered,
         "steps",
         "A step without frames cannot be judged.",
         most=0,
-        after=("data.windows_wellformed",),
+        after=("windows_wellformed",),
     ),
 )

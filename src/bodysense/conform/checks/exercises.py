@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from bodysense.body.gaps import runs
 from bodysense.conform.check import Unanswered, Value
 from bodysense.conform.checks.steps import (
     SIDES,
@@ -19,8 +20,6 @@ from bodysense.conform.checks.steps import (
     standing_head,
 )
 from bodysense.conform.subject import Subject
-
-_UP = np.array([0.0, 1.0, 0.0])
 
 
 def squat_depth(subject: Subject, during: np.ndarray) -> Value:
@@ -65,8 +64,7 @@ def squats_alike(subject: Subject, during: np.ndarray) -> Value | Unanswered:
     bent = np.mean([hip(subject, side) for side in SIDES], axis=0)[during]
     bent = bent - np.nanpercentile(bent, 5)
     down = np.nan_to_num(bent) > 0.5 * np.nanmax(bent)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], down, [False]]).astype(np.int8)))
-    peaks = [float(np.nanmax(bent[a:b])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    peaks = [float(np.nanmax(bent[a:b])) for a, b in runs(down)]
     if len(peaks) < 2:
         return Unanswered("fewer than two squats")
     return Value(100 * abs(peaks[0] - peaks[1]) / max(peaks[:2]))
@@ -126,40 +124,21 @@ def _deepest(subject: Subject, during: np.ndarray) -> int:
 
 
 CHECKS = (
+    pose_check("squat_deep", moved, "squat", squat_depth, "% of height", "The head goes down.", -12, performer=True),
     pose_check(
-        "squat_deep", partial(moved, "squat", squat_depth), "% of height", "The head goes down.", -12, performer=True
+        "squat_knees", moved, "squat", squat_knees, "° too straight", "Who squats bends the knees.", 15, ("squat_deep",)
     ),
+    pose_check("squat_symmetry", moved, "squat", squat_symmetry, "°", "Both knees bend alike.", 15, ("squat_deep",)),
+    pose_check("squat_feet", moved, "squat", feet_stay, "cm", "Feet stay where they are.", 10, ("squat_deep",)),
     pose_check(
-        "squat_knees",
-        partial(moved, "squat", squat_knees),
-        "° too straight",
-        "Who squats bends the knees.",
-        15,
-        ("poses.squat_deep",),
-    ),
-    pose_check(
-        "squat_symmetry",
-        partial(moved, "squat", squat_symmetry),
-        "°",
-        "Both knees bend alike.",
-        15,
-        ("poses.squat_deep",),
-    ),
-    pose_check(
-        "squat_feet", partial(moved, "squat", feet_stay), "cm", "Feet stay where they are.", 10, ("poses.squat_deep",)
-    ),
-    pose_check(
-        "squats_alike",
-        partial(moved, "squat", squats_alike),
-        "%",
-        "Two squats look alike.",
-        25,
-        ("poses.squat_deep", "poses.squat_knees"),
+        "squats_alike", moved, "squat", squats_alike, "%", "Two squats look alike.", 25, ("squat_deep", "squat_knees")
     ),
     *(
         pose_check(
             f"{side}_arm_raise",
-            partial(moved, f"{side}_arm_raise", partial(lacks_raise, side)),
+            moved,
+            f"{side}_arm_raise",
+            partial(lacks_raise, side),
             "° below",
             "The arm is raised by 60°.",
             -60,
@@ -170,7 +149,9 @@ CHECKS = (
     *(
         pose_check(
             f"{side}_leg_raise",
-            partial(moved, f"{side}_leg_raise", partial(lacks_lift, side)),
+            moved,
+            f"{side}_leg_raise",
+            partial(lacks_lift, side),
             "° below",
             "The leg is raised by 15°.",
             -15,
@@ -181,30 +162,27 @@ CHECKS = (
     *(
         pose_check(
             f"{side}_leg_crosstalk",
-            partial(moved, f"{side}_leg_raise", partial(crosstalk, side)),
+            moved,
+            f"{side}_leg_raise",
+            partial(crosstalk, side),
             "°",
             "The other leg stands.",
             None,
         )
         for side in SIDES
     ),
-    pose_check("march_lifts", partial(moved, "march", march_lifts), "° below", "Knees go up.", -15, performer=True),
-    pose_check(
-        "march_antiphase",
-        partial(moved, "march", march_in_phase),
-        "",
-        "One knee after the other.",
-        0,
-        ("poses.march_lifts",),
-    ),
+    pose_check("march_lifts", moved, "march", march_lifts, "° below", "Knees go up.", -15, performer=True),
+    pose_check("march_antiphase", moved, "march", march_in_phase, "", "One knee after the other.", 0, ("march_lifts",)),
     pose_check(
         "march_cadence",
-        partial(moved, "march", march_cadence),
+        moved,
+        "march",
+        march_cadence,
         "%",
         "The beat is steady.",
         25,
-        ("poses.march_lifts", "poses.march_antiphase"),
+        ("march_lifts", "march_antiphase"),
         performer=True,
     ),
-    pose_check("march_in_place", partial(moved, "march", goes_away), "m", "The marcher stays.", 0.6, performer=True),
+    pose_check("march_in_place", moved, "march", goes_away, "m", "The marcher stays.", 0.6, performer=True),
 )

@@ -9,7 +9,7 @@ import numpy as np
 
 from bodysense.body.rotation import quaternion_conjugate, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
-from bodysense.conform.check import Check, Unanswered, Value
+from bodysense.conform.check import Unanswered, Value, check_of
 from bodysense.conform.checks.anatomy import CORE, SIDES, unit
 from bodysense.conform.subject import Subject, is_finger
 
@@ -150,47 +150,42 @@ def _local_bone(
 
 
 FRAMES = ("anatomy.component_order", "anatomy.inverse_rotations", "anatomy.rotations_and_positions")
+_check = partial(check_of, "anatomy")
+_framed = partial(check_of, "anatomy", before=FRAMES)
 
 CHECKS = (
-    Check("anatomy.up_axis", up_axis, "°", "A body that lies on its side in an avatar program.", most=60),
-    Check("anatomy.handedness", handedness, "", "In a mirrored world left and right are changed.", least=0.2),
-    Check(
-        "anatomy.component_order",
+    _check("up_axis", up_axis, "°", "A body that lies on its side in an avatar program.", most=60),
+    _check("handedness", handedness, "", "In a mirrored world left and right are changed.", least=0.2),
+    _check(
+        "component_order",
         partial(better_otherwise, lambda turn: np.roll(turn, -1, axis=-1)),
         "times better as x y z w",
         "Quaternions read in another order.",
         most=2,
     ),
-    Check(
-        "anatomy.inverse_rotations",
+    _check(
+        "inverse_rotations",
         partial(better_otherwise, quaternion_conjugate),
         "times better inverted",
         "Rotations that go the other way.",
         most=2,
-        after=("anatomy.component_order",),
+        after=("component_order",),
     ),
-    Check(
-        "anatomy.rotations_and_positions",
+    _check(
+        "rotations_and_positions",
         same_frame,
         "%",
         "Skin that follows rotations leaves the joints.",
         most=10,
-        after=("anatomy.component_order", "anatomy.inverse_rotations", "anatomy.bone_constancy"),
+        after=("component_order", "inverse_rotations", "bone_constancy"),
     ),
-    Check(
-        "anatomy.left_right",
-        left_right,
-        "%",
-        "Left limbs on the right.",
-        most=5,
-        after=("anatomy.handedness", *FRAMES),
-    ),
-    Check(
-        "anatomy.rest_axes",
+    _check("left_right", left_right, "%", "Left limbs on the right.", most=5, after=("handedness", *FRAMES)),
+    _framed(
+        "rest_axes",
         rest_axes,
         "°",
         "A rest pose that is no T-pose bends every limb of an avatar.",
         most=35,
-        after=(*FRAMES, "anatomy.handedness", "anatomy.joint_order"),
+        after=("handedness", "joint_order"),
     ),
 )

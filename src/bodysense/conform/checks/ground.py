@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
-from bodysense.conform.check import Check, Unanswered, Value
+from bodysense.conform.check import Unanswered, Value, check_of
 from bodysense.conform.checks.anatomy import unit
 from bodysense.conform.checks.data import longest_run
 from bodysense.conform.checks.motion import TIMED
@@ -119,46 +121,28 @@ def _above(subject: Subject) -> np.ndarray:
     return nan_min(np.stack([subject.at(name)[:, 1] for name in subject.feet]), axis=0) - subject.ground
 
 
+_check = partial(check_of, "motion")
+_timed = partial(check_of, "motion", before=TIMED)
+
 CHECKS = (
-    Check(
-        "motion.skate",
-        skate,
-        "m per m",
-        "Feet glide over the floor.",
-        most=0.9,
-        after=(*TIMED, "motion.teleport", "anatomy.up_axis"),
-    ),
-    Check(
-        "motion.under_floor",
+    _timed("skate", skate, "m per m", "Feet glide over the floor.", most=0.9, after=("teleport", "anatomy.up_axis")),
+    _check(
+        "under_floor",
         under_floor,
         "cm",
         "Feet are sunk into the floor.",
         most=8,
         after=("anatomy.height", "anatomy.up_axis"),
     ),
-    Check("motion.deepest", deepest, "cm", "The deepest that a foot ever is.", after=("anatomy.height",)),
-    Check(
-        "motion.floor_level",
+    _check("deepest", deepest, "cm", "The deepest that a foot ever is.", after=("anatomy.height",)),
+    _check(
+        "floor_level",
         floor_level,
         "cm",
         "The floor is elsewhere than said.",
         most=12,
-        after=("anatomy.height", "anatomy.up_axis", "motion.under_floor"),
+        after=("anatomy.height", "anatomy.up_axis", "under_floor"),
     ),
-    Check(
-        "motion.hover",
-        hover,
-        "s",
-        "A body that hangs in the air.",
-        most=1.2,
-        after=(*TIMED, "motion.floor_level", "motion.under_floor"),
-    ),
-    Check(
-        "motion.idle_steps",
-        idle_steps,
-        "/min",
-        "Feet that step while nobody does.",
-        most=40,
-        after=(*TIMED, "motion.shake", "motion.pop"),
-    ),
+    _timed("hover", hover, "s", "A body that hangs in the air.", most=1.2, after=("floor_level", "under_floor")),
+    _timed("idle_steps", idle_steps, "/min", "Feet that step while nobody does.", most=40, after=("shake", "pop")),
 )

@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from bodysense.body.rotation import quaternion_conjugate, quaternion_rotate
-from bodysense.conform.check import Check, Unanswered, Value
+from bodysense.conform.check import Check, Unanswered, Value, check_of
 from bodysense.conform.checks.data import longest_run
-from bodysense.conform.checks.still import noise_floor
+from bodysense.conform.checks.still import noise_floor, noisiest
 from bodysense.conform.subject import Step, Subject, is_finger
 
 _SIDES = ("left", "right")
@@ -144,11 +144,7 @@ def shake(subject: Subject, side: str) -> Value | Unanswered:
     """Noise (mm) of the noisiest fingertip, in the wrist, in its calmest second."""
     tips = [_chain(subject, side, finger)[-1] for finger in _ALL]
     noise = {tip: 1000 * noise_floor(_in_wrist(subject, side, tip), subject, 0.1) for tip in tips}
-    known = {tip: value for tip, value in noise.items() if np.isfinite(value)}
-    if not known:
-        return Unanswered("no finger rests for a second")
-    worst = max(known, key=lambda tip: known[tip])
-    return Value(known[worst], worst)
+    return noisiest(noise, "no finger rests for a second")
 
 
 def pop(subject: Subject, side: str) -> Value | Unanswered:
@@ -260,25 +256,21 @@ _TIMED = ("data.time_increases", "data.time_in_seconds", "data.gaps")
 
 
 def _hand(name: str, measure: OfSide, unit: str, why: str, most: float | None, after: tuple[str, ...] = ()) -> Check:
-    return Check(f"hands.{name}", partial(each_hand, measure), unit, why, most=most, after=(*_SEEN, *after))
+    return check_of("hands", name, partial(each_hand, measure), unit, why, before=_SEEN, after=after, most=most)
 
 
 def _gesture(name: str, label: str, measure: Callable[[Subject, str, np.ndarray], Value], unit: str, why: str,
              most: float | None, after: tuple[str, ...] = (), performer: bool = True) -> Check:  # fmt: skip
-    return Check(
-        f"hands.{name}",
-        partial(gesture, label, measure),
-        unit,
-        why,
-        most=most,
-        blame="performer" if performer else "device",
-        after=(*_FORM, *after),
-    )
+    blame = "performer" if performer else "device"
+    judged = partial(gesture, label, measure)
+    return check_of("hands", name, judged, unit, why, before=_FORM, after=after, most=most, blame=blame)
 
+
+_check = partial(check_of, "hands")
 
 CHECKS = (
-    Check("hands.complete", complete, "joints", "A finger that lacks a joint does not bend.", most=0),
-    Check("hands.coverage", coverage, "% missing", "Fingers that are mostly invalid hang.", most=50),
+    _check("complete", complete, "joints", "A finger that lacks a joint does not bend.", most=0),
+    _check("coverage", coverage, "% missing", "Fingers that are mostly invalid hang.", most=50),
     _hand("longest", size, "m", "Nobody's hand is longer.", 0.28, ("anatomy.height",)),
     _hand("shortest", smallness, "m", "Nobody's hand is shorter.", -0.1, ("anatomy.height",)),
     _hand("bone_constancy", bone_constancy, "%", "Fingers that stretch.", 10),
@@ -288,11 +280,11 @@ CHECKS = (
         "doublings",
         "Fingers too long or short for the palm.",
         1.0,
-        ("hands.longest", "hands.shortest"),
+        ("longest", "shortest"),
     ),
     _hand("knuckle_order", knuckle_order, "%", "Fingers that are changed for each other.", 10),
-    _hand("thumb_side", thumb_side, "%", "A thumb on the wrong side.", 20, ("hands.knuckle_order",)),
-    _hand("chirality", chirality, "%", "A left hand on a right arm.", 20, ("hands.thumb_side", "anatomy.handedness")),
+    _hand("thumb_side", thumb_side, "%", "A thumb on the wrong side.", 20, ("knuckle_order",)),
+    _hand("chirality", chirality, "%", "A left hand on a right arm.", 20, ("thumb_side", "anatomy.handedness")),
     _hand(
         "wrist_axes",
         wrist_axes,
@@ -302,7 +294,7 @@ CHECKS = (
         ("anatomy.component_order", "anatomy.inverse_rotations"),
     ),
     _hand("shake", shake, "mm", "Fingers that tremble.", 2, (*_TIMED, "motion.shake")),
-    _hand("pop", pop, "cm", "Fingers that leap.", 15, (*_TIMED, "motion.pop", "hands.longest")),
+    _hand("pop", pop, "cm", "Fingers that leap.", 15, (*_TIMED, "motion.pop", "longest")),
     _hand("frozen", frozen, "s", "A wrist that hangs while fingers move.", 0.5, ("data.frozen_joint",)),
     _gesture("flat", "flat", bent, "1 − straightness", "The hand is open.", 0.2),
     _gesture("fist", "fist", curled, "straightness", "The hand is a fist.", 0.6),
@@ -318,7 +310,7 @@ CHECKS = (
             "% another",
             "It is the finger that was asked for.",
             40,
-            (f"hands.pinch_{f}",),
+            (f"pinch_{f}",),
             performer=False,
         )
         for f in _FINGERS
@@ -331,7 +323,7 @@ CHECKS = (
             "cm",
             "How near they come.",
             None,
-            (f"hands.pinch_{f}",),
+            (f"pinch_{f}",),
         )
         for f in _FINGERS
     ),

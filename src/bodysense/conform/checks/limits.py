@@ -7,10 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from bodysense.body.capsules import nearest_shares
 from bodysense.body.posture import posture
 from bodysense.body.rotation import quaternion_log, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
-from bodysense.conform.check import Check, Unanswered, Value
+from bodysense.conform.check import Check, Unanswered, Value, check_of
 from bodysense.conform.checks.anatomy import FOREARM, SHIN, SIZED, THIGH, Chain
 from bodysense.conform.checks.frames import FRAMES
 from bodysense.conform.subject import Subject
@@ -81,9 +82,7 @@ def _between_segments(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray
     c, d = c + 0.1 * (d - c), d + 0.1 * (c - d)
     u, v, w = b - a, d - c, a - c
     uu, uv, vv, uw, vw = ((p * q).sum(axis=-1) for p, q in ((u, u), (u, v), (v, v), (u, w), (v, w)))
-    s = np.clip((uv * vw - vv * uw) / np.maximum(uu * vv - uv * uv, 1e-12), 0, 1)
-    t = np.clip((uv * s + vw) / np.maximum(vv, 1e-12), 0, 1)
-    s = np.clip((uv * t - uw) / np.maximum(uu, 1e-12), 0, 1)
+    s, t = nearest_shares(uu, vv, uv, uw, vw)
     return np.linalg.norm(w + s[:, None] * u - t[:, None] * v, axis=-1)
 
 
@@ -110,14 +109,16 @@ def _limit(name: str, joints: tuple[str, ...], most: float, why: str) -> Check:
     return Check(f"anatomy.limits_{name}", partial(beyond, joints), "° over", why, most=most, after=_FRAMES)
 
 
+_sized = partial(check_of, "anatomy", before=SIZED)
+_framed = partial(check_of, "anatomy", before=_FRAMES)
+
 CHECKS = (
-    Check(
-        "anatomy.knees_forward",
+    _framed(
+        "knees_forward",
         partial(bends_backward, ("hip", "knee", "ankle"), 1.0),
         "%",
         "Knees that bend backward.",
         most=15,
-        after=_FRAMES,
     ),
     _limit("knees", _both("knee"), 75, "Knees that twist, or bend sideways."),
     _limit("hips", _both("hip"), 100, "Legs in places that no leg reaches."),
@@ -127,16 +128,15 @@ CHECKS = (
     _limit("shoulders", _both("shoulder"), 55, "Arms in places that no arm reaches."),
     _limit("elbows", _both("elbow"), 60, "Elbows that bend backward, forearms that wring."),
     _limit("wrists", _both("wrist"), 80, "Hands that bend off the arm."),
-    Check(
-        "anatomy.legs_apart",
+    _sized(
+        "legs_apart",
         partial(penetration, ((THIGH[0], THIGH[1]), (SHIN[0], SHIN[1])), 0.01),
         "%",
         "One leg goes through the other.",
         most=70,
-        after=SIZED,
     ),
-    Check(
-        "anatomy.arms_outside",
+    _sized(
+        "arms_outside",
         partial(
             penetration,
             tuple((arm, chain) for arm in FOREARM for chain in (("pelvis", "neck"), ("neck", "head"))),
@@ -145,14 +145,12 @@ CHECKS = (
         "%",
         "Forearms go through trunk or neck.",
         most=75,
-        after=SIZED,
     ),
-    Check(
-        "anatomy.arms_apart",
+    _sized(
+        "arms_apart",
         partial(penetration, ((FOREARM[0], FOREARM[1]),), 0.01),
         "%",
         "One forearm goes through the other.",
         most=75,
-        after=SIZED,
     ),
 )

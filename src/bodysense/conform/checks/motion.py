@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from bodysense.body.rotation import geodesic_angle
-from bodysense.conform.check import Check, Unanswered, Value
+from bodysense.conform.check import Unanswered, Value, check_of
 from bodysense.conform.subject import Subject, is_finger
 
 
@@ -116,40 +118,27 @@ def _most(values: np.ndarray, where: str) -> Value | Unanswered:
 
 _NONE = Unanswered("no frames that follow each other")
 TIMED = ("data.time_finite", "data.time_increases", "data.time_in_seconds", "data.gaps", "anatomy.height")
+_timed = partial(check_of, "motion", before=TIMED)
 
 CHECKS = (
-    Check("motion.teleport", teleport, "m", "The whole body jumps.", most=0.5, after=TIMED),
-    Check(
-        "motion.body_speed",
-        body_speed,
-        "m/s",
-        "Nobody runs faster than 11 m/s.",
-        most=11,
-        after=(*TIMED, "motion.teleport"),
-    ),
-    Check(
-        "motion.pop",
-        pop,
-        "m",
-        "A joint leaps away for a frame and is back.",
-        most=0.5,
-        after=(*TIMED, "motion.teleport"),
-    ),
-    Check(
-        "motion.joint_speed",
+    _timed("teleport", teleport, "m", "The whole body jumps.", most=0.5),
+    _timed("body_speed", body_speed, "m/s", "Nobody runs faster than 11 m/s.", most=11, after=("teleport",)),
+    _timed("pop", pop, "m", "A joint leaps away for a frame and is back.", most=0.5, after=("teleport",)),
+    _timed(
+        "joint_speed",
         joint_speed,
         "m/s",
         "No joint of a body goes faster than 22 m/s.",
         most=22,
-        after=(*TIMED, "motion.teleport", "motion.pop"),
+        after=("teleport", "pop"),
     ),
-    Check("motion.body_flip", body_flip, "°", "The body turns about within a frame.", most=120, after=TIMED),
-    Check(
-        "motion.rotation_flip",
+    _timed("body_flip", body_flip, "°", "The body turns about within a frame.", most=120),
+    _timed(
+        "rotation_flip",
         rotation_flip,
         "°",
         "A joint turns about within a frame.",
         most=165,
-        after=(*TIMED, "motion.body_flip", "anatomy.component_order"),
+        after=("body_flip", "anatomy.component_order"),
     ),
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable
 
 import numpy as np
 
@@ -71,13 +71,13 @@ def asymmetry(subject: Subject, during: np.ndarray) -> Value:
     return Value(abs(left - right), "", last_frame(during))
 
 
-def repeats(label: str, subject: Subject) -> Value | Unanswered:
-    """Degrees by which the arms of the first and the last step of a label differ."""
+def repeats(label: str, angle_of: Callable[[Subject, str], np.ndarray], subject: Subject) -> Value | Unanswered:
+    """Degrees by which an angle of the arms in the first and the last step of a label differs."""
     steps = subject.labelled(label)
     if len(steps) < 2 or not subject.has("left_wrist", "right_wrist"):
         return Unanswered(f"fewer than two steps {label!r} in the script")
     ends = [subject.during(step, HELD) for step in (steps[0], steps[-1])]
-    offs = [abs(middle(elevation(subject, s), ends[0]) - middle(elevation(subject, s), ends[1])) for s in SIDES]
+    offs = [abs(middle(angle_of(subject, s), ends[0]) - middle(angle_of(subject, s), ends[1])) for s in SIDES]
     return Value(max(offs))
 
 
@@ -105,52 +105,26 @@ def _at(wanted: float) -> Measure:
 
 
 CHECKS = (
-    pose_check("stand_upright", partial(held, "stand", trunk_lean), "°", "Who stands is upright.", 15),
-    pose_check("stand_knees", partial(held, "stand", knees_bent), "°", "Who stands has straight knees.", 25),
-    pose_check("stand_feet", partial(held, "stand", feet_off_floor), "cm", "Who stands has both feet on the floor.", 6),
-    pose_check("stand_arms", partial(held, "stand", _at(-90)), "° from hanging", "Arms hang.", 40, performer=True),
-    pose_check("t_pose_held", partial(held, "t_pose", _at(0)), "° from level", "Arms are level.", 25, performer=True),
-    pose_check(
-        "t_pose_elbows",
-        partial(held, "t_pose", elbows_bent),
-        "°",
-        "Straight arms are straight.",
-        30,
-        ("poses.t_pose_held",),
-    ),
-    pose_check("t_pose_symmetry", partial(held, "t_pose", asymmetry), "°", "Arms droop alike.", None),
-    pose_check("t_pose_repeats", partial(repeats, "t_pose"), "°", "The same pose, later, is the same.", None),
+    pose_check("stand_upright", held, "stand", trunk_lean, "°", "Who stands is upright.", 15),
+    pose_check("stand_knees", held, "stand", knees_bent, "°", "Who stands has straight knees.", 25),
+    pose_check("stand_feet", held, "stand", feet_off_floor, "cm", "Who stands has both feet on the floor.", 6),
+    pose_check("stand_arms", held, "stand", _at(-90), "° from hanging", "Arms hang.", 40, performer=True),
+    pose_check("t_pose_held", held, "t_pose", _at(0), "° from level", "Arms are level.", 25, performer=True),
+    pose_check("t_pose_elbows", held, "t_pose", elbows_bent, "°", "Straight arms are straight.", 30, ("t_pose_held",)),
+    pose_check("t_pose_symmetry", held, "t_pose", asymmetry, "°", "Arms droop alike.", None),
+    pose_check("t_pose_repeats", repeats, "t_pose", elevation, "°", "The same pose, later, is the same.", None),
     pose_check(
         "arms_up",
-        partial(held, "arms_up", hands_over_head),
+        held,
+        "arms_up",
+        hands_over_head,
         "cm under the head",
         "Hands are over the head.",
         -10,
         performer=True,
     ),
-    pose_check(
-        "arms_up_elbows",
-        partial(held, "arms_up", elbows_bent),
-        "°",
-        "Raised arms are straight.",
-        45,
-        ("poses.arms_up",),
-    ),
-    pose_check("sit_down", partial(held, "sit", sits_high), "% of height", "The head is lower.", -12, performer=True),
-    pose_check(
-        "sit_knees",
-        partial(held, "sit", sitting_knees),
-        "° from 90",
-        "Who sits has bent knees.",
-        40,
-        ("poses.sit_down",),
-    ),
-    pose_check(
-        "sit_feet",
-        partial(held, "sit", feet_off_floor),
-        "cm",
-        "Who sits has the feet on the floor.",
-        10,
-        ("poses.sit_down",),
-    ),
+    pose_check("arms_up_elbows", held, "arms_up", elbows_bent, "°", "Raised arms are straight.", 45, ("arms_up",)),
+    pose_check("sit_down", held, "sit", sits_high, "% of height", "The head is lower.", -12, performer=True),
+    pose_check("sit_knees", held, "sit", sitting_knees, "° from 90", "Who sits has bent knees.", 40, ("sit_down",)),
+    pose_check("sit_feet", held, "sit", feet_off_floor, "cm", "Who sits has the feet on the floor.", 10, ("sit_down",)),
 )

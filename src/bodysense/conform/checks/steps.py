@@ -7,10 +7,12 @@ the device is wrong; where the head is not there either, the performer did somet
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 
-from bodysense.conform.check import Check, Unanswered, Value
+from bodysense.conform.check import Check, Unanswered, Value, check_of
 from bodysense.conform.subject import Step, Subject
 
 HELD = 0.6  # of a step in which a pose is held: the last part is judged
@@ -107,8 +109,21 @@ _BODY = (
 )
 
 
-def pose_check(name: str, measure: Callable[[Subject], Value | Unanswered], unit: str, why: str, most: float | None,
-          after: tuple[str, ...] = (), performer: bool = False) -> Check:  # fmt: skip
-    """A check of group poses, which needs a body that stands on a floor, and its script."""
+def pose_check(
+    name: str,
+    way: Callable[..., Value | Unanswered],
+    label: str,
+    measure: Callable[..., Any],
+    unit: str,
+    why: str,
+    most: float | None,
+    after: tuple[str, ...] = (),
+    performer: bool = False,
+) -> Check:
+    """A check of group poses, which needs a body that stands on a floor, and its script.
+
+    `way` is `held` or `moved`: how the steps of the label are judged by the measure.
+    """
     blame = "performer" if performer else "device"
-    return Check(f"poses.{name}", measure, unit, why, most=most, blame=blame, after=(*_BODY, *after))
+    judged = partial(way, label, measure)
+    return check_of("poses", name, judged, unit, why, before=_BODY, after=after, most=most, blame=blame)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from bodysense.body.skeleton import BODY
-from bodysense.conform.check import Check, Unanswered, Value
+from bodysense.conform.check import Unanswered, Value, check_of
 from bodysense.conform.checks.motion import TIMED, body_points, is_rotated
 from bodysense.conform.subject import Subject
 
@@ -44,7 +46,7 @@ def shake(subject: Subject) -> Value | Unanswered:
     """The noise of the noisiest joint in its calmest second."""
     joints = [name for name in body_points(subject) if name in BODY]  # the end of a foot says how its joint is turned
     noise = {name: 1000 * noise_floor(subject.at(name), subject, _SLOW) for name in joints}
-    return _noisiest(noise)
+    return noisiest(noise)
 
 
 def rotation_shake(subject: Subject) -> Value | Unanswered:
@@ -56,7 +58,7 @@ def rotation_shake(subject: Subject) -> Value | Unanswered:
             flips = np.where((turn[1:] * turn[:-1]).sum(axis=-1) < 0, -1.0, 1.0)
             whole = turn * np.concatenate([[1.0], np.cumprod(flips)])[:, None]
             noise[name] = np.degrees(2 * noise_floor(whole, subject, np.radians(_SLOW_TURN) / 2))
-    return _noisiest(noise)
+    return noisiest(noise)
 
 
 def drift(subject: Subject) -> Value | Unanswered:
@@ -90,32 +92,30 @@ def dead(subject: Subject) -> Value | Unanswered:
     return Value(fastest, f"the head moved by {1000 * sway:.1f} mm", blame="performer" if sway > _ALIVE else "device")
 
 
-def _noisiest(noise: dict[str, float]) -> Value | Unanswered:
+def noisiest(
+    noise: dict[str, float], none: str = "nothing stands for a second, or there are fewer than 15 frames a second"
+) -> Value | Unanswered:
+    """The largest noise and whose it is; why there is no figure where none is known."""
     known = {name: value for name, value in noise.items() if np.isfinite(value)}
     if not known:
-        return Unanswered("nothing stands for a second, or there are fewer than 15 frames a second")
+        return Unanswered(none)
     worst = max(known, key=lambda name: known[name])
     return Value(known[worst], worst)
 
 
+_timed = partial(check_of, "motion", before=TIMED)
+
 CHECKS = (
-    Check("motion.shake", shake, "mm", "What stands trembles.", most=20, after=TIMED),
-    Check(
-        "motion.rotation_shake",
+    _timed("shake", shake, "mm", "What stands trembles.", most=20),
+    _timed(
+        "rotation_shake",
         rotation_shake,
         "°",
         "What stands trembles in its rotations.",
         most=3.5,
-        after=(*TIMED, "anatomy.component_order"),
+        after=("anatomy.component_order",),
     ),
-    Check("motion.drift", drift, "cm/s", "How calm the calmest second is.", after=TIMED),
-    Check("motion.jitter", jitter, "10² m/s³", "Third derivative, to compare with papers.", after=TIMED),
-    Check(
-        "motion.dead",
-        dead,
-        "m/s",
-        "A script was performed and nothing moved.",
-        least=0.05,
-        after=TIMED,
-    ),
+    _timed("drift", drift, "cm/s", "How calm the calmest second is."),
+    _timed("jitter", jitter, "10² m/s³", "Third derivative, to compare with papers."),
+    _timed("dead", dead, "m/s", "A script was performed and nothing moved.", least=0.05),
 )

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
-from bodysense.conform.check import Check, Unanswered, Value
+from bodysense.conform.check import Unanswered, Value, check_of
 from bodysense.conform.subject import Subject
 
 
@@ -94,47 +96,37 @@ def clock_drift(subject: Subject) -> Value | Unanswered:
 
 
 TIMED = ("data.time_finite", "data.time_increases", "data.time_in_seconds")
+_check = partial(check_of, "data")
+_timed = partial(check_of, "data", before=TIMED)
 
 CHECKS = (
-    Check("data.time_finite", time_finite, "times", "Frames without a time cannot be put in order.", most=0),
-    Check(
-        "data.time_increases",
-        time_increases,
-        "steps",
-        "A step back in time breaks every filter.",
-        most=0,
-        required=True,
+    _check("time_finite", time_finite, "times", "Frames without a time cannot be put in order.", most=0),
+    _check(
+        "time_increases", time_increases, "steps", "A step back in time breaks every filter.", most=0, required=True
     ),
-    Check("data.time_repeats", time_repeats, "%", "Two frames at one time have no speed.", most=1),
-    Check(
-        "data.time_in_seconds",
+    _check("time_repeats", time_repeats, "%", "Two frames at one time have no speed.", most=1),
+    _check(
+        "time_in_seconds",
         time_in_seconds,
         "s",
         "Milliseconds taken for seconds stop a body.",
         least=0.0005,
         most=1.5,
-        after=("data.time_finite",),
+        after=("time_finite",),
     ),
-    Check("data.rate", rate, "Hz", "Below 10 Hz motion is a slide show.", least=10, after=TIMED),
-    Check("data.interval_regular", interval_regular, "%", "Uneven frames are seen as judder.", most=20, after=TIMED),
-    Check("data.gaps", gaps, "intervals", "A gap is seen as a freeze and a jump.", most=5, after=TIMED),
-    Check("data.log_times_increase", log_times_increase, "messages", "Players read files in their order.", most=0),
-    Check(
-        "data.available_after_sample",
+    _timed("rate", rate, "Hz", "Below 10 Hz motion is a slide show.", least=10),
+    _timed("interval_regular", interval_regular, "%", "Uneven frames are seen as judder.", most=20),
+    _timed("gaps", gaps, "intervals", "A gap is seen as a freeze and a jump.", most=5),
+    _check("log_times_increase", log_times_increase, "messages", "Players read files in their order.", most=0),
+    _check(
+        "available_after_sample",
         available_after_sample,
         "frames",
         "What is available before it was measured has a wrong clock.",
         most=0,
-        after=("data.time_finite",),
+        after=("time_finite",),
     ),
-    Check("data.latency", latency, "ms", "How late the body is.", after=("data.available_after_sample",)),
-    Check("data.device_clock", device_clock, "%", "Share of frames whose device clock is a copy."),
-    Check(
-        "data.clock_drift",
-        clock_drift,
-        "ppm",
-        "Clocks that drift part video and body within minutes.",
-        most=500,
-        after=TIMED,
-    ),
+    _check("latency", latency, "ms", "How late the body is.", after=("available_after_sample",)),
+    _check("device_clock", device_clock, "%", "Share of frames whose device clock is a copy."),
+    _timed("clock_drift", clock_drift, "ppm", "Clocks that drift part video and body within minutes.", most=500),
 )

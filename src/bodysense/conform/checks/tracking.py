@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from bodysense.conform.check import Check, Unanswered, Value
+from bodysense.conform.check import Unanswered, Value, check_of
 from bodysense.conform.subject import Subject, is_finger
 
 _OFF = 0.5  # s without any point: the device was taken off
@@ -106,47 +106,41 @@ def _returns(subject: Subject) -> list[int]:
 
 
 _TIMED = ("data.time_finite", "data.time_increases", "data.time_in_seconds", "anatomy.height")
+_timed = partial(check_of, "motion", before=_TIMED)
 
 CHECKS = (
-    Check(
-        "motion.step_at_loss",
+    _timed(
+        "step_at_loss",
         partial(steps_where, True),
         "cm",
         "A jump when a signal is lost.",
         most=10,
-        after=(*_TIMED, "motion.teleport", "motion.pop"),
+        after=("teleport", "pop"),
     ),
-    Check(
-        "motion.step_at_return",
+    _timed(
+        "step_at_return",
         partial(steps_where, False),
         "cm",
         "A jump when a signal returns.",
         most=10,
-        after=(*_TIMED, "motion.teleport", "motion.pop"),
+        after=("teleport", "pop"),
     ),
-    Check(
-        "motion.completed_speed",
+    _timed(
+        "completed_speed",
         completed_drift,
         "m/s",
         "Guessed limbs that whirl.",
         most=5,
-        after=(*_TIMED, "motion.joint_speed", "motion.step_at_loss", "motion.step_at_return"),
+        after=("joint_speed", "step_at_loss", "step_at_return"),
     ),
-    Check("motion.return_after_remount", returns_on_time, "s", "Put on again, it stays away.", most=1, after=_TIMED),
-    Check(
-        "motion.recovery",
+    _timed("return_after_remount", returns_on_time, "s", "Put on again, it stays away.", most=1),
+    _timed(
+        "recovery",
         recovery,
         "s",
         "Put on again, the body takes long to settle.",
         most=_RECOVERED,
-        after=(*_TIMED, "motion.return_after_remount"),
+        after=("return_after_remount",),
     ),
-    Check(
-        "motion.same_body",
-        same_body,
-        "%",
-        "Put on again, it is another body.",
-        most=5,
-        after=(*_TIMED, "motion.recovery"),
-    ),
+    _timed("same_body", same_body, "%", "Put on again, it is another body.", most=5, after=("recovery",)),
 )

@@ -130,14 +130,14 @@ def points_alone(names: tuple[str, ...], position: np.ndarray, time: np.ndarray)
 def in_our_world(position: np.ndarray, raw: RawMarkers, form: MarkerFormat) -> np.ndarray:
     """Positions (..., 3) of a file in our world: metres, +Y up, right-handed."""
     unit = form.unit or raw.unit
-    axes = _AXES[form.up] if form.up is not None else _AXES["y"] if raw.axes is None else raw.axes
+    axes = AXES[form.up] if form.up is not None else AXES["y"] if raw.axes is None else raw.axes
     if form.left_handed:
         axes = axes * [[-1.0], [1.0], [1.0]]
     with np.errstate(invalid="ignore", over="ignore"):
         return (position * METRES[unit]) @ axes.T
 
 
-_AXES = {"y": np.eye(3), "z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])}
+AXES = {"y": np.eye(3), "z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])}
 
 
 def _our_names(raw: RawMarkers, form: MarkerFormat, place: str) -> list[str | None]:

@@ -41,17 +41,24 @@ def numbered(text: str, delimiter: str) -> list[tuple[int, list[str]]]:
     ]
 
 
-def numbers(path: Path, rows: Rows, width: int) -> np.ndarray:
-    """(T, width) the first values of each row; NaN for what is missing, also beyond the end of a row."""
+def numbers(
+    path: Path, rows: Rows, width: int, columns: Sequence[int] | None = None, header: Sequence[str] = ()
+) -> np.ndarray:
+    """(T, width) the first values of each row, or of them some columns alone; NaN for what is missing.
+
+    Also beyond the end of a row. `header` names the columns in messages.
+    """
     values = np.full((len(rows), width), np.nan)
     for t, (number, cells) in enumerate(rows):
-        for k, cell in enumerate(cells[:width]):
+        for k in range(min(width, len(cells))) if columns is None else columns:
+            cell = cells[k].strip()
             if cell.lower() not in MISSING:
                 try:
                     values[t, k] = float(cell)
                 except ValueError:
+                    column = repr(header[k]) if header else k + 1
                     raise BodysenseError(
-                        f"{path}: line {number}, column {k + 1}: {cell[:20]!r} is not a number; "
+                        f"{path}: line {number}, column {column}: {cell[:20]!r} is not a number; "
                         "leave missing markers empty"
                     ) from None
     return values
@@ -101,7 +108,6 @@ _COORDINATE = re.compile(r"(?P<name>.*\S)(?:[ ._:/(-]+pos(?:ition)?)?[ ._:/(-]+(
 _POSITION = re.compile(r"[ ._:/(-]+pos(?:ition)?$", re.IGNORECASE)
 _VALID = re.compile(r"(?P<name>.*\S)[ ._:/(-]+(?:isvalid|valid|visible|known)\)?", re.IGNORECASE)
 _TIME = re.compile(r"(?:time|timestamp|t|seconds)(?: ?\(s\)|_s| ?\[s\])?", re.IGNORECASE)
-_MISSING = {"", "nan", "null", "none", "-"}
 
 
 def read_csv(path: Path, rate: float | None = None) -> RawMarkers:
@@ -111,20 +117,27 @@ def read_csv(path: Path, rate: float | None = None) -> RawMarkers:
     if not lines:
         raise BodysenseError(f"{path}: the file is empty; its first line names the columns")
     delimiter = max(",;\t", key=lines[0][1].count)
-    header, *rows = csv.reader((line for _, line in lines), delimiter=delimiter)
+    header, *frames = csv.reader((line for _, line in lines), delimiter=delimiter)
     header = [cell.strip() for cell in header]
-    if not rows:
+    if not frames:
         raise BodysenseError(f"{path}: columns but no frames; every further line is one")
+    rows = [(number, row) for (number, _), row in zip(lines[1:], frames, strict=True)]
+    for number, row in rows:
+        if len(row) != len(header):
+            raise BodysenseError(
+                f"{path}: line {number} has {len(row)} values, the first line names {len(header)} columns; "
+                "was the file cut short?"
+            )
     names, coordinates, valid, time = _columns(path, header)
-    values = _values(path, header, rows, [number for number, _ in lines[1:]], [*coordinates.ravel(), *valid.values()])
+    values = numbers(path, rows, len(header), [*coordinates.ravel(), *valid.values()], header)
     position = values[:, coordinates]  # (T, M, 3)
     for marker, column in valid.items():
         position[~(values[:, column] > 0), marker] = np.nan
     position[~np.isfinite(position).all(axis=-1)] = np.nan
     if time is not None:
-        moments = _values(path, header, rows, [number for number, _ in lines[1:]], [time])[:, time]
+        moments = numbers(path, rows, len(header), [time], header)[:, time]
         if not np.isfinite(moments).all():
-            number = lines[1 + int(np.argmin(np.isfinite(moments)))][0]
+            number, _ = rows[int(np.argmin(np.isfinite(moments)))]
             raise BodysenseError(f"{path}: line {number} has no time; give seconds in every line")
     elif rate is None:
         raise BodysenseError(f"{path}: no column of times; say how many frames a second there are with --rate")
@@ -177,27 +190,3 @@ def _columns(path: Path, header: list[str]) -> tuple[list[str], np.ndarray, dict
     coordinates = np.array([[found[name][axis] for axis in "xyz"] for name in names])
     valid = {k: flags[name] for k, name in enumerate(names) if name in flags}
     return names, coordinates, valid, times[0] if times else None
-
-
-def _values(
-    path: Path, header: list[str], rows: list[list[str]], numbers: list[int], columns: Sequence[int]
-) -> np.ndarray:
-    """(T, columns of the file) the values of some columns; NaN for what is missing."""
-    values = np.full((len(rows), len(header)), np.nan)
-    for t, (row, number) in enumerate(zip(rows, numbers, strict=True)):
-        if len(row) != len(header):
-            raise BodysenseError(
-                f"{path}: line {number} has {len(row)} values, the first line names {len(header)} columns; "
-                "was the file cut short?"
-            )
-        for k in columns:
-            cell = row[k].strip()
-            if cell.lower() not in _MISSING:
-                try:
-                    values[t, k] = float(cell)
-                except ValueError:
-                    raise BodysenseError(
-                        f"{path}: line {number}, column {header[k]!r}: {cell[:20]!r} is not a number; "
-                        "leave missing markers empty"
-                    ) from None
-    return values

@@ -12,6 +12,7 @@ from bodysense.body.rotation import (
     quaternion_exp,
     quaternion_multiply,
     quaternion_rotate,
+    quaternion_to_matrix,
 )
 from bodysense.body.shape import Measured, shape_space
 from bodysense.body.skeleton import BODY, default_skeleton
@@ -249,22 +250,11 @@ def between(a: np.ndarray, b: np.ndarray, share: np.ndarray) -> np.ndarray:
     return mixed / np.linalg.norm(mixed, axis=-1, keepdims=True)
 
 
-def matrices(q: np.ndarray) -> np.ndarray:
-    """(..., 4) → (..., 3, 3)."""
-    w, x, y, z = np.moveaxis(q, -1, 0)
-    parts = [
-        *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    ]
-    return np.stack(parts, axis=-1).reshape(*q.shape[:-1], 3, 3)
-
-
 def _retargeted(
     rotation: np.ndarray, root: np.ndarray, own: np.ndarray, other: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions (T, 25, 3) of the motion on another body, and matrices (T, 22, 3, 3): the twin of `body.retarget`."""
-    matrix = matrices(rotation)
+    matrix = quaternion_to_matrix(rotation)
     carrying = matrix[:, _PARENTS]
 
     def placed(offset: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.special import stdtr
 
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
@@ -95,40 +96,7 @@ def preference(values: np.ndarray) -> Preference:
     if values.min() == values.max():
         return Preference(mean, 0.0, math.copysign(math.inf, mean) if mean else math.nan, 0.0 if mean else 1.0, n)
     t = mean / error
-    return Preference(mean, error, t, student_two_sided(t, n - 1), n)
-
-
-def student_two_sided(t: float, freedom: int) -> float:
-    """P(|T| ≥ |t|) for Student's t with `freedom` degrees: the regularised incomplete beta I_x(freedom/2, 1/2)."""
-    share = t * t / freedom
-    if math.isinf(share):
-        return 0.0
-    return _incomplete_beta(freedom / 2, 0.5, 1 / (1 + share), share / (1 + share))
-
-
-def _incomplete_beta(a: float, b: float, x: float, rest: float) -> float:
-    """I_x(a, b) by its continued fraction (DLMF 8.17.22), evaluated by Lentz's method; `rest` is 1 − x."""
-    if x > (a + 1) / (a + b + 2):  # beyond, the fraction converges slowly, its mirror image fast
-        return 1 - _incomplete_beta(b, a, rest, x)
-    if x == 0:
-        return 0.0
-    logarithm = a * math.log(x) + b * math.log(rest) + math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b)
-    fraction = upper = 1.0
-    lower = 0.0
-    for k in range(1000):
-        m = k // 2
-        if k == 0:
-            term = 1.0
-        elif k % 2:
-            term = -(a + m) * (a + b + m) * x / ((a + k - 1) * (a + k))
-        else:
-            term = m * (b - m) * x / ((a + k - 1) * (a + k))
-        lower = 1 / (1 + term * lower)
-        upper = 1 + term / upper
-        fraction *= upper * lower
-        if abs(upper * lower - 1) < 1e-15:
-            break
-    return math.exp(logarithm) * (fraction - 1) / a
+    return Preference(mean, error, t, float(2 * stdtr(n - 1, -abs(t))), n)
 
 
 def write_csv(path: str | Path, result: StudyResult) -> None:

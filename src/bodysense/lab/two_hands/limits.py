@@ -30,7 +30,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.lab.chart import BarPanel, plain_bars
-from bodysense.lab.datasets import Census, DataSet, census_of, describe
+from bodysense.lab.datasets import Census, DataSet, describe, gathered
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.scoring import GROUPS, group_of
 from bodysense.lab.spread import spread
@@ -277,14 +277,8 @@ def measure_clips(
     clips: Iterable[Clip], networks: Networks, cameras: CameraRing, jobs: int, advance: Callable[[Clip], None]
 ) -> tuple[dict[str, Findings], Census]:
     """Findings by group of categories of all clips with fingers; `advance` is told of every one."""
-    found: dict[str, Findings] = {}
-    census = Census()
     with_fingers = (clip for clip in clips if clip.has_fingers)
-    for clip, one in spread(partial(_of_clip, networks=networks, cameras=cameras), with_fingers, jobs):
-        found.setdefault(group_of(clip), Findings()).merge(one)
-        census += census_of(clip)
-        advance(clip)
-    return found, census
+    return gathered(partial(_of_clip, networks=networks, cameras=cameras), with_fingers, jobs, advance)
 
 
 def measure_synthesised(
@@ -298,8 +292,8 @@ def measure_synthesised(
     return found
 
 
-def _of_clip(clip: Clip, networks: Networks, cameras: CameraRing) -> Findings:
-    return measure_pair(pair_of_clip(clip), _models(networks), cameras, np.random.default_rng(0))
+def _of_clip(clip: Clip, networks: Networks, cameras: CameraRing) -> dict[str, Findings]:
+    return {group_of(clip): measure_pair(pair_of_clip(clip), _models(networks), cameras, np.random.default_rng(0))}
 
 
 def _of_seed(seed: tuple[int, int], networks: Networks, cameras: CameraRing) -> Findings:

@@ -155,37 +155,37 @@ class OcclusionEvaluation:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PredictorEvaluation(MotionEvaluation):
+class StridedEvaluation:
+    """A table of which frames may be left out."""
+
+    stride: int = 1
+    """score every n-th frame"""
+    table: Flat[TableOptions] = TableOptions()
+
+    def __post_init__(self) -> None:
+        check_fields(self, "stride")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictorEvaluation(StridedEvaluation, MotionEvaluation):
     """UNOC, Table 2: predictors of hidden joints."""
 
     networks: Path | None = None
     """folder that `bodysense train unoc-tables` wrote; the predictor beside the last known position if omitted"""
     model: Path | None = None
     """predictor of your own, written by `bodysense train body-gru`; the packaged one if omitted"""
-    stride: int = 1
-    """score every n-th frame"""
-    table: Flat[TableOptions] = TableOptions()
-
-    def __post_init__(self) -> None:
-        check_fields(self, "stride")
 
 
 @dataclass(frozen=True, kw_only=True)
-class VariantEvaluation(MotionEvaluation):
+class VariantEvaluation(StridedEvaluation, MotionEvaluation):
     """UNOC, Tables 3 and 4: variants of the network."""
 
     networks: Path
     """folder that `bodysense train unoc-tables` wrote; scores are kept in it"""
-    stride: int = 1
-    """score every n-th frame"""
-    table: Flat[TableOptions] = TableOptions()
-
-    def __post_init__(self) -> None:
-        check_fields(self, "stride")
 
 
 @dataclass(frozen=True, kw_only=True)
-class CrossEvaluation:
+class CrossEvaluation(StridedEvaluation):
     """UNOC, Table 5: trained on one data set, tested on another."""
 
     data: tuple[str, ...]
@@ -194,12 +194,6 @@ class CrossEvaluation:
     """NAME=FOLDER for each training set: what `bodysense train unoc-tables --networks gru` wrote of it"""
     finger_networks: tuple[str, ...] = ()
     """NAME=FILE for each training set: what `bodysense train fingers --form paper` wrote of it"""
-    stride: int = 1
-    """score every n-th frame"""
-    table: Flat[TableOptions] = TableOptions()
-
-    def __post_init__(self) -> None:
-        check_fields(self, "stride")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -146,7 +146,7 @@ def lanes(
 ) -> Iterator[PointBatch]:
     """Endless chunks of whole clips, `lane_count` side by side, whose state carries over except where `begins`."""
     # A drawn clip plays whole, so that it counts by its length already.
-    for pieces, begins in played(lambda: episodes[rng.integers(len(episodes))], lane_count, chunk):
+    for pieces, begins in played(lambda: episodes[int(rng.integers(len(episodes)))], lane_count, chunk):
         yield collate(pieces, chunk, begins)
 
 

@@ -19,10 +19,9 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.io.clip import Clip
 from bodysense.lab.chart import BarPanel, plain_bars
-from bodysense.lab.datasets import Census, DataSet, census_of, describe, missing
+from bodysense.lab.datasets import Census, DataSet, describe, gathered, missing
 from bodysense.lab.metrics import acceleration
 from bodysense.lab.scoring import GROUPS, RATE, Tally, group_of, part_errors, scored_points
-from bodysense.lab.spread import spread
 from bodysense.lab.table import Named, Report, cell, finite, ordering
 from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings, track_clip
 from bodysense.observation import Observation
@@ -155,15 +154,8 @@ def measure_smoothness(
     advance: Callable[[Clip], None],
 ) -> tuple[Sums, Census]:
     """All methods on a data set. `advance` is told of every clip that is done."""
-    sums: Sums = {}
-    census = Census()
     work = partial(smoothness_of_clip, networks=networks, model=model, settings=settings)
-    for clip, one in spread(work, data.clips(), jobs):
-        census += census_of(clip)
-        for key, value in one.items():
-            sums.setdefault(key, Smoothness()).merge(value)
-        advance(clip)
-    return sums, census
+    return gathered(work, data.clips(), jobs, advance)
 
 
 def smoothness_report(sums: Sums, census: Census, data: DataSet) -> Report:

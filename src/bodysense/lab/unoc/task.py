@@ -174,7 +174,7 @@ def lanes(
     The state of a lane carries over from batch to batch, except where `begins`. A clip's last chunk is padded.
     """
     share = weight / weight.sum()
-    for pieces, begins in played(lambda: episodes[rng.choice(len(episodes), p=share)], lane_count, chunk):
+    for pieces, begins in played(lambda: episodes[int(rng.choice(len(episodes), p=share))], lane_count, chunk):
         yield collate(pieces, chunk, begins)
 
 

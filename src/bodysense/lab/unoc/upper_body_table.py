@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from bodysense.devices.simulated.three_point import POINTS, observe
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.lab.chart import BarPanel, plain_bars
-from bodysense.lab.datasets import Census, DataSet, describe, missing
+from bodysense.lab.datasets import Census, DataSet, describe, gathered, missing
 from bodysense.lab.metrics import joint_error
 from bodysense.lab.scoring import GROUPS, RATE, Tally, group_of
 from bodysense.lab.table import Cell, Report, cell, finite, ordering
@@ -169,14 +169,8 @@ def evaluate_upper_body(
     methods: dict[str, MakeEstimator] = (
         {"ik": UpperBodyIk} if network is None else {"network": network, "ik": UpperBodyIk}
     )
-    tallies: Tallies = {}
-    count, seconds = 0, 0.0
-    for clip in clips:
-        for key, tally in score_clip(clip, methods).items():
-            tallies.setdefault(key, Tally()).merge(tally)
-        count, seconds = count + 1, seconds + clip.seconds
-        advance(clip)
-    return UpperBodyTable(tallies, count, seconds)
+    tallies, census = gathered(partial(score_clip, methods=methods), clips, 1, advance)
+    return UpperBodyTable(tallies, census.clips, census.seconds)
 
 
 def score_clip(clip: Clip, methods: Mapping[str, MakeEstimator]) -> Tallies:

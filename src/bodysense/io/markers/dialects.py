@@ -1,0 +1,249 @@
+"""Markers as TRC, OpenSim's layout: five lines of header, then tab-separated frames with their number and time.
+
+Markers, rigid bodies and bones as CSV of OptiTrack Motive, whose first line begins with 'Format Version'.
+
+Under it stand a line of kinds, one of names, of identifiers, in newer versions of parents, of what is measured, and
+'Frame, Time (Seconds), X, Y, Z …'; then a line a frame.
+
+Markers as CSV of Vicon Nexus: the section 'Trajectories': rate, names, 'Frame, Sub Frame, X, Y, Z …', units.
+
+Markers as TSV of Qualisys Track Manager: a header of named lines, then tab-separated frames.
+
+Trajectories (MARKER_NAMES) have three columns each; rigid bodies (BODY_NAMES) sixteen: place, three angles, residual
+and nine of a matrix, of which the place is read. Frame number and time may stand in front. Of skeletons, a line names
+each segment before its X, Y, Z and QX to QW. Millimetres; +Z is usually up, but no line says so.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.arrays import sound
+from bodysense.errors import BodysenseError
+from bodysense.files import read_text
+from bodysense.io.markers.raw_markers import AXES, RawMarkers
+from bodysense.io.markers.text import Rows, markers_of, numbered, numbers, rate_of, unit_of, whole
+
+
+def read_trc(path: Path, rate: float | None = None) -> RawMarkers:
+    """Read a TRC file; its unit and rate are in its header, its up axis is not. `rate` Hz goes before the header's.
+
+    Raises BodysenseError naming the line and the fix.
+    """
+    lines = numbered(read_text(path), "\t")
+    if len(lines) < 5 or not lines[0][1][0].lower().startswith("pathfiletype"):
+        raise BodysenseError(f"{path}: not a TRC file, whose first line begins with PathFileType; export it again")
+    header = dict(zip((name.lower() for name in lines[1][1]), lines[2][1], strict=False))
+    lacking = [name for name in ("datarate", "numframes", "nummarkers", "units") if name not in header]
+    if lacking:
+        raise BodysenseError(f"{path}: line 2 has no {lacking[0]!r}; a TRC file names DataRate, NumFrames, Units there")
+    names = [name for name in lines[3][1][2:] if name]
+    count = whole(path, header["nummarkers"], "NumMarkers")
+    if len(names) != count:
+        raise BodysenseError(f"{path}: NumMarkers is {count}, but line 4 names {len(names)}; export it again")
+    rows = lines[4:]
+    if rows and not _is_number(rows[0][1][0]):
+        rows = rows[1:]  # X1 Y1 Z1 …
+    frames = whole(path, header["numframes"], "NumFrames")
+    if len(rows) < frames:
+        raise BodysenseError(f"{path}: NumFrames is {frames}, but there are {len(rows)}; was the file cut short?")
+    values = numbers(path, rows, 2 + 3 * count)
+    position = values[:, 2:].reshape(len(rows), count, 3)
+    hertz = rate_of(path, header["datarate"], "DataRate", rate)
+    return markers_of(path, names, np.asarray(position), hertz, unit_of(path, header["units"]))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+_KINDS = ("bone", "marker", "bone marker", "rigid body", "rigid body marker")
+_AXES = ("x", "y", "z", "w")
+
+
+def is_motive(head: str) -> bool:
+    """Whether a text begins as Motive's files do."""
+    return head.lstrip("\ufeff").startswith("Format Version")
+
+
+def read_motive(path: Path, rate: float | None = None) -> RawMarkers:
+    """Read a CSV file of Motive: markers, and where there are any, bones with their rotations.
+
+    Markers of a rigid body or of a bone that stand beside labelled markers of the same name are left out.
+    """
+    text = read_text(path)
+    try:
+        lines = [(k, cells) for k, cells in enumerate(csv.reader(text.splitlines()), start=1) if any(cells)]
+    except csv.Error as error:
+        raise BodysenseError(f"{path}: not readable as CSV ({error}); export it from Motive again") from None
+    first = lines[0][1]
+    header = dict(zip(first[0::2], first[1::2], strict=False))
+    start = next((k for k, (_, cells) in enumerate(lines) if cells[0].strip().lower() == "frame"), None)
+    if start is None or start < 4:
+        raise BodysenseError(f"{path}: no line 'Frame, Time (Seconds), X, Y, Z'; export it from Motive with its header")
+    kinds = next((row for _, row in lines[1:start] if any(cell.strip().lower() in _KINDS for cell in row)), None)
+    names = next((row for _, row in lines[1:start] if "name" in (cell.strip().lower() for cell in row[:2])), None)
+    if kinds is None or names is None:
+        raise BodysenseError(
+            f"{path}: no lines 'Type' and 'Name' over the columns; export it from Motive with its header"
+        )
+    columns = _columns(kinds, names, lines[start - 1][1], lines[start][1])
+    if not columns:
+        raise BodysenseError(f"{path}: no column is a position; export markers, rigid bodies or bones from Motive")
+    values = numbers(path, lines[start + 1 :], len(lines[start][1]))
+    position = np.stack([values[:, places["position"]] for places in columns.values()], axis=1)
+    hertz = rate_of(path, header.get("Export Frame Rate") or header.get("Capture Frame Rate", ""), "its rate", rate)
+    unit = unit_of(path, header.get("Length Units", "Meters"))
+    raw = markers_of(path, list(columns), position, hertz, unit, np.eye(3))
+    if header.get("Rotation Type", "").lower() != "quaternion":
+        return raw
+    rotation = np.full((*position.shape[:2], 4), np.nan)
+    for k, places in enumerate(columns.values()):
+        if len(places.get("rotation", ())) == 4:
+            rotation[:, k] = values[:, [places["rotation"][axis] for axis in (3, 0, 1, 2)]]
+    return RawMarkers(raw.names, raw.position, raw.time, raw.frame_rate, raw.unit, raw.axes, rotation)
+
+
+def _columns(
+    kinds: list[str], names: list[str], measured: list[str], axes: list[str]
+) -> dict[str, dict[str, list[int]]]:
+    """Columns of the position (x, y, z), and the rotation (x, y, z, w) if there is one, of everything by its name."""
+    found: dict[tuple[str, str], dict[str, dict[str, int]]] = {}
+    for k, axis in enumerate(axes):
+        kind, name, what = (row[k].strip() if k < len(row) else "" for row in (kinds, names, measured))
+        if kind.lower() in _KINDS and what.lower() in ("position", "rotation") and axis.strip().lower() in _AXES:
+            found.setdefault((name, kind.lower()), {}).setdefault(what.lower(), {})[axis.strip().lower()] = k
+    order = {kind: k for k, kind in enumerate(("bone", "marker", "rigid body", "bone marker", "rigid body marker"))}
+    columns: dict[str, dict[str, list[int]]] = {}
+    for (name, _), parts in sorted(found.items(), key=lambda item: order[item[0][1]]):
+        if all(axis in parts.get("position", {}) for axis in "xyz"):
+            axes_of = {"position": "xyz", "rotation": _AXES}
+            columns.setdefault(
+                name, {part: [at[axis] for axis in axes_of[part] if axis in at] for part, at in parts.items()}
+            )
+    return columns
+
+
+_SECTIONS = ("trajectories", "devices", "joints", "model outputs", "segments", "gaze vector", "events")
+
+
+def is_nexus(head: str) -> bool:
+    """Whether a text begins with a section of Nexus's."""
+    return head.lstrip("\ufeff").split("\n", 1)[0].strip(' ,;\t\r"').lower() in _SECTIONS
+
+
+def read_nexus(path: Path, rate: float | None = None) -> RawMarkers:
+    """Read the trajectories of a CSV file of Nexus; other sections are left out. `rate` Hz goes before the file's."""
+    text = read_text(path)
+    delimiter = max(",;\t", key=text[:4096].count)
+    try:
+        lines = list(enumerate(csv.reader(text.splitlines(), delimiter=delimiter), start=1))
+    except csv.Error as error:
+        raise BodysenseError(f"{path}: not readable as CSV ({error}); export it from Nexus again") from None
+    at = next((k for k, (_, row) in enumerate(lines) if row and row[0].strip().lower() == "trajectories"), None)
+    if at is None:
+        raise BodysenseError(f"{path}: no section 'Trajectories' in it; export the trajectories from Nexus")
+    section = []
+    for number, row in lines[at + 1 :]:
+        if not any(cell.strip() for cell in row):  # a blank line ends the section
+            break
+        section.append((number, [cell.strip() for cell in row]))
+    if len(section) < 5:
+        raise BodysenseError(f"{path}: its section 'Trajectories' has no frames; export it from Nexus again")
+    named, axes = section[1][1], [cell.lower() for cell in section[2][1]]
+    places = [k for k in range(len(axes) - 2) if axes[k : k + 3] == ["x", "y", "z"]]
+    names = [named[k] if k < len(named) and named[k] else f"unlabelled {n + 1}" for n, k in enumerate(places)]
+    if not places:
+        raise BodysenseError(f"{path}: line {section[2][0]} has no X, Y, Z; export the trajectories from Nexus again")
+    units = section[3][1]
+    unit = unit_of(path, units[places[0]] if places[0] < len(units) else "")
+    values = numbers(path, section[4:], places[-1] + 3)
+    position = np.stack([values[:, k : k + 3] for k in places], axis=1)
+    return markers_of(path, names, position, rate_of(path, section[0][1][0], "its rate", rate), unit, AXES["z"])
+
+
+_LAYOUTS = {"MARKER_NAMES": ("NO_OF_MARKERS", 3), "BODY_NAMES": ("NO_OF_BODIES", 16)}
+_SEGMENT = ("X", "Y", "Z", "QX", "QY", "QZ", "QW")
+_UNIT = 0.01  # how far from 1 the length of a rotation may be
+_NAMED = re.compile(r"[A-Z]+(_[A-Z]+)+|FREQUENCY|REFERENCE|SCALE|SOLVER|DESCRIPTION.*|EVENT.*")
+Header = dict[str, list[str]]
+
+
+def read_tsv(path: Path, rate: float | None = None) -> RawMarkers:
+    """Read a TSV file of trajectories or rigid bodies. `rate` Hz goes before the header's."""
+    lines = numbered(read_text(path), "\t")
+    header: Header = {}
+    at = 0
+    while at < len(lines) and _NAMED.fullmatch(lines[at][1][0]):
+        header[lines[at][1][0]] = [cell for cell in lines[at][1][1:] if cell]
+        at += 1
+    if "NO_OF_FRAMES" in header and at < len(lines) and "QW" in lines[at][1]:
+        return _segments(path, header, lines[at][1], lines[at + 1 :], rate)
+    layout = next((name for name in _LAYOUTS if header.get(name)), None)
+    if "NO_OF_FRAMES" not in header or layout is None:
+        raise BodysenseError(
+            f"{path}: not a TSV file of Qualisys, whose header has NO_OF_FRAMES and MARKER_NAMES, BODY_NAMES or "
+            "a skeleton's segments; export it from QTM with its header"
+        )
+    names = header[layout]
+    counted, width = _LAYOUTS[layout]
+    count = whole(path, (header.get(counted) or [str(len(names))])[0], counted)
+    if count != len(names):
+        raise BodysenseError(f"{path}: {counted} is {count}, but {layout} names {len(names)}; export it again")
+    rows = lines[at:]
+    columns: list[str] = []
+    if rows and any(cell[:1].isalpha() and cell.lower() not in ("nan", "null") for cell in rows[0][1]):
+        columns, rows = rows[0][1], rows[1:]
+    _check_frames(path, header, len(rows))
+    before = _before(columns, rows, count * width)
+    values = numbers(path, rows, before + count * width)[:, before:]
+    position = values.reshape(len(rows), count, width)[..., :3]
+    return markers_of(path, names, position, _rate(path, header, rate), "mm", AXES["z"])
+
+
+def _segments(path: Path, header: Header, columns: list[str], rows: Rows, rate: float | None) -> RawMarkers:
+    """A skeleton: every segment's place and rotation in the world."""
+    if (header.get("REFERENCE") or ["GLOBAL"])[0].upper() != "GLOBAL":
+        raise BodysenseError(f"{path}: its segments are given in their parents; export the skeleton with global values")
+    _check_frames(path, header, len(rows))
+    starts = [k for k in range(len(columns) - 7) if tuple(columns[k + 1 : k + 8]) == _SEGMENT]
+    if not starts or not all(columns[k] for k in starts):
+        raise BodysenseError(f"{path}: no segment is named before its X, Y, Z and QX to QW; export the skeleton again")
+    values = numbers(path, rows, len(columns))
+    position, rotation = (
+        np.stack([values[:, [start + k for k in places]] for start in starts], axis=1)
+        for places in ((1, 2, 3), (7, 4, 5, 6))
+    )
+    raw = markers_of(path, [columns[k] for k in starts], position, _rate(path, header, rate), "mm", AXES["z"])
+    rotation = np.where(sound(rotation), rotation, np.nan)
+    length = np.linalg.norm(rotation, axis=-1, keepdims=True)
+    known = np.isfinite(raw.position).all(axis=-1, keepdims=True) & (np.abs(length - 1) < _UNIT)
+    return replace(raw, rotation=np.where(known, rotation / np.where(known, length, 1), np.nan))
+
+
+def _check_frames(path: Path, header: Header, rows: int) -> None:
+    frames = whole(path, (header["NO_OF_FRAMES"] or [""])[0], "NO_OF_FRAMES")
+    if rows < frames:
+        raise BodysenseError(f"{path}: NO_OF_FRAMES is {frames}, but there are {rows}; was the file cut short?")
+
+
+def _rate(path: Path, header: Header, told: float | None) -> float:
+    return rate_of(path, (header.get("FREQUENCY") or [""])[0], "FREQUENCY", told)
+
+
+def _before(columns: list[str], rows: list[tuple[int, list[str]]], width: int) -> int:
+    """How many columns, frame and time, stand in front of the places."""
+    named = [cell.lower() for cell in columns[:2]]
+    if named:
+        return sum(name in ("frame", "time") for name in named)
+    cells = [len(row) - (1 if row[-1] == "" else 0) for _, row in rows[:1]]
+    return max(0, min(2, cells[0] - width)) if cells else 0
