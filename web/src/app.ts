@@ -38,7 +38,7 @@ const FACTS_EVERY = 150; // ms
 const OWN_AVATAR = "avatar.vrm.gz";
 
 export class App {
-  private settings: Settings = loadSettings(localStorage);
+  private settings: Settings = loadSettings(() => localStorage);
   private source: Source | null = null;
   private tree: Skeleton; // of what is shown
   private performance: Clip | null;
@@ -277,7 +277,7 @@ export class App {
 
   private change(change: Partial<Settings>): void {
     this.settings = { ...this.settings, ...change };
-    this.attempt(async () => saveSettings(localStorage, this.settings));
+    this.attempt(async () => saveSettings(() => localStorage, this.settings));
   }
 
   private repaint(): void {
