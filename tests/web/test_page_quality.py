@@ -56,6 +56,6 @@ def test_a_second_visit_fetches_nothing(checked: dict[str, Any]) -> None:
 
 def test_whatever_goes_wrong_is_one_sentence(scenario: Scenario, site: Path) -> None:
     said = scenario("faults", site)["said"]
-    assert len(said) == 12
+    assert len(said) == 14
     for text in said.values():
         assert "\n" not in text and 20 < len(text) < 200 and text.endswith(".")

@@ -28,15 +28,17 @@ import { applyTheme, nextTheme, onSystemChange } from "./ui/theme";
 import { TakePanel } from "./ui/take_panel";
 import { Timeline } from "./ui/timeline";
 import { YouPanel } from "./ui/you_panel";
-import type { Avatar } from "./view/avatar";
 import { Bodies } from "./view/bodies";
 import type { View } from "./view/scene";
+import { OWN } from "./view/wardrobe";
 
+const FILE_GUIDE =
+  "A simulated headset sees this motion, and the rest is completed. Settings choose what it sees; Truth shows the motion itself.";
 const FACTS_EVERY = 150; // ms
 const OWN_AVATAR = "avatar.vrm.gz";
 
 export class App {
-  private settings: Settings = loadSettings(localStorage);
+  private settings: Settings = loadSettings(() => localStorage);
   private source: Source | null = null;
   private tree: Skeleton; // of what is shown
   private performance: Clip | null;
@@ -83,7 +85,7 @@ export class App {
     this.timeline = new Timeline(this.playback, () => this.live.history);
     this.look = new LookPanel(this.settings, {
       changed: (change) => this.change(change),
-      ownAvatar: () => this.attempt(() => this.wearOwn()),
+      wear: (name) => this.bodies.wardrobe.wear(name),
     });
     this.sensors = new SensorPanel(
       this.settings.sensors,
@@ -114,7 +116,8 @@ export class App {
       height: () => this.settings.height,
       record: () => this.takes.toggle(),
       isRecording: () => this.takes.take.isRecording,
-      nextAvatar: () => this.change({ figure: this.settings.figure === "avatar" ? "figure" : "avatar" }),
+      lookName: () => this.lookName ?? "figure",
+      nextLook: () => this.showNext(),
       left: (text, isFault) => this.afterHeadset(text, isFault),
     });
     this.bind();
@@ -189,6 +192,7 @@ export class App {
     this.tree = this.body.skeleton;
     this.live.begin(this.settings.height === null ? NOBODY : personOf(this.settings.height));
     this.playback.goLive();
+    element("door-hint").textContent = source.guide ?? "";
     this.sensors.offer(source.sensors, source instanceof ClipSource);
     button("door-performance").hidden = source instanceof ClipSource && source.clip === this.performance;
     this.view.reset();
@@ -218,20 +222,37 @@ export class App {
     const { openFile } = await import("./files/open");
     const opened = await openFile(file, this.body.skeleton);
     this.notice.clear();
-    if (opened.kind === "motion") this.begin(new ClipSource(opened.clip, this.live, this.settings.sensors, file.name));
+    if (opened.kind === "motion")
+      this.begin(new ClipSource(opened.clip, this.live, this.settings.sensors, file.name, FILE_GUIDE));
     else if (opened.kind === "recording") this.begin(new RecordingSource(opened.frames, this.live, file.name));
-    else this.wear(opened.avatar, true);
+    else {
+      this.bodies.wardrobe.add(file.name, opened.avatar);
+      this.change({ figure: "avatar" });
+    }
   }
 
-  private wear(avatar: Avatar, isOthers: boolean): void {
-    this.bodies.wear(avatar);
-    button("own-avatar").hidden = !isOthers;
+  /** The avatar that is shown; null: the figure. */
+  private get lookName(): string | null {
+    return this.settings.figure === "avatar" ? this.bodies.wardrobe.wornName : null;
+  }
+
+  /** One avatar after the other, then the figure. */
+  private showNext(): void {
+    const { wardrobe } = this.bodies;
+    const looks = [...wardrobe.names, null];
+    const next = looks[(looks.indexOf(this.lookName) + 1) % looks.length];
+    if (next !== null) wardrobe.wear(next);
+    this.change({ figure: next === null ? "figure" : "avatar" });
   }
 
   private async wearOwn(): Promise<void> {
     const { Avatar, readGlb } = await import("./view/avatar"); // three-vrm is fetched when it is wanted
     const avatar = Avatar.of(await readGlb(await unpacked(this.base, OWN_AVATAR), OWN_AVATAR), OWN_AVATAR);
-    if (avatar) this.wear(avatar, false);
+    if (!avatar) return;
+    const { wardrobe } = this.bodies;
+    const worn = wardrobe.wornName; // one that was dropped sooner
+    wardrobe.add(OWN, avatar);
+    if (worn !== null) wardrobe.wear(worn);
   }
 
   private afterHeadset(text: string, isFault: boolean): void {
@@ -256,7 +277,7 @@ export class App {
 
   private change(change: Partial<Settings>): void {
     this.settings = { ...this.settings, ...change };
-    this.attempt(async () => saveSettings(localStorage, this.settings));
+    this.attempt(async () => saveSettings(() => localStorage, this.settings));
   }
 
   private repaint(): void {
@@ -291,7 +312,7 @@ export class App {
     this.sensors.offer(this.source.sensors, this.source instanceof ClipSource);
     this.timeline.show();
     this.takes.show();
-    this.look.show(this.settings, this.bodies.hasAvatar, moment.truth !== null);
+    this.look.show(this.settings, this.bodies.wardrobe, moment.truth !== null);
     const title =
       this.live.isReady || this.source instanceof Watching ? this.source.title : "The network is on its way";
     showStatus(this.live, moment, this.tree, title);

@@ -16,7 +16,8 @@ export interface DoorEvents {
   height(): number | null;
   record(): void;
   isRecording(): boolean;
-  nextAvatar(): void;
+  lookName(): string;
+  nextLook(): void;
   left(text: string, isFault: boolean): void;
 }
 
@@ -44,7 +45,7 @@ export class HeadsetDoor {
         isOn: () => this.headset.isMirrorShown,
         press: () => this.headset.showMirror(!this.headset.isMirrorShown),
       },
-      { id: "avatar", text: () => "Avatar or figure", press: () => events.nextAvatar() },
+      { id: "look", text: () => `Look · ${events.lookName()}`, press: () => events.nextLook() },
       {
         id: "record",
         text: () => (events.isRecording() ? "Stop recording" : "Record a take"),

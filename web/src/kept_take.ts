@@ -1,6 +1,7 @@
 /** The take in this browser's storage, so that a reload loses nothing. */
 
 import type { BodyFrame } from "./history";
+import { isRefused } from "./settings";
 import type { Keeper } from "./take";
 
 const [NAME, STORE] = ["bodysense", "take"];
@@ -21,7 +22,7 @@ export class KeptTake implements Keeper {
 
   add(frames: readonly BodyFrame[], isFirst: boolean): void {
     if (isFirst) this.hasFailed = false;
-    this.turn = this.turn.then(() => this.put(chunkOf(frames), isFirst)).catch(() => this.fail());
+    this.turn = this.turn.then(() => this.put(chunkOf(frames), isFirst)).catch((error: unknown) => this.fail(error));
   }
 
   /** What was kept of a take of so many joints; nothing where this browser keeps nothing. */
@@ -39,12 +40,11 @@ export class KeptTake implements Keeper {
     });
   }
 
-  private fail(): void {
+  private fail(error: unknown): void {
     if (this.hasFailed) return;
     this.hasFailed = true;
-    this.failed(
-      new Error("This browser's storage is full: your take is kept until you leave the page; save it as a file."),
-    );
+    const why = isRefused(error) ? "This browser lets the page store nothing" : "This browser's storage is full";
+    this.failed(new Error(`${why}: your take is kept until you leave the page; save it as a file.`));
   }
 }
 

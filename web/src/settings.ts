@@ -45,17 +45,28 @@ export function settingsFrom(text: string | null): Settings {
   };
 }
 
-export function loadSettings(storage: Pick<Storage, "getItem">): Settings {
-  return settingsFrom(storage.getItem(KEY));
+/** `storage` throws where a person lets no page keep anything. */
+export function loadSettings(storage: () => Pick<Storage, "getItem">): Settings {
+  try {
+    return settingsFrom(storage().getItem(KEY));
+  } catch {
+    return DEFAULT_SETTINGS;
+  }
 }
 
-/** Throws an Error of one line where the browser's storage is full. */
-export function saveSettings(storage: Pick<Storage, "setItem">, settings: Settings): void {
+/** Throws an Error of one line where the browser's storage is full or not allowed. */
+export function saveSettings(storage: () => Pick<Storage, "setItem">, settings: Settings): void {
   try {
-    storage.setItem(KEY, JSON.stringify(settings));
-  } catch {
-    throw new Error("This browser's storage is full: your settings count until you leave the page, and are not kept.");
+    storage().setItem(KEY, JSON.stringify(settings));
+  } catch (error) {
+    const why = isRefused(error) ? "This browser lets the page store nothing" : "This browser's storage is full";
+    throw new Error(`${why}: your settings count until you leave the page, and are not kept.`);
   }
+}
+
+/** Whether storage is not allowed, rather than full. */
+export function isRefused(error: unknown): boolean {
+  return error instanceof DOMException && error.name === "SecurityError";
 }
 
 function parsed(text: string | null): unknown {

@@ -7,7 +7,7 @@ import { interval } from "../src/core/clock";
 import { axisAngle, cholesky, forward, fromAxes, multiply, rotate, solve, type Vector } from "../src/core/math";
 import { numbers, readNpz } from "../src/core/npz";
 import type { Observation } from "../src/core/observation";
-import { Growing, NOBODY, personOf, trackedPoints } from "../src/core/person";
+import { fillPoints, Growing, NOBODY, noPoints, personOf } from "../src/core/person";
 import { placed, placedBy } from "../src/core/placement";
 import { ShapeSpace } from "../src/core/shape";
 import { completionCard } from "../src/engine/card";
@@ -66,7 +66,8 @@ describe("proportions", () => {
   it("grow toward the head that stands there, and not at once", () => {
     const body = new Growing(space, skeleton, NOBODY);
     const before = space.stature(body.shown);
-    const frame = trackedPoints(standing(0, [0, 1.75, 0]), skeleton);
+    const frame = noPoints(skeleton);
+    fillPoints(frame, standing(0, [0, 1.75, 0]), skeleton);
     body.update(frame, 1 / 60, 0);
     expect(space.stature(body.shown)).toBeCloseTo(before, 6);
     for (let k = 0; k < 600; k++) body.update(frame, 1 / 60, 0);

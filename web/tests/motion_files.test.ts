@@ -42,6 +42,35 @@ Frame Time: 0.0333
 0 50 0 0 0 0 0 0 0
 `;
 
+/** An animal whose joints have a person's names, as data sets of dogs have them: +Y is up, the head is ahead. */
+function namedDog(): string {
+  const joint = (kind: string, name: string, offset: string, inside = ""): string =>
+    `${kind} ${name}\n{\nOFFSET ${offset}\nCHANNELS 3 Zrotation Xrotation Yrotation\n${inside}}\n`;
+  const chain = (rows: readonly (readonly [string, string])[]): string =>
+    rows.reduceRight((inside, [name, offset]) => joint("JOINT", name, offset, inside), "");
+  const limbs = ["Left", "Right"].map((side, k) => {
+    const x = k === 0 ? 8 : -8;
+    const leg = [`${side}UpLeg`, `${x} -5 0`, `${side}Leg`, "0 -38 8", `${side}Foot`, "0 -38 -12"];
+    const arm = [`${side}Arm`, `${x} -8 5`, `${side}ForeArm`, "0 -36 -8", `${side}Hand`, "0 -40 4"];
+    return [leg, arm].map((rows) => chain([0, 2, 4].map((row) => [rows[row], rows[row + 1]])));
+  });
+  const head = chain([
+    ["Neck", "0 10 15"],
+    ["Head", "0 15 20"],
+  ]);
+  const spine = joint("JOINT", "Spine", "0 5 60", limbs.map(([, arm]) => arm).join("") + head);
+  const whole = joint(
+    "ROOT",
+    "Hips",
+    "0 85 0",
+    limbs.map(([leg]) => leg).join("") + spine + chain([["Tail", "0 0 -30"]]),
+  );
+  const still = Array(3 * 17)
+    .fill(0)
+    .join(" ");
+  return `HIERARCHY\n${whole}MOTION\nFrames: 2\nFrame Time: 0.0333\n${still}\n${still}\n`;
+}
+
 describe("a BVH", () => {
   it("of our own comes back as it was", () => {
     const clip = clipOf(readBvh(ownBvh(), "own.bvh"), skeleton);
@@ -63,6 +92,7 @@ describe("a BVH", () => {
       DOG,
       /^x\.bvh is no person that this page knows: none of its 2 joints \(Hips, Tail …\) is a head;[^\n]*$/,
     ],
+    ["of a dog with a person's names", namedDog(), /^x\.bvh goes on four legs: it may be an animal;[^\n]*$/],
     ["that was cut", ownBvh().slice(0, -900), /^x\.bvh (was cut short|: frame)[^\n]*$|^x\.bvh: frame[^\n]*$/],
     ["that is none", "hello", /^x\.bvh is no BVH file[^\n]*$/],
   ])("%s is refused in one line", (_, text, reason) => {

@@ -16,8 +16,8 @@ describe("settings", () => {
       sensors: "feet" as const,
       truth: true,
     };
-    saveSettings({ setItem: (key, value) => void kept.set(key, value) }, mine);
-    expect(loadSettings({ getItem: (key) => kept.get(key) ?? null })).toEqual(mine);
+    saveSettings(() => ({ setItem: (key, value) => void kept.set(key, value) }), mine);
+    expect(loadSettings(() => ({ getItem: (key) => kept.get(key) ?? null }))).toEqual(mine);
   });
 
   it.each([null, "", "nonsense", "[]", "null", '"text"', "{}"])("are the default for %j", (text) => {
@@ -35,7 +35,15 @@ describe("settings", () => {
         throw new DOMException("full", "QuotaExceededError");
       },
     };
-    expect(() => saveSettings(full, DEFAULT_SETTINGS)).toThrow(/^This browser's storage is full[^\n]*$/);
+    expect(() => saveSettings(() => full, DEFAULT_SETTINGS)).toThrow(/^This browser's storage is full[^\n]*$/);
+  });
+
+  it("are the default's where a browser lets no page store anything, which is said when they change", () => {
+    const refused = (): never => {
+      throw new DOMException("no", "SecurityError");
+    };
+    expect(loadSettings(refused)).toEqual(DEFAULT_SETTINGS);
+    expect(() => saveSettings(refused, DEFAULT_SETTINGS)).toThrow(/^This browser lets the page store nothing[^\n]*$/);
   });
 });
 

@@ -101,7 +101,8 @@ export class Growing {
       this.since = 0;
     }
     const share = 1 - 2 ** (-interval / QUICK);
-    this.believed.restOffset.forEach((value, k) => (this.shown[k] += share * (value - this.shown[k])));
+    const { shown, believed } = this;
+    for (let k = 0; k < shown.length; k++) shown[k] += share * (believed.restOffset[k] - shown[k]);
   }
 
   // Single precision throughout, as the library counts, so that a length falls into the same bin.
@@ -122,7 +123,7 @@ export class Growing {
     let height = this.told;
     const seen = new Map<string, { start: string; end: string; values: number[]; deviations: number[] }>();
     LENGTHS.forEach(({ start, end, quantile, deviation, slack }, row) => {
-      const total = this.seconds[row].reduce((sum, value) => Math.fround(sum + value), 0);
+      const total = sum32(this.seconds[row]);
       if (!(total > ENOUGH)) return;
       const value = (quantileOf(this.seconds[row], total, quantile) + 0.5) * BIN + slack;
       const unsure = deviation * (1 + 2 / (1 + total));
@@ -159,16 +160,24 @@ export interface TrackedPoints {
 
 const ABSENT_ACCURACY = 0.001; // m, of points that are not tracked: any positive number
 
-/** Points of an observation that the skeleton does not have are left out. */
-export function trackedPoints({ points }: Observation, skeleton: Skeleton): TrackedPoints {
-  const count = skeleton.points.length;
-  const tracked: TrackedPoints = {
-    position: new Float32Array(3 * count),
-    rotation: Float32Array.from({ length: 4 * skeleton.joints }, (_, k) => (k % 4 === 0 ? 1 : 0)),
-    hasPosition: new Uint8Array(count),
-    hasRotation: new Uint8Array(skeleton.joints),
-    accuracy: new Float32Array(count).fill(ABSENT_ACCURACY),
+export function noPoints({ points, joints }: Skeleton): TrackedPoints {
+  return {
+    position: new Float32Array(3 * points.length),
+    rotation: new Float32Array(4 * joints),
+    hasPosition: new Uint8Array(points.length),
+    hasRotation: new Uint8Array(joints),
+    accuracy: new Float32Array(points.length),
   };
+}
+
+/** What was tracked in place of what was before. Points of an observation that the skeleton does not have are left out. */
+export function fillPoints(tracked: TrackedPoints, { points }: Observation, skeleton: Skeleton): void {
+  tracked.position.fill(0);
+  tracked.rotation.fill(0);
+  for (let joint = 0; joint < skeleton.joints; joint++) tracked.rotation[4 * joint] = 1;
+  tracked.hasPosition.fill(0);
+  tracked.hasRotation.fill(0);
+  tracked.accuracy.fill(ABSENT_ACCURACY);
   for (const { name, position, rotation, accuracy } of points) {
     const point = skeleton.points.indexOf(name);
     if (point < 0) continue;
@@ -182,7 +191,6 @@ export function trackedPoints({ points }: Observation, skeleton: Skeleton): Trac
       tracked.hasRotation[point] = 1;
     }
   }
-  return tracked;
 }
 
 function distance32(position: Float32Array, a: number, b: number): number {
@@ -194,10 +202,18 @@ function distance32(position: Float32Array, a: number, b: number): number {
   return Math.fround(Math.sqrt(sum));
 }
 
+function sum32(values: Float32Array): number {
+  let sum = 0;
+  for (let k = 0; k < values.length; k++) sum = Math.fround(sum + values[k]);
+  return sum;
+}
+
+/** The bin at which a share of all seconds is reached. */
 function quantileOf(seconds: Float32Array, total: number, quantile: number): number {
   let sum = 0;
-  return seconds.findIndex((value) => {
-    sum = Math.fround(sum + value);
-    return Math.fround(sum / total) >= quantile;
-  });
+  for (let bin = 0; bin < seconds.length; bin++) {
+    sum = Math.fround(sum + seconds[bin]);
+    if (Math.fround(sum / total) >= quantile) return bin;
+  }
+  return -1;
 }

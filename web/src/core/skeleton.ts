@@ -107,8 +107,14 @@ export function multiply(
   out: Float32Array,
   k: number,
 ): void {
-  const [aw, ax, ay, az] = [a[i], a[i + 1], a[i + 2], a[i + 3]];
-  const [bw, bx, by, bz] = [b[j], b[j + 1], b[j + 2], b[j + 3]];
+  const aw = a[i];
+  const ax = a[i + 1];
+  const ay = a[i + 2];
+  const az = a[i + 3];
+  const bw = b[j];
+  const bx = b[j + 1];
+  const by = b[j + 2];
+  const bz = b[j + 3];
   out[k] = aw * bw - ax * bx - ay * by - az * bz;
   out[k + 1] = aw * bx + ax * bw + ay * bz - az * by;
   out[k + 2] = aw * by - ax * bz + ay * bw + az * bx;

@@ -2,22 +2,32 @@
 
 import { interval } from "./clock";
 import type { Observation } from "./observation";
-import { Growing, NOBODY, trackedPoints, type Person } from "./person";
+import { fillPoints, Growing, NOBODY, type Person, type TrackedPoints } from "./person";
 import type { ShapeSpace } from "./shape";
 import { worldRotations, type Body, type Skeleton } from "./skeleton";
 
-export interface GraphTensor {
-  readonly type: "float32" | "bool" | "int64";
-  readonly data: Float32Array | Uint8Array | BigInt64Array;
-  readonly dims: readonly number[]; // without the batch, which is one
+/** What the graph reads of a frame. */
+export interface Inputs extends TrackedPoints {
+  readonly interval: Float32Array; // (1) s
+  readonly restOffset: Float32Array; // (points × 3) m
+  readonly certainty: Float32Array; // (points) m, standard deviation of each bone's length
+  readonly floor: Float32Array; // (1) m
+  readonly hold: Float32Array; // (1) whether feet are held, 0 or 1
 }
 
-export type Tensors = Readonly<Record<string, GraphTensor>>;
+export interface Outputs {
+  readonly rootPosition: Float32Array; // (3) m
+  readonly localRotation: Float32Array; // (joints × 4) wxyz, parent ← joint
+  readonly points: Float32Array; // (points × 3) m
+  readonly confidence: Float32Array; // (points) m
+}
 
-/** The network's graph: one step, its state through inputs `state_…` and outputs `next_…`. */
+/** The network's graph: one step of one person, whose state it remembers. */
 export interface Graph {
-  readonly start: Tensors; // by input
-  run(inputs: Tensors): Promise<Tensors>;
+  readonly inputs: Inputs; // filled anew before each run
+  /** Forget what was before. */
+  start(): void;
+  run(): Promise<Outputs>;
 }
 
 /** One whole body. Its arrays lie in two buffers, which a worker gives away whole: what a take keeps, and the rest. */
@@ -57,7 +67,6 @@ export const TRACKER_SETTINGS: TrackerSettings = { floor: 0, holdFeet: true };
 export class Tracker {
   settings = TRACKER_SETTINGS;
   private time = Number.NaN;
-  private state: Tensors;
   private body: Growing;
 
   constructor(
@@ -66,14 +75,14 @@ export class Tracker {
     private readonly skeleton: Skeleton,
     person: Person = NOBODY,
   ) {
-    this.state = graph.start;
+    graph.start();
     this.body = new Growing(space, skeleton, person);
   }
 
   /** Begin anew, with a wearer of whom only this is known. */
   start(person: Person): void {
     this.time = Number.NaN;
-    this.state = this.graph.start;
+    this.graph.start();
     this.body = new Growing(this.space, this.skeleton, person);
   }
 
@@ -84,41 +93,26 @@ export class Tracker {
 
   async step(observation: Observation): Promise<Completed> {
     const { seconds, isFresh } = interval(observation.time, this.time);
-    const frame = trackedPoints(observation, this.skeleton);
-    const [points, joints] = [this.skeleton.points.length, this.skeleton.joints];
-    if (isFresh) this.state = this.graph.start;
+    const { graph, body, settings } = this;
+    const { inputs } = graph;
+    if (isFresh) graph.start();
     this.time = observation.time;
-    this.body.update(frame, seconds, this.settings.floor);
+    fillPoints(inputs, observation, this.skeleton);
+    body.update(inputs, seconds, settings.floor);
+    inputs.interval[0] = seconds;
+    inputs.restOffset.set(body.shown);
+    inputs.certainty.set(body.deviation);
+    inputs.floor[0] = settings.floor;
+    inputs.hold[0] = settings.holdFeet ? 1 : 0;
     const answer = completedAt(observation.time, this.skeleton);
-    answer.restOffset.set(this.body.shown);
-    const floats = (data: Float32Array, ...dims: number[]): GraphTensor => ({ type: "float32", data, dims });
-    const flags = (data: Uint8Array, ...dims: number[]): GraphTensor => ({ type: "bool", data, dims });
-    const outputs = await this.graph.run({
-      position: floats(frame.position, points, 3),
-      rotation: floats(frame.rotation, joints, 4),
-      has_position: flags(frame.hasPosition, points),
-      has_rotation: flags(frame.hasRotation, joints),
-      accuracy: floats(frame.accuracy, points),
-      interval: floats(Float32Array.of(seconds)),
-      rest_offset: floats(answer.restOffset, points, 3),
-      certainty: floats(Float32Array.from(this.body.deviation), points),
-      floor: floats(Float32Array.of(this.settings.floor)),
-      hold: floats(Float32Array.of(this.settings.holdFeet ? 1 : 0)),
-      ...this.state,
-    });
-    const read = (name: string): Float32Array => outputs[name].data as Float32Array;
-    this.state = Object.fromEntries(
-      Object.entries(this.graph.start).map(([name, { type, dims }]) => [
-        name,
-        { type, dims, data: outputs[name.replace("state_", "next_")].data },
-      ]),
-    );
-    answer.rootPosition.set(read("root_position"));
-    answer.rotation.set(read("local_rotation"));
-    answer.placed.position.set(read("points"));
+    answer.restOffset.set(inputs.restOffset);
+    answer.measured.set(inputs.hasPosition);
+    const outputs = await graph.run();
+    answer.rootPosition.set(outputs.rootPosition);
+    answer.rotation.set(outputs.localRotation);
+    answer.placed.position.set(outputs.points);
     worldRotations(this.skeleton, answer.rotation, answer.placed.rotation);
-    answer.measured.set(frame.hasPosition);
-    answer.confidence.set(read("confidence"));
+    answer.confidence.set(outputs.confidence);
     return answer;
   }
 }

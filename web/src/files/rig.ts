@@ -7,6 +7,7 @@ import {
   conjugate,
   cross,
   distance,
+  dot,
   fromAxes,
   multiply,
   rotate,
@@ -61,6 +62,8 @@ const NEEDED = [
 const UNITS = [1, 0.01, 0.001, 0.0254, 0.3048, 0.0564] as const; // m
 const LEG = { least: 0.55, usual: 0.82, most: 1.1 } as const; // m
 const UPRIGHT_SHARE = 0.15; // of the frames in which a person is upright, at least
+const [ALONG, ACROSS] = [0.7, 0.6]; // cosines of what points the same way, and of what stands across
+const LEVEL = 0.35; // of a leg's length: what stands on one floor
 const SOLE = 0.05; // m: the share of the frames in which the feet are that low does not matter
 
 /** Which of our joints each joint of a rig is. */
@@ -120,6 +123,10 @@ export function clipOf(rig: RigMotion, tree: Skeleton): Clip {
   }
   if (rig.frames.length < 2)
     throw new Error(`${rig.name} has ${rig.frames.length} frames; drop a motion of two or more.`);
+  if (rig.frames.filter((pose) => isOnFours(pose, joints)).length > rig.frames.length / 2)
+    throw new Error(
+      `${rig.name} goes on four legs: it may be an animal; drop a motion of a person who stands, walks or sits.`,
+    );
   const level = levelled(rig, joints);
   const at = ({ position }: RigPose, joint: string): Vector => position[joints.get(joint) ?? 0];
   const leg =
@@ -142,6 +149,21 @@ export function clipOf(rig: RigMotion, tree: Skeleton): Clip {
     );
   const skeleton = { ...tree, restOffset: tree.restOffset.map((value) => (value * leg * unit_) / legOf(tree)) };
   return onSkeleton(level, joints, skeleton, unit_);
+}
+
+/** Whether arms and legs point the same way, across the spine, and reach as far; whichever way is up. */
+function isOnFours({ position }: RigPose, joints: ReadonlyMap<string, number>): boolean {
+  const middle = (part: string): Vector => {
+    const [left, right] = ["left", "right"].map((side) => position[joints.get(`${side}_${part}`) ?? 0]);
+    return scaled(add(left, right), 0.5);
+  };
+  const legs = subtract(middle("ankle"), middle("hip"));
+  const arms = subtract(middle("wrist"), middle("shoulder"));
+  const spine = subtract(middle("shoulder"), middle("hip"));
+  const [down, ahead] = [unit(add(unit(legs), unit(arms))), unit(spine)];
+  const step = dot(subtract(middle("wrist"), middle("ankle")), down);
+  const isAlong = dot(unit(legs), unit(arms)) > ALONG && Math.abs(dot(unit(legs), ahead)) < ACROSS;
+  return isAlong && Math.abs(step) < LEVEL * size(legs);
 }
 
 function onSkeleton(rig: RigMotion, joints: ReadonlyMap<string, number>, skeleton: Skeleton, metres: number): Clip {

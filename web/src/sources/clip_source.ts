@@ -15,6 +15,7 @@ export class ClipSource implements Source {
     private readonly sink: Sink,
     public set: SensorSet,
     readonly title: string,
+    readonly guide = "",
   ) {}
 
   get sensors(): readonly string[] {

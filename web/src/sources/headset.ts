@@ -36,6 +36,8 @@ const MOVED = 2; // s that a new place takes on the clock, so that motion starts
 
 export class Headset implements Source {
   readonly title = "You, by headset";
+  readonly guide =
+    "Put the headset on: a menu stands beside the mirror. Measure me comes first; a take stays when you leave.";
   readonly sensors: readonly string[];
   isMirrorShown = true;
   private readonly mirror = new Mirror();

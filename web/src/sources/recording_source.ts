@@ -6,6 +6,7 @@ import type { Sink, Source } from "./source";
 const REST = 2; // s between two rounds
 
 export class RecordingSource implements Source {
+  readonly guide = "What the device tracked is completed anew; under Settings parts of it can be switched off.";
   private began: number | null = null; // ms
   private next = 0;
   private round = 0;

@@ -49,6 +49,8 @@ export async function openWebcam(
 
 class Webcam implements Source {
   readonly title = "You, by webcam";
+  readonly guide =
+    "Stand back until the picture holds you from head to hips, better to the feet. It stays in this browser.";
   sensors: readonly string[] = [];
   private readonly worker = new Worker(new URL("../engine/camera_worker.ts", import.meta.url), {
     type: "module",

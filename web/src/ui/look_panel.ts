@@ -1,8 +1,9 @@
 /** How the body is shown: avatar or figure, its colours, truth and tracked points. */
 
-import { button, choices, element, input } from "../page";
+import { choices, element, input } from "../page";
 import type { Settings } from "../settings";
 import { COLOURINGS, legend, type Colouring } from "../view/colours";
+import type { Wardrobe } from "../view/wardrobe";
 
 const NAMES: Readonly<Record<Colouring, string>> = {
   plain: "Plain",
@@ -13,16 +14,19 @@ const NAMES: Readonly<Record<Colouring, string>> = {
 
 export interface LookEvents {
   changed(change: Partial<Settings>): void;
-  ownAvatar(): void;
+  wear(name: string): void;
 }
 
 export class LookPanel {
   private colouring: Colouring;
+  private offered = "";
 
-  constructor(settings: Settings, events: LookEvents) {
+  constructor(
+    settings: Settings,
+    private readonly events: LookEvents,
+  ) {
     this.colouring = settings.colouring;
     for (const radio of document.querySelectorAll<HTMLInputElement>("input[name=figure]")) {
-      radio.checked = radio.value === settings.figure;
       radio.onchange = () => events.changed({ figure: radio.value === "figure" ? "figure" : "avatar" });
     }
     const rows = COLOURINGS.map((name) => [name, NAMES[name]] as const);
@@ -35,12 +39,15 @@ export class LookPanel {
       box.checked = settings[name];
       box.onchange = () => events.changed({ [name]: box.checked });
     }
-    button("own-avatar").onclick = () => events.ownAvatar();
   }
 
   /** What there is to be chosen from now, and what the colours mean. */
-  show(settings: Settings, hasAvatar: boolean, hasTruth: boolean): void {
-    const isFigure = settings.figure === "figure" || !hasAvatar;
+  show(settings: Settings, { names, wornName }: Pick<Wardrobe, "names" | "wornName">, hasTruth: boolean): void {
+    this.offer(names, wornName);
+    const isFigure = settings.figure === "figure" || wornName === null;
+    for (const radio of document.querySelectorAll<HTMLInputElement>("input[name=figure]"))
+      radio.checked = radio.value === settings.figure; // which the menu in VR changes, too
+    element("avatar-row").hidden = isFigure || names.length < 2;
     element("colour-row").hidden = !isFigure;
     element("truth-row").hidden = !hasTruth;
     const shown = isFigure && (this.colouring !== "error" || hasTruth) ? legend(this.colouring) : null;
@@ -49,5 +56,13 @@ export class LookPanel {
     element("legend-low").textContent = shown.low;
     element("legend-high").textContent = shown.high;
     element("legend-bar").style.background = shown.css;
+  }
+
+  private offer(names: readonly string[], worn: string | null): void {
+    const offered = JSON.stringify([names, worn]);
+    if (offered === this.offered || worn === null) return;
+    this.offered = offered;
+    const rows = names.map((name) => [name, name] as const);
+    choices("avatar", rows, worn, (name) => this.events.wear(name));
   }
 }

@@ -3,10 +3,10 @@
 import type { Object3D } from "three";
 import { withOffsets, type Skeleton } from "../core/skeleton";
 import type { Moment } from "../history";
-import type { Avatar } from "./avatar";
 import { BodyView } from "./body_view";
 import { pointColour, TRUTH_COLOUR, type Colouring } from "./colours";
 import { SignalView } from "./signal_view";
+import { Wardrobe } from "./wardrobe";
 
 export interface Shown {
   readonly figure: "avatar" | "figure";
@@ -20,33 +20,24 @@ const GROWN = 0.004; // m: proportions that differ by less look the same
 export class Bodies {
   private result: BodyView | null = null;
   private truth: BodyView | null = null;
-  private avatar: Avatar | null = null;
+  readonly wardrobe: Wardrobe;
   private skeleton: Skeleton | null = null; // that the figures are built for
   private readonly signal = new SignalView();
 
   constructor(private readonly stage: Object3D) {
     stage.add(this.signal.group);
-  }
-
-  /** An avatar in place of another one, or of none. */
-  wear(avatar: Avatar | null): void {
-    this.avatar?.dispose();
-    this.avatar = avatar;
-    if (avatar) this.stage.add(avatar.group);
-  }
-
-  get hasAvatar(): boolean {
-    return this.avatar !== null;
+    this.wardrobe = new Wardrobe(stage);
   }
 
   /** Show a moment of a body of this tree, `seconds` after the one before. */
   show(moment: Moment, tree: Skeleton, shown: Shown, seconds: number): void {
     this.build(tree, moment.restOffset);
     if (!this.result || !this.truth || !this.skeleton) return;
-    const isAvatar = shown.figure === "avatar" && this.avatar !== null;
+    const avatar = this.wardrobe.worn;
+    const isAvatar = shown.figure === "avatar" && avatar !== null;
     this.result.group.visible = !isAvatar;
-    if (this.avatar) this.avatar.group.visible = isAvatar;
-    if (isAvatar) this.avatar?.show(moment.body, this.skeleton, seconds);
+    if (avatar) avatar.group.visible = isAvatar;
+    if (isAvatar) avatar.show(moment.body, this.skeleton, seconds);
     else this.result.show(moment.body, (point, out) => pointColour(moment, point, shown.colouring, out));
     this.truth.group.visible = shown.truth && moment.truth !== null;
     if (this.truth.group.visible && moment.truth) this.truth.show(moment.truth, (_, out) => out.copy(TRUTH_COLOUR));
@@ -56,7 +47,7 @@ export class Bodies {
 
   /** Nothing is on the stage. */
   clear(): void {
-    for (const part of [this.result, this.truth, this.avatar, this.signal]) if (part) part.group.visible = false;
+    for (const part of [this.result, this.truth, this.wardrobe.worn, this.signal]) if (part) part.group.visible = false;
   }
 
   private build(tree: Skeleton, restOffset: Float32Array): void {

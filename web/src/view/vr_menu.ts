@@ -127,7 +127,7 @@ export class VrMenu {
       context.fill();
       context.fillStyle = isOn?.() ? "#ffffff" : "#1c1e22";
       context.font = `${0.029 * m}px system-ui, sans-serif`;
-      context.fillText(text(), 0.05 * m, top + (ROW / 2) * m);
+      context.fillText(text(), 0.05 * m, top + (ROW / 2) * m, (WIDTH - 0.1) * m); // narrower where it is long
     });
     this.texture.needsUpdate = true;
   }

@@ -1,10 +1,12 @@
 /** Minutes in an emulated headset at 72 Hz: node endurance.mjs FOLDER SECONDS
  *
  * Steps are timed in the worker. Where Linux counts it, the worker's thread is asked how long it computed and how long
- * it waited for a processor: what it waited is the machine's business. Memory is what garbage collection leaves of page
- * and worker, and of the process, from when the timeline is full.
+ * it waited for a processor: what it waited is the machine's business. A headset has no other work, so where the system
+ * lets it the page's process comes before all other work (`isFirst`). Memory is what garbage collection leaves of page and
+ * worker, and of the process, from when the timeline is full.
  */
 
+import { spawnSync } from "node:child_process";
 import { readdirSync, readFileSync } from "node:fs";
 import { wearEmulated } from "./emulated_headset.mjs";
 import { scenario, serveFolder } from "./page.mjs";
@@ -33,6 +35,7 @@ await scenario({ isCalm: false, viewport: { width: 300, height: 200 } }, async (
   const browser = await page.context().browser().newBrowserCDPSession();
   const { processInfo } = await browser.send("SystemInfo.getProcessInfo");
   const [renderer] = processInfo.filter(({ type }) => type === "renderer").sort((a, b) => b.cpuTime - a.cpuTime);
+  const isFirst = spawnSync("chrt", ["--all-tasks", "--rr", "--pid", "1", String(renderer.id)]).status === 0;
   const began = Date.now();
   const passed = () => (Date.now() - began) / 1000;
   const atFirst = scheduled(renderer.id);
@@ -52,6 +55,7 @@ await scenario({ isCalm: false, viewport: { width: 300, height: 200 } }, async (
   const perStep = (key) => atLast && (atLast[key] - atFirst[key]) / times.steps.length;
   return {
     seconds: end,
+    isFirst,
     rate: times.steps.length / end,
     ...quantiles(times.steps),
     thread: atLast && { computed: perStep("computed"), waited: perStep("waited") }, // ms a step

@@ -73,5 +73,21 @@ await scenario({ viewport: { width: 500, height: 400 }, serviceWorkers: "block" 
   await page.reload();
   await keep("damaged", "damaged");
   await until("#shown", "tracked"); // the motion itself is shown
+
+  await page.unroute("**/completion.onnx.gz");
+  await page.addInitScript(() => {
+    const refuse = () => {
+      throw new DOMException("no page may store anything", "SecurityError");
+    };
+    for (const name of ["localStorage", "indexedDB"]) Object.defineProperty(window, name, { get: refuse });
+  });
+  await page.reload();
+  await until("#rate", "completed here"); // where nothing may be stored everything else works
+  await page.dispatchEvent("#theme", "click");
+  await keep("settingsRefused", "settings count");
+  await page.dispatchEvent("#record", "click");
+  await page.waitForTimeout(1500);
+  await page.dispatchEvent("#record", "click");
+  await keep("takeRefused", "your take is kept");
   return { said };
 }).finally(() => site.close());

@@ -108,8 +108,9 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
   await drop("film.mp4", Buffer.alloc(100));
   facts.film = await notice("film.mp4");
   await drop("other.vrm", gunzipSync(readFileSync(`${folder}/avatar.vrm.gz`)));
-  await page.waitForSelector("#own-avatar:not([hidden])");
-  await page.dispatchEvent("#own-avatar", "click");
+  await page.waitForFunction(() => document.querySelector("#avatar").value === "other.vrm", null, { polling: 100 });
+  facts.avatars = await page.evaluate(() => [...document.querySelector("#avatar").options].map(({ value }) => value));
+  await page.selectOption("#avatar", "The page's own");
   await drop("walk.bvh", readFileSync(motion));
   await until("#source", "walk.bvh");
   await until("#shown", "from the truth");

@@ -1,0 +1,48 @@
+/** Avatars that were put on, by name: one is worn, the others wait for their turn. */
+
+import type { Object3D } from "three";
+import type { Avatar } from "./avatar";
+
+export const OWN = "The page's own"; // which stays
+const MOST = 4; // avatars: each holds its textures
+
+export class Wardrobe {
+  private readonly avatars = new Map<string, Avatar>(); // in the order of their coming
+  private name: string | null = null; // of the one that is worn
+
+  constructor(private readonly stage: Object3D) {}
+
+  get names(): readonly string[] {
+    return [...this.avatars.keys()];
+  }
+
+  get wornName(): string | null {
+    return this.name;
+  }
+
+  get worn(): Avatar | null {
+    return this.avatars.get(this.name ?? "") ?? null;
+  }
+
+  /** Put on another one, in place of one of the same name; where there are many, the oldest gives way. */
+  add(name: string, avatar: Avatar): void {
+    this.remove(name);
+    const oldest = this.names.find((other) => other !== OWN);
+    if (this.avatars.size >= MOST && oldest !== undefined) this.remove(oldest);
+    this.avatars.set(name, avatar);
+    this.stage.add(avatar.group);
+    this.wear(name);
+  }
+
+  /** Wear one that is here. */
+  wear(name: string): void {
+    if (!this.avatars.has(name)) return;
+    this.name = name;
+    for (const [other, { group }] of this.avatars) group.visible = other === name;
+  }
+
+  private remove(name: string): void {
+    this.avatars.get(name)?.dispose();
+    this.avatars.delete(name);
+  }
+}
