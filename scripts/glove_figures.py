@@ -1,7 +1,8 @@
-"""Write the tables of docs/gloves.md from the numbers that the commands wrote.
+"""Write the tables of docs/gloves.md, and README's sentence, from the numbers that the commands wrote.
 
-    bodysense evaluate gloves-table3 --data DIR --json FIGURES/gloves-table3.json
-    bodysense evaluate gloves-table4 --data DIR --json FIGURES/gloves-table4.json
+    bodysense evaluate gloves-table3 --data DIR --left-out NETWORKS --json FIGURES/gloves-table3.json
+    bodysense evaluate gloves-table4 --data DIR --left-out NETWORKS --json FIGURES/gloves-table4.json
+    bodysense evaluate gloves-layouts --hands 3 --json FIGURES/gloves-layouts.json
     bodysense evaluate gloves-occlusion --data DIR --json FIGURES/gloves-occlusion.json
     bodysense evaluate gloves-limits --data DIR --json FIGURES/gloves-limits.json
     bodysense bench gloves --json FIGURES/gloves-speed.json
@@ -16,17 +17,20 @@ import json
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from textwrap import fill
 
 from readme_figures import markdown, put
 
 from bodysense.cli.show import processor
 from bodysense.lab.two_hands.foreign import FEW_MANY, WAYS
 from bodysense.lab.two_hands.foreign import PLACES as FOREIGN_PLACES
+from bodysense.lab.two_hands.layouts import layouts
 from bodysense.lab.two_hands.limits import LINES
 from bodysense.lab.two_hands.tables import PUBLISHED_MARKERS, PUBLISHED_POINTS, PUBLISHED_STILL
 from bodysense.lab.two_hands.trials import DURATIONS, HIDDEN
 
-PAGE = Path(__file__).parents[1] / "docs" / "gloves.md"
+ROOT = Path(__file__).parents[1]
+PAGE, README = ROOT / "docs" / "gloves.md", ROOT / "README.md"
 METHODS = {"lk": "last known", "ls": "last shape of the hand", "ma": "moving average", "ac": "affine", "nn": "network"}
 PLACES = {"": "recorded", "_synthesised": "synthesised"}
 Numbers = dict[str, float]
@@ -39,6 +43,7 @@ def main(folder: Path) -> None:
     tables: dict[str, Callable[[Numbers], str]] = {
         "gloves-table3": markers,
         "gloves-table4": points,
+        "gloves-layouts": other_sets,
         "gloves-occlusion": occlusion,
         "gloves-limits": limits,
         "gloves-speed": speed,
@@ -48,7 +53,34 @@ def main(folder: Path) -> None:
             text = put(text, name, table(read[name]))
     if {"gloves-table3", "gloves-table4", "gloves-speed"} <= set(read):
         text = put(text, "gloves", summary(read))
+    if {"gloves-table3", "gloves-table4"} <= set(read):
+        front = put(README.read_text(encoding="utf-8"), "gloves", sentence(read))
+        README.write_text(front, encoding="utf-8")
     PAGE.write_text(text, encoding="utf-8")
+
+
+def sentence(read: dict[str, Numbers]) -> str:
+    """What README says of hands that no network has learned."""
+    table3, table4 = (read[f"gloves-{name}"] for name in ("table3", "table4"))
+    text = (
+        "Gloves, on an avatar's hand that was left out of training: a marker hidden for a second is "
+        f"{table3['foreign_nn_1_1.0_cm']:.2f} cm off, one of four {table3['foreign_nn_4_1.0_cm']:.2f}; finger joints are "
+        f"{table4['foreign_nn_0_cm']:.2f} cm off where the hand is told, {table4['foreign_calibrated_0_cm']:.2f} where "
+        "ten seconds of its markers calibrate it."
+    )
+    return fill(text, 120)
+
+
+def other_sets(numbers: Numbers) -> str:
+    """Gloves of other marker sets."""
+    rows = [
+        [
+            layout.title,
+            *(f"{numbers[f'{layout.key}_{way}_{n}_cm']:.2f}" for way in ("told", "calibrated") for n in (0, 1)),
+        ]
+        for layout in layouts()
+    ]
+    return markdown(["markers", "hand told", "one hidden", "calibrated", "one hidden"], rows)
 
 
 def summary(read: dict[str, Numbers]) -> str:
@@ -61,6 +93,7 @@ def summary(read: dict[str, Numbers]) -> str:
         rows[-1].append(_outer(PUBLISHED_MARKERS["nn", hidden]))
     still = [f"{table4[key]:.2f}" for key in ("nn_0_cm", "foreign_nn_0_cm", "nn_0_cm_synthesised")]
     rows.append(["finger joints, nothing hidden, cm", *still, f"{PUBLISHED_STILL['nn']:.2f}"])
+    rows.append(["… as its markers calibrate it", "", f"{table4['foreign_calibrated_0_cm']:.2f}", "", ""])
     for hidden in (HIDDEN[0], HIDDEN[-1]):
         rows.append([f"finger joints, {hidden} hidden, after 0.1 and 2 s, cm"])
         rows[-1] += _row(table4, hidden)
