@@ -44,6 +44,7 @@ export class App {
   private performance: Clip | null;
   private readonly body: DefaultBody;
   private readonly about: About;
+  private readonly welcome = element("lead").textContent;
   private readonly first = new FirstPicture(() => this.goOn());
   private shownAt = 0; // ms
   private toldAt = 0; // ms
@@ -139,6 +140,7 @@ export class App {
       const panel = element("panel");
       panel.hidden = !panel.hidden;
       settings.setAttribute("aria-expanded", String(!panel.hidden));
+      if (!panel.hidden) panel.scrollIntoView(); // on a phone it is below the doors
     };
     onFile((file) => this.attempt(() => this.open(file)));
     button("door-performance").onclick = () => this.attempt(() => this.perform());
@@ -192,7 +194,7 @@ export class App {
     this.tree = this.body.skeleton;
     this.live.begin(this.settings.height === null ? NOBODY : personOf(this.settings.height));
     this.playback.goLive();
-    element("door-hint").textContent = source.guide ?? "";
+    element("lead").textContent = source.guide ?? this.welcome;
     this.sensors.offer(source.sensors, source instanceof ClipSource);
     button("door-performance").hidden = source instanceof ClipSource && source.clip === this.performance;
     this.view.reset();

@@ -15,7 +15,7 @@ export class ClipSource implements Source {
     private readonly sink: Sink,
     public set: SensorSet,
     readonly title: string,
-    readonly guide = "",
+    readonly guide: string | undefined = undefined,
   ) {}
 
   get sensors(): readonly string[] {

@@ -11,7 +11,7 @@ export interface Sink {
 
 export interface Source {
   readonly title: string; // for the person
-  readonly guide?: string; // what the person does now, in one line
+  readonly guide?: string | undefined; // what the person does now, in one line
   readonly sensors: readonly string[]; // points that it tracks, as far as they are known
   /** Once a picture, at `milliseconds` of the page's clock. */
   frame(milliseconds: number, frame?: XRFrame): void;
