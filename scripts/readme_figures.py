@@ -7,6 +7,7 @@
     bodysense evaluate hmd-vae --data DIR --networks VAES --json FIGURES/hmd-vae.json
     bodysense evaluate unoc-table6 --data DIR --json FIGURES/unoc-table6.json
     bodysense evaluate finger-synthesis --data DIR --json FIGURES/finger-synthesis.json
+    bodysense evaluate transitions --data DIR --json FIGURES/transitions.json        (and reliability)
     bodysense bench step --json FIGURES/step.json        (and ik, occlusion, bvh, import, training)
     bodysense data info DIR --occlusion --split test --json FIGURES/hidden.json
     … the same with --camera.solid-scale 0.8, with --camera.nose-distance 0, with both, into FIGURES/hidden_….json
@@ -82,8 +83,8 @@ def main(folder: Path) -> None:
     if "unoc-table4" in read:
         bones = {"body, hidden": "body_occluded", "bones, body": "parent_body", "bone lengths, body": "bone_body"}
         tables = put(tables, "table4", ablations(read["unoc-table4"], TABLES["4"], bones))
-    if "training" in read:
-        tables = put(tables, "beyond", beyond(read["training"]))
+    if {"transitions", "reliability", "training"} <= set(read):
+        tables = put(tables, "beyond", beyond(read["transitions"], read["reliability"], read["training"]))
     EVALUATION.write_text(tables, encoding="utf-8")
     if "hmd-vae" in read:
         VAE.write_text(put(VAE.read_text(encoding="utf-8"), "hmd-vae", vaes(read["hmd-vae"])), encoding="utf-8")
@@ -343,12 +344,31 @@ def smoothness(numbers: dict[str, float]) -> str:
     return markdown(["stronger than 9 m/s²", "network", "after the tracker"], rows) + f"\n\nOf {amount}."
 
 
-def beyond(training: dict[str, float]) -> str:
-    """What the paper does not measure: how fast sequences train."""
-    return (
-        f"Training (`bodysense bench training`, one thread): {training['window_frames_per_second']:,.0f} windows/s "
-        f"(a window teaches one frame) and {training['sequence_frames_per_second']:,.0f} frames/s of sequences, "
-        f"{training['ratio']:.0f} times as many."
+def beyond(jerk: dict[str, float], trust: dict[str, float], training: dict[str, float]) -> str:
+    """What the paper does not measure: re-entry, calibrated confidence, and how fast sequences train."""
+    peaks = [jerk[f"{who}_regained_peak_jerk"] for who in ("truth", "last_known", "best", "tracker")]
+    errors = [jerk[f"{who}_occluded_rmsjpe_cm"] for who in ("best", "tracker")]
+    head = ["peak jerk in the second after a joint is seen again", "m/s³"]
+    names = ("truth", "last known", "packaged network, before IK", "packaged, smoothed by the tracker")
+    rows = [[name, f"{peak:,.0f}"] for name, peak in zip(names, peaks, strict=True)]
+    bins = [
+        [f"{trust[f'body_bin{k}_expected_cm']:.1f}", f"{trust[f'body_bin{k}_error_cm']:.1f}"]
+        for k in range(1, 11)
+        if f"body_bin{k}_expected_cm" in trust
+    ]
+    return "\n".join(
+        [
+            markdown(head, rows),
+            "",
+            f"The tracker's peak is {peaks[3] / peaks[2]:.2f} of the network's; hidden joints go from "
+            f"{errors[0]:.2f} to {errors[1]:.2f} cm (RMSJPE).",
+            "",
+            markdown(["expected error of hidden joints, cm, in ten bins", "true error"], bins),
+            "",
+            f"Training (`bodysense bench training`, one thread): {training['window_frames_per_second']:,.0f} windows/s "
+            f"(a window teaches one frame) and {training['sequence_frames_per_second']:,.0f} frames/s of sequences, "
+            f"{training['ratio']:.0f} times as many.",
+        ]
     )
 
 

@@ -107,6 +107,20 @@ def test_smoothness(tmp_path: Path, folder: Path, networks: Path, small_network:
     check_files(tmp_path, "unoc-smoothness", 14, [f"{method}_strong_acceleration_percent" for method in methods])
 
 
+def test_reliability_and_transitions(tmp_path: Path, folder: Path, small_network: Path, run) -> None:
+    given = common(tmp_path, folder, "--model", small_network, "--quick")
+    assert "left out" in run("evaluate", "reliability", *given)
+    check_files(tmp_path, "reliability", 20, ["body_correlation", "finger_bin10_error_cm", "body_bin1_expected_cm"])
+    run("evaluate", "transitions", *given)
+    keys = [
+        "tracker_occluded_rmsjpe_cm",
+        "truth_regained_peak_jerk",
+        "best_regained_jerk_area",
+        "last_known_lost_peak_jerk",
+    ]
+    check_files(tmp_path, "transitions", 8, keys)
+
+
 @pytest.mark.slow
 def test_table_6_and_finger_synthesis(tmp_path: Path, folder: Path, networks: Path, run) -> None:
     from bodysense.lab.unoc.point_model import Task
@@ -142,8 +156,8 @@ def test_table_6_and_finger_synthesis(tmp_path: Path, folder: Path, networks: Pa
         (("unoc-smoothness", "--networks", "{tmp}"), "no network gru, mask_given"),
         (("unoc-table5", "--networks", "{tmp}"), "write NAME=PATH"),
         (("unoc-table3", "--networks", "{tmp}", "--stride", "0"), "--stride 0: give at least 1"),
-        (("unoc-table2", "--jobs", "0"), "--jobs 0: give at least 1"),
-        (("unoc-table6", "--json", "{tmp}/none/a.json"), "the folder {tmp}/none does not exist"),
+        (("reliability", "--jobs", "0"), "--jobs 0: give at least 1"),
+        (("transitions", "--json", "{tmp}/none/a.json"), "the folder {tmp}/none does not exist"),
         (("unoc-table1", "--out", "{tmp}/motion/anna/a.bvh/x"), "no folder can be made there"),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
@@ -158,5 +172,5 @@ def test_what_cannot_be_done_is_said(tmp_path: Path, folder: Path, refused, argu
 
 def test_a_published_set_that_is_not_there(tmp_path: Path, refused) -> None:
     """Which, where to get it, under which licence."""
-    text = refused("evaluate", "unoc-table6", "--data", f"UNOC={tmp_path / 'none'}", "--out", tmp_path / "tables")
+    text = refused("evaluate", "reliability", "--data", f"UNOC={tmp_path / 'none'}", "--out", tmp_path / "tables")
     assert "UNOC is missing" in text and "github.com/facebookresearch/UNOC" in text and "MIT" in text

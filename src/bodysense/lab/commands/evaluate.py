@@ -17,9 +17,9 @@ def commands() -> SubcommandApp:
     group.command(name="hmd-vae")(hmd_vae.hmd_vae_figures)
     for command in (arms.pahmt_table1, rendering.video_rendered, unoc.unoc_table1, unoc.unoc_table2, unoc.unoc_table3):
         group.command(command)
-    for command in (unoc.unoc_table4, unoc.unoc_table5, unoc.unoc_table6, unoc.unoc_smoothness):
+    for command in (unoc.unoc_table4, unoc.unoc_table5, unoc.unoc_table6, unoc.unoc_smoothness, unoc.reliability):
         group.command(command)
-    for command in (gloves.gloves_occlusion, gloves.gloves_limits, gloves.gloves_table3):
+    for command in (unoc.transitions, gloves.gloves_occlusion, gloves.gloves_limits, gloves.gloves_table3):
         group.command(command)
     group.command(gloves.gloves_table4)
     group.command(gloves.gloves_layouts)

@@ -14,7 +14,9 @@ from bodysense.lab.unoc.options import (
     FingerSynthesisEvaluation,
     OcclusionEvaluation,
     PredictorEvaluation,
+    ReliabilityEvaluation,
     SmoothnessEvaluation,
+    TransitionEvaluation,
     UpperBodyEvaluation,
     VariantEvaluation,
 )
@@ -117,6 +119,26 @@ def unoc_smoothness(run: Flat[SmoothnessEvaluation]) -> None:
     with progress_over([chosen]) as advance:
         sums, census = measure_smoothness(chosen, files, run.model, settings, run.table.processes, advance)
     finish(smoothness_report(sums, census, chosen), run.table)
+
+
+def reliability(run: Flat[ReliabilityEvaluation]) -> None:
+    """The error that the predictor expects of hidden joints beside the true one, in ten bins of equal count."""
+    from bodysense.lab.unoc.reliability import measure_reliability, reliability_report
+
+    chosen = open_data(run.data, run.table)
+    with progress_over([chosen]) as advance:
+        pairs, census = measure_reliability(chosen, run.model, run.table.processes, advance)
+    finish(reliability_report(pairs, census, chosen), run.table)
+
+
+def transitions(run: Flat[TransitionEvaluation]) -> None:
+    """How jerky motion is in the second in which a joint is lost or seen again, before and after smoothing."""
+    from bodysense.lab.unoc.transitions import measure_transitions, transitions_report
+
+    chosen, settings = open_data(run.data, run.table), tracker_settings(run.half_life)
+    with progress_over([chosen]) as advance:
+        found, census = measure_transitions(chosen, run.model, settings, run.table.processes, advance)
+    finish(transitions_report(found, census, chosen), run.table)
 
 
 def finger_synthesis(run: Flat[FingerSynthesisEvaluation]) -> None:

@@ -219,6 +219,23 @@ class SmoothnessEvaluation(MotionEvaluation):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ReliabilityEvaluation(MotionEvaluation):
+    """Expected errors beside true ones."""
+
+    model: Path | None = None
+    """predictor of your own, written by `bodysense train body-gru`; the packaged one if omitted"""
+    table: Flat[TableOptions] = TableOptions()
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransitionEvaluation(ReliabilityEvaluation):
+    """Motion in the second in which a joint is lost or seen again."""
+
+    half_life: float | None = None
+    """half-life of the tracker's smoother in seconds; its own if omitted"""
+
+
+@dataclass(frozen=True, kw_only=True)
 class FingerSynthesisEvaluation(MotionEvaluation):
     """UNOC, Table 5, right: fingers. Clips with fingers are scored; both baselines know those of the train split."""
 

@@ -1,0 +1,73 @@
+"""Expected and true errors: bins of equal count, and correlations as SciPy has them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bodysense.body.pose import forward_kinematics
+from bodysense.devices.simulated.headset_camera import observe
+from bodysense.io.clip import Clip
+from bodysense.lab.datasets import DataSet
+from bodysense.lab.scoring import scored_points
+from bodysense.lab.unoc.ik_tracker import Learned, load_model
+from bodysense.lab.unoc.reliability import (
+    ErrorPairs,
+    measure_reliability,
+    pairs_of_clip,
+    reliability_of,
+    reliability_report,
+)
+
+
+@pytest.mark.parametrize("count", [10, 57, 1000])
+def test_bins_and_correlations(count: int) -> None:
+    rng = np.random.default_rng(count)
+    expected = np.round(rng.gamma(2.0, size=count), 1)  # with ties
+    error = expected * rng.gamma(2.0, size=count)
+    found = reliability_of(ErrorPairs(expected, error))
+    assert [one.count for one in found.bins] == sorted((one.count for one in found.bins), reverse=True)
+    assert max(one.count for one in found.bins) - min(one.count for one in found.bins) <= 1
+    assert sum(one.count for one in found.bins) == count and len(found.bins) == 10
+    assert [one.expected for one in found.bins] == sorted(one.expected for one in found.bins)
+    assert sum(one.count * one.error for one in found.bins) == pytest.approx(error.sum())
+    assert found.correlation == pytest.approx(stats.pearsonr(expected, error)[0])
+    assert found.rank_correlation == pytest.approx(stats.spearmanr(expected, error)[0])
+    assert found.bias == pytest.approx((expected - error).mean())
+
+
+def test_few_and_equal_values() -> None:
+    three = reliability_of(ErrorPairs(np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 3.0])))
+    assert len(three.bins) == 3 and three.correlation == pytest.approx(1.0)
+    assert np.isnan(reliability_of(ErrorPairs(np.ones(5), np.arange(5.0))).correlation)
+
+
+def test_pairs_are_of_hidden_points(waving_clip: Clip, small_network: Path) -> None:
+    pairs = pairs_of_clip(waving_clip, small_network)
+    observation = observe(waving_clip.pose, waving_clip.time)
+    estimator = Learned(load_model(small_network), waving_clip.pose.skeleton)
+    estimate, _ = estimator.step(observation, estimator.start())
+    truth, tested = np.asarray(forward_kinematics(waving_clip.pose)[0]), scored_points(waving_clip.pose.skeleton)
+    hidden = [(t, p) for t in range(len(truth)) for p in tested if not observation.has_position[t, p]]
+    body = pairs["main", "body"]
+    np.testing.assert_allclose(body.expected, [100 * estimate.confidence[t, p] for t, p in hidden])
+    np.testing.assert_allclose(
+        body.error, [100 * np.linalg.norm(estimate.position[t, p] - truth[t, p]) for t, p in hidden]
+    )
+    assert len(pairs["main", "finger"].error) > 0
+    without = replace(waving_clip, has_fingers=False, category="sport")
+    assert set(pairs_of_clip(without, small_network)) == {("sport", "body")}
+
+
+def test_the_table_of_a_data_set(data: DataSet, small_network: Path) -> None:
+    pairs, census = measure_reliability(data, small_network, 1, lambda clip: None)
+    report = reliability_report(pairs, census, data)
+    assert [row[:2] for row in report.rows] == [(part, k) for part in ("body", "fingers") for k in range(1, 11)]
+    numbers = report.numbers
+    assert -1 <= numbers["body_correlation"] <= 1
+    first, last = numbers["body_bin1_expected_cm"], numbers["body_bin10_expected_cm"]
+    assert first <= last and len(report.panels) == 2
