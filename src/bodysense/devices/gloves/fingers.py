@@ -35,9 +35,7 @@ class HandShape:
 
     base: np.ndarray = field(repr=False)  # (H, 5, 3, 1) m, of each finger, from the wrist
     last: np.ndarray = field(repr=False)  # (H, 5, 3, 2) m, from joint 3
-    middle: np.ndarray = field(
-        repr=False
-    )  # (H, 5, 3, 4) m, from joint 2: thrice joint 3, and the thumb's middle marker
+    middle: np.ndarray = field(repr=False)  # (H, 5, 3, 4) m, from joint 2: thrice joint 3, and the middle marker
     first: np.ndarray = field(repr=False)  # (H, 5, 3, 1) m, from the base
     markers: np.ndarray = field(repr=False)  # (6,) the marker that each finger's tip points at, and the thumb's middle
 
