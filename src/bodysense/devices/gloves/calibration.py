@@ -258,15 +258,16 @@ class _CalibrationProblem:
         common = ((other - now) / _STEP).transpose(1, 2, 0)  # (K, R, N)
         shifted = moved(pose[None], _STEP * np.eye(POSE)[:, None])
         own = ((self.residuals(theta, shifted) - now) / _STEP).transpose(1, 2, 0)  # (K, R, 32)
-        inner = own.swapaxes(1, 2) @ own
+        drawn = own.swapaxes(1, 2) @ np.concatenate([own, common, now[..., None]], axis=-1)
+        inner, across = drawn[..., :POSE], drawn[..., POSE:]
         inner += damping * inner * np.eye(POSE) + 1e-9 * np.eye(POSE)
-        across, drawn = own.swapaxes(1, 2) @ common, own.swapaxes(1, 2) @ now[..., None]
-        solved = np.linalg.solve(inner, np.concatenate([across, drawn], axis=-1))
-        outer = (common.swapaxes(1, 2) @ common).sum(axis=0) + np.diag(self.prior**2)
+        solved = np.linalg.solve(inner, across)
+        # Frames are summed by one large product, not by many small ones.
+        every, left = common.reshape(-1, count), across[..., :-1].reshape(-1, count).T @ solved.reshape(-1, count + 1)
+        outer = every.T @ every + np.diag(self.prior**2)
         outer += damping * outer * np.eye(count)
-        outer -= (across.swapaxes(1, 2) @ solved[..., :-1]).sum(axis=0)
-        slope = (common.swapaxes(1, 2) @ now[..., None]).sum(axis=0)[:, 0] + self.prior**2 * theta
-        slope -= (across.swapaxes(1, 2) @ solved[..., -1:]).sum(axis=0)[:, 0]
+        outer -= left[:, :-1]
+        slope = every.T @ now.ravel() + self.prior**2 * theta - left[:, -1]
         change = -np.linalg.solve(outer, slope)
         return change, -(solved[..., -1] + solved[..., :-1] @ change)
 

@@ -83,7 +83,7 @@ def write_glove_network(network: MarkerNetwork | JointNetwork, path: Path, card:
 FILES: dict[Network, str] = {name: f"glove_{name}.onnx" for name in get_args(Network)}
 RATE = 30.0  # Hz, of the frames that are learned
 SCHEDULES: dict[tuple[Network, Form], GloveSchedule] = {
-    ("markers", "shipped"): GloveSchedule(steps=7_000),
+    ("markers", "shipped"): GloveSchedule(steps=30_000),
     ("markers", "paper"): PAPER_MARKER_SCHEDULE,
     ("joints", "shipped"): GloveSchedule(steps=12_000),
     ("joints", "paper"): PAPER_JOINT_SCHEDULE,
