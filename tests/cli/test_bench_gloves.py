@@ -3,7 +3,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from bodysense.lab.commands.bench import glove_stream, gloves
+from bodysense.lab.commands.bench import gloves
+from bodysense.lab.synthesis.glove_stream import glove_stream
 
 
 def test_bench_gloves(tmp_path: Path) -> None:

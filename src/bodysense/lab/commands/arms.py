@@ -54,7 +54,7 @@ def bench_arms(frames: int = 2000, model: Path | None = None, json: Path | None 
     from bodysense.demo import packaged_performance
     from bodysense.devices.simulated.camera_view import FRONT, sample_cameras, view, view_points
     from bodysense.devices.video.arms import Arms, ArmSettings, load_arms
-    from bodysense.lab.commands.bench import percentiles, report
+    from bodysense.lab.commands.timing import percentiles, report
 
     clip, network = packaged_performance(), load_arms(model)
     points = view_points(clip.pose)

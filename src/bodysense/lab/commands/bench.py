@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
@@ -15,14 +15,11 @@ from typing import Any
 import numpy as np
 from tyro.extras import SubcommandApp
 
-from bodysense.body.glove import default_glove, glove_points, marker_positions, side_of
-from bodysense.body.hand import hand_skeleton, mirrored_vectors
-from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated.device import SensorSetName
 from bodysense.errors import BodysenseError
 from bodysense.lab.commands import arms, bench_live, bench_outputs, live_checks
-from bodysense.lab.synthesis.hands import RATE, synthesize_hand
-from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
+from bodysense.lab.commands.timing import percentiles, report, resident_memory
+from bodysense.observation import Observation
 
 
 def commands() -> SubcommandApp:
@@ -113,7 +110,7 @@ def gloves(frames: int = 3000, json: Path | None = None) -> None:
         json: Write the numbers here, as one flat object.
     """
     from bodysense.devices.gloves.hands import Hands, HandsSettings, load_glove_models
-    from bodysense.lab.commands.bench import glove_stream
+    from bodysense.lab.synthesis.glove_stream import glove_stream
 
     numbers, models = {}, load_glove_models()
     for name, hands in (("one_hand", ("left",)), ("two_hands", ("left", "right"))):
@@ -259,63 +256,3 @@ def training(steps: int = 6, threads: int = 1, json: Path | None = None) -> None
     if steps < 1:
         raise BodysenseError(f"--steps {steps}: give at least 1")
     report("training", throughput(packaged_performance(), steps, threads), json)
-
-
-def percentiles(one: Callable[[int], None], frames: int) -> dict[str, float]:
-    """Run `one(frame)` for every frame and return latency percentiles in ms."""
-    if frames < 1:
-        raise BodysenseError(f"--frames {frames}: give at least 1")
-    for frame in range(100):
-        one(frame)
-    taken = np.zeros(frames)
-    for frame in range(frames):
-        begun = time.perf_counter()
-        one(frame + 100)
-        taken[frame] = time.perf_counter() - begun
-    return {f"p{q}_ms": float(1000 * np.percentile(taken, q)) for q in (50, 95, 99)}
-
-
-def resident_memory() -> float:
-    """Peak resident memory of this process, MB."""
-    import resource
-
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (1e6 if sys.platform == "darwin" else 1e3)
-
-
-def report(name: str, numbers: dict[str, float], json: Path | None) -> None:
-    """Print a line and write the numbers."""
-    from bodysense.cli.show import processor, write_numbers
-
-    shown = ", ".join(f"{key} {value:,.3g}" for key, value in numbers.items())
-    print(f"{name}: {shown}  ({processor()}, one thread)")
-    write_numbers(json, numbers)
-
-
-_EVERY = 30  # frames, after which other markers are hidden
-
-
-def glove_stream(hands: Sequence[str], frames: int, hidden: int) -> tuple[dict[str, Skeleton], Observation]:
-    """The skeletons of hands and an observation of their markers at 60 Hz, `hidden` of each hidden at a time."""
-    rng, hand = np.random.default_rng(0), hand_skeleton(default_skeleton(), "left")
-    rows = []
-    for name in hands:
-        pose = synthesize_hand(hand, (frames + 1) / RATE, rng).pose[:frames]
-        markers = np.array(marker_positions(default_glove(), pose))
-        for start in range(0, frames, _EVERY):
-            markers[start : start + _EVERY, rng.permutation(markers.shape[1])[:hidden]] = np.nan
-        rows.append(mirrored_vectors(markers, side_of(name)))
-    position = np.concatenate(rows, axis=1)
-    seen = ~np.isnan(position[..., 0])
-    points = tuple(point for name in hands for point in glove_points(name))
-    turned = np.full((*position.shape[:2], 4), np.nan)
-    observation = Observation(
-        points=points,
-        position=position,
-        rotation=turned,
-        has_position=seen,
-        has_rotation=np.zeros_like(seen),
-        accuracy=accuracy_like(seen, EXACT_ACCURACY),
-        time=np.arange(frames) / RATE,
-    )
-    return dict.fromkeys(hands, hand), observation

@@ -45,7 +45,7 @@ def bench_live(
         workers: Processes of the server.
         json: Write the numbers here, as one flat object.
     """
-    from bodysense.lab.commands.bench import report
+    from bodysense.lab.commands.timing import report
 
     for name, value in (("sessions", sessions), ("rate", rate), ("seconds", seconds), ("workers", workers)):
         if not 0 < value < 100_000:

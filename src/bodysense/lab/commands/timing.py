@@ -1,0 +1,43 @@
+"""What benchmarks share: how long calls take, how much memory they hold, and the line that says so."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.errors import BodysenseError
+
+
+def percentiles(one: Callable[[int], None], frames: int) -> dict[str, float]:
+    """Run `one(frame)` for every frame and return latency percentiles in ms."""
+    if frames < 1:
+        raise BodysenseError(f"--frames {frames}: give at least 1")
+    for frame in range(100):
+        one(frame)
+    taken = np.zeros(frames)
+    for frame in range(frames):
+        begun = time.perf_counter()
+        one(frame + 100)
+        taken[frame] = time.perf_counter() - begun
+    return {f"p{q}_ms": float(1000 * np.percentile(taken, q)) for q in (50, 95, 99)}
+
+
+def resident_memory() -> float:
+    """Peak resident memory of this process, MB."""
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1e6 if sys.platform == "darwin" else 1e3)
+
+
+def report(name: str, numbers: dict[str, float], json: Path | None) -> None:
+    """Print a line and write the numbers."""
+    from bodysense.cli.show import processor, write_numbers
+
+    shown = ", ".join(f"{key} {value:,.3g}" for key, value in numbers.items())
+    print(f"{name}: {shown}  ({processor()}, one thread)")
+    write_numbers(json, numbers)
