@@ -25,7 +25,7 @@ from bodysense.cli.show import processor
 from bodysense.lab.two_hands.foreign import FEW_MANY, WAYS
 from bodysense.lab.two_hands.foreign import PLACES as FOREIGN_PLACES
 from bodysense.lab.two_hands.layouts import layouts
-from bodysense.lab.two_hands.limits import LINES
+from bodysense.lab.two_hands.limits_report import LINES
 from bodysense.lab.two_hands.tables import PUBLISHED_MARKERS, PUBLISHED_POINTS, PUBLISHED_STILL
 from bodysense.lab.two_hands.trials import DURATIONS, HIDDEN
 

@@ -150,7 +150,8 @@ def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     import torch
 
-    from bodysense.lab.unoc.network import VARIANTS, BodyNetwork, write_weights
+    from bodysense.lab.unoc.network import BodyNetwork, write_weights
+    from bodysense.lab.unoc.variants import VARIANTS
 
     folder = tmp_path_factory.mktemp("networks")
     torch.manual_seed(0)

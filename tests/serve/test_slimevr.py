@@ -29,7 +29,8 @@ from bodysense.serve.osc import message_bytes
 from bodysense.serve.protocol import SignalFrame
 from bodysense.serve.session import Session
 from bodysense.serve.settings import ServerSettings
-from bodysense.serve.slimevr import MOST_TRACKERS, SlimevrSettings, SlimevrState, Taken, heartbeat, take
+from bodysense.serve.slimevr import MOST_TRACKERS, SlimevrState, Taken, heartbeat, take
+from bodysense.serve.slimevr_link import SlimevrSettings
 from bodysense.serve.unity import unity_position, unity_rotation
 
 from .conftest import Connecting, Serving

@@ -25,15 +25,8 @@ from bodysense.serve.metrics import Metrics
 from bodysense.serve.safety import why_not_local
 from bodysense.serve.settings import ServerSettings
 from bodysense.serve.solarxr import BONES, TRACKERS, Asked, Updates, moved, read_bundle, settings_bundle, told_of
-from bodysense.serve.solarxr_link import (
-    INPUT,
-    RPC,
-    InputReader,
-    SolarxrLink,
-    SolarxrSettings,
-    fields_of,
-    runtime_folder,
-)
+from bodysense.serve.solarxr_input import InputReader, fields_of
+from bodysense.serve.solarxr_link import INPUT, RPC, SolarxrLink, SolarxrSettings, runtime_folder
 from bodysense.serve.tracked_devices import SIGNALS
 from bodysense.serve.webxr import between_eyes
 

@@ -119,7 +119,7 @@ def serve(
     from bodysense.serve.messages import Settings
     from bodysense.serve.safety import ANY_ORIGIN, Limits
     from bodysense.serve.settings import ServerSettings
-    from bodysense.serve.slimevr import SlimevrSettings
+    from bodysense.serve.slimevr_link import SlimevrSettings
     from bodysense.serve.solarxr_link import SolarxrSettings, runtime_folder
     from bodysense.serve.vmc import VmcTrackers
     from bodysense.serve.vmt_link import VmtSettings
@@ -184,7 +184,7 @@ def _named(table: Path | None, steamvr: bool, slimevr: bool) -> tuple[TrackedDev
 
     Raises BodysenseError, naming the option, for devices of what is not there: VMC or SteamVR, SlimeVR.
     """
-    from bodysense.serve.slimevr import is_serial
+    from bodysense.serve.slimevr_link import is_serial
     from bodysense.serve.tracked_devices import TrackedDevices, read_device_names
 
     if table is not None and not steamvr and not slimevr:

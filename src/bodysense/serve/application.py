@@ -27,8 +27,9 @@ from bodysense.serve.protocol import SUBPROTOCOL
 from bodysense.serve.safety import Doorkeeper
 from bodysense.serve.session_store import SessionStore
 from bodysense.serve.settings import ServerSettings
-from bodysense.serve.slimevr import SENSORS, SlimevrLink
-from bodysense.serve.solarxr_link import InputReader, SolarxrLink
+from bodysense.serve.slimevr_link import SENSORS, SlimevrLink
+from bodysense.serve.solarxr_input import InputReader
+from bodysense.serve.solarxr_link import SolarxrLink
 from bodysense.serve.tracked_devices import SIGNALS
 from bodysense.serve.vmt import VmtReader
 from bodysense.serve.vmt_link import VmtLink

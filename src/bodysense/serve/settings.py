@@ -11,7 +11,7 @@ from bodysense.serve.datagrams import Receiver
 from bodysense.serve.messages import Settings
 from bodysense.serve.replay import Playable
 from bodysense.serve.safety import Access, Limits
-from bodysense.serve.slimevr import SlimevrSettings
+from bodysense.serve.slimevr_link import SlimevrSettings
 from bodysense.serve.solarxr_link import SolarxrSettings
 from bodysense.serve.vmc import VmcTrackers
 from bodysense.serve.vmt_link import VmtSettings

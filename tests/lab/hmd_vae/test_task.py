@@ -24,7 +24,8 @@ from bodysense.lab.hmd_vae.estimator import load_body_vae
 from bodysense.lab.hmd_vae.frames import BodyFrames, VaeBatch, make_batch, mirrored, read_body_frames
 from bodysense.lab.hmd_vae.network import BodyVae, read_vae, write_vae
 from bodysense.lab.hmd_vae.options import BodyVaeConfig, VaeRun, VaeSchedule
-from bodysense.lab.hmd_vae.train import VaeTask, joint_errors, one_cycle, run_sweep, run_vae, sweep_configs, sweep_name
+from bodysense.lab.hmd_vae.task import VaeTask, joint_errors, one_cycle
+from bodysense.lab.hmd_vae.train import run_sweep, run_vae, sweep_configs, sweep_name
 
 SMALL = BodyVaeConfig(latent=4, width=16, sequence_width=8, length=8)
 SCHEDULE = VaeSchedule(steps=4, batch=8, check_every=2)

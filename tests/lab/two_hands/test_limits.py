@@ -12,19 +12,17 @@ from bodysense.devices.gloves.hands import GloveModels
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.lab.datasets import Census
 from bodysense.lab.two_hands.limits import (
-    LINES,
-    SYNTHESISED,
     Findings,
     HandPair,
     count_jumps,
     count_penetration,
     count_touches,
     fingertip_gaps,
-    limits_report,
     measure_pair,
     points_of,
     synthesised_pair,
 )
+from bodysense.lab.two_hands.limits_report import LINES, SYNTHESISED, limits_report
 
 HAND = hand_skeleton(default_skeleton(), "left")
 

@@ -10,7 +10,6 @@ import pytest
 
 from bodysense.lab.datasets import Census, DataSet
 from bodysense.lab.scoring import KNOWN, Tally
-from bodysense.lab.unoc.network import TABLES
 from bodysense.lab.unoc.tables import (
     KEYS,
     OWN_NAMES,
@@ -24,6 +23,7 @@ from bodysense.lab.unoc.tables import (
     network_report,
     numbers_of,
 )
+from bodysense.lab.unoc.variants import TABLES
 
 ALL = (TABLE_2, TABLE_3, TABLE_4)
 PARTS = ("body", "finger", "body_and_finger", "parent_body", "parent_all", "bone_body", "bone_all")

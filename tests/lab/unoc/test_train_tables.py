@@ -13,12 +13,13 @@ from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import split_of
-from bodysense.lab.unoc import network
 from bodysense.lab.unoc import train_tables as tables
-from bodysense.lab.unoc.network import PAPER, TABLES, VARIANTS, BodyNetworkConfig, Variant, read_weights
+from bodysense.lab.unoc import variants
+from bodysense.lab.unoc.network import PAPER, BodyNetworkConfig, read_weights
 from bodysense.lab.unoc.options import TablesTraining
 from bodysense.lab.unoc.task import Episode
 from bodysense.lab.unoc.train_tables import cached_episodes, chosen_networks, schedule_of, train_tables
+from bodysense.lab.unoc.variants import TABLES, VARIANTS, Variant
 
 SMALL = replace(PAPER, hidden=4, branch=(4,), judge_branch=(4,), window=9)
 
@@ -37,7 +38,7 @@ def folder(tmp_path: Path, waving_clip: Clip) -> Path:
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two networks of a size for tests."""
     two = {"gru": Variant("GRU", SMALL), "no_bone": Variant("w/o bones", SMALL, {"body_bone": 0.0})}
-    monkeypatch.setattr(network, "VARIANTS", two)
+    monkeypatch.setattr(variants, "VARIANTS", two)
     monkeypatch.setattr(tables, "VARIANTS", two)
     monkeypatch.setattr(tables, "TABLES", {"2": ("gru",), "4": ("gru", "no_bone")})
 

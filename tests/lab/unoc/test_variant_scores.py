@@ -18,7 +18,7 @@ from bodysense.io.clip import Clip
 from bodysense.lab.datasets import DataSet
 from bodysense.lab.scoring import KNOWN, UNOC_EVAL_JOINTS, Hold
 from bodysense.lab.unoc import variant_scores as variants
-from bodysense.lab.unoc.network import PAPER, VARIANTS, BodyNetwork, read_weights, tracked_of
+from bodysense.lab.unoc.network import PAPER, BodyNetwork, read_weights, tracked_of
 from bodysense.lab.unoc.tables import scores_path
 from bodysense.lab.unoc.variant_scores import (
     Shipped,
@@ -31,6 +31,7 @@ from bodysense.lab.unoc.variant_scores import (
     score_clip,
     score_pairs,
 )
+from bodysense.lab.unoc.variants import VARIANTS
 
 
 def never(clip: Clip) -> None:

@@ -84,15 +84,14 @@ def gloves_limits(run: Flat[GloveLimitsEvaluation]) -> None:
     from bodysense.devices.simulated.camera_ring import CameraRing
     from bodysense.lab.datasets import Census
     from bodysense.lab.two_hands.limits import (
-        SYNTHESISED,
         SYNTHESISED_PIECES,
         SYNTHESISED_SECONDS,
         Findings,
         Networks,
-        limits_report,
         measure_clips,
         measure_synthesised,
     )
+    from bodysense.lab.two_hands.limits_report import SYNTHESISED, limits_report
 
     table, data, jobs = run.table, run.data, run.table.processes
     ring, networks = CameraRing(count=run.cameras), Networks(run.markers, run.joints)

@@ -31,7 +31,8 @@ def hmd_vae_figures(run: Flat[VaeEvaluation]) -> None:
     from rich.progress import Progress, track
 
     from bodysense.lab.hmd_vae.frames import read_split_file
-    from bodysense.lab.hmd_vae.tables import metrics_report, read_test, score_vae, vae_report, vaes_in
+    from bodysense.lab.hmd_vae.scores import read_test, score_vae, vaes_in
+    from bodysense.lab.hmd_vae.tables import metrics_report, vae_report
 
     chosen, files, split_file = open_data(run.data, run.table), vaes_in(run.networks), run.split_file
     total = None if split_file is None else list(read_split_file(split_file).values()).count("test")

@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -32,13 +32,9 @@ from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import list_sources, read_source
 from bodysense.io.resample import resample
 from bodysense.lab.datasets import open_clips
-from bodysense.lab.hmd_vae.options import Origin
+from bodysense.lab.hmd_vae.options import BodyVaeConfig, Origin
 from bodysense.lab.store import is_store, read_store
 from bodysense.lab.windows import Windows, find_windows
-
-if TYPE_CHECKING:
-    from bodysense.lab.hmd_vae.network import BodyVaeConfig
-
 
 RATE = 30.0
 TRAIN_LENGTH, TEST_LENGTH, STRIDE = 16, 64, 4  # frames

@@ -16,7 +16,7 @@ from bodysense.serve.links import Reader
 from bodysense.serve.osc import bundled, message_bytes
 from bodysense.serve.slimevr import SlimevrState, take
 from bodysense.serve.solarxr import read_bundle, settings_bundle
-from bodysense.serve.solarxr_link import InputReader
+from bodysense.serve.solarxr_input import InputReader
 from bodysense.serve.vmc import VmcTrackers
 from bodysense.serve.vmt import VmtReader
 from bodysense.serve.vrchat import VrchatReader

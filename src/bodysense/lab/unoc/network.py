@@ -3,20 +3,12 @@
 The network starts at tracked world positions and the headset's pose and ends at world positions: the change of frame
 (head's heading, wrist, body height) and the repetition of last known positions are inside, so that training, the
 exported file and every run time share them.
-
-The networks of UNOC's Tables 2 to 4: the paper's own, its rivals and its ablations, each as a configuration.
-
-What remembers: GRU, LSTM, plain RNN or causal convolutions, over sequences or windows (UNOC, section 4.2).
-
-One recurrent part serves every network of the paper. Over whole sequences its memory is the hidden state; over windows
-it is the frames before, and every frame is answered from its own window, as the paper does.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -28,108 +20,8 @@ from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
+from bodysense.lab.unoc.recurrent import Cell, Recurrent, branch
 from bodysense.observation import Observation, observed_points
-
-Cell = Literal["gru", "lstm", "rnn", "tcn"]
-_KERNEL = 3  # frames that a convolution joins (Pavllo et al. 2019)
-
-
-class Recurrent(nn.Module):
-    """Features (B, T, F) → what is made of each frame (B, T, hidden).
-
-    `window` None carries the state on; a number answers every frame from that many frames. Convolutions need a window
-    that is a power of 3. Raises BodysenseError where they do not get one. `layers` stacks recurrent cells.
-    """
-
-    def __init__(self, cell: Cell, features: int, hidden: int, window: int | None, layers: int = 1) -> None:
-        super().__init__()
-        self.cell, self.features, self.hidden, self.window, self.layers = cell, features, hidden, window, layers
-        if cell == "tcn":
-            self.convolutions = _Convolutions(features, hidden, window)
-        else:
-            layer = {"gru": nn.GRU, "lstm": nn.LSTM, "rnn": nn.RNN}[cell]
-            self.layer: nn.GRU | nn.LSTM | nn.RNN = layer(features, hidden, layers, batch_first=True)
-
-    def start(self, batch: int) -> Tensor:
-        """The memory before the first frame of `batch` sequences."""
-        if self.window is not None:
-            return torch.zeros(batch, self.window, self.features)
-        return torch.zeros(batch, self.layers * self.hidden * (2 if self.cell == "lstm" else 1))
-
-    def forward(self, features: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
-        """(B, T, F) and the memory before → (B, T, hidden) and the memory after."""
-        if self.window is not None:
-            frames, window = features.shape[1], self.window
-            # A fresh sequence is preceded by repetitions of its first frame.
-            fresh = (memory == 0).all(dim=-1, keepdim=True)
-            history = torch.cat([torch.where(fresh, features[:, :1], memory), features], dim=1)
-            windows = torch.stack([history[:, t + 1 : t + 1 + window] for t in range(frames)], dim=1)
-            return self.last(windows.flatten(0, 1)).unflatten(0, (-1, frames)), history[:, -window:]
-        if isinstance(self.layer, nn.LSTM):
-            hidden, (h, c) = self.layer(features, tuple(self._by_layer(part) for part in memory.chunk(2, dim=-1)))
-            return hidden, torch.cat([*h, *c], dim=-1)
-        if isinstance(self.layer, nn.GRU) and features.shape[1] == 1:
-            above, after = features[:, 0], []
-            for weights, before in zip(self.layer.all_weights, memory.split(self.hidden, dim=-1), strict=True):
-                above = _gru_step(weights, above, before)
-                after.append(above)
-            return above[:, None], torch.cat(after, dim=-1)
-        hidden, after = self.layer(features, self._by_layer(memory))
-        return hidden, torch.cat([*after], dim=-1)
-
-    def last(self, windows: Tensor) -> Tensor:
-        """What is made of the last frame of windows: (B, window, F) → (B, hidden)."""
-        if self.cell == "tcn":
-            return self.convolutions(windows)
-        return self.layer(windows)[0][:, -1]
-
-    def _by_layer(self, memory: Tensor) -> Tensor:
-        """(B, layers · hidden) → (layers, B, hidden)."""
-        return torch.stack(memory.split(self.hidden, dim=-1))
-
-
-def _gru_step(weights: Sequence[Tensor], features: Tensor, hidden: Tensor) -> Tensor:
-    """One frame (B, F) of a GRU, spelled out: in the exported file it is faster than a whole GRU of one frame."""
-    of_input, of_state, input_bias, state_bias = weights
-    given = nn.functional.linear(features, of_input, input_bias)
-    kept = nn.functional.linear(hidden, of_state, state_bias)
-    size = hidden.shape[-1]
-    gates = torch.sigmoid(given[:, : 2 * size] + kept[:, : 2 * size])
-    reset, update = gates.chunk(2, dim=-1)
-    candidate = torch.tanh(given[:, 2 * size :] + reset * kept[:, 2 * size :])
-    return candidate + update * (hidden - candidate)
-
-
-class _Convolutions(nn.Module):
-    """Causal dilated convolutions, seen from a window's last frame: three frames become one, level by level.
-
-    Dilations are 1, 3, 9 …, so that a window of 27 takes three levels; later levels are residual (Pavllo et al. 2019).
-    """
-
-    def __init__(self, features: int, hidden: int, window: int | None) -> None:
-        super().__init__()
-        levels = [k for k in range(1, 8) if _KERNEL**k == window]
-        if not levels:
-            raise BodysenseError(f"convolutions over {window} frames: give a window of 3, 9, 27, 81 or another power")
-        sizes = [features] + [hidden] * (levels[0] - 1)
-        self.levels = nn.ModuleList(nn.Linear(_KERNEL * size, hidden) for size in sizes)
-
-    def forward(self, x: Tensor) -> Tensor:
-        for k, level in enumerate(self.levels):
-            joined = x.unflatten(1, (-1, _KERNEL))
-            change = torch.relu(level(joined.flatten(2)))
-            x = change if k == 0 else joined[:, :, -1] + change
-        return x[:, 0]
-
-
-def branch(inputs: int, widths: tuple[int, ...], outputs: int, dropout: float = 0.0) -> nn.Sequential:
-    """Fully connected layers with rectified units between them; `dropout` of the inputs and of those units."""
-    layers: list[nn.Module] = [nn.Dropout(dropout)] if dropout else []
-    for width in widths:
-        layers += [nn.Linear(inputs, width), nn.ReLU(), *([nn.Dropout(dropout)] if dropout else [])]
-        inputs = width
-    return nn.Sequential(*layers, nn.Linear(inputs, outputs))
-
 
 REFERENCE_HEIGHT = 1.7  # m: bodies are scaled to it, so that the network meets one size
 FINGER_SCALE = 10.0  # fingers move within centimetres; bring them to the range of the body
@@ -442,39 +334,3 @@ def read_weights(path: Path, skeleton: Skeleton) -> BodyNetwork:
     except Exception as error:  # PyTorch raises what it likes: pickle, zip, missing keys
         raise BodysenseError(f"{path}: no network of these tables ({type(error).__name__}); train it again") from None
     return model.eval()
-
-
-@dataclass(frozen=True)
-class Variant:
-    """One network of a table."""
-
-    title: str
-    config: BodyNetworkConfig = PAPER
-    loss: Mapping[str, float] = field(default_factory=dict)  # weights that differ from the paper's, by name
-
-
-VARIANTS: dict[str, Variant] = {
-    "gru": Variant("GRU"),
-    "rnn": Variant("RNN", replace(PAPER, cell="rnn")),
-    "lstm": Variant("LSTM", replace(PAPER, cell="lstm")),
-    "tcn": Variant("TCN", replace(PAPER, cell="tcn")),
-    "head_local": Variant("head-local fingers", replace(PAPER, finger_origin="head")),
-    "no_skip": Variant("without skip connections", replace(PAPER, skip=False)),
-    "window_9": Variant("9 frames", replace(PAPER, window=9)),
-    "window_81": Variant("81 frames", replace(PAPER, window=81)),
-    "hidden_1024": Variant("hidden 1024", replace(PAPER, hidden=1024)),
-    "no_occlusion": Variant("w/o occlusion prediction", replace(PAPER, judges=())),
-    "no_parent": Variant("w/o parent local", loss={"parent": 0.0}),
-    "no_bone": Variant("w/o bone length", loss={"body_bone": 0.0, "finger_bone": 0.0}),
-    "no_parent_no_bone": Variant(
-        "w/o parent local and bone length", loss={"parent": 0.0, "body_bone": 0.0, "finger_bone": 0.0}
-    ),
-    "mask_given": Variant("mask given", replace(PAPER, inputs="positions_and_mask", judges=())),
-}
-
-TABLES: dict[str, tuple[str, ...]] = {
-    "2": ("gru", "rnn", "lstm", "tcn"),
-    "3": ("gru", "head_local", "no_skip", "window_9", "window_81", "hidden_1024"),
-    "4": ("gru", "no_occlusion", "no_parent", "no_bone", "no_parent_no_bone"),
-    "smoothness": ("gru", "mask_given"),
-}

@@ -18,7 +18,8 @@ from bodysense.body.pose import hand_length
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated.three_point import POINTS
-from bodysense.lab.unoc.network import FINGER_SCALE, REFERENCE_HEIGHT, Cell, Recurrent, branch
+from bodysense.lab.unoc.network import FINGER_SCALE, REFERENCE_HEIGHT
+from bodysense.lab.unoc.recurrent import Cell, Recurrent, branch
 
 # Their forward vector: where the head looks, where the hand points; and their up vector: the back of the hand.
 AXES = ([[0.0, 0, 1], [1, 0, 0], [-1, 0, 0]], [[0.0, 1, 0], [0, 1, 0], [0, 1, 0]])

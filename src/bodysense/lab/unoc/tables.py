@@ -278,7 +278,7 @@ def joints_of(place: Place) -> str:
 
 def name_of(method: str) -> str:
     """As a table prints it."""
-    from bodysense.lab.unoc.network import VARIANTS
+    from bodysense.lab.unoc.variants import VARIANTS
 
     return OWN_NAMES[method] if method in OWN_NAMES else VARIANTS[method].title
 

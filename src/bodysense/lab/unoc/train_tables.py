@@ -24,9 +24,10 @@ from bodysense.files import make_folder, written_beside
 from bodysense.lab.checkpoint import identity
 from bodysense.lab.datasets import open_clips
 from bodysense.lab.fit import Report, begin, fit, is_same, launched, line_of, sweep
-from bodysense.lab.unoc.network import TABLES, VARIANTS, BodyNetwork, BodyNetworkConfig, write_weights
+from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig, write_weights
 from bodysense.lab.unoc.options import TablesTraining
 from bodysense.lab.unoc.task import BodySchedule, BodyTask, Episode, LossWeights, Variation, make_episode, step_count
+from bodysense.lab.unoc.variants import TABLES, VARIANTS
 
 _ARRAYS = ("features", "known", "offset", "visible")
 
