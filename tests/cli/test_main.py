@@ -51,6 +51,11 @@ def test_one_line_names_the_extra(extra: str, command: str, tmp_path: Path) -> N
     assert [path.name for path in tmp_path.iterdir()] == ["one"]
 
 
+def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"bodysense {bs.__version__}\n"
+
+
 def test_a_package_of_no_extra_is_a_fault_of_ours() -> None:
     with pytest.raises(ImportError, match="colour"):
         missing_package(ModuleNotFoundError("No module named 'colour'", name="colour"))

@@ -6,6 +6,7 @@ import errno
 import sys
 from collections.abc import Sequence
 
+from bodysense import __version__
 from bodysense.errors import BodysenseError, missing_package
 
 
@@ -17,6 +18,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from bodysense.cli.overwriting import checked_arguments
 
         given = checked_arguments(sys.argv[1:] if arguments is None else arguments)
+        if list(given) == ["--version"]:
+            print(f"bodysense {__version__}")
+            return 0
         check_installed(given)
         try:
             status = application().cli(prog="bodysense", description=_description(), args=given)
@@ -41,10 +45,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _description() -> str:
-    from bodysense import __version__
-
     return (
-        f"Completes a human body, hands included, from partial tracking. Version {__version__}. "
+        f"Completes a human body, hands included, from partial tracking. Version {__version__} (--version). "
         "With any command, --overwrite lets an output take the place of an input."
     )
 
