@@ -39,12 +39,9 @@ FEWEST = 6  # of them, with three quarters of the markers and the back of the ha
 _SEEN = 0.75  # of the markers, in a frame
 _MARKER = 0.0015  # m: standard deviation of a marker, from where the best hand of the family has it
 _STRAIGHT = 0.12  # rad, of the flexion of a finger where it reaches farthest, from 0; its base's, three times that
-_TOLD, _ROUNDS, _AGAIN = (
-    0.2,
-    2,
-    12,
-)  # rad: of an angle from what the network tells; how often it is asked; steps of each
-_FAMILY = 0.7  # how far the family is believed, for it was made of few hands; its size is
+_TOLD = 0.2  # rad: standard deviation of an angle from what the network tells
+_ROUNDS, _AGAIN = 2, 12  # how often the network is asked, and steps after each
+_FAMILY = 0.7  # how far the family is believed, which was made of few hands; its size is wholly
 _SIZES, _TRIED = (-1.0, 0.5, 2.0), 12  # standard deviations from which it starts, and steps of each
 _STEPS, _STEP = 30, 1e-4  # of the best one; of the numerical derivative, of a parameter or rad
 _SURE = 0.015  # m: markers whose place is known better say where a hand is before anything is known of it
