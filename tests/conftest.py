@@ -80,8 +80,8 @@ def small_network(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small network that was never trained, exported: what holds of every network holds of it."""
     import torch
 
-    from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig
-    from bodysense.lab.unoc.train import write_onnx
+    from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig
+    from bodysense_lab.unoc.train import write_onnx
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("network") / "small.onnx"
@@ -95,8 +95,8 @@ def small_vae(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """HMD-VAE's model 2, small and never trained, exported; its weights lie beside as .pt."""
     import torch
 
-    from bodysense.lab.hmd_vae.network import BodyVae, BodyVaeConfig, write_vae
-    from bodysense.lab.hmd_vae.train import write_vae_onnx
+    from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig, write_vae
+    from bodysense_lab.hmd_vae.train import write_vae_onnx
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("vae") / "model2.onnx"
@@ -116,8 +116,8 @@ def small_arms(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """PAHMT, small and never trained, exported; its weights lie beside as .pt."""
     import torch
 
-    from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig, write_arms
-    from bodysense.lab.pahmt.train import write_arms_onnx
+    from bodysense_lab.pahmt.network import ArmNetwork, ArmNetworkConfig, write_arms
+    from bodysense_lab.pahmt.train import write_arms_onnx
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("arms") / "arms.onnx"
@@ -150,8 +150,8 @@ def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     import torch
 
-    from bodysense.lab.unoc.network import BodyNetwork, write_weights
-    from bodysense.lab.unoc.variants import VARIANTS
+    from bodysense_lab.unoc.network import BodyNetwork, write_weights
+    from bodysense_lab.unoc.variants import VARIANTS
 
     folder = tmp_path_factory.mktemp("networks")
     torch.manual_seed(0)

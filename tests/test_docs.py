@@ -23,8 +23,8 @@ from bodysense.devices.simulated.camera_view import FRONT, sample_cameras, view,
 from bodysense.devices.simulated.device import simulate
 from bodysense.devices.video.landmarker_files import find_landmarkers
 from bodysense.io.clip import Clip
-from bodysense.serve import marker_stream
-from bodysense.serve.marker_stream import MarkerReceiver
+from bodysense_live import marker_stream
+from bodysense_live.marker_stream import MarkerReceiver
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -182,7 +182,7 @@ def test_links_lead_somewhere() -> None:
 
 
 def test_files_that_are_named_exist() -> None:
-    roots = (ROOT, ROOT / "web", ROOT / "src", ROOT / "src" / "bodysense", ROOT / "src" / "bodysense" / "lab")
+    roots = (ROOT, ROOT / "web", ROOT / "src", ROOT / "src" / "bodysense", ROOT / "packages" / "lab" / "src" / "bodysense_lab")
     named = [
         (page.name, name)
         for page in [*PAGES, *(ROOT / "src").rglob("*.py"), *(ROOT / "scripts").glob("*.py")]

@@ -103,7 +103,7 @@ def test_modules_import_from_lower_floors_only() -> None:
 
 def same(module: str, other: str) -> bool:
     """Whether both lie in one room, where order is free; the laboratory's commands are a room of their own."""
-    return room(module) == room(other) and other.startswith("bodysense.lab.commands") <= (floor(module) > 8)
+    return room(module) == room(other) and other.startswith("bodysense_lab.commands") <= (floor(module) > 8)
 
 
 def floor(module: str) -> float:
@@ -160,8 +160,8 @@ def test_the_run_time_is_light() -> None:
 
 
 def test_the_check_sees_what_is_heavy() -> None:
-    assert "torch" in heavy("bodysense.lab.unoc.network", set())
-    assert {"torch", "onnx"} <= heavy("bodysense.lab.unoc.train", set())
+    assert "torch" in heavy("bodysense_lab.unoc.network", set())
+    assert {"torch", "onnx"} <= heavy("bodysense_lab.unoc.train", set())
 
 
 def test_the_command_starts_without_the_libraries_of_training() -> None:

@@ -19,7 +19,7 @@ from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.recording import read_recording, write_recording
 from bodysense.io.resample import resample
-from bodysense.lab.unoc.ik_tracker import load_model
+from bodysense_lab.unoc.learned import load_model
 
 WEIGHTS, DEMO = (Path(str(files(f"bodysense.{room}"))) for room in ("weights", "demo"))
 needs_network = pytest.mark.skipif(

@@ -79,7 +79,7 @@ def test_what_training_refuses(refused, tmp_path: Path, arguments: tuple, messag
 
 
 def test_a_sweep_of_one_setting_takes_it(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from bodysense.lab.hmd_vae import train as body_vae_run
+    from bodysense_lab.hmd_vae import train as body_vae_run
 
     asked = []
     monkeypatch.setattr(body_vae_run, "run_sweep", lambda _, configs: asked.append(configs))

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bodysense.conform.sources.mcap_take import read_mcap
+from bodysense_conform.sources.mcap_take import read_mcap
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.device import simulate
 from bodysense.errors import BodysenseError

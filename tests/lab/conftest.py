@@ -11,7 +11,7 @@ import pytest
 
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.lab.datasets import DataSet
+from bodysense_lab.datasets import DataSet
 from bodysense.observation import Observation, check_observation
 
 Seen = Mapping[str, Sequence[float]]

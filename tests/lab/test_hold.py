@@ -11,7 +11,7 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.lab.scoring import Hold
+from bodysense.scoring import Hold
 from bodysense.observation import Observation
 
 SKELETON = default_skeleton()

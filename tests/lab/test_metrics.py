@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.rotation import quaternion_exp
-from bodysense.lab import metrics
+from bodysense import metrics
 
 RATE = 50.0
 TIME = np.arange(20) / RATE

@@ -12,9 +12,9 @@ import pytest
 
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.camera_view import Camera
-from bodysense.lab.rendering.scene import load_figure, sample_scene
-from bodysense.lab.rendering.stage import open_stage
-from bodysense.serve.page_files import WEBCAM
+from bodysense_lab.rendering.scene import load_figure, sample_scene
+from bodysense_lab.rendering.stage import open_stage
+from bodysense_live.page_files import WEBCAM
 
 pytestmark = pytest.mark.slow
 

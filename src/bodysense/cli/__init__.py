@@ -14,7 +14,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line. Returns the exit status: a command's own, or 2 for what the user gave wrong."""
     try:  # from the first import on: it takes a while, in which Ctrl-C may come
         from bodysense.cli.application import application
-        from bodysense.cli.laboratory import check_installed
+        from bodysense.cli.packages import check_installed
         from bodysense.cli.overwriting import checked_arguments
 
         given = checked_arguments(sys.argv[1:] if arguments is None else arguments)

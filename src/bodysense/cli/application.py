@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tyro.extras import SubcommandApp
 
-from bodysense.cli import calibrate, conform, data, demo, laboratory, motion, page, samples, serve
+from bodysense.cli import calibrate, conform, data, demo, packages as laboratory, motion, page, samples, serve
 
 
 def application() -> SubcommandApp:

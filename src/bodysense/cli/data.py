@@ -55,7 +55,8 @@ def info(
     """
     from rich.progress import track
 
-    from bodysense.cli.show import print_report, wide_console, write_numbers
+    from bodysense_lab.commands.reporting import print_report
+    from bodysense.cli.show import wide_console, write_numbers
     from bodysense.files import check_place
 
     if picture is not None:
@@ -63,7 +64,7 @@ def info(
     total, every = files_in(place, split, layout, reading)
     found, console = list[FoundFile](), wide_console()
     if occlusion:
-        from bodysense.lab.unoc.occlusion import columns_of, count_clips, occlusion_table
+        from bodysense_lab.unoc.occlusion import columns_of, count_clips, occlusion_table
 
         clips = readable(track(every, "looking", total), found)
         report = occlusion_table(columns_of(count_clips(clips, 1, lambda clip: None, camera)[0]))

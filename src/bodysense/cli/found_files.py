@@ -46,8 +46,8 @@ def files_in(
 ) -> tuple[int, Iterable[FoundFile]]:
     """How many files a place has, and each of them when its turn comes."""
     from bodysense.io.datasets.sources import Source, list_sources
-    from bodysense.lab.datasets import count_clips, open_clips
-    from bodysense.lab.store import is_store
+    from bodysense_lab.datasets import count_clips, open_clips
+    from bodysense_lab.store import is_store
 
     if place.is_dir() and is_store(place):
         clips = open_clips(place, split, layout=layout, options=reading)

@@ -15,7 +15,7 @@ from bodysense.files import written_beside
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from bodysense.lab.table import Cell, Report
+    from bodysense_lab.table import Cell, Report
 
 _WIDTH = 160  # characters of a table that no terminal shows
 

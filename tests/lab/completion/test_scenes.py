@@ -12,7 +12,7 @@ from bodysense.body.pose import Pose
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.io.clip import Clip
-from bodysense.lab.completion.scenes import (
+from bodysense_lab.completion.scenes import (
     STRANGERS,
     TrackedScene,
     batches,

@@ -17,23 +17,23 @@ from bodysense.cli import main
 from bodysense.devices.simulated.sensors import TABLE_SETS
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.lab.completion import scoring, tables
-from bodysense.lab.completion.measures import count_jumps
-from bodysense.lab.completion.options import BODIES
-from bodysense.lab.completion.scenes import TrackedScene
-from bodysense.lab.completion.scoring import evaluate_completion
-from bodysense.lab.completion.tables import (
+from bodysense_lab.completion import scoring, tables
+from bodysense_lab.completion.measures import count_jumps
+from bodysense_lab.completion.options import BODIES
+from bodysense_lab.completion.scenes import TrackedScene
+from bodysense_lab.completion.scoring import evaluate_completion
+from bodysense_lab.completion.tables import (
     CompletionSettings,
     CompletionTable,
     completion_reports,
     draw_reliability,
     headline,
 )
-from bodysense.lab.completion.tracking import TrackBatch, TrackedBatch, TrackedBy, choose_scenes
-from bodysense.lab.datasets import Census, DataSet
-from bodysense.lab.metrics import jitter
-from bodysense.lab.scoring import scored_points
-from bodysense.lab.spread import spread
+from bodysense_lab.completion.tracking import TrackBatch, TrackedBatch, TrackedBy, choose_scenes
+from bodysense_lab.datasets import Census, DataSet
+from bodysense.metrics import jitter
+from bodysense.scoring import scored_points
+from bodysense_lab.spread import spread
 from bodysense.observation import Observation
 
 from .conftest import Oracle

@@ -18,7 +18,7 @@ from bodysense.devices.simulated.three_point import observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.lab.hmd_vae.estimator import (
+from bodysense.papers.hmd_vae import (
     POINTS,
     BodyVaeEstimator,
     BodyVaeModel,
@@ -26,7 +26,7 @@ from bodysense.lab.hmd_vae.estimator import (
     sample_noise,
     sample_prior,
 )
-from bodysense.lab.unoc.ik_tracker import IkTracker
+from bodysense.papers.ik_tracker import IkTracker
 from bodysense.observation import Observation
 
 SKELETON = default_skeleton()

@@ -16,17 +16,10 @@ from bodysense.body.pose import Pose, hand_length
 from bodysense.cli import main
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.lab.datasets import open_clips
-from bodysense.lab.unoc.fingers import (
-    METHODS,
-    Examples,
-    body_features,
-    evaluate_finger_synthesis,
-    examples_of,
-    finger_offsets,
-)
-from bodysense.lab.unoc.point_model import load_point_model
-from bodysense.lab.unoc.upper_body_table import LearnedUpperBody, evaluate_upper_body
+from bodysense_lab.datasets import open_clips
+from bodysense_lab.unoc.finger_scores import METHODS, Examples, body_features, evaluate_finger_synthesis, examples_of, finger_offsets
+from bodysense.papers.point_model import load_point_model
+from bodysense_lab.unoc.upper_body_table import LearnedUpperBody, evaluate_upper_body
 
 
 @pytest.fixture(scope="module")
