@@ -182,7 +182,13 @@ def test_links_lead_somewhere() -> None:
 
 
 def test_files_that_are_named_exist() -> None:
-    roots = (ROOT, ROOT / "web", ROOT / "src", ROOT / "src" / "bodysense", ROOT / "packages" / "lab" / "src" / "bodysense_lab")
+    roots = (
+        ROOT,
+        ROOT / "web",
+        ROOT / "src",
+        ROOT / "src" / "bodysense",
+        ROOT / "packages" / "lab" / "src" / "bodysense_lab",
+    )
     named = [
         (page.name, name)
         for page in [*PAGES, *(ROOT / "src").rglob("*.py"), *(ROOT / "scripts").glob("*.py")]

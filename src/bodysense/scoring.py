@@ -16,9 +16,9 @@ from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
+from bodysense.intervals import Interval, Named, Shares, interval
 from bodysense.io.clip import Clip
 from bodysense.metrics import joint_error
-from bodysense.intervals import Interval, Named, Shares, interval
 from bodysense.observation import Observation, observed_points
 
 

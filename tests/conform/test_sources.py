@@ -15,6 +15,12 @@ from mcap.writer import CompressionType, Writer
 
 from bodysense.body.pose import Pose
 from bodysense.cli import main
+from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.mcap_take import BODY_JOINTS, BODY_LAYOUT
+from bodysense.io.mcap_take import record as mcap_record
+from bodysense.io.motion_files import write_motion
+from bodysense.io.protocol import PoseFrame, write_pose
 from bodysense_conform.report.html import page
 from bodysense_conform.report.text import record, write_junit
 from bodysense_conform.script import read_script
@@ -24,12 +30,6 @@ from bodysense_conform.sources.vmc import vmc_subject
 from bodysense_conform.sources.websocket import messages_subject
 from bodysense_conform.subject import Step, Subject
 from bodysense_conform.verdict import judge
-from bodysense.errors import BodysenseError
-from bodysense.io.clip import Clip
-from bodysense.io.mcap_take import BODY_JOINTS, BODY_LAYOUT
-from bodysense.io.mcap_take import record as mcap_record
-from bodysense.io.motion_files import write_motion
-from bodysense.io.protocol import PoseFrame, write_pose
 from bodysense_live.vmc import vmc_packets
 
 from .conftest import RATE

@@ -18,8 +18,8 @@ from bodysense.io.clip import Clip
 from bodysense.io.datasets.layouts import LAYOUTS, layout_of
 from bodysense.io.datasets.sources import list_sources, read_source
 from bodysense.io.datasets.splits import split_of
-from bodysense_lab.datasets import open_clips
 from bodysense.reading import read
+from bodysense_lab.datasets import open_clips
 
 MILLIMETRE = 1e-3
 

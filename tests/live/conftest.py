@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bodysense.io.protocol import POSE, SUBPROTOCOL, PoseFrame, SignalFrame, read_pose, write_signal
 from bodysense_live.launch import prepared
 from bodysense_live.links import listen_tcp
 from bodysense_live.message_text import write_message
 from bodysense_live.messages import ClientMessage, Hello
-from bodysense.io.protocol import POSE, SUBPROTOCOL, PoseFrame, SignalFrame, read_pose, write_signal
 from bodysense_live.settings import ServerSettings
 
 DEVICES = ("headset", "left_controller", "right_controller")

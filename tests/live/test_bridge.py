@@ -8,8 +8,8 @@ import pytest
 from bodysense.body.pose import forward_kinematics
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
-from bodysense_live.messages import Settings
 from bodysense.io.protocol import SignalFrame
+from bodysense_live.messages import Settings
 from bodysense_live.safety import ANY_ORIGIN, Access, why_refused
 from bodysense_live.session import Session
 

@@ -15,10 +15,10 @@ from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import default_skeleton
-from bodysense_live.messages import Calibrate, Recentre
 from bodysense.io.osc import bundled, message_bytes
-from bodysense_live.settings import ServerSettings
 from bodysense.io.unity import unity_position, unity_rotation
+from bodysense_live.messages import Calibrate, Recentre
+from bodysense_live.settings import ServerSettings
 from bodysense_live.vmc import VmcTrackers
 
 from .conftest import Serving

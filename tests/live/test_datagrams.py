@@ -14,11 +14,11 @@ from bodysense.body.glove_set import standard_set
 from bodysense.body.hand import hand_skeleton
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
+from bodysense.io.osc import bundled, message_bytes, read_packet
+from bodysense.io.protocol import SignalFrame
 from bodysense_live.datagrams import MarkerInput, Receiver
 from bodysense_live.links import DeviceInput
 from bodysense_live.metrics import Metrics
-from bodysense.io.osc import bundled, message_bytes, read_packet
-from bodysense.io.protocol import SignalFrame
 from bodysense_live.settings import ServerSettings
 from bodysense_live.tracked_devices import SIGNALS
 from bodysense_live.vmc import VmcTrackers

@@ -13,13 +13,13 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.io.protocol import SignalFrame, wire_accuracy
 from bodysense.observation import Observation
+from bodysense.tracker import Tracker, TrackerSettings
 from bodysense_live.answer import Answer
 from bodysense_live.estimation import step_many
 from bodysense_live.messages import Settings
-from bodysense.io.protocol import SignalFrame, wire_accuracy
 from bodysense_live.session import Session
-from bodysense.tracker import Tracker, TrackerSettings
 
 SKELETON = default_skeleton()
 

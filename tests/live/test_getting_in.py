@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 
 from bodysense.errors import BodysenseError
+from bodysense.io.protocol import SIGNAL
 from bodysense_live.answer import Answer
 from bodysense_live.certificate import check_pair, own_certificate, qr_code
 from bodysense_live.live import Live
 from bodysense_live.messages import Hello, Recentre, Resume
 from bodysense_live.metrics import Metrics
 from bodysense_live.outbox import Outbox
-from bodysense.io.protocol import SIGNAL
 from bodysense_live.safety import Guesses, Limits
 from bodysense_live.seat import Leader
 from bodysense_live.session import Session

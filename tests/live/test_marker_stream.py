@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from bodysense.body.glove import glove_points
 from bodysense.errors import BodysenseError
 from bodysense.io.markers.raw_markers import MarkerFormat
+from bodysense.io.osc import bundled, message_bytes
 from bodysense.observation import Observation
 from bodysense_live.marker_stream import (
     ADDRESS,
@@ -25,7 +26,6 @@ from bodysense_live.marker_stream import (
     replay,
     send_frame,
 )
-from bodysense.io.osc import bundled, message_bytes
 
 BOTH = ("left", "right")
 

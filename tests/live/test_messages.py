@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bodysense.errors import BodysenseError
+from bodysense.io.protocol import ProtocolError
 from bodysense_live.message_text import changed, read_message, write_message
 from bodysense_live.messages import (
     CLIENT,
@@ -26,7 +27,6 @@ from bodysense_live.messages import (
     Resume,
     Settings,
 )
-from bodysense.io.protocol import ProtocolError
 
 OF_OTHERS = Settings(1.8, "seated", True, ("head", "arms"), 0.25, ("left_wrist",))
 JSON = st.recursive(

@@ -22,12 +22,12 @@ from pythonosc.osc_packet import OscPacket
 
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.errors import BodysenseError
+from bodysense.io.osc import message_bytes
+from bodysense.io.unity import ABOUT_Y, unity_euler
 from bodysense_live.messages import Calibrate, Recentre
 from bodysense_live.metrics import Metrics
-from bodysense.io.osc import message_bytes
 from bodysense_live.oscquery import OscService
 from bodysense_live.settings import ServerSettings
-from bodysense.io.unity import ABOUT_Y, unity_euler
 from bodysense_live.vrchat import TAKEN, VRCHAT_POINTS, VrchatReader
 from bodysense_live.vrchat_link import VrchatLink, VrchatSettings
 

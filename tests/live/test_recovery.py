@@ -14,8 +14,8 @@ from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
-from bodysense_live.messages import Recentre
 from bodysense.io.protocol import SignalFrame
+from bodysense_live.messages import Recentre
 from bodysense_live.session import Session
 
 SKELETON = default_skeleton()

@@ -12,8 +12,8 @@ from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.three_point import ThreePoint, observe
 from bodysense.errors import BodysenseError
-from bodysense_live.messages import Replay
 from bodysense.io.protocol import SignalFrame, read_signal, write_signal
+from bodysense_live.messages import Replay
 from bodysense_live.replay import Playable, Player
 
 

@@ -19,6 +19,7 @@ from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.three_point import observe
 from bodysense.io.bvh import read_bvh
+from bodysense.io.protocol import SIGNAL, TRUTH, read_pose, write_signal
 from bodysense_live.messages import (
     Calibrate,
     Change,
@@ -29,7 +30,6 @@ from bodysense_live.messages import (
     Resume,
     Settings,
 )
-from bodysense.io.protocol import SIGNAL, TRUTH, read_pose, write_signal
 from bodysense_live.replay import Playable
 from bodysense_live.settings import ServerSettings
 

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 from bodysense.errors import BodysenseError
+from bodysense.io.protocol import SUBPROTOCOL, write_signal
 from bodysense_live.links import listen_tcp
 from bodysense_live.message_text import write_message
 from bodysense_live.messages import Hello
-from bodysense.io.protocol import SUBPROTOCOL, write_signal
 from bodysense_live.safety import Access, Limits, RateLimit, why_refused
 from bodysense_live.settings import ServerSettings
 

@@ -19,11 +19,11 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.sensors import SENSOR_SETS, strapped
 from bodysense.devices.simulated.sensors import observe as see
 from bodysense.devices.simulated.three_point import observe
+from bodysense.io.protocol import ProtocolError, SignalFrame
 from bodysense.observation import Observation
 from bodysense_live.answer import Answer
 from bodysense_live.estimation import step_many
 from bodysense_live.messages import Calibrate, Change, Placed, ProportionsChanged, Recentre, Said, Settings
-from bodysense.io.protocol import ProtocolError, SignalFrame
 from bodysense_live.session import Session
 
 SKELETON = default_skeleton()

@@ -22,16 +22,16 @@ from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import geodesic_angle, quaternion_conjugate, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.io.osc import message_bytes
+from bodysense.io.protocol import SignalFrame
+from bodysense.io.unity import unity_position, unity_rotation
 from bodysense.observation import Observation
 from bodysense_live.inertial import FACING, IMUS, Inertial, stood_still
 from bodysense_live.messages import Calibrate, Recentre, Said
-from bodysense.io.osc import message_bytes
-from bodysense.io.protocol import SignalFrame
 from bodysense_live.session import Session
 from bodysense_live.settings import ServerSettings
 from bodysense_live.slimevr import MOST_TRACKERS, SlimevrState, Taken, heartbeat, take
 from bodysense_live.slimevr_link import SlimevrSettings
-from bodysense.io.unity import unity_position, unity_rotation
 
 from .conftest import Connecting, Serving
 from .test_datagrams import free_port

@@ -13,8 +13,8 @@ from pythonosc.osc_message_builder import OscMessageBuilder
 from scipy.spatial.transform import Rotation
 
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation, check_observation
 from bodysense.io.osc import bundled, message_bytes
+from bodysense.observation import Observation, check_observation
 from bodysense_live.tracked_devices import POINTS, TrackedDevices, read_device_names
 from bodysense_live.vmc import VmcState, VmcTrackers
 

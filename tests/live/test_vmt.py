@@ -18,9 +18,9 @@ from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.io.osc import message_bytes
 from bodysense_live.links import DeviceInput
 from bodysense_live.metrics import Metrics
-from bodysense.io.osc import message_bytes
 from bodysense_live.settings import ServerSettings
 from bodysense_live.tracked_devices import SIGNALS, TrackedDevices
 from bodysense_live.vmt import TRACKERS, VmtReader, VmtState, subscriptions

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from bodysense.io.clip import Clip
+from bodysense.io.osc import Message, bundled, message_bytes, read_packet
 from bodysense_lab.serving.decoders import capture
 from bodysense_live import vmc, vrchat
 from bodysense_live.marker_stream import ADDRESS
-from bodysense.io.osc import Message, bundled, message_bytes, read_packet
 from bodysense_live.vmc import vmc_packets
 from bodysense_live.vrchat import vrchat_packets
 

@@ -20,11 +20,11 @@ from websockets import WebSocketException
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
+from bodysense.io.protocol import SUBPROTOCOL
 from bodysense_live.launch import prepared
 from bodysense_live.links import listen_tcp
 from bodysense_live.message_text import write_message
 from bodysense_live.messages import Hello, Resume, Settings
-from bodysense.io.protocol import SUBPROTOCOL
 from bodysense_live.session_store import SessionStore
 from bodysense_live.settings import ServerSettings
 from bodysense_live.workers import Workers, _take, _Worker, hand_out

@@ -48,8 +48,8 @@ def demo(
     from bodysense.io.bvh import write_bvh
     from bodysense.io.recording import Recording
     from bodysense.io.resample import resample
-    from bodysense.scoring import RATE, TrackedClip, last_known, score
     from bodysense.pictures.comparison import View, write_comparison, write_moments
+    from bodysense.scoring import RATE, TrackedClip, last_known, score
     from bodysense.take import track
 
     console = Console()

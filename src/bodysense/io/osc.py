@@ -3,23 +3,18 @@
 Packets come from strangers, so nothing that stands in one may raise, hang or grow: `read_packet` answers with the
 messages or with the reason why there are none. (The library python-osc, which the tests compare with, never returns
 from a bundle that announces a negative size.)
-
-What packets of OSC ask a server for.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import groupby, pairwise
-from types import MappingProxyType
 from typing import TypeAlias
 
 import numpy as np
-
-from bodysense_live.messages import Calibrate, Recentre
 
 Argument: TypeAlias = str | int | float | bool | bytes | None
 
@@ -203,20 +198,3 @@ def _string(packet: bytes, place: int) -> tuple[str, int]:
 
 def _padded(text: bytes) -> bytes:
     return text + b"\0" * (4 - len(text) % 4)
-
-
-OURS: Mapping[str, Calibrate | Recentre] = MappingProxyType(
-    {
-        "/bodysense/calibrate": Calibrate(),
-        "/bodysense/calibrate/arms": Calibrate(arms_out=True),
-        "/bodysense/recentre": Recentre(),
-    }
-)
-
-
-def commands_of(packet: bytes, asked: Mapping[str, Calibrate | Recentre] = OURS) -> list[Calibrate | Recentre]:
-    """What a packet asks for, by the addresses of `asked`; most packets ask for nothing, and are not read for it."""
-    if not any(address.encode() in packet for address in asked):
-        return []
-    messages = read_packet(packet)
-    return [] if isinstance(messages, str) else [asked[one.address] for one in messages if one.address in asked]

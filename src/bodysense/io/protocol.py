@@ -1,6 +1,7 @@
 """The wire between a client and the server, version 1: dataclasses and bytes, little-endian, no I/O (docs/protocol.md).
 
-Text messages are JSON objects with a `type` (`bodysense_live/messages.py`); binary messages are the frames of this module.
+Text messages are JSON objects with a `type` (`bodysense_live/messages.py`); binary messages are the frames of this
+module.
 """
 
 from __future__ import annotations

@@ -25,9 +25,9 @@ from bodysense.completion.network import Network, NetworkFormat
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.three_point import POINTS
 from bodysense.errors import BodysenseError
+from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, check_order, observed_points
 from bodysense.papers.ik_tracker import MEASURED_ERROR
 from bodysense.papers.point_model import HeadAndHands
-from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, check_order, observed_points
 
 FORMAT = "bodysense body vae 1"
 NETWORK = NetworkFormat(

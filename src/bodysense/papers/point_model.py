@@ -18,7 +18,7 @@ from bodysense.errors import BodysenseError
 
 FORMAT = "bodysense points 1"
 Task = Literal["fingers", "upper-body"]
-PACKAGED: dict[Task, str] = {"fingers": "fingers.onnx", "upper-body": "upper_body.onnx"}
+PACKAGED: dict[Task, str | None] = {"fingers": "fingers.onnx", "upper-body": None}
 _FIELDS = ("task", "reads", "places", "rate", "state")
 NETWORKS: dict[Task, NetworkFormat] = {
     task: NetworkFormat(FORMAT, "network of points", f"bodysense train {task}", _FIELDS, name)
@@ -96,7 +96,7 @@ class PointState:
 
 
 def load_point_model(task: Task, path: str | Path | None = None) -> PointModel:
-    """Load the network of a task: a path, or None for the packaged one.
+    """Load the network of a task: a path, or None for the packaged one, which there is of fingers.
 
     Raises BodysenseError for a file that is not ours, or of another task.
     """

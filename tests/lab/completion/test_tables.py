@@ -17,6 +17,9 @@ from bodysense.cli import main
 from bodysense.devices.simulated.sensors import TABLE_SETS
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
+from bodysense.metrics import jitter
+from bodysense.observation import Observation
+from bodysense.scoring import scored_points
 from bodysense_lab.completion import scoring, tables
 from bodysense_lab.completion.measures import count_jumps
 from bodysense_lab.completion.options import BODIES
@@ -31,10 +34,7 @@ from bodysense_lab.completion.tables import (
 )
 from bodysense_lab.completion.tracking import TrackBatch, TrackedBatch, TrackedBy, choose_scenes
 from bodysense_lab.datasets import Census, DataSet
-from bodysense.metrics import jitter
-from bodysense.scoring import scored_points
 from bodysense_lab.spread import spread
-from bodysense.observation import Observation
 
 from .conftest import Oracle
 

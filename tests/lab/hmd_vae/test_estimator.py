@@ -18,6 +18,7 @@ from bodysense.devices.simulated.three_point import observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
+from bodysense.observation import Observation
 from bodysense.papers.hmd_vae import (
     POINTS,
     BodyVaeEstimator,
@@ -27,7 +28,6 @@ from bodysense.papers.hmd_vae import (
     sample_prior,
 )
 from bodysense.papers.ik_tracker import IkTracker
-from bodysense.observation import Observation
 
 SKELETON = default_skeleton()
 

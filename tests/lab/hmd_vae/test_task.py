@@ -19,8 +19,8 @@ from bodysense.io.augment import mirrored as mirrored_clip
 from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import split_of
-from bodysense_lab.fit import Progress, fit
 from bodysense.papers.hmd_vae import load_body_vae
+from bodysense_lab.fit import Progress, fit
 from bodysense_lab.hmd_vae.frames import BodyFrames, VaeBatch, make_batch, mirrored, read_body_frames
 from bodysense_lab.hmd_vae.network import BodyVae, read_vae, write_vae
 from bodysense_lab.hmd_vae.options import BodyVaeConfig, VaeRun, VaeSchedule

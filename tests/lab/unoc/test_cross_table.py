@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bodysense_lab.datasets import Census, DataSet
 from bodysense.scoring import KNOWN, Tally
+from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.unoc.cross_table import PUBLISHED_BODY, PUBLISHED_FINGERS, SETS, cross_report
 from bodysense_lab.unoc.tables import Parts, Scores
 

@@ -16,9 +16,16 @@ from bodysense.body.pose import Pose, hand_length
 from bodysense.cli import main
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense_lab.datasets import open_clips
-from bodysense_lab.unoc.finger_scores import METHODS, Examples, body_features, evaluate_finger_synthesis, examples_of, finger_offsets
 from bodysense.papers.point_model import load_point_model
+from bodysense_lab.datasets import open_clips
+from bodysense_lab.unoc.finger_scores import (
+    METHODS,
+    Examples,
+    body_features,
+    evaluate_finger_synthesis,
+    examples_of,
+    finger_offsets,
+)
 from bodysense_lab.unoc.upper_body_table import LearnedUpperBody, evaluate_upper_body
 
 

@@ -20,11 +20,11 @@ from bodysense.devices.simulated.three_point import observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
+from bodysense.observation import Observation
 from bodysense.papers.fingers import FingerSynthesis, finger_rotations, synthesize
 from bodysense.papers.ik_tracker import IkTracker
 from bodysense.papers.point_model import PACKAGED, PointModel, Task, load_point_model
 from bodysense_lab.unoc.upper_body_table import LEG_ERROR, LearnedUpperBody, fitted_arms
-from bodysense.observation import Observation
 
 SKELETON = default_skeleton()
 FINGER = np.flatnonzero(SKELETON.wrist_of >= 0)

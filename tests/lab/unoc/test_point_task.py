@@ -17,9 +17,9 @@ from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import split_of
+from bodysense.papers.point_model import load_point_model
 from bodysense_lab.fit import Progress, Report, fit
 from bodysense_lab.unoc.options import FingersTraining
-from bodysense.papers.point_model import load_point_model
 from bodysense_lab.unoc.point_network import FINGERS, UPPER_BODY, PointNetwork, PointNetworkConfig, PointPrediction
 from bodysense_lab.unoc.point_task import (
     PointEpisode,

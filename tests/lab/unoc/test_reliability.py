@@ -12,8 +12,8 @@ from scipy import stats
 from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.io.clip import Clip
-from bodysense_lab.datasets import DataSet
 from bodysense.scoring import scored_points
+from bodysense_lab.datasets import DataSet
 from bodysense_lab.unoc.learned import Learned, load_model
 from bodysense_lab.unoc.reliability import (
     ErrorPairs,

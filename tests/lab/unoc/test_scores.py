@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense_lab.datasets import Census, DataSet
 from bodysense.scoring import KNOWN, Tally
+from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.unoc.tables import (
     Scores,
     better_last_known,

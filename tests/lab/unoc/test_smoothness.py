@@ -12,10 +12,10 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.io.clip import Clip
-from bodysense_lab.datasets import DataSet
 from bodysense.metrics import acceleration
-from bodysense.scoring import scored_points
 from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings
+from bodysense.scoring import scored_points
+from bodysense_lab.datasets import DataSet
 from bodysense_lab.unoc.smoothness import (
     METHODS,
     NETWORKS,

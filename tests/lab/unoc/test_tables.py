@@ -8,8 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from bodysense_lab.datasets import Census, DataSet
 from bodysense.scoring import KNOWN, Tally
+from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.unoc.tables import (
     KEYS,
     OWN_NAMES,

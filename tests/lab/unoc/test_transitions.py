@@ -11,9 +11,9 @@ import pytest
 from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.io.clip import Clip
-from bodysense_lab.datasets import DataSet
-from bodysense.scoring import scored_points
 from bodysense.papers.ik_tracker import IkTrackerSettings
+from bodysense.scoring import scored_points
+from bodysense_lab.datasets import DataSet
 from bodysense_lab.unoc.transitions import (
     EVENTS,
     KEYS,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bodysense_lab.datasets import Census, DataSet
 from bodysense.scoring import Tally
+from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.unoc.upper_body_table import JOINTS, Tallies, UpperBodyTable, published, upper_body_report
 
 

@@ -15,8 +15,8 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense_lab.datasets import DataSet
 from bodysense.scoring import KNOWN, UNOC_EVAL_JOINTS, Hold
+from bodysense_lab.datasets import DataSet
 from bodysense_lab.unoc import variant_scores as variants
 from bodysense_lab.unoc.network import PAPER, BodyNetwork, read_weights, tracked_of
 from bodysense_lab.unoc.tables import scores_path

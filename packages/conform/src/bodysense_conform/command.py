@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
+from tyro.extras import SubcommandApp
 
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
@@ -19,6 +20,11 @@ if TYPE_CHECKING:
     from bodysense_conform.verdict import Verdict
 
 Split = Literal["train", "val", "test"]
+
+
+def add_commands(root: SubcommandApp, data: SubcommandApp) -> None:
+    """Put the referee's command into the tree."""
+    root.command(conform)
 
 
 def conform(

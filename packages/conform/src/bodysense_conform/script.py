@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from bodysense_conform.subject import Step
 from bodysense.errors import BodysenseError
+from bodysense_conform.subject import Step
 
 _FINGERS = ("index", "middle", "ring", "pinky")
 POSES = ("stand", "a_pose", "t_pose", "squat", "arms_up", "left_arm_raise", "right_arm_raise", "left_leg_raise",

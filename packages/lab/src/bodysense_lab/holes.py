@@ -17,11 +17,11 @@ from bodysense.io.clip import Clip
 from bodysense.io.fingers import FINGERS
 from bodysense.io.holes import Missing
 from bodysense.io.resample import resample
-from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense.metrics import foot_skate
-from bodysense_lab.table import Report, cell, finite
 from bodysense.observation import EXACT_ACCURACY, Estimate, Observation
 from bodysense.tracker import Tracker
+from bodysense_lab.chart import BarPanel, plain_bars
+from bodysense_lab.table import Report, cell, finite
 
 RATE, LONGEST, LEAD = 30.0, 12.0, 1.0  # Hz; s of a clip that are used; s before a gap
 SECONDS = (1.0, 2.0, 3.0)

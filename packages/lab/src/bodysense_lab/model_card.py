@@ -16,8 +16,9 @@ from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
 from bodysense.devices.video import arms
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
-from bodysense.papers import hmd_vae as estimator
-from bodysense.papers import ik_tracker, point_model
+from bodysense.papers import hmd_vae as body_vae
+from bodysense.papers import point_model
+from bodysense_lab.unoc import learned
 
 Numbers = Mapping[str, float]
 
@@ -219,7 +220,7 @@ def _arm_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 _NOBODY = "identifying people, medical judgement."
 KINDS = {
-    (ik_tracker.FORMAT, ""): Kind(
+    (learned.FORMAT, ""): Kind(
         "Completes a body and its fingers from what a headset's cameras see (UNOC, Parger et al. 2021).",
         "bodysense evaluate unoc-table2",
         "Test people, main motions, RMSJPE in cm, through the tracker",

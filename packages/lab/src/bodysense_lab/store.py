@@ -5,7 +5,7 @@
     rest_offset    (C, 65, 3) float32   the body of each clip
     attributes     format, rate, joints, end_sites, clips (a row each: start, length, person, …), skipped (with reasons)
 
-It is built beside its place, in `<store>.part`, and renamed when it is whole. Needs `bodysense[lab]`.
+It is built beside its place, in `<store>.part`, and renamed when it is whole.
 """
 
 from __future__ import annotations

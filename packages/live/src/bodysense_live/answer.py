@@ -9,9 +9,9 @@ import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.products import world_rotation
+from bodysense.io.protocol import PoseFrame, SignalFrame
 from bodysense.observation import Observation
 from bodysense_live.estimation import Pipeline, PipelineState
-from bodysense.io.protocol import PoseFrame, SignalFrame
 from bodysense_live.webxr import Placement
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from bodysense.errors import missing_package
+from bodysense.io.protocol import SUBPROTOCOL
 from bodysense_live.answer import Answer
 from bodysense_live.connection import converse
 from bodysense_live.datagrams import InputLink, MarkerInput, PoseSender, marker_points
@@ -23,7 +24,6 @@ from bodysense_live.links import DeviceInput, Link, Reader, listen_udp
 from bodysense_live.live import Live
 from bodysense_live.metrics import Metrics
 from bodysense_live.page_files import library_routes
-from bodysense.io.protocol import SUBPROTOCOL
 from bodysense_live.safety import Doorkeeper
 from bodysense_live.session_store import SessionStore
 from bodysense_live.settings import ServerSettings

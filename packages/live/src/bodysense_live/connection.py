@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any
 
+from bodysense.io.protocol import ProtocolError, read_signal
 from bodysense_live.live import Live
 from bodysense_live.message_text import read_message, write_message
 from bodysense_live.messages import Hello, Ping, Pong, Refused
 from bodysense_live.outbox import Outbox
-from bodysense.io.protocol import ProtocolError, read_signal
 from bodysense_live.safety import RateLimit
 from bodysense_live.seat import Seat
 

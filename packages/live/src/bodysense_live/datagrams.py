@@ -12,13 +12,13 @@ from typing import Any, Literal
 from bodysense.body.glove_set import GloveSet
 from bodysense.errors import BodysenseError
 from bodysense.io.markers.raw_markers import MarkerFormat
+from bodysense.io.protocol import SignalFrame
 from bodysense_live.answer import Answer
 from bodysense_live.links import MOST_PACKETS, Command, signal_of
 from bodysense_live.live import Live
 from bodysense_live.marker_stream import read_frame
 from bodysense_live.messages import Source
 from bodysense_live.metrics import Metrics
-from bodysense.io.protocol import SignalFrame
 from bodysense_live.safety import RateLimit
 from bodysense_live.vmc import vmc_packets
 from bodysense_live.vrchat import vrchat_packets

@@ -19,10 +19,10 @@ import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.errors import missing_package
+from bodysense.io.protocol import SignalFrame, write_pose
 from bodysense_live.application import application
 from bodysense_live.estimation import load
 from bodysense_live.messages import Resume, Settings
-from bodysense.io.protocol import SignalFrame, write_pose
 from bodysense_live.seat import Seat
 from bodysense_live.session import Session
 from bodysense_live.session_store import Kept, SessionStore

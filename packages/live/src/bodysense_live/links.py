@@ -14,12 +14,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from bodysense.errors import BodysenseError
+from bodysense.io.protocol import HAS_POSITION, HAS_ROTATION, SignalFrame, wire_accuracy
 from bodysense.observation import Observation
 from bodysense_live.answer import Answer
 from bodysense_live.live import Live
 from bodysense_live.messages import Calibrate, Recentre
 from bodysense_live.metrics import Metrics
-from bodysense.io.protocol import HAS_POSITION, HAS_ROTATION, SignalFrame, wire_accuracy
 from bodysense_live.safety import RateLimit
 
 TOGETHER = 0.002  # s: packets that come so soon after one another are one frame

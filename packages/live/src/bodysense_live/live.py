@@ -12,6 +12,7 @@ from time import monotonic
 
 from bodysense.body.person import Person
 from bodysense.errors import BodysenseError
+from bodysense.io.protocol import ProtocolError, SignalFrame, write_pose, write_signal, write_truth
 from bodysense_live.answer import Answer
 from bodysense_live.message_text import changed
 from bodysense_live.messages import (
@@ -28,7 +29,6 @@ from bodysense_live.messages import (
 )
 from bodysense_live.metrics import Metrics
 from bodysense_live.outbox import Outbox
-from bodysense.io.protocol import ProtocolError, SignalFrame, write_pose, write_signal, write_truth
 from bodysense_live.recordings import Recordings
 from bodysense_live.replay import Playable, Player
 from bodysense_live.safety import Limits

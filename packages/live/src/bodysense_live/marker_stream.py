@@ -22,8 +22,8 @@ import numpy as np
 from bodysense.body.glove import glove_marker, glove_points
 from bodysense.errors import BodysenseError
 from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers, in_our_world, points_alone
-from bodysense.observation import FARTHEST, Observation
 from bodysense.io.osc import message_bytes, read_packet
+from bodysense.observation import FARTHEST, Observation
 
 ADDRESS = "/bodysense/markers"
 PORT = 9123

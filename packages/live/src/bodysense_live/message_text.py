@@ -10,8 +10,8 @@ from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from bodysense.errors import BodysenseError
-from bodysense_live.messages import CLIENT, LONGEST_NAME, SERVER, Change, ClientMessage, ServerMessage, Settings
 from bodysense.io.protocol import VERSION, ProtocolError
+from bodysense_live.messages import CLIENT, LONGEST_NAME, SERVER, Change, ClientMessage, ServerMessage, Settings
 
 _DEEPEST = 6  # brackets within one another
 _LONGEST_LIST = 256

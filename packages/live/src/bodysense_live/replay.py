@@ -14,9 +14,9 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.io.protocol import HAS_POSITION, HAS_ROTATION, SignalFrame, wire_accuracy
 from bodysense.observation import Observation
 from bodysense_live.messages import Replay
-from bodysense.io.protocol import HAS_POSITION, HAS_ROTATION, SignalFrame, wire_accuracy
 
 SLOWEST, FASTEST = 0.1, 4.0
 _PAUSE = 1.0  # s between the end and the beginning

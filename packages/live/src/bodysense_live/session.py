@@ -17,7 +17,9 @@ from bodysense.body.person import Person
 from bodysense.body.shape import Measured, stature
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
+from bodysense.io.protocol import SignalFrame
 from bodysense.observation import Estimate, Observation, chosen_points
+from bodysense.tracker import Tracker, TrackerSettings
 from bodysense_live.answer import Answer, CompletionJob
 from bodysense_live.calibrating import calibration, is_over
 from bodysense_live.estimation import Pipeline, PipelineState, device_of, step_many
@@ -34,10 +36,8 @@ from bodysense_live.messages import (
     Settings,
 )
 from bodysense_live.moments import Moments
-from bodysense.io.protocol import SignalFrame
 from bodysense_live.showing import Showing
 from bodysense_live.webxr import UNDECIDED, Placement, door, raised, recentred, through
-from bodysense.tracker import Tracker, TrackerSettings
 
 NOTICED = 0.001  # m that a point of the T-pose must have moved for the skeleton to be told again
 TOLD_EVERY = 0.1  # s between two skeletons that are told

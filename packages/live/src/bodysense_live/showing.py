@@ -14,9 +14,9 @@ from bodysense.body.products import CONJUGATE, exp, log, multiply
 from bodysense.body.skeleton import Skeleton
 from bodysense.body.spring import spring_step
 from bodysense.completion.inertialiser import Inertialiser, Offset
+from bodysense.io.protocol import PoseFrame, SignalFrame
 from bodysense.observation import CONTACT_POINTS, Estimate, Observation
 from bodysense_live.messages import Region, Settings
-from bodysense.io.protocol import PoseFrame, SignalFrame
 
 INERTIALISER = Inertialiser()
 LONGEST_GAP = 1.0  # s, after which a pose is shown as it is

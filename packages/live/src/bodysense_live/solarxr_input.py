@@ -10,8 +10,8 @@ import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from bodysense_live.tracked_devices import Device, DeviceReader, DeviceState, pose_of
 from bodysense.io.unity import from_driver_rotation
+from bodysense_live.tracked_devices import Device, DeviceReader, DeviceState, pose_of
 
 LARGEST = 1024  # bytes of a message
 _POSITION, _ADDED, _STATUS = 1, 3, 4  # fields of a message: what it is of

@@ -24,11 +24,11 @@ import numpy as np
 
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.io.protocol import SignalFrame
 from bodysense_live.answer import Answer
 from bodysense_live.links import LOST, MOST_PACKETS, Reader, listen_tcp, signal_of
 from bodysense_live.live import Live
 from bodysense_live.metrics import Metrics
-from bodysense.io.protocol import SignalFrame
 from bodysense_live.safety import RateLimit, why_not_local
 from bodysense_live.solarxr import Updates, moved, read_bundle, settings_bundle, told_of
 from bodysense_live.solarxr_input import LARGEST

@@ -21,11 +21,11 @@ from bodysense.body.pose import Pose
 from bodysense.body.rotation import normalize
 from bodysense.body.skeleton import Skeleton
 from bodysense.io.gltf.humanoid import VRM_BONES, check_humanoid, t_posed, unity_bone
-from bodysense_live.messages import Calibrate, Recentre
-from bodysense_live.asked import OURS, commands_of
 from bodysense.io.osc import Argument, Message, PacketForm, read_packet
-from bodysense_live.tracked_devices import MOST_DEVICES, Device, DeviceReader, DeviceState, pose_of
 from bodysense.io.unity import from_unity_rotation, one_finite_pose, unity_position, unity_rotation
+from bodysense_live.asked import OURS, commands_of
+from bodysense_live.messages import Calibrate, Recentre
+from bodysense_live.tracked_devices import MOST_DEVICES, Device, DeviceReader, DeviceState, pose_of
 
 PORT = 39539  # where receivers ("marionettes") listen
 _SEVEN = "s" + 7 * "f"

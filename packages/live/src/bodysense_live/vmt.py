@@ -13,8 +13,8 @@ from functools import lru_cache
 import numpy as np
 
 from bodysense.io.osc import Message, PacketForm, message_bytes, read_packet
-from bodysense_live.tracked_devices import Device, DeviceReader, DeviceState, pose_of
 from bodysense.io.unity import driver_rotation, from_driver_rotation
+from bodysense_live.tracked_devices import Device, DeviceReader, DeviceState, pose_of
 
 DRIVER_PORT = 39570  # the driver listens here
 LAST_INDEX = 57  # of a virtual device

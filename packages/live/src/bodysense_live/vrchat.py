@@ -18,12 +18,12 @@ import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import euler_to_quaternion
-from bodysense.observation import FARTHEST, Observation, usual_accuracy
-from bodysense_live.messages import Calibrate, Recentre
 from bodysense.io.osc import Message, PacketForm, read_packet
-from bodysense_live.asked import commands_of
-from bodysense_live.oscquery import OscAddress
 from bodysense.io.unity import one_finite_pose, turned_about, unity_euler, unity_position
+from bodysense.observation import FARTHEST, Observation, usual_accuracy
+from bodysense_live.asked import commands_of
+from bodysense_live.messages import Calibrate, Recentre
+from bodysense_live.oscquery import OscAddress
 
 PORT = 9000
 # Where each tracker is, and which joint turns it: on a person knees' trackers sit on thighs, elbows' on upper arms.

@@ -22,9 +22,9 @@ from bodysense.body.glove import glove_marker
 from bodysense.body.products import CONJUGATE, multiply, rotate
 from bodysense.body.rotation import matrix_to_quaternion
 from bodysense.body.skeleton import Skeleton, default_body, default_skeleton
+from bodysense.io.protocol import ACCURACY_UNIT, HAS_POSITION, HAS_ROTATION, MOST_POINTS, ProtocolError, SignalFrame
 from bodysense.observation import CAMERA_ACCURACY, TRACKER_ACCURACY, Observation, usual_accuracy
 from bodysense_live.inertial import IMUS
-from bodysense.io.protocol import ACCURACY_UNIT, HAS_POSITION, HAS_ROTATION, MOST_POINTS, ProtocolError, SignalFrame
 
 IDENTITY, STILL = np.array([1.0, 0, 0, 0]), np.zeros(3)
 _NOWHERE, _UPRIGHT = STILL.astype(np.float32), IDENTITY.astype(np.float32)

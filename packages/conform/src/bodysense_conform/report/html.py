@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from bodysense.files import written_beside
 from bodysense_conform.check import Finding, Outcome
 from bodysense_conform.report.text import figure, sentence, versions
 from bodysense_conform.subject import Subject, is_finger
 from bodysense_conform.verdict import GROUPS, Verdict
-from bodysense.files import written_beside
 
 _HIGH = 2.05  # m that a picture shows, from a little under the floor
 _WIDE = 1.5

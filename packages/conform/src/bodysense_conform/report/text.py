@@ -19,10 +19,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from bodysense.files import written_beside
 from bodysense_conform.check import Check, Finding
 from bodysense_conform.checks import TABLE
 from bodysense_conform.verdict import GROUPS, Verdict
-from bodysense.files import written_beside
 
 
 def figure(finding: Finding) -> str:

@@ -11,14 +11,14 @@ import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
-from bodysense_conform.sources.gltf import read_gltf
-from bodysense_conform.sources.mcap_take import read_mcap
-from bodysense_conform.subject import Subject, is_finger, ordered
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import Source, read_source
 from bodysense.io.recording import is_recording, parse_recording
 from bodysense.io.rigs.rigged import read_rigged
+from bodysense_conform.sources.gltf import read_gltf
+from bodysense_conform.sources.mcap_take import read_mcap
+from bodysense_conform.subject import Subject, is_finger, ordered
 
 ENDINGS = (".bvh", ".npz", ".jsonl", ".glb", ".gltf", ".vrma", ".mcap")
 

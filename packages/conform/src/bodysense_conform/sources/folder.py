@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense_conform.sources.files import ENDINGS, motion_subject, read_subject
-from bodysense_conform.subject import Subject
 from bodysense.errors import BodysenseError
 from bodysense.io.datasets.sources import Source, list_sources
+from bodysense_conform.sources.files import ENDINGS, motion_subject, read_subject
+from bodysense_conform.subject import Subject
 
 
 @dataclass(frozen=True)

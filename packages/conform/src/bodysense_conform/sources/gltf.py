@@ -9,7 +9,6 @@ import numpy as np
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation
 from bodysense.body.rotation import matrix_to_quaternion, normalize, quaternion_to_matrix, slerp
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense_conform.subject import Subject, ordered
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.gltf.file import GltfFile, open_gltf
@@ -17,6 +16,7 @@ from bodysense.io.gltf.humanoid import VRM_BONES
 from bodysense.io.rigs.canonical import canonical
 from bodysense.io.rigs.named import NEEDED
 from bodysense.io.rigs.names import joints_of
+from bodysense_conform.subject import Subject, ordered
 
 _AT_REST: dict[str, list[float]] = {"translation": [0, 0, 0], "rotation": [0, 0, 0, 1], "scale": [1, 1, 1]}
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from bodysense.arrays import check_sizes
 from bodysense.body.skeleton import default_skeleton
-from bodysense_conform.subject import Subject, Transport, ordered
 from bodysense.errors import BodysenseError
 from bodysense.io.mcap_take import (
     BODY_JOINTS,
@@ -26,6 +25,7 @@ from bodysense.io.mcap_take import (
     hand_rotation,
     ours_from,
 )
+from bodysense_conform.subject import Subject, Transport, ordered
 
 _SIDES = ("left", "right")
 # What reading a damaged file raises beside its format's own errors.

@@ -10,11 +10,11 @@ import numpy as np
 
 from bodysense.body.rotation import normalize, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
-from bodysense_conform.subject import Subject, Transport, ordered
 from bodysense.errors import BodysenseError
 from bodysense.io.gltf.humanoid import VRM_BONES, unity_bone
 from bodysense.io.osc import LARGEST, Message, read_packet
 from bodysense.io.unity import from_unity_rotation, unity_position
+from bodysense_conform.subject import Subject, Transport, ordered
 
 _OURS = {unity_bone(bone): joint for joint, bone in VRM_BONES.items()}
 _TRANSFORM = 8  # a name and seven numbers

@@ -12,10 +12,10 @@ import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
-from bodysense_conform.sources.files import pose_subject
-from bodysense_conform.subject import Subject, Transport
 from bodysense.errors import BodysenseError, missing_package
 from bodysense.io.protocol import POSE, SUBPROTOCOL, VERSION, PoseFrame, read_pose
+from bodysense_conform.sources.files import pose_subject
+from bodysense_conform.subject import Subject, Transport
 
 _LARGEST = 1 << 20  # bytes of a message
 _WAIT = 5.0  # s for the welcome

@@ -17,9 +17,9 @@ from tyro.extras import SubcommandApp
 
 from bodysense.devices.simulated.device import SensorSetName
 from bodysense.errors import BodysenseError
+from bodysense.observation import Observation
 from bodysense_lab.commands import arms, bench_live, bench_outputs, live_checks
 from bodysense_lab.commands.timing import percentiles, report, resident_memory
-from bodysense.observation import Observation
 
 
 def commands() -> SubcommandApp:
@@ -243,7 +243,7 @@ def import_time(runs: int = 9, json: Path | None = None) -> None:
 def training(steps: int = 6, threads: int = 1, json: Path | None = None) -> None:
     """Time training of the same network on windows, as in the paper, and on whole sequences with carried state.
 
-    A window teaches one frame, its last; a sequence teaches every frame that it plays. Needs `bodysense[lab]`.
+    A window teaches one frame, its last; a sequence teaches every frame that it plays.
 
     Args:
         steps: Optimiser steps of each, after one to warm up.

@@ -59,8 +59,8 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
     """Score the tracker on any sensors and proportions: errors, motion, feet, confidence, lattice of sensors."""
     from rich.progress import Progress
 
-    from bodysense_lab.commands.reporting import print_report
     from bodysense.cli.show import wide_console, write_numbers
+    from bodysense_lab.commands.reporting import print_report
     from bodysense_lab.completion.baselines import cached_mean_body
     from bodysense_lab.completion.scoring import evaluate_completion, work_of
     from bodysense_lab.completion.tables import CompletionSettings, completion_reports, draw_reliability

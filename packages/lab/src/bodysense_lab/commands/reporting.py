@@ -11,10 +11,12 @@ from bodysense.files import check_place, make_folder
 from bodysense_lab.options import TableOptions
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from bodysense.io.clip import Clip
-    from bodysense_lab.datasets import DataSet
-    from bodysense_lab.table import Report
     from bodysense.papers.ik_tracker import IkTrackerSettings
+    from bodysense_lab.datasets import DataSet
+    from bodysense_lab.table import Cell, Report
 
 
 def check_outputs(table: TableOptions) -> None:
@@ -54,7 +56,6 @@ def finish(report: Report, table: TableOptions) -> None:
     """Print a report and write its files."""
     from rich.console import Console
 
-    from bodysense_lab.commands.reporting import print_report
     from bodysense.cli.show import write_numbers
     from bodysense_lab.chart import draw_panels
     from bodysense_lab.table import write_csv
@@ -79,3 +80,38 @@ def tracker_settings(half_life: float | None) -> IkTrackerSettings:
     from bodysense.papers.ik_tracker import IkTrackerSettings
 
     return IkTrackerSettings() if half_life is None else IkTrackerSettings(half_life=half_life)
+
+
+def print_report(report: Report, console: Console) -> None:
+    """The table, what it was made of, and what holds of the paper; a first cell that repeats stands once."""
+    from rich import box
+    from rich.markup import escape
+    from rich.padding import Padding
+    from rich.table import Table
+
+    shown = Table(title=report.title, box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    firsts = [row[0] for row in report.rows]
+    for k, column in enumerate(report.columns):
+        words = all(isinstance(row[k], str) for row in report.rows)
+        shown.add_column(column, justify="left" if words else "right", no_wrap=k == 0)
+    before: tuple[Cell, ...] = (None,) * len(report.columns)
+    for row in report.rows:
+        if before[0] not in (None, row[0]) and len(set(firsts)) < len(firsts):
+            shown.add_section()
+        repeats = next((k for k, (one, two) in enumerate(zip(row, before, strict=True)) if one != two), len(row))
+        cells = ["" if k < repeats else _cell(one, report.digits) for k, one in enumerate(row)]
+        shown.add_row(*cells)
+        before = row
+    console.print(shown)
+    console.print(report.caption, highlight=False, markup=False)
+    for heading, lines in (("Data", report.data), (report.remarks_title, report.remarks)):
+        if lines:
+            console.print(heading, style="bold")
+        for line in lines:
+            console.print(Padding(escape(line), (0, 0, 0, 2)), highlight=False)
+
+
+def _cell(value: Cell, digits: int) -> str:
+    if value is None or isinstance(value, str):
+        return value or ""
+    return f"{value:,}" if isinstance(value, int) else f"{value:,.{digits}f}"

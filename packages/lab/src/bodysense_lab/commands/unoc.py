@@ -69,9 +69,9 @@ def unoc_table5(run: Flat[CrossEvaluation]) -> None:
 
     Scores are kept in the folder --out.
     """
+    from bodysense.papers.point_model import load_point_model
     from bodysense_lab.datasets import named_data
     from bodysense_lab.unoc.cross_table import cross_report, synthesis_errors
-    from bodysense.papers.point_model import load_point_model
     from bodysense_lab.unoc.variant_scores import networks_in, score_pairs
 
     table = run.table
@@ -92,11 +92,15 @@ def unoc_table6(run: Flat[UpperBodyEvaluation]) -> None:
 
     One process does it.
     """
-    from bodysense_lab.datasets import Census, census_of
     from bodysense.papers.point_model import load_point_model
+    from bodysense_lab.datasets import Census, census_of
     from bodysense_lab.unoc.upper_body_table import LearnedUpperBody, evaluate_upper_body, upper_body_report
+    from bodysense_lab.weights import packaged
 
-    chosen, network = open_data(run.data, run.table), load_point_model("upper-body", run.model)
+    chosen, network = (
+        open_data(run.data, run.table),
+        load_point_model("upper-body", run.model or packaged("upper_body.onnx")),
+    )
     census = Census()
 
     def count(clip: Clip) -> None:
@@ -148,9 +152,9 @@ def finger_synthesis(run: Flat[FingerSynthesisEvaluation]) -> None:
     from rich.table import Table
 
     from bodysense.cli.show import write_numbers
+    from bodysense.papers.point_model import load_point_model
     from bodysense_lab.datasets import named_data
     from bodysense_lab.unoc.finger_scores import evaluate_finger_synthesis, examples_of
-    from bodysense.papers.point_model import load_point_model
 
     if run.json is not None:
         check_place(run.json)

@@ -19,8 +19,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bodysense.body.skeleton import BODY, LOWER_BODY, Skeleton
-from bodysense_lab.completion.scenes import TrackedScene
-from bodysense_lab.completion.tracking import TrackedBatch
 from bodysense.metrics import (
     floor_penetration,
     foot_skate,
@@ -31,8 +29,10 @@ from bodysense.metrics import (
     rotation_error,
     velocity_error,
 )
-from bodysense.scoring import RATE, scored_points
 from bodysense.observation import Observation, observed_points
+from bodysense.scoring import RATE, scored_points
+from bodysense_lab.completion.scenes import TrackedScene
+from bodysense_lab.completion.tracking import TrackedBatch
 
 _SHORTEST, _LONGEST, _BINS = 1e-4, 10.0, 100  # m; beyond, the first and last bin
 _STEP = (_LONGEST / _SHORTEST) ** (1 / _BINS)

@@ -18,6 +18,7 @@ from bodysense.completion.model import CompletionModel, load_completion
 from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS, SensorSet, random_edges
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
+from bodysense.tracker import Tracker
 from bodysense_lab.completion.error_map import CERTAINTY_SCALE, LOG_TRACKED, ErrorMap, unchanged_errors
 from bodysense_lab.completion.export import write_completion
 from bodysense_lab.completion.fingers import FingerNetwork
@@ -29,7 +30,6 @@ from bodysense_lab.completion.rounding import round_weights, sample_moments
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of, stacked
 from bodysense_lab.completion.task import WORN
 from bodysense_lab.datasets import open_clips
-from bodysense.tracker import Tracker
 
 QUANTILE = 0.9
 _STRIDE = 4  # frames: neighbours tell little more

@@ -18,13 +18,13 @@ from rich.progress import track as progress
 from bodysense.completion.model import CompletionModel
 from bodysense.completion.network import STATE, Network
 from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS, SensorSet, random_edges
+from bodysense.tracker import Tracker
 from bodysense_lab.completion.graph import CompletionStep
 from bodysense_lab.completion.network import CompletionNetwork
 from bodysense_lab.completion.options import BODIES
 from bodysense_lab.completion.rewriting import row_step
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, person_of, stacked
 from bodysense_lab.completion.state import Inputs, State
-from bodysense.tracker import Tracker
 
 _DAMPING = 0.01  # of the mean square of what is read: what was never read must not be made up for
 _MOST = 127

@@ -21,9 +21,9 @@ from bodysense.devices.simulated.sensors import SensorSet, observe_points
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
 from bodysense.io.resample import resample
-from bodysense_lab.completion.options import Body
-from bodysense.scoring import RATE, group_of
 from bodysense.observation import Observation
+from bodysense.scoring import RATE, group_of
+from bodysense_lab.completion.options import Body
 
 Truth = Literal["own", "stranger"]
 # Whose proportions move in each column; the last three differ in what the tracker is told.

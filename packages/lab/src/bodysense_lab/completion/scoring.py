@@ -8,6 +8,8 @@ from typing import TypeVar
 
 from bodysense.devices.simulated.sensors import SENSOR_SETS, Edge, random_edges
 from bodysense.io.clip import Clip
+from bodysense.observation import Observation
+from bodysense.scoring import last_known
 from bodysense_lab.completion.baselines import MeanBody
 from bodysense_lab.completion.measures import (
     Averages,
@@ -28,8 +30,6 @@ from bodysense_lab.completion.tracking import (
     step_times,
     track_batch,
 )
-from bodysense.scoring import last_known
-from bodysense.observation import Observation
 
 TIMED_FRAMES = 330  # of one wearer, to tell how long a step takes
 _EDGES = 10  # of the lattice that one process scores at a time

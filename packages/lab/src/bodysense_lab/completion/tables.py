@@ -14,17 +14,17 @@ import numpy as np
 
 from bodysense.devices.simulated.sensors import TABLE_SETS
 from bodysense.files import written_beside
+from bodysense.intervals import Interval, interval
 from bodysense.io.datasets.splits import Split
+from bodysense.pictures.sheet import INK, MUTED, load_pyplot
+from bodysense.scoring import GROUPS, KNOWN
 from bodysense_lab.chart import COLORS
 from bodysense_lab.completion.measures import REGIONS, Averages, Calibration
 from bodysense_lab.completion.options import BODIES, Body
 from bodysense_lab.completion.scenes import TRUTH_OF, Truth
 from bodysense_lab.completion.tracking import CLIPS, FRAMES, EdgeScore
 from bodysense_lab.datasets import Census, DataSet, describe
-from bodysense.scoring import GROUPS, KNOWN
 from bodysense_lab.table import Cell, Report, cell, finite
-from bodysense.intervals import Interval, interval
-from bodysense.pictures.sheet import INK, MUTED, load_pyplot
 
 Key = TypeVar("Key")
 

@@ -17,10 +17,10 @@ from bodysense.body.person import Person
 from bodysense.body.skeleton import BODY
 from bodysense.completion.model import CompletionModel, load_completion, packaged_model
 from bodysense.devices.simulated.sensors import Edge, SensorSet
-from bodysense_lab.completion.scenes import TrackedScene, person_of, stacked
 from bodysense.metrics import joint_error
 from bodysense.observation import Observation
 from bodysense.tracker import Tracker
+from bodysense_lab.completion.scenes import TrackedScene, person_of, stacked
 
 _WARM_UP = 30  # frames that are not timed
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+from bodysense.scoring import GROUPS
 from bodysense_lab.chart import BarPanel, Bars, plain_bars
 from bodysense_lab.datasets import Census, DataSet, describe, missing
 from bodysense_lab.hmd_vae.scores import Scored
-from bodysense.scoring import GROUPS
 from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering, surely
 
 MODELS = {1: "1 static", 2: "2 sequence", 3: "3 static, pretrained", 4: "4 sequence, pretrained"}

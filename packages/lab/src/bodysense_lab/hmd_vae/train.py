@@ -22,11 +22,11 @@ from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
 from bodysense.files import check_folder, check_place, make_folder, written_beside
 from bodysense.io.clip import Clip
+from bodysense.papers.hmd_vae import FORMAT
 from bodysense_lab.checkpoint import identity
 from bodysense_lab.datasets import count_clips, open_clips
 from bodysense_lab.export import export, in_bytes
 from bodysense_lab.fit import Report, begin, fit, is_same, launched, sweep
-from bodysense.papers.hmd_vae import FORMAT
 from bodysense_lab.hmd_vae.frames import (
     RATE,
     TRAIN_LENGTH,

@@ -37,12 +37,12 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
+from bodysense.scoring import GROUPS, Tally, group_named
 from bodysense_lab.chart import BarPanel, Line, LinePanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, census_of, describe
 from bodysense_lab.pahmt.features import FRAMES, RATE, arm_positions, arms_alone, film, read_arm_recordings, window_of
 from bodysense_lab.pahmt.network import ArmNetwork, read_arms
 from bodysense_lab.pahmt.options import FINGERS, PAPER_LOSSES, Input, Kind, Loss, Studio
-from bodysense.scoring import GROUPS, Tally, group_named
 from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering, surely
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_exp, quaternion_rotate
 from bodysense.devices.simulated.camera_view import Camera
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, how_to_install
 from bodysense_lab.rendering.scene import Character, Scene, load_figure
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ def open_stage(scene: Scene, camera: Camera, height: int, around: np.ndarray) ->
     try:
         import moderngl
     except ImportError:
-        raise BodysenseError("drawing videos needs moderngl; install bodysense[render]") from None
+        raise BodysenseError(f"drawing videos needs moderngl; {how_to_install('packages/lab[render]')}") from None
     try:
         context = moderngl.create_context(standalone=True, backend="egl")  # type: ignore[arg-type]
     except Exception as error:  # moderngl raises plain Exception

@@ -22,6 +22,9 @@ from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
 from bodysense.devices.video.person import PersonLandmarks, PersonState, arm_keypoints, follow, joined_landmarks
 from bodysense.devices.video.pictures import open_video
 from bodysense.errors import BodysenseError
+from bodysense.intervals import Named
+from bodysense.scoring import GROUPS, Tally, group_named
+from bodysense.tracker import Tracker, TrackerSettings
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.pahmt.tables import arm_errors, solved_from_positions
 from bodysense_lab.rendering.keypoint_errors import MEASURES as BONES
@@ -36,10 +39,7 @@ from bodysense_lab.rendering.keypoint_errors import (
     noise_figures,
 )
 from bodysense_lab.rendering.take import GESTURES, RenderedTake, read_take
-from bodysense.scoring import GROUPS, Tally, group_named
 from bodysense_lab.table import Cell, Report, cell, finite, ordering
-from bodysense.intervals import Named
-from bodysense.tracker import Tracker, TrackerSettings
 
 METHODS = {  # key: how it is called in the table
     "network": "video: network",

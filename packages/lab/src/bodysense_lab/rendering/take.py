@@ -16,7 +16,7 @@ from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_rotate, shortest_arc, slerp
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.camera_view import VIEW_POINTS, Camera, CameraRange, view, view_points
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, how_to_install
 from bodysense.files import written_beside
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
@@ -155,7 +155,7 @@ def film(
     try:
         import av
     except ImportError:
-        raise BodysenseError("writing videos needs PyAV; install bodysense[video]") from None
+        raise BodysenseError(f"writing videos needs PyAV; {how_to_install('packages/lab[render]')}") from None
     path, around = folder / f"{take.name}.mp4", np.median(take.pose.root_position, axis=0)
     with written_beside(path) as beside, open_stage(scene, take.camera, height, around) as stage:
         with av.open(str(beside), "w") as container:

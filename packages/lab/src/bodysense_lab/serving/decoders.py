@@ -19,9 +19,9 @@ from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError, missing_package
+from bodysense.io.osc import read_packet
 from bodysense_lab.serving.solarxr_client import update
 from bodysense_live import vmc, vrchat
-from bodysense.io.osc import read_packet
 from bodysense_live.solarxr import Moved, Updates, moved, told_of
 from bodysense_live.vmc import vmc_packets
 from bodysense_live.vmt import DRIVER_PORT, tracker_packet

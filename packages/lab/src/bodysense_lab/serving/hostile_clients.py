@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 
 from bodysense.errors import BodysenseError
+from bodysense.io.protocol import POSE, SignalFrame, read_pose, write_signal
 from bodysense_live.connection import converse
 from bodysense_live.live import Live
 from bodysense_live.message_text import write_message
 from bodysense_live.messages import Change, Hello
 from bodysense_live.metrics import Metrics
-from bodysense.io.protocol import POSE, SignalFrame, read_pose, write_signal
 from bodysense_live.safety import Limits
 
 _POINTS = ("headset", "left_controller", "right_controller", "left:wrist", "left:index-finger-tip", "hip")

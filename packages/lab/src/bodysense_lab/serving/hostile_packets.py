@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from bodysense.errors import BodysenseError
+from bodysense.io.osc import bundled, message_bytes
 from bodysense_lab.serving.hostile_clients import broken
 from bodysense_lab.serving.solarxr_client import request
 from bodysense_live.links import Reader
-from bodysense.io.osc import bundled, message_bytes
 from bodysense_live.slimevr import SlimevrState, take
 from bodysense_live.solarxr import read_bundle, settings_bundle
 from bodysense_live.solarxr_input import InputReader

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.errors import BodysenseError
+from bodysense.io.protocol import POSE, SUBPROTOCOL, SignalFrame, read_pose, write_signal
 from bodysense_live.message_text import write_message
 from bodysense_live.messages import Hello, Resume
-from bodysense.io.protocol import POSE, SUBPROTOCOL, SignalFrame, read_pose, write_signal
 
 _POINTS = ("head", "left_wrist", "right_wrist")
 _STUCK = 5.0  # s without an answer while frames are sent

@@ -24,12 +24,12 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.metrics import joint_error
-from bodysense.scoring import RATE, UNOC_EVAL_JOINTS, Hold
-from bodysense_lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
 from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings
-from bodysense_lab.unoc.learned import Learned, load_model
 from bodysense.pictures.animation import write_animation
 from bodysense.pictures.sheet import Lens, Shot, frame_shot
+from bodysense.scoring import RATE, UNOC_EVAL_JOINTS, Hold
+from bodysense_lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
+from bodysense_lab.unoc.learned import Learned, load_model
 
 FILES = ("index.html", "style.css", "study.js")
 

@@ -9,8 +9,8 @@ import numpy as np
 from bodysense.body.glove import default_glove, glove_points, marker_positions, side_of
 from bodysense.body.hand import hand_skeleton, mirrored_vectors
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense_lab.synthesis.hands import RATE, synthesize_hand
 from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
+from bodysense_lab.synthesis.hands import RATE, synthesize_hand
 
 _EVERY = 30  # frames, after which other markers are hidden
 

@@ -20,10 +20,10 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.calibration import fit_hand
 from bodysense.devices.gloves.device import glove_device
 from bodysense.devices.gloves.hands import GloveModels, load_glove_models
+from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
 from bodysense_lab.synthesis.hands import RATE, synthesize_hand
 from bodysense_lab.table import Report, finite
 from bodysense_lab.two_hands.trials import FINGER_POINTS, KeyedMeans
-from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
 
 SECONDS = 10.0  # that calibrate, and that are scored
 NOISE = 3e-4  # m along each axis

@@ -26,13 +26,13 @@ from bodysense.devices.simulated.glove import GloveCapture, observe_hands
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense_lab.datasets import Census, gathered
 from bodysense.metrics import joint_error
+from bodysense.observation import Observation
 from bodysense.scoring import group_of
+from bodysense_lab.datasets import Census, gathered
 from bodysense_lab.spread import spread
 from bodysense_lab.synthesis.hands import RATE, varied_hand
 from bodysense_lab.synthesis.pairs import synthesize_pair
-from bodysense.observation import Observation
 
 COUNTED = 0.001  # m: a deeper penetration counts
 TOUCHING = 0.002  # m: fingertips whose surfaces are nearer touch

@@ -21,9 +21,9 @@ from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.devices.simulated.glove import visible
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
+from bodysense.scoring import GROUPS, group_of
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, census_of, describe
-from bodysense.scoring import GROUPS, group_of
 from bodysense_lab.spread import spread
 from bodysense_lab.synthesis.hands import RATE, varied_hand
 from bodysense_lab.synthesis.pairs import synthesize_pair

@@ -19,9 +19,9 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.fillers import Filler
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
 from bodysense.metrics import joint_error
+from bodysense.observation import EXACT_ACCURACY, Observation
 from bodysense.scoring import Tally
 from bodysense_lab.synthesis.hands import RATE, HandMotion
-from bodysense.observation import EXACT_ACCURACY, Observation
 
 HIDDEN = (1, 2, 3, 4)  # markers at once
 DURATIONS = (0.1, 0.2, 0.5, 1.0, 2.0)  # s

@@ -8,14 +8,14 @@ from itertools import product
 import numpy as np
 
 from bodysense.io.resample import resample
+from bodysense.metrics import joint_error
+from bodysense.papers.fingers import FingerSynthesis
+from bodysense.papers.point_model import PointModel
+from bodysense.scoring import RATE, Tally, group_of
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import DataSet, describe, missing
-from bodysense.metrics import joint_error
-from bodysense.scoring import RATE, Tally, group_of
 from bodysense_lab.table import Cell, Report, cell, finite, ordering
-from bodysense.papers.fingers import FingerSynthesis
 from bodysense_lab.unoc.finger_scores import finger_offsets
-from bodysense.papers.point_model import PointModel
 from bodysense_lab.unoc.tables import Scores, better_last_known
 
 Pair = tuple[str, str]  # trained on, tested on

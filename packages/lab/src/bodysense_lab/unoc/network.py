@@ -20,8 +20,8 @@ from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
-from bodysense_lab.unoc.recurrent import Cell, Recurrent, branch
 from bodysense.observation import Observation, observed_points
+from bodysense_lab.unoc.recurrent import Cell, Recurrent, branch
 
 REFERENCE_HEIGHT = 1.7  # m: bodies are scaled to it, so that the network meets one size
 FINGER_SCALE = 10.0  # fingers move within centimetres; bring them to the range of the body

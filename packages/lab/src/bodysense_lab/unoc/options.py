@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from bodysense.errors import BodysenseError
+from bodysense.papers.point_model import Task
 from bodysense_lab.options import (
     Flat,
     Machines,
@@ -17,7 +18,6 @@ from bodysense_lab.options import (
     check_ending,
     check_fields,
 )
-from bodysense.papers.point_model import Task
 
 EPOCHS = 5  # of the paper's schedule
 

@@ -17,16 +17,16 @@ import numpy as np
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
+from bodysense.intervals import Named
 from bodysense.io.clip import Clip
+from bodysense.metrics import acceleration
+from bodysense.observation import Observation
+from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings
+from bodysense.scoring import GROUPS, RATE, Tally, group_of, part_errors, scored_points
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, describe, gathered, missing
-from bodysense.metrics import acceleration
-from bodysense.scoring import GROUPS, RATE, Tally, group_of, part_errors, scored_points
-from bodysense.intervals import Named
 from bodysense_lab.table import Report, cell, finite, ordering
-from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense_lab.unoc.learned import track_clip
-from bodysense.observation import Observation
 
 NETWORKS = ("gru", "mask_given")
 METHODS = {

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from bodysense.files import written_beside
+from bodysense.intervals import Named
+from bodysense.scoring import GROUPS, KNOWN, Measure, Tally
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, describe, missing
-from bodysense.scoring import GROUPS, KNOWN, Measure, Tally
 from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering, surely
-from bodysense.intervals import Named
 
 FORMAT = 2  # of the files; another number makes them be counted again
 Parts = dict[tuple[str, str, str], Tally]  # by category group, part of the body, share of joints

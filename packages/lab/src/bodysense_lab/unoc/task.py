@@ -23,8 +23,8 @@ from bodysense.devices.simulated.noise import hide_hands
 from bodysense.io.augment import mirrored, with_limb_proportions
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense_lab.fit import Task, played, rate_at
 from bodysense.scoring import UNOC_EVAL_JOINTS
+from bodysense_lab.fit import Task, played, rate_at
 from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig, BodyPrediction, tracked_of
 
 

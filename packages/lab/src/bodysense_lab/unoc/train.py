@@ -26,14 +26,14 @@ from bodysense.devices.simulated.three_point import POINTS
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.clip import Clip
+from bodysense.papers.point_model import FORMAT as POINT_FORMAT
+from bodysense.papers.point_model import Task
 from bodysense_lab.datasets import open_clips
 from bodysense_lab.export import export
 from bodysense_lab.fit import begin, fit, launched
 from bodysense_lab.unoc.learned import FORMAT
 from bodysense_lab.unoc.network import PAPER, BodyNetwork, BodyNetworkConfig, PredictorState, TrackedBody
 from bodysense_lab.unoc.options import BodyTraining, PointTraining
-from bodysense.papers.point_model import FORMAT as POINT_FORMAT
-from bodysense.papers.point_model import Task
 from bodysense_lab.unoc.point_network import (
     FINGERS,
     PAPER_FINGERS,

@@ -17,12 +17,12 @@ import numpy as np
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.io.clip import Clip
+from bodysense.papers.ik_tracker import IkTrackerSettings
+from bodysense.scoring import GROUPS, RATE, Tally, group_of, part_errors, scored_points
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, census_of, describe
-from bodysense.scoring import GROUPS, RATE, Tally, group_of, part_errors, scored_points
 from bodysense_lab.spread import spread
 from bodysense_lab.table import Report, cell, finite
-from bodysense.papers.ik_tracker import IkTrackerSettings
 from bodysense_lab.unoc.learned import track_clip
 
 SECOND = round(RATE)  # frames

@@ -32,15 +32,15 @@ from bodysense.devices.estimate import Estimator, PointEstimate
 from bodysense.devices.simulated.three_point import POINTS, observe
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.datasets import Census, DataSet, describe, gathered, missing
 from bodysense.metrics import joint_error
-from bodysense.scoring import GROUPS, RATE, Tally, group_of
-from bodysense_lab.table import Cell, Report, cell, finite, ordering
+from bodysense.observation import Observation, observed_points
 from bodysense.papers.ik_tracker import MEASURED_ERROR
 from bodysense.papers.point_model import HeadAndHands, PointModel, PointRunner, PointState
+from bodysense.scoring import GROUPS, RATE, Tally, group_of
+from bodysense_lab.chart import BarPanel, plain_bars
+from bodysense_lab.datasets import Census, DataSet, describe, gathered, missing
+from bodysense_lab.table import Cell, Report, cell, finite, ordering
 from bodysense_lab.unoc.upper_body_ik import UpperBodyIk
-from bodysense.observation import Observation, observed_points
 
 METHODS = {"network": "network", "ik": "IK"}
 POSES = {"all": "all poses", "standing": "standing"}

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,8 @@ from bodysense.devices.simulated.headset_camera import HeadsetCamera, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense_lab.datasets import Census, DataSet, census_of
+from bodysense.observation import Observation
+from bodysense.papers.ik_tracker import IkTrackerSettings
 from bodysense.scoring import (
     KNOWN,
     RATE,
@@ -31,12 +31,12 @@ from bodysense.scoring import (
     part_errors,
     scored_points,
 )
+from bodysense_lab.datasets import Census, DataSet, census_of
 from bodysense_lab.spread import spread
-from bodysense.papers.ik_tracker import IkTrackerSettings
-from bodysense_lab.unoc.learned import track_clip
+from bodysense_lab.unoc.learned import PACKAGED, track_clip
 from bodysense_lab.unoc.network import BodyNetwork, TrackedBody, read_weights, tracked_of
 from bodysense_lab.unoc.tables import Parts, Scores, identity_of, read_scores, scores_path, write_scores
-from bodysense.observation import Observation
+from bodysense_lab.weights import packaged
 
 _WINDOWS = 256  # that are computed together
 
@@ -225,8 +225,7 @@ def _files(work: Work) -> dict[str, Path | None]:
     """Every method that is to be scored, and the file it depends on."""
     result: dict[str, Path | None] = {**work.networks, **{f"last_known_{frame}": None for frame in KNOWN}}
     if work.shipped is not None:
-        packaged = Path(str(files("bodysense.weights").joinpath("body_gru.onnx")))
-        result |= dict.fromkeys(("best", "tracker"), work.shipped.model or packaged)
+        result |= dict.fromkeys(("best", "tracker"), work.shipped.model or packaged(PACKAGED))
     return result
 
 
