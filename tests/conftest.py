@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import subprocess
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +15,16 @@ from hypothesis import HealthCheck, settings
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
+from bodysense.cli import main
 from bodysense.completion.model import CompletionModel, packaged_model
 from bodysense.devices.simulated.glove import observe
 from bodysense.devices.simulated.noise import hide
+from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.observation import Observation
+
+Command = Callable[..., str]
+Refused = Callable[..., str]
 
 # How long an example takes says how busy a machine is, not what is wrong.
 settings.register_profile("bodysense", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -146,8 +153,6 @@ def small_arms(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with every network of UNOC's tables, tiny."""
-    from dataclasses import replace
-
     import torch
 
     from bodysense_lab.unoc.network import BodyNetwork, write_weights
@@ -185,8 +190,6 @@ def landmarkers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPat
 @pytest.fixture(scope="session")
 def filmed() -> tuple[np.ndarray, Clip]:
     """Eight pictures (8, 320, 320, 3) at 15 Hz of the packaged performance, drawn, and its motion; both hands show."""
-    from dataclasses import replace
-
     from bodysense.demo import packaged_performance
     from bodysense.pictures.animation import draw_pose
     from bodysense.pictures.sheet import Lens, frame_shot
@@ -201,3 +204,45 @@ def filmed() -> tuple[np.ndarray, Clip]:
 def completion() -> CompletionModel:
     """The completion network that comes with the package."""
     return packaged_model()
+
+
+@pytest.fixture(scope="session")
+def short_clip(waving_clip: Clip) -> Clip:
+    """Two thirds of a second."""
+    return replace(waving_clip, name="short", pose=waving_clip.pose[:20])
+
+
+@pytest.fixture
+def motion(tmp_path: Path, short_clip: Clip) -> Path:
+    """The short clip as BVH."""
+    write_bvh(tmp_path / "motion.bvh", short_clip)
+    return tmp_path / "motion.bvh"
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Command:
+    """Run a command that must succeed; returns what it printed."""
+    monkeypatch.setenv("COLUMNS", "250")  # no line is broken
+
+    def call(*arguments: object) -> str:
+        status = main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        assert (status, captured.err) == (0, "")
+        return captured.out
+
+    return call
+
+
+@pytest.fixture
+def refused(capsys: pytest.CaptureFixture[str]) -> Refused:
+    """Run a command that must fail: status 2 and one line on stderr, without `bodysense: `, which is returned."""
+
+    def call(*arguments: object) -> str:
+        status = main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        assert status == 2
+        assert captured.err.startswith("bodysense: ") and captured.err.endswith("\n")
+        assert captured.err.count("\n") == 1, captured.err
+        return captured.err.removeprefix("bodysense: ").removesuffix("\n")
+
+    return call

@@ -7,7 +7,7 @@ import pytest
 from bodysense.cli import packages as laboratory
 from bodysense.cli.application import application
 
-from .conftest import Command, Refused
+from ..conftest import Command, Refused
 
 
 @pytest.mark.parametrize("command", ["train gloves", "evaluate holes", "bench step", "study build", "data prepare x"])

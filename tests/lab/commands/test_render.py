@@ -10,7 +10,7 @@ from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense_lab.rendering.take import list_takes, read_take
 
-from .conftest import Command, Refused
+from ...conftest import Command, Refused
 
 
 @pytest.fixture
