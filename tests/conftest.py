@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from bodysense.body.pose import Pose, standing_pose
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply
+from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
 from bodysense.cli import main
 from bodysense.completion.model import CompletionModel, packaged_model
@@ -21,10 +21,12 @@ from bodysense.devices.simulated.glove import observe
 from bodysense.devices.simulated.noise import hide
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.observation import Observation
 
 Command = Callable[..., str]
 Refused = Callable[..., str]
+MakeClip = Callable[..., Clip]
 
 # How long an example takes says how busy a machine is, not what is wrong.
 settings.register_profile("bodysense", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -246,3 +248,28 @@ def refused(capsys: pytest.CaptureFixture[str]) -> Refused:
         return captured.err.removeprefix("bodysense: ").removesuffix("\n")
 
     return call
+
+
+@pytest.fixture
+def two_people(tmp_path: Path, short_clip: Clip) -> Path:
+    """Two people, one of them at 60 Hz."""
+    for person, clip in (("anna", short_clip), ("ben", resample(short_clip, 60.0))):
+        (tmp_path / "motion" / person).mkdir(parents=True)
+        write_bvh(tmp_path / "motion" / person / "a.bvh", clip)
+    write_bvh(tmp_path / "motion" / "ben" / "b.bvh", short_clip)
+    return tmp_path / "motion"
+
+
+@pytest.fixture
+def make_clip() -> MakeClip:
+    def make(frames: int = 12, seed: int = 0, spread: float = 0.5, rate: float = 30.0) -> Clip:
+        rng = np.random.default_rng(seed)
+        skeleton = default_skeleton()
+        knots = rng.normal(scale=spread, size=(4, len(skeleton.joints), 3))
+        place = np.linspace(0, 2.999, frames)
+        before, t = place.astype(int), (place % 1)[:, None, None]
+        rotation = quaternion_exp((1 - t) * knots[before] + t * knots[before + 1])
+        root = np.array([0.3, 0.95, -0.2]) + np.cumsum(rng.normal(scale=0.01, size=(frames, 3)), axis=0)
+        return Clip(f"random_{seed}", Pose(skeleton, root, quaternion_canonical(rotation)), rate)
+
+    return make

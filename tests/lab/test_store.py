@@ -16,7 +16,7 @@ from bodysense_lab import store as store_module
 from bodysense_lab.datasets import open_clips
 from bodysense_lab.store import is_store, prepare, read_store
 
-pytest.importorskip("zarr", reason="needs bodysense[lab]")
+pytest.importorskip("zarr", reason="needs packages/lab")
 
 
 @pytest.fixture
@@ -164,7 +164,7 @@ def test_without_the_extra(folder: Path, tmp_path: Path, monkeypatch) -> None:
     import sys
 
     monkeypatch.setitem(sys.modules, "zarr", None)
-    with pytest.raises(BodysenseError, match=r"needs the package zarr: pip install 'bodysense\[lab\]'"):
+    with pytest.raises(BodysenseError, match=r"needs the package zarr; in a clone .* packages/lab"):
         prepare(folder, tmp_path / "a.zarr")
 
 

@@ -117,7 +117,7 @@ def serving(settings: ServerSettings) -> Iterator[Address]:
 @pytest.fixture
 def server_of() -> Iterator[Serving]:
     """Start a server: `server_of(settings)` is where it listens."""
-    pytest.importorskip("uvicorn", reason="needs bodysense[serve]")
+    pytest.importorskip("uvicorn", reason="needs packages/live")
     with ExitStack() as stack:
         yield lambda settings=ServerSettings(): stack.enter_context(serving(settings))
 
@@ -125,7 +125,7 @@ def server_of() -> Iterator[Serving]:
 @pytest.fixture(scope="session")
 def server() -> Iterator[Address]:
     """A server with nothing special, for many tests."""
-    pytest.importorskip("uvicorn", reason="needs bodysense[serve]")
+    pytest.importorskip("uvicorn", reason="needs packages/live")
     with serving(ServerSettings()) as address:
         yield address
 

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from .conftest import Refused
+from ..conftest import Refused
 
-pytest.importorskip("uvicorn", reason="needs bodysense[serve]")
+pytest.importorskip("uvicorn", reason="needs packages/live")
 
 
 def test_a_port_in_use(refused: Refused) -> None:

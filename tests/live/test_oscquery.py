@@ -160,7 +160,7 @@ class Vrchat:
 
 @pytest.fixture
 def vrchat() -> Iterator[Vrchat]:
-    zeroconf = pytest.importorskip("zeroconf", reason="needs bodysense[serve]")
+    zeroconf = pytest.importorskip("zeroconf", reason="needs packages/live")
     try:
         found = Vrchat(zeroconf)
     except OSError:

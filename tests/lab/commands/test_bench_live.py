@@ -14,7 +14,7 @@ from bodysense_lab.commands.bench_live import _framed, _messages, bench_live
 @pytest.mark.parametrize("size", [0, 125, 126, 5000])
 def test_messages_are_read_whole_however_they_come(size: int) -> None:
     """The framing is that of the library that the server uses."""
-    pytest.importorskip("websockets", reason="needs bodysense[serve]")
+    pytest.importorskip("websockets", reason="needs packages/live")
     from websockets.frames import Frame, Opcode
 
     payloads = [bytes([k]) * size for k in range(3)]
@@ -27,7 +27,7 @@ def test_messages_are_read_whole_however_they_come(size: int) -> None:
 
 
 def test_what_clients_send_is_a_masked_frame() -> None:
-    pytest.importorskip("websockets", reason="needs bodysense[serve]")
+    pytest.importorskip("websockets", reason="needs packages/live")
     from websockets.frames import Frame, Opcode
     from websockets.protocol import SERVER, Protocol, State
 
@@ -48,7 +48,7 @@ def test_nothing_to_time_is_refused(options: dict[str, float]) -> None:
 
 @pytest.mark.slow
 def test_numbers_of_a_real_server(tmp_path: Path) -> None:
-    pytest.importorskip("uvicorn", reason="needs bodysense[serve]")
+    pytest.importorskip("uvicorn", reason="needs packages/live")
     out = tmp_path / "live.json"
     bench_live(sessions=3, rate=20.0, seconds=2.0, json=out)
     numbers = json.loads(out.read_text())

@@ -14,13 +14,12 @@ from bodysense.body.pose import body_skeleton, forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.devices.estimate import PointEstimate
-from bodysense.devices.simulated.three_point import observe
+from bodysense.devices.simulated.three_point import POINTS, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.observation import Observation
 from bodysense.papers.hmd_vae import (
-    POINTS,
     BodyVaeEstimator,
     BodyVaeModel,
     load_body_vae,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-pytest.importorskip("prometheus_client", reason="needs bodysense[serve]")
+pytest.importorskip("prometheus_client", reason="needs packages/live")
 from bodysense_lab.serving.hostile_clients import FuzzCounts, run_fuzz
 from bodysense_lab.serving.hostile_packets import fuzz_packets
 

@@ -26,7 +26,7 @@ from bodysense_lab.unoc.finger_scores import (
     examples_of,
     finger_offsets,
 )
-from bodysense_lab.unoc.upper_body_table import LearnedUpperBody, evaluate_upper_body
+from bodysense_lab.unoc.upper_body_table import LearnedUpperBody, evaluate_upper_body, load_upper_body
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def test_the_packaged_network_beats_both_baselines(motion_data: Path, tmp_path: 
 @pytest.mark.slow
 def test_the_packaged_upper_body_beats_inverse_kinematics(motion_data: Path) -> None:
     """On some clips of people that it has not seen."""
-    model = load_point_model("upper-body")
+    model = load_upper_body()
     clips = [clip for clip in islice(open_clips(motion_data, "test", ("talk_gesture", "everyday")), 0, 60, 4)]
     table = evaluate_upper_body(clips, lambda skeleton: LearnedUpperBody(skeleton, model), lambda clip: None)
     for joints in ("neck", "shoulders", "elbows"):

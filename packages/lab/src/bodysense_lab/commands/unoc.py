@@ -92,14 +92,17 @@ def unoc_table6(run: Flat[UpperBodyEvaluation]) -> None:
 
     One process does it.
     """
-    from bodysense.papers.point_model import load_point_model
     from bodysense_lab.datasets import Census, census_of
-    from bodysense_lab.unoc.upper_body_table import LearnedUpperBody, evaluate_upper_body, upper_body_report
-    from bodysense_lab.weights import packaged
+    from bodysense_lab.unoc.upper_body_table import (
+        LearnedUpperBody,
+        evaluate_upper_body,
+        load_upper_body,
+        upper_body_report,
+    )
 
     chosen, network = (
         open_data(run.data, run.table),
-        load_point_model("upper-body", run.model or packaged("upper_body.onnx")),
+        load_upper_body(run.model),
     )
     census = Census()
 

@@ -19,6 +19,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from pathlib import Path
 
 import numpy as np
 
@@ -35,12 +36,13 @@ from bodysense.io.resample import resample
 from bodysense.metrics import joint_error
 from bodysense.observation import Observation, observed_points
 from bodysense.papers.ik_tracker import MEASURED_ERROR
-from bodysense.papers.point_model import HeadAndHands, PointModel, PointRunner, PointState
+from bodysense.papers.point_model import HeadAndHands, PointModel, PointRunner, PointState, load_point_model
 from bodysense.scoring import GROUPS, RATE, Tally, group_of
 from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.datasets import Census, DataSet, describe, gathered, missing
 from bodysense_lab.table import Cell, Report, cell, finite, ordering
 from bodysense_lab.unoc.upper_body_ik import UpperBodyIk
+from bodysense_lab.weights import packaged
 
 METHODS = {"network": "network", "ik": "IK"}
 POSES = {"all": "all poses", "standing": "standing"}
@@ -211,6 +213,11 @@ LOST_ERROR = 0.15  # m: of a hand that is not tracked now
 FINGER_ERROR = 0.03  # m: of a relaxed finger about its wrist
 LEG_ERROR = 0.5  # m: of legs, of which nothing is known
 _FITS = 3  # rounds in which an arm is fitted to its bones
+
+
+def load_upper_body(path: Path | None = None) -> PointModel:
+    """Load a network of the upper body: a path, or None for the packaged one. Raises as `load_point_model` does."""
+    return load_point_model("upper-body", path or packaged("upper_body.onnx"))
 
 
 @dataclass(frozen=True, eq=False)
