@@ -39,7 +39,7 @@ bs_result check_person(const bs_person *person) {
     for (int p = 0; p < BS_POINTS; ++p) {
         for (int c = 0; c < 3; ++c)
             if (!(fabs(person->rest_offset[p][c]) < TALLEST)) return BS_PERSON_IMPOSSIBLE;
-        if (!(person->deviation[p] >= 0 && person->deviation[p] < TALLEST)) return BS_PERSON_IMPOSSIBLE;
+        if (!(person->deviation[p] >= 0 && isfinite(person->deviation[p]))) return BS_PERSON_IMPOSSIBLE;
         height[p] = p == PELVIS ? 0.0 : height[PARENT[p]] + person->rest_offset[p][1];
         low = fmin(low, height[p]);
         high = fmax(high, height[p]);
@@ -55,7 +55,7 @@ bs_result check_person(const bs_person *person) {
         if (length->start < 0 || length->start >= BS_POINTS || length->end < 0 || length->end >= BS_POINTS ||
             length->start == length->end)
             return BS_PERSON_IMPOSSIBLE;
-        if (!(length->value > 0 && length->value < TALLEST && length->deviation > 0 && isfinite(length->deviation)))
+        if (!(length->value > 0 && isfinite(length->value) && length->deviation > 0 && isfinite(length->deviation)))
             return BS_PERSON_IMPOSSIBLE;
     }
     for (int j = 0; j < BS_JOINTS; ++j) {
@@ -63,7 +63,7 @@ bs_result check_person(const bs_person *person) {
         double square = 0.0;
         if (!mount->worn) continue;
         for (int c = 0; c < 3; ++c)
-            if (!(fabs(mount->translation[c]) < TALLEST)) return BS_PERSON_IMPOSSIBLE;
+            if (!isfinite(mount->translation[c])) return BS_PERSON_IMPOSSIBLE;
         for (int c = 0; c < 4; ++c) square += mount->rotation[c] * mount->rotation[c];
         if (!(fabs(square - 1.0) < 0.02)) return BS_PERSON_IMPOSSIBLE;
     }

@@ -52,6 +52,8 @@ bs_result bs_state_open(const bs_model *model, void *memory, size_t size, bs_sta
     return BS_OK;
 }
 
+double bs_state_time(const bs_state *state) { return state->time; }
+
 void bs_state_person(const bs_state *state, bs_person *person) {
     *person = state->person;
     memcpy(person->rest_offset, state->proportions.believed, sizeof person->rest_offset);
