@@ -111,6 +111,9 @@ double bs_state_time(const bs_state *state);
 /* The person as believed now. */
 void bs_state_person(const bs_state *state, bs_person *person);
 
+/* 1 if the head was higher than the known height allows for 2 s: the height counts no more, and is inferred; else 0. */
+int bs_state_contradicts_height(const bs_state *state);
+
 /* Go on with the same evidence after more became known of the person. */
 bs_result bs_state_update_person(const bs_model *model, bs_state *state, const bs_person *person);
 

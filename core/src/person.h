@@ -13,6 +13,15 @@ typedef struct proportions {
     double deviation[BS_POINTS];   /* m, standard deviation of each bone's length */
     double since;                  /* s since lengths were last looked at */
     double due;                    /* s since `believed` was last fitted */
+    double elapsed;                /* s of evidence */
+    double head[3];                /* m, world, at the last look; NaN at first */
+    double been[3];                /* m, world: where it has been of late */
+    double speed;                  /* m/s, of the head */
+    double walked;                 /* s for which an upright head moved along the floor */
+    double tallest;                /* m: the stature that a body may not fall far below any more; 0 at first */
+    double contradicting;          /* s for which the head has been too high for the known height */
+    uint8_t seated;                /* 1: `tallest` may be a guess from a seat */
+    uint8_t released;              /* 1: the head contradicted the known height, which counts no more */
     float seconds[EVIDENCE][BINS]; /* s for which each length was in each bin */
 } proportions;
 
@@ -27,6 +36,6 @@ void proportions_step(const bs_model *model, const bs_person *person, const trac
                       proportions *own);
 
 /* Go on with the same evidence after more became known: a known body is used at once, a likelier one is moved to. */
-void proportions_update(const bs_model *model, const bs_person *person, proportions *own);
+void proportions_update(const bs_model *model, const bs_person *before, const bs_person *person, proportions *own);
 
 #endif

@@ -58,14 +58,17 @@ void bs_state_person(const bs_state *state, bs_person *person) {
     *person = state->person;
     memcpy(person->rest_offset, state->proportions.believed, sizeof person->rest_offset);
     memcpy(person->deviation, state->proportions.deviation, sizeof person->deviation);
+    if (state->proportions.released) person->height = NAN;
     mounts_person(&state->mounts, person);
 }
+
+int bs_state_contradicts_height(const bs_state *state) { return state->proportions.released; }
 
 bs_result bs_state_update_person(const bs_model *model, bs_state *state, const bs_person *person) {
     bs_result result = check_person(person);
     if (result != BS_OK) return result;
     mounts_update(&state->person, person, &state->mounts);
+    proportions_update(model, &state->person, person, &state->proportions);
     memcpy(&state->person, person, sizeof *person);
-    proportions_update(model, person, &state->proportions);
     return BS_OK;
 }

@@ -76,6 +76,10 @@ class TrackerState:
         """Time (s) of a person's last frame; NaN before the first."""
         return core.time_of(self.memory[k])
 
+    def contradicts_height(self, k: int = 0) -> bool:
+        """Whether the head was higher for 2 s than a person's known height allows; the height is inferred since."""
+        return core.contradicts_height(self.memory[k])
+
     def with_people(self, people: Sequence[Person]) -> TrackerState:
         """The same evidence and motion after more became known of the people.
 

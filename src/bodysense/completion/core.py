@@ -118,6 +118,7 @@ _FUNCTIONS: dict[str, tuple[Any, Sequence[Any]]] = {
     "bs_state_open": (ctypes.c_int, (_Pointer, _Pointer, _Size, _Pointer)),
     "bs_state_time": (ctypes.c_double, (_Pointer,)),
     "bs_state_person": (None, (_Pointer, _Pointer)),
+    "bs_state_contradicts_height": (ctypes.c_int, (_Pointer,)),
     "bs_state_update_person": (ctypes.c_int, (_Pointer, _Pointer, _Pointer)),
     "bs_scratch_size": (_Size, (_Pointer, ctypes.c_int)),
     "bs_step": (
@@ -197,7 +198,9 @@ def believed_person(one: PersonStruct, person: Person) -> Person:
         if not joint.endswith(SENSOR):
             mount = one.mount[default_skeleton().index(joint)]
             mounts[joint] = RigidTransform(np.array(mount.translation), np.array(mount.rotation))
-    known: dict[str, Any] = {} if person.is_told else {"height": person.height, "lengths": person.lengths}
+    known: dict[str, Any] = {}
+    if not person.is_told:
+        known = {"height": None if np.isnan(one.height) else person.height, "lengths": person.lengths}
     return Person(
         person.skeleton.with_offsets(offset),
         bone_deviation=np.frombuffer(one.deviation).copy(),
@@ -294,6 +297,11 @@ class Model:
 def time_of(state: np.ndarray) -> float:
     """Time (s) of the last frame of a state; NaN before the first."""
     return library().bs_state_time(address(state))
+
+
+def contradicts_height(state: np.ndarray) -> bool:
+    """Whether the head was higher than the known height allows, which then counts no more."""
+    return bool(library().bs_state_contradicts_height(address(state)))
 
 
 def copied(state: np.ndarray) -> np.ndarray:
