@@ -23,6 +23,7 @@ static const float SHOULDER_DOUBT = 25.0F; /* 1/m: a shoulder 4 cm off turns its
 static const float COLLAR_GIVES = 0.8F;  /* of a collar's length: what it gives an arm that is too short */
 static const float LONGEST = 0.9995F;    /* of a limb's length */
 static const float MOST_MOVED = 0.15F;   /* m that a pelvis is moved for legs that do not reach */
+static const float MOST_DRAWN = 0.1F;    /* m that a standing foot is drawn in below its hip */
 static const float SETTLE = 0.06F;       /* s in which half of what a standing pelvis lacks is made up */
 static const float STEADY = 0.7F;        /* m/s: a head that moves faster up or down jumps, sits down or rises */
 static const float LEAST_DOUBT = 1e-6F;  /* m */
@@ -332,6 +333,16 @@ static float uprightness(const body *b, const tracked *t, const pose_state *s) {
     return high > tall + 0.03F ? 0.0F : risen * calm;
 }
 
+/* Draw a foot that stands, and that its leg does not reach, in below its hip, so that it stays on the floor. */
+static vec3 drawn_in(vec3 hip, vec3 ankle, float longest) {
+    vec3 away = vec(ankle.x - hip.x, 0, ankle.z - hip.z);
+    float high = hip.y - ankle.y, far = length(away);
+    float square = longest * longest - high * high;
+    if (square >= far * far) return vec(0, 0, 0);
+    float nearest = sqrtf(fmaxf(square, 0.0F));
+    return limited(scale(away, nearest / fmaxf(far, 1e-6F) - 1.0F), MOST_DRAWN);
+}
+
 /* How much lower the pelvis must be for a leg to reach its ankle (m). */
 static float lacking_height(vec3 hip, vec3 ankle, float longest) {
     float away = (ankle.x - hip.x) * (ankle.x - hip.x) + (ankle.z - hip.z) * (ankle.z - hip.z);
@@ -370,15 +381,20 @@ static void move_legs(body *b, const tracked *t, const prediction *p, const mat3
     }
     vec3 move[2] = {{0, 0, 0}, {0, 0, 0}};
     if (settings->hold_feet) hold_feet(feet, t->floor, t->interval, uprightness(b, t, s), s->foot, move);
-    float lacking = 0.0F;
+    float lacking = 0.0F, settle = 1.0F - exp2f(-t->interval / SETTLE);
     for (int k = 0; k < 2; k++) {
-        if (s->foot[k].held == 0 || !settings->hold_feet) continue;
+        if (s->foot[k].held == 0) continue;
         float longest = LONGEST * (length(task[k].upper) + length(task[k].lower));
         vec3 ankle = add(feet[k].ankle, move[k]);
+        vec3 drawn = scale(drawn_in(b->point[LEFT_HIP + k], ankle, longest), settle);
+        s->foot[k].anchor = add(s->foot[k].anchor, drawn); /* it stays there */
+        s->foot[k].slide = add(s->foot[k].slide, drawn);
+        move[k] = add(move[k], drawn);
+        ankle = add(ankle, drawn);
         lacking = fmaxf(lacking, lacking_height(b->point[LEFT_HIP + k], ankle, longest));
     }
     if (pelvis_seen(t)) lacking = 0.0F;
-    s->standing_drop += (1.0F - exp2f(-t->interval / SETTLE)) * (fminf(lacking, MOST_MOVED) - s->standing_drop);
+    s->standing_drop += settle * (fminf(lacking, MOST_MOVED) - s->standing_drop);
     pelvis = b->point[PELVIS];
     bend_spine(b, t, vec(0, -s->standing_drop, 0));
     moved = sub(b->point[PELVIS], pelvis);
