@@ -20,7 +20,7 @@
 #define MEAN_STATURE 1.695     /* m, of adults */
 #define STATURE_DEVIATION 0.09 /* m */
 #define STANDING_NOISE 0.03    /* m, standard deviation of a standing head's height */
-#define SEATED_HEAD 1.20       /* m, head's joint of a seated adult, whose seat is the higher the taller they are */
+#define SEATED_HEAD 1.19       /* m, head's joint of a seated adult, whose seat is the higher the taller they are */
 #define SEATED_SLOPE 0.7       /* m of that a metre of stature */
 #define SEATED_NOISE 0.035     /* m, standard deviation: seats differ */
 #define LOW_HEAD 1.15          /* m: a lower head may be that of anybody who kneels or crouches */
