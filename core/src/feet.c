@@ -5,14 +5,23 @@ static const float HOLD = 0.5F, RELEASE = 0.3F; /* probability of contact from w
 static const float FADE = 0.1F;   /* s in which half of what a released foot was held back by fades */
 static const float DRAG = 0.06F;  /* m: a foot that its leg drags farther slides along */
 static const float SETTLE = 0.06F; /* s in which half of a foot's height over the floor is taken away */
+static const float SOLE = 0.015F; /* m: a foot that is over its rest height by less stands: recorded feet do */
 static const float REACH = 0.25F; /* m: a foot is moved no farther up or down to the floor */
 
 static float rest_height(const foot *f, int part) { return part == 1 ? f->ankle_rest : f->ball_rest; }
 static vec3 place(const foot *f, int part) { return part == 1 ? f->ankle : f->ball; }
 
-/* How far the lower part of a foot is over its rest height (m). */
+static float clamp(float value, float least, float most) { return fminf(fmaxf(value, least), most); }
+
+/* How far a part of a foot is too high to stand, or too low: below 0 (m). */
+static float too_high(float height, float rest, float floor) {
+    float over = height - rest - floor;
+    return over - clamp(over, 0.0F, SOLE);
+}
+
+/* How far the lower part of a foot is too high to stand (m). */
 static float height_over(const foot *f, float floor) {
-    return fminf(f->ankle.y - f->ankle_rest, f->ball.y - f->ball_rest) - floor;
+    return fminf(too_high(f->ankle.y, f->ankle_rest, floor), too_high(f->ball.y, f->ball_rest, floor));
 }
 
 /* Which part holds now: the one that held stays as long as it may, then the surer one. */
@@ -23,8 +32,6 @@ static int holding(const foot *f, int before) {
     if (fmaxf(f->ankle_contact, f->ball_contact) < HOLD) return 0;
     return f->ankle_contact > f->ball_contact + 1e-5F ? 1 : 2;
 }
-
-static float clamp(float value, float least, float most) { return fminf(fmaxf(value, least), most); }
 
 void hold_feet(const foot foot[2], float floor, float interval, float upright, foot_state state[2], vec3 move[2]) {
     float fade = exp2f(-interval / FADE), settle = 1.0F - exp2f(-interval / SETTLE);
@@ -47,7 +54,7 @@ void hold_feet(const foot foot[2], float floor, float interval, float upright, f
             float size = length(slide);
             if (size > DRAG) slide = scale(slide, DRAG / size);
             s->anchor = add(at, slide);
-            drop = at.y - rest_height(f, part[k]) - floor;
+            drop = too_high(at.y, rest_height(f, part[k]), floor);
         } else if (!any_held) {
             drop = upright * hovering; /* nobody who stands hovers */
         }

@@ -453,9 +453,10 @@ void pose_body(const bs_settings *settings, const tracked *t, const prediction *
                    pelvis_seen(t) ? (float)settings->ease : BLEND);
     bend_spine(out, t, sub(wanted, out->point[PELVIS]));
 
+    /* Legs first: the pelvis may be moved for them, and the chest with it. */
+    move_legs(out, t, p, goal, settings, changed, s);
     move_arm(out, t, goal, settings, LEFT_ARM, changed[LEFT_ARM], s);
     move_arm(out, t, goal, settings, RIGHT_ARM, changed[RIGHT_ARM], s);
-    move_legs(out, t, p, goal, settings, changed, s);
     keep_wrists(out, t, s);
     place(out, t, head);
 }
