@@ -20,7 +20,7 @@
 #define MEAN_STATURE 1.695     /* m, of adults */
 #define STATURE_DEVIATION 0.09 /* m */
 #define STANDING_NOISE 0.03    /* m, standard deviation of a standing head's height */
-#define SEATED_HEAD 1.20       /* m, head's joint of a seated adult, whose seat is the higher the taller they are */
+#define SEATED_HEAD 1.19       /* m, head's joint of a seated adult, whose seat is the higher the taller they are */
 #define SEATED_SLOPE 0.7       /* m of that a metre of stature */
 #define SEATED_NOISE 0.035     /* m, standard deviation: seats differ */
 #define LOW_HEAD 1.15          /* m: a lower head may be that of anybody who kneels or crouches */
@@ -35,7 +35,9 @@
 #define TIPTOE 0.08            /* m by which a head may be higher than at rest: shoes, tiptoe */
 #define CONTRADICTED 2.0       /* s after which a known height that is too low counts no more */
 
+#define UNKNOWN_LEG 0.06       /* m: deviations of a leg's bones together are more if nothing is known */
 #define SETTLING 3.0           /* s after which a body does not shrink any more */
+#define SHRINKING (-1.0)       /* in place of the stature that a body may not fall far below: it may */
 #define MOST_SHRINKING 0.015   /* m */
 #define MOVES 0.2              /* m/s, of the head */
 #define STILL_GROWTH 0.02      /* m/s, of the stature of a still wearer */
@@ -100,6 +102,13 @@ static bool is_known(const bs_person *person) {
     for (int p = 0; p < BS_POINTS; ++p)
         if (person->deviation[p] != 0) return false;
     return true;
+}
+
+/* Whether nothing is known of the body, not even by an earlier session. */
+static bool is_unknown(const bs_person *person) {
+    double leg = 0.0;
+    for (int p = LEFT_ANKLE; p != PELVIS; p = PARENT[p]) leg += person->deviation[p];
+    return isnan(person->height) && person->lengths == 0 && leg > UNKNOWN_LEG;
 }
 
 void proportions_start(const bs_person *person, proportions *own) {
@@ -237,8 +246,8 @@ static void fit_body(const bs_model *model, const bs_person *person, proportions
         /* A body that was guessed from a seat gives way to one that walks, if they differ by much. */
         bool mistaken = found == STANDS && own->seated && rest_height(own->believed, HEAD_TOP) < own->tallest - MISTAKEN;
         if (mistaken && own->walked > 0) {
-            own->tallest = own->seated = 0;
-            own->elapsed = LOOK; /* time to settle again */
+            own->tallest = SHRINKING;
+            own->seated = 0;
         }
         if (found != STANDS) own->seated = 1;
     }
@@ -295,11 +304,13 @@ void proportions_step(const bs_model *model, const bs_person *person, const trac
             fit_body(model, person, own);
             own->due = 0.0;
         }
-        /* Nobody has seen the body yet that the first frame suggests. */
-        if (first) memcpy(own->shown, own->believed, sizeof own->shown);
+        /* An unknown body begins as the first frame suggests, for nobody has seen it yet. */
+        if (first && is_unknown(person)) memcpy(own->shown, own->believed, sizeof own->shown);
     }
     approach(interval, own);
-    if (own->elapsed >= SETTLING) own->tallest = fmax(own->tallest, rest_height(own->shown, HEAD_TOP));
+    double stature = rest_height(own->shown, HEAD_TOP);
+    bool arrived = stature < rest_height(own->believed, HEAD_TOP) + MOST_SHRINKING;
+    if (own->elapsed >= SETTLING && (own->tallest >= 0 || arrived)) own->tallest = fmax(own->tallest, stature);
 }
 
 void proportions_update(const bs_model *model, const bs_person *before, const bs_person *person, proportions *own) {

@@ -18,7 +18,7 @@ typedef struct proportions {
     double been[3];                /* m, world: where it has been of late */
     double speed;                  /* m/s, of the head */
     double walked;                 /* s for which an upright head moved along the floor */
-    double tallest;                /* m: the stature that a body may not fall far below any more; 0 at first */
+    double tallest;                /* m: the stature that a body may not fall far below any more; 0 at first, below it while it may */
     double contradicting;          /* s for which the head has been too high for the known height */
     uint8_t seated;                /* 1: `tallest` may be a guess from a seat */
     uint8_t released;              /* 1: the head contradicted the known height, which counts no more */

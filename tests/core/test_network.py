@@ -24,6 +24,7 @@ from .network_library import BODY, TRACKED, NetworkLibrary, compiled, filled, op
 
 WEIGHTS = Path(str(files("bodysense.weights") / "completion.safetensors"))
 PEOPLE, FRAMES = 5, 25
+WRISTS = slice(5, 11)  # of a memory: where the wrists were
 SETS = (
     ("head", "left_wrist", "right_wrist"),
     ("head", "left_wrist", "right_wrist", "pelvis", "left_foot", "right_foot"),
@@ -180,6 +181,7 @@ def test_predictions_are_those_of_the_trained_networks(network: NetworkLibrary, 
         expected = (torch.nn.functional.softplus(hands.error) + 0.001).numpy()
         compare(worst, "finger error", finger_error, expected)
         after = state.rows[:, 0, :65].numpy()
+        memory[:, WRISTS] = after[:, [20, 21]].reshape(PEOPLE, 6)  # the reference's arms may be too short
         from_wrist = body["point"][:, 22:52] - body["point"][:, [20] * 15 + [21] * 15]
         compare(worst, "fingers", from_wrist, after[:, 22:52] - after[:, [20] * 15 + [21] * 15])
         means, bounds = zip(
@@ -188,8 +190,7 @@ def test_predictions_are_those_of_the_trained_networks(network: NetworkLibrary, 
         )
         compare(worst, "expected", np.log(means), parts["outputs"].confidence.log().numpy())
         compare(worst, "bound", np.log(bounds), parts["outputs"].bound.log().numpy())
-    print(worst)
-    assert max(worst.values()) < 1e-3
+    assert max(worst.values()) < 5e-4, worst
 
 
 def compare(worst: dict[str, float], name: str, got: np.ndarray, wanted: np.ndarray) -> None:
