@@ -20,6 +20,7 @@ static const float FASTEST = 10.0F; /* m/s at which a point that is seen again i
 static const float LEAVING = 0.08F, KEPT_LEG = 0.12F, KEPT_ARM = 0.35F, KEPT_RAISED = 3.0F;
 static const float KEPT_WRIST = 10.0F;   /* s: nothing tells how a lost hand is turned, and it mostly stays so */
 static const float SHOULDER_DOUBT = 25.0F; /* 1/m: a shoulder 4 cm off turns its collar half as far as a sure one */
+static const float SPINE_BACK = 0.05F;   /* of its length: how far a straight spine bends backward first */
 static const float COLLAR_GIVES = 0.8F;  /* of a collar's length: what it gives an arm that is too short */
 static const float LONGEST = 0.9995F;    /* of a limb's length */
 static const float MOST_MOVED = 0.15F;   /* m that a pelvis is moved for legs that do not reach */
@@ -61,40 +62,25 @@ static vec3 limited(vec3 v, float most) {
     return size > most ? scale(v, most / size) : v;
 }
 
-/* Ease a vector toward its goal.
- *
- * At a `break` of its motion what is output goes on with its speed for a frame, and the difference to the goal decays
- * over `span` seconds from then on. Returns what to output. */
-static vec3 eased(ease *e, vec3 goal, vec3 *goal_before, vec3 output_before, vec3 speed, float interval, bool breaks,
-                  float span) {
+/* Ease a vector toward its goal. If its motion breaks, what is output goes on with its speed for a frame, and the
+ * difference to the goal decays over `span` seconds from then on. Returns what to output. */
+static vec3 eased(ease *e, vec3 goal, vec3 output_before, vec3 speed, float interval, bool breaks, float span) {
     if (breaks) {
         vec3 offset = sub(along(output_before, limited(speed, FASTEST), interval), goal);
-        *e = ease_begin(offset, vec(0, 0, 0), span > 0.0F ? fmaxf(span, 1.875F * length(offset) / FASTEST) : 0.0F);
+        *e = ease_begin(offset, span > 0.0F ? fmaxf(span, ease_span(length(offset), FASTEST)) : 0.0F);
     } else {
-        if (e->age == 0.0F && e->span > 0.0F) {
-            vec3 goal_speed = scale(sub(goal, *goal_before), 1.0F / interval);
-            e->speed = limited(sub(speed, goal_speed), 0.5F * FASTEST);
-        }
         ease_advance(e, interval);
     }
-    *goal_before = goal;
     return add(goal, ease_offset(e));
 }
 
 /* The same for a rotation. */
-static mat3 eased_turn(ease *e, mat3 goal, mat3 *goal_before, mat3 output_before, vec3 spin, float interval,
-                       bool breaks, float span) {
+static mat3 eased_turn(ease *e, mat3 goal, mat3 output_before, vec3 spin, float interval, bool breaks, float span) {
     if (breaks) {
-        mat3 onward = turned_by(output_before, scale(spin, interval));
-        *e = ease_begin(turn_between(goal, onward), vec(0, 0, 0), span);
+        *e = ease_begin(turn_between(goal, turned_by(output_before, scale(spin, interval))), span);
     } else {
-        if (e->age == 0.0F && e->span > 0.0F) {
-            vec3 goal_spin = scale(turn_between(*goal_before, goal), 1.0F / interval);
-            e->speed = limited(sub(spin, goal_spin), 10.0F);
-        }
         ease_advance(e, interval);
     }
-    *goal_before = goal;
     return turned_by(goal, ease_offset(e));
 }
 
@@ -168,7 +154,9 @@ static void bend_spine(body *b, const tracked *t, vec3 move) {
     if (dot(move, move) < 1e-12F) return;
     vec3 neck = b->point[NECK];
     vec3 upper = sub(b->point[SPINE2], neck), lower = sub(b->point[SPINE1], b->point[SPINE2]);
-    two_bones to = reach(add(sub(b->point[SPINE1], neck), move), length(upper), length(lower), upper);
+    /* A spine that is straight bends backward. */
+    vec3 side = along(upper, b->rotation[SPINE3].z, -SPINE_BACK * length(upper));
+    two_bones to = reach(add(sub(b->point[SPINE1], neck), move), length(upper), length(lower), side);
     b->rotation[SPINE3] = turned_onto(b->rotation[SPINE3], upper, to.middle);
     b->rotation[SPINE2] = turned_onto(b->rotation[SPINE2], upper, to.middle);
     b->rotation[SPINE1] = turned_onto(b->rotation[SPINE1], lower, sub(to.end, to.middle));
@@ -225,9 +213,9 @@ static void ease_limb(limb_task *task, const tracked *t, const bs_settings *sett
     float ease_seen = (float)settings->ease;
     bool end_breaks = found || (begun && seen != l->seen && l->lost < 0.0F) || (changed && seen == 0 && l->lost < 0.0F);
     bool middle_breaks = begun && (middle_seen != (l->middle_seen != 0) || (changed && !middle_seen && l->lost < 0.0F) || found);
-    end = eased(&l->end, end, &l->end_goal, l->end_output, l->end_speed, t->interval, end_breaks,
+    end = eased(&l->end, end, l->end_output, l->end_speed, t->interval, end_breaks,
                 seen == 2 ? ease_seen : BLEND);
-    middle = eased(&l->middle, middle, &l->middle_goal, l->middle_output, l->middle_speed, t->interval, middle_breaks,
+    middle = eased(&l->middle, middle, l->middle_output, l->middle_speed, t->interval, middle_breaks,
                    middle_seen ? ease_seen : BLEND);
     task->end = from_heading(end, c, sine);
     task->middle = from_heading(middle, c, sine);
@@ -448,7 +436,7 @@ void pose_body(const bs_settings *settings, const tracked *t, const prediction *
         bool wrist = j == LEFT_WRIST || j == RIGHT_WRIST;
         bool breaks = wrist ? came && known : came || (changed[GROUP[j]] && !known);
         float span = known ? (float)settings->ease : BLEND;
-        out->rotation[j] = eased_turn(&s->turn[j], goal[j], &s->goal[j], s->rotation[j], s->spin[j], interval, breaks, span);
+        out->rotation[j] = eased_turn(&s->turn[j], goal[j], s->rotation[j], s->spin[j], interval, breaks, span);
     }
 
     /* The body hangs on its head, or on its pelvis, or on what is seen. */
@@ -456,7 +444,7 @@ void pose_body(const bs_settings *settings, const tracked *t, const prediction *
     vec3 head = add(p->head, placement(out, t, p));
     bool head_breaks = begun && (t->has_position[HEAD] != (s->had_position[HEAD] != 0) ||
                                  (!t->has_position[HEAD] && (changed[TRUNK] || changed[LEFT_ARM] || changed[RIGHT_ARM])));
-    head = eased(&s->head, head, &s->head_goal, s->point[HEAD], s->head_speed, interval, head_breaks,
+    head = eased(&s->head, head, s->point[HEAD], s->head_speed, interval, head_breaks,
                  t->has_position[HEAD] ? (float)settings->ease : BLEND);
     place(out, t, head);
 
@@ -465,7 +453,7 @@ void pose_body(const bs_settings *settings, const tracked *t, const prediction *
                                                       s->had_position[RIGHT_HIP]) ||
                                    t->has_position[PELVIS] != (s->had_position[PELVIS] != 0));
     vec3 wanted = add(out->point[PELVIS], pelvis_off(out, t));
-    wanted = eased(&s->pelvis, wanted, &s->pelvis_goal, s->point[PELVIS], s->pelvis_speed, interval, pelvis_breaks,
+    wanted = eased(&s->pelvis, wanted, s->point[PELVIS], s->pelvis_speed, interval, pelvis_breaks,
                    pelvis_seen(t) ? (float)settings->ease : BLEND);
     bend_spine(out, t, sub(wanted, out->point[PELVIS]));
 
