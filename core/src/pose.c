@@ -20,10 +20,11 @@ static const float FASTEST = 10.0F; /* m/s at which a point that is seen again i
 static const float LEAVING = 0.08F, KEPT_LEG = 0.12F, KEPT_ARM = 0.35F, KEPT_RAISED = 3.0F;
 static const float KEPT_WRIST = 10.0F;   /* s: nothing tells how a lost hand is turned, and it mostly stays so */
 static const float SHOULDER_DOUBT = 25.0F; /* 1/m: a shoulder 4 cm off turns its collar half as far as a sure one */
-static const float SPINE_BACK = 0.05F;   /* of its length: how far a straight spine bends backward first */
+static const float SPINE_BACK = 0.3F;   /* of its length: how far a straight spine bends backward first */
 static const float COLLAR_GIVES = 0.8F;  /* of a collar's length: what it gives an arm that is too short */
 static const float LONGEST = 0.9995F;    /* of a limb's length */
 static const float MOST_MOVED = 0.15F;   /* m that a pelvis is moved for legs that do not reach */
+#define PULLS 6 /* times that legs pull a pelvis */
 static const float MOST_DRAWN = 0.1F;    /* m that a standing foot is drawn in below its hip */
 static const float SETTLE = 0.06F;       /* s in which half of what a standing pelvis lacks is made up */
 static const float STEADY = 0.7F;        /* m/s: a head that moves faster up or down jumps, sits down or rises */
@@ -106,6 +107,10 @@ static void rotation_goals(const tracked *t, const prediction *p, mat3 goal[BODY
         float square = dot(bone, bone);
         goal[joint] = turned_onto(goal[joint], bone, mix(bone, apart, square / (square + doubt * doubt)));
     }
+    if (!known_rotation(t, PELVIS) && t->has_position[LEFT_HIP] && t->has_position[RIGHT_HIP]) {
+        vec3 line = rotate(goal[PELVIS], sub(t->rest_offset[LEFT_HIP], t->rest_offset[RIGHT_HIP]));
+        goal[PELVIS] = turned_onto(goal[PELVIS], line, sub(t->position[LEFT_HIP], t->position[RIGHT_HIP]));
+    }
 }
 
 /* ---- trunk ------------------------------------------------------------------------------------------------------- */
@@ -148,16 +153,26 @@ static bool pelvis_seen(const tracked *t) {
     return t->has_position[PELVIS] || t->has_position[LEFT_HIP] || t->has_position[RIGHT_HIP];
 }
 
+/* Turn the neck so that a measured chest, whose rotation is known, is where it is below a measured head. */
+static void turn_neck(body *b, const tracked *t) {
+    if (!t->has_position[HEAD] || !t->has_position[SPINE3] || known_rotation(t, NECK)) return;
+    vec3 neck = add(t->position[SPINE3], rotate(b->rotation[SPINE3], t->rest_offset[NECK]));
+    vec3 before = sub(b->point[HEAD], b->point[NECK]);
+    b->rotation[NECK] = turned_onto(b->rotation[NECK], before, sub(b->point[HEAD], neck));
+    place(b, t, b->point[HEAD]);
+}
+
 /* Bend the spine so that the pelvis, which keeps its rotation, moves. Between the neck and the lowest joint of the spine
- * are two bones, of which the upper one is stiff. */
+ * are two bones, of which the upper one is stiff; between a measured chest and that joint as well. */
 static void bend_spine(body *b, const tracked *t, vec3 move) {
     if (dot(move, move) < 1e-12F) return;
-    vec3 neck = b->point[NECK];
-    vec3 upper = sub(b->point[SPINE2], neck), lower = sub(b->point[SPINE1], b->point[SPINE2]);
+    bool chest = t->has_position[SPINE3] || known_rotation(t, SPINE3);
+    vec3 top = b->point[chest ? SPINE3 : NECK];
+    vec3 upper = sub(b->point[SPINE2], top), lower = sub(b->point[SPINE1], b->point[SPINE2]);
     /* A spine that is straight bends backward. */
     vec3 side = along(upper, b->rotation[SPINE3].z, -SPINE_BACK * length(upper));
-    two_bones to = reach(add(sub(b->point[SPINE1], neck), move), length(upper), length(lower), side);
-    b->rotation[SPINE3] = turned_onto(b->rotation[SPINE3], upper, to.middle);
+    two_bones to = reach(add(sub(b->point[SPINE1], top), move), length(upper), length(lower), side);
+    if (!chest) b->rotation[SPINE3] = turned_onto(b->rotation[SPINE3], upper, to.middle);
     b->rotation[SPINE2] = turned_onto(b->rotation[SPINE2], upper, to.middle);
     b->rotation[SPINE1] = turned_onto(b->rotation[SPINE1], lower, sub(to.end, to.middle));
     place(b, t, b->point[HEAD]);
@@ -294,17 +309,29 @@ static vec3 leg_lack(const limb_task *task) {
     return task->end_seen && lacking > 0.0F ? scale(unit(task->end), lacking) : vec(0, 0, 0);
 }
 
-/* Move a pelvis that is not measured so that legs reach their measured joints. */
-static void move_pelvis_to_legs(body *b, const tracked *t, const limb_task task[2]) {
-    if (pelvis_seen(t)) return;
-    vec3 lack = vec(0, 0, 0);
-    float count = 0.0F;
-    for (int k = 0; k < 2; k++) {
-        if (!task[k].middle_seen && !task[k].end_seen) continue;
-        lack = add(lack, leg_lack(&task[k]));
-        count += 1.0F;
+/* Move a pelvis that is not measured so that legs reach their measured joints. Returns by how much it moved. */
+static vec3 move_pelvis_to_legs(body *b, const tracked *t, limb_task task[2]) {
+    vec3 before = b->point[PELVIS], moved = vec(0, 0, 0);
+    if (pelvis_seen(t)) return moved;
+    for (int round = 0; round < PULLS; round++) {
+        vec3 lack = vec(0, 0, 0), old = b->point[PELVIS];
+        float count = 0.0F;
+        for (int k = 0; k < 2; k++) {
+            if (!task[k].middle_seen && !task[k].end_seen) continue;
+            lack = add(lack, leg_lack(&task[k]));
+            count += 1.0F;
+        }
+        if (count == 0.0F) return moved;
+        vec3 move = limited(add(moved, scale(lack, 1.0F / count)), MOST_MOVED);
+        bend_spine(b, t, sub(move, moved));
+        vec3 step = sub(b->point[PELVIS], old);
+        for (int k = 0; k < 2; k++) {
+            if (task[k].end_seen) task[k].end = sub(task[k].end, step);
+            if (task[k].middle_seen) task[k].middle = sub(task[k].middle, step);
+        }
+        moved = sub(b->point[PELVIS], before);
     }
-    if (count > 0.0F) bend_spine(b, t, limited(scale(lack, 1.0F / count), MOST_MOVED));
+    return moved;
 }
 
 static float rest_height(const tracked *t, int point) {
@@ -343,17 +370,11 @@ static void move_legs(body *b, const tracked *t, const prediction *p, const mat3
     limb_task task[2];
     float c, sine;
     for (int k = 0; k < 2; k++) task[k] = limb_goal(t, LEFT_LEG + k, goal, b->point[LEFT_HIP + k]);
-    vec3 pelvis = b->point[PELVIS];
     move_pelvis_to_legs(b, t, task);
-    vec3 moved = sub(b->point[PELVIS], pelvis);
     limb_heading(b, LEFT_LEG, &c, &sine);
     foot feet[2];
     for (int k = 0; k < 2; k++) {
         const limb_joints *j = &LIMB[LEFT_LEG + k];
-        if (task[k].end_seen || task[k].middle_seen) {
-            if (task[k].end_seen) task[k].end = sub(task[k].end, moved);
-            if (task[k].middle_seen) task[k].middle = sub(task[k].middle, moved);
-        }
         ease_limb(&task[k], t, settings, LEFT_LEG + k, changed[LEFT_LEG + k], c, sine, s->begun, &s->limb[LEFT_LEG + k]);
         two_bones to = solve_limb(&task[k]);
         int ball = LEFT_FOOT + k, toe = LEFT_TOE + k;
@@ -383,9 +404,9 @@ static void move_legs(body *b, const tracked *t, const prediction *p, const mat3
     }
     if (pelvis_seen(t)) lacking = 0.0F;
     s->standing_drop += settle * (fminf(lacking, MOST_MOVED) - s->standing_drop);
-    pelvis = b->point[PELVIS];
+    vec3 pelvis = b->point[PELVIS];
     bend_spine(b, t, vec(0, -s->standing_drop, 0));
-    moved = sub(b->point[PELVIS], pelvis);
+    vec3 moved = sub(b->point[PELVIS], pelvis);
     for (int k = 0; k < 2; k++) {
         /* Feet stay where they are when the pelvis is lowered for them. */
         vec3 shift = sub(move[k], moved);
@@ -447,6 +468,8 @@ void pose_body(const bs_settings *settings, const tracked *t, const prediction *
     head = eased(&s->head, head, s->point[HEAD], s->head_speed, interval, head_breaks,
                  t->has_position[HEAD] ? (float)settings->ease : BLEND);
     place(out, t, head);
+
+    turn_neck(out, t);
 
     /* The spine bends to a measured pelvis. */
     bool pelvis_breaks = begun && (pelvis_seen(t) != (s->had_position[PELVIS] || s->had_position[LEFT_HIP] ||
