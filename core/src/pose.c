@@ -216,6 +216,7 @@ static void ease_limb(limb_task *task, const tracked *t, const bs_settings *sett
         l->middle_kept = l->middle_output;
         l->end_leaving = limited(l->end_speed, FASTEST);
         l->lost = 0.0F;
+        l->end = l->middle = ease_begin(vec(0, 0, 0), 0.0F); /* what is kept is what was output, eased or not */
     }
     if (seen > 0 || middle_seen || !begun) l->lost = -1.0F;
     if (l->lost >= 0.0F) {
@@ -309,29 +310,40 @@ static vec3 leg_lack(const limb_task *task) {
     return task->end_seen && lacking > 0.0F ? scale(unit(task->end), lacking) : vec(0, 0, 0);
 }
 
-/* Move a pelvis that is not measured so that legs reach their measured joints. Returns by how much it moved. */
-static vec3 move_pelvis_to_legs(body *b, const tracked *t, limb_task task[2]) {
-    vec3 before = b->point[PELVIS], moved = vec(0, 0, 0);
-    if (pelvis_seen(t)) return moved;
-    for (int round = 0; round < PULLS; round++) {
-        vec3 lack = vec(0, 0, 0), old = b->point[PELVIS];
+/* Move the pelvis by bending the spine. Measured joints of the legs stay where they are. */
+static void move_pelvis(body *b, const tracked *t, limb_task task[2], vec3 move) {
+    vec3 before = b->point[PELVIS];
+    bend_spine(b, t, move);
+    vec3 moved = sub(b->point[PELVIS], before);
+    for (int k = 0; k < 2; k++) {
+        if (task[k].end_seen) task[k].end = sub(task[k].end, moved);
+        if (task[k].middle_seen) task[k].middle = sub(task[k].middle, moved);
+    }
+}
+
+/* Move a pelvis that is not measured so that legs reach their measured joints. */
+static void pull_pelvis(body *b, const tracked *t, pose_state *s, limb_task task[2]) {
+    vec3 before = b->point[PELVIS];
+    uint8_t pulling = 0;
+    for (int k = 0; k < 2; k++)
+        if (!pelvis_seen(t)) pulling |= (uint8_t)((task[k].middle_seen ? 1 : 0) + (task[k].end_seen ? 2 : 0)) << 2 * k;
+    for (int round = 0; round < PULLS && pulling != 0; round++) {
+        vec3 lack = vec(0, 0, 0);
         float count = 0.0F;
         for (int k = 0; k < 2; k++) {
             if (!task[k].middle_seen && !task[k].end_seen) continue;
             lack = add(lack, leg_lack(&task[k]));
             count += 1.0F;
         }
-        if (count == 0.0F) return moved;
-        vec3 move = limited(add(moved, scale(lack, 1.0F / count)), MOST_MOVED);
-        bend_spine(b, t, sub(move, moved));
-        vec3 step = sub(b->point[PELVIS], old);
-        for (int k = 0; k < 2; k++) {
-            if (task[k].end_seen) task[k].end = sub(task[k].end, step);
-            if (task[k].middle_seen) task[k].middle = sub(task[k].middle, step);
-        }
-        moved = sub(b->point[PELVIS], before);
+        vec3 moved = sub(b->point[PELVIS], before);
+        move_pelvis(b, t, task, sub(limited(along(moved, lack, 1.0F / count), MOST_MOVED), moved));
     }
-    return moved;
+    vec3 moved = sub(b->point[PELVIS], before);
+    bool breaks = s->begun && pulling != s->pulling;
+    vec3 shown = eased(&s->pull, moved, s->pulled, vec(0, 0, 0), t->interval, breaks, BLEND);
+    move_pelvis(b, t, task, sub(shown, moved));
+    s->pulling = pulling;
+    s->pulled = sub(b->point[PELVIS], before);
 }
 
 static float rest_height(const tracked *t, int point) {
@@ -370,7 +382,7 @@ static void move_legs(body *b, const tracked *t, const prediction *p, const mat3
     limb_task task[2];
     float c, sine;
     for (int k = 0; k < 2; k++) task[k] = limb_goal(t, LEFT_LEG + k, goal, b->point[LEFT_HIP + k]);
-    move_pelvis_to_legs(b, t, task);
+    pull_pelvis(b, t, s, task);
     limb_heading(b, LEFT_LEG, &c, &sine);
     foot feet[2];
     for (int k = 0; k < 2; k++) {

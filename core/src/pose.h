@@ -35,6 +35,9 @@ typedef struct pose_state {
     ease turn[BODY_JOINTS];        /* rad, world */
     ease head, pelvis;             /* m, world */
     vec3 head_speed, pelvis_speed; /* m/s */
+    ease pull;
+    vec3 pulled;                   /* m, by how much measured legs moved the pelvis */
+    uint8_t pulling;               /* which measured joints of legs did */
     float standing_drop;           /* m, by how much the pelvis is lowered so that feet reach the floor */
     limb_state limb[LIMBS];
     foot_state foot[2];
