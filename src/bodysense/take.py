@@ -225,10 +225,10 @@ def _interval(observation: Observation, settings: TrackerSettings) -> float:
     if len(observation) < 2:
         return 1 / _USUAL_RATE
     interval = float(np.median(np.diff(observation.time)))
-    if interval > settings.clock.longest_gap:
+    if interval > settings.longest_gap:
         raise BodysenseError(
             f"its frames are {interval:g} s apart ({1 / interval:.3g} Hz), too far for one motion; give at least "
-            f"{1 / settings.clock.longest_gap:g} Hz, or times in seconds"
+            f"{1 / settings.longest_gap:g} Hz, or times in seconds"
         )
     return interval
 

@@ -77,7 +77,6 @@ def track(  # noqa: PLR0915
     person: Path | None = None,
     save_person: Path | None = None,
     hold_feet: bool = True,
-    refine: bool = False,
     noise: bool = False,
     model: Path | None = None,
     fingers: Literal["tracked", "synthesize"] = "tracked",
@@ -107,7 +106,6 @@ def track(  # noqa: PLR0915
         person: wearer's file, written by --save-person.
         save_person: JSON file for the wearer, as believed at the end.
         hold_feet: hold feet that stand, and keep them over the floor.
-        refine: meet measured points between head, hands and feet to millimetres, by inverse kinematics; slower.
         noise: errors of a simulated device as real ones have them.
         model: completion network of your own; the packaged one if omitted. With --samples, a video, or fingers of a
             motion: the network of that.
@@ -139,7 +137,7 @@ def track(  # noqa: PLR0915
         if missing is not None or noise or save_person is not None:
             raise BodysenseError(f"{file}: --missing, --noise and --save-person are not for videos")
         _check_video_options(file, reading, person)
-        settings = TrackerSettings(hold_feet=hold_feet, refine=refine)
+        settings = TrackerSettings(hold_feet=hold_feet)
         track_video(str(file), out, video, model, person_of(person, reading.height), rig, settings)
         return
     if video != NO_VIDEO:
@@ -166,7 +164,7 @@ def track(  # noqa: PLR0915
             print(f"wrote {path}")
         return
     network = None if model is None else load_completion(model)
-    settings = TrackerSettings(floor=floor, hold_feet=hold_feet, refine=refine)
+    settings = TrackerSettings(floor=floor, hold_feet=hold_feet)
     begun = time.perf_counter()
     with Progress(transient=True) as progress:
         bar = progress.add_task(f"tracking {file.name}", total=None)

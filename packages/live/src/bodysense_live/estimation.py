@@ -52,9 +52,7 @@ class Pipeline:
         """The state in which this pipeline goes on from where another one of the same person was."""
         tracker, people = state.tracker, self.tracker.people
         if people != before.tracker.people:
-            tracker = TrackerState(
-                tracker.time, tracker.network, tracker.proportions.told(people), tracker.mounts.told(people)
-            )
+            tracker = tracker.with_people(people)
         if self.device is before.device:
             return PipelineState(tracker, state.device)
         return PipelineState(tracker, None if self.device is None else self.device.start())

@@ -60,8 +60,9 @@ def step(
         model: completion network of your own; the packaged one if omitted.
         json: write the numbers here, as one flat object.
     """
-    from bodysense.body.person import Person
     from bodysense.completion.inputs import frames_of
+
+    from bodysense.body.person import Person
     from bodysense.completion.model import PACKAGED, load_completion
     from bodysense.demo import performance_of_stranger
     from bodysense.devices.simulated.sensors import SENSOR_SETS, observe

@@ -1,0 +1,48 @@
+/* Expected errors, made true by a map that was fitted to what the network errs. */
+#include <string.h>
+
+#include "model.h"
+#include "network.h"
+
+#define TRACKED_ERROR 0.001F /* m: stands for the expected error of points that are tracked */
+#define NORMAL_BOUND 1.567F  /* 90 % quantile of the length of normal errors in space, by their mean */
+
+static const signed char WRIST[2] = {LEFT_WRIST, RIGHT_WRIST};
+
+static float larger(float a, float b) { return a > b ? a : b; }
+
+void expected_errors(const bs_model *model, const tracked *seen, const prediction *predicted,
+                     const float finger_error[2 * HAND_POINTS], const float off[BS_POINTS],
+                     float confidence[BS_POINTS], float bound[BS_POINTS]) {
+    float known[ERROR_KNOWN + ERROR_HIDDEN], inside[ERROR_HIDDEN];
+    float log_error[(2 * PLACED_POINTS + GROUP - 1) / GROUP * GROUP]; /* means, then bounds */
+    float *to = known;
+    for (int k = 0; k < PLACED_POINTS; k++)
+        *to++ = logarithm(seen->has_position[PLACED[k]] ? TRACKED_ERROR : predicted->error[k]);
+    for (int k = 0; k < PLACED_POINTS; k++) *to++ = seen->has_position[PLACED[k]] ? 1.0F : 0.0F;
+    for (int joint = 0; joint < BODY_JOINTS; joint++) *to++ = seen->has_rotation[joint] ? 1.0F : 0.0F;
+    for (int k = 0; k < PLACED_POINTS; k++) *to++ = seen->deviation[PLACED[k]];
+    memcpy(inside, model->error_inward_offset, sizeof inside);
+    table_multiply_add(&model->error_inward, 1, known, 0, inside, 0);
+    for (int k = 0; k < ERROR_HIDDEN; k++) *to++ = hyperbolic_tangent(inside[k]);
+    memcpy(log_error, model->error_offset, sizeof log_error);
+    table_multiply_add(&model->error_weight, 1, known, 0, log_error, 0);
+
+    for (int k = 0; k < PLACED_POINTS; k++) {
+        confidence[PLACED[k]] = exponential(log_error[k]);
+        bound[PLACED[k]] = exponential(log_error[PLACED_POINTS + k]);
+    }
+    for (int k = 0; k < 2 * HAND_POINTS; k++) { /* a finger is misplaced by its wrist's error as well */
+        const int hand = k / HAND_POINTS, place = k % HAND_POINTS;
+        const int point = place < HAND_JOINTS ? (hand ? RIGHT_INDEX1 : LEFT_INDEX1) + place
+                                              : (hand ? RIGHT_INDEX_TIP : LEFT_INDEX_TIP) + 2 * (place - HAND_JOINTS);
+        const int wrist = WRIST[hand];
+        confidence[point] = exponential(log_error[wrist]) + finger_error[k];
+        bound[point] = exponential(log_error[PLACED_POINTS + wrist]) + finger_error[k] * NORMAL_BOUND;
+    }
+    for (int p = 0; p < BS_POINTS; p++) {
+        if (!seen->has_position[p]) continue;
+        confidence[p] = larger(seen->accuracy[p], off[p]);
+        bound[p] = NORMAL_BOUND * confidence[p];
+    }
+}

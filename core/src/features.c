@@ -1,0 +1,158 @@
+/* Features: what is tracked of a body, in the frame under the head and at one stature, as the network reads it. */
+#include "features.h"
+
+#include <string.h>
+
+#define SHORTEST_LINE 0.1F     /* m: a shorter line from right to left gives no heading */
+#define LEAST_TURN 1e-6F       /* of a head that is upside down, which has no heading of its own */
+#define HEAD_HEIGHT 1.5F       /* m, of the head joint of the reference stature above the soles */
+#define FLATTEST 1e-6F         /* of that: no body is lower */
+#define FINEST 1e-4F           /* m: no point is more accurate */
+#define FASTEST 5.0F           /* m/s at the reference stature */
+#define SWIFTEST 15.0F         /* change of axes per second */
+#define STRONGEST 50.0F        /* m/s² at the reference stature */
+#define REACH 16.0F            /* no feature is larger */
+#define BONE_SCALE 20.0F       /* 1/m: 5 cm are 1 */
+#define ACCELERATION_SCALE 0.1F /* s²/m */
+#define USUAL_RATE 30.0F       /* 1/s */
+
+static const signed char SPINNING_JOINT[SPINNING] = {HEAD, LEFT_WRIST, RIGHT_WRIST};
+static const signed char STRAPPED[STRAPPED_JOINTS] = {PELVIS,        SPINE3,         LEFT_HIP,   RIGHT_HIP,
+                                                      LEFT_KNEE,     RIGHT_KNEE,     LEFT_ANKLE, RIGHT_ANKLE,
+                                                      LEFT_SHOULDER, RIGHT_SHOULDER, LEFT_ELBOW, RIGHT_ELBOW};
+
+static bool turned(const tracked *seen, int joint) { return seen->has_rotation[joint] || seen->implied[joint]; }
+
+head_frame find_frame(const tracked *seen, const remembered *last) {
+    static const signed char PAIR[3][2] = {
+        {LEFT_HIP, RIGHT_HIP}, {LEFT_SHOULDER, RIGHT_SHOULDER}, {LEFT_ANKLE, RIGHT_ANKLE}};
+    float cosine = last->cosine, sine = last->sine;
+    vec3 line = vec(0, 0, 0); /* from right to left */
+    for (int k = 0; k < 3; k++) {
+        const int left = PAIR[k][0], right = PAIR[k][1];
+        if (seen->has_position[left] && seen->has_position[right])
+            line = add(line, sub(seen->position[left], seen->position[right]));
+    }
+    if (line.x * line.x + line.z * line.z > SHORTEST_LINE * SHORTEST_LINE) cosine = line.x, sine = -line.z;
+    for (int k = 0; k < 2; k++) { /* the twist of a rotation about +Y, which is steady when it looks up or down */
+        const int joint = k ? HEAD : PELVIS;
+        if (!turned(seen, joint)) continue;
+        const mat3 *m = &seen->rotation[joint];
+        cosine = m->x.x + m->z.z, sine = m->z.x - m->x.z;
+    }
+    cosine += LEAST_TURN * last->cosine, sine += LEAST_TURN * last->sine;
+    const float size = sqrtf(cosine * cosine + sine * sine);
+    const vec3 head = seen->position[HEAD];
+    const head_frame frame = {vec(head.x, seen->floor, head.z), cosine / size, sine / size};
+    const head_frame unturned = {frame.origin, last->cosine, last->sine};
+    return size > 1e-12F ? frame : unturned;
+}
+
+float stature(const vec3 rest_offset[BS_POINTS]) {
+    float height[BODY_JOINTS], lowest = 0; /* m, above the pelvis */
+    height[0] = 0;
+    for (int k = 1; k < PLACED_POINTS; k++) {
+        const int point = PLACED[k];
+        const float here = height[PARENT[point]] + rest_offset[point].y;
+        if (point < BODY_JOINTS) height[point] = here;
+        lowest = here < lowest ? here : lowest;
+    }
+    return (height[HEAD] - lowest) / HEAD_HEIGHT + FLATTEST;
+}
+
+reading read_person(const tracked *seen, const remembered *last) {
+    static const signed char KNUCKLE[2][4] = {{LEFT_INDEX1, LEFT_MIDDLE1, LEFT_RING1, LEFT_PINKY1},
+                                              {RIGHT_INDEX1, RIGHT_MIDDLE1, RIGHT_RING1, RIGHT_PINKY1}};
+    reading read;
+    read.size = stature(seen->rest_offset);
+    read.interval = last->elapsed + seen->interval;
+    for (int k = 0; k < PLACED_POINTS; k++) {
+        read.place[k] = seen->position[PLACED[k]];
+        read.has_place[k] = seen->has_position[PLACED[k]];
+    }
+    for (int hand = 0; hand < 2; hand++) {
+        vec3 sum = vec(0, 0, 0);
+        bool all = true;
+        for (int k = 0; k < 4; k++) {
+            sum = add(sum, seen->position[KNUCKLE[hand][k]]);
+            all = all && seen->has_position[KNUCKLE[hand][k]];
+        }
+        read.place[PLACED_POINTS + hand] = scale(sum, 0.25F);
+        read.has_place[PLACED_POINTS + hand] = all;
+    }
+    for (int joint = 0; joint < BODY_JOINTS; joint++) read.has_axes[joint] = turned(seen, joint);
+    return read;
+}
+
+static int partner_read(int k) {
+    if (k >= PLACED_POINTS) return 2 * PLACED_POINTS + 1 - k;
+    const int partner = PARTNER[PLACED[k]];
+    for (int other = 0; other < PLACED_POINTS; other++) {
+        if (PLACED[other] == partner) return other;
+    }
+    return k;
+}
+
+void write_features(const bs_model *model, const tracked *seen, const reading *read, head_frame frame,
+                    const remembered *last, bool mirrored, float *out) {
+    const float smaller = 1.0F / read->size, rate = 1.0F / read->interval;
+    const vec3 none = vec(0, 0, 0);
+    float *first = out;
+    int source[READ_POINTS];
+    for (int k = 0; k < READ_POINTS; k++) source[k] = mirrored ? partner_read(k) : k;
+
+    for (int k = 0; k < READ_POINTS; k++) {
+        const vec3 v = scale(to_frame(frame, sub(read->place[source[k]], frame.origin)), smaller);
+        out = put(out, !read->has_place[source[k]] ? none : mirrored ? reflected(v) : v);
+    }
+    for (int k = 0; k < READ_POINTS; k++) *out++ = read->has_place[source[k]] ? 1.0F : 0.0F;
+    for (int k = 0; k < READ_POINTS; k++) {
+        const int s = source[k];
+        const vec3 moved = sub(read->place[s], last->place[s]);
+        const vec3 v = limited(scale(to_frame(frame, moved), smaller * rate), FASTEST);
+        out = put(out, !read->has_place[s] || last->had_place[s] < 0.5F ? none : mirrored ? reflected(v) : v);
+    }
+    for (int k = 0; k < READ_POINTS; k++) {
+        static const signed char KNUCKLE[2] = {LEFT_INDEX1, RIGHT_INDEX1};
+        const int s = source[k], point = s < PLACED_POINTS ? PLACED[s] : KNUCKLE[s - PLACED_POINTS];
+        const float accuracy = seen->accuracy[point] > FINEST ? seen->accuracy[point] : FINEST;
+        *out++ = read->has_place[s] ? (logarithm(accuracy) + 6.90775528F) * 0.434294482F : 0.0F; /* log10 of mm */
+    }
+    for (int joint = 0; joint < BODY_JOINTS; joint++) {
+        const int s = mirrored ? PARTNER[joint] : joint;
+        const vec3 x = to_frame(frame, seen->rotation[s].x), y = to_frame(frame, seen->rotation[s].y);
+        if (!read->has_axes[s]) out = put_axes(out, none, none);
+        else out = mirrored ? put_axes(out, scale(reflected(x), -1), reflected(y)) : put_axes(out, x, y);
+    }
+    for (int joint = 0; joint < BODY_JOINTS; joint++)
+        *out++ = read->has_axes[mirrored ? PARTNER[joint] : joint] ? 1.0F : 0.0F;
+    for (int k = 0; k < SPINNING; k++) {
+        const int s = mirrored && k ? SPINNING - k : k, joint = SPINNING_JOINT[s];
+        const vec3 dx = sub(seen->rotation[joint].x, last->axis[s][0]);
+        const vec3 dy = sub(seen->rotation[joint].y, last->axis[s][1]);
+        const vec3 x = limited(scale(to_frame(frame, dx), rate), SWIFTEST);
+        const vec3 y = limited(scale(to_frame(frame, dy), rate), SWIFTEST);
+        if (!read->has_axes[joint] || last->had_axes[s] < 0.5F) out = put_axes(out, none, none);
+        else out = mirrored ? put_axes(out, scale(reflected(x), -1), reflected(y)) : put_axes(out, x, y);
+    }
+    for (int k = 0; k < PLACED_POINTS; k++) {
+        const int s = source[k];
+        const float *usual = model->usual_bones + (size_t)(3 * s);
+        const vec3 bone = sub(scale(seen->rest_offset[PLACED[s]], smaller), vec(usual[0], usual[1], usual[2]));
+        const vec3 v = scale(bone, s ? BONE_SCALE : 0.0F); /* the pelvis hangs on nothing */
+        out = put(out, mirrored ? reflected(v) : v);
+    }
+    for (int k = 0; k < PLACED_POINTS; k++) *out++ = BONE_SCALE * seen->deviation[PLACED[source[k]]];
+    *out++ = USUAL_RATE * read->interval;
+    if (model->features >= FEATURES_ACCELERATION) {
+        for (int k = 0; k < STRAPPED_JOINTS; k++) {
+            const int joint = mirrored ? PARTNER[STRAPPED[k]] : STRAPPED[k];
+            const vec3 felt = limited(scale(to_frame(frame, seen->acceleration[joint]), smaller), STRONGEST);
+            const vec3 v = scale(felt, ACCELERATION_SCALE);
+            out = put(out, !seen->has_acceleration[joint] ? none : mirrored ? reflected(v) : v);
+        }
+        for (int k = 0; k < STRAPPED_JOINTS; k++)
+            *out++ = seen->has_acceleration[mirrored ? PARTNER[STRAPPED[k]] : STRAPPED[k]] ? 1.0F : 0.0F;
+    }
+    for (float *at = first; at < out; at++) *at = clamp(*at, -REACH, REACH);
+}

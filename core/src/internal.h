@@ -1,0 +1,61 @@
+/* What the parts of a step share. The way of a frame:
+ *
+ *     clock, mounts, proportions (person.c) → what is tracked (tracked.c) → features (features.c) → network (network.c,
+ *     matrix.c) → blending (blend.c) → measured points, limbs, feet (pose.c, limbs.c, feet.c) → fingers (fingers.c) →
+ *     expected errors (errors.c) → local rotations
+ */
+#ifndef BODYSENSE_INTERNAL_H
+#define BODYSENSE_INTERNAL_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "../include/bodysense.h"
+#include "skeleton.h"
+#include "vector.h"
+
+/* What is tracked of one person in one frame: joints in place of the trackers that they carry. Places count from
+ * `base`, which is whole metres, so that they are as exact far from the world's origin as near it. */
+typedef struct tracked {
+    double base[3];                 /* m, world */
+    float interval;                 /* s since the frame before */
+    float floor;                    /* m, height of the floor from base */
+    bool has_position[BS_POINTS];
+    bool has_rotation[BS_JOINTS];   /* measured */
+    bool implied[BS_JOINTS];        /* of a joint that branches: measured points on it imply its rotation */
+    vec3 position[BS_POINTS];       /* m, from base */
+    mat3 rotation[BS_JOINTS];       /* world ← joint; measured or implied */
+    float accuracy[BS_POINTS];      /* m; UNTRACKED where not tracked */
+    vec3 acceleration[BODY_JOINTS]; /* m/s², world */
+    bool has_acceleration[BODY_JOINTS];
+    vec3 rest_offset[BS_POINTS];    /* m, the proportions in use */
+    float deviation[BS_POINTS];     /* m, of bones */
+} tracked;
+
+static inline bool known_rotation(const tracked *t, int joint) { return t->has_rotation[joint] || t->implied[joint]; }
+
+#define UNTRACKED 1e4F /* m: the accuracy of a point that is not tracked */
+
+/* The frame under the head: on the floor below it, turned as it looks. */
+typedef struct head_frame {
+    vec3 origin;        /* m, from base */
+    float cosine, sine; /* of the turn about +Y, world ← frame */
+} head_frame;
+
+/* What the network predicts of a body, in the world. */
+typedef struct prediction {
+    mat3 rotation[BODY_JOINTS];  /* world ← joint */
+    vec3 head;                   /* m, from base: where the head is if it is not tracked */
+    float contact[BS_CONTACTS];  /* probability */
+    float error[PLACED_POINTS];  /* m, expected position error, of `placed_points` */
+    float unlike[PLACED_POINTS]; /* m, how far this differs from the prediction for the mirror image, mirrored back */
+} prediction;
+
+/* A completed body. */
+typedef struct body {
+    mat3 rotation[BS_JOINTS]; /* world ← joint */
+    vec3 point[BS_POINTS];    /* m, from base */
+} body;
+
+#endif

@@ -1,0 +1,59 @@
+/* Functions of single numbers. They are ours so that every platform computes the same bits, and so that loops over
+ * them become vector instructions. Relative errors are a few units in the last place. */
+#ifndef BODYSENSE_MATHS_H
+#define BODYSENSE_MATHS_H
+
+#include <stdint.h>
+#include <string.h>
+
+#ifdef __clang__
+#pragma STDC FP_CONTRACT OFF /* gcc: -ffp-contract=off */
+#endif
+
+static inline uint32_t bits_of(float x) {
+    uint32_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    return bits;
+}
+
+static inline float of_bits(uint32_t bits) {
+    float x;
+    memcpy(&x, &bits, sizeof x);
+    return x;
+}
+
+#define ROUNDER 12582912.0F /* 1.5 × 2^23: a small number added to it is rounded, and is in its last bits */
+
+static inline float clamp(float x, float low, float high) { return x < low ? low : x > high ? high : x; }
+
+/* e^x, between e^-87 and e^88. */
+static inline float exponential(float x) {
+    x = clamp(x, -87.0F, 88.0F);
+    float shifted = x * 1.44269504F + ROUNDER; /* x / ln 2, rounded: n of 2^n e^rest */
+    float n = shifted - ROUNDER;
+    float rest = x - n * 0.693145752F - n * 1.42860677e-6F; /* ln 2 in two parts */
+    float series = 1.0F / 120.0F + rest * (1.0F / 720.0F);
+    series = 1.0F + rest * (1.0F + rest * (0.5F + rest * (1.0F / 6.0F + rest * (1.0F / 24.0F + rest * series))));
+    return series * of_bits((bits_of(shifted) << 23) + 0x3F800000U);
+}
+
+/* Natural logarithm of a positive, normal number. */
+static inline float logarithm(float x) {
+    uint32_t bits = bits_of(x) - 0x3F3504F3U; /* so that the fraction is between √½ and √2 */
+    float exponent = (float)((int32_t)bits >> 23);
+    float fraction = of_bits((bits & 0x7FFFFFU) + 0x3F3504F3U);
+    float s = (fraction - 1.0F) / (fraction + 1.0F), square = s * s;
+    float series = 1.0F / 5.0F + square * (1.0F / 7.0F + square * (1.0F / 9.0F));
+    return exponent * 0.693147181F + 2.0F * s * (1.0F + square * (1.0F / 3.0F + square * series));
+}
+
+static inline float logistic(float x) { return 1.0F / (1.0F + exponential(-x)); }
+static inline float hyperbolic_tangent(float x) { return 1.0F - 2.0F / (exponential(2.0F * x) + 1.0F); }
+
+/* log(1 + e^x) */
+static inline float softplus(float x) {
+    float size = x < 0.0F ? -x : x;
+    return (x > 0.0F ? x : 0.0F) + logarithm(1.0F + exponential(-size));
+}
+
+#endif
