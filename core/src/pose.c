@@ -428,10 +428,17 @@ static void move_legs(body *b, const tracked *t, const prediction *p, const mat3
     }
 }
 
-/* A wrist whose rotation is lost keeps it beside the forearm, and gives it up slowly. */
+/* The heading of the chest as a rotation. */
+static mat3 chest_heading(const body *b) {
+    float c, s;
+    heading_of(b->rotation[SPINE3], &c, &s);
+    return (mat3){{c, 0, -s}, {0, 1, 0}, {s, 0, c}};
+}
+
+/* A wrist whose rotation is lost keeps it to the chest, and gives it up slowly. */
 static void keep_wrists(body *b, const tracked *t, pose_state *s) {
     for (int k = 0; k < 2; k++) {
-        int wrist = LEFT_WRIST + k, forearm = LEFT_ELBOW + k;
+        int wrist = LEFT_WRIST + k;
         if (known_rotation(t, wrist)) {
             s->wrist_lost[k] = 0.0F;
             continue;
@@ -439,8 +446,7 @@ static void keep_wrists(body *b, const tracked *t, pose_state *s) {
         if (s->wrist_lost[k] < 0.0F) continue;
         s->wrist_lost[k] += t->interval;
         float u = s->wrist_lost[k] / KEPT_WRIST;
-        mat3 kept = product(b->rotation[forearm], s->wrist_kept[k]);
-        vec3 turn = turn_between(b->rotation[wrist], kept);
+        vec3 turn = turn_between(b->rotation[wrist], product(chest_heading(b), s->wrist_kept[k]));
         b->rotation[wrist] = turned_by(b->rotation[wrist], scale(turn, (1.0F + u) * expf(-u)));
     }
 }
@@ -513,7 +519,7 @@ void pose_finish(const tracked *t, pose_state *s, body *out, float off[BS_POINTS
     }
     for (int k = 0; k < 2; k++)
         if (known_rotation(t, LEFT_WRIST + k))
-            s->wrist_kept[k] = product(transpose(out->rotation[LEFT_ELBOW + k]), out->rotation[LEFT_WRIST + k]);
+            s->wrist_kept[k] = product(transpose(chest_heading(out)), out->rotation[LEFT_WRIST + k]);
     for (int p = 0; p < BS_POINTS; p++) {
         s->point[p] = out->point[p];
         s->had_position[p] = t->has_position[p];

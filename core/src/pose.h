@@ -41,7 +41,7 @@ typedef struct pose_state {
     float standing_drop;           /* m, by how much the pelvis is lowered so that feet reach the floor */
     limb_state limb[LIMBS];
     foot_state foot[2];
-    mat3 wrist_kept[2];            /* forearm ← wrist when its rotation was last measured */
+    mat3 wrist_kept[2];            /* chest's heading ← wrist when its rotation was last measured */
     float wrist_lost[2];           /* s since then; below 0: never */
 } pose_state;
 
