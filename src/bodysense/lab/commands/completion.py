@@ -61,9 +61,12 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
 
     from bodysense.cli.show import print_report, wide_console, write_numbers
     from bodysense.lab.completion.baselines import cached_mean_body
+    from bodysense.lab.completion.kept import KeptClips
+    from bodysense.lab.completion.reliability import draw_reliability
     from bodysense.lab.completion.scoring import evaluate_completion, work_of
-    from bodysense.lab.completion.tables import CompletionSettings, completion_reports, draw_reliability
+    from bodysense.lab.completion.tables import CompletionSettings, completion_reports
     from bodysense.lab.completion.tracking import TrackedBy, step_times
+    from bodysense.lab.completion.worst import draw_worst
     from bodysense.lab.datasets import Census, census_of, named_data, open_clips
     from bodysense.lab.spread import spread
     from bodysense.lab.table import write_csv
@@ -73,6 +76,8 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
     track = TrackedBy(run.model)
     chosen, census = named_data(run.data, run.split), Census()
     settings = CompletionSettings(run.split, run.sets, run.bodies, 200 if run.lattice else 0)
+    network = "packaged" if run.model is None else str(run.model.resolve())
+    kept = None if run.keep is None else KeptClips.open(run.keep, settings, network)
     count = min(chosen.count(), run.limit or chosen.count())
     with Progress() as progress:
         bar = progress.add_task("reading", total=count)
@@ -98,6 +103,7 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
             times=partial(step_times, network=track.network),
             spread=partial(spread, jobs=run.jobs, scheduler=run.scheduler),
             mean_body=mean_body,
+            kept=kept,
             advance=advance,
         )
     console = wide_console()
@@ -108,6 +114,8 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
         write_csv(run.csv, reports[1])
     if run.picture is not None:
         draw_reliability(run.picture, table)
+    if run.sheet is not None:
+        draw_worst(run.sheet, table.worst, clips, settings, track, run.worst)
     write_numbers(run.json, reports[0].numbers)
     for path in run.outputs:
         console.print(f"wrote {path}", highlight=False)
