@@ -15,6 +15,7 @@ from bodysense.lab.completion.options import (
     CompletionTraining,
     FingerTraining,
     HoleEvaluation,
+    SightEvaluation,
     UntrackedFingerEvaluation,
 )
 from bodysense.lab.options import Flat
@@ -119,6 +120,24 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
     write_numbers(run.json, reports[0].numbers)
     for path in run.outputs:
         console.print(f"wrote {path}", highlight=False)
+
+
+def sight(run: Flat[SightEvaluation]) -> None:
+    """Score scripted wearers who stand, sit and raise their arms, and heads of real headsets."""
+    from rich.console import Console
+
+    from bodysense.cli.show import print_report, write_numbers
+    from bodysense.lab.completion.tracking import TrackedBy
+    from bodysense.lab.completion.wearer_scores import score_wearers, sight_report
+
+    if run.json is not None:
+        check_place(run.json)
+    console = Console()
+    with console.status("tracking …"):
+        scores = score_wearers(TrackedBy(run.model).network, run.headset)
+    report = sight_report(scores)
+    print_report(report, console)
+    write_numbers(run.json, report.numbers)
 
 
 def untracked_fingers(run: Flat[UntrackedFingerEvaluation]) -> None:

@@ -125,6 +125,18 @@ class CompletionEvaluation(MotionEvaluation):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SightEvaluation:
+    """Scripted wearers, and real headset signals."""
+
+    headset: Path | None = None
+    """folder of recorded headsets (headset_takes.npz); these rows are left out if omitted"""
+    model: Path | None = None
+    """completion network of your own; the packaged one if omitted"""
+    json: Path | None = None
+    """file for the numbers, as one flat object"""
+
+
+@dataclass(frozen=True, kw_only=True)
 class UntrackedFingerEvaluation:
     """Fingers that are not tracked."""
 
