@@ -234,7 +234,7 @@ def test_a_refused_frame_leaves_the_state_unchanged() -> None:
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1.0, 1e30])
 @pytest.mark.parametrize("field", ["floor", "ease", "longest_gap", "first_interval", "longest_interval"])
 def test_settings_that_cannot_be(field: str, value: float) -> None:
-    if value == -1.0 and field == "floor" or value == 1e30 and field != "floor":
+    if (value == -1.0 and field == "floor") or (value == 1e30 and field != "floor"):
         TrackerSettings(**{field: value})
         return
     with pytest.raises(BodysenseError, match=f"tracker settings: {field}"):

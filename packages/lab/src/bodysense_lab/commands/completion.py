@@ -15,6 +15,7 @@ from bodysense_lab.completion.options import (
     CompletionTraining,
     FingerTraining,
     HoleEvaluation,
+    SightEvaluation,
     UntrackedFingerEvaluation,
 )
 from bodysense_lab.options import Flat
@@ -62,9 +63,12 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
     from bodysense.cli.show import wide_console, write_numbers
     from bodysense_lab.commands.reporting import print_report
     from bodysense_lab.completion.baselines import cached_mean_body
+    from bodysense_lab.completion.kept import KeptClips
+    from bodysense_lab.completion.reliability import draw_reliability
     from bodysense_lab.completion.scoring import evaluate_completion, work_of
-    from bodysense_lab.completion.tables import CompletionSettings, completion_reports, draw_reliability
+    from bodysense_lab.completion.tables import CompletionSettings, completion_reports
     from bodysense_lab.completion.tracking import TrackedBy, step_times
+    from bodysense_lab.completion.worst import draw_worst
     from bodysense_lab.datasets import Census, census_of, named_data, open_clips
     from bodysense_lab.spread import spread
     from bodysense_lab.table import write_csv
@@ -74,6 +78,8 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
     track = TrackedBy(run.model)
     chosen, census = named_data(run.data, run.split), Census()
     settings = CompletionSettings(run.split, run.sets, run.bodies, 200 if run.lattice else 0)
+    network = "packaged" if run.model is None else str(run.model.resolve())
+    kept = None if run.keep is None else KeptClips.open(run.keep, settings, network)
     count = min(chosen.count(), run.limit or chosen.count())
     with Progress() as progress:
         bar = progress.add_task("reading", total=count)
@@ -99,6 +105,7 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
             times=partial(step_times, network=track.network),
             spread=partial(spread, jobs=run.jobs, scheduler=run.scheduler),
             mean_body=mean_body,
+            kept=kept,
             advance=advance,
         )
     console = wide_console()
@@ -109,9 +116,30 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
         write_csv(run.csv, reports[1])
     if run.picture is not None:
         draw_reliability(run.picture, table)
+    if run.sheet is not None:
+        draw_worst(run.sheet, table.worst, clips, settings, track, run.worst)
     write_numbers(run.json, reports[0].numbers)
     for path in run.outputs:
         console.print(f"wrote {path}", highlight=False)
+
+
+def sight(run: Flat[SightEvaluation]) -> None:
+    """Score scripted wearers who stand, sit and raise their arms, and heads of real headsets."""
+    from rich.console import Console
+
+    from bodysense.cli.show import write_numbers
+    from bodysense_lab.commands.reporting import print_report
+    from bodysense_lab.completion.tracking import TrackedBy
+    from bodysense_lab.completion.wearer_scores import score_wearers, sight_report
+
+    if run.json is not None:
+        check_place(run.json)
+    console = Console()
+    with console.status("tracking …"):
+        scores = score_wearers(TrackedBy(run.model).network, run.headset)
+    report = sight_report(scores)
+    print_report(report, console)
+    write_numbers(run.json, report.numbers)
 
 
 def untracked_fingers(run: Flat[UntrackedFingerEvaluation]) -> None:

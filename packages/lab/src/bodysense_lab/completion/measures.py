@@ -32,6 +32,7 @@ from bodysense.metrics import (
 from bodysense.observation import Observation, observed_points
 from bodysense.scoring import RATE, scored_points
 from bodysense_lab.completion.scenes import TrackedScene
+from bodysense_lab.completion.sight import jump_frames
 from bodysense_lab.completion.tracking import TrackedBatch
 
 _SHORTEST, _LONGEST, _BINS = 1e-4, 10.0, 100  # m; beyond, the first and last bin
@@ -176,11 +177,9 @@ def motion_measures(position: np.ndarray, truth: np.ndarray, skeleton: Skeleton)
 def count_jumps(position: np.ndarray, truth: np.ndarray, order: int = 1) -> int:
     """Frames in which some point of (T, P, 3) m goes more than `JUMP` farther than its truth goes.
 
-    A foot that swings while the true one stands does so as well; with `order` 2 the way is the one from where the
-    velocity leads, so that only breaks in the motion count.
+    With `order` 2: farther from where its velocity leads.
     """
-    way, own = (100 * np.linalg.norm(np.diff(values, order, axis=0), axis=-1) for values in (position, truth))
-    return int((way - own > JUMP).any(axis=-1).sum())
+    return int(jump_frames(position, truth, JUMP / 100, order).sum())
 
 
 def measure_hidden(position: np.ndarray, scene: TrackedScene) -> Averages:

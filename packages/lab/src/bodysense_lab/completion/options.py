@@ -93,6 +93,8 @@ class CompletionEvaluation(MotionEvaluation):
     """completion network of your own; the packaged one if omitted"""
     lattice: bool = True
     """score 200 random edges of the lattice of sensor sets as well"""
+    keep: Path | None = None
+    """folder that keeps the results of every clip; clips that are in it are not scored again"""
     jobs: int = 1
     """processes; times of a step are truest with one"""
     scheduler: str | None = None
@@ -103,19 +105,35 @@ class CompletionEvaluation(MotionEvaluation):
     """file for the table of all measures"""
     picture: Path | None = None
     """file for the reliability diagram (PNG)"""
+    worst: int = 12
+    """number of frames on the sheet: those with the largest mean error, at most one of a clip"""
+    sheet: Path | None = None
+    """file for a sheet of the worst frames, truth beside result (PNG)"""
 
     @property
     def outputs(self) -> tuple[Path, ...]:
         """The files to write."""
-        return tuple(path for path in (self.json, self.csv, self.picture) if path is not None)
+        return tuple(path for path in (self.json, self.csv, self.picture, self.sheet) if path is not None)
 
     def __post_init__(self) -> None:
-        check_fields(self, "jobs", "limit")
+        check_fields(self, "jobs", "limit", "worst")
         for name in self.sets:
             if name not in SENSOR_SETS:
                 raise BodysenseError(f"--sets {name}: unknown; valid are {', '.join(SENSOR_SETS)}")
         if not self.bodies:
             raise BodysenseError(f"--bodies: give at least one of {', '.join(BODIES)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SightEvaluation:
+    """Scripted wearers, and real headset signals."""
+
+    headset: Path | None = None
+    """folder of recorded headsets (headset_takes.npz); these rows are left out if omitted"""
+    model: Path | None = None
+    """completion network of your own; the packaged one if omitted"""
+    json: Path | None = None
+    """file for the numbers, as one flat object"""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,23 +5,21 @@ The tables of `evaluate completion` as they are handed out: a short one, one of 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Literal, TypeVar
 
 import numpy as np
 
 from bodysense.devices.simulated.sensors import TABLE_SETS
-from bodysense.files import written_beside
 from bodysense.intervals import Interval, interval
 from bodysense.io.datasets.splits import Split
-from bodysense.pictures.sheet import INK, MUTED, load_pyplot
 from bodysense.scoring import GROUPS, KNOWN
-from bodysense_lab.chart import COLORS
 from bodysense_lab.completion.measures import REGIONS, Averages, Calibration
 from bodysense_lab.completion.options import BODIES, Body
 from bodysense_lab.completion.scenes import TRUTH_OF, Truth
+from bodysense_lab.completion.sight_scores import SightScores
 from bodysense_lab.completion.tracking import CLIPS, FRAMES, EdgeScore
 from bodysense_lab.datasets import Census, DataSet, describe
 from bodysense_lab.table import Cell, Report, cell, finite
@@ -40,12 +38,25 @@ class CompletionSettings:
 
 
 @dataclass(frozen=True)
+class WorstFrame:
+    """The frame of a clip with the largest mean error."""
+
+    sensors: str
+    body: Body
+    clip: str  # the scene's name
+    frame: int
+    error: float  # cm, mean over 22 joints, from the head
+
+
+@dataclass(frozen=True)
 class CompletionTable:
     """Averages of every cell by category group, calibrations of the main group, and what stands beside them."""
 
     settings: CompletionSettings
     cells: dict[tuple[str, Body, str], Averages] = field(default_factory=dict, repr=False)
     calibrations: dict[tuple[str, Body, str], Calibration] = field(default_factory=dict, repr=False)  # by region
+    sights: dict[tuple[str, Body, str], SightScores] = field(default_factory=dict, repr=False)
+    worst: list[WorstFrame] = field(default_factory=list, repr=False)  # of each clip and cell, main group
     truths: dict[tuple[Truth, str], Averages] = field(default_factory=dict, repr=False)
     baselines: dict[tuple[str, Truth, str], Averages] = field(default_factory=dict, repr=False)
     people: dict[tuple[str, Body], dict[str, Averages]] = field(default_factory=dict, repr=False)  # of the main group
@@ -57,6 +68,9 @@ class CompletionTable:
         _merge(self.cells, other.cells)
         _merge(self.truths, other.truths)
         _merge(self.baselines, other.baselines)
+        for key, one in other.sights.items():
+            self.sights.setdefault(key, SightScores()).merge(one)
+        self.worst.extend(other.worst)
         for key, one in other.calibrations.items():
             self.calibrations.setdefault(key, Calibration()).merge(one)
         for key, people in other.people.items():
@@ -64,7 +78,9 @@ class CompletionTable:
 
     def get(self, sensors: str, body: Body, name: str, group: str = "main") -> float:
         """One figure of one cell; NaN where nothing was counted."""
-        return self.cells.get((sensors, body, group), Averages()).get(name)
+        value = self.cells.get((sensors, body, group), Averages()).get(name)
+        sight = self.sights.get((sensors, body, group))
+        return value if sight is None or math.isfinite(value) else sight.numbers().get(name, math.nan)
 
     def calibration(self, sensors: str, body: Body | None = None, region: str | None = None) -> Calibration:
         """The calibration of a set, over all bodies and regions that are not named."""
@@ -104,6 +120,9 @@ class CompletionTable:
             if sensors == "headset_camera":
                 result[f"{key}_occluded_rmsjpe_cm{suffix}"] = one.root("occluded_square")
                 result[f"{key}_ratio{suffix}"] = self.ratio(body, group)
+        for (sensors, body, group), one in self.sights.items():
+            suffix = "" if group == "main" else f"_{group}"
+            result |= {f"{sensors}_{body}_{name}{suffix}": value for name, value in one.numbers().items()}
         for (truth, group), averages in self.truths.items():
             suffix = "" if group == "main" else f"_{group}"
             result |= {f"truth_{truth}_{name}{suffix}": averages.get(name) for name in averages.weight}
@@ -178,6 +197,26 @@ MEASURES = {
     "jumps/min": "jumps_per_minute",
     "breaks/min": "breaks_per_minute",
 }
+SIGHT = {
+    "frozen %": "frozen_share",
+    "jumps at change": "jumps_at_change_per_minute",
+    "other jumps": "jumps_elsewhere_per_minute",
+    "by a blink": "extra_jumps_per_minute",
+    "float %": "float_share",
+    "knee °": "standing_knee_deg",
+    "knee over °": "knee_excess_deg",
+    "knee back %": "backward_knee_share",
+    "false steps": "false_steps_per_minute",
+    "missed %": "missed_steps_share",
+    "wrong %": "wrong_foot_share",
+    "re-entry": "reentry_speed_m_s",
+    "PJ": "pj_ratio",
+    "AUJ": "auj",
+    "elbow °": "elbow_deg",
+    "seen p95": "measured_p95_cm",
+    "bound %": "measured_covered",
+}
+_SHARES = ("_share", "_covered")  # how keys of shares end; columns are percent
 
 
 def completion_reports(table: CompletionTable, census: Census, data: DataSet) -> tuple[Report, ...]:
@@ -212,7 +251,7 @@ def completion_reports(table: CompletionTable, census: Census, data: DataSet) ->
         "frames at 30 Hz.",
         digits=2,
     )
-    return short, whole, _interval_report(table), _confidence_report(table)
+    return short, whole, _sight_report(table), _interval_report(table), _confidence_report(table)
 
 
 def _rows(table: CompletionTable) -> Iterator[tuple[Cell, ...]]:
@@ -235,6 +274,30 @@ def _rows(table: CompletionTable) -> Iterator[tuple[Cell, ...]]:
                 values = [hidden if one == "occluded_mpjpe_cm" else None for one in MEASURES.values()]
                 name = method.replace("_", " ") if method == "mean_body" else f"last known ({method})"
                 yield (group, name, truth, *values, *blank)
+
+
+def _sight_report(table: CompletionTable) -> Report:
+    """What a wearer sees go wrong, by group, set and body."""
+    rows: list[tuple[Cell, ...]] = []
+    for group in groups_of(table):
+        for name in table.settings.sets:
+            for body in table.settings.bodies:
+                one = table.sights.get((name, body, group), SightScores()).numbers()
+                factors = {key: 100 if key.endswith(_SHARES) else 1 for key in SIGHT.values()}
+                figures = (cell(factor * one.get(key, math.nan)) for key, factor in factors.items())
+                if one:
+                    rows.append((group, name.replace("_", " "), body, *figures))
+    return Report(
+        name="completion-sight",
+        title="Completion: what the wearer sees",
+        columns=("motion", "sensors", "body", *SIGHT),
+        rows=tuple(rows),
+        numbers={},
+        caption="docs/evaluation.md defines the columns. Frozen: hidden points that truly move; jumps and steps a "
+        "minute; float: the lower foot too high while the truth stands; knee: median where the true knees are under "
+        "10°; re-entry: m/s, 99th percentile; PJ (ratio), AUJ (m/s³): hands lost by the measured law; seen: cm.",
+        digits=2,
+    )
 
 
 def _interval_report(table: CompletionTable) -> Report:
@@ -311,38 +374,3 @@ def _remarks(table: CompletionTable) -> Iterator[str]:
                 f"  {', '.join(score.edge.fewer.points)} + {score.edge.sensor} ({score.edge.kind}): "
                 f"{score.fewer:.2f} → {score.more:.2f} cm."
             )
-
-
-_COLUMNS = 4
-_RANGE, _TICKS = (0.1, 60.0), (0.1, 1, 10)  # cm
-
-
-def draw_reliability(path: str | Path, table: CompletionTable) -> None:
-    """Write a PNG: expected and true errors of joints that are not tracked, by region, over all bodies."""
-    pyplot = load_pyplot()
-    sets = table.settings.sets
-    rows = -(-len(sets) // _COLUMNS)
-    columns = min(_COLUMNS, len(sets))
-    size = (2.9 * columns + 0.4, 3.0 * rows + 0.7)
-    figure, axes = pyplot.subplots(rows, columns, squeeze=False, figsize=size, layout="constrained")
-    for axis in axes.flat[len(sets) :]:
-        axis.axis("off")
-    for axis, name in zip(axes.flat, sets, strict=False):
-        axis.plot(_RANGE, _RANGE, color=MUTED, linewidth=1.0)
-        for region, color in zip(REGIONS, COLORS, strict=False):
-            expected, error = table.calibration(name, region=region).curve()
-            axis.plot(100 * expected, 100 * error, marker="o", markersize=2.5, color=color, label=f"{region} body")
-        whole = table.calibration(name)
-        axis.set_title(name.replace("_", " "), loc="left", fontsize=10, color=INK)
-        note = f"ECE {whole.ece:.3f}\n{whole.coverage:.0%} within 90 %"
-        axis.text(0.05, 0.95, note, transform=axis.transAxes, va="top", fontsize=8, color=INK)
-        axis.set(xscale="log", yscale="log", xlim=_RANGE, ylim=_RANGE, aspect="equal")
-        for set_ticks in (axis.set_xticks, axis.set_yticks):
-            set_ticks(_TICKS, [f"{tick:g}" for tick in _TICKS])
-        axis.spines[["top", "right"]].set_visible(False)
-    axes[0, 0].legend(loc="lower right", frameon=False, fontsize=8)
-    figure.supxlabel("expected error, cm", fontsize=10)
-    figure.supylabel("mean true error, cm", fontsize=10)
-    with written_beside(path) as beside:
-        figure.savefig(beside, dpi=130)
-    pyplot.close(figure)
