@@ -15,23 +15,19 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.completion.model import CompletionModel
 from bodysense.devices.gloves.device import check_calibrated, glove_device, gloved_sides, has_gloves
-from bodysense.devices.simulated.device import DEVICES
-from bodysense.devices.video.pictures import is_video
 from bodysense.errors import BodysenseError
-from bodysense.filling import Holed, filled, observed, on_feet, open_holed, pose_of, with_parts
+from bodysense.filling import Holed, filled, observed, on_feet, pose_of, with_parts
 from bodysense.io.bvh_stream import BvhLines
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
-from bodysense.io.markers.files import is_marker_file
 from bodysense.io.motion_files import write_motion
-from bodysense.io.recording import is_recording
 from bodysense.io.resample import at_constant_rate
 from bodysense.io.rigs.named import OWN, SOURCE, check_rig
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.rig_file import write_on_rig_of
 from bodysense.observation import Estimate, Observation
-from bodysense.reading import read_clip
-from bodysense.signals import Signal, Source, called, refuse, signal_of
+from bodysense.open import MotionSource, Source, open_source
+from bodysense.signals import Signal, refuse, signal_from
 from bodysense.tracker import Tracker, TrackerSettings
 
 ANCHORS = ("head", "pelvis")  # what stays where it was measured, on whatever proportions; else what is measured most
@@ -93,10 +89,10 @@ def track(
     """Complete a whole recording, frame after frame, without looking ahead: the same as live.
 
     Args:
-        source: a file (a recording, a motion, markers of gloves, a video), a folder of images, or a Clip, Observation
-            or Recording in memory.
-        device: where the source is a motion: the simulated device that watches it, one of `DEVICES`. A motion without
-            one is filled where it has holes; what is there stays as it is.
+        source: a file (a recording, a motion, markers, a video), a folder of images, a Clip, Observation or Recording
+            in memory, or what `open_source` opened.
+        device: where the source is a motion: the simulated device that watches it, one of `DEVICES`. Of a motion
+            without one, holes are filled and the rest is kept; a whole motion is returned unchanged.
         missing: joints of a motion that are missing, by its own names or ours: "left_hand", with all that hangs on it
             "LeftForeArm+", in some frames "left_hand:100-240" (counted from 0, both ends included). What has no number
             is missing, too. If omitted, so are limbs of a BVH file that are held still to the last digit for half a
@@ -116,55 +112,23 @@ def track(
 
     Raises BodysenseError, naming the source and the fix, for what cannot be tracked.
     """
-    holed = _holed(source, device, missing, reading)
-    if holed is not None:
+    opened = open_source(source, reading)
+    told = missing_items(missing) if missing else ()
+    if isinstance(opened, MotionSource) and device is None:
         kind = "a motion whose holes are filled, which has a body of its own"
-        refuse(called(source), kind, person=person, height=height, noise=noise, follow=follow, roll=roll)
-        return replace(_filled(holed, settings, network, advance), source=_bvh_of(source), reading=reading)
-    signal = signal_of(
-        source, device=device, person=person, height=height, noise=noise, reading=reading, follow=follow, roll=roll
-    )
+        refuse(opened.name, kind, person=person, height=height, noise=noise, follow=follow, roll=roll)
+        take = _filled(opened.with_holes(told), settings, network, advance)
+        return replace(take, source=opened.bvh, reading=opened.options)
+    if told:
+        other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
+        raise BodysenseError(f"{opened.name}: --missing is for a motion that no device watches; {other}")
+    signal = signal_from(opened, device=device, person=person, height=height, noise=noise, follow=follow, roll=roll)
     try:
-        return replace(_tracked(signal, settings, network, advance), source=_bvh_of(source), reading=reading)
+        take = _tracked(signal, settings, network, advance)
     except BodysenseError as error:
         text = str(error)
         raise error if signal.name in text else BodysenseError(f"{signal.name}: {text}") from None
-
-
-def _holed(source: Source, device: str | None, missing: str | Sequence[str], reading: ReadingOptions) -> Holed | None:
-    """The motion that a source is, with its holes; None where it is watched by a device, or no motion."""
-    told = missing_items(missing) if missing else ()
-    if device is not None or not _is_motion(source):
-        if told:
-            other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
-            raise BodysenseError(f"{called(source)}: --missing is for a motion that no device watches; {other}")
-        return None
-    if isinstance(source, (str, Path)) and _bvh_of(source) is None:
-        source = read_clip(source, reading)[0]
-    try:
-        holed = open_holed(source if isinstance(source, Clip) else Path(str(source)), told, reading)
-    except BodysenseError as error:
-        name = called(source)
-        raise error if name in str(error) else BodysenseError(f"{name}: {error}") from None
-    if not holed.holes.any() and not holed.clip.lacks:
-        raise BodysenseError(
-            f"{called(source)}: nothing is missing in this motion; say what is, such as --missing left_hand, or what "
-            f"watches it, such as --device headset_camera; valid are {', '.join(DEVICES)}"
-        )
-    return holed
-
-
-def _bvh_of(source: Source) -> Path | None:
-    """The BVH file that a source is."""
-    path = Path(source) if isinstance(source, (str, Path)) else None
-    return path if path is not None and path.suffix.lower() == ".bvh" else None
-
-
-def _is_motion(source: Source) -> bool:
-    if not isinstance(source, (str, Path)):
-        return isinstance(source, Clip)
-    path = Path(source)
-    return path.is_file() and not (is_video(str(path)) or is_marker_file(path) or is_recording(path))
+    return replace(take, source=opened.bvh, reading=opened.options) if isinstance(opened, MotionSource) else take
 
 
 def _filled(
@@ -177,7 +141,8 @@ def _filled(
     rotation = filled(holed, take.estimate.pose)
     rotation = on_feet(holed, rotation, take.estimate.contact, settings.floor)
     file = None if holed.file is None else holed.file.with_rotation(rotation, holed.missing)
-    return replace(take, clip=replace(clip, pose=pose_of(holed, rotation)), holed=holed, file=file)
+    whole = clip if holed.is_whole else replace(clip, pose=pose_of(holed, rotation))
+    return replace(take, clip=whole, holed=holed, file=file)
 
 
 def _tracked(

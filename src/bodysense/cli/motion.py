@@ -9,19 +9,20 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from bodysense.cli.markers import NO_OPTIONS, MarkerOptions
 from bodysense.cli.options import Reading
 from bodysense.cli.overwriting import check_apart
-from bodysense.cli.recordings import load_clip, person_of, source_of
+from bodysense.cli.recordings import load_clip, open_recorded, person_of
 from bodysense.cli.video import NO_VIDEO, VideoOptions, track_video
 from bodysense.devices.simulated.device import DeviceName
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
+from bodysense.io.rigs.options import AS_FOUND
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
     from bodysense.filling import Holed
+    from bodysense.open import MotionSource
     from bodysense.take import Take
 
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
@@ -121,46 +122,46 @@ def track(  # noqa: PLR0915
     from rich.progress import Progress
 
     from bodysense.completion.model import load_completion
-    from bodysense.devices.video.pictures import is_video
-    from bodysense.io.clip import Clip
-    from bodysense.io.markers.files import is_marker_file
-    from bodysense.io.recording import Recording, is_recording
+    from bodysense.io.recording import Recording
     from bodysense.lab.unoc.fingers import synthesize
-    from bodysense.reading import check_kind
-    from bodysense.signals import signal_of
+    from bodysense.open import MarkerSource, MotionSource, VideoSource
     from bodysense.take import track as complete
     from bodysense.tracker import TrackerSettings
 
     _check_outputs(file, out, rig, save_person)
-    check_kind(file)
-    if is_video(str(file)):
-        if device is not None or fingers == "synthesize" or samples is not None or gloves != NO_OPTIONS:
-            raise BodysenseError(f"{file}: --device, --fingers, --samples and options of markers are not for videos")
+    opened = open_recorded(file, reading, gloves, fingers=fingers == "synthesize")
+    if isinstance(opened, VideoSource) and person is not None and str(person).isdecimal() and not person.exists():
+        raise BodysenseError(f"{file}: --person {person}: no such wearer's file; --follow {person} follows that person")
+    wearer, seeded = person_of(person, reading.height), seed if noise else None
+    if isinstance(opened, VideoSource):
+        if device is not None or fingers == "synthesize" or samples is not None:
+            raise BodysenseError(f"{file}: --device, --fingers and --samples are not for videos")
         if missing is not None or noise or save_person is not None:
             raise BodysenseError(f"{file}: --missing, --noise and --save-person are not for videos")
-        _check_video_options(file, reading, person)
         settings = TrackerSettings(hold_feet=hold_feet, refine=refine)
-        track_video(str(file), out, video, model, person_of(person, reading.height), rig, settings)
+        track_video(opened.name, out, video, model, wearer, rig, settings)
         return
     if video != NO_VIDEO:
         raise BodysenseError(f"{file}: not a video; --overlay, --people and their like are for videos")
     if samples is not None and fingers == "synthesize":
         raise BodysenseError(f"--samples {samples} draws bodies as they are; leave --fingers synthesize out")
-    wearer, seeded = person_of(person, reading.height), seed if noise else None
-    is_motion = file.is_file() and not is_recording(file) and not is_marker_file(file)
-    if device is None and missing is None and fingers == "synthesize" and is_motion:
-        _write_with_fingers(file, out, reading, gloves.rate, model)
+    has_holes = isinstance(opened, MotionSource) and device is None
+    if isinstance(opened, MotionSource) and device is None and missing is None and fingers == "synthesize":
+        _write_with_fingers(opened, out, model)
         return
-    has_holes = device is None and is_motion
-    source = file if has_holes else source_of(file, gloves, reading, fingers=fingers == "synthesize")
+    if isinstance(opened, MotionSource) and device is not None:
+        for line in opened.remarks:
+            print(line)
     # Gloves were put on a body so tall already, and a motion was scaled so.
-    told = None if has_holes or (isinstance(source, Recording) and source.told) else reading.height
-    floor = 0.0 if has_holes or isinstance(source, Clip) else reading.floor or 0.0  # of a motion it was put to 0
+    told = isinstance(opened, MarkerSource) and opened.recording.told
+    height = None if has_holes or told else reading.height
+    floor = 0.0 if isinstance(opened, MotionSource) else reading.floor or 0.0  # of a motion it was put to 0
     if samples is not None:
         from bodysense.cli.samples import sample_paths, write_samples
+        from bodysense.signals import signal_from
 
         check_apart(sample_paths(out, samples), file)
-        signal = signal_of(source, device=device, person=wearer, height=told, noise=seeded)
+        signal = signal_from(opened, device=device, person=wearer, height=height, noise=seeded)
         recording = Recording(signal.observation, signal.person.skeleton)
         for path in write_samples(recording, out, samples, seed, model):
             print(f"wrote {path}")
@@ -171,12 +172,11 @@ def track(  # noqa: PLR0915
     with Progress(transient=True) as progress:
         bar = progress.add_task(f"tracking {file.name}", total=None)
         take = complete(
-            source,
+            opened,
             device=device,
             missing=missing or (),
-            reading=reading,
             person=wearer,
-            height=told,
+            height=height,
             noise=seeded,
             settings=settings,
             network=network,
@@ -185,7 +185,7 @@ def track(  # noqa: PLR0915
     rate = len(take.time) / (time.perf_counter() - begun)
     if fingers == "synthesize":
         take = replace(take, clip=synthesize(take.clip), file=None)
-    replace(take, source=file if file.suffix.lower() == ".bvh" else None).save(out, rig)
+    take.save(out, rig)
     print(f"wrote {out}: {len(take.time)} frames at {rate:.0f} frames/s")
     _say(take)
     if save_person is not None:
@@ -216,27 +216,25 @@ def _say(take: Take) -> None:
         print(inferred_line(take.person))
 
 
-def _check_video_options(file: Path, reading: ReadingOptions, person: Path | None) -> None:
-    """Refuse what a video has none of."""
-    if person is not None and str(person).isdecimal() and not person.exists():
-        raise BodysenseError(f"{file}: --person {person}: no such wearer's file; --follow {person} follows that person")
-    if reading != ReadingOptions(height=reading.height):
-        raise BodysenseError(f"{file}: a video; of --unit, --up, --floor, --joints and --figure it has none")
-
-
-def _write_with_fingers(file: Path, out: Path, reading: ReadingOptions, rate: float | None, model: Path | None) -> None:
-    """A motion that nothing watches, with plausible fingers, and otherwise as it is."""
+def _write_with_fingers(opened: MotionSource, out: Path, model: Path | None) -> None:
+    """Write a motion that nothing watches with plausible fingers, and otherwise unchanged."""
     from bodysense.io.motion_files import write_motion
     from bodysense.lab.unoc.fingers import synthesize
     from bodysense.lab.unoc.point_model import load_point_model
 
-    clip = synthesize(load_clip(file, reading, rate), load_point_model("fingers", model))
+    for line in opened.remarks:
+        print(line)
+    clip = synthesize(opened.clip, load_point_model("fingers", model))
     write_motion(out, replace(clip, name=out.stem))
     print(f"wrote {out}: {len(clip)} frames with synthesized fingers")
 
 
 def holes_line(holed: Holed) -> str:
     """What was missing of a motion."""
+    if holed.is_whole:
+        return (
+            "nothing is missing in this motion: it is unchanged (--missing names joints, --device simulates tracking)"
+        )
     if holed.clip.lacks and not holed.holes.any():
         return f"completed {' and '.join(holed.clip.lacks)}, which the motion lacks"
     count, share = int(holed.holes.any(axis=1).sum()), holed.holes.sum(axis=0)
