@@ -26,6 +26,7 @@ FLOORS: dict[str, float] = {
     "filling": 4.5,
     "open": 4.8,
     "signals": 5.5,
+    "convert": 6,
     "take": 6,
     "serve": 6,
     "lab": 6,

@@ -10,7 +10,7 @@ from bodysense.cli import calibrate, conform, data, demo, laboratory, motion, pa
 def application() -> SubcommandApp:
     """All commands: `bodysense demo`, `bodysense data info` …, those of the laboratory where it is installed."""
     root, data_group = SubcommandApp(), data.commands()
-    for command in (demo.demo, motion.track, motion.simulate, conform.conform, samples.generate):
+    for command in (demo.demo, motion.track, motion.convert, motion.simulate, conform.conform, samples.generate):
         root.command(command)
     root.command(serve.serve)
     root.command(calibrate.calibrate)

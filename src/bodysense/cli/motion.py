@@ -11,7 +11,7 @@ import tyro
 
 from bodysense.cli.options import Reading
 from bodysense.cli.overwriting import check_apart
-from bodysense.cli.recordings import load_clip, open_recorded, person_of
+from bodysense.cli.recordings import load_clip, open_motion, open_recorded, person_of
 from bodysense.cli.video import NO_VIDEO, VideoOptions, track_video
 from bodysense.devices.simulated.device import DeviceName
 from bodysense.errors import BodysenseError
@@ -101,10 +101,10 @@ def track(  # noqa: PLR0915
         missing: joints of a motion that are missing, by its names or ours: left_forearm,left_hand. LeftForeArm+ is with
             all that hangs on it, left_hand:100-240 in these frames (from 0, both included). If omitted: what has no
             number, and limbs that are held still to the last digit while the body moves.
-        rig: joints to write on: 'bodysense' and 'smplh' are our 52 joints, 'mixamo' and 'vrm' the same under these
-            names; 'source' is the rig of FILE, with its holes filled if it has any, and NAME.bvh that of another BVH
-            file, to whose body the motion is fitted. If omitted, 'source' where a .bvh with holes is written as .bvh,
-            else 'bodysense'.
+        rig: joints to write on: 'bodysense' and 'smplh' are our 52 joints, 'mixamo', 'unreal', 'rigify' and 'vrm' the
+            same under these names; 'source' is the rig of FILE, with its holes filled if it has any, and NAME.bvh that
+            of another BVH file, to whose body the motion is fitted. If omitted, 'source' where a .bvh with holes is
+            written as .bvh, else 'bodysense'.
         person: wearer's file, written by --save-person.
         save_person: JSON file for the wearer, as believed at the end.
         hold_feet: hold feet that stand, and keep them over the floor.
@@ -191,6 +191,37 @@ def track(  # noqa: PLR0915
     if save_person is not None:
         take.person.save(save_person)
         print(f"wrote {save_person}")
+
+
+def convert(
+    file: MotionFile,
+    out: Output,
+    rig: str = "bodysense",
+    rate: float | None = None,
+    file_rate: float | None = None,
+    reading: Reading = AS_FOUND,
+) -> None:
+    """Write a whole motion as another kind of file, on another rig, or at another rate.
+
+    Args:
+        file: motion: .bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma.
+        out: .bvh, .glb (glTF with an animated skeleton), .vrma (an animation for VRM avatars) or .mcap (a take that
+            robots' tools read).
+        rig: joints to write on: 'bodysense' and 'smplh' are our 52 joints; 'mixamo', 'unreal', 'rigify' and 'vrm' the
+            same under these names; 'source' is the rig of a .bvh FILE, NAME.bvh that of another BVH file, to whose body
+            the motion is fitted.
+        rate: frames a second of the output; those of the file if omitted.
+        file_rate: frames a second of a file that does not say it.
+        reading: what the file does not say of itself.
+    """
+    from bodysense.convert import convert as converted
+    from bodysense.io.motion_files import check_ending
+    from bodysense.io.rigs.named import check_rig
+
+    check_rig(check_ending(out), rig, file if file.suffix.lower() == ".bvh" else None)
+    opened = open_motion(file, reading, file_rate)
+    clip = converted(opened, out, rig=rig, rate=rate)
+    print(f"wrote {out}: {len(clip)} frames at {clip.frame_rate:g} Hz on {rig}")
 
 
 def _check_outputs(file: Path, out: Path, rig: str | None, save_person: Path | None) -> None:
