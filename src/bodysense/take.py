@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.completion.model import CompletionModel
 from bodysense.devices.gloves.device import check_calibrated, glove_device, gloved_sides, has_gloves
 from bodysense.errors import BodysenseError
@@ -20,13 +22,16 @@ from bodysense.filling import Holed, filled, observed, on_feet, pose_of, with_pa
 from bodysense.io.bvh_stream import BvhLines
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
+from bodysense.io.markers.files import is_marker_file
+from bodysense.io.markers.filled import check_fillable, fillable, write_filled
+from bodysense.io.markers.gaps import FilledMarkers, fill_markers
 from bodysense.io.motion_files import write_motion
 from bodysense.io.resample import at_constant_rate
 from bodysense.io.rigs.named import OWN, SOURCE, check_rig
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.rig_file import write_on_rig_of
 from bodysense.observation import Estimate, Observation
-from bodysense.open import MotionSource, Source, open_source
+from bodysense.open import MarkerSource, MotionSource, Source, open_source
 from bodysense.signals import Signal, refuse, signal_from
 from bodysense.tracker import Tracker, TrackerSettings
 
@@ -47,9 +52,13 @@ class Take:
     source: Path | None = None  # the BVH file that was tracked, if it was one
     reading: ReadingOptions = AS_FOUND  # what was told of it
     file: BvhLines | None = None  # the same with its holes filled
+    markers: MarkerSource | None = None  # the marker file that was tracked, if it was one
 
     def save(self, path: str | Path, rig: str | Path | None = None) -> None:
         """Write the motion: .bvh, .glb (animated glTF), .vrma (for VRM avatars) or .mcap (for robots' tools).
+
+        A take of markers is also written as the kind of file that was tracked (.trc, .c3d, .tsv, .csv): the same file
+        with the gaps of its markers filled.
 
         Args:
             path: where to, its format chosen by its ending.
@@ -60,6 +69,13 @@ class Take:
         Raises BodysenseError for a rig that there is not.
         """
         path = Path(path)
+        if is_marker_file(path):
+            check_marker_output(path, self.markers, rig)
+            assert self.markers is not None and self.markers.found is not None
+            done = self.filled_markers
+            world, raw = self.markers.found.world, self.markers.found.raw
+            write_filled(self.markers.path, path, raw, world.to_file(done.position), done.filled)
+            return
         if rig is None:
             rig = SOURCE if self.file is not None and path.suffix.lower() == ".bvh" and not self.clip.lacks else OWN
         check_rig(path, rig, self.source)
@@ -69,6 +85,30 @@ class Take:
             write_on_rig_of(path, self.clip, self.source, self.reading)
         else:
             write_motion(path, replace(self.clip, name=path.stem), rig)
+
+    @cached_property
+    def filled_markers(self) -> FilledMarkers:
+        """Fill the gaps of the markers that were tracked. Raises BodysenseError for a take of anything else."""
+        if self.markers is None or self.markers.found is None:
+            raise BodysenseError("this take is of no labelled markers; track a .c3d, .trc, .tsv or .csv file of them")
+        raw, world = self.markers.found.raw, self.markers.found.world
+        pose = self.estimate.pose
+        rotation = quaternion_to_matrix(np.asarray(forward_kinematics(pose)[1]))
+        count = len(pose.skeleton.joints)
+        joint, error = self.estimate.points[:, :count], self.estimate.confidence[:, :count]
+        done = fill_markers(world.to_ours(raw.position), joint, rotation, error, raw.frame_rate)
+        return replace(done, filled=done.filled & fillable(raw))
+
+
+def check_marker_output(path: Path, markers: MarkerSource | None, rig: str | Path | None = None) -> None:
+    """Raise BodysenseError, before any work, where a marker file cannot be written from what is tracked."""
+    if markers is None or markers.found is None:
+        raise BodysenseError(
+            f"{path}: only a file of labelled markers comes back as markers; give a name that ends in .bvh or .glb"
+        )
+    if rig is not None:
+        raise BodysenseError(f"{path}: --rig {rig}: markers have no rig; leave --rig out")
+    check_fillable(markers.path, path, markers.found.raw)
 
 
 def track(
@@ -128,7 +168,9 @@ def track(
     except BodysenseError as error:
         text = str(error)
         raise error if signal.name in text else BodysenseError(f"{signal.name}: {text}") from None
-    return replace(take, source=opened.bvh, reading=opened.options) if isinstance(opened, MotionSource) else take
+    if isinstance(opened, MotionSource):
+        return replace(take, source=opened.bvh, reading=opened.options)
+    return replace(take, markers=opened) if isinstance(opened, MarkerSource) else take
 
 
 def _filled(

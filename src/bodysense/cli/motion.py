@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+import numpy as np
 import tyro
 
 from bodysense.cli.options import Reading
@@ -22,9 +23,11 @@ from bodysense.io.rigs.options import AS_FOUND
 if TYPE_CHECKING:
     from bodysense.body.person import Person
     from bodysense.filling import Holed
-    from bodysense.open import MotionSource
+    from bodysense.io.markers.gaps import FilledMarkers
+    from bodysense.open import MarkerSource, MotionSource
     from bodysense.take import Take
 
+_LISTED = 12  # markers that a line lists
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 MotionFile = Annotated[Path, tyro.conf.Positional]
 
@@ -95,7 +98,8 @@ def track(  # noqa: PLR0915
             of images, or a webcam's index), or a motion (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma) with
             holes, or with --device any motion.
         out: completed motion: .bvh, .glb (glTF with an animated skeleton), .vrma (an animation for VRM avatars) or
-            .mcap (a take that robots' tools read).
+            .mcap (a take that robots' tools read). Of a marker file also one that ends as it does (.trc, .c3d, .tsv,
+            .csv): the same file with the gaps of its markers filled.
         device: what watches the body, where the file is a motion. Without it the motion's holes are filled, and what is
             there stays as it is.
         missing: joints of a motion that are missing, by its names or ours: left_forearm,left_hand. LeftForeArm+ is with
@@ -122,13 +126,16 @@ def track(  # noqa: PLR0915
     from rich.progress import Progress
 
     from bodysense.completion.model import load_completion
+    from bodysense.io.markers.files import is_marker_file
     from bodysense.io.recording import Recording
     from bodysense.lab.unoc.fingers import synthesize
     from bodysense.open import MarkerSource, MotionSource, VideoSource
+    from bodysense.take import check_marker_output
     from bodysense.take import track as complete
     from bodysense.tracker import TrackerSettings
 
-    _check_outputs(file, out, rig, save_person)
+    markers_out = is_marker_file(out)
+    _check_outputs(file, out, None if markers_out else rig, save_person)
     opened = open_recorded(file, reading, gloves, fingers=fingers == "synthesize")
     if isinstance(opened, VideoSource) and person is not None and str(person).isdecimal() and not person.exists():
         raise BodysenseError(f"{file}: --person {person}: no such wearer's file; --follow {person} follows that person")
@@ -145,6 +152,10 @@ def track(  # noqa: PLR0915
         raise BodysenseError(f"{file}: not a video; --overlay, --people and their like are for videos")
     if samples is not None and fingers == "synthesize":
         raise BodysenseError(f"--samples {samples} draws bodies as they are; leave --fingers synthesize out")
+    if markers_out:
+        if fingers == "synthesize" or samples is not None:
+            raise BodysenseError(f"{out}: markers have no fingers to synthesize and no samples; give a .bvh for these")
+        check_marker_output(out, opened if isinstance(opened, MarkerSource) else None, rig)
     has_holes = isinstance(opened, MotionSource) and device is None
     if isinstance(opened, MotionSource) and device is None and missing is None and fingers == "synthesize":
         _write_with_fingers(opened, out, model)
@@ -187,7 +198,7 @@ def track(  # noqa: PLR0915
         take = replace(take, clip=synthesize(take.clip), file=None)
     take.save(out, rig)
     print(f"wrote {out}: {len(take.time)} frames at {rate:.0f} frames/s")
-    _say(take)
+    _say(take, out)
     if save_person is not None:
         take.person.save(save_person)
         print(f"wrote {save_person}")
@@ -226,10 +237,14 @@ def convert(
 
 def _check_outputs(file: Path, out: Path, rig: str | None, save_person: Path | None) -> None:
     """Refuse, before any work, what cannot be written."""
+    from bodysense.io.markers.files import is_marker_file
     from bodysense.io.motion_files import check_ending
     from bodysense.io.rigs.named import check_rig
 
-    check_ending(out)
+    if is_marker_file(out) and is_marker_file(file):
+        check_place(out)
+    else:
+        check_ending(out)
     if rig is not None:
         try:
             check_rig(out, rig, file if file.suffix.lower() == ".bvh" else None)
@@ -239,10 +254,15 @@ def _check_outputs(file: Path, out: Path, rig: str | None, save_person: Path | N
         check_place(save_person)
 
 
-def _say(take: Take) -> None:
+def _say(take: Take, out: Path) -> None:
     """Print what was found out of a recording."""
+    from bodysense.io.markers.files import is_marker_file
+
     if take.holed is not None:
         print(holes_line(take.holed))
+    if take.markers is not None and is_marker_file(out):
+        for line in marker_lines(take.filled_markers, take.markers):
+            print(line)
     if take.person.bone_deviation.any():
         print(inferred_line(take.person))
 
@@ -272,6 +292,26 @@ def holes_line(holed: Holed) -> str:
     names = [holed.rig.joints[joint] for joint in share.argsort(kind="stable")[::-1] if share[joint]]
     shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more joints" if len(names) > 6 else "")
     return f"filled {shown}, in {count} of {len(holed.holes)} frames"
+
+
+def marker_lines(done: FilledMarkers, markers: MarkerSource) -> list[str]:
+    """Lines about filled markers: frames of each, and markers that still have gaps."""
+    assert markers.found is not None
+    raw, counts = markers.found.raw, done.filled.sum(axis=0)
+    order = [k for k in counts.argsort(kind="stable")[::-1].tolist() if counts[k]]
+    named = ", ".join(f"{raw.names[k]} {counts[k]}" for k in order[:_LISTED])
+    more = f" and {len(order) - _LISTED} more markers" if len(order) > _LISTED else ""
+    lines = [
+        f"filled, in frames of {len(raw.time)}: {named}{more}" if order else "no marker has a gap: none was filled"
+    ]
+    still = [k for k in range(len(raw.names)) if not (np.isfinite(raw.position[:, k, 0]) | done.filled[:, k]).all()]
+    if still:
+        rest = ", ".join(raw.names[k] for k in still[:_LISTED])
+        lines.append(
+            f"warning: {len(still)} still have gaps, never seen, not worn on the body, or no markers: {rest}"
+            + (" …" if len(still) > _LISTED else "")
+        )
+    return lines
 
 
 def inferred_line(person: Person) -> str:
