@@ -12,7 +12,7 @@ from bodysense.body.person import Person
 from bodysense.body.rotation import quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation, check_observation
+from bodysense.observation import STRAPPED, Observation, check_observation
 
 POINTS, JOINTS = len(default_skeleton().points), len(default_skeleton().joints)
 ABSENT_ACCURACY = 0.001  # m, of points that are not tracked: any positive number
@@ -29,6 +29,8 @@ class Frames:
     has_rotation: np.ndarray  # (T, B, 52) bool
     accuracy: np.ndarray  # (T, B, 65) float32 m
     time: np.ndarray  # (T, B) s
+    acceleration: np.ndarray  # (T, B, 12, 3) float32 m/s², world, of `STRAPPED`; 0 where not told
+    has_acceleration: np.ndarray  # (T, B, 12) bool
 
     def __len__(self) -> int:
         return len(self.time)
@@ -42,6 +44,8 @@ class Frames:
             self.has_rotation[frame],
             self.accuracy[frame],
             self.time[frame],
+            self.acceleration[frame],
+            self.has_acceleration[frame],
         )
 
     def taken(self, people: np.ndarray) -> Frames:
@@ -88,7 +92,14 @@ def frames_of(observation: Observation, people: Sequence[Person], batched: bool)
     rotation[..., place[turns], :] = np.where(turned[..., turns, None], orientation[..., turns, :], _UPRIGHT)
     accuracy[..., place] = np.where(seen, by_frame(observation.accuracy), ABSENT_ACCURACY)
     time = np.broadcast_to(np.asarray(observation.time, dtype=np.float64)[:, None], shape)
-    return Frames(position, rotation, has_position, has_rotation, accuracy, time)
+    felt, has_felt = np.zeros((*shape, len(STRAPPED), 3), dtype=np.float32), np.zeros((*shape, len(STRAPPED)), bool)
+    if observation.acceleration is not None:
+        those = [(k, STRAPPED.index(name)) for k, name in enumerate(observation.points) if name in STRAPPED]
+        points, sensors = np.array(those, dtype=int).reshape(-1, 2).T
+        told = by_frame(observation.acceleration)[..., points, :]
+        has_felt[..., sensors] = np.isfinite(told).all(axis=-1)
+        felt[..., sensors, :] = np.where(has_felt[..., sensors, None], told, 0.0)
+    return Frames(position, rotation, has_position, has_rotation, accuracy, time, felt, has_felt)
 
 
 @lru_cache(maxsize=256)
@@ -114,11 +125,21 @@ def frames_together(observations: Sequence[Observation], people: Sequence[Person
             has_rotation=np.stack([one.has_rotation for one in few]),
             accuracy=np.stack([one.accuracy for one in few]),
             time=np.zeros(1),
+            acceleration=_accelerations(few),
         )
         frame = frames_of(together, [people[k] for k in those], batched=True)[0]
         parts.append(replace(frame, time=np.array([one.time[0] for one in few], dtype=np.float64)))
         order += those
     return parts[0] if len(parts) == 1 else Frames.stacked(parts).taken(np.argsort(order))
+
+
+def _accelerations(observations: Sequence[Observation]) -> np.ndarray | None:
+    """Accelerations of observations of the same points, (B, T, P, 3)."""
+    if all(one.acceleration is None for one in observations):
+        return None
+    return np.stack(
+        [np.full_like(one.position, np.nan) if one.acceleration is None else one.acceleration for one in observations]
+    )
 
 
 def _unmounted(

@@ -66,6 +66,8 @@ class CompletionModel:
             "certainty": proportions.deviation.astype(np.float32),
             "floor": np.full(count, floor, dtype=np.float32),
             "hold": np.full(count, hold_feet, dtype=np.float32),
+            "acceleration": frame.acceleration,
+            "has_acceleration": frame.has_acceleration,
         }
         outputs, after = self.network.step(inputs, state)
         return (

@@ -12,6 +12,7 @@ from bodysense.lab.completion.features import WIDTHS, mirror_places, mirror_sign
 from bodysense.lab.completion.network import Before, CompletionConfig, CompletionNetwork, TrackedSignal, reading_of
 from bodysense.lab.completion.points import SPIN_PLACES, reference_offsets
 from bodysense.lab.completion.rewriting import row_step, shortened, stored_small
+from bodysense.observation import STRAPPED
 
 PEOPLE, FRAMES = 3, 5
 
@@ -42,6 +43,8 @@ def signal() -> TrackedSignal:
         rest_offset=torch.randn(PEOPLE, 25, 3),
         certainty=torch.rand(PEOPLE, 25),
         size=torch.rand(PEOPLE) + 0.5,
+        acceleration=60 * normal(len(STRAPPED), 3),
+        has_acceleration=some(len(STRAPPED)),
     )
 
 
@@ -65,6 +68,8 @@ def spelled_out(of: TrackedSignal) -> dict[str, Tensor]:
         "bones": bones[:, None].expand(-1, FRAMES, -1, -1),
         "certainty": (20 * of.certainty)[:, None].expand(-1, FRAMES, -1),
         "interval": interval * 30,
+        "acceleration": (of.acceleration @ of.turn / size).clamp(-50, 50) / 10 * of.has_acceleration[..., None],
+        "has_acceleration": of.has_acceleration.float(),
     }
 
 

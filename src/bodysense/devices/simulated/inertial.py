@@ -6,21 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bodysense.observation import STRAPPED, STRAPPED_TOWARD
+
 ALONG = 0.8  # of the bone from its joint: above the ankle, the wrist, the knee
 SMOOTHING = 0.066  # s: an acceleration is that of twice this time before it, and uses nothing that comes after
-_AT_JOINT = ("pelvis", "spine3")
-_ENDS = {"hip": "knee", "knee": "ankle", "ankle": "foot", "shoulder": "elbow", "elbow": "wrist"}
-# What may carry a sensor, and the point toward which it sits along the bone; None: at the joint itself.
-STRAPPED: dict[str, str | None] = {
-    **dict.fromkeys(_AT_JOINT),
-    **{f"{side}_{joint}": f"{side}_{end}" for joint, end in _ENDS.items() for side in ("left", "right")},
-}
 
 
 def strapped_places(position: np.ndarray, points: Sequence[str], along: float | np.ndarray = ALONG) -> np.ndarray:
     """Places (..., 12, 3) m of the sensors of `STRAPPED`, `along` their bones, of points (..., P, 3) m so named."""
     begins = [points.index(name) for name in STRAPPED]
-    ends = [points.index(end or name) for name, end in STRAPPED.items()]
+    ends = [points.index(end or name) for name, end in STRAPPED_TOWARD.items()]
     share = np.broadcast_to(np.asarray(along, dtype=float), len(begins))[:, None]
     return position[..., begins, :] * (1 - share) + position[..., ends, :] * share
 
@@ -32,3 +27,16 @@ def accelerations(place: np.ndarray, interval: float) -> tuple[np.ndarray, np.nd
     if known.any():
         felt[2 * lag :] = (place[2 * lag :] - 2 * place[lag:-lag] + place[: -2 * lag]) / (lag * interval) ** 2
     return felt, known
+
+
+def felt_by(position: np.ndarray, points: Sequence[str], sensors: Sequence[str], time: np.ndarray) -> np.ndarray:
+    """Accelerations (..., T, N, 3) m/s² of `sensors`, of `STRAPPED`, on points (..., T, P, 3); NaN until known.
+
+    Frames come at the median interval of `time` (T,).
+    """
+    place = strapped_places(position, points)[..., [STRAPPED.index(name) for name in sensors], :]
+    if len(time) < 2:
+        return np.full(place.shape, np.nan)
+    felt, known = accelerations(np.moveaxis(place, -3, 0), float(np.median(np.diff(time))))
+    felt[~known] = np.nan
+    return np.moveaxis(felt, 0, -3)

@@ -18,6 +18,7 @@ from bodysense.lab.completion.state import JOINT_COUNT, POINT_COUNT, Inputs, Out
 from bodysense.lab.completion.stored import BODY, FINGERS
 from bodysense.lab.completion.whole_numbers import whole_products
 from bodysense.lab.export import export
+from bodysense.observation import STRAPPED
 
 # Whose weights are stored in bytes; what turns the body's joints in the end keeps half precision.
 _IN_BYTES = ("body.recurrent", "body.turn_branch.0", "body.judge_branch", "finger_network")
@@ -51,6 +52,8 @@ def example_inputs(batch: int) -> Inputs:
         certainty=torch.zeros(batch, POINT_COUNT),
         floor=torch.zeros(batch),
         hold=torch.ones(batch),
+        acceleration=torch.zeros(batch, len(STRAPPED), 3),
+        has_acceleration=torch.zeros(batch, len(STRAPPED), dtype=torch.bool),
     )
 
 

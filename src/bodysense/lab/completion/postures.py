@@ -37,7 +37,7 @@ _LEANS = {"pelvis": 0.0, "spine1": 0.5, "spine2": 0.85, "neck": 0.6, "head": 0.2
 _TILTS = {"pelvis": 1.0, "spine1": 0.5, "spine2": 0.1}
 _SWAY, _TURNING = 0.15, 0.3  # what is left of how somebody who stands moves about, and turns
 _LYING = [f"{side}_{part}" for side in _SIDES for part in ("shoulder", "hip", "knee", "ankle")]
-_KNEE = 0.06  # m: how high a knee rests on the floor
+_KNEE, _SOLE = 0.06, 0.08  # m: how high a knee rests on the floor, and the ankle of a foot that stands
 _BACK = np.radians(120)  # feet that point down by more lie on their backs, toes too
 _CALM, _UPRIGHT = 0.3, 0.85  # m/s of the pelvis, and its share of its height at rest: whoever is calm stands
 
@@ -52,6 +52,11 @@ class _Limb:
     upper: np.ndarray  # (3,) m, from the first to the second at rest
     lower: np.ndarray  # (3,) m
     hinge: np.ndarray  # (3,) about which the lower bone bends
+
+    @property
+    def front(self) -> np.ndarray:
+        """(3,) toward where the middle joint goes when the limb bends, at rest."""
+        return np.cross(self.upper, self.hinge) / np.linalg.norm(self.upper)
 
 
 def _limb(kind: str, side: str, offset: np.ndarray) -> _Limb:
@@ -124,7 +129,7 @@ def settled(
     share = np.zeros(frames) if kind == "standing" else _when(frames, rate, rng)
     matrix, path = before.copy(), root.astype(float).copy()
     if kind != "standing":
-        matrix, path = _lowered(before, path, offset, _drawn(kind, offset, rng), share, rate, rng)
+        matrix, path = _lowered(before, path, offset, _DRAWN[kind](_bones_of(offset), rng), share, rate, rng)
     drawn = rng.uniform()
     if kind == "standing" or drawn < _HOLDING:
         matrix = _with_held_hands(matrix, path, offset, rate, rng)
@@ -148,88 +153,137 @@ def _when(frames: int, rate: float, rng: np.random.Generator) -> np.ndarray:
     return share * share * share * (share * (6 * share - 15) + 10)
 
 
-def _drawn(kind: str, offset: np.ndarray, rng: np.random.Generator) -> _Posture:
-    """Draw the heights, feet and lean of a posture."""
-    scale = float(offset[0, 1]) / _TALL
-    uniform, normal = rng.uniform, rng.normal
-    lengths = [np.linalg.norm(offset[default_skeleton().index(f"left_{name}")]) for name in ("knee", "ankle")]
-    thigh, shin = float(lengths[0]), float(lengths[1])
-    sole = 0.08 * scale
-    out = float(uniform(-0.05, 0.22)) * scale
-    tilt, lean, back = float(normal(-8, 10)), float(normal(4, 9)), 0.0
+@dataclass(frozen=True)
+class _Bones:
+    """Lengths (m) that a posture is drawn by."""
 
-    def planted(forward: float, sideways: float, *, raised: bool = False, knees_out: float = 0.0) -> _Leg:
-        heel = float(uniform(0.03, 0.1)) * scale if raised else 0.0
-        toes_down = float(np.radians(uniform(15, 45))) if raised else 0.0
-        pole = np.array([knees_out, 1.0, 0.7])
-        return _Leg(np.array([sideways, sole + heel, forward]), pole, toes_down, float(np.radians(uniform(-5, 28))))
+    scale: float  # beside the body for which heights are given here
+    thigh: float
+    shin: float
 
-    def kneeling(height: float, sideways: float) -> _Leg:
-        down = min(height - _KNEE, 0.995 * thigh)
-        forward = float(np.sqrt(thigh * thigh - down * down))
-        behind = forward - 0.99 * shin
-        tucked = uniform() < 0.5  # toes on the floor, or the back of the foot
-        high, turned = (0.13 * scale, uniform(70, 100)) if tucked else (0.06 * scale, uniform(145, 175))
-        return _Leg(np.array([sideways, high, behind]), np.array([0.0, -0.6, 1.0]), float(np.radians(turned)), 0.0)
+    @property
+    def leg(self) -> float:
+        return self.thigh + self.shin
 
-    if kind == "chair":
-        height = float(uniform(0.26, 0.72)) * scale
-        reach = float(np.sqrt(max(0.02, (0.97 * (thigh + shin)) ** 2 - (height - sole) ** 2)))
-        forward = float(uniform(0.12, max(0.2, reach)))
-        spread, back = float(uniform(-0.1, 0.5)), float(uniform(0.2, 0.5)) * scale
-        apart = uniform() < 0.25
-        legs = tuple(
-            planted(
-                float(np.clip(forward + normal(0, 0.18 if apart else 0.03), 0.05, reach)),
-                out + float(normal(0, 0.03)),
-                raised=bool(uniform() < 0.2),
-                knees_out=spread,
-            )
-            for _ in _SIDES
-        )
-    elif kind == "floor":
-        height, back = float(uniform(0.08, 0.2)) * scale, float(uniform(0, 0.4))
-        tilt, lean = float(normal(-22, 10)), float(normal(12, 10))
-        crossed = uniform() < 0.55
-        if crossed:
-            legs = tuple(
-                _Leg(
-                    np.array([uniform(-0.22, -0.02) * scale, 0.07 * scale, uniform(0.16, 0.34) * scale]),
-                    np.array([1.0, uniform(0.1, 0.5), 0.35]),
-                    float(np.radians(uniform(10, 50))),
-                    float(np.radians(uniform(20, 60))),
-                )
-                for _ in _SIDES
-            )
-        else:
-            forward = float(uniform(0.3, 0.96)) * (thigh + shin)
-            legs = tuple(
-                planted(float(np.clip(forward + normal(0, 0.1), 0.25, 0.97 * (thigh + shin))), out) for _ in _SIDES
-            )
-    elif kind == "kneeling":
-        height = float(uniform(0.2 * scale, thigh + _KNEE))
-        legs = (kneeling(height, out), kneeling(height + float(normal(0, 0.01)), out))
-        tilt, lean = float(normal(0, 8)), float(normal(5, 10))
-    elif kind == "half kneeling":
-        height = float(uniform(0.32 * scale, thigh + _KNEE))
-        front, rear = planted(float(uniform(0.2, 0.5)) * scale, out), kneeling(height, 0.02)
-        legs = (front, rear) if uniform() < 0.5 else (rear, front)
-        tilt, lean = float(normal(3, 8)), float(normal(8, 10))
-    elif kind == "lunge":
-        height = float(uniform(0.45, 0.75)) * scale
-        front = planted(float(uniform(0.25, 0.55)) * scale, 0.02)
-        behind = -float(uniform(0.3, 0.6)) * scale
-        toes_down, high = float(np.radians(uniform(35, 65))), 0.14 * scale
-        rear = _Leg(np.array([0.02, high, behind]), np.array([0.0, -0.5, 1.0]), toes_down, 0.0)
-        legs = (front, rear) if uniform() < 0.5 else (rear, front)
-        tilt, lean = float(normal(8, 8)), float(normal(8, 10))
-    else:
-        height, back = float(uniform(0.18, 0.72)) * scale, float(uniform(0.0, 0.2)) * scale
-        raised, spread = bool(uniform() < 0.5), float(uniform(0.0, 0.8))
-        forward = back + float(uniform(-0.02, 0.1)) * scale
-        legs = tuple(planted(forward + float(normal(0, 0.04)), out, raised=raised, knees_out=spread) for _ in _SIDES)
-        tilt, lean = float(uniform(5, 35)), float(uniform(10, 55))
-    return _Posture(height, back, float(np.radians(tilt)), float(np.radians(lean)), (legs[0], legs[1]))
+
+def _bones_of(offset: np.ndarray) -> _Bones:
+    knee, ankle = offset[default_skeleton().indices(["left_knee", "left_ankle"])]
+    return _Bones(float(offset[0, 1]) / _TALL, float(np.linalg.norm(knee)), float(np.linalg.norm(ankle)))
+
+
+def _degrees(mean: float, deviation: float, rng: np.random.Generator) -> float:
+    """A normal angle, radians."""
+    return float(np.radians(rng.normal(mean, deviation)))
+
+
+def _planted(
+    bones: _Bones,
+    forward: float,
+    sideways: float,
+    rng: np.random.Generator,
+    *,
+    raised: bool = False,
+    knees_out: float = 0.0,
+) -> _Leg:
+    """A foot that stands, flat or on its ball."""
+    heel = float(rng.uniform(0.03, 0.1)) * bones.scale if raised else 0.0
+    toes_down = float(np.radians(rng.uniform(15, 45))) if raised else 0.0
+    ankle = np.array([sideways, _SOLE * bones.scale + heel, forward])
+    return _Leg(ankle, np.array([knees_out, 1.0, 0.7]), toes_down, float(np.radians(rng.uniform(-5, 28))))
+
+
+def _kneeled(bones: _Bones, height: float, sideways: float, rng: np.random.Generator) -> _Leg:
+    """A knee on the floor, and the shin behind it."""
+    down = min(height - _KNEE, 0.995 * bones.thigh)
+    behind = float(np.sqrt(bones.thigh**2 - down**2)) - 0.99 * bones.shin
+    tucked = rng.uniform() < 0.5  # toes on the floor, or the back of the foot
+    high, turned = (0.13, rng.uniform(70, 100)) if tucked else (0.06, rng.uniform(145, 175))
+    ankle = np.array([sideways, high * bones.scale, behind])
+    return _Leg(ankle, np.array([0.0, -0.6, 1.0]), float(np.radians(turned)), 0.0)
+
+
+def _apart(bones: _Bones, rng: np.random.Generator) -> float:
+    """How far a foot is outward of its hip, m."""
+    return float(rng.uniform(-0.05, 0.22)) * bones.scale
+
+
+def _either_first(front: _Leg, rear: _Leg, rng: np.random.Generator) -> tuple[_Leg, _Leg]:
+    return (front, rear) if rng.uniform() < 0.5 else (rear, front)
+
+
+def _on_a_chair(bones: _Bones, rng: np.random.Generator) -> _Posture:
+    height, out = float(rng.uniform(0.26, 0.72)) * bones.scale, _apart(bones, rng)
+    reach = float(np.sqrt(max(0.02, (0.97 * bones.leg) ** 2 - (height - _SOLE * bones.scale) ** 2)))
+    forward, spread = float(rng.uniform(0.12, max(0.2, reach))), float(rng.uniform(-0.1, 0.5))
+    unlike = 0.18 if rng.uniform() < 0.25 else 0.03
+
+    def leg() -> _Leg:
+        ahead = float(np.clip(forward + rng.normal(0, unlike), 0.05, reach))
+        raised = bool(rng.uniform() < 0.2)
+        return _planted(bones, ahead, out + float(rng.normal(0, 0.03)), rng, raised=raised, knees_out=spread)
+
+    back = float(rng.uniform(0.2, 0.5)) * bones.scale
+    return _Posture(height, back, _degrees(-8, 10, rng), _degrees(4, 9, rng), (leg(), leg()))
+
+
+def _on_the_floor(bones: _Bones, rng: np.random.Generator) -> _Posture:
+    """Cross-legged, or with legs in front."""
+    crossed, out = rng.uniform() < 0.55, _apart(bones, rng)
+    forward = float(rng.uniform(0.3, 0.96)) * bones.leg
+
+    def leg() -> _Leg:
+        if not crossed:
+            return _planted(bones, float(np.clip(forward + rng.normal(0, 0.1), 0.25, 0.97 * bones.leg)), out, rng)
+        ankle = np.array([rng.uniform(-0.22, -0.02), 0.07, rng.uniform(0.16, 0.34)]) * bones.scale
+        pole = np.array([1.0, rng.uniform(0.1, 0.5), 0.35])
+        return _Leg(ankle, pole, float(np.radians(rng.uniform(10, 50))), float(np.radians(rng.uniform(20, 60))))
+
+    height, back = float(rng.uniform(0.08, 0.2)) * bones.scale, float(rng.uniform(0, 0.4))
+    return _Posture(height, back, _degrees(-22, 10, rng), _degrees(12, 10, rng), (leg(), leg()))
+
+
+def _on_both_knees(bones: _Bones, rng: np.random.Generator) -> _Posture:
+    """From sitting on the heels to upright."""
+    height, out = float(rng.uniform(0.2 * bones.scale, bones.thigh + _KNEE)), _apart(bones, rng)
+    legs = _kneeled(bones, height, out, rng), _kneeled(bones, height + float(rng.normal(0, 0.01)), out, rng)
+    return _Posture(height, 0.0, _degrees(0, 8, rng), _degrees(5, 10, rng), legs)
+
+
+def _on_one_knee(bones: _Bones, rng: np.random.Generator) -> _Posture:
+    height = float(rng.uniform(0.32 * bones.scale, bones.thigh + _KNEE))
+    front = _planted(bones, float(rng.uniform(0.2, 0.5)) * bones.scale, _apart(bones, rng), rng)
+    legs = _either_first(front, _kneeled(bones, height, 0.02, rng), rng)
+    return _Posture(height, 0.0, _degrees(3, 8, rng), _degrees(8, 10, rng), legs)
+
+
+def _lunging(bones: _Bones, rng: np.random.Generator) -> _Posture:
+    height = float(rng.uniform(0.45, 0.75)) * bones.scale
+    front = _planted(bones, float(rng.uniform(0.25, 0.55)) * bones.scale, 0.02, rng)
+    ankle = np.array([0.02, 0.14 * bones.scale, -float(rng.uniform(0.3, 0.6)) * bones.scale])
+    rear = _Leg(ankle, np.array([0.0, -0.5, 1.0]), float(np.radians(rng.uniform(35, 65))), 0.0)
+    return _Posture(height, 0.0, _degrees(8, 8, rng), _degrees(8, 10, rng), _either_first(front, rear, rng))
+
+
+def _crouching(bones: _Bones, rng: np.random.Generator) -> _Posture:
+    height, back = float(rng.uniform(0.18, 0.72)) * bones.scale, float(rng.uniform(0.0, 0.2)) * bones.scale
+    raised, spread, out = bool(rng.uniform() < 0.5), float(rng.uniform(0.0, 0.8)), _apart(bones, rng)
+    forward = back + float(rng.uniform(-0.02, 0.1)) * bones.scale
+
+    def leg() -> _Leg:
+        return _planted(bones, forward + float(rng.normal(0, 0.04)), out, rng, raised=raised, knees_out=spread)
+
+    tilt, lean = np.radians(rng.uniform(5, 35)), np.radians(rng.uniform(10, 55))
+    return _Posture(height, back, float(tilt), float(lean), (leg(), leg()))
+
+
+_DRAWN = {
+    "chair": _on_a_chair,
+    "floor": _on_the_floor,
+    "kneeling": _on_both_knees,
+    "half kneeling": _on_one_knee,
+    "lunge": _lunging,
+    "crouch": _crouching,
+}
 
 
 def _lowered(
@@ -281,8 +335,7 @@ def _lowered(
         ankle = ankle_before + share[:, None] * (target - ankle_before)
         ankle[:, 1] += lift
         pole = share[:, None] * (level @ (leg.pole * mirror))
-        pole += (1 - share)[:, None] * knee_before / np.linalg.norm(limb.upper)
-        # A knee that stands bends as the recorded one, whose pole is across the leg.
+        pole += (1 - share)[:, None] * (before[:, limb.first] @ limb.front)
         bent = _bent(limb, path + now[:, k], ankle, pole)
         mixed[:, limb.first], mixed[:, limb.second] = bent[0], bent[1]
         out = leg.toes_out * mirror[0]
@@ -385,7 +438,7 @@ def _reached(
     elbow = matrix[:, limb.first] @ limb.upper
     wrist = shoulder + elbow + matrix[:, limb.second] @ limb.lower
     end = wrist + share[:, None] * (target - wrist)
-    way = (1 - share)[:, None] * elbow / np.linalg.norm(limb.upper) + share[:, None] * pole
+    way = (1 - share)[:, None] * (matrix[:, limb.first] @ limb.front) + share[:, None] * pole
     first, second = _bent(limb, shoulder, end, way)
     after = matrix.copy()
     if hand is None:
