@@ -40,7 +40,7 @@ Motion = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
 @lru_cache
 def small_step() -> CompletionStep:
     """A step of networks that were never trained."""
-    torch.manual_seed(3)
+    torch.manual_seed(5)
     body = CompletionNetwork(CompletionConfig(hidden=16, branch=16, judge_branch=8))
     fingers = FingerNetwork(FingerConfig(hidden=8, branch=8))
     return CompletionStep(body, fingers, unchanged_errors(), unchanged_errors()).eval()
@@ -325,7 +325,7 @@ def standing_still(step: CompletionStep, motion: Motion, names: list[str], found
 def test_nothing_jumps_where_sensors_are_lost(step: CompletionStep, motion: Motion, lost: list[str]) -> None:
     """No point goes to its new place faster than the blending's time constant allows."""
     placed = standing_still(step, motion, lost, found=False)
-    assert (placed[40] - placed[39]).norm(dim=-1).max() < 4e-3
+    assert (placed[40] - placed[39]).norm(dim=-1).max() < 3e-3
     gap = (placed[79] - placed[39]).norm(dim=-1).max()
     fastest = float(gap) / (np.e * 72 * BLEND)  # of a critically damped way
     assert (placed[41:] - placed[40:-1]).norm(dim=-1).max() < 1.3 * fastest + 2e-3
