@@ -185,8 +185,11 @@ def test_predictions_are_those_of_the_trained_networks(network: NetworkLibrary, 
         from_wrist = body["point"][:, 22:52] - body["point"][:, [20] * 15 + [21] * 15]
         compare(worst, "fingers", from_wrist, after[:, 22:52] - after[:, [20] * 15 + [21] * 15])
         means, bounds = zip(
-            *(network.errors(seen[k : k + 1], predicted[k : k + 1], finger_error[k], np.zeros(65, np.float32))
-              for k in range(PEOPLE)), strict=True,
+            *(
+                network.errors(seen[k : k + 1], predicted[k : k + 1], finger_error[k], np.zeros(65, np.float32))
+                for k in range(PEOPLE)
+            ),
+            strict=True,
         )
         compare(worst, "expected", np.log(means), parts["outputs"].confidence.log().numpy())
         compare(worst, "bound", np.log(bounds), parts["outputs"].bound.log().numpy())

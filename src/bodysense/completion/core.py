@@ -6,7 +6,6 @@ import ctypes
 from collections.abc import Sequence
 from functools import lru_cache
 from importlib.resources import as_file, files
-from pathlib import Path
 from typing import Any
 
 import numpy as np

@@ -11,11 +11,10 @@ import torch
 from torch import Tensor, nn
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion.model import FORMAT
 from bodysense.lab.completion.graph import CompletionStep
 from bodysense.lab.completion.rewriting import LARGE, row_step, shortened, stored_small
 from bodysense.lab.completion.state import JOINT_COUNT, POINT_COUNT, Inputs, Outputs, State
-from bodysense.lab.completion.stored import BODY, FINGERS
+from bodysense.lab.completion.stored import BODY, FINGERS, FORMAT
 from bodysense.lab.completion.whole_numbers import whole_products
 from bodysense.lab.export import export
 

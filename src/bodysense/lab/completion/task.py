@@ -35,6 +35,7 @@ from bodysense.lab.completion.points import CONTACT, HEAD, INPUT_POINTS, JOINTS,
 from bodysense.lab.completion.sensor_draws import DrawnSensors
 from bodysense.lab.completion.sequences import Draw, Sequence, Track, TrainingBody, draw_sequence, make_sequence
 from bodysense.lab.completion.stored import read_networks
+from bodysense.lab.completion.weights_file import read_weights
 from bodysense.lab.fit import Task, begin, fit, played
 from bodysense.lab.options import Schedule
 
@@ -317,9 +318,10 @@ def train_completion(options: CompletionTraining) -> CompletionNetwork:
 
 def _weights(path: Path, network: CompletionNetwork) -> dict[str, Tensor]:
     """Weights to begin with: the best of a checkpoint, or those of a published file."""
-    if path.suffix != ".onnx":
+    readers = {".onnx": read_networks, ".safetensors": read_weights}
+    if path.suffix not in readers:
         return best_weights(path, network)
-    published, _ = read_networks(path)
+    published, _ = readers[path.suffix](path)
     if published.config != network.config:
         raise BodysenseError(f"{path}: built as {published.config}, wanted {network.config}; give another --begin-with")
     return published.state_dict()
