@@ -2,10 +2,11 @@
 #include "feet.h"
 
 static const float HOLD = 0.5F, RELEASE = 0.3F; /* probability of contact from which a foot is held, and let go */
+static const float SURE = 0.7F;   /* probability of contact from which a foot is put on the floor entirely */
 static const float FADE = 0.1F;   /* s in which half of what a released foot was held back by fades */
 static const float DRAG = 0.06F;  /* m: a foot that its leg drags farther slides along */
 static const float SETTLE = 0.06F; /* s in which half of a foot's height over the floor is taken away */
-static const float SOLE = 0.015F; /* m: a foot that is over its rest height by less stands: recorded feet do */
+static const float SOLE = 0.02F; /* m: a foot that is over its rest height by less stands: recorded feet do */
 static const float REACH = 0.25F; /* m: a foot is moved no farther up or down to the floor */
 
 static float rest_height(const foot *f, int part) { return part == 1 ? f->ankle_rest : f->ball_rest; }
@@ -54,7 +55,9 @@ void hold_feet(const foot foot[2], float floor, float interval, float upright, f
             float size = length(slide);
             if (size > DRAG) slide = scale(slide, DRAG / size);
             s->anchor = add(at, slide);
+            float contact = part[k] == 1 ? f->ankle_contact : f->ball_contact;
             drop = too_high(at.y, rest_height(f, part[k]), floor);
+            drop *= clamp((contact - RELEASE) / (SURE - RELEASE), 0.0F, 1.0F);
         } else if (!any_held) {
             drop = upright * hovering; /* nobody who stands hovers */
         }

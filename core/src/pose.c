@@ -20,9 +20,12 @@ static const float FASTEST = 10.0F; /* m/s at which a point that is seen again i
 static const float LEAVING = 0.08F, KEPT_LEG = 0.12F, KEPT_ARM = 0.35F, KEPT_RAISED = 3.0F;
 static const float KEPT_WRIST = 10.0F;   /* s: nothing tells how a lost hand is turned, and it mostly stays so */
 static const float SHOULDER_DOUBT = 25.0F; /* 1/m: a shoulder 4 cm off turns its collar half as far as a sure one */
+static const float SPINE_BACK = 0.3F;   /* of its length: how far a straight spine bends backward first */
 static const float COLLAR_GIVES = 0.8F;  /* of a collar's length: what it gives an arm that is too short */
 static const float LONGEST = 0.9995F;    /* of a limb's length */
 static const float MOST_MOVED = 0.15F;   /* m that a pelvis is moved for legs that do not reach */
+#define PULLS 6 /* times that legs pull a pelvis */
+static const float MOST_DRAWN = 0.1F;    /* m that a standing foot is drawn in below its hip */
 static const float SETTLE = 0.06F;       /* s in which half of what a standing pelvis lacks is made up */
 static const float STEADY = 0.7F;        /* m/s: a head that moves faster up or down jumps, sits down or rises */
 static const float LEAST_DOUBT = 1e-6F;  /* m */
@@ -60,40 +63,25 @@ static vec3 limited(vec3 v, float most) {
     return size > most ? scale(v, most / size) : v;
 }
 
-/* Ease a vector toward its goal.
- *
- * At a `break` of its motion what is output goes on with its speed for a frame, and the difference to the goal decays
- * over `span` seconds from then on. Returns what to output. */
-static vec3 eased(ease *e, vec3 goal, vec3 *goal_before, vec3 output_before, vec3 speed, float interval, bool breaks,
-                  float span) {
+/* Ease a vector toward its goal. If its motion breaks, what is output goes on with its speed for a frame, and the
+ * difference to the goal decays over `span` seconds from then on. Returns what to output. */
+static vec3 eased(ease *e, vec3 goal, vec3 output_before, vec3 speed, float interval, bool breaks, float span) {
     if (breaks) {
         vec3 offset = sub(along(output_before, limited(speed, FASTEST), interval), goal);
-        *e = ease_begin(offset, vec(0, 0, 0), span > 0.0F ? fmaxf(span, 1.875F * length(offset) / FASTEST) : 0.0F);
+        *e = ease_begin(offset, span > 0.0F ? fmaxf(span, ease_span(length(offset), FASTEST)) : 0.0F);
     } else {
-        if (e->age == 0.0F && e->span > 0.0F) {
-            vec3 goal_speed = scale(sub(goal, *goal_before), 1.0F / interval);
-            e->speed = limited(sub(speed, goal_speed), 0.5F * FASTEST);
-        }
         ease_advance(e, interval);
     }
-    *goal_before = goal;
     return add(goal, ease_offset(e));
 }
 
 /* The same for a rotation. */
-static mat3 eased_turn(ease *e, mat3 goal, mat3 *goal_before, mat3 output_before, vec3 spin, float interval,
-                       bool breaks, float span) {
+static mat3 eased_turn(ease *e, mat3 goal, mat3 output_before, vec3 spin, float interval, bool breaks, float span) {
     if (breaks) {
-        mat3 onward = turned_by(output_before, scale(spin, interval));
-        *e = ease_begin(turn_between(goal, onward), vec(0, 0, 0), span);
+        *e = ease_begin(turn_between(goal, turned_by(output_before, scale(spin, interval))), span);
     } else {
-        if (e->age == 0.0F && e->span > 0.0F) {
-            vec3 goal_spin = scale(turn_between(*goal_before, goal), 1.0F / interval);
-            e->speed = limited(sub(spin, goal_spin), 10.0F);
-        }
         ease_advance(e, interval);
     }
-    *goal_before = goal;
     return turned_by(goal, ease_offset(e));
 }
 
@@ -118,6 +106,10 @@ static void rotation_goals(const tracked *t, const prediction *p, mat3 goal[BODY
         float doubt = 2.0F * (t->accuracy[joint] + t->accuracy[child]) + LEAST_DOUBT;
         float square = dot(bone, bone);
         goal[joint] = turned_onto(goal[joint], bone, mix(bone, apart, square / (square + doubt * doubt)));
+    }
+    if (!known_rotation(t, PELVIS) && t->has_position[LEFT_HIP] && t->has_position[RIGHT_HIP]) {
+        vec3 line = rotate(goal[PELVIS], sub(t->rest_offset[LEFT_HIP], t->rest_offset[RIGHT_HIP]));
+        goal[PELVIS] = turned_onto(goal[PELVIS], line, sub(t->position[LEFT_HIP], t->position[RIGHT_HIP]));
     }
 }
 
@@ -161,14 +153,26 @@ static bool pelvis_seen(const tracked *t) {
     return t->has_position[PELVIS] || t->has_position[LEFT_HIP] || t->has_position[RIGHT_HIP];
 }
 
+/* Turn the neck so that a measured chest, whose rotation is known, is where it is below a measured head. */
+static void turn_neck(body *b, const tracked *t) {
+    if (!t->has_position[HEAD] || !t->has_position[SPINE3] || known_rotation(t, NECK)) return;
+    vec3 neck = add(t->position[SPINE3], rotate(b->rotation[SPINE3], t->rest_offset[NECK]));
+    vec3 before = sub(b->point[HEAD], b->point[NECK]);
+    b->rotation[NECK] = turned_onto(b->rotation[NECK], before, sub(b->point[HEAD], neck));
+    place(b, t, b->point[HEAD]);
+}
+
 /* Bend the spine so that the pelvis, which keeps its rotation, moves. Between the neck and the lowest joint of the spine
- * are two bones, of which the upper one is stiff. */
+ * are two bones, of which the upper one is stiff; between a measured chest and that joint as well. */
 static void bend_spine(body *b, const tracked *t, vec3 move) {
     if (dot(move, move) < 1e-12F) return;
-    vec3 neck = b->point[NECK];
-    vec3 upper = sub(b->point[SPINE2], neck), lower = sub(b->point[SPINE1], b->point[SPINE2]);
-    two_bones to = reach(add(sub(b->point[SPINE1], neck), move), length(upper), length(lower), upper);
-    b->rotation[SPINE3] = turned_onto(b->rotation[SPINE3], upper, to.middle);
+    bool chest = t->has_position[SPINE3] || known_rotation(t, SPINE3);
+    vec3 top = b->point[chest ? SPINE3 : NECK];
+    vec3 upper = sub(b->point[SPINE2], top), lower = sub(b->point[SPINE1], b->point[SPINE2]);
+    /* A spine that is straight bends backward. */
+    vec3 side = along(upper, b->rotation[SPINE3].z, -SPINE_BACK * length(upper));
+    two_bones to = reach(add(sub(b->point[SPINE1], top), move), length(upper), length(lower), side);
+    if (!chest) b->rotation[SPINE3] = turned_onto(b->rotation[SPINE3], upper, to.middle);
     b->rotation[SPINE2] = turned_onto(b->rotation[SPINE2], upper, to.middle);
     b->rotation[SPINE1] = turned_onto(b->rotation[SPINE1], lower, sub(to.end, to.middle));
     place(b, t, b->point[HEAD]);
@@ -212,6 +216,7 @@ static void ease_limb(limb_task *task, const tracked *t, const bs_settings *sett
         l->middle_kept = l->middle_output;
         l->end_leaving = limited(l->end_speed, FASTEST);
         l->lost = 0.0F;
+        l->end = l->middle = ease_begin(vec(0, 0, 0), 0.0F); /* what is kept is what was output, eased or not */
     }
     if (seen > 0 || middle_seen || !begun) l->lost = -1.0F;
     if (l->lost >= 0.0F) {
@@ -224,9 +229,9 @@ static void ease_limb(limb_task *task, const tracked *t, const bs_settings *sett
     float ease_seen = (float)settings->ease;
     bool end_breaks = found || (begun && seen != l->seen && l->lost < 0.0F) || (changed && seen == 0 && l->lost < 0.0F);
     bool middle_breaks = begun && (middle_seen != (l->middle_seen != 0) || (changed && !middle_seen && l->lost < 0.0F) || found);
-    end = eased(&l->end, end, &l->end_goal, l->end_output, l->end_speed, t->interval, end_breaks,
+    end = eased(&l->end, end, l->end_output, l->end_speed, t->interval, end_breaks,
                 seen == 2 ? ease_seen : BLEND);
-    middle = eased(&l->middle, middle, &l->middle_goal, l->middle_output, l->middle_speed, t->interval, middle_breaks,
+    middle = eased(&l->middle, middle, l->middle_output, l->middle_speed, t->interval, middle_breaks,
                    middle_seen ? ease_seen : BLEND);
     task->end = from_heading(end, c, sine);
     task->middle = from_heading(middle, c, sine);
@@ -305,17 +310,40 @@ static vec3 leg_lack(const limb_task *task) {
     return task->end_seen && lacking > 0.0F ? scale(unit(task->end), lacking) : vec(0, 0, 0);
 }
 
-/* Move a pelvis that is not measured so that legs reach their measured joints. */
-static void move_pelvis_to_legs(body *b, const tracked *t, const limb_task task[2]) {
-    if (pelvis_seen(t)) return;
-    vec3 lack = vec(0, 0, 0);
-    float count = 0.0F;
+/* Move the pelvis by bending the spine. Measured joints of the legs stay where they are. */
+static void move_pelvis(body *b, const tracked *t, limb_task task[2], vec3 move) {
+    vec3 before = b->point[PELVIS];
+    bend_spine(b, t, move);
+    vec3 moved = sub(b->point[PELVIS], before);
     for (int k = 0; k < 2; k++) {
-        if (!task[k].middle_seen && !task[k].end_seen) continue;
-        lack = add(lack, leg_lack(&task[k]));
-        count += 1.0F;
+        if (task[k].end_seen) task[k].end = sub(task[k].end, moved);
+        if (task[k].middle_seen) task[k].middle = sub(task[k].middle, moved);
     }
-    if (count > 0.0F) bend_spine(b, t, limited(scale(lack, 1.0F / count), MOST_MOVED));
+}
+
+/* Move a pelvis that is not measured so that legs reach their measured joints. */
+static void pull_pelvis(body *b, const tracked *t, pose_state *s, limb_task task[2]) {
+    vec3 before = b->point[PELVIS];
+    uint8_t pulling = 0;
+    for (int k = 0; k < 2; k++)
+        if (!pelvis_seen(t)) pulling |= (uint8_t)((task[k].middle_seen ? 1 : 0) + (task[k].end_seen ? 2 : 0)) << 2 * k;
+    for (int round = 0; round < PULLS && pulling != 0; round++) {
+        vec3 lack = vec(0, 0, 0);
+        float count = 0.0F;
+        for (int k = 0; k < 2; k++) {
+            if (!task[k].middle_seen && !task[k].end_seen) continue;
+            lack = add(lack, leg_lack(&task[k]));
+            count += 1.0F;
+        }
+        vec3 moved = sub(b->point[PELVIS], before);
+        move_pelvis(b, t, task, sub(limited(along(moved, lack, 1.0F / count), MOST_MOVED), moved));
+    }
+    vec3 moved = sub(b->point[PELVIS], before);
+    bool breaks = s->begun && pulling != s->pulling;
+    vec3 shown = eased(&s->pull, moved, s->pulled, vec(0, 0, 0), t->interval, breaks, BLEND);
+    move_pelvis(b, t, task, sub(shown, moved));
+    s->pulling = pulling;
+    s->pulled = sub(b->point[PELVIS], before);
 }
 
 static float rest_height(const tracked *t, int point) {
@@ -332,6 +360,16 @@ static float uprightness(const body *b, const tracked *t, const pose_state *s) {
     return high > tall + 0.03F ? 0.0F : risen * calm;
 }
 
+/* Draw a foot that stands, and that its leg does not reach, in below its hip, so that it stays on the floor. */
+static vec3 drawn_in(vec3 hip, vec3 ankle, float longest) {
+    vec3 away = vec(ankle.x - hip.x, 0, ankle.z - hip.z);
+    float high = hip.y - ankle.y, far = length(away);
+    float square = longest * longest - high * high;
+    if (square >= far * far) return vec(0, 0, 0);
+    float nearest = sqrtf(fmaxf(square, 0.0F));
+    return limited(scale(away, nearest / fmaxf(far, 1e-6F) - 1.0F), MOST_DRAWN);
+}
+
 /* How much lower the pelvis must be for a leg to reach its ankle (m). */
 static float lacking_height(vec3 hip, vec3 ankle, float longest) {
     float away = (ankle.x - hip.x) * (ankle.x - hip.x) + (ankle.z - hip.z) * (ankle.z - hip.z);
@@ -344,17 +382,11 @@ static void move_legs(body *b, const tracked *t, const prediction *p, const mat3
     limb_task task[2];
     float c, sine;
     for (int k = 0; k < 2; k++) task[k] = limb_goal(t, LEFT_LEG + k, goal, b->point[LEFT_HIP + k]);
-    vec3 pelvis = b->point[PELVIS];
-    move_pelvis_to_legs(b, t, task);
-    vec3 moved = sub(b->point[PELVIS], pelvis);
+    pull_pelvis(b, t, s, task);
     limb_heading(b, LEFT_LEG, &c, &sine);
     foot feet[2];
     for (int k = 0; k < 2; k++) {
         const limb_joints *j = &LIMB[LEFT_LEG + k];
-        if (task[k].end_seen || task[k].middle_seen) {
-            if (task[k].end_seen) task[k].end = sub(task[k].end, moved);
-            if (task[k].middle_seen) task[k].middle = sub(task[k].middle, moved);
-        }
         ease_limb(&task[k], t, settings, LEFT_LEG + k, changed[LEFT_LEG + k], c, sine, s->begun, &s->limb[LEFT_LEG + k]);
         two_bones to = solve_limb(&task[k]);
         int ball = LEFT_FOOT + k, toe = LEFT_TOE + k;
@@ -370,18 +402,23 @@ static void move_legs(body *b, const tracked *t, const prediction *p, const mat3
     }
     vec3 move[2] = {{0, 0, 0}, {0, 0, 0}};
     if (settings->hold_feet) hold_feet(feet, t->floor, t->interval, uprightness(b, t, s), s->foot, move);
-    float lacking = 0.0F;
+    float lacking = 0.0F, settle = 1.0F - exp2f(-t->interval / SETTLE);
     for (int k = 0; k < 2; k++) {
-        if (s->foot[k].held == 0 || !settings->hold_feet) continue;
+        if (s->foot[k].held == 0) continue;
         float longest = LONGEST * (length(task[k].upper) + length(task[k].lower));
         vec3 ankle = add(feet[k].ankle, move[k]);
+        vec3 drawn = scale(drawn_in(b->point[LEFT_HIP + k], ankle, longest), settle);
+        s->foot[k].anchor = add(s->foot[k].anchor, drawn); /* it stays there */
+        s->foot[k].slide = add(s->foot[k].slide, drawn);
+        move[k] = add(move[k], drawn);
+        ankle = add(ankle, drawn);
         lacking = fmaxf(lacking, lacking_height(b->point[LEFT_HIP + k], ankle, longest));
     }
     if (pelvis_seen(t)) lacking = 0.0F;
-    s->standing_drop += (1.0F - exp2f(-t->interval / SETTLE)) * (fminf(lacking, MOST_MOVED) - s->standing_drop);
-    pelvis = b->point[PELVIS];
+    s->standing_drop += settle * (fminf(lacking, MOST_MOVED) - s->standing_drop);
+    vec3 pelvis = b->point[PELVIS];
     bend_spine(b, t, vec(0, -s->standing_drop, 0));
-    moved = sub(b->point[PELVIS], pelvis);
+    vec3 moved = sub(b->point[PELVIS], pelvis);
     for (int k = 0; k < 2; k++) {
         /* Feet stay where they are when the pelvis is lowered for them. */
         vec3 shift = sub(move[k], moved);
@@ -391,10 +428,17 @@ static void move_legs(body *b, const tracked *t, const prediction *p, const mat3
     }
 }
 
-/* A wrist whose rotation is lost keeps it beside the forearm, and gives it up slowly. */
+/* The heading of the chest as a rotation. */
+static mat3 chest_heading(const body *b) {
+    float c, s;
+    heading_of(b->rotation[SPINE3], &c, &s);
+    return (mat3){{c, 0, -s}, {0, 1, 0}, {s, 0, c}};
+}
+
+/* A wrist whose rotation is lost keeps it to the chest, and gives it up slowly. */
 static void keep_wrists(body *b, const tracked *t, pose_state *s) {
     for (int k = 0; k < 2; k++) {
-        int wrist = LEFT_WRIST + k, forearm = LEFT_ELBOW + k;
+        int wrist = LEFT_WRIST + k;
         if (known_rotation(t, wrist)) {
             s->wrist_lost[k] = 0.0F;
             continue;
@@ -402,8 +446,7 @@ static void keep_wrists(body *b, const tracked *t, pose_state *s) {
         if (s->wrist_lost[k] < 0.0F) continue;
         s->wrist_lost[k] += t->interval;
         float u = s->wrist_lost[k] / KEPT_WRIST;
-        mat3 kept = product(b->rotation[forearm], s->wrist_kept[k]);
-        vec3 turn = turn_between(b->rotation[wrist], kept);
+        vec3 turn = turn_between(b->rotation[wrist], product(chest_heading(b), s->wrist_kept[k]));
         b->rotation[wrist] = turned_by(b->rotation[wrist], scale(turn, (1.0F + u) * expf(-u)));
     }
 }
@@ -432,7 +475,7 @@ void pose_body(const bs_settings *settings, const tracked *t, const prediction *
         bool wrist = j == LEFT_WRIST || j == RIGHT_WRIST;
         bool breaks = wrist ? came && known : came || (changed[GROUP[j]] && !known);
         float span = known ? (float)settings->ease : BLEND;
-        out->rotation[j] = eased_turn(&s->turn[j], goal[j], &s->goal[j], s->rotation[j], s->spin[j], interval, breaks, span);
+        out->rotation[j] = eased_turn(&s->turn[j], goal[j], s->rotation[j], s->spin[j], interval, breaks, span);
     }
 
     /* The body hangs on its head, or on its pelvis, or on what is seen. */
@@ -440,16 +483,18 @@ void pose_body(const bs_settings *settings, const tracked *t, const prediction *
     vec3 head = add(p->head, placement(out, t, p));
     bool head_breaks = begun && (t->has_position[HEAD] != (s->had_position[HEAD] != 0) ||
                                  (!t->has_position[HEAD] && (changed[TRUNK] || changed[LEFT_ARM] || changed[RIGHT_ARM])));
-    head = eased(&s->head, head, &s->head_goal, s->point[HEAD], s->head_speed, interval, head_breaks,
+    head = eased(&s->head, head, s->point[HEAD], s->head_speed, interval, head_breaks,
                  t->has_position[HEAD] ? (float)settings->ease : BLEND);
     place(out, t, head);
+
+    turn_neck(out, t);
 
     /* The spine bends to a measured pelvis. */
     bool pelvis_breaks = begun && (pelvis_seen(t) != (s->had_position[PELVIS] || s->had_position[LEFT_HIP] ||
                                                       s->had_position[RIGHT_HIP]) ||
                                    t->has_position[PELVIS] != (s->had_position[PELVIS] != 0));
     vec3 wanted = add(out->point[PELVIS], pelvis_off(out, t));
-    wanted = eased(&s->pelvis, wanted, &s->pelvis_goal, s->point[PELVIS], s->pelvis_speed, interval, pelvis_breaks,
+    wanted = eased(&s->pelvis, wanted, s->point[PELVIS], s->pelvis_speed, interval, pelvis_breaks,
                    pelvis_seen(t) ? (float)settings->ease : BLEND);
     bend_spine(out, t, sub(wanted, out->point[PELVIS]));
 
@@ -474,7 +519,7 @@ void pose_finish(const tracked *t, pose_state *s, body *out, float off[BS_POINTS
     }
     for (int k = 0; k < 2; k++)
         if (known_rotation(t, LEFT_WRIST + k))
-            s->wrist_kept[k] = product(transpose(out->rotation[LEFT_ELBOW + k]), out->rotation[LEFT_WRIST + k]);
+            s->wrist_kept[k] = product(transpose(chest_heading(out)), out->rotation[LEFT_WRIST + k]);
     for (int p = 0; p < BS_POINTS; p++) {
         s->point[p] = out->point[p];
         s->had_position[p] = t->has_position[p];

@@ -12,7 +12,6 @@ typedef struct limb_state {
     ease end, middle;                   /* m, easing of wrist or ankle, elbow or knee */
     vec3 end_output, end_speed;         /* m, m/s: as output in the frame before */
     vec3 middle_output, middle_speed;   /* m, m/s */
-    vec3 end_goal, middle_goal;         /* m, goals of the frame before */
     vec3 end_kept, end_leaving, middle_kept; /* m, m/s, m: where the end was last seen, and how fast it moved */
     float lost;                         /* s since the end was last seen; below 0: never, or not kept */
     uint8_t seen;                       /* 2: the end, 1: points that stand in for it, 0: neither */
@@ -33,16 +32,16 @@ typedef struct pose_state {
     vec3 point[BS_POINTS];         /* m, from base, as output */
     mat3 rotation[BODY_JOINTS];    /* world ← joint, as output */
     vec3 spin[BODY_JOINTS];        /* rad/s, world */
-    mat3 goal[BODY_JOINTS];        /* rotations before easing */
     ease turn[BODY_JOINTS];        /* rad, world */
     ease head, pelvis;             /* m, world */
-    vec3 head_goal, pelvis_goal;   /* m */
     vec3 head_speed, pelvis_speed; /* m/s */
-    vec3 pelvis_move;              /* m, by how much the spine was bent for the pelvis */
+    ease pull;
+    vec3 pulled;                   /* m, by how much measured legs moved the pelvis */
+    uint8_t pulling;               /* which measured joints of legs did */
     float standing_drop;           /* m, by how much the pelvis is lowered so that feet reach the floor */
     limb_state limb[LIMBS];
     foot_state foot[2];
-    mat3 wrist_kept[2];            /* forearm ← wrist when its rotation was last measured */
+    mat3 wrist_kept[2];            /* chest's heading ← wrist when its rotation was last measured */
     float wrist_lost[2];           /* s since then; below 0: never */
 } pose_state;
 

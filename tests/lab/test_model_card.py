@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense.lab.model_card import KINDS, _opened, describe, fields_read, kind_of
+from bodysense_lab.model_card import KINDS, _opened, describe, fields_read, kind_of
 
 WEIGHTS = Path(str(files("bodysense.weights")))
 SHIPPED = sorted([*WEIGHTS.glob("*.onnx"), *WEIGHTS.glob("*.safetensors")])

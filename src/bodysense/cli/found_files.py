@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, how_to_install
 from bodysense.io.datasets.layouts import Layout
 from bodysense.io.datasets.splits import empty_split
 from bodysense.io.rigs.options import ReadingOptions
@@ -25,6 +25,7 @@ OTHERS = (
     *(".glb", ".gltf", ".vrma", ".npy", ".c3d", ".trc", ".tsv", ".csv", ".jsonl"),
     *(".fbx", ".pkl", ".pickle", ".gz"),  # with what to do about them
 )
+LAB = "packages/lab"
 KINDS = {".glb": "glTF", ".gltf": "glTF", ".vrma": "VRM animation", ".npy": "SMPL"}
 
 
@@ -46,12 +47,9 @@ def files_in(
 ) -> tuple[int, Iterable[FoundFile]]:
     """How many files a place has, and each of them when its turn comes."""
     from bodysense.io.datasets.sources import Source, list_sources
-    from bodysense.lab.datasets import count_clips, open_clips
-    from bodysense.lab.store import is_store
 
-    if place.is_dir() and is_store(place):
-        clips = open_clips(place, split, layout=layout, options=reading)
-        return count_clips(place, split), (FoundFile(clip.name, clip) for clip in clips)
+    if (place / "zarr.json").is_file():
+        raise BodysenseError(f"{place}: a prepared store of motion, which {LAB} reads; {how_to_install(LAB)}")
     if place.is_file():
         return 1, (_read(place.name, Source(place, person="", split="test"), reading) for _ in range(1))
     others = _others(place) if place.is_dir() and split == "all" else []

@@ -123,7 +123,7 @@ def track(  # noqa: PLR0915
     from bodysense.io.clip import Clip
     from bodysense.io.markers.files import is_marker_file
     from bodysense.io.recording import Recording, is_recording
-    from bodysense.lab.unoc.fingers import synthesize
+    from bodysense.papers.fingers import synthesize
     from bodysense.reading import check_kind
     from bodysense.signals import signal_of
     from bodysense.take import track as complete
@@ -225,8 +225,8 @@ def _check_video_options(file: Path, reading: ReadingOptions, person: Path | Non
 def _write_with_fingers(file: Path, out: Path, reading: ReadingOptions, rate: float | None, model: Path | None) -> None:
     """A motion that nothing watches, with plausible fingers, and otherwise as it is."""
     from bodysense.io.motion_files import write_motion
-    from bodysense.lab.unoc.fingers import synthesize
-    from bodysense.lab.unoc.point_model import load_point_model
+    from bodysense.papers.fingers import synthesize
+    from bodysense.papers.point_model import load_point_model
 
     clip = synthesize(load_clip(file, reading, rate), load_point_model("fingers", model))
     write_motion(out, replace(clip, name=out.stem))
