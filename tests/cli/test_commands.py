@@ -15,6 +15,7 @@ from bodysense import __version__
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
 from bodysense.cli import main
+from bodysense.demo import packaged_performance
 from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.recording import read_recording, write_recording
@@ -42,6 +43,17 @@ def test_a_motion_is_tracked_in_one_go(tmp_path: Path, motion: Path, run, device
     run("track", motion, "--device", device, "-o", tmp_path / "one.bvh")
     one, two = (forward_kinematics(read_bvh(tmp_path / f"{name}.bvh").pose)[0] for name in ("one", "two"))
     np.testing.assert_allclose(one, two, atol=1e-4)
+
+
+def test_a_motion_is_converted(tmp_path: Path, motion: Path, run, refused) -> None:
+    said = run("convert", motion, "-o", tmp_path / "out.glb", "--rig", "unreal", "--rate", 60)
+    assert "wrote " in said and "39 frames at 60 Hz on unreal" in said
+    assert "unknown rig 'maya'" in refused("convert", motion, "-o", tmp_path / "out.glb", "--rig", "maya")
+    whole = packaged_performance()  # the short clip's legs never move: they are taken for lost
+    write_bvh(tmp_path / "whole.bvh", replace(whole, pose=whole.pose[:20]))
+    said = run("track", tmp_path / "whole.bvh", "-o", tmp_path / "same.bvh")
+    assert "nothing is missing in this motion: it is unchanged" in said
+    assert (tmp_path / "same.bvh").read_bytes() == (tmp_path / "whole.bvh").read_bytes()
 
 
 def test_the_wearer(tmp_path: Path, motion: Path, run) -> None:

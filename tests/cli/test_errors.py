@@ -84,7 +84,11 @@ WRONG = {
     "poses of another shape": (SIMULATE, "shape.npz", r"'poses' has shape \(4, 100\)"),
     "poses that are NaN": (SIMULATE, "nan.npz", "'poses' is not finite in row 0"),
     "text for an archive": (SIMULATE, "text.npz", "cannot be read as an .npz file"),
-    "another kind of file": (SIMULATE, "motion.csv", r"unknown kind of file '\.csv'; valid are \.bvh, \.npz"),
+    "another kind of file": (
+        SIMULATE,
+        "motion.csv",
+        r"markers, not a motion; .* or give a file of \.bvh, \.npz",
+    ),
     "a missing motion": (SIMULATE, "missing.bvh", "[Nn]o such file"),
     "a missing archive": (SIMULATE, "missing.npz", "no such file"),
     "the same, to be tracked": (MOTION, "cut.bvh", "announces .* values"),
@@ -112,7 +116,11 @@ WRONG = {
     "a foreign network": (MODEL, "foreign.onnx", r"not a bodysense completion network \(format 'not given', wanted"),
     "text for a network": (MODEL, "text.onnx", "not a readable ONNX model"),
     "a missing network": (MODEL, "missing.onnx", "no such model file"),
-    "a recording that is recorded": (SIMULATE, "seen.npz", "no 'poses' in it"),
+    "a recording that is recorded": (
+        SIMULATE,
+        "seen.npz",
+        "a recording, not a motion; complete it first",
+    ),
     "an empty folder": (("data", "info", "{file}"), "nothing", r"no \.bvh or \.npz file in it"),
     "a missing folder": (("data", "info", "{file}"), "missing", "no such folder"),
 }

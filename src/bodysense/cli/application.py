@@ -10,7 +10,7 @@ from bodysense.cli import data, demo, motion, packages, samples
 def application() -> SubcommandApp:
     """All commands: `bodysense demo`, `bodysense data info` …, and those of the packages that are installed."""
     root, data_group = SubcommandApp(), data.commands()
-    for command in (demo.demo, motion.track, motion.simulate, samples.generate):
+    for command in (demo.demo, motion.track, motion.convert, motion.simulate, samples.generate):
         root.command(command)
     root.command(data_group, name="data", help="Look at motion data, and prepare it.")
     packages.add_commands(root, data_group)

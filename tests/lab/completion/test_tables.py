@@ -17,6 +17,9 @@ from bodysense.cli import main
 from bodysense.devices.simulated.sensors import TABLE_SETS
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
+from bodysense.metrics import jitter
+from bodysense.observation import Observation
+from bodysense.scoring import scored_points
 from bodysense_lab.completion import scoring, tables
 from bodysense_lab.completion.measures import count_jumps
 from bodysense_lab.completion.options import BODIES
