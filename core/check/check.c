@@ -95,7 +95,7 @@ static void run(source *from) {
     for (int p = 0; p < BS_POINTS; ++p) point[p] = p;
     for (int k = 0; k < 2; ++k) {
         bs_person person = {.height = byte_of(from) & 1 ? number_of(from, 0.6) + 1.6 : NAN, .height_deviation = 0.01};
-        person.lengths = byte_of(from) % 3;
+        person.lengths = (int32_t)(byte_of(from) % 3);
         for (int m = 0; m < person.lengths; ++m)
             person.length[m] = (bs_length){(int32_t)byte_of(from) - 8, (int32_t)byte_of(from), number_of(from, 1), 0.01};
         if (bs_person_likeliest(model, &person) != BS_OK) {

@@ -41,7 +41,7 @@
 #define MOST_SHRINKING 0.015   /* m */
 #define MOVES 0.2              /* m/s, of the head */
 #define STILL_GROWTH 0.02      /* m/s, of the stature of a still wearer */
-#define MOVING_GROWTH 0.1      /* m/s */
+#define MOVING_GROWTH 0.1      /* m/s, of others, and toward a height that is known */
 #define SOLE 0.05      /* m: a skeleton's lowest points are above the sole */
 
 /* A length that tells of proportions: which quantile of it is taken, and how it then differs from the rest pose. */
@@ -218,6 +218,11 @@ static void replace_length(measurements *known, bs_length length) {
     if (place == known->lengths) ++known->lengths;
 }
 
+/* Whether the height is known, and the head has not contradicted it. */
+static bool knows_height(const bs_person *person, const proportions *own) {
+    return !isnan(person->height) && !own->released;
+}
+
 /* The likeliest body for lengths that were seen or are known, and a height. */
 static void fit_lengths(const bs_model *model, const bs_person *person, double height, double height_deviation,
                         proportions *own) {
@@ -235,7 +240,7 @@ static void fit_lengths(const bs_model *model, const bs_person *person, double h
 /* Believe in the body that is likeliest given what is known and what was seen. */
 static void fit_body(const bs_model *model, const bs_person *person, proportions *own) {
     double total, head = upright_head(own->seconds[HEAD_OVER_FLOOR], &total), height, deviation;
-    if (!isnan(person->height) && !own->released) {
+    if (knows_height(person, own)) {
         fit_lengths(model, person, person->height, person->height_deviation, own);
         return;
     }
@@ -280,10 +285,11 @@ static void look_at_head(const bs_person *person, const tracked *seen, proportio
     if (own->contradicting > CONTRADICTED) own->released = 1;
 }
 
-/* Move the body in use toward the believed one, so slowly that nobody sees a still wearer grow. */
-static void approach(double interval, proportions *own) {
+/* Move the body in use toward the believed one, so slowly that nobody sees a still wearer grow, or soon to a height
+ * that is known. */
+static void approach(const bs_person *person, double interval, proportions *own) {
     double now = rest_height(own->shown, HEAD_TOP), goal = rest_height(own->believed, HEAD_TOP);
-    double most = interval * (own->speed > MOVES ? MOVING_GROWTH : STILL_GROWTH);
+    double most = interval * (own->speed > MOVES || knows_height(person, own) ? MOVING_GROWTH : STILL_GROWTH);
     double share = 1.0 - exp2(-interval / QUICK);
     if (share * fabs(goal - now) > most) share = most / fabs(goal - now);
     for (int p = 0; p < BS_POINTS; ++p)
@@ -307,7 +313,7 @@ void proportions_step(const bs_model *model, const bs_person *person, const trac
         /* An unknown body begins as the first frame suggests, for nobody has seen it yet. */
         if (first && is_unknown(person)) memcpy(own->shown, own->believed, sizeof own->shown);
     }
-    approach(interval, own);
+    approach(person, interval, own);
     double stature = rest_height(own->shown, HEAD_TOP);
     bool arrived = stature < rest_height(own->believed, HEAD_TOP) + MOST_SHRINKING;
     if (own->elapsed >= SETTLING && (own->tallest >= 0 || arrived)) own->tallest = fmax(own->tallest, stature);

@@ -5,14 +5,13 @@ from __future__ import annotations
 from importlib.resources import files
 from pathlib import Path
 
-import onnx
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.model_card import KINDS, describe, fields_read, kind_of
+from bodysense_lab.model_card import KINDS, _opened, describe, fields_read, kind_of
 
 WEIGHTS = Path(str(files("bodysense.weights")))
-SHIPPED = sorted(WEIGHTS.glob("*.onnx"))
+SHIPPED = sorted([*WEIGHTS.glob("*.onnx"), *WEIGHTS.glob("*.safetensors")])
 
 
 class Every(dict[str, float]):
@@ -32,7 +31,7 @@ def copied(path: Path, folder: Path) -> Path:
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_a_card_keeps_what_it_shows(path: Path, tmp_path: Path) -> None:
     network = copied(path, tmp_path)
-    fields = {row.key: row.value for row in onnx.load(str(network)).metadata_props}
+    fields, _ = _opened(network)
     kind, figures = kind_of(network, fields), Every()
     rows = kind.rows(figures, fields_read(fields))
     text = describe(network, {**figures, "another": 7.0}).read_text(encoding="utf-8")

@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion.model import FORMAT
 from bodysense.completion.network import Network, NetworkFormat
 from bodysense.demo import packaged_performance
 from bodysense_lab.completion.blending import BLEND
@@ -24,6 +23,7 @@ from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
 from bodysense_lab.completion.graph import CompletionStep
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
 from bodysense_lab.completion.state import Inputs, Outputs, State
+from bodysense_lab.completion.stored import FORMAT
 
 FRAMES = 40
 SKELETON = default_skeleton()

@@ -8,7 +8,6 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bodysense.completion.model import packaged_model
 from bodysense.io.clip import Clip
 from bodysense_lab.completion.error_map import unchanged_errors
 from bodysense_lab.completion.export import as_stored, example_inputs
@@ -72,6 +71,6 @@ def test_moments_are_of_what_a_tracker_asks(waving_clip: Clip) -> None:
     step = CompletionStep(body, fingers, *[unchanged_errors()] * 2).eval()
     clip = replace(waving_clip, pose=waving_clip.pose[:20])
     batch = [scene_of(clip, "own", "train")]
-    moments = sample_moments(step, {"own": [batch], "stranger": [batch]}, packaged_model())
+    moments = sample_moments(step, {"own": [batch], "stranger": [batch]})
     assert len(moments) == 5
     assert all(np.isfinite(moment).all() and np.trace(moment) > 0.1 for moment in moments.values())

@@ -12,10 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
 
-from bodysense.completion.model import FORMAT
 from bodysense.errors import BodysenseError
 from bodysense_lab.completion.rewriting import row_step
-from bodysense_lab.completion.stored import read_networks
+from bodysense_lab.completion.stored import FORMAT, read_networks
 from bodysense_lab.completion.whole_numbers import REACH, whole_products
 
 INPUTS, OUTPUTS = 19, 7

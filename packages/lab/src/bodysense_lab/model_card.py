@@ -10,7 +10,6 @@ from typing import Any
 
 import onnx
 
-from bodysense.completion import model as completion
 from bodysense.devices.gloves import networks as glove
 from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
 from bodysense.devices.video import arms
@@ -18,7 +17,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.papers import hmd_vae as body_vae
 from bodysense.papers import point_model
-from bodysense_lab.unoc import learned
+from bodysense_lab.completion import stored, weights_file
 
 Numbers = Mapping[str, float]
 
@@ -41,11 +40,7 @@ def describe(path: Path, figures: Numbers) -> Path:
     `figures` is what the command that measures such networks wrote with --json; those of the card's table are kept.
     Raises BodysenseError for a file of no kind that has a card, and for figures of another command.
     """
-    try:
-        model = onnx.load(str(path))
-    except Exception as error:  # protobuf's own classes
-        raise BodysenseError(f"{path}: not a readable ONNX model ({type(error).__name__})") from None
-    fields = {row.key: row.value for row in model.metadata_props}
+    fields, write = _opened(path)
     kind = kind_of(path, fields)
     wanted = _Asked(figures)
     try:
@@ -53,13 +48,33 @@ def describe(path: Path, figures: Numbers) -> Path:
     except KeyError as error:
         raise BodysenseError(f"the figures have no {error}; write them with `{kind.measured_by} --json FILE`") from None
     fields["test"] = json.dumps({name: round(figures[name], 3) for name in sorted(wanted.asked)})
-    onnx.helper.set_model_props(model, fields)
     with written_beside(path) as beside:
-        onnx.save(model, str(beside))
+        write(beside, fields)
     card = path.with_suffix(".md")
     with written_beside(card) as beside:
         beside.write_text(card_text(path.name, kind, fields), encoding="utf-8")
     return card
+
+
+def _opened(path: Path) -> tuple[dict[str, str], Callable[[Path, dict[str, str]], None]]:
+    """The metadata of a network file, and what writes the file again with other metadata."""
+    if path.suffix == ".safetensors":
+        tensors, fields = weights_file.read_safetensors(path)
+        return fields, lambda out, card: _write_bytes(out, weights_file.safetensors_bytes(tensors, card))
+    try:
+        model = onnx.load(str(path))
+    except Exception as error:  # protobuf's own classes
+        raise BodysenseError(f"{path}: not a readable ONNX model ({type(error).__name__})") from None
+
+    def write(out: Path, card: dict[str, str]) -> None:
+        onnx.helper.set_model_props(model, card)
+        onnx.save(model, str(out))
+
+    return {row.key: row.value for row in model.metadata_props}, write
+
+
+def _write_bytes(path: Path, data: bytes) -> None:
+    path.write_bytes(data)
 
 
 def kind_of(path: Path, fields: Mapping[str, str]) -> Kind:
@@ -219,6 +234,16 @@ def _arm_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 
 _NOBODY = "identifying people, medical judgement."
+_COMPLETION = Kind(
+    "Completes a whole body, in rotations, from any points that are tracked, on any adult's proportions.",
+    "bodysense evaluate completion",
+    "Test people and test bodies, main motions: MPJPE from the head, cm, with a camera that of hidden joints; of "
+    "the recording's body, told; of a stranger's, told; only the height told; nothing told",
+    ("sensors", "own", "stranger", "height", "nothing"),
+    _completion_rows,
+    f"children; people who carry or use things; {_NOBODY}",
+)
+
 KINDS = {
     (learned.FORMAT, ""): Kind(
         "Completes a body and its fingers from what a headset's cameras see (UNOC, Parger et al. 2021).",
@@ -245,15 +270,7 @@ KINDS = {
         _upper_rows,
         f"legs, of which it knows nothing; floors that are not at y = 0; {_NOBODY}",
     ),
-    (completion.FORMAT, ""): Kind(
-        "Completes a whole body, in rotations, from any points that are tracked, on any adult's proportions.",
-        "bodysense evaluate completion",
-        "Test people and test bodies, main motions: MPJPE from the head, cm, with a camera that of hidden joints; of "
-        "the recording's body, told; of a stranger's, told; only the height told; nothing told",
-        ("sensors", "own", "stranger", "height", "nothing"),
-        _completion_rows,
-        f"children; people who carry or use things; {_NOBODY}",
-    ),
+    **dict.fromkeys([(weights_file.FORMAT, ""), (stored.FORMAT, "")], _COMPLETION),
     (glove.MARKER_FORMAT, ""): Kind(
         "Fills hidden markers of a glove from those that are seen (Pavllo et al. 2019, section 3.2.2).",
         "bodysense evaluate gloves-table3",

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 from tyro.extras import SubcommandApp
 
+from bodysense.body.person import Person
 from bodysense.devices.simulated.device import SensorSetName
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
@@ -51,7 +53,9 @@ def step(
 ) -> None:
     """Time the tracker's whole step, a frame at a time: one wearer, and several in a batch.
 
-    graph_p50_ms is the network's part of one wearer's step, what is left of p50_ms are the books.
+    onnx_p50_ms and onnx_batch16_ms are the same step as the last ONNX graph; reference_ms are the step's matrix
+    products of one wearer in NumPy, float32, of the body and its mirror image; mflop are their multiplications and
+    additions a frame.
 
     Args:
         sensors: sensor set that is tracked.
@@ -60,13 +64,11 @@ def step(
         model: completion network of your own; the packaged one if omitted.
         json: write the numbers here, as one flat object.
     """
-    from bodysense.completion.inputs import frames_of
-
-    from bodysense.body.person import Person
     from bodysense.completion.model import PACKAGED, load_completion
     from bodysense.demo import performance_of_stranger
     from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
     from bodysense.tracker import Tracker, step_together
+    from bodysense_lab.completion.weights_file import read_safetensors
 
     if people < 1:
         raise BodysenseError(f"--people {people}: give at least 1")
@@ -86,18 +88,41 @@ def step(
         states = [state for _, state in done]
 
     batch = percentiles(together, max(1, frames // 4))
-    frame, begun = frames_of(single[0], tracker.people, batched=False)[0], tracker.start()
-    interval, settings = np.full(1, 1 / clip.frame_rate), tracker.settings
-
-    def graph(_: int) -> None:
-        tracker.model.step(frame, interval, begun.proportions, settings.floor, settings.hold_feet, begun.network)
-
     numbers = {name: one[name] for name in ("p50_ms", "p99_ms")}
-    numbers["graph_p50_ms"] = percentiles(graph, max(1, frames // 4))["p50_ms"]
     numbers |= {f"batch{people}_ms": batch["p50_ms"] / people, f"batch{people}_p99_ms": batch["p99_ms"] / people}
+    graph, graphs = (_graph(observation, tracker.people * count) for count in (1, people))
+    numbers["onnx_p50_ms"] = percentiles(graph, max(1, frames // 4))["p50_ms"]
+    numbers[f"onnx_batch{people}_ms"] = percentiles(graphs, max(1, frames // 16))["p50_ms"] / people
     with as_file(files("bodysense.weights") / PACKAGED) as packaged:
-        size = (packaged if model is None else model).stat().st_size
+        path = packaged if model is None else model
+        size, tables = path.stat().st_size, [t for t in read_safetensors(path)[0].values() if t.dtype == np.int8]
+    wide = [np.ones(table.shape, np.float32) for table in tables]
+    columns = [np.ones((table.shape[1], 2), np.float32) for table in tables]
+
+    def products(_: int) -> None:
+        for table, column in zip(wide, columns, strict=True):
+            _ = table @ column
+
+    numbers["reference_ms"] = percentiles(products, max(1, frames // 4))["p50_ms"]
+    numbers["mflop"] = sum(4e-6 * table.size for table in tables)
     report(f"step, {sensors}", numbers | {"rss_mb": resident_memory(), "file_mb": size / 1e6}, json)
+
+
+def _graph(observation: Observation, people: Sequence[Person]) -> Callable[[int], None]:
+    """Run the n-th frame of an observation, of several people alike, through the last ONNX graph."""
+    from bodysense_lab.completion.onnx_graph import graph_inputs, open_graph
+
+    network, names = open_graph(), ("position", "rotation", "has_position", "has_rotation", "accuracy")
+    together = {name: np.repeat(getattr(observation, name)[None], len(people), axis=0) for name in names}
+    frames = list(graph_inputs(replace(observation[:300], **{n: v[:, :300] for n, v in together.items()}), people))
+    state = network.start(len(people))
+
+    def one(frame: int) -> None:
+        nonlocal state
+        place = frame % len(frames)
+        _, state = network.step(frames[place], network.start(len(people)) if place == 0 else state)
+
+    return one
 
 
 def gloves(frames: int = 3000, json: Path | None = None) -> None:

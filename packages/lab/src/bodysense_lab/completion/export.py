@@ -11,12 +11,10 @@ import torch
 from torch import Tensor, nn
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion.model import FORMAT
-from bodysense.observation import STRAPPED
 from bodysense_lab.completion.graph import CompletionStep
 from bodysense_lab.completion.rewriting import LARGE, row_step, shortened, stored_small
 from bodysense_lab.completion.state import JOINT_COUNT, POINT_COUNT, Inputs, Outputs, State
-from bodysense_lab.completion.stored import BODY, FINGERS
+from bodysense_lab.completion.stored import BODY, FINGERS, FORMAT
 from bodysense_lab.completion.whole_numbers import whole_products
 from bodysense_lab.export import export
 

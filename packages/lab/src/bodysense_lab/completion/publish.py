@@ -20,7 +20,6 @@ from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
 from bodysense.tracker import Tracker
 from bodysense_lab.completion.error_map import CERTAINTY_SCALE, LOG_TRACKED, ErrorMap, unchanged_errors
-from bodysense_lab.completion.export import write_completion
 from bodysense_lab.completion.fingers import FingerNetwork
 from bodysense_lab.completion.graph import CompletionStep
 from bodysense_lab.completion.network import CompletionNetwork
@@ -29,6 +28,7 @@ from bodysense_lab.completion.points import body_places
 from bodysense_lab.completion.rounding import round_weights, sample_moments
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of, stacked
 from bodysense_lab.completion.task import WORN
+from bodysense_lab.completion.weights_file import write_weights
 from bodysense_lab.datasets import open_clips
 
 QUANTILE = 0.9
@@ -73,7 +73,8 @@ def _sampled(
         estimate, state = tracker.step(whole[t : t + 1], state)
         alike = (estimate.points[:, 0, places], estimate.confidence[:, 0, places], estimate.measured[:, 0, places])
         if t % _STRIDE == 0:
-            parts.append((t, *alike, state.proportions.deviation[:, places]))
+            deviations = [state.person(k).bone_deviation[places] for k in range(len(batch))]
+            parts.append((t, *alike, np.array(deviations)))
     rows = []
     for index, (scene, observation) in enumerate(zip(batch, seen, strict=True)):
         own = [part for part in parts if part[0] < len(scene)]
@@ -137,11 +138,10 @@ def publish(body: CompletionNetwork, fingers: FingerNetwork, data: Path, out: Pa
     """Write the whole step, its weights rounded, with true errors; `card`: what it was trained on, and its licence."""
     body = copy.deepcopy(body)
     start = unchanged_errors()
-    beside = out.with_name(f"{out.stem}.uncalibrated.onnx")
+    beside = out.with_name(f"{out.stem}.uncalibrated.safetensors")
     try:
-        _write(body, fingers, start, start, beside, {})
         step = CompletionStep(body, fingers, start, start).eval()
-        round_weights(body, sample_moments(step, _scenes(data, ("train",)), load_completion(beside)))
+        round_weights(body, sample_moments(step, _scenes(data, ("train",))))
         _write(body, fingers, start, start, beside, {})
         samples = sample_errors(_scenes(data, ("train", "val")), load_completion(beside))
     finally:
@@ -159,7 +159,7 @@ def _write(
     card: dict[str, Any],
 ) -> None:
     configured = {"network": asdict(body.config), "fingers": asdict(fingers.config)}
-    write_completion(CompletionStep(body, fingers, mean, bound), out, {**configured, **card})
+    write_weights(CompletionStep(body, fingers, mean, bound), out, {**configured, **card})
 
 
 def _scenes(data: Path, splits: tuple[Split, ...]) -> dict[Truth, list[list[TrackedScene]]]:

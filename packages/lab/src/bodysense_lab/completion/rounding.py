@@ -6,21 +6,17 @@ after the other, and what one misses is made up for by those that are still to c
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from itertools import count
-from typing import Any, cast
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import torch
 from rich.progress import track as progress
 
-from bodysense.completion.model import CompletionModel
-from bodysense.completion.network import STATE, Network
 from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS, SensorSet, random_edges
-from bodysense.tracker import Tracker
 from bodysense_lab.completion.graph import CompletionStep
 from bodysense_lab.completion.network import CompletionNetwork
+from bodysense_lab.completion.onnx_graph import graph_inputs
 from bodysense_lab.completion.options import BODIES
 from bodysense_lab.completion.rewriting import row_step
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, person_of, stacked
@@ -32,51 +28,28 @@ _STRIDE = 10  # frames: neighbours tell little more
 _EDGES = 6  # random sets of sensors beside the named ones
 
 
-@dataclass(frozen=True, eq=False)
-class _Watched:
-    """A network at run time, of which every `_STRIDE`-th frame is kept as it was asked."""
-
-    network: Network
-    frames: list[tuple[Inputs, State]] = field(default_factory=list)
-    asked: Iterator[int] = field(default_factory=lambda: count(1))
-
-    def start(self, batch: int = 1) -> dict[str, np.ndarray]:
-        return self.network.start(batch)
-
-    def step(
-        self, inputs: Mapping[str, np.ndarray], state: Mapping[str, np.ndarray]
-    ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        if next(self.asked) % _STRIDE == 0:
-            told = Inputs(*(torch.tensor(inputs[name]) for name in Inputs._fields))
-            self.frames.append((told, State(*(torch.tensor(state[f"{STATE}{name}"]) for name in State._fields))))
-        return self.network.step(inputs, state)
-
-
 def sample_moments(
-    step: CompletionStep,
-    scenes: Mapping[Truth, Sequence[Sequence[TrackedScene]]],
-    model: CompletionModel,
-    seed: int = 8,
+    step: CompletionStep, scenes: Mapping[Truth, Sequence[Sequence[TrackedScene]]], seed: int = 8
 ) -> dict[str, np.ndarray]:
-    """`moments_of` the frames that a tracker asks of a step, whose file is `model`, over batches of scenes."""
-    watched = _Watched(model.network)
-    network = CompletionModel(cast(Network, watched))
+    """`moments_of` every `_STRIDE`-th frame of batches of scenes, as every kind of device sees them."""
     sets: list[SensorSet] = [SENSOR_SETS[name] for name in TABLE_SETS]
     sets += [edge.more for edge in random_edges(_EDGES, np.random.default_rng(seed))]
+    sums, frames = dict[str, np.ndarray](), 0
     for turn, sensors in enumerate(progress(sets, "what products read")):
         for place in range(len(scenes["own"])):
             body = BODIES[(turn + place) % len(BODIES)]
             batch = scenes[TRUTH_OF[body]][place]
-            tracker = Tracker([person_of(body, scene.skeleton) for scene in batch], network)
-            whole, state = stacked([scene.observe(sensors) for scene in batch]), tracker.start()
-            for frame in range(len(whole.time)):
-                _, state = tracker.step(whole[frame : frame + 1], state)
-    sums, frames = dict[str, np.ndarray](), 0
-    for inputs, state in watched.frames:
-        people = len(inputs.interval)
-        for name, moment in moments_of(step, inputs, state).items():
-            sums[name] = sums.get(name, 0.0) + people * moment
-        frames += people
+            people = [person_of(body, scene.skeleton) for scene in batch]
+            state = step.start(len(batch))
+            whole = stacked([scene.observe(sensors) for scene in batch])
+            for frame, values in enumerate(graph_inputs(whole, people), start=1):
+                inputs = Inputs(*(torch.from_numpy(values[name]) for name in Inputs._fields))
+                if frame % _STRIDE == 0:
+                    for name, moment in moments_of(step, inputs, state).items():
+                        sums[name] = sums.get(name, 0.0) + len(batch) * moment
+                    frames += len(batch)
+                with torch.no_grad():
+                    _, state = step(inputs, state)
     return {name: moment / frames for name, moment in sums.items()}
 
 

@@ -11,11 +11,11 @@ import onnx
 import torch
 from onnx import numpy_helper
 
-from bodysense.completion.model import FORMAT
 from bodysense.errors import BodysenseError
 from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
 
+FORMAT = "bodysense-completion-1"  # of the .onnx files of earlier releases
 BODY, FINGERS = "step.mirrored.network.", "step.hands.network."  # what their constants' names begin with
 _GATES = "_gates"  # behind the names of what a GRU holds in the order of ONNX
 

@@ -44,6 +44,7 @@ from bodysense_lab.completion.sequences import (
     make_sequence,
 )
 from bodysense_lab.completion.stored import read_networks
+from bodysense_lab.completion.weights_file import read_weights
 from bodysense_lab.fit import Task, begin, fit, played
 from bodysense_lab.options import Schedule
 from bodysense_lab.precision import layer_autocast
@@ -345,9 +346,10 @@ def train_completion(options: CompletionTraining) -> CompletionNetwork:
 
 def _weights(path: Path, network: CompletionNetwork) -> dict[str, Tensor]:
     """Weights to begin with: the best of a checkpoint, or those of a published file."""
-    if path.suffix != ".onnx":
+    readers = {".onnx": read_networks, ".safetensors": read_weights}
+    if path.suffix not in readers:
         return best_weights(path, network)
-    published, _ = read_networks(path)
+    published, _ = readers[path.suffix](path)
     if published.config != network.config:
         raise BodysenseError(f"{path}: built as {published.config}, wanted {network.config}; give another --begin-with")
     return published.state_dict()

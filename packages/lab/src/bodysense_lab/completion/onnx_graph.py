@@ -1,0 +1,60 @@
+"""The step as a graph: what it reads of observations, and the last packaged ONNX file, to time the core against."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.body.skeleton import default_skeleton
+from bodysense.completion.network import Network, NetworkFormat
+from bodysense.observation import Observation
+from bodysense_lab.completion.stored import FORMAT
+
+POINTS, JOINTS = len(default_skeleton().points), len(default_skeleton().joints)
+_FIRST, _LONGEST = 1 / 30, 0.1  # s, the interval that a first frame counts as, and the longest one
+_ABSENT = 0.001  # m, accuracy of points that are not tracked: any positive number
+
+GRAPH = NetworkFormat(
+    name=FORMAT, kind="completion graph", command="bodysense train completion", packaged="completion.onnx"
+)
+
+
+def open_graph(path: Path | None = None) -> Network:
+    """The graph of a file, or the last one that was packaged."""
+    return Network.open(path, GRAPH)
+
+
+def graph_inputs(observation: Observation, people: Sequence[Person]) -> Iterator[dict[str, np.ndarray]]:
+    """What a graph reads, frame by frame, of an observation (B, T, P) of people whose proportions do not change."""
+    count = len(people)
+    place = default_skeleton().indices(observation.points)
+    joint = np.flatnonzero(place < JOINTS)
+    fixed = {
+        "rest_offset": np.array([person.skeleton.rest_offset for person in people], np.float32),
+        "certainty": np.array([person.bone_deviation for person in people], np.float32),
+        "floor": np.zeros(count, np.float32),
+        "hold": np.ones(count, np.float32),
+    }
+    intervals = np.minimum(np.diff(observation.time, prepend=observation.time[0] - _FIRST), _LONGEST)
+    for t in range(len(observation)):
+        seen, turned = observation.has_position[:, t], observation.has_rotation[:, t][:, joint]
+        position, rotation = np.zeros((count, POINTS, 3), np.float32), np.zeros((count, JOINTS, 4), np.float32)
+        has_position, has_rotation = np.zeros((count, POINTS), bool), np.zeros((count, JOINTS), bool)
+        accuracy = np.full((count, POINTS), _ABSENT, np.float32)
+        rotation[..., 0] = 1.0
+        position[:, place] = np.where(seen[..., None], observation.position[:, t], 0.0)
+        rotation[:, place[joint]] = np.where(turned[..., None], observation.rotation[:, t][:, joint], [1.0, 0, 0, 0])
+        has_position[:, place], has_rotation[:, place[joint]] = seen, turned
+        accuracy[:, place] = np.where(seen, observation.accuracy[:, t], _ABSENT)
+        yield {
+            "position": position,
+            "rotation": rotation,
+            "has_position": has_position,
+            "has_rotation": has_rotation,
+            "accuracy": accuracy,
+            "interval": np.full(count, intervals[t], np.float32),
+            **fixed,
+        }
