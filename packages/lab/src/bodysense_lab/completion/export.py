@@ -11,6 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from bodysense.body.skeleton import default_skeleton
+from bodysense.observation import STRAPPED
 from bodysense_lab.completion.graph import CompletionStep
 from bodysense_lab.completion.rewriting import LARGE, row_step, shortened, stored_small
 from bodysense_lab.completion.state import JOINT_COUNT, POINT_COUNT, Inputs, Outputs, State

@@ -192,6 +192,7 @@ class CompletionStep(nn.Module):
             inputs.certainty,
             inputs.has_position,
             inputs.accuracy,
+            answer.apart,
         )
         places = points.squeeze(1)
         outputs = Outputs(places[:, 0], quaternion_between(above, world), places, confidence, bound, contact)

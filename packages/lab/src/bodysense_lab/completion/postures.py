@@ -93,11 +93,15 @@ def standing_share(corpus: Corpus) -> np.ndarray:
     shares = np.zeros(len(corpus))
     for clip in range(len(corpus)):
         first, count = int(corpus.start[clip]), int(corpus.length[clip])
-        root = corpus.root[first : first + count]
-        speed = np.linalg.norm(np.gradient(root[:, [0, 2]], axis=0), axis=-1) * corpus.rate[clip]
-        high = root[:, 1] > _UPRIGHT * corpus.rest_offset[clip, 0, 1]
-        shares[clip] = (high & (speed < _CALM)).mean()
+        rest = float(corpus.rest_offset[clip, 0, 1])
+        shares[clip] = stands(corpus.root[first : first + count], rest, float(corpus.rate[clip])).mean()
     return shares
+
+
+def stands(root: np.ndarray, rest: float, rate: float) -> np.ndarray:
+    """(T,) bool: whether a pelvis on a path (T, 3) m, which rests `rest` m high, is of somebody who stands."""
+    speed = np.linalg.norm(np.gradient(root[:, [0, 2]], axis=0), axis=-1) * rate
+    return (root[:, 1] > _UPRIGHT * rest) & (speed < _CALM)
 
 
 def low_share(corpus: Corpus) -> np.ndarray:
