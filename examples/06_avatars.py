@@ -6,9 +6,9 @@ from pathlib import Path
 
 from bodysense.demo import packaged_performance
 from bodysense.io.motion_files import write_motion
-from bodysense.serve.osc import read_packet
-from bodysense.serve.vmc import vmc_packets
-from bodysense.serve.vrchat import vrchat_packets
+from bodysense.io.osc import read_packet
+from bodysense_live.vmc import vmc_packets
+from bodysense_live.vrchat import vrchat_packets
 
 clip = packaged_performance()  # or what a tracker gives, frame by frame
 

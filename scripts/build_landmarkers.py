@@ -6,7 +6,7 @@ Where Google's model files cannot be fetched, the package index still serves tha
 
 Without --wheel the wheel is downloaded with pip and not installed. The files carry the names under which
 `bodysense track VIDEO` looks for them, and by default they are put where it looks. The models are Google's,
-Apache-2.0. Needs bodysense[video]. Where npm is there, MediaPipe's WebAssembly is put beside them, for the webcam.
+Apache-2.0. Needs the extra `video`. Where npm is there, MediaPipe's WebAssembly is put beside them, for the webcam.
 """
 
 from __future__ import annotations

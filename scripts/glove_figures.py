@@ -22,12 +22,12 @@ from textwrap import fill
 from readme_figures import markdown, put
 
 from bodysense.cli.show import processor
-from bodysense.lab.two_hands.foreign import FEW_MANY, WAYS
-from bodysense.lab.two_hands.foreign import PLACES as FOREIGN_PLACES
-from bodysense.lab.two_hands.layouts import layouts
-from bodysense.lab.two_hands.limits_report import LINES
-from bodysense.lab.two_hands.tables import PUBLISHED_MARKERS, PUBLISHED_POINTS, PUBLISHED_STILL
-from bodysense.lab.two_hands.trials import DURATIONS, HIDDEN
+from bodysense_lab.two_hands.foreign import FEW_MANY, WAYS
+from bodysense_lab.two_hands.foreign import PLACES as FOREIGN_PLACES
+from bodysense_lab.two_hands.layouts import layouts
+from bodysense_lab.two_hands.limits_report import LINES
+from bodysense_lab.two_hands.tables import PUBLISHED_MARKERS, PUBLISHED_POINTS, PUBLISHED_STILL
+from bodysense_lab.two_hands.trials import DURATIONS, HIDDEN
 
 ROOT = Path(__file__).parents[1]
 PAGE, README = ROOT / "docs" / "gloves.md", ROOT / "README.md"

@@ -14,7 +14,7 @@ import numpy as np
 
 from bodysense.body.hand import angles_of, hand_skeleton
 from bodysense.body.skeleton import default_skeleton
-from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense_lab.synthesis.hands import synthesize_hand
 
 FILE = Path(__file__).parents[1] / "src" / "bodysense" / "devices" / "gloves" / "postures.npy"
 PIECES, SECONDS, RATE, SEED, LEAST = 15, 20.0, 10.0, 77000, 0.05

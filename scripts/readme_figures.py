@@ -26,10 +26,10 @@ from pathlib import Path
 
 from bodysense.cli.show import processor
 from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
-from bodysense.lab.hmd_vae.tables import PUBLISHED as THREE_POINT
-from bodysense.lab.unoc.occlusion import PUBLISHED
-from bodysense.lab.unoc.tables import KEYS
-from bodysense.lab.unoc.variants import TABLES, VARIANTS
+from bodysense_lab.hmd_vae.tables import PUBLISHED as THREE_POINT
+from bodysense_lab.unoc.occlusion import PUBLISHED
+from bodysense_lab.unoc.tables import KEYS
+from bodysense_lab.unoc.variants import TABLES, VARIANTS
 
 ROOT = Path(__file__).parents[1]
 README, OCCLUSION = ROOT / "README.md", ROOT / "docs" / "occlusion.md"

@@ -23,7 +23,7 @@ from PIL import Image
 from readme_figures import markdown, put
 
 from bodysense.cli.show import processor
-from bodysense.lab.pahmt.tables import TABLE_1
+from bodysense_lab.pahmt.tables import TABLE_1
 
 ROOT = Path(__file__).parents[1]
 WEIGHTS = ROOT / "src" / "bodysense" / "weights" / "arms.onnx"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import subprocess
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +13,20 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from bodysense.body.pose import Pose, standing_pose
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply
+from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
+from bodysense.cli import main
 from bodysense.completion.model import CompletionModel, packaged_model
 from bodysense.devices.simulated.glove import observe
 from bodysense.devices.simulated.noise import hide
+from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
 from bodysense.observation import Observation
+
+Command = Callable[..., str]
+Refused = Callable[..., str]
+MakeClip = Callable[..., Clip]
 
 # How long an example takes says how busy a machine is, not what is wrong.
 settings.register_profile("bodysense", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -80,8 +89,8 @@ def small_network(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small network that was never trained, exported: what holds of every network holds of it."""
     import torch
 
-    from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig
-    from bodysense.lab.unoc.train import write_onnx
+    from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig
+    from bodysense_lab.unoc.train import write_onnx
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("network") / "small.onnx"
@@ -95,8 +104,8 @@ def small_vae(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """HMD-VAE's model 2, small and never trained, exported; its weights lie beside as .pt."""
     import torch
 
-    from bodysense.lab.hmd_vae.network import BodyVae, BodyVaeConfig, write_vae
-    from bodysense.lab.hmd_vae.train import write_vae_onnx
+    from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig, write_vae
+    from bodysense_lab.hmd_vae.train import write_vae_onnx
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("vae") / "model2.onnx"
@@ -116,8 +125,8 @@ def small_arms(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """PAHMT, small and never trained, exported; its weights lie beside as .pt."""
     import torch
 
-    from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig, write_arms
-    from bodysense.lab.pahmt.train import write_arms_onnx
+    from bodysense_lab.pahmt.network import ArmNetwork, ArmNetworkConfig, write_arms
+    from bodysense_lab.pahmt.train import write_arms_onnx
 
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("arms") / "arms.onnx"
@@ -146,12 +155,10 @@ def small_arms(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with every network of UNOC's tables, tiny."""
-    from dataclasses import replace
-
     import torch
 
-    from bodysense.lab.unoc.network import BodyNetwork, write_weights
-    from bodysense.lab.unoc.variants import VARIANTS
+    from bodysense_lab.unoc.network import BodyNetwork, write_weights
+    from bodysense_lab.unoc.variants import VARIANTS
 
     folder = tmp_path_factory.mktemp("networks")
     torch.manual_seed(0)
@@ -185,8 +192,6 @@ def landmarkers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPat
 @pytest.fixture(scope="session")
 def filmed() -> tuple[np.ndarray, Clip]:
     """Eight pictures (8, 320, 320, 3) at 15 Hz of the packaged performance, drawn, and its motion; both hands show."""
-    from dataclasses import replace
-
     from bodysense.demo import packaged_performance
     from bodysense.pictures.animation import draw_pose
     from bodysense.pictures.sheet import Lens, frame_shot
@@ -201,3 +206,70 @@ def filmed() -> tuple[np.ndarray, Clip]:
 def completion() -> CompletionModel:
     """The completion network that comes with the package."""
     return packaged_model()
+
+
+@pytest.fixture(scope="session")
+def short_clip(waving_clip: Clip) -> Clip:
+    """Two thirds of a second."""
+    return replace(waving_clip, name="short", pose=waving_clip.pose[:20])
+
+
+@pytest.fixture
+def motion(tmp_path: Path, short_clip: Clip) -> Path:
+    """The short clip as BVH."""
+    write_bvh(tmp_path / "motion.bvh", short_clip)
+    return tmp_path / "motion.bvh"
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Command:
+    """Run a command that must succeed; returns what it printed."""
+    monkeypatch.setenv("COLUMNS", "250")  # no line is broken
+
+    def call(*arguments: object) -> str:
+        status = main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        assert (status, captured.err) == (0, "")
+        return captured.out
+
+    return call
+
+
+@pytest.fixture
+def refused(capsys: pytest.CaptureFixture[str]) -> Refused:
+    """Run a command that must fail: status 2 and one line on stderr, without `bodysense: `, which is returned."""
+
+    def call(*arguments: object) -> str:
+        status = main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        assert status == 2
+        assert captured.err.startswith("bodysense: ") and captured.err.endswith("\n")
+        assert captured.err.count("\n") == 1, captured.err
+        return captured.err.removeprefix("bodysense: ").removesuffix("\n")
+
+    return call
+
+
+@pytest.fixture
+def two_people(tmp_path: Path, short_clip: Clip) -> Path:
+    """Two people, one of them at 60 Hz."""
+    for person, clip in (("anna", short_clip), ("ben", resample(short_clip, 60.0))):
+        (tmp_path / "motion" / person).mkdir(parents=True)
+        write_bvh(tmp_path / "motion" / person / "a.bvh", clip)
+    write_bvh(tmp_path / "motion" / "ben" / "b.bvh", short_clip)
+    return tmp_path / "motion"
+
+
+@pytest.fixture
+def make_clip() -> MakeClip:
+    def make(frames: int = 12, seed: int = 0, spread: float = 0.5, rate: float = 30.0) -> Clip:
+        rng = np.random.default_rng(seed)
+        skeleton = default_skeleton()
+        knots = rng.normal(scale=spread, size=(4, len(skeleton.joints), 3))
+        place = np.linspace(0, 2.999, frames)
+        before, t = place.astype(int), (place % 1)[:, None, None]
+        rotation = quaternion_exp((1 - t) * knots[before] + t * knots[before + 1])
+        root = np.array([0.3, 0.95, -0.2]) + np.cumsum(rng.normal(scale=0.01, size=(frames, 3)), axis=0)
+        return Clip(f"random_{seed}", Pose(skeleton, root, quaternion_canonical(rotation)), rate)
+
+    return make

@@ -23,14 +23,19 @@ from bodysense.devices.simulated.camera_view import FRONT, sample_cameras, view,
 from bodysense.devices.simulated.device import simulate
 from bodysense.devices.video.landmarker_files import find_landmarkers
 from bodysense.io.clip import Clip
-from bodysense.serve import marker_stream
-from bodysense.serve.marker_stream import MarkerReceiver
+from bodysense_live import marker_stream
+from bodysense_live.marker_stream import MarkerReceiver
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "packages").glob("*/README.md"))]
 FENCED = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
 GROUPS = ("data", "train", "evaluate", "bench", "study")
 INDENTED = re.compile(r"^    (bodysense .*(?:\\\n.*)*)$", re.MULTILINE)
+
+
+def page_id(page: Path) -> str:
+    """README, serve, or lab-README of a package."""
+    return page.stem if page.parent in (ROOT, ROOT / "docs") else f"{page.parent.name}-{page.stem}"
 
 
 def snippets(page: Path) -> list[str]:
@@ -129,7 +134,7 @@ CONTEXTS: dict[str, Callable[[pytest.MonkeyPatch], dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize("page", [page for page in WITH_SNIPPETS if page.stem != "video"], ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", [page for page in WITH_SNIPPETS if page.stem != "video"], ids=page_id)
 def test_snippets_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the order in which the page shows them, in one namespace."""
     monkeypatch.chdir(tmp_path)
@@ -157,7 +162,7 @@ def test_the_snippet_on_video_runs(
         exec(compile(code, "video.md", "exec"), {})
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", PAGES, ids=page_id)
 def test_commands_have_their_options(page: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words in commands(page):
         named = words[: 2 if words[0] in GROUPS else 1]
@@ -182,10 +187,22 @@ def test_links_lead_somewhere() -> None:
 
 
 def test_files_that_are_named_exist() -> None:
-    roots = (ROOT, ROOT / "web", ROOT / "src", ROOT / "src" / "bodysense", ROOT / "src" / "bodysense" / "lab")
+    roots = (
+        ROOT,
+        ROOT / "web",
+        ROOT / "src",
+        ROOT / "src" / "bodysense",
+        *(ROOT / "packages").glob("*/src"),
+        *(ROOT / "packages").glob("*/src/*"),
+    )
     named = [
         (page.name, name)
-        for page in [*PAGES, *(ROOT / "src").rglob("*.py"), *(ROOT / "scripts").glob("*.py")]
+        for page in [
+            *PAGES,
+            *(ROOT / "src").rglob("*.py"),
+            *(ROOT / "packages").rglob("*.py"),
+            *(ROOT / "scripts").glob("*.py"),
+        ]
         for name in re.findall(r"`([a-z_]+/[\w/]+\.(?:py|ts|mjs))`", page.read_text(encoding="utf-8"))
     ]
     assert len(named) >= 20

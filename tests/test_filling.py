@@ -20,7 +20,7 @@ from bodysense.io.bvh_stream import BvhLines, open_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
 from bodysense.observation import CONTACT_POINTS
-from bodysense.reading import read_clip
+from bodysense.open import MotionSource, open_source
 from bodysense.take import track
 
 
@@ -36,6 +36,12 @@ def take(steps: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("takes") / "take.bvh"
     write_bvh(path, steps)
     return path
+
+
+def motion_of(path: Path) -> Clip:
+    opened = open_source(path)
+    assert isinstance(opened, MotionSource)
+    return opened.clip
 
 
 def points(clip: Clip) -> np.ndarray:
@@ -59,7 +65,7 @@ def test_the_rest_is_kept_bit_for_bit(take: Path, tmp_path: Path, missing: str) 
     assert not (changed_channels(before, after) & ~done.holed.holes).any()
     for old, new, touched in zip(before.lines, after.lines, np.asarray(done.holed.holes.any(axis=1)), strict=True):
         assert touched or old == new
-    np.testing.assert_allclose(points(read_clip(tmp_path / "out.bvh")[0]), points(done.clip), atol=2e-4)
+    np.testing.assert_allclose(points(motion_of(tmp_path / "out.bvh")), points(done.clip), atol=2e-4)
 
 
 def test_a_filled_limb_is_near_does_not_jump_and_keeps_its_bones(take: Path, steps: Clip) -> None:
@@ -112,8 +118,8 @@ def test_holes_are_found_in_the_file(take: Path, tmp_path: Path) -> None:
     knee_joint = file.joints.index("right_knee")
     assert np.rad2deg(geodesic_angle(truth.rotation, found.rotation))[60:65, knee_joint].max() < 5
     assert not np.isnan(found.values).any()
-    with pytest.raises(BodysenseError, match="nothing is missing in this motion"):
-        track(tmp_path / "out.bvh")
+    whole = track(tmp_path / "out.bvh")
+    assert whole.holed is not None and whole.holed.is_whole
 
 
 def test_the_root_comes_back_between_what_is_known(take: Path, steps: Clip, tmp_path: Path) -> None:
@@ -130,7 +136,7 @@ def test_a_motion_in_memory_and_the_front_door(steps: Clip, tmp_path: Path) -> N
     kept &= ~done.holed.holes
     np.testing.assert_array_equal(done.clip.pose.rotation[kept], steps.pose.rotation[kept])
     done.save(tmp_path / "out.bvh")
-    assert len(read_clip(tmp_path / "out.bvh")[0]) == len(steps)
+    assert len(read_bvh(tmp_path / "out.bvh")) == len(steps)
 
 
 @pytest.mark.parametrize(
@@ -174,3 +180,12 @@ def test_filled_feet_that_stand_do_not_slide(steps: Clip) -> None:
         place = np.asarray(forward_kinematics(pose)[0])[:, ball]
         slid.append(np.linalg.norm(np.diff(place[20:60, [0, 2]], axis=0), axis=-1)[both].mean() * steps.frame_rate)
     assert both.sum() > 10 and slid[0] < 0.5 * slid[1]
+
+
+def test_a_whole_motion_is_written_unchanged(take: Path, steps: Clip, tmp_path: Path) -> None:
+    done = track(take)
+    done.save(tmp_path / "out.bvh")
+    assert (tmp_path / "out.bvh").read_bytes() == take.read_bytes()
+    assert done.holed is not None and done.holed.is_whole
+    in_memory = track(steps)
+    np.testing.assert_array_equal(in_memory.clip.pose.rotation, steps.pose.rotation)

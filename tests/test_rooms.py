@@ -8,13 +8,25 @@ import sys
 from functools import cache
 from pathlib import Path
 
-SOURCE = Path(__file__).parents[1] / "src"
+ROOT = Path(__file__).parents[1]
+SOURCES = {
+    "bodysense": ROOT / "src",
+    **{f"bodysense_{path.name}": path / "src" for path in (ROOT / "packages").iterdir()},
+}
+MAY_IMPORT = {  # which other packages one may import
+    "bodysense": set(),
+    "bodysense_live": {"bodysense"},
+    "bodysense_conform": {"bodysense"},
+    "bodysense_lab": {"bodysense", "bodysense_live", "bodysense_conform"},  # for its benchmarks
+}
 FLOORS: dict[str, float] = {
     "errors": -2,
     "files": -1,
     "arrays": -0.5,
     "weights": -1,  # data, read by name
     "body": 0,
+    "intervals": 0,
+    "metrics": 1,
     "observation": 1,
     "io": 2,
     "completion": 2,
@@ -22,31 +34,31 @@ FLOORS: dict[str, float] = {
     "demo": 3,
     "tracker": 4,
     "pictures": 4,
+    "papers": 4,
+    "scoring": 4,
     "reading": 5,
-    "filling": 5,
+    "filling": 4.5,
+    "open": 4.8,
     "signals": 5.5,
+    "convert": 6,
     "take": 6,
-    "serve": 6,
-    "lab": 6,
-    "lab.serving": 6.5,  # what holds the live server to its word
-    "conform": 7,
     "cli": 8,
-    "lab.commands": 8.5,  # beside those of the library, of which they use a little
-    "cli.laboratory": 8.6,
-    "cli.application": 8.7,
     "__main__": 9,
 }
 FRONT_DOOR = "bodysense"  # names what the library offers, and imports it when it is asked for
 LIGHT = {"numpy", "array_api_compat", "tyro", "rich"}  # what run-time modules may import at once
-LAB = ("lab",)  # what comes with bodysense[lab]
 
 
-def name_of(path: Path) -> str:
-    parts = path.relative_to(SOURCE).with_suffix("").parts
+def name_of(path: Path, source: Path) -> str:
+    parts = path.relative_to(source).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-MODULES = {name_of(path): path for path in sorted(SOURCE.rglob("*.py"))}
+MODULES = {name_of(path, source): path for source in SOURCES.values() for path in sorted(source.rglob("*.py"))}
+
+
+def package(module: str) -> str:
+    return module.partition(".")[0]
 
 
 def room(module: str) -> str:
@@ -83,46 +95,70 @@ def waits(node: ast.AST) -> bool:
 
 
 def ours(names: frozenset[str]) -> set[str]:
-    return {name for name in names if name.split(".")[0] == "bodysense"}
+    return {name for name in names if package(name) in SOURCES}
 
 
-def test_every_module_has_a_floor() -> None:
-    assert not [module for module in MODULES if module != FRONT_DOOR and room(module) not in FLOORS]
+def test_the_packages_are_those_that_are_meant() -> None:
+    assert set(SOURCES) == set(MAY_IMPORT)
+    assert {package(module) for module in MODULES} == set(MAY_IMPORT)
 
 
-def test_modules_import_from_lower_floors_only() -> None:
+def test_every_module_of_the_library_has_a_floor() -> None:
+    modules = [module for module in MODULES if package(module) == "bodysense" and module != FRONT_DOOR]
+    assert not [module for module in modules if room(module) not in FLOORS]
+
+
+def test_what_is_imported_exists() -> None:
+    offenders = [
+        f"{module} imports {other}"
+        for module in MODULES
+        for other in ours(imported(module, everywhere=True))
+        if other not in MODULES
+    ]
+    assert not offenders
+
+
+def test_modules_of_the_library_import_from_lower_floors_only() -> None:
     offenders = []
     for module in MODULES:
+        if package(module) != "bodysense" or module == FRONT_DOOR:
+            continue
         for other in ours(imported(module, everywhere=True)) - {FRONT_DOOR}:
-            if other not in MODULES:
-                offenders.append(f"{module} imports {other}, which does not exist")
-            elif module != FRONT_DOOR and not same(module, other) and floor(other) >= floor(module):
+            if room(other) != room(module) and FLOORS.get(room(other), 10) >= FLOORS[room(module)]:
                 offenders.append(f"{module} imports {other}")
     assert not offenders
 
 
-def same(module: str, other: str) -> bool:
-    """Whether both lie in one room, where order is free; the laboratory's commands are a room of their own."""
-    return room(module) == room(other) and other.startswith("bodysense.lab.commands") <= (floor(module) > 8)
-
-
-def floor(module: str) -> float:
-    """Of the longest name in `FLOORS` that holds the module."""
-    parts = module.split(".")[1:]
-    names = (".".join(parts[:count]) for count in range(len(parts), 0, -1))
-    return next(FLOORS[name] for name in names if name in FLOORS)
-
-
-def test_the_library_never_imports_the_lab() -> None:
-    """Commands do, when they run; `bodysense` without the lab has all others."""
+def test_packages_import_what_they_may() -> None:
+    """The library, its commands included, imports none of the packages, and they hardly import each other."""
     offenders = [
         f"{module} imports {other}"
         for module in MODULES
-        if room(module) not in LAB
-        for other in ours(imported(module, everywhere=room(module) != "cli"))
-        if room(other) in LAB
+        for other in ours(imported(module, everywhere=True))
+        if package(other) != package(module) and package(other) not in MAY_IMPORT[package(module)]
     ]
     assert not offenders
+
+
+def test_commands_are_on_top() -> None:
+    offenders = [
+        f"{module} imports {other}"
+        for module in MODULES
+        if room(module) not in ("commands", "command", "cli", "__main__")
+        for other in ours(imported(module, everywhere=True))
+        if room(other) in ("commands", "command", "cli")
+    ]
+    assert not offenders
+
+
+def test_the_commands_of_the_laboratory_load_without_the_server_and_the_referee() -> None:
+    code = (
+        "import sys; sys.modules.update(bodysense_live=None, bodysense_conform=None)\n"
+        "from tyro.extras import SubcommandApp\n"
+        "from bodysense_lab.commands import add_commands\n"
+        "add_commands(SubcommandApp(), SubcommandApp())"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_no_modules_import_each_other() -> None:
@@ -154,14 +190,14 @@ def test_no_two_classes_share_a_name() -> None:
 
 
 def test_the_run_time_is_light() -> None:
-    heavier = {name: heavy(name, set()) - LIGHT for name in MODULES if room(name) not in LAB}
+    heavier = {name: heavy(name, set()) - LIGHT for name in MODULES if package(name) != "bodysense_lab"}
     assert not {name: packages for name, packages in heavier.items() if packages}
     assert heavy(FRONT_DOOR, set()) == set()
 
 
 def test_the_check_sees_what_is_heavy() -> None:
-    assert "torch" in heavy("bodysense.lab.unoc.network", set())
-    assert {"torch", "onnx"} <= heavy("bodysense.lab.unoc.train", set())
+    assert "torch" in heavy("bodysense_lab.unoc.network", set())
+    assert {"torch", "onnx"} <= heavy("bodysense_lab.unoc.train", set())
 
 
 def test_the_command_starts_without_the_libraries_of_training() -> None:

@@ -184,21 +184,73 @@ def test_worn_trackers_are_refined_alike_whole_streamed_and_with_others() -> Non
     for k, (tracker, part) in enumerate(zip(trackers, parts, strict=True)):
         whole, state = tracker.step(part, tracker.start())
         assert np.abs(whole.points - np.array(streamed)[:, k]).max() < 1e-5
-        one, other = state.mounts.worn[0], states[k].mounts.worn[0]
-        assert one is not None and other is not None
-        assert np.allclose(one.mean, other.mean)
-        assert np.abs(one.correction).max() > 1e-4
+        assert (state.memory[0] == states[k].memory[0]).all()
+        for joint in ("pelvis", "left_ankle", "left_knee"):
+            learned = state.person().mounts[joint].translation
+            assert 1e-4 < np.abs(learned - tracker.people[0].mounts[joint].translation).max() < 0.05
 
 
 def test_after_a_gap_motion_starts_afresh_and_the_person_stays() -> None:
     clip = performance(8)
     observation, tracker = seen(clip, "three_point"), Tracker()
-    _, state = tracker.step(observation, tracker.start())
-    later = replace(observation, time=observation.time + observation.time[-1] + 5.0)
-    again, after = tracker.step(later, state)
-    fresh, _ = Tracker(state.person(), settings=TrackerSettings(infer=False)).step(later, tracker.start())
-    assert np.isfinite(again.points).all() and np.isfinite(fresh.points).all()
-    assert after.proportions.seconds[0].sum() > state.proportions.seconds[0].sum()
+    before, state = tracker.step(observation, tracker.start())
+    for gap, anew in ((5.0, True), (0.5, False)):
+        later = replace(observation, time=observation.time + observation.time[-1] + gap)
+        again, after = tracker.step(later[:1], state)
+        assert np.abs(again.rest_offset[0] - before.rest_offset[-1]).max() < 1e-3
+        person = Person(again.pose.skeleton, bone_deviation=after.person().bone_deviation)
+        fresh, _ = (known := Tracker(person, settings=TrackerSettings(infer=False))).step(later[:1], known.start())
+        apart = np.abs(fresh.pose.rotation[0] - again.pose.rotation[0]).max()
+        assert (apart < 1e-4) == anew
+
+
+@pytest.mark.parametrize("name", ["three_point", "headset_camera"])
+def test_a_stored_state_goes_on_as_if_it_had_not_been(name: str) -> None:
+    observation, tracker = seen(performance(9), name), Tracker([Person(height=1.7)])
+    lead = ("position", "rotation", "has_position", "has_rotation", "accuracy")
+    observation = replace(observation, **{part: getattr(observation, part)[None] for part in lead})
+    _, state = tracker.step(observation[:20], tracker.start())
+    restored = Tracker([Person(height=1.7)]).restore(state.to_bytes())
+    one, other = (tracker.step(observation[20:], each)[0] for each in (state, restored))
+    assert np.array_equal(one.points, other.points)
+    for stored in (b"", state.to_bytes()[:-1], bytes(len(state.to_bytes())), 2 * state.to_bytes()):
+        with pytest.raises(BodysenseError, match="tracker state: "):
+            tracker.restore(stored)
+
+
+def test_a_refused_frame_leaves_the_state_unchanged() -> None:
+    observation, tracker = seen(performance(10), "three_point"), Tracker()
+    _, state = tracker.step(observation[:10], tracker.start())
+    stored = state.to_bytes()
+    broken = replace(observation[10:20], position=observation.position[10:20].copy())
+    broken.position[5, 0, 1] = np.nan
+    with pytest.raises(
+        BodysenseError, match=f"{broken.points[0]!r} is tracked at frame 5, but its position is not fin"
+    ):
+        tracker.step(broken, state)
+    assert state.to_bytes() == stored
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1.0, 1e30])
+@pytest.mark.parametrize("field", ["floor", "ease", "longest_gap", "first_interval", "longest_interval"])
+def test_settings_that_cannot_be(field: str, value: float) -> None:
+    if (value == -1.0 and field == "floor") or (value == 1e30 and field != "floor"):
+        TrackerSettings(**{field: value})
+        return
+    with pytest.raises(BodysenseError, match=f"tracker settings: {field}"):
+        TrackerSettings(**{field: value})
+
+
+@pytest.mark.parametrize("origin", [0.0, -5.0, 1.7e9])
+def test_time_must_increase(origin: float) -> None:
+    observation, tracker = seen(performance(11), "head")[:1], Tracker()
+    _, state = tracker.step(replace(observation, time=np.array([origin])), tracker.start())
+    assert state.time() == origin and np.isnan(tracker.start().time())
+    for wrong in (origin, origin - 1 / 60, np.nan, np.inf, -np.inf):
+        with pytest.raises(BodysenseError, match=r"time"):
+            tracker.step(replace(observation, time=np.array([wrong])), state)
+    with pytest.raises(BodysenseError, match=f"a frame at {origin - 0.5:.15g} s came after one at {origin:.15g} s"):
+        tracker.step(replace(observation, time=np.array([origin - 0.5])), state)
 
 
 def test_what_is_refused() -> None:

@@ -86,13 +86,13 @@ const names = {
   assetFileNames: "[name][extname]",
 };
 
-// The built page is package data of bodysense.serve: names without hashes, so that a rebuild changes files in place.
+// The built page is package data of bodysense_live: names without hashes, so that a rebuild changes files in place.
 export default defineConfig({
   base: "./",
   plugins: [withoutWasm(), packedRuntime(), workerLicenses(), marked()],
   worker: { format: "es", plugins: () => [withoutWasm()], rolldownOptions: { output: names } },
   build: {
-    outDir: "../src/bodysense/serve/page",
+    outDir: "../packages/live/src/bodysense_live/page",
     emptyOutDir: true,
     target: "es2022",
     modulePreload: { polyfill: false },

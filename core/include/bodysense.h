@@ -16,6 +16,9 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#if defined(__GNUC__) && !defined(_WIN32)
+#pragma GCC visibility push(default)
+#endif
 
 #define BS_VERSION 1     /* of this header; bs_version() gives the library's */
 #define BS_JOINTS 52     /* 22 joints of the body, then 15 of each hand */
@@ -33,7 +36,7 @@ typedef enum bs_result {
     BS_MEMORY_SMALL,     /* the memory given is smaller than the size asked for, or not aligned */
     BS_STATE_FOREIGN,    /* a state that was not started with this model */
     BS_TIME_DISORDERED,  /* time is not finite, or does not increase */
-    BS_VALUE_NOT_FINITE, /* a tracked position, rotation or accuracy is NaN, infinite or beyond 1 km */
+    BS_VALUE_NOT_FINITE, /* a tracked position or accuracy is NaN, infinite or beyond 1 km, or a rotation not of length 1 */
     BS_POINT_UNKNOWN,    /* a point's index is not below BS_POINTS */
     BS_PERSON_IMPOSSIBLE, /* offsets, deviations or lengths that no person has */
     BS_SETTING_IMPOSSIBLE, /* a setting is not finite or out of its range */
@@ -102,8 +105,14 @@ bs_result bs_state_start(const bs_model *model, const bs_person *person, void *m
 /* Use bytes that were a state as one again. Refuses those of another model or version. */
 bs_result bs_state_open(const bs_model *model, void *memory, size_t size, bs_state **state);
 
+/* Time (s) of the last frame; NaN before the first. */
+double bs_state_time(const bs_state *state);
+
 /* The person as believed now. */
 void bs_state_person(const bs_state *state, bs_person *person);
+
+/* 1 if the head was higher than the known height allows for 2 s: the height counts no more, and is inferred; else 0. */
+int bs_state_contradicts_height(const bs_state *state);
 
 /* Go on with the same evidence after more became known of the person. */
 bs_result bs_state_update_person(const bs_model *model, bs_state *state, const bs_person *person);
@@ -160,6 +169,9 @@ bs_result bs_step(const bs_model *model, const bs_settings *settings, int people
                   const bs_observation *observation, bs_state *const *state, const bs_estimate *estimate,
                   void *scratch, size_t scratch_size, int *refused);
 
+#if defined(__GNUC__) && !defined(_WIN32)
+#pragma GCC visibility pop
+#endif
 #ifdef __cplusplus
 }
 #endif

@@ -33,6 +33,8 @@ typedef struct tracked {
     float deviation[BS_POINTS];     /* m, of bones */
 } tracked;
 
+static inline bool known_rotation(const tracked *t, int joint) { return t->has_rotation[joint] || t->implied[joint]; }
+
 #define UNTRACKED 1e4F /* m: the accuracy of a point that is not tracked */
 
 /* The frame under the head: on the floor below it, turned as it looks. */

@@ -1,28 +1,31 @@
 """The one family of errors that bodysense raises on purpose."""
 
-# Which extra of bodysense brings a package that is not always installed.
-EXTRAS = {
-    "av": "video",
-    "cv2": "video",
-    "cryptography": "serve",
-    "distributed": "lab",
-    "h11": "serve",
-    "lightning": "lab",
-    "lightning_fabric": "lab",
-    "mediapipe": "video",
-    "moderngl": "render",
-    "onnx": "lab",
-    "onnxscript": "lab",
-    "prometheus_client": "serve",
-    "scipy": "lab",
-    "segno": "serve",
-    "starlette": "serve",
-    "torch": "lab",
-    "uvicorn": "serve",
-    "uvloop": "serve",
-    "websockets": "serve",
-    "zarr": "lab",
-    "zeroconf": "serve",
+# What to install, in a clone of the repository, for a package that is not always there.
+SOURCES = {
+    "av": ".[video]",
+    "cv2": ".[video]",
+    "bodysense_conform": "packages/conform",
+    "bodysense_lab": "packages/lab",
+    "bodysense_live": "packages/live",
+    "cryptography": "packages/live",
+    "distributed": "packages/lab",
+    "h11": "packages/live",
+    "lightning": "packages/lab",
+    "lightning_fabric": "packages/lab",
+    "mediapipe": ".[video]",
+    "moderngl": "packages/lab[render]",
+    "onnx": "packages/lab",
+    "onnxscript": "packages/lab",
+    "prometheus_client": "packages/live",
+    "scipy": "packages/lab",
+    "segno": "packages/live",
+    "starlette": "packages/live",
+    "torch": "packages/lab",
+    "uvicorn": "packages/live",
+    "uvloop": "packages/live",
+    "websockets": "packages/live",
+    "zarr": "packages/lab",
+    "zeroconf": "packages/live",
 }
 
 
@@ -31,12 +34,14 @@ class BodysenseError(Exception):
 
 
 def missing_package(error: ImportError) -> BodysenseError:
-    """What to say where a package is not installed; raises the error itself where no extra brings that package."""
+    """What to say where a package is not installed; raises the error itself if nothing of ours brings that package."""
     package = (error.name or "").split(".")[0]
-    if package not in EXTRAS:
+    if package not in SOURCES:
         raise error
-    extra = EXTRAS[package]
-    return BodysenseError(
-        f"this needs the package {package}: pip install 'bodysense[{extra}]', "
-        f"or in a clone pip install -c constraints.txt '.[{extra}]'"
-    )
+    return BodysenseError(f"this needs the package {package}; {how_to_install(SOURCES[package])}")
+
+
+def how_to_install(source: str) -> str:
+    """Say how a part of the repository is installed from a clone of it."""
+    quoted = f"'{source}'" if "[" in source else source
+    return f"in a clone of the repository: pip install -c constraints.txt -e {quoted}"

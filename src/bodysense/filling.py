@@ -26,7 +26,6 @@ from bodysense.body.rotation import (
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh_stream import BvhLines, open_bvh
 from bodysense.io.clip import Clip, part_joints
-from bodysense.io.datasets.sources import Source, read_source
 from bodysense.io.fingers import is_finger
 from bodysense.io.holes import Missing, flat_lined, told_missing
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
@@ -51,17 +50,22 @@ class Holed:
     missing: Array  # (T, J) bool: the same without joints on which the whole body hangs, turned over their gaps
     file: BvhLines | None = None  # where it is from
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether nothing is missing."""
+        return not self.holes.any() and not self.clip.lacks
+
 
 def open_holed(source: Path | Clip, missing: Sequence[Missing], options: ReadingOptions = AS_FOUND) -> Holed:
-    """A motion without what is told to be missing, or has no number in its BVH file.
+    """Open a BVH file or a clip with its holes: what is told to be missing, or has no number in the file.
 
-    Where nothing is told, limbs are missing that are flat-lined there.
+    Where nothing is told, limbs are missing that are flat-lined in the file.
 
     Raises BodysenseError for what is told wrongly, and where that is missing in all frames on which the body hangs.
     """
-    if isinstance(source, Path) and source.suffix.lower() == ".bvh":
+    if isinstance(source, Path):
         return _holed_file(source, missing, options)
-    clip = source if isinstance(source, Clip) else read_source(Source(source, person="", split="test"), options)
+    clip = source
     lacking = part_joints(clip.lacks, clip.pose.skeleton.joints)
     rig, whole = own_joints(clip.pose.skeleton, lacking), np.asarray(clip.pose.rotation, dtype=float)
     holes = told_missing(missing, rig.joints, rig.parents, len(clip), rig.ours)

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.devices.gloves.device import calibrated_hands, has_standard_gloves
 from bodysense.devices.simulated.device import DEVICES, simulate
-from bodysense.devices.video.pictures import is_video, open_video
+from bodysense.devices.video.pictures import open_video
 from bodysense.errors import BodysenseError
-from bodysense.io.clip import Clip
 from bodysense.io.recording import Recording
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.observation import Observation, check_observation
-from bodysense.reading import read
-
-Source = str | Path | Clip | Observation | Recording
+from bodysense.open import MotionSource, Opened, VideoSource
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,48 +26,49 @@ class Signal:
     infer: bool = True  # False: its lengths are guesses, of which proportions cannot be inferred
 
 
-def signal_of(
-    source: Source,
+def signal_from(
+    opened: Opened,
     *,
     device: str | None = None,
     person: Person | None = None,
     height: float | None = None,
     noise: int | None = None,
-    reading: ReadingOptions = AS_FOUND,
     follow: int | None = None,
     roll: float | None = None,
 ) -> Signal:
-    """What a source tracks, and of whom; arguments as those of `track`."""
+    """Return what an opened source tracks, and of whom; arguments as those of `track`."""
+    name = opened.name
     if person is not None and height is not None:
         raise BodysenseError(f"both a person and a height of {height:g} m were given; give one of them")
-    name = called(source)
-    if is_video(name) and isinstance(source, (str, Path)):
+    if isinstance(opened, VideoSource):
         refuse(name, "a video, not a motion", device=device, noise=noise)
         wearer = Person(height=height) if person is None else person
         return Signal(name, _filmed(name, wearer, follow, roll), wearer, infer=False)
     refuse(name, "not a video, which alone has people to choose from and a camera", follow=follow, roll=roll)
-    content = read(source, reading) if isinstance(source, (str, Path)) else source
-    if isinstance(content, Clip):
+    if isinstance(opened, MotionSource):
         if device is None:
             raise BodysenseError(
                 f"{name}: not a recording; if it is a motion, say what device watches it, such as --device "
                 f"headset_camera; valid are {', '.join(DEVICES)}"
             )
-        observation, skeleton = simulate(content, device, noise), content.pose.skeleton
+        recording = Recording(simulate(opened.clip, device, noise), opened.clip.pose.skeleton)
     else:
         refuse(name, "a recording, not a motion", device=device, noise=noise)
-        observation = content.observation if isinstance(content, Recording) else content
-        skeleton = content.skeleton if isinstance(content, Recording) and content.told else None
+        recording = opened.recording
     try:
-        if person is None:
-            worn = content.worn if isinstance(content, Recording) else None
-            shown = isinstance(content, Recording) and content.hands_shown
-            hands = calibrated_hands(observation, worn) if shown or not has_standard_gloves(observation) else None
-            measured = height is not None or skeleton is None
-            person = Person(height=height, hands=hands) if measured else Person(skeleton, hands=hands)
-        _check(observation)
+        return _recorded(name, recording, person, height)
     except BodysenseError as error:
         raise BodysenseError(f"{name}: {str(error).removeprefix('observation: ')}") from None
+
+
+def _recorded(name: str, recording: Recording, person: Person | None, height: float | None) -> Signal:
+    observation = recording.observation
+    if person is None:
+        measures_hands = recording.hands_shown or not has_standard_gloves(observation)
+        hands = calibrated_hands(observation, recording.worn) if measures_hands else None
+        known = recording.told and height is None
+        person = Person(recording.skeleton, hands=hands) if known else Person(height=height, hands=hands)
+    _check(observation)
     return Signal(name, observation, person)
 
 
@@ -112,13 +108,6 @@ def _filmed(source: str, person: Person, follow: int | None, roll: float | None)
     names = ("position", "rotation", "has_position", "has_rotation", "accuracy", "time")
     whole = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
     return Observation(parts[0].points, **whole)
-
-
-def called(source: Source) -> str:
-    """What messages call a source."""
-    if isinstance(source, (str, Path)):
-        return str(source)
-    return source.name or "clip" if isinstance(source, Clip) else type(source).__name__.lower()
 
 
 def _check(observation: Observation) -> None:

@@ -7,31 +7,32 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.completion.model import CompletionModel
 from bodysense.devices.gloves.device import check_calibrated, glove_device, gloved_sides, has_gloves
-from bodysense.devices.simulated.device import DEVICES
-from bodysense.devices.video.pictures import is_video
 from bodysense.errors import BodysenseError
-from bodysense.filling import Holed, filled, observed, on_feet, open_holed, pose_of, with_parts
+from bodysense.filling import Holed, filled, observed, on_feet, pose_of, with_parts
 from bodysense.io.bvh_stream import BvhLines
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
 from bodysense.io.markers.files import is_marker_file
+from bodysense.io.markers.filled import check_fillable, fillable, write_filled
+from bodysense.io.markers.gaps import FilledMarkers, fill_markers
 from bodysense.io.motion_files import write_motion
-from bodysense.io.recording import is_recording
 from bodysense.io.resample import at_constant_rate
 from bodysense.io.rigs.named import OWN, SOURCE, check_rig
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.rig_file import write_on_rig_of
 from bodysense.observation import Estimate, Observation
-from bodysense.reading import read_clip
-from bodysense.signals import Signal, Source, called, refuse, signal_of
+from bodysense.open import MarkerSource, MotionSource, Source, open_source
+from bodysense.signals import Signal, refuse, signal_from
 from bodysense.tracker import Tracker, TrackerSettings
 
 ANCHORS = ("head", "pelvis")  # what stays where it was measured, on whatever proportions; else what is measured most
@@ -51,9 +52,13 @@ class Take:
     source: Path | None = None  # the BVH file that was tracked, if it was one
     reading: ReadingOptions = AS_FOUND  # what was told of it
     file: BvhLines | None = None  # the same with its holes filled
+    markers: MarkerSource | None = None  # the marker file that was tracked, if it was one
 
     def save(self, path: str | Path, rig: str | Path | None = None) -> None:
         """Write the motion: .bvh, .glb (animated glTF), .vrma (for VRM avatars) or .mcap (for robots' tools).
+
+        A take of markers is also written as the kind of file that was tracked (.trc, .c3d, .tsv, .csv): the same file
+        with the gaps of its markers filled.
 
         Args:
             path: where to, its format chosen by its ending.
@@ -64,6 +69,13 @@ class Take:
         Raises BodysenseError for a rig that there is not.
         """
         path = Path(path)
+        if is_marker_file(path):
+            check_marker_output(path, self.markers, rig)
+            assert self.markers is not None and self.markers.found is not None
+            done = self.filled_markers
+            world, raw = self.markers.found.world, self.markers.found.raw
+            write_filled(self.markers.path, path, raw, world.to_file(done.position), done.filled)
+            return
         if rig is None:
             rig = SOURCE if self.file is not None and path.suffix.lower() == ".bvh" and not self.clip.lacks else OWN
         check_rig(path, rig, self.source)
@@ -73,6 +85,30 @@ class Take:
             write_on_rig_of(path, self.clip, self.source, self.reading)
         else:
             write_motion(path, replace(self.clip, name=path.stem), rig)
+
+    @cached_property
+    def filled_markers(self) -> FilledMarkers:
+        """Fill the gaps of the markers that were tracked. Raises BodysenseError for a take of anything else."""
+        if self.markers is None or self.markers.found is None:
+            raise BodysenseError("this take is of no labelled markers; track a .c3d, .trc, .tsv or .csv file of them")
+        raw, world = self.markers.found.raw, self.markers.found.world
+        pose = self.estimate.pose
+        rotation = quaternion_to_matrix(np.asarray(forward_kinematics(pose)[1]))
+        count = len(pose.skeleton.joints)
+        joint, error = self.estimate.points[:, :count], self.estimate.confidence[:, :count]
+        done = fill_markers(world.to_ours(raw.position), joint, rotation, error, raw.frame_rate)
+        return replace(done, filled=done.filled & fillable(raw))
+
+
+def check_marker_output(path: Path, markers: MarkerSource | None, rig: str | Path | None = None) -> None:
+    """Raise BodysenseError, before any work, where a marker file cannot be written from what is tracked."""
+    if markers is None or markers.found is None:
+        raise BodysenseError(
+            f"{path}: only a file of labelled markers comes back as markers; give a name that ends in .bvh or .glb"
+        )
+    if rig is not None:
+        raise BodysenseError(f"{path}: --rig {rig}: markers have no rig; leave --rig out")
+    check_fillable(markers.path, path, markers.found.raw)
 
 
 def track(
@@ -93,10 +129,10 @@ def track(
     """Complete a whole recording, frame after frame, without looking ahead: the same as live.
 
     Args:
-        source: a file (a recording, a motion, markers of gloves, a video), a folder of images, or a Clip, Observation
-            or Recording in memory.
-        device: where the source is a motion: the simulated device that watches it, one of `DEVICES`. A motion without
-            one is filled where it has holes; what is there stays as it is.
+        source: a file (a recording, a motion, markers, a video), a folder of images, a Clip, Observation or Recording
+            in memory, or what `open_source` opened.
+        device: where the source is a motion: the simulated device that watches it, one of `DEVICES`. Of a motion
+            without one, holes are filled and the rest is kept; a whole motion is returned unchanged.
         missing: joints of a motion that are missing, by its own names or ours: "left_hand", with all that hangs on it
             "LeftForeArm+", in some frames "left_hand:100-240" (counted from 0, both ends included). What has no number
             is missing, too. If omitted, so are limbs of a BVH file that are held still to the last digit for half a
@@ -116,55 +152,25 @@ def track(
 
     Raises BodysenseError, naming the source and the fix, for what cannot be tracked.
     """
-    holed = _holed(source, device, missing, reading)
-    if holed is not None:
+    opened = open_source(source, reading)
+    told = missing_items(missing) if missing else ()
+    if isinstance(opened, MotionSource) and device is None:
         kind = "a motion whose holes are filled, which has a body of its own"
-        refuse(called(source), kind, person=person, height=height, noise=noise, follow=follow, roll=roll)
-        return replace(_filled(holed, settings, network, advance), source=_bvh_of(source), reading=reading)
-    signal = signal_of(
-        source, device=device, person=person, height=height, noise=noise, reading=reading, follow=follow, roll=roll
-    )
+        refuse(opened.name, kind, person=person, height=height, noise=noise, follow=follow, roll=roll)
+        take = _filled(opened.with_holes(told), settings, network, advance)
+        return replace(take, source=opened.bvh, reading=opened.options)
+    if told:
+        other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
+        raise BodysenseError(f"{opened.name}: --missing is for a motion that no device watches; {other}")
+    signal = signal_from(opened, device=device, person=person, height=height, noise=noise, follow=follow, roll=roll)
     try:
-        return replace(_tracked(signal, settings, network, advance), source=_bvh_of(source), reading=reading)
+        take = _tracked(signal, settings, network, advance)
     except BodysenseError as error:
         text = str(error)
         raise error if signal.name in text else BodysenseError(f"{signal.name}: {text}") from None
-
-
-def _holed(source: Source, device: str | None, missing: str | Sequence[str], reading: ReadingOptions) -> Holed | None:
-    """The motion that a source is, with its holes; None where it is watched by a device, or no motion."""
-    told = missing_items(missing) if missing else ()
-    if device is not None or not _is_motion(source):
-        if told:
-            other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
-            raise BodysenseError(f"{called(source)}: --missing is for a motion that no device watches; {other}")
-        return None
-    if isinstance(source, (str, Path)) and _bvh_of(source) is None:
-        source = read_clip(source, reading)[0]
-    try:
-        holed = open_holed(source if isinstance(source, Clip) else Path(str(source)), told, reading)
-    except BodysenseError as error:
-        name = called(source)
-        raise error if name in str(error) else BodysenseError(f"{name}: {error}") from None
-    if not holed.holes.any() and not holed.clip.lacks:
-        raise BodysenseError(
-            f"{called(source)}: nothing is missing in this motion; say what is, such as --missing left_hand, or what "
-            f"watches it, such as --device headset_camera; valid are {', '.join(DEVICES)}"
-        )
-    return holed
-
-
-def _bvh_of(source: Source) -> Path | None:
-    """The BVH file that a source is."""
-    path = Path(source) if isinstance(source, (str, Path)) else None
-    return path if path is not None and path.suffix.lower() == ".bvh" else None
-
-
-def _is_motion(source: Source) -> bool:
-    if not isinstance(source, (str, Path)):
-        return isinstance(source, Clip)
-    path = Path(source)
-    return path.is_file() and not (is_video(str(path)) or is_marker_file(path) or is_recording(path))
+    if isinstance(opened, MotionSource):
+        return replace(take, source=opened.bvh, reading=opened.options)
+    return replace(take, markers=opened) if isinstance(opened, MarkerSource) else take
 
 
 def _filled(
@@ -177,7 +183,8 @@ def _filled(
     rotation = filled(holed, take.estimate.pose)
     rotation = on_feet(holed, rotation, take.estimate.contact, settings.floor)
     file = None if holed.file is None else holed.file.with_rotation(rotation, holed.missing)
-    return replace(take, clip=replace(clip, pose=pose_of(holed, rotation)), holed=holed, file=file)
+    whole = clip if holed.is_whole else replace(clip, pose=pose_of(holed, rotation))
+    return replace(take, clip=whole, holed=holed, file=file)
 
 
 def _tracked(
@@ -225,10 +232,10 @@ def _interval(observation: Observation, settings: TrackerSettings) -> float:
     if len(observation) < 2:
         return 1 / _USUAL_RATE
     interval = float(np.median(np.diff(observation.time)))
-    if interval > settings.clock.longest_gap:
+    if interval > settings.longest_gap:
         raise BodysenseError(
             f"its frames are {interval:g} s apart ({1 / interval:.3g} Hz), too far for one motion; give at least "
-            f"{1 / settings.clock.longest_gap:g} Hz, or times in seconds"
+            f"{1 / settings.longest_gap:g} Hz, or times in seconds"
         )
     return interval
 

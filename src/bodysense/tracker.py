@@ -1,14 +1,13 @@
 """The tracker: observations of people in, whole moving bodies out. The one thing that completes a body.
 
-Offline, live, in tables and for many people at once it is this class and one network file. It keeps the books: times,
-who the people are and what has been learned of their proportions, how their trackers are worn. Everything else of a
-step is inside the network's graph.
+Offline, live, in tables and for many people at once it is this class, one network file and the compiled core, which
+does everything between an observation and an estimate.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,47 +15,83 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion.clock import Clock
-from bodysense.completion.inputs import Frames, frames_of, frames_together
-from bodysense.completion.model import Completed, CompletionModel, packaged_model
-from bodysense.completion.mounts import Mounts, mounts_of
-from bodysense.completion.proportions import Proportions, proportions_of
-from bodysense.completion.refinement import refined
+from bodysense.completion import core
+from bodysense.completion.model import CompletionModel, packaged_model
 from bodysense.errors import BodysenseError
-from bodysense.observation import Estimate, Observation
+from bodysense.observation import FARTHEST, Estimate, Observation, check_observation, check_order, check_shapes
 
 __all__ = ["Estimate", "Tracker", "TrackerSettings", "TrackerState", "step_together"]
 
 
 @dataclass(frozen=True)
 class TrackerSettings:
-    """What the world is like and what the body keeps to."""
+    """What the world is like and how the body moves."""
 
     floor: float = 0.0  # m, height of the floor
     hold_feet: bool = True  # feet that stand are held, and none is under the floor
-    infer: bool = True  # what was not told of the person, and how trackers are worn, is inferred from what is tracked
-    refine: bool = (
-        False  # measured points between head, hands and feet are met exactly, at the cost of inverse kinematics
-    )
-    clock: Clock = Clock()
+    infer: bool = True  # unknown proportions, and how trackers are worn, are inferred from what is tracked
+    ease: float = 0.25  # s in which a point that is seen again is reached; 0: at once
+    longest_gap: float = 1.0  # s without frames after which motion starts anew
+    first_interval: float = 1 / 30  # s, the interval that a first frame counts as
+    longest_interval: float = 0.1  # s: a longer interval that is no gap counts as this
 
     def __post_init__(self) -> None:
-        if not abs(self.floor) < 1000:
+        if not abs(self.floor) < FARTHEST:
             raise BodysenseError(f"tracker settings: floor {self.floor:g} m; give the floor's height in metres")
+        if not 0 <= self.ease < np.inf:
+            raise BodysenseError(f"tracker settings: ease is {self.ease:g}; it must be 0 or more seconds")
+        for name in ("longest_gap", "first_interval", "longest_interval"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise BodysenseError(
+                    f"tracker settings: {name} is {getattr(self, name):g}; it must be positive, in seconds"
+                )
+
+    @cached_property
+    def struct(self) -> core.SettingsStruct:
+        """The settings as the core has them."""
+        return core.SettingsStruct(
+            floor=self.floor,
+            ease=self.ease,
+            longest_gap=self.longest_gap,
+            first=self.first_interval,
+            longest=self.longest_interval,
+            hold_feet=self.hold_feet,
+            infer=self.infer,
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class TrackerState:
-    """Everything that the next frame of B people depends on."""
+    """Everything that the next frame of B people depends on. Immutable."""
 
-    time: np.ndarray  # (B,) s of the frame before; NaN before the first
-    network: dict[str, np.ndarray]  # (B, …) by input of the graph
-    proportions: Proportions
-    mounts: Mounts
+    people: tuple[Person, ...]  # who they were known to be beforehand
+    model: CompletionModel
+    memory: tuple[np.ndarray, ...]  # B of (N,) uint8: the core's states
 
     def person(self, k: int = 0) -> Person:
         """A person as believed now: a guess that `Person.save` keeps for the next time."""
-        return self.proportions.person(k, self.mounts.person(k))
+        return self.model.core.person(self.memory[k], self.people[k])
+
+    def time(self, k: int = 0) -> float:
+        """Time (s) of a person's last frame; NaN before the first."""
+        return core.time_of(self.memory[k])
+
+    def contradicts_height(self, k: int = 0) -> bool:
+        """Whether the head was higher for 2 s than a person's known height allows; the height is inferred since."""
+        return core.contradicts_height(self.memory[k])
+
+    def with_people(self, people: Sequence[Person]) -> TrackerState:
+        """The same evidence and motion after more became known of the people.
+
+        The body in use grows toward what is believed now, and is used at once if all of it is known. Mountings that
+        were learned are kept if the person's are unchanged, else they start anew.
+        """
+        rows = zip(self.memory, people, strict=True)
+        return TrackerState(tuple(people), self.model, tuple(self.model.core.updated(*row) for row in rows))
+
+    def to_bytes(self) -> bytes:
+        """The state as bytes, which `Tracker.restore` reads."""
+        return b"".join(memory.tobytes() for memory in self.memory)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +118,21 @@ class Tracker:
 
     def start(self) -> TrackerState:
         """The state before the first frame."""
-        count = len(self.people)
-        return TrackerState(
-            np.full(count, np.nan), self.model.start(count), proportions_of(self.people), mounts_of(self.people)
-        )
+        return TrackerState(self.people, self.model, tuple(self.model.core.start(person) for person in self.people))
+
+    def restore(self, stored: bytes) -> TrackerState:
+        """A state of these people that `TrackerState.to_bytes` gave, possibly in another process.
+
+        Raises BodysenseError for any other bytes, and for a state of another network or of another number of people.
+        """
+        size, count = self.model.core.state_size, len(self.people)
+        if len(stored) != size * count:
+            raise BodysenseError(
+                f"tracker state: {len(stored)} bytes; a state of {count} people has {size * count} with the network "
+                f"{self.model.name}: give what `to_bytes` gave, and the same people and network"
+            )
+        parts = [stored[k * size : (k + 1) * size] for k in range(count)]
+        return TrackerState(self.people, self.model, tuple(self.model.core.opened(part) for part in parts))
 
     def step(self, observation: Observation, state: TrackerState) -> tuple[Estimate, TrackerState]:
         """Complete the next T ≥ 1 frames; one call with T frames equals T calls with one.
@@ -94,97 +140,71 @@ class Tracker:
         Raises BodysenseError when time does not increase, and for points that no body has.
         """
         alone = isinstance(self.person, Person)
-        frames = frames_of(observation, self.people, batched=not alone)
-        done: list[tuple[Completed, Frames, TrackerState]] = []
-        for t in range(len(frames)):
-            completed, state = _stepped(self.model, self.settings, frames[t], state)
-            done.append((completed, frames[t], state))
-        whole = _estimate(done)
-        return (whole.of(0) if alone else whole), state
+        check_shapes(observation)
+        count, lead = len(self.people), observation.position.shape[:-3]
+        if lead != (() if alone else (count,)):
+            raise BodysenseError(
+                f"observation: batch axes {lead}, but the tracker is of "
+                f"{'one person: give (T, P, 3)' if alone else f'{count} people: give ({count}, T, P, 3)'}"
+            )
+        each = [observation] if alone else [_one_of(observation, k) for k in range(count)]
+        made, memory = _stepped(self.model, self.settings, each, state.memory)
+        estimate = _estimate({name: values[0] for name, values in made.items()} if alone else made)
+        return estimate, replace(state, memory=memory)
 
 
 def step_together(
     jobs: Sequence[tuple[Tracker, Observation, TrackerState]],
 ) -> list[tuple[Estimate, TrackerState]]:
-    """Complete one frame each of many trackers of one person, which share a network and settings, in one run.
+    """Complete equally many frames each of many trackers of one person, with one network and settings, in one run.
 
     Each gets what its own `step` gives. Raises BodysenseError as `step` does, for the first that it concerns.
     """
-    if len(jobs) == 1:
-        tracker, observation, state = jobs[0]
-        return [tracker.step(observation, state)]
     first = jobs[0][0]
-    frame = frames_together([observation for _, observation, _ in jobs], [tracker.people[0] for tracker, _, _ in jobs])
-    before = _stacked([state for _, _, state in jobs])
-    completed, after = _stepped(first.model, first.settings, frame, before)
-    whole = _estimate([(completed, frame, after)])
-    return [(whole.of(k), _alone(after, k)) for k in range(len(jobs))]
+    for _, observation, _ in jobs:
+        check_shapes(observation)
+    memory = [state.memory[0] for _, _, state in jobs]
+    made, after = _stepped(first.model, first.settings, [observation for _, observation, _ in jobs], memory)
+    return [
+        (_estimate({name: values[k] for name, values in made.items()}), replace(state, memory=after[k : k + 1]))
+        for k, (_, _, state) in enumerate(jobs)
+    ]
 
 
 def _stepped(
     model: CompletionModel,
     settings: TrackerSettings,
-    frame: Frames,
-    state: TrackerState,
-) -> tuple[Completed, TrackerState]:
-    """One frame of B people."""
-    interval, fresh = settings.clock.interval(frame.time, state.time)
-    network, proportions, mounts = state.network, state.proportions, state.mounts
-    if fresh.any():  # after a gap nothing that moved is remembered; who the person is stays known
-        start = model.start(len(fresh))
-        network = {
-            name: np.where(fresh.reshape(-1, *[1] * (values.ndim - 1)), start[name], values)
-            for name, values in network.items()
-        }
-    if settings.infer:
-        mounts = mounts.updated(frame, interval)
-        frame = mounts.applied(frame)
-        proportions = proportions.updated(frame, interval, settings.floor)
-    completed, network = model.step(frame, interval, proportions, settings.floor, settings.hold_feet, network)
-    if settings.refine:
-        completed = refined(completed, frame, proportions.rest_offset)
-    return completed, TrackerState(frame.time, network, proportions, mounts)
+    observations: Sequence[Observation],
+    memory: Sequence[np.ndarray],
+) -> tuple[dict[str, np.ndarray], tuple[np.ndarray, ...]]:
+    """Estimates (B, T, …) and states of B people after T frames each."""
+    after = tuple(core.copied(one) for one in memory)
+    result, k, made = model.core.step(settings.struct, observations, after)
+    if result != core.OK:
+        # The core names a person and a reason; the observation knows which point and frame.
+        check_observation(observations[k])
+        if result == core.TIME_DISORDERED:
+            check_order(observations[k].time[0], core.time_of(memory[k]), "tracker")
+        raise BodysenseError(f"tracker: {core.message(result)}")
+    return made, after
 
 
-def _estimate(frames: Sequence[tuple[Completed, Frames, TrackerState]]) -> Estimate:
-    """Estimates of T frames of B people, from what was completed, tracked and believed in each."""
+def _one_of(observation: Observation, k: int) -> Observation:
+    """One person's part of an observation that leads with an axis of people."""
+    names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
+    return replace(observation, **{name: getattr(observation, name)[k] for name in names})
 
-    def by_person(values: Sequence[np.ndarray]) -> np.ndarray:
-        return np.stack(values, axis=1) if len(values) > 1 else values[0][:, None]
 
-    offset = by_person([state.proportions.rest_offset for _, _, state in frames])
-    pose = Pose(
-        default_skeleton().with_offsets(offset[0, -1]),
-        by_person([body.root_position for body, _, _ in frames]).astype(np.float64),
-        by_person([body.rotation for body, _, _ in frames]).astype(np.float64),
-    )
+def _estimate(made: dict[str, np.ndarray]) -> Estimate:
+    """The core's arrays as an estimate."""
+    offset = made["rest_offset"]
+    skeleton = default_skeleton().with_offsets(offset.reshape(-1, *offset.shape[-3:])[0, -1])
     return Estimate(
-        pose=pose,
-        points=by_person([body.points for body, _, _ in frames]).astype(np.float64),
-        measured=by_person([frame.has_position for _, frame, _ in frames]),
-        confidence=by_person([body.confidence for body, _, _ in frames]).astype(np.float64),
-        bound=by_person([body.bound for body, _, _ in frames]).astype(np.float64),
-        contact=by_person([body.contact for body, _, _ in frames]).astype(np.float64),
+        pose=Pose(skeleton, made["root_position"], made["rotation"]),
+        points=made["points"],
+        measured=made["measured"],
+        confidence=made["confidence"],
+        bound=made["bound"],
+        contact=made["contact"],
         rest_offset=offset,
-    )
-
-
-def _stacked(states: Sequence[TrackerState]) -> TrackerState:
-    """States of several people as one of all of them."""
-    return TrackerState(
-        np.concatenate([state.time for state in states]),
-        {name: np.concatenate([state.network[name] for state in states]) for name in states[0].network},
-        Proportions.stacked([state.proportions for state in states]),
-        Mounts.stacked([state.mounts for state in states]),
-    )
-
-
-def _alone(state: TrackerState, k: int) -> TrackerState:
-    """The state of one of several people."""
-    own = slice(k, k + 1)
-    return TrackerState(
-        state.time[own],
-        {name: values[own] for name, values in state.network.items()},
-        state.proportions.alone(k),
-        state.mounts.alone(k),
     )

@@ -24,8 +24,8 @@ from bodysense.body.shape import shape_space
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
-from bodysense.lab.synthesis.hands import synthesize_hand
-from bodysense.lab.two_hands.foreign import paper_template
+from bodysense_lab.synthesis.hands import synthesize_hand
+from bodysense_lab.two_hands.foreign import paper_template
 
 
 def test_many_shapes_are_single_ones() -> None:

@@ -15,21 +15,10 @@ from bodysense import __version__
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
 from bodysense.cli import main
+from bodysense.demo import packaged_performance
 from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.recording import read_recording, write_recording
-from bodysense.io.resample import resample
-from bodysense.lab.unoc.ik_tracker import load_model
-
-WEIGHTS, DEMO = (Path(str(files(f"bodysense.{room}"))) for room in ("weights", "demo"))
-needs_network = pytest.mark.skipif(
-    not (WEIGHTS / "body_gru.onnx").is_file(),
-    reason="the network is not packaged yet (bodysense/weights/body_gru.onnx)",
-)
-needs_performance = pytest.mark.skipif(
-    not (DEMO / "performance.npz").is_file(),
-    reason="the performance is not packaged yet (bodysense/demo/performance.npz)",
-)
 
 
 @pytest.mark.parametrize("ending", ["npz", "jsonl"])
@@ -54,6 +43,17 @@ def test_a_motion_is_tracked_in_one_go(tmp_path: Path, motion: Path, run, device
     run("track", motion, "--device", device, "-o", tmp_path / "one.bvh")
     one, two = (forward_kinematics(read_bvh(tmp_path / f"{name}.bvh").pose)[0] for name in ("one", "two"))
     np.testing.assert_allclose(one, two, atol=1e-4)
+
+
+def test_a_motion_is_converted(tmp_path: Path, motion: Path, run, refused) -> None:
+    said = run("convert", motion, "-o", tmp_path / "out.glb", "--rig", "unreal", "--rate", 60)
+    assert "wrote " in said and "39 frames at 60 Hz on unreal" in said
+    assert "unknown rig 'maya'" in refused("convert", motion, "-o", tmp_path / "out.glb", "--rig", "maya")
+    whole = packaged_performance()  # the short clip's legs never move: they are taken for lost
+    write_bvh(tmp_path / "whole.bvh", replace(whole, pose=whole.pose[:20]))
+    said = run("track", tmp_path / "whole.bvh", "-o", tmp_path / "same.bvh")
+    assert "nothing is missing in this motion: it is unchanged" in said
+    assert (tmp_path / "same.bvh").read_bytes() == (tmp_path / "whole.bvh").read_bytes()
 
 
 def test_the_wearer(tmp_path: Path, motion: Path, run) -> None:
@@ -83,7 +83,7 @@ def test_noise_feet_and_floor(tmp_path: Path, motion: Path, run) -> None:
 
 
 def test_a_network_of_ones_own(tmp_path: Path, motion: Path, run) -> None:
-    (tmp_path / "own.onnx").write_bytes((WEIGHTS / "completion.onnx").read_bytes())
+    (tmp_path / "own.onnx").write_bytes((files("bodysense.weights") / "completion.onnx").read_bytes())
     run("track", motion, "--device", "head", "-o", tmp_path / "a.bvh", "--model", tmp_path / "own.onnx")
 
 
@@ -123,87 +123,15 @@ def test_samples_of_one_signal(tmp_path: Path, motion: Path, small_vae: Path, ru
     assert np.abs(root["a_1"] - root["a_2"]).max() > 1e-4 and np.abs(root["a_1"] - root["c_1"]).max() > 1e-4
 
 
-@pytest.fixture
-def folder(tmp_path: Path, short_clip: Clip) -> Path:
-    """Two people, one of them at 60 Hz."""
-    for person, clip in (("anna", short_clip), ("ben", resample(short_clip, 60.0))):
-        (tmp_path / "motion" / person).mkdir(parents=True)
-        write_bvh(tmp_path / "motion" / person / "a.bvh", clip)
-    write_bvh(tmp_path / "motion" / "ben" / "b.bvh", short_clip)
-    return tmp_path / "motion"
-
-
-@pytest.mark.slow
-def test_the_shipped_predictor_alone(folder: Path, tmp_path: Path, small_network: Path, run) -> None:
-    """UNOC's Table 2 without its networks: the predictor beside the last known position, in one process or two."""
-    numbers = {}
-    for jobs in (1, 2):
-        out = tmp_path / f"{jobs}.json"
-        given = (
-            "--split",
-            "all",
-            "--model",
-            small_network,
-            "--jobs",
-            jobs,
-            "--json",
-            out,
-            "--out",
-            tmp_path / str(jobs),
-        )
-        assert "last known" in run("evaluate", "unoc-table2", "--data", folder, *given)
-        numbers[jobs] = json.loads(out.read_text())
-    assert numbers[1] == pytest.approx(numbers[2]) and numbers[1]["clips"] == 3
-    for who in ("tracker", "best", "last_known"):
-        for key in ("body_occluded_rmsjpe_cm", "body_occluded_mpjpe_cm", "finger_occluded_rmsjpe_cm"):
-            assert numbers[1][f"{who}_{key}"] > 0
-        assert numbers[1][f"{who}_body_all_rmsjpe_cm"] < numbers[1][f"{who}_body_occluded_rmsjpe_cm"]
-
-
-def test_data_info(folder: Path, tmp_path: Path, run) -> None:
-    assert "people" in run("data", "info", folder, "--json", tmp_path / "a.json")
+def test_data_info(two_people: Path, tmp_path: Path, run) -> None:
+    assert "people" in run("data", "info", two_people, "--json", tmp_path / "a.json")
     numbers = json.loads((tmp_path / "a.json").read_text())
     assert (numbers["clips"], numbers["people"]) == (3, 2)
     assert numbers["minutes"] == pytest.approx((20 + 20 + 39 / 2) / 30 / 60, rel=1e-3)
 
 
-def test_data_info_with_occlusion(folder: Path, tmp_path: Path, run) -> None:
-    shown = run("data", "info", folder, "--occlusion", "--json", tmp_path / "a.json")
-    assert "self-contact" in shown
-    numbers = json.loads((tmp_path / "a.json").read_text())
-    assert 0 <= numbers["all_hand_hidden"] <= 1 and 0 <= numbers["all_self_contact"] <= 1
-
-
 def test_data_sources(run) -> None:
     assert "AMASS" in run("data", "sources")
-
-
-@needs_performance
-@pytest.mark.parametrize(
-    ("command", "keys"),
-    [
-        (("ik", "--frames", 10), {"p50_ms", "p95_ms", "p99_ms"}),
-        (("ik", "--frames", 10, "--noise", 0.02), {"p50_ms", "p95_ms", "p99_ms"}),
-        (("occlusion", "--frames", 200), {"frames_per_second"}),
-        (("bvh", "--megabytes", 1), {"mb_per_second", "bare_parse_mb_per_second", "ratio"}),
-        (("import", "--runs", 1), {"package_seconds", "seconds", "torch_imported"}),
-    ],
-    ids=lambda value: "_".join(map(str, value)) if isinstance(value, tuple) else "",
-)
-def test_benchmarks(tmp_path: Path, run, command: tuple[object, ...], keys: set[str]) -> None:
-    run("bench", *command, "--json", tmp_path / "a.json")
-    numbers = json.loads((tmp_path / "a.json").read_text())
-    assert set(numbers) == keys
-    assert all(value > 0 for key, value in numbers.items() if key != "torch_imported"), numbers
-    assert numbers.get("torch_imported", 0) == 0
-
-
-@pytest.mark.parametrize("sensors", ["three_point", "headset_camera"])
-def test_benchmark_of_a_step(tmp_path: Path, run, sensors: str) -> None:
-    run("bench", "step", "--frames", 8, "--sensors", sensors, "--json", tmp_path / "a.json")
-    numbers = json.loads((tmp_path / "a.json").read_text())
-    assert set(numbers) == {"p50_ms", "p99_ms", "graph_p50_ms", "batch16_ms", "batch16_p99_ms", "rss_mb", "file_mb"}
-    assert 0 < numbers["p50_ms"] <= numbers["p99_ms"] and numbers["rss_mb"] > 10 and numbers["file_mb"] > 0.1
 
 
 def test_demo_of_ones_own_motion(tmp_path: Path, motion: Path, run) -> None:
@@ -220,30 +148,9 @@ def test_demo(tmp_path: Path, run) -> None:
     assert (tmp_path / "demo" / "demo.webp").stat().st_size > 100_000
 
 
-@needs_network
-def test_the_packaged_network_is_better_than_the_last_known_place(tmp_path: Path, run) -> None:
-    (tmp_path / "motion").mkdir()
-    (tmp_path / "motion" / "performance.npz").write_bytes((DEMO / "performance.npz").read_bytes())
-    given = ("--split", "all", "--jobs", 1, "--json", tmp_path / "a.json", "--out", tmp_path)
-    run("evaluate", "unoc-table2", "--data", tmp_path / "motion", *given)
-    numbers = json.loads((tmp_path / "a.json").read_text())
-    assert numbers["tracker_body_occluded_rmsjpe_cm"] < numbers["last_known_body_occluded_rmsjpe_cm"]
-
-
 def test_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments in (["--help"], ["data", "--help"], ["bench", "step", "--help"]):
+    for arguments in (["--help"], ["data", "--help"]):
         with pytest.raises(SystemExit) as stopped:
             main(arguments)
         assert stopped.value.code == 0
     assert __version__ in capsys.readouterr().out
-
-
-@needs_network
-def test_card_puts_test_figures_into_the_network_and_beside_it(tmp_path: Path, run) -> None:
-    network, figures = tmp_path / "copy.onnx", tmp_path / "figures.json"
-    network.write_bytes((WEIGHTS / "body_gru.onnx").read_bytes())
-    key = "body_occluded_rmsjpe_cm"
-    figures.write_text(json.dumps({f"tracker_{key}": 5.0, f"last_known_{key}": 10.0}))
-    assert "wrote" in run("train", "card", network, "--figures", figures)
-    assert load_model(network).card["test"][f"tracker_{key}"] == 5.0
-    assert "| body | occluded | 10.0 | 5.0 |" in network.with_suffix(".md").read_text()

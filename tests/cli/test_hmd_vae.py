@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 from bodysense.cli.samples import write_samples
 from bodysense.devices.simulated import headset_camera, three_point
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import read_bvh, write_bvh
+from bodysense.io.bvh import read_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.recording import Recording
 
@@ -52,75 +51,3 @@ def test_samples_are_of_head_and_hands(small_vae: Path, tmp_path: Path, short_cl
     recording = Recording(headset_camera.observe(short_clip.pose, short_clip.time), short_clip.pose.skeleton)
     with pytest.raises(BodysenseError, match=r"--samples draws from head and hands .*'pelvis' is tracked too"):
         write_samples(recording, tmp_path / "out.bvh", 2, 1, small_vae)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("-o", "net.txt"), "net.txt: the network is written as .onnx or .pt; give a name that ends so"),
-        (("-o", "net.pt", "--steps", 0), "--steps 0: give at least 1"),
-        (("-o", "net.onnx", "--origin", "pelvis"), "net.onnx: no device tracks the pelvis, so a network with that"),
-        (("-o", "net.pt", "--sweep"), "--sweep trains its own decoders into a folder; give a folder as --out"),
-        (("-o", "net.pt", "--model", 3), "model 3 takes the decoder of a model 0: train that first"),
-        (("-o", "net.pt", "--decoder", "zero.pt"), "--decoder is for models 3 and 4; model 2 trains its own"),
-        (("-o", "net.pt", "--grid", "few"), "--grid few is of a sweep; add --sweep, or leave --grid out"),
-        (("-o", "nets", "--sweep", "--model", 3), "--sweep trains models 0 to 4; leave --model 3 out"),
-        (("-o", "nets", "--sweep", "--beta", 1), "--grid few has settings of its own; leave --beta 1.0 out, or give"),
-        (
-            ("-o", "nets", "--sweep", "--grid", "all", "--latent", 15, "--blocks", 6),
-            "--grid all has settings of its own; leave --latent 15 --blocks 6 out, or give --grid one",
-        ),
-    ],
-)
-def test_what_training_refuses(refused, tmp_path: Path, arguments: tuple, message: str, monkeypatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert refused("train", "hmd-vae", "--data", tmp_path, *arguments).startswith(message)
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_sweep_of_one_setting_takes_it(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from bodysense.lab.hmd_vae import train as body_vae_run
-
-    asked = []
-    monkeypatch.setattr(body_vae_run, "run_sweep", lambda _, configs: asked.append(configs))
-    for more in (("--grid", "one", "--beta", 1, "--origin", "pelvis"), ()):
-        run("train", "hmd-vae", "--data", tmp_path, "-o", tmp_path / "nets", "--sweep", *more)
-    assert {(one.beta, one.latent, one.blocks, one.origin) for one in asked[0]} == {(1.0, 30, 3, "pelvis")}
-    assert (len(asked[0]), len(asked[1])) == (5, 20)
-
-
-def test_a_published_list_is_tested(run, refused, small_vae: Path, tmp_path: Path, waving_clip: Clip) -> None:
-    data, listing = tmp_path / "data", tmp_path / "split.txt"
-    data.mkdir()
-    for name in ("one", "two", "three"):
-        write_bvh(data / f"{name}.bvh", waving_clip)
-    listing.write_text("one.bvh train\ntwo.bvh test\nthree.bvh test\n")
-    asked = ("evaluate", "hmd-vae", "--data", data, "--networks", small_vae.parent, "--out", tmp_path / "tables")
-    asked = (*asked, "--split-file", listing)
-    said = run(*asked, "--json", tmp_path / "n.json", "--threads", 1)
-    assert f"Of it, the test motions of {listing}." in said
-    assert json.loads((tmp_path / "n.json").read_text())["clips"] == 2
-    for more in (("--split", "val"), ("--quick",)):
-        assert refused(*asked, *more).startswith("--split-file scores its own test motions; leave --split and --quick")
-    listing.write_text("one.bvh test\ngone.bvh test\n")
-    assert "1 of 2 motions are not in" in refused(*asked)
-
-
-def test_the_tables(run, refused, small_vae: Path, tmp_path: Path, waving_clip: Clip) -> None:
-    data = tmp_path / "data"
-    data.mkdir()
-    write_bvh(data / "anna_waves.bvh", waving_clip)
-    asked = ("evaluate", "hmd-vae", "--data", data, "--networks", small_vae.parent, "--split", "all")
-    said = run(*asked, "--out", tmp_path / "tables", "--json", tmp_path / "n.json", "--threads", 1)
-    assert "HMD-VAE, Figs 5 to 7" in said and "2 sequence" in said
-    numbers = json.loads((tmp_path / "n.json").read_text())
-    wanted = {
-        f"model2_{part}_{measure}"
-        for part in ("full", "legs")
-        for measure in ("position_cm", "velocity_cm_s", "acceleration_m_s2")
-    }
-    assert wanted | {"paper_best_mpjpe_cm"} <= set(numbers)
-    assert numbers["paper_best_mpjpe_cm"] == numbers["model2_full_position_cm"]
-    names = {path.name for path in (tmp_path / "tables").iterdir()}
-    assert names == {f"{name}.{kind}" for name in ("hmd-vae", "hmd-vae-metrics") for kind in ("csv", "png")}
-    assert "no trained model 1 to 4 in it" in refused(*asked[:4], "--networks", data, "--out", tmp_path / "tables")

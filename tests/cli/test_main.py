@@ -13,9 +13,9 @@ import pytest
 import bodysense as bs
 from bodysense.cli import main
 from bodysense.demo import packaged_performance
-from bodysense.errors import EXTRAS, missing_package
+from bodysense.errors import SOURCES, missing_package
 
-# Python without the packages of an extra, then the command.
+# Python without the packages that a part of the repository brings, then the command.
 WITHOUT = """
 import sys
 
@@ -25,29 +25,31 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-def without(extra: str, folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    code = WITHOUT.format(packages=[package for package, brings in EXTRAS.items() if brings == extra])
+def without(source: str, folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    code = WITHOUT.format(
+        packages=[name for name, brings in SOURCES.items() if brings == source and not name.startswith("bodysense")]
+    )
     return subprocess.run(
         [sys.executable, "-c", code, *arguments], cwd=folder, capture_output=True, text=True, timeout=60, check=False
     )
 
 
 @pytest.mark.parametrize(
-    ("extra", "command"),
+    ("source", "command"),
     [
-        ("lab", "train completion --data one --run run -o a.onnx"),
-        ("lab", "train arms --data one -o a.onnx"),
-        ("lab", "train hmd-vae --data one -o a.onnx --model 0"),
-        ("lab", "data prepare one -o one.zarr"),
-        ("serve", "serve --port 0"),
+        ("packages/lab", "train completion --data one --run run -o a.onnx"),
+        ("packages/lab", "train arms --data one -o a.onnx"),
+        ("packages/lab", "train hmd-vae --data one -o a.onnx --model 0"),
+        ("packages/lab", "data prepare one -o one.zarr"),
+        ("packages/live", "serve --port 0"),
     ],
 )
-def test_one_line_names_the_extra(extra: str, command: str, tmp_path: Path) -> None:
+def test_one_line_says_what_to_install(source: str, command: str, tmp_path: Path) -> None:
     (tmp_path / "one").mkdir()
     bs.write(tmp_path / "one" / "a.bvh", packaged_performance())
-    done = without(extra, tmp_path, *command.split())
+    done = without(source, tmp_path, *command.split())
     assert done.returncode == 2
-    assert f"pip install 'bodysense[{extra}]'" in done.stderr and "Traceback" not in done.stderr
+    assert f"pip install -c constraints.txt -e {source}" in done.stderr and "Traceback" not in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["one"]
 
 
@@ -56,7 +58,7 @@ def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"bodysense {bs.__version__}\n"
 
 
-def test_a_package_of_no_extra_is_a_fault_of_ours() -> None:
+def test_a_package_that_nothing_brings_is_a_fault_of_ours() -> None:
     with pytest.raises(ImportError, match="colour"):
         missing_package(ModuleNotFoundError("No module named 'colour'", name="colour"))
 

@@ -72,11 +72,3 @@ def test_what_cannot_be_is_refused(tmp_path: Path, motion: Path, small_network: 
     assert "format 'bodysense body 1', wanted 'bodysense points 1'" in text and "`bodysense train fingers`" in text
     assert "give a name that ends in .bvh" in refused("track", motion, "--fingers", "synthesize", "-o", tmp_path / "a")
     assert not out.exists()
-
-
-def test_training_refuses_at_once(tmp_path: Path, refused) -> None:
-    for command in ("fingers", "upper-body"):
-        arguments = ("train", command, "--data", tmp_path)
-        assert "give a name that ends so" in refused(*arguments, "-o", tmp_path / "a.pt")
-        assert "--steps 0: give at least 1" in refused(*arguments, "-o", tmp_path / "a.onnx", "--steps", 0)
-        assert "create it or choose another" in refused(*arguments, "-o", tmp_path / "no" / "a.onnx")

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bodysense.completion.inputs import frames_of
+from bodysense.completion.mounts import WORN, Mounts, mounts_of
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
@@ -13,8 +15,6 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.completion.calibration import calibrated
-from bodysense.completion.inputs import frames_of
-from bodysense.completion.mounts import WORN, Mounts, mounts_of
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe, strapped
 from bodysense.observation import Observation
 from bodysense.tracker import Tracker

@@ -120,9 +120,3 @@ def test_the_packaged_file_is_opened_without_a_path() -> None:
     network = Network.open(None, packaged)
     assert network.name == "arms.onnx" and network.card["frames"] == 32
     assert network.source.read_bytes()[:1] == b"\x08"
-
-
-def test_a_network_that_the_wheel_leaves_out_says_where_it_is() -> None:
-    format = NetworkFormat("bodysense sums 1", "network of sums", "bodysense train sums", packaged="gone.onnx")
-    with pytest.raises(BodysenseError, match=r"gone\.onnx comes with a clone of the repository, not with the wheel: "):
-        Network.open(None, format)

@@ -1,78 +1,159 @@
-"""Proportions are inferred from what sensors measure, without a jump, and what was told stays."""
+"""Proportions and posture are inferred from what sensors measure, without a jump, and what is known stays."""
 
 import numpy as np
 import pytest
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, standing_pose
-from bodysense.body.shape import sample_bodies, stature
-from bodysense.body.skeleton import default_skeleton
-from bodysense.completion.inputs import frames_of
-from bodysense.completion.proportions import Proportions, proportions_of
+from bodysense.body.shape import Measured, sample_bodies, stature
+from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
+from bodysense.observation import Estimate, Observation
+from bodysense.tracker import Tracker, TrackerState
 
-RATE, SECONDS = 30, 6
+RATE, SECONDS = 30, 8
 EVERYTHING = SensorSet(default_skeleton().points, ("head",))
+STATURES = (1.55, 1.74, 1.884)  # m
+
+
+def unseen_body(index: int) -> Skeleton:
+    return default_skeleton().with_offsets(sample_bodies("test", index + 1)[index])
 
 
 def inferred(
     body: int, person: Person, sensors: SensorSet, lowered: float = 0.0
-) -> tuple[list[Proportions], np.ndarray]:
-    """What is believed, frame by frame, of a stranger who stands, `lowered` by so many metres; their rest offsets."""
-    skeleton = default_skeleton().with_offsets(sample_bodies("test", body + 1)[body])
+) -> tuple[Estimate, TrackerState, np.ndarray]:
+    """Estimate of an unseen body that stands, `lowered` by some metres, the last state, and the true rest offsets."""
+    skeleton = unseen_body(body)
     pose = standing_pose(skeleton)
     frames = RATE * SECONDS
     root = np.tile(pose.root_position - np.array([0.0, lowered, 0.0]), (frames, 1))
     moving = Pose(skeleton, root, np.tile(pose.rotation, (frames, 1, 1)))
-    seen = frames_of(observe(moving, np.arange(frames) / RATE, sensors), (person,), batched=False)
-    believed = [proportions_of((person,))]
-    for t in range(frames):
-        believed.append(believed[-1].updated(seen[t], np.full(1, 1 / RATE), 0.0))
-    return believed, skeleton.rest_offset
+    tracker = Tracker(person)
+    estimate, state = tracker.step(observe(moving, np.arange(frames) / RATE, sensors), tracker.start())
+    return estimate, state, skeleton.rest_offset
+
+
+def head_at(height: np.ndarray, along: np.ndarray | float = 0.0) -> Observation:
+    """A head that looks ahead, at heights (T,) and places (T,) along +X, m."""
+    frames = len(height)
+    position = np.zeros((frames, 1, 3))
+    position[:, 0, 0], position[:, 0, 1] = along, height
+    rotation, seen = np.tile([1.0, 0.0, 0.0, 0.0], (frames, 1, 1)), np.ones((frames, 1), dtype=bool)
+    return Observation(("head",), position, rotation, seen, seen, np.full((frames, 1), 0.001), np.arange(frames) / RATE)
+
+
+def statures(observation: Observation, person: Person = Person()) -> tuple[np.ndarray, TrackerState]:
+    """Height of the body in use (T,) m, and the last state."""
+    tracker = Tracker(person)
+    estimate, state = tracker.step(observation, tracker.start())
+    return stature(estimate.rest_offset), state
+
+
+def heads(height: float) -> tuple[float, float]:
+    """Height (m) of the head of a wearer of a stature: standing, and on a chair on which both feet stand."""
+    skeleton = Person(height=height).skeleton
+    rest = skeleton.path @ skeleton.rest_offset + skeleton.rest_offset[0]
+    head, hip, knee = rest[skeleton.indices(["head", "left_hip", "left_knee"]), 1]
+    return head - 0.01, head - hip + knee + 0.07  # a seat carries the hips a little over the knees
 
 
 @pytest.mark.parametrize("body", range(5))
 def test_the_height_is_found_from_the_head(body: int) -> None:
-    believed, truth = inferred(body, Person(), SENSOR_SETS["head"])
-    assert abs(stature(believed[-1].rest_offset[0]) - stature(truth)) < 0.05
+    estimate, _, truth = inferred(body, Person(), SENSOR_SETS["head"])
+    assert abs(stature(estimate.rest_offset[-1]) - stature(truth)) < 0.05
 
 
 @pytest.mark.parametrize("body", range(3))
 def test_seen_bones_are_measured(body: int) -> None:
-    believed, truth = inferred(body, Person(), EVERYTHING)
+    estimate, state, truth = inferred(body, Person(), EVERYTHING)
     names = ("left_elbow", "left_wrist", "right_knee", "right_ankle")
     places = default_skeleton().indices(names)
-    lengths = [np.linalg.norm(offset[places], axis=-1) for offset in (believed[-1].rest_offset[0], truth)]
+    lengths = [np.linalg.norm(offset[places], axis=-1) for offset in (estimate.rest_offset[-1], truth)]
     assert np.abs(lengths[0] - lengths[1]).max() < 0.012
-    assert (believed[-1].deviation[0][places] < believed[0].deviation[0][places]).all()
+    assert (state.person().bone_deviation[places] < Person().bone_deviation[places]).all()
 
 
-def test_nothing_jumps() -> None:
-    believed, _ = inferred(1, Person(), EVERYTHING)
-    steps = np.abs(np.diff([one.rest_offset[0] for one in believed], axis=0))
-    assert steps.max() < 0.01
+def test_nothing_jumps_and_a_still_wearer_grows_slowly() -> None:
+    for sensors in (EVERYTHING, SENSOR_SETS["head"]):
+        estimate, _, _ = inferred(1, Person(), sensors)
+        assert np.abs(np.diff(estimate.rest_offset, axis=0)).max() < 0.01
+        assert np.abs(np.diff(stature(estimate.rest_offset))).max() < 0.0205 / RATE
 
 
-def test_what_was_told_stays() -> None:
-    skeleton = default_skeleton().with_offsets(sample_bodies("test", 9)[8])
-    believed, _ = inferred(2, Person(skeleton), EVERYTHING)
-    assert np.array_equal(believed[-1].rest_offset[0], skeleton.rest_offset)
-    believed, _ = inferred(2, Person(height=1.62), SENSOR_SETS["head"])
-    assert abs(stature(believed[-1].rest_offset[0]) - 1.62) < 0.01
+def test_what_is_known_stays() -> None:
+    skeleton = unseen_body(8)
+    estimate, _, _ = inferred(2, Person(skeleton), EVERYTHING)
+    assert np.array_equal(estimate.rest_offset, np.broadcast_to(skeleton.rest_offset, estimate.rest_offset.shape))
+    height = float(stature(unseen_body(2).rest_offset)) + 0.02
+    estimate, state, _ = inferred(2, Person(height=height), SENSOR_SETS["head"])
+    assert abs(stature(estimate.rest_offset[-1]) - height) < 0.01
+    assert not state.contradicts_height()
 
 
-def test_whoever_sits_is_no_small_person() -> None:
-    believed, _ = inferred(3, Person(), SENSOR_SETS["head"], lowered=0.45)
-    assert abs(stature(believed[-1].rest_offset[0]) - stature(Person().skeleton.rest_offset)) < 0.01
+def test_a_body_on_stairs_is_no_giant() -> None:
+    estimate, _, _ = inferred(3, Person(), SENSOR_SETS["head"], lowered=-0.8)
+    assert abs(stature(estimate.rest_offset[-1]) - stature(Person().skeleton.rest_offset)) < 0.01
 
 
-def test_whoever_stands_on_something_is_no_giant() -> None:
-    believed, _ = inferred(3, Person(), SENSOR_SETS["head"], lowered=-0.8)
-    assert abs(stature(believed[-1].rest_offset[0]) - stature(Person().skeleton.rest_offset)) < 0.01
+def test_kneeling_does_not_shrink_anybody() -> None:
+    estimate, _, _ = inferred(3, Person(), SENSOR_SETS["head"], lowered=0.7)
+    assert abs(stature(estimate.rest_offset[-1]) - stature(Person().skeleton.rest_offset)) < 0.01
 
 
-def test_a_person_learned_is_a_person_told() -> None:
-    believed, _ = inferred(4, Person(), EVERYTHING)
-    person = believed[-1].person(0, {})
-    assert np.allclose(person.skeleton.rest_offset, believed[-1].believed[0])
-    assert np.allclose(person.bone_deviation, believed[-1].deviation[0])
+@pytest.mark.parametrize("height", STATURES)
+def test_a_seated_wearer_keeps_their_height_and_rises_with_it(height: float) -> None:
+    standing, seated = heads(height)
+    still = seated + 0.005 * np.sin(np.arange(15 * RATE) / RATE)
+    rising, walking = np.linspace(seated, standing, RATE), np.full(10 * RATE, standing - 0.01)
+    along = np.concatenate([np.zeros(16 * RATE), np.arange(10 * RATE) / RATE])
+    found, _ = statures(head_at(np.concatenate([still, rising, walking]), along))
+    assert found[10 * RATE :].min() > height - 0.04
+    assert abs(found[-1] - height) < 0.06
+    settled = found[3 * RATE :]
+    assert (np.maximum.accumulate(settled) - settled).max() < 0.02
+    assert np.abs(np.diff(found[: 15 * RATE])).max() < 0.0205 / RATE
+
+
+def test_a_small_body_that_walks_is_not_taken_for_a_tall_one_that_sits() -> None:
+    standing, _ = heads(1.47)
+    still, walking = np.full(5 * RATE, standing), np.full(15 * RATE, standing - 0.01)
+    along = np.concatenate([np.zeros(5 * RATE), np.arange(15 * RATE) / RATE])
+    found, _ = statures(head_at(np.concatenate([still, walking]), along))
+    assert abs(found[-1] - 1.47) < 0.05
+
+
+def test_a_known_height_that_the_head_contradicts_is_released() -> None:
+    person = Person(height=1.7, lengths={("left_hip", "left_knee"): Measured(0.45, 0.01)})
+    found, state = statures(head_at(np.full(15 * RATE, 1.73)), person)
+    assert abs(found[RATE] - 1.7) < 0.005 and not np.isclose(found[-1], 1.7, atol=0.1)
+    assert state.contradicts_height() and state.person().height is None
+    again = state.with_people([Person(height=1.88)])
+    assert not again.contradicts_height() and again.person().height is not None
+    on_tiptoe, state = statures(head_at(np.full(5 * RATE, heads(1.7)[0] + 0.06)), Person(height=1.7))
+    assert abs(on_tiptoe[-1] - 1.7) < 0.005 and not state.contradicts_height()
+
+
+def test_an_inferred_person_goes_on_as_it_was_believed() -> None:
+    _, state, _ = inferred(4, Person(), EVERYTHING)
+    person = state.person()
+    estimate, _ = (tracker := Tracker(person)).step(head_at(np.full(1, 1.5)), tracker.start())
+    assert np.abs(estimate.rest_offset[0] - person.skeleton.rest_offset).max() < 0.02
+    known = state.with_people([Person(unseen_body(4))])
+    assert np.array_equal(known.person().skeleton.rest_offset, unseen_body(4).rest_offset)
+
+
+def test_the_core_s_likeliest_person_is_ours() -> None:
+    import ctypes
+
+    from bodysense.completion import core
+
+    model = Tracker().model.core
+    lengths = {("left_hip", "left_knee"): Measured(0.45, 0.01), ("left_wrist", "right_wrist"): Measured(1.6, 0.02)}
+    for person in (Person(), Person(height=1.2), Person(height=2.2), Person(height=1.8, lengths=lengths)):
+        one = core.person_struct(person)
+        np.frombuffer(one.rest_offset)[:] = np.frombuffer(one.deviation)[:] = 0.0
+        assert core.library().bs_person_likeliest(model.pointer, ctypes.byref(one)) == core.OK
+        offset = np.frombuffer(one.rest_offset).reshape(-1, 3)
+        assert np.abs(offset - person.skeleton.rest_offset).max() < 1e-9
+        assert np.abs(np.frombuffer(one.deviation) - person.bone_deviation).max() < 1e-9

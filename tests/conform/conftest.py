@@ -12,8 +12,8 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import quaternion_exp
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY, Skeleton, default_skeleton
-from bodysense.conform.sources.files import pose_subject
-from bodysense.conform.subject import Step, Subject, Transport, is_finger
+from bodysense_conform.sources.files import pose_subject
+from bodysense_conform.subject import Step, Subject, Transport, is_finger
 
 RATE = 20
 LOST = slice(130, 150)  # frames in which the left wrist is completed

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bodysense.conform.subject import Step, Subject, is_finger
+from bodysense_conform.subject import Step, Subject, is_finger
 
 from .conftest import RATE
 from .kit import Kit, defect

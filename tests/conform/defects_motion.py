@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from bodysense.body.rotation import quaternion_exp, quaternion_log, quaternion_multiply, quaternion_rotate
-from bodysense.conform.subject import Step, Subject
+from bodysense_conform.subject import Step, Subject
 
 from .conftest import LOST, RATE, SIDES, about, given_out, planted
 from .kit import Kit, defect

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from bodysense.body.rotation import quaternion_exp, quaternion_log
-from bodysense.conform.subject import Subject
+from bodysense_conform.subject import Subject
 
 from .conftest import RATE, SIDES, about, given_out, planted
 from .kit import Defect, Kit, defect

@@ -11,7 +11,7 @@ import numpy as np
 from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import BODY
-from bodysense.conform.subject import Step, Subject
+from bodysense_conform.subject import Step, Subject
 
 from .conftest import given_out, planted
 

@@ -1,8 +1,8 @@
 """A faultless performance: every check is answered, and none fails."""
 
-from bodysense.conform.checks import TABLE
-from bodysense.conform.subject import Subject
-from bodysense.conform.verdict import judge
+from bodysense_conform.checks import TABLE
+from bodysense_conform.subject import Subject
+from bodysense_conform.verdict import judge
 
 
 def test_a_faultless_performance_answers_every_check_and_passes(clean: Subject) -> None:

@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 from bodysense.body.pose import Pose
-from bodysense.conform.checks import TABLE
-from bodysense.conform.subject import Step, Subject
-from bodysense.conform.verdict import judge
+from bodysense_conform.checks import TABLE
+from bodysense_conform.subject import Step, Subject
+from bodysense_conform.verdict import judge
 
 from . import defects_anatomy, defects_data, defects_hands, defects_motion, defects_poses
 from .kit import DEFECTS, Kit

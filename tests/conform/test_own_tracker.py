@@ -7,10 +7,10 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import default_skeleton
-from bodysense.conform.checks import TABLE
-from bodysense.conform.verdict import judge
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.tracker import Tracker
+from bodysense_conform.checks import TABLE
+from bodysense_conform.verdict import judge
 
 from .conftest import HANG, RATE, RELAXED, about, both, given_out, leg, planted, swung
 

@@ -15,22 +15,22 @@ from mcap.writer import CompressionType, Writer
 
 from bodysense.body.pose import Pose
 from bodysense.cli import main
-from bodysense.conform.report.html import page
-from bodysense.conform.report.text import record, write_junit
-from bodysense.conform.script import read_script
-from bodysense.conform.sources.files import clip_subject, read_subject
-from bodysense.conform.sources.mcap_take import read_mcap, read_record
-from bodysense.conform.sources.vmc import vmc_subject
-from bodysense.conform.sources.websocket import messages_subject
-from bodysense.conform.subject import Step, Subject
-from bodysense.conform.verdict import judge
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.mcap_take import BODY_JOINTS, BODY_LAYOUT
 from bodysense.io.mcap_take import record as mcap_record
 from bodysense.io.motion_files import write_motion
-from bodysense.serve.protocol import PoseFrame, write_pose
-from bodysense.serve.vmc import vmc_packets
+from bodysense.io.protocol import PoseFrame, write_pose
+from bodysense_conform.report.html import page
+from bodysense_conform.report.text import record, write_junit
+from bodysense_conform.script import read_script
+from bodysense_conform.sources.files import clip_subject, read_subject
+from bodysense_conform.sources.mcap_take import read_mcap, read_record
+from bodysense_conform.sources.vmc import vmc_subject
+from bodysense_conform.sources.websocket import messages_subject
+from bodysense_conform.subject import Step, Subject
+from bodysense_conform.verdict import judge
+from bodysense_live.vmc import vmc_packets
 
 from .conftest import RATE
 

@@ -78,9 +78,7 @@ class NetworkLibrary:
         function.restype = result
         return function(*(_passed(argument) for argument in arguments))
 
-    def predict(
-        self, seen: np.ndarray, memory: np.ndarray, scratch: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def predict(self, seen: np.ndarray, memory: np.ndarray, scratch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Frames under the head and predictions of B people, whose memory (B, M) advances."""
         count = len(seen)
         frame, out = np.zeros(count, FRAME), np.zeros(count, PREDICTION)

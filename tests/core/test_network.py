@@ -13,12 +13,12 @@ from torch import Tensor
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
-from bodysense.lab.completion.error_map import unchanged_errors
-from bodysense.lab.completion.graph import CompletionStep
-from bodysense.lab.completion.network import orthonormal
-from bodysense.lab.completion.points import HEAD
-from bodysense.lab.completion.state import Inputs, State
-from bodysense.lab.completion.weights_file import read_safetensors, read_weights
+from bodysense_lab.completion.error_map import unchanged_errors
+from bodysense_lab.completion.graph import CompletionStep
+from bodysense_lab.completion.network import orthonormal
+from bodysense_lab.completion.points import HEAD
+from bodysense_lab.completion.state import Inputs, State
+from bodysense_lab.completion.weights_file import read_safetensors, read_weights
 
 from .network_library import BODY, TRACKED, NetworkLibrary, compiled, filled, open_library
 
@@ -185,8 +185,11 @@ def test_predictions_are_those_of_the_trained_networks(network: NetworkLibrary, 
         from_wrist = body["point"][:, 22:52] - body["point"][:, [20] * 15 + [21] * 15]
         compare(worst, "fingers", from_wrist, after[:, 22:52] - after[:, [20] * 15 + [21] * 15])
         means, bounds = zip(
-            *(network.errors(seen[k : k + 1], predicted[k : k + 1], finger_error[k], np.zeros(65, np.float32))
-              for k in range(PEOPLE)), strict=True,
+            *(
+                network.errors(seen[k : k + 1], predicted[k : k + 1], finger_error[k], np.zeros(65, np.float32))
+                for k in range(PEOPLE)
+            ),
+            strict=True,
         )
         compare(worst, "expected", np.log(means), parts["outputs"].confidence.log().numpy())
         compare(worst, "bound", np.log(bounds), parts["outputs"].bound.log().numpy())

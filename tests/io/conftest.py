@@ -17,30 +17,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation, rest_pose
-from bodysense.body.rotation import quaternion_canonical, quaternion_conjugate, quaternion_exp, quaternion_multiply
+from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_multiply
 from bodysense.body.rotation import quaternion_rotate as rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.io.clip import Clip
 
 sys.path.insert(0, str(Path(__file__).parent))  # helpers of these tests are modules beside them
 
-MakeClip = Callable[..., Clip]
 Reframe = Callable[..., Clip]
-
-
-@pytest.fixture
-def make_clip() -> MakeClip:
-    def make(frames: int = 12, seed: int = 0, spread: float = 0.5, rate: float = 30.0) -> Clip:
-        rng = np.random.default_rng(seed)
-        skeleton = default_skeleton()
-        knots = rng.normal(scale=spread, size=(4, len(skeleton.joints), 3))
-        place = np.linspace(0, 2.999, frames)
-        before, t = place.astype(int), (place % 1)[:, None, None]
-        rotation = quaternion_exp((1 - t) * knots[before] + t * knots[before + 1])
-        root = np.array([0.3, 0.95, -0.2]) + np.cumsum(rng.normal(scale=0.01, size=(frames, 3)), axis=0)
-        return Clip(f"random_{seed}", Pose(skeleton, root, quaternion_canonical(rotation)), rate)
-
-    return make
 
 
 @pytest.fixture

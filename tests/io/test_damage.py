@@ -12,13 +12,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bodysense.conform.sources.mcap_take import read_mcap
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.device import simulate
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.recording import Recording
 from bodysense.reading import read, write
+from bodysense_conform.sources.mcap_take import read_mcap
 
 KINDS = ("a.bvh", "a.glb", "a.vrma", "a.mcap", "a.npz", "a.jsonl", "a.npy")
 WORDS = [b"nan", b"-1", b"1e308", b"99999999999", b"0", b"null", b"{}", b"[]", b'"x"', b""]

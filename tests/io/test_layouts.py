@@ -18,8 +18,8 @@ from bodysense.io.clip import Clip
 from bodysense.io.datasets.layouts import LAYOUTS, layout_of
 from bodysense.io.datasets.sources import list_sources, read_source
 from bodysense.io.datasets.splits import split_of
-from bodysense.lab.datasets import open_clips
 from bodysense.reading import read
+from bodysense_lab.datasets import open_clips
 
 MILLIMETRE = 1e-3
 
@@ -122,8 +122,8 @@ def test_a_folder_of_another_layout(mixamo, layout, message: str) -> None:
 
 
 def test_a_store_of_zip_files_is_that_of_the_same_files_unpacked(talking_with_hands, tmp_path: Path) -> None:
-    pytest.importorskip("zarr", reason="needs bodysense[lab]")
-    from bodysense.lab.store import prepare
+    pytest.importorskip("zarr", reason="needs packages/lab")
+    from bodysense_lab.store import prepare
 
     folder = talking_with_hands.folder
     zipped = prepare(folder, tmp_path / "zipped.zarr", rate=30.0, workers=1)
@@ -202,8 +202,8 @@ def test_a_zip_file_for_a_motion(tmp_path: Path) -> None:
 
 
 def test_a_bad_zip_file_is_skipped_by_prepare_and_named(talking_with_hands, tmp_path: Path, capsys) -> None:
-    pytest.importorskip("zarr", reason="needs bodysense[lab]")
-    from bodysense.lab import store as store_module
+    pytest.importorskip("zarr", reason="needs packages/lab")
+    from bodysense_lab import store as store_module
 
     folder = talking_with_hands.folder
     (folder / "mocap_data" / "session2" / "take4.zip").write_text("not a zip file")
@@ -227,7 +227,7 @@ def test_a_list_of_conversations_that_cannot_be_read(talking_with_hands) -> None
 
 @pytest.mark.parametrize("name", ["unoc", "talking_with_hands", "mixamo"])
 def test_one_command_for_each(name: str, request: pytest.FixtureRequest, tmp_path: Path, monkeypatch, capsys) -> None:
-    pytest.importorskip("zarr", reason="needs bodysense[lab]")
+    pytest.importorskip("zarr", reason="needs packages/lab")
     from bodysense.cli import main
 
     monkeypatch.setenv("COLUMNS", "200")

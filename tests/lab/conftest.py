@@ -11,8 +11,8 @@ import pytest
 
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.lab.datasets import DataSet
 from bodysense.observation import Observation, check_observation
+from bodysense_lab.datasets import DataSet
 
 Seen = Mapping[str, Sequence[float]]
 MakeObservation = Callable[..., Observation]

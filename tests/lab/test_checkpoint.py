@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from bodysense.errors import BodysenseError
-from bodysense.lab.checkpoint import best_weights
+from bodysense_lab.checkpoint import best_weights
 
 
 def test_a_second_stage_begins_with_the_best_weights_of_the_first(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.lab.datasets import (
+from bodysense_lab.datasets import (
     QUICK_SECONDS,
     Census,
     DataSet,
@@ -76,7 +76,7 @@ def test_quick_is_the_beginning_of_a_few(tmp_path: Path, waving_clip: Clip) -> N
 
 def test_quick_looks_for_fingers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waving_clip: Clip) -> None:
     """Where one in twelve has fingers, some of them are among the few."""
-    from bodysense.lab import datasets
+    from bodysense_lab import datasets
 
     clips = [replace(waving_clip, name=str(k), has_fingers=k % 12 == 0) for k in range(60)]
     spread = {12: clips[1::5], 64: clips}

@@ -11,7 +11,7 @@ import onnxruntime
 import pytest
 from onnx import ModelProto, TensorProto, helper, numpy_helper
 
-from bodysense.lab.export import bare, halved, in_bytes
+from bodysense_lab.export import bare, halved, in_bytes
 
 SHAPE = (80, 60, 3)
 

@@ -9,7 +9,7 @@ import pytest
 
 from bodysense.demo import packaged_performance
 from bodysense.io.clip import Clip
-from bodysense.lab import holes
+from bodysense_lab import holes
 
 
 def clips() -> list[Clip]:

@@ -9,7 +9,7 @@ import onnx
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense.lab.model_card import KINDS, describe, fields_read, kind_of
+from bodysense_lab.model_card import KINDS, describe, fields_read, kind_of
 
 WEIGHTS = Path(str(files("bodysense.weights")))
 SHIPPED = sorted(WEIGHTS.glob("*.onnx"))

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from bodysense.lab.commands.reporting import finish
-from bodysense.lab.options import TableOptions
-from bodysense.lab.table import Report
+from bodysense_lab.commands.reporting import finish
+from bodysense_lab.options import TableOptions
+from bodysense_lab.table import Report
 
 
 def test_a_report_without_panels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,8 +10,9 @@ import pytest
 from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.io.clip import Clip
-from bodysense.lab.scoring import KNOWN, Tallies, Tally, TrackedClip, score
-from bodysense.lab.unoc.ik_tracker import IkTrackerSettings, track_clip
+from bodysense.papers.ik_tracker import IkTrackerSettings
+from bodysense.scoring import KNOWN, Tallies, Tally, TrackedClip, score
+from bodysense_lab.unoc.learned import track_clip
 
 
 @pytest.fixture(scope="module")

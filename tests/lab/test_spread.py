@@ -7,7 +7,7 @@ from math import sqrt
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense.lab.spread import spread
+from bodysense_lab.spread import spread
 
 NUMBERS = [float(number) for number in range(7)]
 ROOTS = [(number, number**0.5) for number in NUMBERS]  # `sqrt`: processes must be able to import the work

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense.lab.table import Named, Report, cell, finite, ordering, write_csv
+from bodysense.intervals import Named
+from bodysense_lab.table import Report, cell, finite, ordering, write_csv
 
 
 def test_a_csv_holds_what_the_report_does(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 WEB = Path(__file__).parents[2] / "web"
-PAGE = Path(__file__).parents[2] / "src" / "bodysense" / "serve" / "page"
+PAGE = Path(__file__).parents[2] / "packages" / "live" / "src" / "bodysense_live" / "page"
 
 VISION = WEB / "node_modules" / "@mediapipe" / "tasks-vision" / "wasm"
 
@@ -37,7 +37,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     Its models are scripts/build_landmarkers.py's, its WebAssembly is npm's.
     """
     from bodysense.devices.video.landmarker_files import landmarker_folder
-    from bodysense.serve.page_files import WEBCAM, write_page
+    from bodysense_live.page_files import WEBCAM, write_page
 
     if not (PAGE / "index.html").is_file():
         pytest.skip("the page is not built: run `npm run build` in web/")

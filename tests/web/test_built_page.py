@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 
 from bodysense.cli import main
-from bodysense.serve.page_files import write_page
+from bodysense_live.page_files import write_page
 
-PAGE = Path(__file__).parents[2] / "src" / "bodysense" / "serve" / "page"
+PAGE = Path(__file__).parents[2] / "packages" / "live" / "src" / "bodysense_live" / "page"
 LARGEST = 4_500_000  # bytes, of the whole page; ONNX Runtime is most of it
 MOST_DOWNLOADED = 12_000_000  # bytes, of everything but MediaPipe, as a host sends it that packs nothing
 

@@ -160,7 +160,7 @@ def test_a_body_goes_by_a_bridge_to_an_avatar(scenario: Scenario, site: Path) ->
 @contextlib.contextmanager
 def served(*options: str, found: str) -> Iterator[str]:
     """A real server; what it prints that matches."""
-    pytest.importorskip("starlette", reason="needs bodysense[serve]")
+    pytest.importorskip("starlette", reason="needs packages/live")
     command = [sys.executable, "-m", "bodysense", "serve", "--port", "0", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None

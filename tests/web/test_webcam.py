@@ -12,9 +12,9 @@ import pytest
 
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.camera_view import Camera
-from bodysense.lab.rendering.scene import load_figure, sample_scene
-from bodysense.lab.rendering.stage import open_stage
-from bodysense.serve.page_files import WEBCAM
+from bodysense_lab.rendering.scene import load_figure, sample_scene
+from bodysense_lab.rendering.stage import open_stage
+from bodysense_live.page_files import WEBCAM
 
 pytestmark = pytest.mark.slow
 
@@ -46,7 +46,7 @@ def test_a_webcam_sees_a_person(scenario: Scenario, site: Path, tmp_path: Path) 
     missing = [name for name in WEBCAM if not (site / name).is_file()]
     if missing:
         pytest.skip(f"MediaPipe's {missing[0]} is missing: run scripts/build_landmarkers.py, and `npm ci` in web/")
-    pytest.importorskip("moderngl", reason="needs bodysense[render]")
+    pytest.importorskip("moderngl", reason="needs packages/lab[render]")
     said = scenario("webcam", site, film(tmp_path / "person.mjpeg"), tmp_path / "seen.png")
     assert int(said["points"]) >= 8
     assert said["nobody"].startswith("Nobody is seen yet")

@@ -1,4 +1,4 @@
-// Written by scripts/make_protocol_types.py from bodysense.serve; see docs/protocol.md. Do not edit.
+// Written by scripts/make_protocol_types.py from bodysense_live; see docs/protocol.md. Do not edit.
 
 export const VERSION = 1;
 export const SIGNAL = 1;

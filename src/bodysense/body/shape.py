@@ -183,6 +183,14 @@ def stature(offsets: np.ndarray) -> np.ndarray:
     return np.asarray(offsets)[..., 1] @ _up()
 
 
+def stature_of_head(head: float, deviation: float) -> Measured:
+    """Stature of a person whose head joint is at height `head`, by the mean adult's proportions."""
+    mean = shape_space().mean
+    joint = (default_skeleton().path @ mean)[default_skeleton().index("head"), 1] + mean[0, 1]
+    ratio = float(stature(mean)) / joint
+    return Measured(head * ratio, deviation * ratio)
+
+
 @lru_cache(maxsize=1)
 def shape_space() -> ShapeSpace:
     """The packaged shape space of adults."""

@@ -14,8 +14,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line. Returns the exit status: a command's own, or 2 for what the user gave wrong."""
     try:  # from the first import on: it takes a while, in which Ctrl-C may come
         from bodysense.cli.application import application
-        from bodysense.cli.laboratory import check_installed
         from bodysense.cli.overwriting import checked_arguments
+        from bodysense.cli.packages import check_installed, lines_of_missing
 
         given = checked_arguments(sys.argv[1:] if arguments is None else arguments)
         if list(given) == ["--version"]:
@@ -23,7 +23,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return 0
         check_installed(given)
         try:
-            status = application().cli(prog="bodysense", description=_description(), args=given)
+            description = "\n\n".join([_description(), *lines_of_missing()])
+            status = application().cli(prog="bodysense", description=description, args=given)
         except ModuleNotFoundError as error:
             raise missing_package(error) from None
     except BodysenseError as error:

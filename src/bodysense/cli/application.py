@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from tyro.extras import SubcommandApp
 
-from bodysense.cli import calibrate, conform, data, demo, laboratory, motion, page, samples, serve
+from bodysense.cli import data, demo, motion, packages, samples
 
 
 def application() -> SubcommandApp:
-    """All commands: `bodysense demo`, `bodysense data info` …, those of the laboratory where it is installed."""
+    """All commands: `bodysense demo`, `bodysense data info` …, and those of the packages that are installed."""
     root, data_group = SubcommandApp(), data.commands()
-    for command in (demo.demo, motion.track, motion.simulate, conform.conform, samples.generate):
+    for command in (demo.demo, motion.track, motion.convert, motion.simulate, samples.generate):
         root.command(command)
-    root.command(serve.serve)
-    root.command(calibrate.calibrate)
-    root.command(page.page)
-    root.command(data_group, name="data")
-    if laboratory.is_installed():
-        laboratory.add_commands(root, data_group)
+    root.command(data_group, name="data", help="Look at motion data, and prepare it.")
+    packages.add_commands(root, data_group)
     return root

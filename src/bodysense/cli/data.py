@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,7 +13,6 @@ from tyro.extras import SubcommandApp
 
 from bodysense.cli.found_files import FoundFile, Split, files_in, line_of, none_of, readable, table_of
 from bodysense.cli.options import Reading
-from bodysense.devices.simulated.headset_camera import HeadsetCamera
 from bodysense.errors import BodysenseError
 from bodysense.io.datasets.layouts import Layout
 from bodysense.io.rigs.options import AS_FOUND
@@ -29,58 +29,57 @@ REASONS = 20  # of files that cannot be read, that are printed
 
 def info(
     place: Annotated[Path, tyro.conf.Positional],
-    occlusion: bool = False,
     split: Split = "all",
     layout: Layout | None = None,
-    camera: HeadsetCamera = HeadsetCamera(),
     picture: Path | None = None,
     json: Path | None = None,
     reading: Reading = AS_FOUND,
 ) -> None:
-    """Say what a motion file, a folder of them or a prepared store holds, and how each file was read.
+    """Say what a motion file or a folder of them holds, and how each file was read.
 
     Of each file: rig, unit, upward axis, floor, frame rate, what is missing, how sure that is. What cannot be read is
     skipped, counted and given with the reason.
 
     Args:
         place: a motion file (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma), markers (.c3d, .trc, .tsv, .csv), a
-            recording, a folder of them, also .bvh in .zip, or a store written by `bodysense data prepare`.
-        occlusion: simulate the headset's cameras and print the statistics of UNOC, Table 1, beside the published ones.
+            recording, or a folder of them, also .bvh in .zip.
         split: which people.
         layout: which published data set the folder is; recognised by what is in it if omitted.
-        camera: the headset's, for --occlusion.
         picture: PNG file for stick figures of the first file that can be read.
         json: JSON file for the numbers, one flat object.
         reading: what the files do not say of themselves.
     """
-    from rich.progress import track
-
-    from bodysense.cli.show import print_report, wide_console, write_numbers
     from bodysense.files import check_place
 
     if picture is not None:
         check_place(picture)
-    total, every = files_in(place, split, layout, reading)
-    found, console = list[FoundFile](), wide_console()
-    if occlusion:
-        from bodysense.lab.unoc.occlusion import columns_of, count_clips, occlusion_table
+    say_info(place, split, *files_in(place, split, layout, reading), picture, json)
 
-        clips = readable(track(every, "looking", total), found)
-        report = occlusion_table(columns_of(count_clips(clips, 1, lambda clip: None, camera)[0]))
-        print_report(report, console)
-        numbers = report.numbers
+
+def say_info(
+    place: Path, split: Split, total: int, every: Iterable[FoundFile], picture: Path | None, json: Path | None
+) -> None:
+    """Print what `total` files hold, and write the picture of the first and the numbers."""
+    from rich.progress import track
+
+    from bodysense.cli.show import wide_console, write_numbers
+
+    found, counts = list[FoundFile](), _Counts()
+    for clip in readable(track(every, "reading", total) if total > 1 else every, found):
+        counts.add(clip)
+        if picture is not None and counts.clips == 1:
+            _draw(picture, clip)
+    if total == 1:
+        print(*(line_of(one) for one in found if not one.reason), end="" if found[0].reason else "\n")
     else:
-        counts = _Counts()
-        for clip in readable(track(every, "reading", total) if total > 1 else every, found):
-            counts.add(clip)
-            if picture is not None and counts.clips == 1:
-                _draw(picture, clip)
-        numbers = counts.numbers()
-        if total == 1:
-            print(*(line_of(one) for one in found if not one.reason), end="" if found[0].reason else "\n")
-        else:
-            console.print(table_of(found))
-            console.print(counts.table(f"{place} ({split})"))
+        console = wide_console()
+        console.print(table_of(found))
+        console.print(counts.table(f"{place} ({split})"))
+    write_numbers(json, counts.numbers() | {"skipped": say_skipped(place, total, found)})
+
+
+def say_skipped(place: Path, total: int, found: list[FoundFile]) -> int:
+    """Print which files could not be read, and return how many. Raises BodysenseError where that is all of them."""
     skipped = [one for one in found if one.reason]
     if len(skipped) == len(found):
         raise BodysenseError(skipped[0].reason if total == 1 else none_of(place, skipped))
@@ -91,7 +90,7 @@ def info(
             f"skipped {len(skipped)} of {len(found)} files"
             + (", the first with reasons" if len(skipped) > REASONS else "")
         )
-    write_numbers(json, numbers | {"skipped": len(skipped)})
+    return len(skipped)
 
 
 def joints(

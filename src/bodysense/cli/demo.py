@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from bodysense.io.clip import Clip
-    from bodysense.lab.scoring import Tallies
+    from bodysense.scoring import Tallies
 
 PICTURES = 10.0  # Hz of the animation, about
 LONGEST = 10.0  # s of it, from the middle of the motion
@@ -48,8 +48,8 @@ def demo(
     from bodysense.io.bvh import write_bvh
     from bodysense.io.recording import Recording
     from bodysense.io.resample import resample
-    from bodysense.lab.scoring import RATE, TrackedClip, last_known, score
     from bodysense.pictures.comparison import View, write_comparison, write_moments
+    from bodysense.scoring import RATE, TrackedClip, last_known, score
     from bodysense.take import track
 
     console = Console()
@@ -90,7 +90,7 @@ def demo_table(tallies: Tallies, title: str) -> Table:
     from rich.table import Table
 
     from bodysense.cli.show import PARTS, SHARES
-    from bodysense.lab.scoring import KNOWN
+    from bodysense.scoring import KNOWN
 
     caption = "RMSJPE / MPJPE, cm. Last known: the best of three ways to keep it."
     shown = Table(title=title, caption=caption, box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, how_to_install
 from bodysense.io.datasets.layouts import Layout
 from bodysense.io.datasets.splits import empty_split
 from bodysense.io.rigs.options import ReadingOptions
@@ -25,6 +25,7 @@ OTHERS = (
     *(".glb", ".gltf", ".vrma", ".npy", ".c3d", ".trc", ".tsv", ".csv", ".jsonl"),
     *(".fbx", ".pkl", ".pickle", ".gz"),  # with what to do about them
 )
+LAB = "packages/lab"
 KINDS = {".glb": "glTF", ".gltf": "glTF", ".vrma": "VRM animation", ".npy": "SMPL"}
 
 
@@ -46,12 +47,9 @@ def files_in(
 ) -> tuple[int, Iterable[FoundFile]]:
     """How many files a place has, and each of them when its turn comes."""
     from bodysense.io.datasets.sources import Source, list_sources
-    from bodysense.lab.datasets import count_clips, open_clips
-    from bodysense.lab.store import is_store
 
-    if place.is_dir() and is_store(place):
-        clips = open_clips(place, split, layout=layout, options=reading)
-        return count_clips(place, split), (FoundFile(clip.name, clip) for clip in clips)
+    if (place / "zarr.json").is_file():
+        raise BodysenseError(f"{place}: a prepared store of motion, which {LAB} reads; {how_to_install(LAB)}")
     if place.is_file():
         return 1, (_read(place.name, Source(place, person="", split="test"), reading) for _ in range(1))
     others = _others(place) if place.is_dir() and split == "all" else []
@@ -91,25 +89,24 @@ def _read(key: str, source: Source, reading: ReadingOptions) -> FoundFile:
 
 def _read_other(key: str, source: Source, reading: ReadingOptions) -> FoundFile:
     """A file that has no rig: AMASS, results of SMPL, glTF; markers and recordings, which are no motion yet."""
-    from bodysense.io.markers.files import is_marker_file
-    from bodysense.io.markers.recording import read_markers
-    from bodysense.io.recording import is_recording, read_recording
-    from bodysense.reading import check_kind, read_clip
+    from bodysense.open import MarkerSource, MotionSource, VideoSource, open_source
 
-    path = source.path
-    check_kind(path)
-    if is_marker_file(path):
-        markers = read_markers(path)
-        said = f"{len(markers.observation.points)} points of {'a body' if markers.has_body else 'gloves'}"
-        return FoundFile(key, kind="markers", said="; ".join((said, *markers.remarks)), rate=markers.frame_rate)
-    if is_recording(path):
-        seen = read_recording(path).observation
-        rate = (len(seen) - 1) / max(float(seen.time[-1] - seen.time[0]), 1e-9)
-        return FoundFile(key, kind="recording", said=f"{len(seen.points)} points, {len(seen)} frames", rate=rate)
-    clip, lines = read_clip(path, reading)
-    clip = replace(clip, person=source.person, category=source.category)
-    said = "; ".join(line.removeprefix("note: ") for line in lines)
-    return FoundFile(key, clip, kind=KINDS.get(path.suffix.lower(), "AMASS or SMPL"), said=said, rate=clip.frame_rate)
+    opened = open_source(source.path, reading)
+    if isinstance(opened, VideoSource):
+        raise BodysenseError(f"{source.path}: a video; complete it: bodysense track {source.path.name} -o motion.bvh")
+    if isinstance(opened, MotionSource):
+        clip = replace(opened.clip, person=source.person, category=source.category)
+        said = "; ".join(line.removeprefix("note: ") for line in opened.remarks)
+        kind = KINDS.get(source.path.suffix.lower(), "AMASS or SMPL")
+        return FoundFile(key, clip, kind=kind, said=said, rate=clip.frame_rate)
+    seen = opened.recording.observation
+    if isinstance(opened, MarkerSource):
+        said = f"{len(seen.points)} points of {'gloves' if opened.recording.told else 'a body'}"
+        lines = (line.removeprefix("note: ") for line in opened.remarks)
+        rate = 0.0 if opened.found is None else opened.found.frame_rate
+        return FoundFile(key, kind="markers", said="; ".join((said, *lines)), rate=rate)
+    rate = (len(seen) - 1) / max(float(seen.time[-1] - seen.time[0]), 1e-9)
+    return FoundFile(key, kind="recording", said=f"{len(seen.points)} points, {len(seen)} frames", rate=rate)
 
 
 def readable(every: Iterable[FoundFile], found: list[FoundFile]) -> Iterator[Clip]:

@@ -7,23 +7,27 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+import numpy as np
 import tyro
 
-from bodysense.cli.markers import NO_OPTIONS, MarkerOptions
 from bodysense.cli.options import Reading
 from bodysense.cli.overwriting import check_apart
-from bodysense.cli.recordings import load_clip, person_of, source_of
+from bodysense.cli.recordings import load_clip, open_motion, open_recorded, person_of
 from bodysense.cli.video import NO_VIDEO, VideoOptions, track_video
 from bodysense.devices.simulated.device import DeviceName
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
-from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
+from bodysense.io.rigs.options import AS_FOUND
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
     from bodysense.filling import Holed
+    from bodysense.io.markers.gaps import FilledMarkers
+    from bodysense.open import MarkerSource, MotionSource
     from bodysense.take import Take
 
+_LISTED = 12  # markers that a line lists
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 MotionFile = Annotated[Path, tyro.conf.Positional]
 
@@ -77,7 +81,6 @@ def track(  # noqa: PLR0915
     person: Path | None = None,
     save_person: Path | None = None,
     hold_feet: bool = True,
-    refine: bool = False,
     noise: bool = False,
     model: Path | None = None,
     fingers: Literal["tracked", "synthesize"] = "tracked",
@@ -94,20 +97,20 @@ def track(  # noqa: PLR0915
             of images, or a webcam's index), or a motion (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma) with
             holes, or with --device any motion.
         out: completed motion: .bvh, .glb (glTF with an animated skeleton), .vrma (an animation for VRM avatars) or
-            .mcap (a take that robots' tools read).
+            .mcap (a take that robots' tools read). Of a marker file also one that ends as it does (.trc, .c3d, .tsv,
+            .csv): the same file with the gaps of its markers filled.
         device: what watches the body, where the file is a motion. Without it the motion's holes are filled, and what is
             there stays as it is.
         missing: joints of a motion that are missing, by its names or ours: left_forearm,left_hand. LeftForeArm+ is with
             all that hangs on it, left_hand:100-240 in these frames (from 0, both included). If omitted: what has no
             number, and limbs that are held still to the last digit while the body moves.
-        rig: joints to write on: 'bodysense' and 'smplh' are our 52 joints, 'mixamo' and 'vrm' the same under these
-            names; 'source' is the rig of FILE, with its holes filled if it has any, and NAME.bvh that of another BVH
-            file, to whose body the motion is fitted. If omitted, 'source' where a .bvh with holes is written as .bvh,
-            else 'bodysense'.
+        rig: joints to write on: 'bodysense' and 'smplh' are our 52 joints, 'mixamo', 'unreal', 'rigify' and 'vrm' the
+            same under these names; 'source' is the rig of FILE, with its holes filled if it has any, and NAME.bvh that
+            of another BVH file, to whose body the motion is fitted. If omitted, 'source' where a .bvh with holes is
+            written as .bvh, else 'bodysense'.
         person: wearer's file, written by --save-person.
         save_person: JSON file for the wearer, as believed at the end.
         hold_feet: hold feet that stand, and keep them over the floor.
-        refine: meet measured points between head, hands and feet to millimetres, by inverse kinematics; slower.
         noise: errors of a simulated device as real ones have them.
         model: completion network of your own; the packaged one if omitted. With --samples, a video, or fingers of a
             motion: the network of that.
@@ -121,62 +124,68 @@ def track(  # noqa: PLR0915
     from rich.progress import Progress
 
     from bodysense.completion.model import load_completion
-    from bodysense.devices.video.pictures import is_video
-    from bodysense.io.clip import Clip
     from bodysense.io.markers.files import is_marker_file
-    from bodysense.io.recording import Recording, is_recording
-    from bodysense.lab.unoc.fingers import synthesize
-    from bodysense.reading import check_kind
-    from bodysense.signals import signal_of
+    from bodysense.io.recording import Recording
+    from bodysense.open import MarkerSource, MotionSource, VideoSource
+    from bodysense.papers.fingers import synthesize
+    from bodysense.take import check_marker_output
     from bodysense.take import track as complete
     from bodysense.tracker import TrackerSettings
 
-    _check_outputs(file, out, rig, save_person)
-    check_kind(file)
-    if is_video(str(file)):
-        if device is not None or fingers == "synthesize" or samples is not None or gloves != NO_OPTIONS:
-            raise BodysenseError(f"{file}: --device, --fingers, --samples and options of markers are not for videos")
+    markers_out = is_marker_file(out)
+    _check_outputs(file, out, None if markers_out else rig, save_person)
+    opened = open_recorded(file, reading, gloves, fingers=fingers == "synthesize")
+    if isinstance(opened, VideoSource) and person is not None and str(person).isdecimal() and not person.exists():
+        raise BodysenseError(f"{file}: --person {person}: no such wearer's file; --follow {person} follows that person")
+    wearer, seeded = person_of(person, reading.height), seed if noise else None
+    if isinstance(opened, VideoSource):
+        if device is not None or fingers == "synthesize" or samples is not None:
+            raise BodysenseError(f"{file}: --device, --fingers and --samples are not for videos")
         if missing is not None or noise or save_person is not None:
             raise BodysenseError(f"{file}: --missing, --noise and --save-person are not for videos")
-        _check_video_options(file, reading, person)
-        settings = TrackerSettings(hold_feet=hold_feet, refine=refine)
-        track_video(str(file), out, video, model, person_of(person, reading.height), rig, settings)
+        settings = TrackerSettings(hold_feet=hold_feet)
+        track_video(opened.name, out, video, model, wearer, rig, settings)
         return
     if video != NO_VIDEO:
         raise BodysenseError(f"{file}: not a video; --overlay, --people and their like are for videos")
     if samples is not None and fingers == "synthesize":
         raise BodysenseError(f"--samples {samples} draws bodies as they are; leave --fingers synthesize out")
-    wearer, seeded = person_of(person, reading.height), seed if noise else None
-    is_motion = file.is_file() and not is_recording(file) and not is_marker_file(file)
-    if device is None and missing is None and fingers == "synthesize" and is_motion:
-        _write_with_fingers(file, out, reading, gloves.rate, model)
+    if markers_out:
+        if fingers == "synthesize" or samples is not None:
+            raise BodysenseError(f"{out}: markers have no fingers to synthesize and no samples; give a .bvh for these")
+        check_marker_output(out, opened if isinstance(opened, MarkerSource) else None, rig)
+    has_holes = isinstance(opened, MotionSource) and device is None
+    if isinstance(opened, MotionSource) and device is None and missing is None and fingers == "synthesize":
+        _write_with_fingers(opened, out, model)
         return
-    has_holes = device is None and is_motion
-    source = file if has_holes else source_of(file, gloves, reading, fingers=fingers == "synthesize")
+    if isinstance(opened, MotionSource) and device is not None:
+        for line in opened.remarks:
+            print(line)
     # Gloves were put on a body so tall already, and a motion was scaled so.
-    told = None if has_holes or (isinstance(source, Recording) and source.told) else reading.height
-    floor = 0.0 if has_holes or isinstance(source, Clip) else reading.floor or 0.0  # of a motion it was put to 0
+    told = isinstance(opened, MarkerSource) and opened.recording.told
+    height = None if has_holes or told else reading.height
+    floor = 0.0 if isinstance(opened, MotionSource) else reading.floor or 0.0  # of a motion it was put to 0
     if samples is not None:
         from bodysense.cli.samples import sample_paths, write_samples
+        from bodysense.signals import signal_from
 
         check_apart(sample_paths(out, samples), file)
-        signal = signal_of(source, device=device, person=wearer, height=told, noise=seeded)
+        signal = signal_from(opened, device=device, person=wearer, height=height, noise=seeded)
         recording = Recording(signal.observation, signal.person.skeleton)
         for path in write_samples(recording, out, samples, seed, model):
             print(f"wrote {path}")
         return
     network = None if model is None else load_completion(model)
-    settings = TrackerSettings(floor=floor, hold_feet=hold_feet, refine=refine)
+    settings = TrackerSettings(floor=floor, hold_feet=hold_feet)
     begun = time.perf_counter()
     with Progress(transient=True) as progress:
         bar = progress.add_task(f"tracking {file.name}", total=None)
         take = complete(
-            source,
+            opened,
             device=device,
             missing=missing or (),
-            reading=reading,
             person=wearer,
-            height=told,
+            height=height,
             noise=seeded,
             settings=settings,
             network=network,
@@ -185,20 +194,55 @@ def track(  # noqa: PLR0915
     rate = len(take.time) / (time.perf_counter() - begun)
     if fingers == "synthesize":
         take = replace(take, clip=synthesize(take.clip), file=None)
-    replace(take, source=file if file.suffix.lower() == ".bvh" else None).save(out, rig)
+    take.save(out, rig)
     print(f"wrote {out}: {len(take.time)} frames at {rate:.0f} frames/s")
-    _say(take)
+    _say(take, out)
     if save_person is not None:
         take.person.save(save_person)
         print(f"wrote {save_person}")
 
 
-def _check_outputs(file: Path, out: Path, rig: str | None, save_person: Path | None) -> None:
-    """Refuse, before any work, what cannot be written."""
+def convert(
+    file: MotionFile,
+    out: Output,
+    rig: str = "bodysense",
+    rate: float | None = None,
+    file_rate: float | None = None,
+    reading: Reading = AS_FOUND,
+) -> None:
+    """Write a whole motion as another kind of file, on another rig, or at another rate.
+
+    Args:
+        file: motion: .bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma.
+        out: .bvh, .glb (glTF with an animated skeleton), .vrma (an animation for VRM avatars) or .mcap (a take that
+            robots' tools read).
+        rig: joints to write on: 'bodysense' and 'smplh' are our 52 joints; 'mixamo', 'unreal', 'rigify' and 'vrm' the
+            same under these names; 'source' is the rig of a .bvh FILE, NAME.bvh that of another BVH file, to whose body
+            the motion is fitted.
+        rate: frames a second of the output; those of the file if omitted.
+        file_rate: frames a second of a file that does not say it.
+        reading: what the file does not say of itself.
+    """
+    from bodysense.convert import convert as converted
     from bodysense.io.motion_files import check_ending
     from bodysense.io.rigs.named import check_rig
 
-    check_ending(out)
+    check_rig(check_ending(out), rig, file if file.suffix.lower() == ".bvh" else None)
+    opened = open_motion(file, reading, file_rate)
+    clip = converted(opened, out, rig=rig, rate=rate)
+    print(f"wrote {out}: {len(clip)} frames at {clip.frame_rate:g} Hz on {rig}")
+
+
+def _check_outputs(file: Path, out: Path, rig: str | None, save_person: Path | None) -> None:
+    """Refuse, before any work, what cannot be written."""
+    from bodysense.io.markers.files import is_marker_file
+    from bodysense.io.motion_files import check_ending
+    from bodysense.io.rigs.named import check_rig
+
+    if is_marker_file(out) and is_marker_file(file):
+        check_place(out)
+    else:
+        check_ending(out)
     if rig is not None:
         try:
             check_rig(out, rig, file if file.suffix.lower() == ".bvh" else None)
@@ -208,41 +252,64 @@ def _check_outputs(file: Path, out: Path, rig: str | None, save_person: Path | N
         check_place(save_person)
 
 
-def _say(take: Take) -> None:
+def _say(take: Take, out: Path) -> None:
     """Print what was found out of a recording."""
+    from bodysense.io.markers.files import is_marker_file
+
     if take.holed is not None:
         print(holes_line(take.holed))
+    if take.markers is not None and is_marker_file(out):
+        for line in marker_lines(take.filled_markers, take.markers):
+            print(line)
     if take.person.bone_deviation.any():
         print(inferred_line(take.person))
 
 
-def _check_video_options(file: Path, reading: ReadingOptions, person: Path | None) -> None:
-    """Refuse what a video has none of."""
-    if person is not None and str(person).isdecimal() and not person.exists():
-        raise BodysenseError(f"{file}: --person {person}: no such wearer's file; --follow {person} follows that person")
-    if reading != ReadingOptions(height=reading.height):
-        raise BodysenseError(f"{file}: a video; of --unit, --up, --floor, --joints and --figure it has none")
-
-
-def _write_with_fingers(file: Path, out: Path, reading: ReadingOptions, rate: float | None, model: Path | None) -> None:
-    """A motion that nothing watches, with plausible fingers, and otherwise as it is."""
+def _write_with_fingers(opened: MotionSource, out: Path, model: Path | None) -> None:
+    """Write a motion that nothing watches with plausible fingers, and otherwise unchanged."""
     from bodysense.io.motion_files import write_motion
-    from bodysense.lab.unoc.fingers import synthesize
-    from bodysense.lab.unoc.point_model import load_point_model
+    from bodysense.papers.fingers import synthesize
+    from bodysense.papers.point_model import load_point_model
 
-    clip = synthesize(load_clip(file, reading, rate), load_point_model("fingers", model))
+    for line in opened.remarks:
+        print(line)
+    clip = synthesize(opened.clip, load_point_model("fingers", model))
     write_motion(out, replace(clip, name=out.stem))
     print(f"wrote {out}: {len(clip)} frames with synthesized fingers")
 
 
 def holes_line(holed: Holed) -> str:
     """What was missing of a motion."""
+    if holed.is_whole:
+        return (
+            "nothing is missing in this motion: it is unchanged (--missing names joints, --device simulates tracking)"
+        )
     if holed.clip.lacks and not holed.holes.any():
         return f"completed {' and '.join(holed.clip.lacks)}, which the motion lacks"
     count, share = int(holed.holes.any(axis=1).sum()), holed.holes.sum(axis=0)
     names = [holed.rig.joints[joint] for joint in share.argsort(kind="stable")[::-1] if share[joint]]
     shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more joints" if len(names) > 6 else "")
     return f"filled {shown}, in {count} of {len(holed.holes)} frames"
+
+
+def marker_lines(done: FilledMarkers, markers: MarkerSource) -> list[str]:
+    """Lines about filled markers: frames of each, and markers that still have gaps."""
+    assert markers.found is not None
+    raw, counts = markers.found.raw, done.filled.sum(axis=0)
+    order = [k for k in counts.argsort(kind="stable")[::-1].tolist() if counts[k]]
+    named = ", ".join(f"{raw.names[k]} {counts[k]}" for k in order[:_LISTED])
+    more = f" and {len(order) - _LISTED} more markers" if len(order) > _LISTED else ""
+    lines = [
+        f"filled, in frames of {len(raw.time)}: {named}{more}" if order else "no marker has a gap: none was filled"
+    ]
+    still = [k for k in range(len(raw.names)) if not (np.isfinite(raw.position[:, k, 0]) | done.filled[:, k]).all()]
+    if still:
+        rest = ", ".join(raw.names[k] for k in still[:_LISTED])
+        lines.append(
+            f"warning: {len(still)} still have gaps, never seen, not worn on the body, or no markers: {rest}"
+            + (" …" if len(still) > _LISTED else "")
+        )
+    return lines
 
 
 def inferred_line(person: Person) -> str:

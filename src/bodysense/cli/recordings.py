@@ -2,28 +2,40 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bodysense.cli.markers import NO_OPTIONS, MarkerOptions, check_gloves_of, recording_of_markers
+from bodysense.cli.markers import check_gloves_of
 from bodysense.errors import BodysenseError
+from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
 from bodysense.io.rigs.options import ReadingOptions
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
     from bodysense.io.clip import Clip
-    from bodysense.io.recording import Recording
+    from bodysense.open import MotionSource, Opened
 
 
 def load_clip(file: Path, reading: ReadingOptions, rate: float | None = None) -> Clip:
-    """A user's motion in canonical form, at `rate` Hz where the file does not say it; prints what was recognised."""
-    from bodysense.reading import read_clip
+    """Read a user's motion in canonical form, at `rate` Hz if the file does not say it; prints what was recognised."""
+    return open_motion(file, reading, rate).clip
 
-    clip, said = read_clip(file, reading, rate)
-    for line in said:
+
+def open_motion(file: Path, reading: ReadingOptions, rate: float | None = None) -> MotionSource:
+    """Open a user's motion, and print what was recognised. Raises BodysenseError for every other kind of file."""
+    from bodysense.open import MOTION_ENDINGS, MotionSource, kind_of
+
+    kind = kind_of(file)
+    if kind != "motion":
+        whole = {"recording": "a recording", "markers": "markers", "video": "a video"}[kind]
+        raise BodysenseError(
+            f"{file}: {whole}, not a motion; complete it first: bodysense track {file.name} -o motion.bvh, or give a "
+            f"file of {', '.join(MOTION_ENDINGS)}"
+        )
+    opened = MotionSource(str(file), file, options=reading, rate=rate)
+    for line in opened.remarks:
         print(line)
-    return clip
+    return opened
 
 
 def person_of(file: Path | None, height: float | None) -> Person | None:
@@ -35,41 +47,23 @@ def person_of(file: Path | None, height: float | None) -> Person | None:
     return None if file is None else Person.load(file)
 
 
-def source_of(
-    file: Path, markers: MarkerOptions, reading: ReadingOptions, fingers: bool = False
-) -> Path | Clip | Recording:
-    """What `bodysense.track` takes: a recording's file, a motion, or markers that a user says more about.
+def open_recorded(
+    file: Path, reading: ReadingOptions, markers: MarkerOptions = NO_OPTIONS, fingers: bool = False
+) -> Opened:
+    """Open a user's file, and print what was recognised of markers and of gloves.
 
-    `fingers` are to be made up, which those of gloves are not.
+    `fingers` are to be synthesized, which those of gloves are not.
     """
     from bodysense.devices.gloves.device import has_gloves
-    from bodysense.io.markers.files import ENDINGS, is_marker_file
-    from bodysense.io.recording import is_recording, read_recording
+    from bodysense.open import MarkerSource, RecordingSource, open_source
 
-    if not file.is_file():
-        raise BodysenseError(f"{file}: no such file")
-    if is_marker_file(file):
-        found = recording_of_markers(file, markers, reading)
-        if has_gloves(found.observation):
-            _check_fingers(file, fingers)
-        return found
-    kinds = ", ".join(ENDINGS)
-    if not is_recording(file):
-        if replace(markers, rate=None) != NO_OPTIONS:
-            raise BodysenseError(f"{file}: a motion; --names, --unlabelled and their like are for markers, {kinds}")
-        return load_clip(file, reading, markers.rate)
-    if replace(markers, marker_set=None) != NO_OPTIONS:
-        raise BodysenseError(f"{file}: --names, --unlabelled and their like are for marker files, {kinds}")
-    if reading != ReadingOptions(floor=reading.floor, height=reading.height):
-        raise BodysenseError(f"{file}: --unit, --up, --joints and --figure are for motions and marker files")
-    recording = read_recording(file)
-    if has_gloves(recording.observation):
-        _check_fingers(file, fingers)
-        check_gloves_of(recording.observation, file)
-        return replace(recording, worn=markers.worn())
-    return file
-
-
-def _check_fingers(file: Path, fingers: bool) -> None:
-    if fingers:
-        raise BodysenseError(f"{file}: its gloves have fingers; leave --fingers synthesize out")
+    opened = open_source(file, reading, markers)
+    if isinstance(opened, MarkerSource):
+        for line in opened.remarks:
+            print(line)
+    if isinstance(opened, (MarkerSource, RecordingSource)) and has_gloves(opened.recording.observation):
+        if fingers:
+            raise BodysenseError(f"{file}: its gloves have fingers; leave --fingers synthesize out")
+        if isinstance(opened, RecordingSource):
+            check_gloves_of(opened.recording.observation, file)
+    return opened

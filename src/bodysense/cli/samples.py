@@ -34,7 +34,7 @@ def generate(
     from bodysense.body.skeleton import default_skeleton
     from bodysense.io.bvh import write_bvh
     from bodysense.io.clip import Clip
-    from bodysense.lab.hmd_vae.estimator import load_body_vae, sample_prior
+    from bodysense.papers.hmd_vae import load_body_vae, sample_prior
     from bodysense.pictures.sheet import draw_sheet
 
     check_place(out)
@@ -68,8 +68,8 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, model:
     from bodysense.io.clip import Clip
     from bodysense.io.motion_files import write_motion
     from bodysense.io.resample import at_constant_rate
-    from bodysense.lab.hmd_vae.estimator import BodyVaeEstimator, load_body_vae, sample_noise
-    from bodysense.lab.unoc.ik_tracker import IkTracker
+    from bodysense.papers.hmd_vae import BodyVaeEstimator, load_body_vae, sample_noise
+    from bodysense.papers.ik_tracker import IkTracker
 
     observation = recording.observation
     other = [name for name in observation.points if name not in POINTS]

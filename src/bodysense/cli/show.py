@@ -15,8 +15,6 @@ from bodysense.files import written_beside
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from bodysense.lab.table import Cell, Report
-
 _WIDTH = 160  # characters of a table that no terminal shows
 
 PARTS = {
@@ -46,41 +44,6 @@ def write_numbers(path: Path | None, numbers: dict[str, float]) -> None:
         with written_beside(path) as beside:
             told = {name: value for name, value in numbers.items() if np.isfinite(value)}
             beside.write_text(json.dumps(told, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def print_report(report: Report, console: Console) -> None:
-    """The table, what it was made of, and what holds of the paper; a first cell that repeats stands once."""
-    from rich import box
-    from rich.markup import escape
-    from rich.padding import Padding
-    from rich.table import Table
-
-    shown = Table(title=report.title, box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    firsts = [row[0] for row in report.rows]
-    for k, column in enumerate(report.columns):
-        words = all(isinstance(row[k], str) for row in report.rows)
-        shown.add_column(column, justify="left" if words else "right", no_wrap=k == 0)
-    before: tuple[Cell, ...] = (None,) * len(report.columns)
-    for row in report.rows:
-        if before[0] not in (None, row[0]) and len(set(firsts)) < len(firsts):
-            shown.add_section()
-        repeats = next((k for k, (one, two) in enumerate(zip(row, before, strict=True)) if one != two), len(row))
-        cells = ["" if k < repeats else _cell(one, report.digits) for k, one in enumerate(row)]
-        shown.add_row(*cells)
-        before = row
-    console.print(shown)
-    console.print(report.caption, highlight=False, markup=False)
-    for heading, lines in (("Data", report.data), (report.remarks_title, report.remarks)):
-        if lines:
-            console.print(heading, style="bold")
-        for line in lines:
-            console.print(Padding(escape(line), (0, 0, 0, 2)), highlight=False)
-
-
-def _cell(value: Cell, digits: int) -> str:
-    if value is None or isinstance(value, str):
-        return value or ""
-    return f"{value:,}" if isinstance(value, int) else f"{value:,.{digits}f}"
 
 
 def processor() -> str:

@@ -12,8 +12,7 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose, standing_pose
 from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import quaternion_multiply
-from bodysense.body.shape import Measured
-from bodysense.completion.proportions import stature_of_head
+from bodysense.body.shape import Measured, stature_of_head
 from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 

@@ -1,101 +1,70 @@
-"""The packaged completion network: one step of B people.
-
-What a completion network's file names as its format.
-"""
+"""The completion network: the weights file that comes with the package, or one of your own."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
+from typing import Any
 
-import numpy as np
+from bodysense.completion.core import Model
+from bodysense.errors import BodysenseError
 
-from bodysense.completion.inputs import Frames
-from bodysense.completion.network import Network, NetworkFormat
-from bodysense.completion.proportions import Proportions
-
-FORMAT = "bodysense-completion-1"
-
-
-PACKAGED = "completion.onnx"
-
-
-@dataclass(frozen=True, eq=False)
-class Completed:
-    """One frame of B whole bodies."""
-
-    root_position: np.ndarray  # (B, 3) m
-    rotation: np.ndarray  # (B, 52, 4) wxyz, parent ← joint
-    points: np.ndarray  # (B, 65, 3) m, world
-    confidence: np.ndarray  # (B, 65) m, expected position error
-    bound: np.ndarray  # (B, 65) m, within which nine of ten errors are
-    contact: np.ndarray  # (B, 4) probability
+PACKAGED = "completion.safetensors"
+_COMMAND = "bodysense train completion"
 
 
 @dataclass(frozen=True, eq=False)
 class CompletionModel:
     """A completion network at run time."""
 
-    network: Network
+    core: Model
+    card: dict[str, Any]  # the file's metadata
+    source: Traversable
 
-    def start(self, people: int) -> dict[str, np.ndarray]:
-        """The graph's state before the first frame, (people, …) by input."""
-        return self.network.start(people)
-
-    def step(
-        self,
-        frame: Frames,
-        interval: np.ndarray,
-        proportions: Proportions,
-        floor: float,
-        hold_feet: bool,
-        state: Mapping[str, np.ndarray],
-    ) -> tuple[Completed, dict[str, np.ndarray]]:
-        """Complete one frame of B people, `interval` (B,) s after the one before."""
-        count = len(interval)
-        inputs = {
-            "position": frame.position,
-            "rotation": frame.rotation,
-            "has_position": frame.has_position,
-            "has_rotation": frame.has_rotation,
-            "accuracy": frame.accuracy,
-            "interval": interval.astype(np.float32),
-            "rest_offset": proportions.rest_offset.astype(np.float32),
-            "certainty": proportions.deviation.astype(np.float32),
-            "floor": np.full(count, floor, dtype=np.float32),
-            "hold": np.full(count, hold_feet, dtype=np.float32),
-        }
-        outputs, after = self.network.step(inputs, state)
-        return (
-            Completed(
-                outputs["root_position"],
-                outputs["local_rotation"],
-                outputs["points"],
-                outputs["confidence"],
-                outputs["bound"],
-                outputs["contact"],
-            ),
-            after,
-        )
-
-
-NETWORK = NetworkFormat(
-    name=FORMAT,
-    kind="completion network",
-    command="bodysense train completion",
-    fields=("points", "joints", "state"),
-    packaged=PACKAGED,
-)
+    @cached_property
+    def name(self) -> str:
+        """The file's name."""
+        return self.source.name
 
 
 def load_completion(path: str | Path) -> CompletionModel:
-    """Open a completion network's file. Raises BodysenseError where it is none."""
-    return CompletionModel(Network.open(path, NETWORK))
+    """Open a completion network's file (.safetensors). Raises BodysenseError for any other file."""
+    return _opened(Path(path))
 
 
 @lru_cache(maxsize=1)
 def packaged_model() -> CompletionModel:
     """The network that comes with the package, loaded once."""
-    return CompletionModel(Network.open(None, NETWORK))
+    return _opened(files("bodysense.weights").joinpath(PACKAGED))
+
+
+def _opened(source: Traversable) -> CompletionModel:
+    wanted = f"give the .safetensors that `{_COMMAND}` wrote"
+    if not source.is_file():
+        raise BodysenseError(f"{source}: no such model file; {wanted}")
+    if source.name.endswith(".onnx"):
+        raise BodysenseError(f"{source}: an .onnx file of an older version; {wanted}")
+    weights = source.read_bytes()
+    try:
+        core = Model(weights, str(source))
+    except BodysenseError as error:
+        raise BodysenseError(f"{error}; {wanted}") from None
+    return CompletionModel(core, _card(weights), source)
+
+
+def _card(weights: bytes) -> dict[str, Any]:
+    """The metadata of a safetensors file: JSON in its fields where we wrote them, else plain text."""
+    length = int.from_bytes(weights[:8], "little")
+    fields = json.loads(weights[8 : 8 + length]).get("__metadata__", {})
+    return {name: _parsed(text) for name, text in fields.items()}
+
+
+def _parsed(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text

@@ -57,11 +57,6 @@ class Network:
         if path is None:
             assert format.packaged is not None, f"no {format.kind} is packaged"
             source: Traversable = files("bodysense.weights").joinpath(format.packaged)
-            if not source.is_file():  # the wheel leaves out what only the laboratory's tables use
-                raise BodysenseError(
-                    f"{format.packaged} comes with a clone of the repository, not with the wheel: work in a clone, or "
-                    f"give as --model what `{format.command}` wrote"
-                )
         else:
             source = Path(path)
         if not source.is_file():

@@ -11,8 +11,8 @@ from bodysense.body.glove import default_glove, glove_points, marker_positions, 
 from bodysense.body.hand import hand_skeleton, mirrored_vectors
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.gloves.hands import GloveModels
-from bodysense.lab.synthesis.hands import HandMotion, synthesize_hand
 from bodysense.observation import Observation, accuracy_like, check_observation
+from bodysense_lab.synthesis.hands import HandMotion, synthesize_hand
 
 MakeGloves = Callable[..., Observation]
 

@@ -16,8 +16,8 @@ from bodysense.devices.gloves.calibration import fit_hand
 from bodysense.devices.gloves.device import calibrated_hands, glove_device
 from bodysense.devices.simulated.glove import observe
 from bodysense.errors import BodysenseError
-from bodysense.lab.synthesis.hands import synthesize_hand
-from bodysense.lab.two_hands.frames import frames_of
+from bodysense_lab.synthesis.hands import synthesize_hand
+from bodysense_lab.two_hands.frames import frames_of
 
 
 @pytest.fixture(scope="module")

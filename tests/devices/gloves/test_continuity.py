@@ -14,7 +14,7 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.gloves.continuity import Continuous, Remembered
 from bodysense.devices.gloves.fillers import Filler, LastShape, NetworkFiller, Stack
 from bodysense.errors import BodysenseError
-from bodysense.lab.two_hands.baselines import AffineCombination, LastKnown
+from bodysense_lab.two_hands.baselines import AffineCombination, LastKnown
 
 INTERVAL = 1 / 60
 FLAT = template(default_glove(), hand_skeleton(default_skeleton(), "left"))

@@ -30,9 +30,9 @@ from bodysense.devices.simulated.noise import hide
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.lab.synthesis.hands import synthesize_hand
 from bodysense.observation import OPTICAL_ACCURACY, Observation, accuracy_like, check_observation, chosen_points
 from bodysense.tracker import Tracker
+from bodysense_lab.synthesis.hands import synthesize_hand
 
 SKELETON = default_skeleton()
 FIELDS = ("position", "rotation", "has_position", "has_rotation", "accuracy")

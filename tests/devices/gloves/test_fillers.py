@@ -11,7 +11,7 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.fillers import Filler, LastShape, NetworkFiller, Stack
 from bodysense.devices.gloves.hands import GloveModels, natural_markers
 from bodysense.errors import BodysenseError
-from bodysense.lab.two_hands.baselines import AffineCombination, LastKnown, MovingAverage
+from bodysense_lab.two_hands.baselines import AffineCombination, LastKnown, MovingAverage
 
 
 def run(filler: Filler, frames: np.ndarray, interval: float = 1 / 60) -> np.ndarray:

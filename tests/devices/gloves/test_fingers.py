@@ -24,7 +24,7 @@ from bodysense.devices.gloves.fingers import (
     turning,
 )
 from bodysense.errors import BodysenseError
-from bodysense.lab.synthesis.hands import varied_hand
+from bodysense_lab.synthesis.hands import varied_hand
 
 
 def test_rotations_are_those_of_the_hand_model() -> None:

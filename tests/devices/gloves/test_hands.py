@@ -16,9 +16,9 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings, natural_pose
 from bodysense.errors import BodysenseError
-from bodysense.lab.synthesis.hands import HandMotion
-from bodysense.lab.two_hands.baselines import LastKnown
 from bodysense.observation import Observation
+from bodysense_lab.synthesis.hands import HandMotion
+from bodysense_lab.two_hands.baselines import LastKnown
 
 FREE = HandsSettings(contact=None)
 

@@ -23,8 +23,8 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.markers.raw_markers import points_alone
 from bodysense.io.resample import resample
-from bodysense.lab.two_hands.limits import label_accuracy
 from bodysense.observation import Observation, chosen_points
+from bodysense_lab.two_hands.limits import label_accuracy
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from bodysense.body.hand import HAND_JOINTS
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.hands import Hands, HandsSettings, load_glove_models
-from bodysense.lab.synthesis.hands import synthesize_hand
+from bodysense_lab.synthesis.hands import synthesize_hand
 
 
 def come_and_go(frames: int, seed: int) -> np.ndarray:
@@ -61,8 +61,8 @@ def test_fingers_are_where_they_are_when_all_is_seen(hand: Skeleton, observe_glo
 
 @pytest.mark.slow
 def test_real_hands_do_not_jump(motion_data: Path, observe_gloves) -> None:
-    from bodysense.lab.datasets import open_clips
-    from bodysense.lab.synthesis.hands import hand_motions
+    from bodysense_lab.datasets import open_clips
+    from bodysense_lab.synthesis.hands import hand_motions
 
     worst = []
     for motion in hand_motions(open_clips(motion_data / "rocketbox", "test", at_most=6)):

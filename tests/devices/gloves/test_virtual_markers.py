@@ -23,9 +23,9 @@ from bodysense.devices.gloves.device import (
 )
 from bodysense.devices.gloves.virtual_markers import SolvedHand, VirtualGlove
 from bodysense.errors import BodysenseError
-from bodysense.lab.synthesis.hands import synthesize_hand
-from bodysense.lab.two_hands.layouts import layouts, observed, worn_by
 from bodysense.observation import Observation
+from bodysense_lab.synthesis.hands import synthesize_hand
+from bodysense_lab.two_hands.layouts import layouts, observed, worn_by
 
 SETS = {layout.key: layout for layout in layouts()}
 RATE = 60.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -36,6 +37,13 @@ def trc(missing: str = "", blank: bool = True) -> str:
     lines += [""] * blank
     lines += ["\t".join([str(t + 1), f"{t / RATE:.5f}", *cells(row, missing)]) for t, row in enumerate(PLACE)]
     return "\n".join(lines) + "\n"
+
+
+def workstation() -> str:
+    """Of Vicon's older programs: no sub-frames, no units."""
+    lines = ["TRAJECTORIES", "120,Hz", "," + ",,,".join(f"Anna:{name}" for name in NAMES) + ",,"]
+    lines.append("Field #," + ",".join(["X", "Y", "Z"] * 3))
+    return "\n".join([*lines, *(",".join([str(t + 1), *cells(row)]) for t, row in enumerate(PLACE))]) + "\n"
 
 
 def tsv(columns: bool = False, front: bool = False, missing: str = "0.000") -> str:
@@ -95,6 +103,13 @@ def motive(parents: bool = False, kind: str = "Marker") -> str:
 LAYOUTS: dict[str, tuple[str, Callable[[], str]]] = {
     "TRC": ("a.trc", trc),
     "TRC, no blank line, nan": ("a.trc", lambda: trc("nan", blank=False)),
+    "TRC of commas": ("a.trc", lambda: trc().replace("\t", ",")),
+    "TRC with decimal commas": ("a.trc", lambda: re.sub(r"(\d)\.(\d)", r"\1,\2", trc())),
+    "TRC without its first line": ("a.trc", lambda: trc().split("\n", 1)[1]),
+    "TRC that counts wrongly": ("a.trc", lambda: trc().replace("\t3\tmm", "\t7\tmm")),
+    "TRC without counts": ("a.trc", lambda: trc().replace("NumFrames\tNumMarkers", "A\tB")),
+    "TRC with tabs at line ends": ("a.trc", lambda: trc().replace("\n", "\t\n")),
+    "Vicon Workstation": ("a.csv", workstation),
     "TSV": ("a.tsv", tsv),
     "TSV with columns": ("a.tsv", lambda: tsv(columns=True)),
     "TSV with frame and time": ("a.tsv", lambda: tsv(columns=True, front=True, missing="")),
@@ -196,8 +211,8 @@ WRONG = {
     "TRC cut short": ("a.trc", lambda: "\n".join(trc().splitlines()[:-1]), "NumFrames is 4, but there are 3; was the"),
     "TRC of other markers": (
         "a.trc",
-        lambda: trc().replace("\t3\tmm", "\t7\tmm"),
-        "NumMarkers is 7, but .* names 3",
+        lambda: trc().replace("\t3\tmm", "\t7\tmm").replace("\tC7", "\t"),
+        "NumMarkers is 7, but line 4 names 2, and a frame has 3",
     ),
     "TRC in feet": ("a.trc", lambda: trc().replace("\tmm", "\tft"), "its unit is 'ft'; m, cm and mm are read"),
     "TRC without rate": ("a.trc", lambda: trc().replace("120.0\t120.0\t4", "?\t120.0\t4"), "DataRate is '?'.*--rate"),

@@ -10,9 +10,9 @@ import pytest
 
 from bodysense.body.person import Person
 from bodysense.io.clip import Clip
-from bodysense.lab.completion.scenes import TrackedScene, Truth, scene_of
-from bodysense.lab.completion.tracking import TrackedBatch
 from bodysense.observation import Observation
+from bodysense_lab.completion.scenes import TrackedScene, Truth, scene_of
+from bodysense_lab.completion.tracking import TrackedBatch
 
 Change = Callable[[np.ndarray, TrackedScene], np.ndarray]  # positions (T, P, 3) m of a scene → what is said of them
 

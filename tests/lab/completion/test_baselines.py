@@ -15,7 +15,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.augment import at_height
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.lab.completion.baselines import cached_mean_body, fit_mean_body
+from bodysense_lab.completion.baselines import cached_mean_body, fit_mean_body
 
 SKELETON = default_skeleton()
 

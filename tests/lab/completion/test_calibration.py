@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from bodysense.lab.completion.measures import Calibration
+from bodysense_lab.completion.measures import Calibration
 
 NORMAL = 1.567  # 90 % quantile of lengths of normal errors in space, by their mean
 

@@ -8,7 +8,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.skeleton import BODY, default_skeleton
-from bodysense.lab.completion.constraints import (
+from bodysense_lab.completion.constraints import (
     ARMS,
     DRAG,
     ENDS,
@@ -24,8 +24,8 @@ from bodysense.lab.completion.constraints import (
     held_feet,
     triangle,
 )
-from bodysense.lab.completion.places import skeleton_tables
-from bodysense.lab.completion.vectors import axes_of, carried, spread
+from bodysense_lab.completion.places import skeleton_tables
+from bodysense_lab.completion.vectors import axes_of, carried, spread
 
 SKELETON = default_skeleton()
 NONE = torch.zeros(1, 1, 4, 3)  # nothing says about what limbs bend

@@ -8,10 +8,10 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 from torch import Tensor
 
-from bodysense.lab.completion.features import WIDTHS, mirror_places, mirror_signs
-from bodysense.lab.completion.network import Before, CompletionConfig, CompletionNetwork, TrackedSignal, reading_of
-from bodysense.lab.completion.points import SPIN_PLACES, reference_offsets
-from bodysense.lab.completion.rewriting import row_step, shortened, stored_small
+from bodysense_lab.completion.features import WIDTHS, mirror_places, mirror_signs
+from bodysense_lab.completion.network import Before, CompletionConfig, CompletionNetwork, TrackedSignal, reading_of
+from bodysense_lab.completion.points import SPIN_PLACES, reference_offsets
+from bodysense_lab.completion.rewriting import row_step, shortened, stored_small
 
 PEOPLE, FRAMES = 3, 5
 

@@ -21,8 +21,8 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.lab.completion.corpus import FORMAT, Corpus
-from bodysense.lab.completion.finger_sequences import (
+from bodysense_lab.completion.corpus import FORMAT, Corpus
+from bodysense_lab.completion.finger_sequences import (
     KINDS,
     FingerSequence,
     draw_finger_sequence,
@@ -31,7 +31,7 @@ from bodysense.lab.completion.finger_sequences import (
     make_finger_sequence,
     with_other_hands,
 )
-from bodysense.lab.completion.finger_task import (
+from bodysense_lab.completion.finger_task import (
     MOVING,
     FingerBatch,
     FingerLosses,
@@ -44,17 +44,17 @@ from bodysense.lab.completion.finger_task import (
     last_known_error,
     mean_hand,
 )
-from bodysense.lab.completion.fingers import HAND_JOINTS, HAND_POINTS, FingerConfig, FingerNetwork
-from bodysense.lab.completion.options import FingerTraining
-from bodysense.lab.completion.sequences import Draw, TrainingBody
-from bodysense.lab.completion.train_fingers import (
+from bodysense_lab.completion.fingers import HAND_JOINTS, HAND_POINTS, FingerConfig, FingerNetwork
+from bodysense_lab.completion.options import FingerTraining
+from bodysense_lab.completion.sequences import Draw, TrainingBody
+from bodysense_lab.completion.train_fingers import (
     finger_numbers,
     load_finger_network,
     score_fingers,
     train_fingers,
     without,
 )
-from bodysense.lab.options import Schedule
+from bodysense_lab.options import Schedule
 
 SMALL = FingerTaskConfig(network=FingerConfig(16, 16), streams=4, chunk=12, generated_hours=0.01)
 SKELETON = default_skeleton()

@@ -10,8 +10,8 @@ from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.cli import main
 from bodysense.errors import BodysenseError
-from bodysense.lab.completion.generated_fingers import RATE, generate_fingers, read_fingers, write_fingers
-from bodysense.lab.synthesis.hands import FASTEST_FINGER
+from bodysense_lab.completion.generated_fingers import RATE, generate_fingers, read_fingers, write_fingers
+from bodysense_lab.synthesis.hands import FASTEST_FINGER
 
 HOURS = 0.05
 

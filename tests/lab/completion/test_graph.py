@@ -17,13 +17,13 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.model import FORMAT
 from bodysense.completion.network import Network, NetworkFormat
 from bodysense.demo import packaged_performance
-from bodysense.lab.completion.blending import BLEND
-from bodysense.lab.completion.error_map import ErrorMap, unchanged_errors
-from bodysense.lab.completion.export import as_stored, example_inputs, write_completion
-from bodysense.lab.completion.fingers import FingerConfig, FingerNetwork
-from bodysense.lab.completion.graph import CompletionStep
-from bodysense.lab.completion.network import CompletionConfig, CompletionNetwork
-from bodysense.lab.completion.state import Inputs, Outputs, State
+from bodysense_lab.completion.blending import BLEND
+from bodysense_lab.completion.error_map import ErrorMap, unchanged_errors
+from bodysense_lab.completion.export import as_stored, example_inputs, write_completion
+from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
+from bodysense_lab.completion.graph import CompletionStep
+from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
+from bodysense_lab.completion.state import Inputs, Outputs, State
 
 FRAMES = 40
 SKELETON = default_skeleton()

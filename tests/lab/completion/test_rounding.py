@@ -10,15 +10,15 @@ from hypothesis import strategies as st
 
 from bodysense.completion.model import packaged_model
 from bodysense.io.clip import Clip
-from bodysense.lab.completion.error_map import unchanged_errors
-from bodysense.lab.completion.export import as_stored, example_inputs
-from bodysense.lab.completion.fingers import FingerConfig, FingerNetwork
-from bodysense.lab.completion.graph import CompletionStep
-from bodysense.lab.completion.network import CompletionConfig, CompletionNetwork
-from bodysense.lab.completion.rewriting import row_step
-from bodysense.lab.completion.rounding import moments_of, round_weights, rounded, sample_moments
-from bodysense.lab.completion.scenes import scene_of
-from bodysense.lab.completion.stored import read_networks
+from bodysense_lab.completion.error_map import unchanged_errors
+from bodysense_lab.completion.export import as_stored, example_inputs
+from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
+from bodysense_lab.completion.graph import CompletionStep
+from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
+from bodysense_lab.completion.rewriting import row_step
+from bodysense_lab.completion.rounding import moments_of, round_weights, rounded, sample_moments
+from bodysense_lab.completion.scenes import scene_of
+from bodysense_lab.completion.stored import read_networks
 
 
 def read_by(seed: int, inputs: int) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,8 @@ from bodysense.body.pose import Pose
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.io.clip import Clip
-from bodysense.lab.completion.scenes import (
+from bodysense.observation import check_observation
+from bodysense_lab.completion.scenes import (
     STRANGERS,
     TrackedScene,
     batches,
@@ -22,7 +23,6 @@ from bodysense.lab.completion.scenes import (
     stacked,
     stranger_of,
 )
-from bodysense.observation import check_observation
 
 
 def test_strangers_are_in_no_other_split() -> None:

@@ -17,24 +17,24 @@ from bodysense.cli import main
 from bodysense.devices.simulated.sensors import TABLE_SETS
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.lab.completion import scoring, tables
-from bodysense.lab.completion.measures import count_jumps
-from bodysense.lab.completion.options import BODIES
-from bodysense.lab.completion.scenes import TrackedScene
-from bodysense.lab.completion.scoring import evaluate_completion
-from bodysense.lab.completion.tables import (
+from bodysense.metrics import jitter
+from bodysense.observation import Observation
+from bodysense.scoring import scored_points
+from bodysense_lab.completion import scoring, tables
+from bodysense_lab.completion.measures import count_jumps
+from bodysense_lab.completion.options import BODIES
+from bodysense_lab.completion.reliability import draw_reliability
+from bodysense_lab.completion.scenes import TrackedScene
+from bodysense_lab.completion.scoring import evaluate_completion
+from bodysense_lab.completion.tables import (
     CompletionSettings,
     CompletionTable,
     completion_reports,
-    draw_reliability,
     headline,
 )
-from bodysense.lab.completion.tracking import TrackBatch, TrackedBatch, TrackedBy, choose_scenes
-from bodysense.lab.datasets import Census, DataSet
-from bodysense.lab.metrics import jitter
-from bodysense.lab.scoring import scored_points
-from bodysense.lab.spread import spread
-from bodysense.observation import Observation
+from bodysense_lab.completion.tracking import TrackBatch, TrackedBatch, TrackedBy, choose_scenes
+from bodysense_lab.datasets import Census, DataSet
+from bodysense_lab.spread import spread
 
 from .conftest import Oracle
 
@@ -59,6 +59,10 @@ def test_the_truth_scores_nothing(clips: list[Clip], scenes: list[TrackedScene])
                 for name in ("mpjpe_cm", "lower_mpjpe_cm", "upper_mpjpe_cm", "rotation_deg", "velocity_cm_s"):
                     assert get(name) == pytest.approx(0, abs=1e-4), (sensors, body, name)
                 assert get("jumps_per_minute") == 0
+                for name in ("float_share", "backward_knee_share", "false_steps_per_minute", "elbow_deg"):
+                    assert get(name) == pytest.approx(0, abs=1e-4, nan_ok=name == "float_share"), (sensors, body, name)
+                for name in ("jumps_at_change_per_minute", "jumps_elsewhere_per_minute"):
+                    assert get(name) == 0
                 for name in ("jitter", "skate_cm_s", "depth_cm"):
                     truth = table.truths[tables.TRUTH_OF[body], group].get(name)
                     assert get(name) == pytest.approx(truth, nan_ok=True)
@@ -172,11 +176,14 @@ def test_all_keys_are_there(table: CompletionTable) -> None:
 
 def test_reports_and_picture(table: CompletionTable, tmp_path: Path) -> None:
     data = DataSet("motion", tmp_path, "test")
-    short, whole, sure, confidence = completion_reports(table, Census(3, frozenset("a"), 6.0), data)
+    short, whole, sight, sure, confidence = completion_reports(table, Census(3, frozenset("a"), 6.0), data)
     assert [row[0] for row in short.rows] == [name.replace("_", " ") for name in TABLE_SETS]
     assert short.columns == ("sensors", *BODIES) and short.numbers["clips"] == 3
     assert {len(row) for row in whole.rows} == {len(whole.columns)}
     assert {row[0] for row in whole.rows} == {"main", "sport"}
+    assert {len(row) for row in sight.rows} == {len(sight.columns)} and len(sight.rows) == 2 * len(TABLE_SETS) * len(
+        BODIES
+    )
     assert {len(row) for row in sure.rows} == {len(sure.columns)}
     assert len(sure.rows) == len(TABLE_SETS) * len(BODIES)
     for name in TABLE_SETS:
@@ -222,6 +229,7 @@ def test_the_command(
     arguments = ["evaluate", "completion", "--data", str(tmp_path / "motion"), "--split", "all", "--no-lattice"]
     arguments += ["--sets", "head", "headset_camera", "--bodies", "own", "nothing", "--limit", "2"]
     files = ["--json", str(numbers), "--csv", str(measures), "--picture", str(picture)]
+    files += ["--keep", str(tmp_path / "kept")]
     assert main([*arguments, *files]) == 0
     said = json.loads(numbers.read_text())
     assert {"head_own_mpjpe_cm", "headset_camera_nothing_ratio", "head_ece", "clips"} <= set(said)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.devices.simulated.sensors import SENSOR_SETS
-from bodysense.lab.completion.scenes import TrackedScene, person_of, stacked
-from bodysense.lab.completion.tracking import step_times, track_batch
+from bodysense_lab.completion.scenes import TrackedScene, person_of, stacked
+from bodysense_lab.completion.tracking import step_times, track_batch
 
 
 def test_a_batch_is_what_each_gets_alone(scenes: list[TrackedScene]) -> None:

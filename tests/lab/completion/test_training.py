@@ -14,14 +14,14 @@ from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.headset_camera import see
 from bodysense.errors import BodysenseError
-from bodysense.lab.completion.corpus import Corpus
-from bodysense.lab.completion.network import CompletionConfig, CompletionNetwork, reading_of
-from bodysense.lab.completion.points import BODY_POINTS, HEAD, INPUT_POINTS, partners
-from bodysense.lab.completion.sensor_draws import KINDS, DrawnSensors, draw_tracked
-from bodysense.lab.completion.sequences import Draw, Sequence, TrainingBody, draw_sequence, make_sequence
-from bodysense.lab.completion.task import CompletionTask, CompletionTaskConfig, collate
-from bodysense.lab.fit import fit, rate_at
-from bodysense.lab.options import Schedule
+from bodysense_lab.completion.corpus import Corpus
+from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork, reading_of
+from bodysense_lab.completion.points import BODY_POINTS, HEAD, INPUT_POINTS, partners
+from bodysense_lab.completion.sensor_draws import KINDS, DrawnSensors, draw_tracked
+from bodysense_lab.completion.sequences import Draw, Sequence, TrainingBody, draw_sequence, make_sequence
+from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig, collate
+from bodysense_lab.fit import fit, rate_at
+from bodysense_lab.options import Schedule
 
 FRAMES = 90
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bodysense.lab.completion.error_map import KNOWN, MASKS, POINTS, ErrorMap, unchanged_errors
-from bodysense.lab.completion.publish import ErrorSamples, fit_error_map
+from bodysense_lab.completion.error_map import KNOWN, MASKS, POINTS, ErrorMap, unchanged_errors
+from bodysense_lab.completion.publish import ErrorSamples, fit_error_map
 
 
 def samples(count: int = 6000) -> ErrorSamples:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bodysense.lab.completion.vectors import (
+from bodysense_lab.completion.vectors import (
     across,
     axes_of,
     carried,

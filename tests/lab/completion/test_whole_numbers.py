@@ -14,9 +14,9 @@ from onnx import TensorProto, helper, numpy_helper
 
 from bodysense.completion.model import FORMAT
 from bodysense.errors import BodysenseError
-from bodysense.lab.completion.rewriting import row_step
-from bodysense.lab.completion.stored import read_networks
-from bodysense.lab.completion.whole_numbers import REACH, whole_products
+from bodysense_lab.completion.rewriting import row_step
+from bodysense_lab.completion.stored import read_networks
+from bodysense_lab.completion.whole_numbers import REACH, whole_products
 
 INPUTS, OUTPUTS = 19, 7
 

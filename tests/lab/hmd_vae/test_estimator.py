@@ -14,20 +14,19 @@ from bodysense.body.pose import body_skeleton, forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.devices.estimate import PointEstimate
-from bodysense.devices.simulated.three_point import observe
+from bodysense.devices.simulated.three_point import POINTS, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.lab.hmd_vae.estimator import (
-    POINTS,
+from bodysense.observation import Observation
+from bodysense.papers.hmd_vae import (
     BodyVaeEstimator,
     BodyVaeModel,
     load_body_vae,
     sample_noise,
     sample_prior,
 )
-from bodysense.lab.unoc.ik_tracker import IkTracker
-from bodysense.observation import Observation
+from bodysense.papers.ik_tracker import IkTracker
 
 SKELETON = default_skeleton()
 

@@ -14,10 +14,10 @@ from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_m
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.lab.hmd_vae.estimator import BodyVaeModel, load_body_vae
-from bodysense.lab.hmd_vae.frames import BodyFrames, make_batch, read_body_frames
-from bodysense.lab.hmd_vae.network import BodyVae, BodyVaeConfig, read_vae
-from bodysense.lab.hmd_vae.train import InWorld, write_vae_onnx
+from bodysense.papers.hmd_vae import BodyVaeModel, load_body_vae
+from bodysense_lab.hmd_vae.frames import BodyFrames, make_batch, read_body_frames
+from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig, read_vae
+from bodysense_lab.hmd_vae.train import InWorld, write_vae_onnx
 
 Window = tuple[np.ndarray, np.ndarray, np.ndarray]
 

@@ -14,7 +14,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.lab.hmd_vae.frames import (
+from bodysense_lab.hmd_vae.frames import (
     TEST_LENGTH,
     held_out,
     read_body_frames,

@@ -17,8 +17,8 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quatern
 from bodysense.body.skeleton import BODY
 from bodysense.devices.simulated.three_point import POINTS
 from bodysense.errors import BodysenseError
-from bodysense.lab.hmd_vae.frames import Joints, Origin, frame_of, seen_from
-from bodysense.lab.hmd_vae.network import (
+from bodysense_lab.hmd_vae.frames import Joints, Origin, frame_of, seen_from
+from bodysense_lab.hmd_vae.network import (
     BodyVae,
     BodyVaeConfig,
     OverTime,

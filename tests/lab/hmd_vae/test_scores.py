@@ -16,14 +16,14 @@ from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.lab.datasets import Census, DataSet
-from bodysense.lab.hmd_vae.frames import BodyFrames, read_body_frames
-from bodysense.lab.hmd_vae.network import BodyVae, BodyVaeConfig, write_vae
-from bodysense.lab.hmd_vae.scores import JOINTS, LEGS, Scored, answers, measures, over_sequences, score_vae, vaes_in
-from bodysense.lab.hmd_vae.tables import best_of, metrics_report, vae_report
-from bodysense.lab.hmd_vae.task import joint_errors
-from bodysense.lab.metrics import jitter, rotation_error, velocity_error
-from bodysense.lab.scoring import Tally
+from bodysense.metrics import jitter, rotation_error, velocity_error
+from bodysense.scoring import Tally
+from bodysense_lab.datasets import Census, DataSet
+from bodysense_lab.hmd_vae.frames import BodyFrames, read_body_frames
+from bodysense_lab.hmd_vae.network import BodyVae, BodyVaeConfig, write_vae
+from bodysense_lab.hmd_vae.scores import JOINTS, LEGS, Scored, answers, measures, over_sequences, score_vae, vaes_in
+from bodysense_lab.hmd_vae.tables import best_of, metrics_report, vae_report
+from bodysense_lab.hmd_vae.task import joint_errors
 
 SMALL = BodyVaeConfig(latent=4, width=16, sequence_width=8)
 HEAD = BODY.index("head")
@@ -157,7 +157,7 @@ def test_published_figures_stand_beside(tmp_path: Path) -> None:
 
 
 def test_short_clips_are_not_counted(tmp_path: Path, waving_clip: Clip) -> None:
-    from bodysense.lab.hmd_vae.scores import read_test
+    from bodysense_lab.hmd_vae.scores import read_test
 
     for name, length in (("long", 90), ("short", 40)):
         write_bvh(tmp_path / f"{name}.bvh", replace(waving_clip, pose=waving_clip.pose[:length]))
@@ -167,7 +167,7 @@ def test_short_clips_are_not_counted(tmp_path: Path, waving_clip: Clip) -> None:
 
 
 def test_a_list_says_what_is_scored(tmp_path: Path, waving_clip: Clip) -> None:
-    from bodysense.lab.hmd_vae.scores import read_test
+    from bodysense_lab.hmd_vae.scores import read_test
 
     data, told = tmp_path / "data", []
     data.mkdir()

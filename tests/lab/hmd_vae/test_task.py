@@ -19,13 +19,13 @@ from bodysense.io.augment import mirrored as mirrored_clip
 from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import split_of
-from bodysense.lab.fit import Progress, fit
-from bodysense.lab.hmd_vae.estimator import load_body_vae
-from bodysense.lab.hmd_vae.frames import BodyFrames, VaeBatch, make_batch, mirrored, read_body_frames
-from bodysense.lab.hmd_vae.network import BodyVae, read_vae, write_vae
-from bodysense.lab.hmd_vae.options import BodyVaeConfig, VaeRun, VaeSchedule
-from bodysense.lab.hmd_vae.task import VaeTask, joint_errors, one_cycle
-from bodysense.lab.hmd_vae.train import run_sweep, run_vae, sweep_configs, sweep_name
+from bodysense.papers.hmd_vae import load_body_vae
+from bodysense_lab.fit import Progress, fit
+from bodysense_lab.hmd_vae.frames import BodyFrames, VaeBatch, make_batch, mirrored, read_body_frames
+from bodysense_lab.hmd_vae.network import BodyVae, read_vae, write_vae
+from bodysense_lab.hmd_vae.options import BodyVaeConfig, VaeRun, VaeSchedule
+from bodysense_lab.hmd_vae.task import VaeTask, joint_errors, one_cycle
+from bodysense_lab.hmd_vae.train import run_sweep, run_vae, sweep_configs, sweep_name
 
 SMALL = BodyVaeConfig(latent=4, width=16, sequence_width=8, length=8)
 SCHEDULE = VaeSchedule(steps=4, batch=8, check_every=2)

@@ -17,7 +17,7 @@ from bodysense.body.rotation import (
     sixd_to_matrix,
 )
 from bodysense.body.skeleton import default_skeleton
-from bodysense.lab.pahmt.network import beside_directions, hinged
+from bodysense_lab.pahmt.network import beside_directions, hinged
 
 BONES = torch.tensor(
     arm_skeleton(default_skeleton()).rest_offset[

@@ -9,7 +9,7 @@ import pytest
 
 from bodysense.body.keypoints import ArmKeypoints
 from bodysense.body.rotation import geodesic_angle, normalize
-from bodysense.lab.pahmt.keypoint_noise import DetectorNoise, detect
+from bodysense_lab.pahmt.keypoint_noise import DetectorNoise, detect
 
 NEITHER = (0.0, 0.0)
 NONE = DetectorNoise(

@@ -11,16 +11,16 @@ import torch
 from torch.nn.functional import scaled_dot_product_attention
 
 from bodysense.errors import BodysenseError
-from bodysense.lab.pahmt.features import Window, held
-from bodysense.lab.pahmt.network import (
+from bodysense_lab.pahmt.features import Window, held
+from bodysense_lab.pahmt.network import (
     ArmNetwork,
     ArmNetworkConfig,
     Attention,
     Convolutions,
     read_arms,
 )
-from bodysense.lab.pahmt.options import Input, Kind
-from bodysense.lab.pahmt.task import Discriminator
+from bodysense_lab.pahmt.options import Input, Kind
+from bodysense_lab.pahmt.task import Discriminator
 
 SMALL: dict[str, Any] = {
     "width": 16,

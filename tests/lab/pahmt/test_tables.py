@@ -16,10 +16,10 @@ from bodysense.body.arms import ARM_JOINTS
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.lab.chart import LinePanel
-from bodysense.lab.datasets import DataSet
-from bodysense.lab.pahmt.options import FINGERS
-from bodysense.lab.pahmt.tables import arm_report, measures, rows_in, score_arms
+from bodysense_lab.chart import LinePanel
+from bodysense_lab.datasets import DataSet
+from bodysense_lab.pahmt.options import FINGERS
+from bodysense_lab.pahmt.tables import arm_report, measures, rows_in, score_arms
 
 EVERY = tuple(range(len(ARM_JOINTS)))
 

@@ -17,12 +17,12 @@ from bodysense.errors import BodysenseError
 from bodysense.io.augment import mirrored as mirrored_clip
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.lab.fit import Progress, fit
-from bodysense.lab.pahmt.features import ArmBatch, ArmRecordings, Window, make_batch, read_arm_recordings, window_of
-from bodysense.lab.pahmt.network import ArmNetwork, ArmNetworkConfig, read_arms
-from bodysense.lab.pahmt.options import ArmTableTraining, Studio
-from bodysense.lab.pahmt.tables import TABLE_1
-from bodysense.lab.pahmt.task import (
+from bodysense_lab.fit import Progress, fit
+from bodysense_lab.pahmt.features import ArmBatch, ArmRecordings, Window, make_batch, read_arm_recordings, window_of
+from bodysense_lab.pahmt.network import ArmNetwork, ArmNetworkConfig, read_arms
+from bodysense_lab.pahmt.options import ArmTableTraining, Studio
+from bodysense_lab.pahmt.tables import TABLE_1
+from bodysense_lab.pahmt.task import (
     ArmSchedule,
     ArmTask,
     Pair,
@@ -30,7 +30,7 @@ from bodysense.lab.pahmt.task import (
     batch_of,
     validate_arms,
 )
-from bodysense.lab.pahmt.train import mirrored, mirrored_rotations, row_run, run_table, write_arms_onnx
+from bodysense_lab.pahmt.train import mirrored, mirrored_rotations, row_run, run_table, write_arms_onnx
 
 SMALL: dict[str, Any] = {
     "width": 16,

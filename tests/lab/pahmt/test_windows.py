@@ -17,7 +17,7 @@ from bodysense.devices.simulated.camera_view import FRONT, view_points
 from bodysense.errors import BodysenseError
 from bodysense.io.augment import mirrored
 from bodysense.io.clip import Clip
-from bodysense.lab.pahmt.features import ArmRecordings, Studio, arm_positions, film, make_batch, read_arm_recordings
+from bodysense_lab.pahmt.features import ArmRecordings, Studio, arm_positions, film, make_batch, read_arm_recordings
 
 PLAIN = Studio(cameras=FRONT, keypoints="perfect", mirrored=False, begun=0.0)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.lab.rendering.take import GESTURES, gesture
+from bodysense_lab.rendering.take import GESTURES, gesture
 
 WRISTS = {  # s, and where the left wrist is then from its shoulder, in lengths of the arm
     "t_pose": (2.2, (1.0, 0.0, 0.0)),

@@ -9,8 +9,8 @@ from bodysense.body.keypoints import ArmKeypoints
 from bodysense.body.rotation import normalize, quaternion_exp, quaternion_multiply
 from bodysense.devices.simulated.camera_view import FRONT, Camera, sample_cameras, view, view_points
 from bodysense.io.clip import Clip
-from bodysense.lab.pahmt.keypoint_noise import DetectorNoise, detect, flattened
-from bodysense.lab.rendering.keypoint_errors import ARM_BONES, keypoint_errors, noise_figures
+from bodysense_lab.pahmt.keypoint_noise import DetectorNoise, detect, flattened
+from bodysense_lab.rendering.keypoint_errors import ARM_BONES, keypoint_errors, noise_figures
 
 
 @pytest.fixture(scope="module")

@@ -18,9 +18,9 @@ from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import PersonLandmarks
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.lab.rendering import tables as video_rendered
-from bodysense.lab.rendering.tables import VideoTable, completed, score_videos, video_report, watch
-from bodysense.lab.rendering.take import RenderedTake, film, plan_takes, write_take
+from bodysense_lab.rendering import tables as video_rendered
+from bodysense_lab.rendering.tables import VideoTable, completed, score_videos, video_report, watch
+from bodysense_lab.rendering.take import RenderedTake, film, plan_takes, write_take
 
 FACE = {"nose": (0.0, 0.04, 0.13), "left_ear": (0.07, 0.06, 0.0), "right_ear": (-0.07, 0.06, 0.0)}  # m, from the head
 STANDS_FOR = {"pinky": "pinky1", "index": "index1", "thumb": "thumb2", "heel": "ankle"}

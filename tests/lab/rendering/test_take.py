@@ -11,9 +11,9 @@ from bodysense.body.pose import rest_pose
 from bodysense.devices.simulated.camera_view import Camera, view, view_points
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.lab.rendering.scene import FIGURES, Scene, load_figure, sample_camera, sample_scene
-from bodysense.lab.rendering.stage import Renderer, open_stage
-from bodysense.lab.rendering.take import RATE, film, list_takes, plan_takes, read_take, write_take
+from bodysense_lab.rendering.scene import FIGURES, Scene, load_figure, sample_camera, sample_scene
+from bodysense_lab.rendering.stage import Renderer, open_stage
+from bodysense_lab.rendering.take import RATE, film, list_takes, plan_takes, read_take, write_take
 
 HEIGHT = 120  # pixels
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense.lab.serving import decoders
-from bodysense.lab.serving.decoders import decode
+from bodysense_lab.serving import decoders
+from bodysense_lab.serving.decoders import decode
 
 
 def test_python_osc_and_a_reader_of_solarxr_read_every_packet() -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-pytest.importorskip("prometheus_client", reason="needs bodysense[serve]")
-from bodysense.lab.serving.hostile_clients import FuzzCounts, run_fuzz
-from bodysense.lab.serving.hostile_packets import fuzz_packets
+pytest.importorskip("prometheus_client", reason="needs packages/live")
+from bodysense_lab.serving.hostile_clients import FuzzCounts, run_fuzz
+from bodysense_lab.serving.hostile_packets import fuzz_packets
 
 
 def test_hostile_clients_are_refused_and_others_are_served() -> None:

@@ -12,14 +12,14 @@ import pytest
 from scipy import stats
 
 from bodysense.errors import BodysenseError
-from bodysense.lab.study.analysis import (
+from bodysense_lab.study.analysis import (
     analyze,
     preference,
     simulate_answers,
     votes,
     write_csv,
 )
-from bodysense.lab.study.study import COMPARISONS, Answers, Choice, Condition, StudyKey, draw_key, pairs_for
+from bodysense_lab.study.study import COMPARISONS, Answers, Choice, Condition, StudyKey, draw_key, pairs_for
 
 
 @pytest.fixture(scope="module")

@@ -19,10 +19,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bodysense.lab.study.scenes import FILES, write_study_page
-from bodysense.lab.study.study import StudyKey, draw_key, numbers, pairs_for, read_answers
+from bodysense_lab.study.scenes import FILES, write_study_page
+from bodysense_lab.study.study import StudyKey, draw_key, numbers, pairs_for, read_answers
 
-SCRIPT = Path(str(files("bodysense.lab.study"))) / "assets" / "study.js"
+SCRIPT = Path(str(files("bodysense_lab.study"))) / "assets" / "study.js"
 RATERS = ["1", "r2", "p-07", "Ä🙂", "x" * 32]
 NODE = shutil.which("node")
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

@@ -14,9 +14,9 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.lab.study.scenes import StudySettings, build_study, complete_clip, cut_scenes
-from bodysense.lab.study.study import read_key
 from bodysense.pictures.sheet import Lens
+from bodysense_lab.study.scenes import StudySettings, build_study, complete_clip, cut_scenes
+from bodysense_lab.study.study import read_key
 
 TINY = Lens(width=24, height=30)
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense.lab.study.study import (
+from bodysense_lab.study.study import (
     COMPARISONS,
     CONDITIONS,
     Answers,

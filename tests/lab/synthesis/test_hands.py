@@ -14,7 +14,7 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.lab.synthesis.gestures import (
+from bodysense_lab.synthesis.gestures import (
     GESTURES,
     NAMES,
     along,
@@ -24,8 +24,8 @@ from bodysense.lab.synthesis.gestures import (
     key_poses,
     minimum_jerk,
 )
-from bodysense.lab.synthesis.hands import PRESSED, _measure, posed, settled, synthesize_hand, varied_hand
-from bodysense.lab.synthesis.pairs import MEETINGS, synthesize_pair
+from bodysense_lab.synthesis.hands import PRESSED, _measure, posed, settled, synthesize_hand, varied_hand
+from bodysense_lab.synthesis.pairs import MEETINGS, synthesize_pair
 
 HAND = hand_skeleton(default_skeleton(), "left")
 UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
@@ -157,7 +157,7 @@ def test_hands_meet_and_stay_out_of_each_other() -> None:
 
 @pytest.mark.parametrize("name", [meeting.name for meeting in MEETINGS])
 def test_every_meeting_is_possible(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    from bodysense.lab.synthesis import pairs as pair_synthesis
+    from bodysense_lab.synthesis import pairs as pair_synthesis
 
     monkeypatch.setattr(pair_synthesis, "MEETINGS", tuple(one for one in MEETINGS if one.name == name))
     left, right = synthesize_pair(HAND, 8.0, np.random.default_rng(11), 30.0)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from bodysense.body.hand import FINGERS, HAND_JOINTS, hand_skeleton, joint_bases, limits, rotations_of
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.lab.two_hands.baselines import FingerLimits, solve_fingers
+from bodysense_lab.two_hands.baselines import FingerLimits, solve_fingers
 
 
 @pytest.fixture(scope="module")

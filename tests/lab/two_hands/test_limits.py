@@ -10,8 +10,8 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.hands import GloveModels
 from bodysense.devices.simulated.camera_ring import CameraRing
-from bodysense.lab.datasets import Census
-from bodysense.lab.two_hands.limits import (
+from bodysense_lab.datasets import Census
+from bodysense_lab.two_hands.limits import (
     Findings,
     HandPair,
     count_jumps,
@@ -22,7 +22,7 @@ from bodysense.lab.two_hands.limits import (
     points_of,
     synthesised_pair,
 )
-from bodysense.lab.two_hands.limits_report import LINES, SYNTHESISED, limits_report
+from bodysense_lab.two_hands.limits_report import LINES, SYNTHESISED, limits_report
 
 HAND = hand_skeleton(default_skeleton(), "left")
 

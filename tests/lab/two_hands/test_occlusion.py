@@ -14,8 +14,8 @@ import pytest
 from bodysense.cli import main
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.io.clip import Clip
-from bodysense.lab.datasets import Census
-from bodysense.lab.two_hands.occlusion import (
+from bodysense_lab.datasets import Census
+from bodysense_lab.two_hands.occlusion import (
     PUBLISHED_AT_ONCE,
     SETTINGS,
     MarkerHiding,

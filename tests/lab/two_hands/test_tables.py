@@ -14,14 +14,14 @@ from bodysense.body.hand import hand_skeleton
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.gloves.hands import GloveModels
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
-from bodysense.lab.datasets import Census
-from bodysense.lab.synthesis.hands import HandMotion, synthesize_hand
-from bodysense.lab.two_hands.baselines import LastKnown
-from bodysense.lab.two_hands.network import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig
-from bodysense.lab.two_hands.scores import ALONE, GloveTable, HandTask, measure_fingers, measure_markers
-from bodysense.lab.two_hands.tables import finger_report, marker_report, published_ratio
-from bodysense.lab.two_hands.train import write_glove_network
-from bodysense.lab.two_hands.trials import (
+from bodysense_lab.datasets import Census
+from bodysense_lab.synthesis.hands import HandMotion, synthesize_hand
+from bodysense_lab.two_hands.baselines import LastKnown
+from bodysense_lab.two_hands.network import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig
+from bodysense_lab.two_hands.scores import ALONE, GloveTable, HandTask, measure_fingers, measure_markers
+from bodysense_lab.two_hands.tables import finger_report, marker_report, published_ratio
+from bodysense_lab.two_hands.train import write_glove_network
+from bodysense_lab.two_hands.trials import (
     BEFORE,
     DURATIONS,
     HIDDEN,

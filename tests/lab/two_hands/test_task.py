@@ -17,9 +17,9 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.gloves.networks import known_shapes, load_joint_network, load_marker_network, size_ratios
 from bodysense.errors import BodysenseError
-from bodysense.lab.fit import Progress
-from bodysense.lab.synthesis.hands import HandMotion, synthesize_hand
-from bodysense.lab.two_hands.drawing import (
+from bodysense_lab.fit import Progress
+from bodysense_lab.synthesis.hands import HandMotion, synthesize_hand
+from bodysense_lab.two_hands.drawing import (
     FINGER_POINTS,
     JointTask,
     MarkerTask,
@@ -30,8 +30,8 @@ from bodysense.lab.two_hands.drawing import (
     registered,
     turned_to,
 )
-from bodysense.lab.two_hands.frames import GloveFrames, frames_of, join
-from bodysense.lab.two_hands.network import (
+from bodysense_lab.two_hands.frames import GloveFrames, frames_of, join
+from bodysense_lab.two_hands.network import (
     PAPER_JOINTS,
     PAPER_MARKERS,
     JointNetwork,
@@ -39,10 +39,10 @@ from bodysense.lab.two_hands.network import (
     MarkerNetwork,
     MarkerNetworkConfig,
 )
-from bodysense.lab.two_hands.options import GloveTraining
-from bodysense.lab.two_hands.task import GloveSchedule, Lesson, train_glove
-from bodysense.lab.two_hands.told import EXACT, UNTOLD, draw_told
-from bodysense.lab.two_hands.train import run_gloves, write_glove_network
+from bodysense_lab.two_hands.options import GloveTraining
+from bodysense_lab.two_hands.task import GloveSchedule, Lesson, train_glove
+from bodysense_lab.two_hands.told import EXACT, UNTOLD, draw_told
+from bodysense_lab.two_hands.train import run_gloves, write_glove_network
 
 SMALL = GloveSchedule(steps=60, batch=64, learning_rate=4e-3, check_every=30, warm_up=5, average_decay=0.8)
 

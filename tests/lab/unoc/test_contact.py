@@ -9,7 +9,7 @@ from bodysense.body.pose import Pose, rest_pose
 from bodysense.body.rotation import quaternion_exp, quaternion_log, shortest_arc
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.lab.unoc.contact import self_contact
+from bodysense_lab.unoc.contact import self_contact
 
 
 def turned(degrees: dict[str, tuple[float, float, float]]) -> Pose:

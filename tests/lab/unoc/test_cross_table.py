@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bodysense.lab.datasets import Census, DataSet
-from bodysense.lab.scoring import KNOWN, Tally
-from bodysense.lab.unoc.cross_table import PUBLISHED_BODY, PUBLISHED_FINGERS, SETS, cross_report
-from bodysense.lab.unoc.tables import Parts, Scores
+from bodysense.scoring import KNOWN, Tally
+from bodysense_lab.datasets import Census, DataSet
+from bodysense_lab.unoc.cross_table import PUBLISHED_BODY, PUBLISHED_FINGERS, SETS, cross_report
+from bodysense_lab.unoc.tables import Parts, Scores
 
 
 def tally_of(error: float) -> Tally:

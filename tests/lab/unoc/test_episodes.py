@@ -12,8 +12,8 @@ from bodysense.devices.simulated.headset_camera import observe
 from bodysense.io.augment import mirrored
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.lab.unoc.network import BodyNetwork, BodyPrediction, TrackedBody
-from bodysense.lab.unoc.task import Variation, make_episode
+from bodysense_lab.unoc.network import BodyNetwork, BodyPrediction, TrackedBody
+from bodysense_lab.unoc.task import Variation, make_episode
 
 
 def test_the_truth_in_the_networks_frame_is_the_truth_in_the_world(waving_clip: Clip, network: BodyNetwork) -> None:

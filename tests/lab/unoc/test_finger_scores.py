@@ -16,8 +16,9 @@ from bodysense.body.pose import Pose, hand_length
 from bodysense.cli import main
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.lab.datasets import open_clips
-from bodysense.lab.unoc.fingers import (
+from bodysense.papers.point_model import load_point_model
+from bodysense_lab.datasets import open_clips
+from bodysense_lab.unoc.finger_scores import (
     METHODS,
     Examples,
     body_features,
@@ -25,8 +26,7 @@ from bodysense.lab.unoc.fingers import (
     examples_of,
     finger_offsets,
 )
-from bodysense.lab.unoc.point_model import load_point_model
-from bodysense.lab.unoc.upper_body_table import LearnedUpperBody, evaluate_upper_body
+from bodysense_lab.unoc.upper_body_table import LearnedUpperBody, evaluate_upper_body, load_upper_body
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def test_the_packaged_network_beats_both_baselines(motion_data: Path, tmp_path: 
 @pytest.mark.slow
 def test_the_packaged_upper_body_beats_inverse_kinematics(motion_data: Path) -> None:
     """On some clips of people that it has not seen."""
-    model = load_point_model("upper-body")
+    model = load_upper_body()
     clips = [clip for clip in islice(open_clips(motion_data, "test", ("talk_gesture", "everyday")), 0, 60, 4)]
     table = evaluate_upper_body(clips, lambda skeleton: LearnedUpperBody(skeleton, model), lambda clip: None)
     for joints in ("neck", "shoulders", "elbows"):

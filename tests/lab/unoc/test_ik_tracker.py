@@ -20,9 +20,10 @@ from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.lab.scoring import Hold
-from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings, IkTrackerState, Learned, load_model, smooth
 from bodysense.observation import Observation, accuracy_like, observed_points
+from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings, IkTrackerState, smooth
+from bodysense.scoring import Hold
+from bodysense_lab.unoc.learned import Learned, load_model
 
 SKELETON = default_skeleton()
 HEAD = SKELETON.index("head")

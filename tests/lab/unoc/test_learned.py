@@ -17,8 +17,9 @@ from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.lab.unoc.ik_tracker import MEASURED_ERROR, Learned, LearnedState, load_model
 from bodysense.observation import Observation
+from bodysense.papers.ik_tracker import MEASURED_ERROR
+from bodysense_lab.unoc.learned import Learned, LearnedState, load_model
 
 SKELETON = default_skeleton()
 

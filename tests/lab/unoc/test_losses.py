@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.lab.unoc.network import BodyNetwork, BodyNetworkConfig, BodyPrediction
-from bodysense.lab.unoc.task import LossWeights, Truth, body_loss, bones
+from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig, BodyPrediction
+from bodysense_lab.unoc.task import LossWeights, Truth, body_loss, bones
 
 SKELETON = default_skeleton()
 POINTS = len(SKELETON.points)

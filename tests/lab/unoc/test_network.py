@@ -22,8 +22,8 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quatern
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
-from bodysense.lab.unoc.ik_tracker import load_model
-from bodysense.lab.unoc.network import (
+from bodysense_lab.unoc.learned import load_model
+from bodysense_lab.unoc.network import (
     PAPER,
     BodyNetwork,
     BodyNetworkConfig,
@@ -34,7 +34,7 @@ from bodysense.lab.unoc.network import (
     tracked_of,
     write_weights,
 )
-from bodysense.lab.unoc.train import write_onnx
+from bodysense_lab.unoc.train import write_onnx
 
 CARRIED = BodyNetworkConfig(hidden=16, branch=(16,), finger_branch=(8,), judge_branch=(8,))
 WINDOWED = replace(PAPER, hidden=16, branch=(16,), judge_branch=(16,), window=5)

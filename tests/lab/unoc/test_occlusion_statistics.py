@@ -13,8 +13,8 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.headset_camera import HeadsetCamera, Visibility, see
 from bodysense.errors import BodysenseError
 from bodysense.io.datasets.sources import list_sources, read_source
-from bodysense.lab.unoc import occlusion as statistics
-from bodysense.lab.unoc.occlusion import GROUPS, PUBLISHED, column, count, group_points
+from bodysense_lab.unoc import occlusion as statistics
+from bodysense_lab.unoc.occlusion import GROUPS, PUBLISHED, column, count, group_points
 
 
 def waving(frames: int, seed: int = 0) -> Pose:

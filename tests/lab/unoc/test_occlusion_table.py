@@ -9,8 +9,8 @@ import pytest
 
 from bodysense.devices.simulated.headset_camera import HeadsetCamera, see
 from bodysense.io.clip import Clip
-from bodysense.lab.datasets import DataSet
-from bodysense.lab.unoc.occlusion import GROUPS, PUBLISHED, columns_of, count_clips, numbers_of, occlusion_report
+from bodysense_lab.datasets import DataSet
+from bodysense_lab.unoc.occlusion import GROUPS, PUBLISHED, columns_of, count_clips, numbers_of, occlusion_report
 
 
 @pytest.fixture(scope="module")

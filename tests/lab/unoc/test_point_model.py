@@ -20,11 +20,11 @@ from bodysense.devices.simulated.three_point import observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.lab.unoc.fingers import FingerSynthesis, finger_rotations, synthesize
-from bodysense.lab.unoc.ik_tracker import IkTracker
-from bodysense.lab.unoc.point_model import PACKAGED, PointModel, Task, load_point_model
-from bodysense.lab.unoc.upper_body_table import LEG_ERROR, LearnedUpperBody, fitted_arms
 from bodysense.observation import Observation
+from bodysense.papers.fingers import FingerSynthesis, finger_rotations, synthesize
+from bodysense.papers.ik_tracker import IkTracker
+from bodysense.papers.point_model import PointModel, load_point_model
+from bodysense_lab.unoc.upper_body_table import LEG_ERROR, LearnedUpperBody, fitted_arms, load_upper_body
 
 SKELETON = default_skeleton()
 FINGER = np.flatnonzero(SKELETON.wrist_of >= 0)
@@ -38,11 +38,10 @@ def fingers() -> PointModel:
 
 @pytest.fixture(scope="module")
 def upper_body() -> LearnedUpperBody:
-    return LearnedUpperBody(SKELETON, load_point_model("upper-body"))
+    return LearnedUpperBody(SKELETON, load_upper_body())
 
 
-def packaged(task: Task) -> Path:
-    return Path(bodysense.weights.__path__[0]) / PACKAGED[task]
+FINGERS = Path(bodysense.weights.__path__[0]) / "fingers.onnx"
 
 
 # --- from positions to rotations
@@ -258,11 +257,11 @@ def test_what_is_no_network_of_ours_is_refused(tmp_path: Path, small_network: Pa
 
 def test_a_network_of_another_task_is_refused() -> None:
     with pytest.raises(BodysenseError, match=r"fingers\.onnx: a network for fingers, not upper-body; give the \.onnx"):
-        load_point_model("upper-body", packaged("fingers"))
+        load_point_model("upper-body", FINGERS)
 
 
 def test_a_network_without_its_card_is_refused(tmp_path: Path) -> None:
-    model = onnx.load(str(packaged("fingers")))
+    model = onnx.load(str(FINGERS))
     kept = {row.key: row.value for row in model.metadata_props if row.key != "state"}
     del model.metadata_props[:]
     onnx.helper.set_model_props(model, kept)
@@ -282,7 +281,7 @@ def test_a_skeleton_with_other_points_is_refused(fingers: PointModel) -> None:
 # --- the packaged networks
 
 
-@pytest.mark.parametrize("task", ["fingers", "upper-body"])
-def test_the_packaged_networks_load_and_say_what_they_are(task: Task) -> None:
-    card = load_point_model(task).card
+@pytest.mark.parametrize("network", [load_point_model("fingers"), load_upper_body()], ids=["fingers", "upper body"])
+def test_the_packaged_networks_load_and_say_what_they_are(network: PointModel) -> None:
+    card = network.card
     assert card["licence"] == "Apache-2.0" and card["form"] == "shipped" and card["training_data"]

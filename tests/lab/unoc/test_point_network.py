@@ -16,8 +16,8 @@ from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quatern
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.three_point import POINTS
 from bodysense.io.clip import Clip
-from bodysense.lab.unoc.point_model import WARM_UP, PointRunner, Task, load_point_model
-from bodysense.lab.unoc.point_network import (
+from bodysense.papers.point_model import WARM_UP, PointRunner, Task, load_point_model
+from bodysense_lab.unoc.point_network import (
     BODY,
     FINGERS,
     HANDS,
@@ -29,8 +29,8 @@ from bodysense.lab.unoc.point_network import (
     TrackedPoints,
     bones,
 )
-from bodysense.lab.unoc.point_task import tracked_of
-from bodysense.lab.unoc.train import write_point_network
+from bodysense_lab.unoc.point_task import tracked_of
+from bodysense_lab.unoc.train import write_point_network
 
 SKELETON = default_skeleton()
 FORMS: dict[str, tuple[Task, PointNetworkConfig]] = {
@@ -131,7 +131,7 @@ def test_what_it_should_say_is_the_truth(form: str, networks, waving_clip: Clip)
 @pytest.mark.parametrize("form", FORMS)
 def test_bones_have_the_wearers_lengths(form: str, networks, waving_clip: Clip) -> None:
     """The truth's vectors between the ends of bones are as long as the skeleton's bones: ends are found rightly."""
-    from bodysense.lab.unoc.point_task import _bones
+    from bodysense_lab.unoc.point_task import _bones
 
     network = networks[form]
     tracked, truth = tracked_of(waving_clip.pose[:5], network)

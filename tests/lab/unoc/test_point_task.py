@@ -17,11 +17,11 @@ from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import split_of
-from bodysense.lab.fit import Progress, Report, fit
-from bodysense.lab.unoc.options import FingersTraining
-from bodysense.lab.unoc.point_model import load_point_model
-from bodysense.lab.unoc.point_network import FINGERS, UPPER_BODY, PointNetwork, PointNetworkConfig, PointPrediction
-from bodysense.lab.unoc.point_task import (
+from bodysense.papers.point_model import load_point_model
+from bodysense_lab.fit import Progress, Report, fit
+from bodysense_lab.unoc.options import FingersTraining
+from bodysense_lab.unoc.point_network import FINGERS, UPPER_BODY, PointNetwork, PointNetworkConfig, PointPrediction
+from bodysense_lab.unoc.point_task import (
     PointEpisode,
     PointSchedule,
     PointTask,
@@ -34,7 +34,7 @@ from bodysense.lab.unoc.point_task import (
     windows,
     with_bent_wrists,
 )
-from bodysense.lab.unoc.train import train_points as run_points
+from bodysense_lab.unoc.train import train_points as run_points
 
 SMALL = replace(UPPER_BODY, hidden=8, branch=(8,), judge_branch=(8,))
 SMALL_FINGERS = replace(FINGERS, hidden=8, branch=(8,), dropout=0.0)

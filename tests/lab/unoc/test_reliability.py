@@ -12,10 +12,10 @@ from scipy import stats
 from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.io.clip import Clip
-from bodysense.lab.datasets import DataSet
-from bodysense.lab.scoring import scored_points
-from bodysense.lab.unoc.ik_tracker import Learned, load_model
-from bodysense.lab.unoc.reliability import (
+from bodysense.scoring import scored_points
+from bodysense_lab.datasets import DataSet
+from bodysense_lab.unoc.learned import Learned, load_model
+from bodysense_lab.unoc.reliability import (
     ErrorPairs,
     measure_reliability,
     pairs_of_clip,

@@ -9,7 +9,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bodysense.lab.unoc.task import Episode, EpisodeBatch, collate, lanes, windows
+from bodysense_lab.unoc.task import Episode, EpisodeBatch, collate, lanes, windows
 
 LENGTHS = st.lists(st.integers(2, 30), min_size=1, max_size=5)
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.lab.datasets import Census, DataSet
-from bodysense.lab.scoring import KNOWN, Tally
-from bodysense.lab.unoc.tables import (
+from bodysense.scoring import KNOWN, Tally
+from bodysense_lab.datasets import Census, DataSet
+from bodysense_lab.unoc.tables import (
     Scores,
     better_last_known,
     identity_of,

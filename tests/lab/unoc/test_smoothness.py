@@ -12,11 +12,11 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.io.clip import Clip
-from bodysense.lab.datasets import DataSet
-from bodysense.lab.metrics import acceleration
-from bodysense.lab.scoring import scored_points
-from bodysense.lab.unoc.ik_tracker import IkTracker, IkTrackerSettings
-from bodysense.lab.unoc.smoothness import (
+from bodysense.metrics import acceleration
+from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings
+from bodysense.scoring import scored_points
+from bodysense_lab.datasets import DataSet
+from bodysense_lab.unoc.smoothness import (
     METHODS,
     NETWORKS,
     RecordedEstimator,

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from bodysense.lab.datasets import Census, DataSet
-from bodysense.lab.scoring import KNOWN, Tally
-from bodysense.lab.unoc.tables import (
+from bodysense.scoring import KNOWN, Tally
+from bodysense_lab.datasets import Census, DataSet
+from bodysense_lab.unoc.tables import (
     KEYS,
     OWN_NAMES,
     TABLE_2,
@@ -23,7 +23,7 @@ from bodysense.lab.unoc.tables import (
     network_report,
     numbers_of,
 )
-from bodysense.lab.unoc.variants import TABLES
+from bodysense_lab.unoc.variants import TABLES
 
 ALL = (TABLE_2, TABLE_3, TABLE_4)
 PARTS = ("body", "finger", "body_and_finger", "parent_body", "parent_all", "bone_body", "bone_all")

@@ -16,9 +16,9 @@ from lightning_fabric import Fabric
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.lab.fit import Progress, fit, moving_average
-from bodysense.lab.unoc.network import PAPER, BodyNetwork, BodyNetworkConfig
-from bodysense.lab.unoc.task import (
+from bodysense_lab.fit import Progress, fit, moving_average
+from bodysense_lab.unoc.network import PAPER, BodyNetwork, BodyNetworkConfig
+from bodysense_lab.unoc.task import (
     BodySchedule,
     BodyTask,
     Episode,

@@ -16,9 +16,9 @@ from bodysense.io.augment import mirrored
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import split_of
-from bodysense.lab.unoc.ik_tracker import Learned, load_model
-from bodysense.lab.unoc.options import BodyTraining
-from bodysense.lab.unoc.train import train_body, variation_of
+from bodysense_lab.unoc.learned import Learned, load_model
+from bodysense_lab.unoc.options import BodyTraining
+from bodysense_lab.unoc.train import train_body, variation_of
 
 PEOPLE = {which: next(f"person{k}" for k in range(99) if split_of(f"person{k}") == which) for which in ("train", "val")}
 

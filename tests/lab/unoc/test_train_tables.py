@@ -13,13 +13,13 @@ from bodysense.errors import BodysenseError
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import split_of
-from bodysense.lab.unoc import train_tables as tables
-from bodysense.lab.unoc import variants
-from bodysense.lab.unoc.network import PAPER, BodyNetworkConfig, read_weights
-from bodysense.lab.unoc.options import TablesTraining
-from bodysense.lab.unoc.task import Episode
-from bodysense.lab.unoc.train_tables import cached_episodes, chosen_networks, schedule_of, train_tables
-from bodysense.lab.unoc.variants import TABLES, VARIANTS, Variant
+from bodysense_lab.unoc import train_tables as tables
+from bodysense_lab.unoc import variants
+from bodysense_lab.unoc.network import PAPER, BodyNetworkConfig, read_weights
+from bodysense_lab.unoc.options import TablesTraining
+from bodysense_lab.unoc.task import Episode
+from bodysense_lab.unoc.train_tables import cached_episodes, chosen_networks, schedule_of, train_tables
+from bodysense_lab.unoc.variants import TABLES, VARIANTS, Variant
 
 SMALL = replace(PAPER, hidden=4, branch=(4,), judge_branch=(4,), window=9)
 

@@ -11,10 +11,10 @@ import pytest
 from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.io.clip import Clip
-from bodysense.lab.datasets import DataSet
-from bodysense.lab.scoring import scored_points
-from bodysense.lab.unoc.ik_tracker import IkTrackerSettings
-from bodysense.lab.unoc.transitions import (
+from bodysense.papers.ik_tracker import IkTrackerSettings
+from bodysense.scoring import scored_points
+from bodysense_lab.datasets import DataSet
+from bodysense_lab.unoc.transitions import (
     EVENTS,
     KEYS,
     METHODS,
@@ -95,6 +95,6 @@ def test_nothing_lost_and_a_truth_at_rest(data: DataSet, waving_clip: Clip) -> N
 
 
 def _census(clip: Clip):
-    from bodysense.lab.datasets import census_of
+    from bodysense_lab.datasets import census_of
 
     return census_of(clip)

@@ -18,10 +18,10 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import list_sources, read_source
 from bodysense.io.resample import resample
-from bodysense.lab.scoring import Hold
-from bodysense.lab.unoc.ik_tracker import IkTracker
-from bodysense.lab.unoc.upper_body_ik import UpperBodyIk, UpperBodyIkSettings
 from bodysense.observation import Observation, check_observation
+from bodysense.papers.ik_tracker import IkTracker
+from bodysense.scoring import Hold
+from bodysense_lab.unoc.upper_body_ik import UpperBodyIk, UpperBodyIkSettings
 
 SKELETON = default_skeleton()
 IK = UpperBodyIk(SKELETON)

@@ -15,9 +15,9 @@ from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.three_point import observe
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.lab.unoc.upper_body_ik import UpperBodyIk
-from bodysense.lab.unoc.upper_body_table import UpperBodyTable, evaluate_upper_body, is_standing, score_clip
 from bodysense.observation import Observation
+from bodysense_lab.unoc.upper_body_ik import UpperBodyIk
+from bodysense_lab.unoc.upper_body_table import UpperBodyTable, evaluate_upper_body, is_standing, score_clip
 
 SKELETON = default_skeleton()
 JOINTS = ("neck", "shoulders", "elbows", "all")

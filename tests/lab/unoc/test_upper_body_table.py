@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bodysense.lab.datasets import Census, DataSet
-from bodysense.lab.scoring import Tally
-from bodysense.lab.unoc.upper_body_table import JOINTS, Tallies, UpperBodyTable, published, upper_body_report
+from bodysense.scoring import Tally
+from bodysense_lab.datasets import Census, DataSet
+from bodysense_lab.unoc.upper_body_table import JOINTS, Tallies, UpperBodyTable, published, upper_body_report
 
 
 def made(errors: dict[str, float]) -> UpperBodyTable:

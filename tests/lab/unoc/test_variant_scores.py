@@ -15,12 +15,12 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.headset_camera import observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.lab.datasets import DataSet
-from bodysense.lab.scoring import KNOWN, UNOC_EVAL_JOINTS, Hold
-from bodysense.lab.unoc import variant_scores as variants
-from bodysense.lab.unoc.network import PAPER, BodyNetwork, read_weights, tracked_of
-from bodysense.lab.unoc.tables import scores_path
-from bodysense.lab.unoc.variant_scores import (
+from bodysense.scoring import KNOWN, UNOC_EVAL_JOINTS, Hold
+from bodysense_lab.datasets import DataSet
+from bodysense_lab.unoc import variant_scores as variants
+from bodysense_lab.unoc.network import PAPER, BodyNetwork, read_weights, tracked_of
+from bodysense_lab.unoc.tables import scores_path
+from bodysense_lab.unoc.variant_scores import (
     Shipped,
     Work,
     complete,
@@ -31,7 +31,7 @@ from bodysense.lab.unoc.variant_scores import (
     score_clip,
     score_pairs,
 )
-from bodysense.lab.unoc.variants import VARIANTS
+from bodysense_lab.unoc.variants import VARIANTS
 
 
 def never(clip: Clip) -> None:

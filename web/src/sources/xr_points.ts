@@ -1,4 +1,4 @@
-/** Points of a headset as points of the body (bodysense.serve.webxr): where each joint is by the device that wears it. */
+/** Points of a headset as points of the body (bodysense_live.webxr): where each joint is by the device that wears it. */
 
 import {
   add,

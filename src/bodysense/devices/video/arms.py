@@ -1,4 +1,4 @@
-"""Arms and hands from key-points of a video by a network of windows: `lab/pahmt/network.py`, ONNX Runtime.
+"""Arms and hands from key-points of a video by a network of windows: `bodysense_lab/pahmt/network.py`, ONNX Runtime.
 
 The network sees windows of 32 frames, a second. Windows follow each other by `stride` and overlap; what they say of a
 frame is blended, the middle of a window counting more than its ends. A frame is answered when a frame has come in that

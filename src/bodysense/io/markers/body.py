@@ -12,7 +12,16 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.markers.centres import Places, axes_of, centre_of, turns_of
 from bodysense.io.markers.marker_sets import MarkerSet, Recipe, Recognised
-from bodysense.io.markers.raw_markers import METRES, MarkerFormat, RawMarkers, Unit, in_our_world, listed
+from bodysense.io.markers.raw_markers import (
+    METRES,
+    FileWorld,
+    MarkerFormat,
+    RawMarkers,
+    Unit,
+    in_our_world,
+    listed,
+    world_of,
+)
 from bodysense.observation import Observation
 
 SIZES = (0.55, 1.45)  # of an adult: what a person's may be
@@ -36,6 +45,7 @@ class Found:
 
     observation: Observation
     remarks: tuple[str, ...]
+    world: FileWorld  # between the file's markers and our world
 
 
 def body_of(raw: RawMarkers, form: MarkerFormat, known: Recognised, place: str) -> Found:
@@ -48,7 +58,7 @@ def body_of(raw: RawMarkers, form: MarkerFormat, known: Recognised, place: str) 
     unit, size = _unit(markers, file, raw, form, place, remarks)
     raw = replace(raw, unit=unit, axes=_axes(markers, file, raw, form, remarks))
     places: Places = {name: in_our_world(position, raw, form) for name, position in file.items()}
-    _settle(markers, places, form, remarks)
+    floor = _settle(markers, places, form, remarks)
     rotations = _bones(raw, known, here, places, remarks)
     accuracy: dict[str, float] = {}
     with np.errstate(invalid="ignore"):
@@ -62,7 +72,7 @@ def body_of(raw: RawMarkers, form: MarkerFormat, known: Recognised, place: str) 
         for frame in markers.frames:
             if frame.joint is not None and frame.name in frames and frame.joint not in rotations:
                 rotations[frame.joint] = turns_of(frames[frame.name])
-    return Found(_observed(raw, places, rotations, accuracy), tuple(remarks))
+    return Found(_observed(raw, places, rotations, accuracy), tuple(remarks), world_of(raw, form, floor))
 
 
 def _recognised(raw: RawMarkers, known: Recognised, here: Mapping[str, int]) -> str:
@@ -131,20 +141,25 @@ def _axes(
     return np.stack([along, up, np.cross(along, up)])
 
 
-def _settle(markers: MarkerSet, places: Places, form: MarkerFormat, remarks: list[str]) -> None:
-    """Move the body so that the floor under its feet is y = 0, if it is elsewhere and nobody said where."""
+def _settle(markers: MarkerSet, places: Places, form: MarkerFormat, remarks: list[str]) -> float:
+    """Move the body so that the floor under its feet is y = 0, if it is elsewhere and no floor is given.
+
+    Returns the height of the floor before that, m.
+    """
     feet = [places[name][:, 1] - high for name, high in markers.floor if name in places]
     if form.floor is not None or not feet:
-        return
+        return 0.0
     lowest = np.stack(feet)
     known = np.isfinite(lowest).any(axis=0)
     if not known.any():
-        return
+        return 0.0
     floor = float(np.percentile(np.nanmin(lowest[:, known], axis=0), 10))
-    if abs(floor) > FLOOR:
-        remarks.append(f"the feet stand at y = {floor:.2f} m: the floor was moved from there to 0 (--floor keeps it)")
-        for name in places:
-            places[name] = places[name] - [0.0, floor, 0.0]
+    if abs(floor) <= FLOOR:
+        return 0.0
+    remarks.append(f"the feet stand at y = {floor:.2f} m: the floor was moved from there to 0 (--floor keeps it)")
+    for name in places:
+        places[name] = places[name] - [0.0, floor, 0.0]
+    return floor
 
 
 def _bones(

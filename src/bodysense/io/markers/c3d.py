@@ -163,6 +163,81 @@ def read_c3d(path: Path) -> RawMarkers:
     What a model computed (angles, moments …) is left out. Raises BodysenseError for a file that is none, or without
     points, or cut short, or whose unit is not a length.
     """
+    data, parameters, order = _opened(path)
+    block = _point_block(path, data, order, parameters)
+    position, residual = block.read(data)
+    written = parameters.text("POINT", "UNITS").lower()
+    if written not in _UNITS:
+        raise BodysenseError(f"{path}: its unit is {written!r}; m, cm and mm are read")
+    missing = (residual < 0) | ~sound(position).all(axis=-1) | ~position.any(axis=-1)
+    position[missing] = np.nan
+    names, kept = _places(parameters, block.count)
+    time = np.arange(len(position)) / block.rate
+    chosen = tuple(names[k] for k in kept)
+    return RawMarkers(chosen, position[:, kept], time, block.rate, _UNITS[written], _axes(path, parameters))
+
+
+def filled_c3d(path: Path, position: np.ndarray, filled: np.ndarray) -> bytes:
+    """Return the bytes of a C3D file with other positions of some points.
+
+    Args:
+        path: the file, whose points `read_c3d` read.
+        position: (T, M, 3) of these points in the file's unit and axes.
+        filled: (T, M) bool: which of them are written, with the residual 0, which says that they were interpolated.
+
+    Every other byte stays. Raises BodysenseError for positions that the file's whole numbers cannot hold.
+    """
+    data, parameters, order = _opened(path)
+    block = _point_block(path, data, order, parameters)
+    kept = _places(parameters, block.count)[1]
+    written, frames = bytearray(data), np.argwhere(filled)
+    for t, m in frames.tolist():
+        at = block.start + t * block.row + 4 * kept[m] * block.width
+        written[at : at + 4 * block.width] = block.packed(path, position[t, m])
+    return bytes(written)
+
+
+@dataclass(frozen=True)
+class PointBlock:
+    """How the points of a C3D file are stored."""
+
+    start: int  # byte
+    row: int  # bytes of a frame
+    width: int  # bytes of a number: 4 of reals, 2 of whole numbers
+    frames: int
+    count: int  # of points
+    scale: float  # of whole numbers
+    rate: float  # Hz
+    order: int  # the processor
+
+    def read(self, data: bytes) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions (T, M, 3) in the file's unit, and residuals (T, M)."""
+        raw = np.frombuffer(data, dtype="u1", count=self.frames * self.row, offset=self.start)
+        raw = np.ascontiguousarray(raw.reshape(self.frames, self.row)[:, : 4 * self.count * self.width])
+        mark = BYTE_ORDERS[self.order]
+        with np.errstate(invalid="ignore"):  # of damaged numbers, which are NaN
+            if self.width == 4:
+                values = from_dec(raw) if self.order == DEC else raw.view(f"{mark}f4").astype(np.float64)
+            else:
+                values = raw.view(f"{mark}i2").astype(np.float64)
+        values = values.reshape(self.frames, self.count, 4)
+        scale = 1.0 if self.width == 4 else self.scale
+        return values[..., :3] * scale, np.nan_to_num(values[..., 3], nan=-1.0)
+
+    def packed(self, path: Path, position: np.ndarray) -> bytes:
+        """Return the bytes of a point (3,) with the residual 0."""
+        mark = BYTE_ORDERS[self.order]
+        if self.width == 4:
+            values = np.append(position, 0.0)
+            return _to_dec(values) if self.order == DEC else values.astype(f"{mark}f4").tobytes()
+        steps = np.append(np.round(position / self.scale), 0)
+        if np.abs(steps).max() > 32767:
+            raise BodysenseError(f"{path}: a filled marker is beyond its whole numbers; export it with reals")
+        return steps.astype(f"{mark}i2").tobytes()
+
+
+def _opened(path: Path) -> tuple[bytes, Parameters, int]:
+    """A file's bytes, its parameters and the processor that wrote it."""
     try:
         if path.stat().st_size > _LARGEST:
             raise BodysenseError(f"{path}: larger than {_LARGEST >> 30} GiB; export the trajectories alone")
@@ -172,20 +247,14 @@ def read_c3d(path: Path) -> RawMarkers:
     if len(data) < BLOCK or data[1] != _KEY:
         raise BodysenseError(f"{path}: not a C3D file; export it again")
     parameters, order = read_parameters(path, data)
-    position, residual, rate = _points(path, data, order, parameters)
-    if not 0 < rate < np.inf:
-        raise BodysenseError(f"{path}: its frame rate is {rate:g} Hz; export it with the rate of the recording")
-    names = _labels(parameters, position.shape[1])
-    written = parameters.text("POINT", "UNITS").lower()
-    if written not in _UNITS:
-        raise BodysenseError(f"{path}: its unit is {written!r}; m, cm and mm are read")
-    missing = (residual < 0) | ~sound(position).all(axis=-1) | ~position.any(axis=-1)
-    position[missing] = np.nan
+    return data, parameters, order
+
+
+def _places(parameters: Parameters, count: int) -> tuple[list[str], list[int]]:
+    """The labels of all points, and which of these are places, not what a model computed."""
+    names = _labels(parameters, count)
     outputs = {name for kind in _OUTPUTS for name in parameters.texts("POINT", kind)}
-    kept = [k for k, name in enumerate(names) if name not in outputs]
-    time = np.arange(len(position)) / rate
-    chosen = tuple(names[k] for k in kept)
-    return RawMarkers(chosen, position[:, kept], time, rate, _UNITS[written], _axes(path, parameters))
+    return names, [k for k, name in enumerate(names) if name not in outputs]
 
 
 def write_c3d(path: Path, observation: Observation, rate: float) -> None:
@@ -222,8 +291,8 @@ def write_c3d(path: Path, observation: Observation, rate: float) -> None:
         beside.write_bytes(header.ljust(BLOCK, b"\0") + blocks + body + bytes(-len(body) % BLOCK))
 
 
-def _points(path: Path, data: bytes, order: int, parameters: Parameters) -> tuple[np.ndarray, np.ndarray, float]:
-    """Positions (T, M, 3) in the file's unit, residuals (T, M), and the rate, Hz."""
+def _point_block(path: Path, data: bytes, order: int, parameters: Parameters) -> PointBlock:
+    """How the points are stored. Raises BodysenseError for a file without points, or cut short."""
     mark = BYTE_ORDERS[order]
     count, analog, first, last = struct.unpack(f"{mark}4H", data[2:10])
     block, _ = struct.unpack(f"{mark}2H", data[16:20])
@@ -235,21 +304,21 @@ def _points(path: Path, data: bytes, order: int, parameters: Parameters) -> tupl
         raise BodysenseError(f"{path}: it holds no points; export the trajectories of the markers")
     if not np.isfinite(scale) or not scale:
         raise BodysenseError(f"{path}: cannot be read as C3D (its scale is {scale:g}); export it again")
+    if not 0 < rate < np.inf:
+        raise BodysenseError(f"{path}: its frame rate is {rate:g} Hz; export it with the rate of the recording")
     width = 4 if scale < 0 else 2
     row = (4 * count + analog) * width
     start = BLOCK * (max(block, 1) - 1)
     there = max(len(data) - start, 0) // row
     if there < frames:
         raise BodysenseError(f"{path}: {frames} frames are announced, but there are {there}; was the file cut short?")
-    raw = np.frombuffer(data, dtype="u1", count=frames * row, offset=start).reshape(frames, row)
-    raw = np.ascontiguousarray(raw[:, : 4 * count * width])
-    with np.errstate(invalid="ignore"):  # of damaged numbers, which are NaN
-        if width == 4:
-            values = from_dec(raw) if order == DEC else raw.view(f"{mark}f4").astype(np.float64)
-        else:
-            values = raw.view(f"{mark}i2").astype(np.float64)
-    values = values.reshape(frames, count, 4)
-    return values[..., :3] * (1.0 if width == 4 else scale), np.nan_to_num(values[..., 3], nan=-1.0), rate
+    return PointBlock(start, row, width, frames, count, scale, rate, order)
+
+
+def _to_dec(values: np.ndarray) -> bytes:
+    """Numbers (N,) as reals of DEC's processors, the inverse of `from_dec`."""
+    words = (values * 4).astype("<f4").view("<u2").reshape(-1, 2)
+    return np.ascontiguousarray(words[:, ::-1]).tobytes()
 
 
 def _real(data: bytes, order: int) -> float:

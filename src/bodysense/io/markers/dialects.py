@@ -26,36 +26,59 @@ import numpy as np
 from bodysense.arrays import sound
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text
-from bodysense.io.markers.raw_markers import AXES, RawMarkers
-from bodysense.io.markers.text import Rows, markers_of, numbered, numbers, rate_of, unit_of, whole
+from bodysense.io.markers.raw_markers import AXES, Cells, RawMarkers
+from bodysense.io.markers.text import Rows, cells_of, markers_of, numbered, numbers, rate_of, unit_of, whole
+
+_TRC_NEEDED = ("datarate", "units")
 
 
 def read_trc(path: Path, rate: float | None = None) -> RawMarkers:
     """Read a TRC file; its unit and rate are in its header, its up axis is not. `rate` Hz goes before the header's.
 
-    Raises BodysenseError naming the line and the fix.
+    Cells are separated by tabs, or in all of the file by commas or semicolons. Raises BodysenseError naming the line
+    and the fix.
     """
-    lines = numbered(read_text(path), "\t")
-    if len(lines) < 5 or not lines[0][1][0].lower().startswith("pathfiletype"):
+    text = read_text(path)
+    delimiter = "\t" if "\t" in text else ";" if ";" in text else ","
+    lines = numbered(text, delimiter)
+    titles = [[cell.lower() for cell in cells] for _, cells in lines[:4]]
+    at = next((k for k, cells in enumerate(titles) if set(_TRC_NEEDED) & set(cells)), None)
+    if len(lines) < 5 or (at is None and not titles[0][0].startswith("pathfiletype")):
         raise BodysenseError(f"{path}: not a TRC file, whose first line begins with PathFileType; export it again")
-    header = dict(zip((name.lower() for name in lines[1][1]), lines[2][1], strict=False))
-    lacking = [name for name in ("datarate", "numframes", "nummarkers", "units") if name not in header]
+    at = 1 if at is None else at
+    header = dict(zip(titles[at], lines[at + 1][1], strict=False))
+    lacking = [name for name in _TRC_NEEDED if name not in header]
     if lacking:
-        raise BodysenseError(f"{path}: line 2 has no {lacking[0]!r}; a TRC file names DataRate, NumFrames, Units there")
-    names = [name for name in lines[3][1][2:] if name]
-    count = whole(path, header["nummarkers"], "NumMarkers")
-    if len(names) != count:
-        raise BodysenseError(f"{path}: NumMarkers is {count}, but line 4 names {len(names)}; export it again")
-    rows = lines[4:]
-    if rows and not _is_number(rows[0][1][0]):
+        raise BodysenseError(
+            f"{path}: line {lines[at][0]} has no {lacking[0]!r}; a TRC file names DataRate, Units there"
+        )
+    number, labels = lines[at + 2]
+    names, rows = [name for name in labels[2:] if name], lines[at + 3 :]
+    while rows and not _is_number(rows[0][1][0]):
         rows = rows[1:]  # X1 Y1 Z1 …
-    frames = whole(path, header["numframes"], "NumFrames")
+    _check_named(path, number, names, rows, header.get("nummarkers", ""))
+    frames = whole(path, header.get("numframes") or str(len(rows)), "NumFrames")
     if len(rows) < frames:
         raise BodysenseError(f"{path}: NumFrames is {frames}, but there are {len(rows)}; was the file cut short?")
-    values = numbers(path, rows, 2 + 3 * count)
-    position = values[:, 2:].reshape(len(rows), count, 3)
+    values = numbers(path, rows, 2 + 3 * len(names))
+    position = np.asarray(values[:, 2:].reshape(len(rows), len(names), 3))
     hertz = rate_of(path, header["datarate"], "DataRate", rate)
-    return markers_of(path, names, np.asarray(position), hertz, unit_of(path, header["units"]))
+    cells = cells_of(rows, delimiter, 2, len(names))
+    return markers_of(path, names, position, hertz, unit_of(path, header["units"]), cells=cells)
+
+
+def _check_named(path: Path, number: int, names: list[str], rows: Rows, announced: str) -> None:
+    """Refuse names that are not those of the columns. The columns decide if NumMarkers says otherwise."""
+    widths = {len(row) - 2 - (3 * len(names) < len(row) - 2 and row[-1] == "") for _, row in rows}
+    if announced and whole(path, announced, "NumMarkers") != len(names) and widths != {3 * len(names)}:
+        raise BodysenseError(
+            f"{path}: NumMarkers is {announced}, but line {number} names {len(names)}, and a frame has "
+            f"{max(widths, default=0) / 3:g}; export it again"
+        )
+    if widths and max(widths) > 3 * len(names):
+        raise BodysenseError(
+            f"{path}: line {number} names {len(names)} markers, but a frame has {max(widths) / 3:g}; export it again"
+        )
 
 
 def _is_number(cell: str) -> bool:
@@ -103,20 +126,25 @@ def read_motive(path: Path, rate: float | None = None) -> RawMarkers:
     position = np.stack([values[:, places["position"]] for places in columns.values()], axis=1)
     hertz = rate_of(path, header.get("Export Frame Rate") or header.get("Capture Frame Rate", ""), "its rate", rate)
     unit = unit_of(path, header.get("Length Units", "Meters"))
-    raw = markers_of(path, list(columns), position, hertz, unit, np.eye(3))
+    labelled = np.array([places["position"] if "is_marker" in places else [-1] * 3 for places in columns.values()])
+    cells = Cells(",", tuple(number for number, _ in lines[start + 1 :]), labelled)
+    raw = markers_of(path, list(columns), position, hertz, unit, np.eye(3), cells)
     if header.get("Rotation Type", "").lower() != "quaternion":
         return raw
     rotation = np.full((*position.shape[:2], 4), np.nan)
     for k, places in enumerate(columns.values()):
         if len(places.get("rotation", ())) == 4:
             rotation[:, k] = values[:, [places["rotation"][axis] for axis in (3, 0, 1, 2)]]
-    return RawMarkers(raw.names, raw.position, raw.time, raw.frame_rate, raw.unit, raw.axes, rotation)
+    return replace(raw, rotation=rotation)
 
 
 def _columns(
     kinds: list[str], names: list[str], measured: list[str], axes: list[str]
 ) -> dict[str, dict[str, list[int]]]:
-    """Columns of the position (x, y, z), and the rotation (x, y, z, w) if there is one, of everything by its name."""
+    """Columns of the position (x, y, z), and the rotation (x, y, z, w) if there is one, of everything by its name.
+
+    Markers have an entry 'is_marker' as well.
+    """
     found: dict[tuple[str, str], dict[str, dict[str, int]]] = {}
     for k, axis in enumerate(axes):
         kind, name, what = (row[k].strip() if k < len(row) else "" for row in (kinds, names, measured))
@@ -124,12 +152,11 @@ def _columns(
             found.setdefault((name, kind.lower()), {}).setdefault(what.lower(), {})[axis.strip().lower()] = k
     order = {kind: k for k, kind in enumerate(("bone", "marker", "rigid body", "bone marker", "rigid body marker"))}
     columns: dict[str, dict[str, list[int]]] = {}
-    for (name, _), parts in sorted(found.items(), key=lambda item: order[item[0][1]]):
+    for (name, kind), parts in sorted(found.items(), key=lambda item: order[item[0][1]]):
         if all(axis in parts.get("position", {}) for axis in "xyz"):
             axes_of = {"position": "xyz", "rotation": _AXES}
-            columns.setdefault(
-                name, {part: [at[axis] for axis in axes_of[part] if axis in at] for part, at in parts.items()}
-            )
+            at = {part: [at[axis] for axis in axes_of[part] if axis in at] for part, at in parts.items()}
+            columns.setdefault(name, at | ({"is_marker": []} if "marker" in kind else {}))
     return columns
 
 
@@ -157,18 +184,22 @@ def read_nexus(path: Path, rate: float | None = None) -> RawMarkers:
         if not any(cell.strip() for cell in row):  # a blank line ends the section
             break
         section.append((number, [cell.strip() for cell in row]))
-    if len(section) < 5:
+    if len(section) < 4:
         raise BodysenseError(f"{path}: its section 'Trajectories' has no frames; export it from Nexus again")
     named, axes = section[1][1], [cell.lower() for cell in section[2][1]]
     places = [k for k in range(len(axes) - 2) if axes[k : k + 3] == ["x", "y", "z"]]
     names = [named[k] if k < len(named) and named[k] else f"unlabelled {n + 1}" for n, k in enumerate(places)]
     if not places:
         raise BodysenseError(f"{path}: line {section[2][0]} has no X, Y, Z; export the trajectories from Nexus again")
-    units = section[3][1]
-    unit = unit_of(path, units[places[0]] if places[0] < len(units) else "")
-    values = numbers(path, section[4:], places[-1] + 3)
+    has_units = not _is_number(section[3][1][0])  # Workstation writes none
+    units, frames = section[3][1] if has_units else [], section[4:] if has_units else section[3:]
+    unit = unit_of(path, units[places[0]] if places[0] < len(units) else "mm")
+    values = numbers(path, frames, places[-1] + 3)
     position = np.stack([values[:, k : k + 3] for k in places], axis=1)
-    return markers_of(path, names, position, rate_of(path, section[0][1][0], "its rate", rate), unit, AXES["z"])
+    columns = np.array([[k, k + 1, k + 2] for k in places])
+    cells = Cells(delimiter, tuple(number for number, _ in frames), columns)
+    hertz = rate_of(path, section[0][1][0], "its rate", rate)
+    return markers_of(path, names, position, hertz, unit, AXES["z"], cells)
 
 
 _LAYOUTS = {"MARKER_NAMES": ("NO_OF_MARKERS", 3), "BODY_NAMES": ("NO_OF_BODIES", 16)}
@@ -207,7 +238,8 @@ def read_tsv(path: Path, rate: float | None = None) -> RawMarkers:
     before = _before(columns, rows, count * width)
     values = numbers(path, rows, before + count * width)[:, before:]
     position = values.reshape(len(rows), count, width)[..., :3]
-    return markers_of(path, names, position, _rate(path, header, rate), "mm", AXES["z"])
+    cells = cells_of(rows, "\t", before, count) if width == 3 else None
+    return markers_of(path, names, position, _rate(path, header, rate), "mm", AXES["z"], cells)
 
 
 def _segments(path: Path, header: Header, columns: list[str], rows: Rows, rate: float | None) -> RawMarkers:

@@ -25,6 +25,33 @@ _SHOWN = 6  # names that a message lists
 
 
 @dataclass(frozen=True, eq=False)
+class Cells:
+    """Cells of a text file in which the positions of markers are, for writing the file again."""
+
+    delimiter: str
+    lines: tuple[int, ...]  # of every frame, its line in the file, from 1
+    columns: np.ndarray = field(repr=False)  # (M, 3) of x, y and z; -1: no marker (a bone, a rigid body)
+    valid: Mapping[int, int] = field(default_factory=dict)  # marker → the column of 1 and 0 that says if it is seen
+
+
+@dataclass(frozen=True, eq=False)
+class FileWorld:
+    """The transform between a file's unit and axes and our world, in which the floor under the body is y = 0."""
+
+    axes: np.ndarray  # (3, 3) m per unit of the file: ours = file @ axes
+    floor: float = 0.0  # m, the floor's height before it was moved to 0
+
+    def to_ours(self, position: np.ndarray) -> np.ndarray:
+        """Return positions (..., 3) of the file in our world, metres."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            return position @ self.axes - np.array([0.0, self.floor, 0.0])
+
+    def to_file(self, position: np.ndarray) -> np.ndarray:
+        """Return positions (..., 3) of our world in the file's unit and axes."""
+        return (position + np.array([0.0, self.floor, 0.0])) @ np.linalg.inv(self.axes)
+
+
+@dataclass(frozen=True, eq=False)
 class RawMarkers:
     """Points as they were written: any names, unit and axes; NaN where missing."""
 
@@ -37,6 +64,7 @@ class RawMarkers:
     axes: np.ndarray | None = field(default=None, repr=False)
     # (T, M, 4) wxyz, the file's world ← the marker, of what turns: rigid bodies and bones; NaN where unknown.
     rotation: np.ndarray | None = field(default=None, repr=False)
+    cells: Cells | None = field(default=None, repr=False)  # of a text file of markers
 
 
 @dataclass(frozen=True)
@@ -125,6 +153,11 @@ def points_alone(names: tuple[str, ...], position: np.ndarray, time: np.ndarray)
         accuracy=accuracy_like(seen, OPTICAL_ACCURACY),
         time=time,
     )
+
+
+def world_of(raw: RawMarkers, form: MarkerFormat, floor: float = 0.0) -> FileWorld:
+    """Return the transform of a file, `floor` m being the floor's height in our axes."""
+    return FileWorld(in_our_world(np.eye(3), raw, form), floor)
 
 
 def in_our_world(position: np.ndarray, raw: RawMarkers, form: MarkerFormat) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,16 @@ from bodysense.io.markers.body import body_of
 from bodysense.io.markers.checks import check_gloves
 from bodysense.io.markers.files import read_raw
 from bodysense.io.markers.marker_sets import nearest, recognised
-from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers, Unit, has_glove, listed, observed_markers
+from bodysense.io.markers.raw_markers import (
+    FileWorld,
+    MarkerFormat,
+    RawMarkers,
+    Unit,
+    has_glove,
+    listed,
+    observed_markers,
+    world_of,
+)
 from bodysense.observation import Observation, check_observation
 
 
@@ -26,6 +35,8 @@ class MarkerRecording:
     frame_rate: float  # Hz
     sizes: dict[str, float]  # of every gloved hand that was seen well, as a factor of the default skeleton's
     remarks: tuple[str, ...]  # what was recognised, is doubtful or was left out, a sentence each
+    raw: RawMarkers  # as the file has them
+    world: FileWorld  # between the file and our world
     has_body: bool = False  # whose proportions can be inferred
 
 
@@ -51,10 +62,12 @@ def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> Marke
         raise BodysenseError(f"{path}: no joint follows from what is seen of {known.markers.name}; label more markers")
     check_observation(found.observation, str(path))
     if gloves is None:
-        return MarkerRecording(found.observation, raw.frame_rate, {}, found.remarks, has_body=True)
-    both = _joined(found.observation, gloves.observation)
+        return MarkerRecording(found.observation, raw.frame_rate, {}, found.remarks, raw, found.world, has_body=True)
+    # The body tells more of unit, axes and floor than the gloves.
+    worn = found.world.to_ours(gloves.world.to_file(gloves.observation.position))
+    both = _joined(found.observation, replace(gloves.observation, position=worn))
     remarks = (*found.remarks, *(remark for remark in gloves.remarks if not remark.startswith("left out")))
-    return MarkerRecording(both, raw.frame_rate, gloves.sizes, remarks, has_body=True)
+    return MarkerRecording(both, raw.frame_rate, gloves.sizes, remarks, raw, found.world, has_body=True)
 
 
 def with_hands_of(skeleton: Skeleton, sizes: dict[str, float]) -> Skeleton:
@@ -76,7 +89,8 @@ def _gloves(raw: RawMarkers, form: MarkerFormat, place: str) -> MarkerRecording:
     unit: Unit = form.unit or raw.unit
     check = check_gloves(observation, place, unit)
     check_observation(observation, place)
-    return MarkerRecording(observation, raw.frame_rate, check.sizes, (*remarks, *check.remarks))
+    world = world_of(raw, form)
+    return MarkerRecording(observation, raw.frame_rate, check.sizes, (*remarks, *check.remarks), raw, world)
 
 
 def _check_table(raw: RawMarkers, form: MarkerFormat, place: str) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from bodysense.arrays import sound
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text, written_beside
-from bodysense.io.markers.raw_markers import RawMarkers, Unit
+from bodysense.io.markers.raw_markers import Cells, RawMarkers, Unit
 from bodysense.observation import Observation
 
 MISSING = {"", "nan", "null", "none", "-", "-nan(ind)", "1.#qnan"}
@@ -46,7 +46,7 @@ def numbers(
 ) -> np.ndarray:
     """(T, width) the first values of each row, or of them some columns alone; NaN for what is missing.
 
-    Also beyond the end of a row. `header` names the columns in messages.
+    Also beyond the end of a row. A comma in a cell is a decimal one. `header` names the columns in messages.
     """
     values = np.full((len(rows), width), np.nan)
     for t, (number, cells) in enumerate(rows):
@@ -54,7 +54,7 @@ def numbers(
             cell = cells[k].strip()
             if cell.lower() not in MISSING:
                 try:
-                    values[t, k] = float(cell)
+                    values[t, k] = float(cell if "," not in cell else cell.replace(",", ".", 1))
                 except ValueError:
                     column = repr(header[k]) if header else k + 1
                     raise BodysenseError(
@@ -67,7 +67,7 @@ def numbers(
 def whole(path: Path, text: str, name: str) -> int:
     """A number of frames or markers that a header gives."""
     try:
-        count = int(float(text))
+        count = int(float(text.replace(",", ".")))
     except (ValueError, OverflowError):
         count = -1
     if not 0 <= count < 10**8:
@@ -85,7 +85,7 @@ def unit_of(path: Path, text: str) -> Unit:
 def rate_of(path: Path, text: str, name: str, told: float | None = None) -> float:
     """A rate in Hz that a header gives; `told` goes before it."""
     try:
-        rate = float(text) if told is None else told
+        rate = float(text.replace(",", ".")) if told is None else told
     except ValueError:
         rate = 0.0
     if not 0 < rate < float("inf"):
@@ -93,15 +93,27 @@ def rate_of(path: Path, text: str, name: str, told: float | None = None) -> floa
     return rate
 
 
+def cells_of(rows: Rows, delimiter: str, before: int, count: int) -> Cells:
+    """Return the cells of `count` markers in order, behind `before` other columns."""
+    columns = before + np.arange(3 * count).reshape(count, 3)
+    return Cells(delimiter, tuple(number for number, _ in rows), columns)
+
+
 def markers_of(
-    path: Path, names: Sequence[str], position: np.ndarray, rate: float, unit: Unit, axes: np.ndarray | None = None
+    path: Path,
+    names: Sequence[str],
+    position: np.ndarray,
+    rate: float,
+    unit: Unit,
+    axes: np.ndarray | None = None,
+    cells: Cells | None = None,
 ) -> RawMarkers:
     """Markers (T, M, 3) at a constant rate; what is no sound number, or all zero, is missing."""
     if not len(position) or not len(names):
         raise BodysenseError(f"{path}: {len(position)} frames of {len(names)} markers; export the trajectories again")
     missing = np.asarray(~sound(position).all(axis=-1) | ~position.any(axis=-1))
     position = np.where(missing[..., None], np.nan, position)
-    return RawMarkers(tuple(names), position, np.arange(len(position)) / rate, rate, unit, axes)
+    return RawMarkers(tuple(names), position, np.arange(len(position)) / rate, rate, unit, axes, cells=cells)
 
 
 _COORDINATE = re.compile(r"(?P<name>.*\S)(?:[ ._:/(-]+pos(?:ition)?)?[ ._:/(-]+(?P<axis>[xyz])\)?", re.IGNORECASE)
@@ -145,7 +157,8 @@ def read_csv(path: Path, rate: float | None = None) -> RawMarkers:
         moments = np.arange(len(rows)) / rate
     steps = np.diff(moments)
     frame_rate = 1 / float(np.median(steps)) if len(steps) and np.median(steps) > 0 else rate or 60.0
-    return RawMarkers(tuple(names), position, moments, frame_rate)
+    cells = Cells(delimiter, tuple(number for number, _ in rows), coordinates, valid)
+    return RawMarkers(tuple(names), position, moments, frame_rate, cells=cells)
 
 
 def write_csv(path: Path, observation: Observation) -> None:

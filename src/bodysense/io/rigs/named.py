@@ -21,7 +21,7 @@ from bodysense.io.rigs.figure import Figure
 
 OWN = "bodysense"
 SOURCE = "source"  # the rig of the file that was tracked
-RigName = Literal["bodysense", "smplh", "mixamo", "vrm", "source"]
+RigName = Literal["bodysense", "smplh", "mixamo", "unreal", "rigify", "vrm", "source"]
 RIGS: tuple[str, ...] = get_args(RigName)
 
 _MIXAMO_MIDDLE = {
@@ -40,6 +40,40 @@ MIXAMO = {ours: f"mixamorig:{theirs}" for ours, theirs in _MIXAMO_MIDDLE.items()
     for ours, theirs in _MIXAMO_SIDED.items()
 }
 """Our point → Mixamo's, also of its end sites."""
+
+_UNREAL_MIDDLE = {
+    **{"pelvis": "pelvis", "spine1": "spine_01", "spine2": "spine_02", "spine3": "spine_03"},
+    **{"neck": "neck_01", "head": "head"},
+}
+_UNREAL_SIDED = {
+    **{"hip": "thigh", "knee": "calf", "ankle": "foot", "foot": "ball"},
+    **{"collar": "clavicle", "shoulder": "upperarm", "elbow": "lowerarm", "wrist": "hand"},
+    **{f"{finger}{k}": f"{finger}_0{k}" for finger in FINGERS for k in (1, 2, 3)},
+}
+UNREAL = _UNREAL_MIDDLE | {
+    f"{side}_{ours}": f"{theirs}_{side[0]}" for side in ("left", "right") for ours, theirs in _UNREAL_SIDED.items()
+}
+"""Our joint → the bone of Unreal's Mannequin (UE4; the bones of UE5's have the same names, and more)."""
+
+# Rigify's human meta-rig. Its neck has two bones, of which ours is the lower one.
+_RIGIFY_MIDDLE = {
+    **{"pelvis": "spine", "spine1": "spine.001", "spine2": "spine.002", "spine3": "spine.003"},
+    **{"neck": "spine.004", "head": "spine.006"},
+}
+_RIGIFY_SIDED = {
+    **{"hip": "thigh", "knee": "shin", "ankle": "foot", "foot": "toe"},
+    **{"collar": "shoulder", "shoulder": "upper_arm", "elbow": "forearm", "wrist": "hand"},
+    **{f"thumb{k}": f"thumb.0{k}" for k in (1, 2, 3)},
+    **{f"{finger}{k}": f"f_{finger}.0{k}" for finger in FINGERS if finger != "thumb" for k in (1, 2, 3)},
+}
+RIGIFY = _RIGIFY_MIDDLE | {
+    f"{side}_{ours}": f"{theirs}.{side[0].upper()}"
+    for side in ("left", "right")
+    for ours, theirs in _RIGIFY_SIDED.items()
+}
+"""Our joint → the bone of the human meta-rig of Blender's Rigify."""
+
+_NAMES = {"mixamo": MIXAMO, "unreal": UNREAL, "rigify": RIGIFY}  # rigs whose rest pose is ours
 
 
 def is_rig_file(rig: str | Path) -> bool:
@@ -74,15 +108,16 @@ def check_rig(path: Path, rig: str | Path, source: Path | None) -> None:
 def on_rig(clip: Clip, rig: str) -> tuple[Clip, tuple[str, ...]]:
     """A clip in the rest pose of a rig, and the names of its points there.
 
-    'bodysense' and 'smplh' are our own joints, which have SMPL-H's names; VRM's thumbs rest otherwise than ours.
+    'bodysense' and 'smplh' are our own joints, which have SMPL-H's names. Other rigs rename them and keep our T-pose,
+    but VRM's thumbs rest otherwise.
     Raises BodysenseError for a skeleton that lacks a joint of it.
     """
     points = clip.pose.skeleton.points
     if rig in ("bodysense", "smplh"):
         return clip, points
     check_humanoid(clip.pose.skeleton)
-    if rig == "mixamo":
-        return clip, tuple(MIXAMO.get(point, point) for point in points)
+    if rig in _NAMES:
+        return clip, tuple(_NAMES[rig].get(point, point) for point in points)
     return replace(clip, pose=t_posed(clip.pose)), tuple(VRM_BONES.get(point, point) for point in points)
 
 

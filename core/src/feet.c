@@ -1,0 +1,73 @@
+/* Feet that stand: held in place along the floor, and on the floor. */
+#include "feet.h"
+
+static const float HOLD = 0.5F, RELEASE = 0.3F; /* probability of contact from which a foot is held, and let go */
+static const float SURE = 0.7F;   /* probability of contact from which a foot is put on the floor entirely */
+static const float FADE = 0.1F;   /* s in which half of what a released foot was held back by fades */
+static const float DRAG = 0.06F;  /* m: a foot that its leg drags farther slides along */
+static const float SETTLE = 0.06F; /* s in which half of a foot's height over the floor is taken away */
+static const float SOLE = 0.02F; /* m: a foot that is over its rest height by less stands: recorded feet do */
+static const float REACH = 0.25F; /* m: a foot is moved no farther up or down to the floor */
+
+static float rest_height(const foot *f, int part) { return part == 1 ? f->ankle_rest : f->ball_rest; }
+static vec3 place(const foot *f, int part) { return part == 1 ? f->ankle : f->ball; }
+
+static float clamp(float value, float least, float most) { return fminf(fmaxf(value, least), most); }
+
+/* How far a part of a foot is too high to stand, or too low: below 0 (m). */
+static float too_high(float height, float rest, float floor) {
+    float over = height - rest - floor;
+    return over - clamp(over, 0.0F, SOLE);
+}
+
+/* How far the lower part of a foot is too high to stand (m). */
+static float height_over(const foot *f, float floor) {
+    return fminf(too_high(f->ankle.y, f->ankle_rest, floor), too_high(f->ball.y, f->ball_rest, floor));
+}
+
+/* Which part holds now: the one that held stays as long as it may, then the surer one. */
+static int holding(const foot *f, int before) {
+    if (f->seen) return 0;
+    if (before == 1 && f->ankle_contact >= RELEASE) return 1;
+    if (before == 2 && f->ball_contact >= RELEASE) return 2;
+    if (fmaxf(f->ankle_contact, f->ball_contact) < HOLD) return 0;
+    return f->ankle_contact > f->ball_contact + 1e-5F ? 1 : 2;
+}
+
+void hold_feet(const foot foot[2], float floor, float interval, float upright, foot_state state[2], vec3 move[2]) {
+    float fade = exp2f(-interval / FADE), settle = 1.0F - exp2f(-interval / SETTLE);
+    float hovering = fmaxf(fminf(height_over(&foot[0], floor), height_over(&foot[1], floor)), 0.0F);
+    bool any_held = false;
+    int part[2];
+    for (int k = 0; k < 2; k++) {
+        part[k] = holding(&foot[k], state[k].held);
+        any_held = any_held || part[k] != 0 || foot[k].seen;
+    }
+    for (int k = 0; k < 2; k++) {
+        const struct foot *f = &foot[k];
+        foot_state *s = &state[k];
+        vec3 slide = scale(s->slide, fade);
+        float drop = 0.0F;
+        if (part[k] != 0) {
+            vec3 at = place(f, part[k]);
+            if (part[k] == s->held) slide = sub(s->anchor, at);
+            slide.y = 0.0F;
+            float size = length(slide);
+            if (size > DRAG) slide = scale(slide, DRAG / size);
+            s->anchor = add(at, slide);
+            float contact = part[k] == 1 ? f->ankle_contact : f->ball_contact;
+            drop = too_high(at.y, rest_height(f, part[k]), floor);
+            drop *= clamp((contact - RELEASE) / (SURE - RELEASE), 0.0F, 1.0F);
+        } else if (!any_held) {
+            drop = upright * hovering; /* nobody who stands hovers */
+        }
+        s->held = (uint8_t)part[k];
+        s->slide = slide;
+        s->drop += settle * (clamp(drop, -REACH, REACH) - s->drop);
+        move[k] = vec(0, 0, 0);
+        if (f->seen) continue;
+        move[k] = vec(slide.x, -s->drop, slide.z);
+        float lowest = fminf(fminf(f->ankle.y, f->ball.y), f->toe.y) - s->drop - floor;
+        if (lowest < 0.0F) move[k].y += fminf(-lowest, 2.0F * REACH); /* never under the floor */
+    }
+}

@@ -1,0 +1,20 @@
+/* Feet that stand: held in place along the floor, and on the floor. */
+#ifndef BODYSENSE_FEET_H
+#define BODYSENSE_FEET_H
+
+#include "pose.h"
+
+/* One foot as it would be without the floor. */
+typedef struct foot {
+    vec3 ankle, ball, toe;          /* m, from base */
+    float ankle_rest, ball_rest;    /* m, heights over the floor in the rest pose */
+    float ankle_contact, ball_contact; /* probability */
+    bool seen;                      /* a point of the foot is measured: it is where it is */
+} foot;
+
+/* How far (m) to move each foot so that it stands still, on the floor and not under it.
+ *
+ * `upright` is 1 if the body stands (then one foot at least is on the floor), 0 if it sits, lies or jumps. */
+void hold_feet(const foot foot[2], float floor, float interval, float upright, foot_state state[2], vec3 move[2]);
+
+#endif

@@ -1,0 +1,98 @@
+/* Arms and legs: two bones each that come to where their joints are measured or predicted. */
+#include "limbs.h"
+
+#include "kinematics.h"
+
+const limb_joints LIMB[LIMBS] = {
+    {LEFT_COLLAR, LEFT_SHOULDER, LEFT_ELBOW, LEFT_WRIST,
+     {LEFT_INDEX1, LEFT_MIDDLE1, LEFT_RING1, LEFT_PINKY1, LEFT_THUMB1}},
+    {RIGHT_COLLAR, RIGHT_SHOULDER, RIGHT_ELBOW, RIGHT_WRIST,
+     {RIGHT_INDEX1, RIGHT_MIDDLE1, RIGHT_RING1, RIGHT_PINKY1, RIGHT_THUMB1}},
+    {PELVIS, LEFT_HIP, LEFT_KNEE, LEFT_ANKLE, {LEFT_FOOT, -1, -1, -1, -1}},
+    {PELVIS, RIGHT_HIP, RIGHT_KNEE, RIGHT_ANKLE, {RIGHT_FOOT, -1, -1, -1, -1}},
+};
+
+/* Of a limb's length: share of the natural side in where a middle joint points that is not measured. It decides where
+ * a limb is nearly straight. Chosen on validation people. */
+static const float BENT_ARM = 0.08F, BENT_LEG = 0.1F;
+static const float HINGE = 2.0F; /* how much more measured rotations of pelvis and foot tell of a knee than the network */
+
+/* The direction in which a limb's middle joint never goes, turned with the limb from its predicted upper bone. */
+static vec3 unnatural_side(int limb, mat3 start, vec3 upper, vec3 direction) {
+    mat3 turned = turned_onto(start, upper, direction);
+    return is_leg(limb) ? scale(turned.z, -1.0F) : turned.z;
+}
+
+/* What the rotations of a measured pelvis and ankle tell of the axis about which a knee bends, toward the left. */
+static vec3 measured_hinge(const tracked *t, int limb) {
+    vec3 axis = vec(0, 0, 0);
+    if (!is_leg(limb) || !known_rotation(t, LIMB[limb].end) || !t->has_position[LIMB[limb].end]) return axis;
+    axis = t->rotation[LIMB[limb].end].x;
+    return known_rotation(t, PELVIS) ? add(axis, t->rotation[PELVIS].x) : axis;
+}
+
+/* Where the middle joint should be if it is not measured: as predicted, but on its natural side. */
+static vec3 natural_middle(const tracked *t, int limb, const limb_task *task, mat3 start) {
+    float whole = length(task->upper) + length(task->lower);
+    vec3 direction = unit(task->end);
+    vec3 unnatural = unnatural_side(limb, start, task->upper, direction);
+    float wrong = is_leg(limb) ? fmaxf(dot(task->middle, unnatural), 0.0F) : 0.0F;
+    vec3 side = along(task->middle, unnatural, -(wrong + (is_leg(limb) ? BENT_LEG : BENT_ARM) * whole));
+    vec3 hinge = measured_hinge(t, limb);
+    if (dot(hinge, hinge) == 0.0F) return side;
+    return add(unit(across(side, direction)), scale(cross(direction, hinge), HINGE));
+}
+
+limb_task limb_goal(const tracked *t, int limb, const mat3 rotation[BODY_JOINTS], vec3 start) {
+    const limb_joints *j = &LIMB[limb];
+    limb_task task = {
+        .end_seen = t->has_position[j->end],
+        .middle_seen = t->has_position[j->middle],
+        .start_turned = known_rotation(t, j->start),
+        .middle_turned = known_rotation(t, j->middle),
+        .upper = rotate(rotation[j->start], t->rest_offset[j->middle]),
+        .lower = rotate(rotation[j->middle], t->rest_offset[j->end]),
+    };
+    task.middle = task.middle_seen ? sub(t->position[j->middle], start) : task.upper;
+    task.end = add(task.middle, task.lower);
+    if (task.end_seen) {
+        task.end = sub(t->position[j->end], start);
+    } else {
+        vec3 off = vec(0, 0, 0);
+        float count = 0.0F;
+        for (int k = 0; k < 5 && j->stand_in[k] >= 0; k++) {
+            int p = j->stand_in[k];
+            if (!t->has_position[p]) continue;
+            vec3 there = add(add(start, task.end), rotate(rotation[j->end], t->rest_offset[p]));
+            off = add(off, sub(t->position[p], there));
+            count += 1.0F;
+        }
+        if (count > 0.0F) task.end = along(task.end, off, 1.0F / count);
+    }
+    if (!task.middle_seen) {
+        if (task.end_seen && task.middle_turned) {
+            task.middle = sub(task.end, task.lower);
+        } else if (!task.start_turned) {
+            task.middle = natural_middle(t, limb, &task, rotation[j->start]);
+        }
+    }
+    return task;
+}
+
+two_bones solve_limb(const limb_task *task) {
+    float upper = length(task->upper), lower = length(task->lower);
+    vec3 middle;
+    if (task->middle_seen) {
+        middle = scale(unit(task->middle), upper);
+    } else if (task->start_turned) {
+        middle = task->upper;
+    } else if (task->middle_turned) {
+        middle = scale(unit(sub(task->end, task->lower)), upper);
+    } else {
+        return reach(task->end, upper, lower, task->middle);
+    }
+    bool by_rotation = task->middle_turned && !task->end_seen;
+    vec3 direction = by_rotation ? task->lower : scale(unit(sub(task->end, middle)), lower);
+    two_bones result = {middle, add(middle, direction)};
+    return result;
+}

@@ -1,0 +1,34 @@
+/* Arms and legs: two bones each that come to where their joints are measured or predicted. */
+#ifndef BODYSENSE_LIMBS_H
+#define BODYSENSE_LIMBS_H
+
+#include "kinematics.h"
+#include "pose.h"
+
+/* The joints of a limb, from the one that carries it. */
+typedef struct limb_joints {
+    signed char carrier, start, middle, end;
+    signed char stand_in[5]; /* points that tell where the end is if it is not measured itself; -1: none */
+} limb_joints;
+
+extern const limb_joints LIMB[LIMBS];
+
+static inline bool is_leg(int limb) { return limb >= LEFT_LEG; }
+
+/* A limb's task in a frame. Vectors are in the world, from the limb's start, m. */
+typedef struct limb_task {
+    vec3 end, middle;            /* where they should be */
+    bool end_seen, middle_seen;  /* measured */
+    bool start_turned, middle_turned; /* rotation of the upper, of the lower bone is measured */
+    vec3 upper, lower;           /* bones as their rotations carry them */
+} limb_task;
+
+/* Where measured points, rotations and the prediction would have a limb, before easing.
+ *
+ * `rotation` are the goals of the body's joints, `start` is the place of the limb's start from base. */
+limb_task limb_goal(const tracked *t, int limb, const mat3 rotation[BODY_JOINTS], vec3 start);
+
+/* Middle and end from the start, as far as bones reach. */
+two_bones solve_limb(const limb_task *task);
+
+#endif

@@ -1,0 +1,59 @@
+/* From what the network predicts to a body that meets what is measured and moves without jumps. */
+#ifndef BODYSENSE_POSE_H
+#define BODYSENSE_POSE_H
+
+#include "ease.h"
+#include "internal.h"
+
+enum limb_name { LEFT_ARM, RIGHT_ARM, LEFT_LEG, RIGHT_LEG, LIMBS };
+
+/* What each limb remembers. Vectors are in the heading of the body, from the limb's start. */
+typedef struct limb_state {
+    ease end, middle;                   /* m, easing of wrist or ankle, elbow or knee */
+    vec3 end_output, end_speed;         /* m, m/s: as output in the frame before */
+    vec3 middle_output, middle_speed;   /* m, m/s */
+    vec3 end_kept, end_leaving, middle_kept; /* m, m/s, m: where the end was last seen, and how fast it moved */
+    float lost;                         /* s since the end was last seen; below 0: never, or not kept */
+    uint8_t seen;                       /* 2: the end, 1: points that stand in for it, 0: neither */
+    uint8_t middle_seen;
+} limb_state;
+
+typedef struct foot_state {
+    uint8_t held;   /* 0: free, 1: by the ankle, 2: by the ball */
+    vec3 anchor;    /* m, from base: where the held part stands */
+    vec3 slide;     /* m, along the floor: how far the foot is held back */
+    float drop;     /* m: how far the foot is lowered onto the floor; below 0: raised */
+} foot_state;
+
+typedef struct pose_state {
+    uint8_t begun;
+    uint8_t had_position[BS_POINTS];
+    uint8_t had_rotation[BODY_JOINTS];
+    vec3 point[BS_POINTS];         /* m, from base, as output */
+    mat3 rotation[BODY_JOINTS];    /* world ← joint, as output */
+    vec3 spin[BODY_JOINTS];        /* rad/s, world */
+    ease turn[BODY_JOINTS];        /* rad, world */
+    ease head, pelvis;             /* m, world */
+    vec3 head_speed, pelvis_speed; /* m/s */
+    ease pull;
+    vec3 pulled;                   /* m, by how much measured legs moved the pelvis */
+    uint8_t pulling;               /* which measured joints of legs did */
+    float standing_drop;           /* m, by how much the pelvis is lowered so that feet reach the floor */
+    limb_state limb[LIMBS];
+    foot_state foot[2];
+    mat3 wrist_kept[2];            /* chest's heading ← wrist when its rotation was last measured */
+    float wrist_lost[2];           /* s since then; below 0: never */
+} pose_state;
+
+void pose_start(pose_state *s);
+
+/* Rotations that measured points imply, and the head's place, before the network is asked. */
+void pose_read(const pose_state *s, tracked *t);
+
+/* The body without its fingers: rotations of the body's joints, and all points of a body with flat hands. */
+void pose_body(const bs_settings *settings, const tracked *t, const prediction *p, pose_state *s, body *out);
+
+/* After the fingers: place all points, find how far measured points are off (m), remember what was output. */
+void pose_finish(const tracked *t, pose_state *s, body *out, float off[BS_POINTS]);
+
+#endif

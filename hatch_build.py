@@ -1,0 +1,28 @@
+"""The build of wheels and editable installs: compiles the C core into the package."""
+
+from __future__ import annotations
+
+import runpy
+import sysconfig
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+_SCRIPT = Path(__file__).parent / "scripts" / "build_core.py"
+
+
+class CoreBuildHook(BuildHookInterface):
+    """Adds the compiled core, and the platform that it is for."""
+
+    def dependencies(self) -> list[str]:
+        """The wheel that brings a C compiler, if the system has none."""
+        return [] if runpy.run_path(str(_SCRIPT))["system_compiler"]() else ["ziglang>=0.14"]
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Compile."""
+        library = runpy.run_path(str(_SCRIPT))["build"]()
+        build_data["artifacts"].append(f"/src/bodysense/{library.name}")
+        build_data["pure_python"] = False
+        platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
+        build_data["tag"] = f"py3-none-{platform}"

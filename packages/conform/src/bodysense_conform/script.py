@@ -1,0 +1,74 @@
+"""Scripts: what a performer was asked to do, and when."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from bodysense.errors import BodysenseError
+from bodysense_conform.subject import Step
+
+_FINGERS = ("index", "middle", "ring", "pinky")
+POSES = ("stand", "a_pose", "t_pose", "squat", "arms_up", "left_arm_raise", "right_arm_raise", "left_leg_raise",
+         "right_leg_raise", "march", "sit", "remount")  # fmt: skip
+GESTURES = ("flat", "fist", "wrist_rotate", *(f"pinch_{finger}" for finger in _FINGERS))
+LABELS = (*POSES, *GESTURES, "other")
+_ALSO = {
+    "neutral_stance": "stand",
+    "a_pose_still": "a_pose",
+    "t_pose_hold_open": "t_pose",
+    "t_pose_hold_close": "t_pose",
+    "squat_x2": "squat",
+    "march_in_place": "march",
+    "open_hand_open": "flat",
+    "open_hand_close": "flat",
+    "pinch": "pinch_index",
+    "pinch_little": "pinch_pinky",
+    "thumb_to_little": "pinch_pinky",
+    **{f"thumb_to_{finger}": f"pinch_{finger}" for finger in _FINGERS},
+    "right_grasps_left_fist": "other",
+    "left_grasps_right_fist": "other",
+    "clap": "other",
+}
+"""Names that others give to our steps: those of the public acceptance suite for robots' trackers, and plain ones."""
+
+
+def read_script(path: Path) -> tuple[Step, ...]:
+    """The steps of a script: JSON with `steps`, each a `label` and `start` and `end` (s), or `start_ns` and `end_ns`.
+
+    Raises BodysenseError, naming the step and what would be valid, for anything else.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BodysenseError(f"{path}: cannot be read ({error.strerror}); give a script, see docs/conform.md") from None
+    except (ValueError, RecursionError):
+        raise BodysenseError(f"{path}: is not JSON; a script is an object with 'steps', see docs/conform.md") from None
+    rows = document.get("steps") if isinstance(document, dict) else None
+    if not isinstance(rows, list) or not rows:
+        raise BodysenseError(f"{path}: has no 'steps'; a script is an object with a list of them, see docs/conform.md")
+    return tuple(_step(path, number, row) for number, row in enumerate(rows, start=1))
+
+
+def script_beside(path: Path) -> Path | None:
+    """The script that lies beside a take under its name: TAKE.labels.json."""
+    beside = path.with_name(f"{path.stem}.labels.json")
+    return beside if beside.is_file() else None
+
+
+def _step(path: Path, number: int, row: Any) -> Step:
+    if not isinstance(row, dict) or not isinstance(row.get("label"), str):
+        raise BodysenseError(f"{path}: step {number} has no 'label'; give one of {', '.join(LABELS)}")
+    label = _ALSO.get(row["label"], row["label"])
+    if label not in LABELS:
+        raise BodysenseError(f"{path}: step {number}: unknown label {row['label']!r}; valid are {', '.join(LABELS)}")
+    times = [row.get(name, _seconds(row.get(f"{name}_ns"))) for name in ("start", "end")]
+    for name, time in zip(("start", "end"), times, strict=True):
+        if isinstance(time, bool) or not isinstance(time, (int, float)) or not abs(time) < 1e11:
+            raise BodysenseError(f"{path}: step {number} ({label}) has no {name!r}; give seconds, or {name}_ns")
+    return Step(label, float(times[0]), float(times[1]))
+
+
+def _seconds(nanoseconds: Any) -> Any:
+    return nanoseconds / 1e9 if isinstance(nanoseconds, int) and not isinstance(nanoseconds, bool) else None

@@ -1,0 +1,305 @@
+"""`bodysense bench live`: how many sessions a server sustains, with a real server and light clients on loopback."""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import selectors
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+
+from bodysense.errors import BodysenseError
+
+_POINTS = ("head", "left_wrist", "right_wrist")
+_BEAT = 240  # frames of motion that clients repeat
+_WARM_UP = 2.0  # s before anything is counted
+_UNMASKED = b"\0\0\0\0"  # a masking key that changes nothing (RFC 6455, section 5.3), so that frames are prebuilt
+
+
+def bench_live(
+    sessions: int = 40,
+    rate: float = 72.0,
+    seconds: float = 20.0,
+    workers: int = 1,
+    json: Path | None = None,
+) -> None:
+    """Time live sessions of head and hands: a server process, or several, and clients of it on this machine.
+
+    p50 and p99 are from a frame's arrival in the server to its pose. Clients send when their frame is due, each at a
+    moment of its own, whether or not they were answered. They take a share of a core themselves.
+
+    Args:
+        sessions: Clients at a time.
+        rate: Hz; frames of each client.
+        seconds: For which answers are counted.
+        workers: Processes of the server.
+        json: Write the numbers here, as one flat object.
+    """
+    from bodysense_lab.commands.timing import report
+
+    for name, value in (("sessions", sessions), ("rate", rate), ("seconds", seconds), ("workers", workers)):
+        if not 0 < value < 100_000:
+            raise BodysenseError(f"--{name} {value:g}: give a number above 0")
+    with _server(sessions, workers) as (address, process):
+        load = Load(address, rate)
+        load.connect(1)
+        load.run(_WARM_UP)
+        first = _memory(process)
+        load.connect(sessions - 1)
+        load.run(_WARM_UP)
+        load.forget()
+        before, begun = _processor_time(process), time.monotonic()
+        load.run(seconds)
+        spent, lasted = _processor_time(process) - before, time.monotonic() - begun
+        rss = _memory(process)
+        numbers = load.numbers() | {
+            "sessions": sessions,
+            "rate_hz": rate,
+            "workers": workers,
+            "rss_mb": rss,
+            "rss_per_session_mb": (rss - first) / max(sessions - 1, 1),
+            "server_cores": spent / lasted,
+            "lost_signal_ms": load.until_head_alone(),
+        }
+        load.close()
+    report("live", numbers, json)
+
+
+@dataclass(eq=False)
+class _LoadClient:
+    """A connection, and what was read of it."""
+
+    socket: socket.socket
+    due: float  # s: when its next frame is
+    sequence: int = 0
+    unread: bytearray = field(default_factory=bytearray)
+    sent: dict[int, float] = field(default_factory=dict)  # s, by sequence, of frames that are not answered
+
+
+class Load:
+    """Clients of one server, in one thread."""
+
+    def __init__(self, address: str, rate: float) -> None:
+        from bodysense.body.pose import forward_kinematics
+        from bodysense.body.skeleton import default_skeleton
+        from bodysense.demo import packaged_performance
+        from bodysense.io.protocol import SignalFrame, write_signal
+
+        self._address, self._rate = urlsplit(address), rate
+        skeleton = default_skeleton()
+        self._points, self._wrists = len(skeleton.points), skeleton.indices(_POINTS[1:])
+        self._clients: list[_LoadClient] = []
+        self._selector = selectors.DefaultSelector()
+        clip = packaged_performance()
+        places = clip.pose.skeleton.indices(_POINTS)
+        position, rotation = (np.asarray(values)[:, places] for values in forward_kinematics(clip.pose))
+        every, has = np.arange(3, dtype=np.uint8), np.full(3, 3, dtype=np.uint8)
+        # There and back again, so that the motion has no jump where it begins anew.
+        order = [*range(_BEAT), *range(_BEAT, 0, -1)]
+        self._signals = [write_signal(SignalFrame(0, 0.0, every, has, position[t], rotation[t]))[16:] for t in order]
+        self.forget()
+
+    def forget(self) -> None:
+        """Count from now on."""
+        self._spent: list[int] = []  # µs in the server
+        self._round_trips: list[float] = []  # s
+        self._sent = 0
+        self.has_hands = True  # whether the last pose of the first client has measured wrists
+
+    def connect(self, count: int) -> None:
+        """Open more connections and say hello."""
+        from bodysense_live.message_text import write_message
+        from bodysense_live.messages import Hello
+
+        hello = write_message(Hello(1, points=_POINTS)).encode()
+        for _ in range(count):
+            client = socket.create_connection((self._address.hostname or "", self._address.port or 0), timeout=10)
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            client.sendall(_handshake(self._address.netloc))
+            answer = b""
+            while b"\r\n\r\n" not in answer:
+                part = client.recv(4096)
+                if not part:
+                    raise BodysenseError(f"the server at {self._address.geturl()} closed the connection")
+                answer += part
+            if not answer.startswith(b"HTTP/1.1 101"):
+                raise BodysenseError(f"the server refused a session: {answer.splitlines()[0].decode()}")
+            client.sendall(_framed(1, hello))
+            client.setblocking(False)
+            # Golden ratio: however many there are, their moments are spread over the interval.
+            phase = (len(self._clients) * 0.618034) % 1.0
+            one = _LoadClient(client, time.monotonic() + phase / self._rate)
+            one.unread += answer.partition(b"\r\n\r\n")[2]
+            self._selector.register(client, selectors.EVENT_READ, one)
+            self._clients.append(one)
+
+    def run(self, seconds: float, points: int = 3) -> None:
+        """Send frames of so many points as they are due, and read what comes, for a while."""
+        end = time.monotonic() + seconds
+        for one in self._clients:
+            one.due = max(one.due, time.monotonic())
+        while (now := time.monotonic()) < end:
+            for one in self._clients:
+                if one.due <= now:
+                    self._send(one, now, points)
+            wait = min(one.due for one in self._clients) - time.monotonic()
+            for key, _ in self._selector.select(min(max(wait, 0.0), 0.01)):
+                self._read(key.data)
+
+    def until_head_alone(self) -> float:
+        """ms from a frame without hands to a pose that is of the head alone, as the first client sees it."""
+        begun = time.monotonic()
+        while time.monotonic() - begun < 5 and self.has_hands:
+            self.run(1 / self._rate, points=1)
+        return 1000 * (time.monotonic() - begun)
+
+    def numbers(self) -> dict[str, float]:
+        """Of all that was answered since `forget`."""
+        if not self._spent:
+            raise BodysenseError("the server answered no frame in time; give fewer --sessions or more --seconds")
+        spent, trips = np.array(self._spent) / 1000, np.array(self._round_trips) * 1000
+        return {
+            "p50_ms": float(np.percentile(spent, 50)),
+            "p99_ms": float(np.percentile(spent, 99)),
+            "round_trip_p50_ms": float(np.percentile(trips, 50)),
+            "round_trip_p99_ms": float(np.percentile(trips, 99)),
+            "answered": len(spent) / max(self._sent, 1),
+            "answers_hz": len(spent) / max(self._sent, 1) * self._rate,
+        }
+
+    def close(self) -> None:
+        """Hang up."""
+        for one in self._clients:
+            one.socket.close()
+        self._selector.close()
+
+    def _send(self, one: _LoadClient, now: float, points: int) -> None:
+        from bodysense.io.protocol import POINT, SIGNAL, SIGNAL_HEAD
+
+        one.sequence += 1
+        signal = self._signals[one.sequence % len(self._signals)][: points * POINT.itemsize]
+        frame = SIGNAL_HEAD.pack(SIGNAL, 0, points, one.sequence, one.due) + signal
+        one.due += 1 / self._rate
+        if one.due < now - 0.1:  # this process was held up: what it missed is not made up for at once
+            one.due = now
+        try:
+            one.socket.send(_framed(2, frame))
+        except BlockingIOError:
+            return
+        one.sent[one.sequence] = now
+        self._sent += 1
+
+    def _read(self, one: _LoadClient) -> None:
+        from bodysense.io.protocol import POSE, POSE_HEAD, read_pose
+
+        try:
+            received = one.socket.recv(1 << 16)
+        except BlockingIOError:
+            return
+        if not received:
+            raise BodysenseError("the server closed a session; see its own words above")
+        one.unread += received
+        now = time.monotonic()
+        for opcode, payload in _messages(one.unread):
+            if opcode == 8:
+                raise BodysenseError(f"the server closed a session: {payload[2:].decode(errors='replace')}")
+            if opcode != 2 or payload[0] != POSE:
+                continue
+            *_, sequence, _ = POSE_HEAD.unpack_from(payload)
+            sent = one.sent.pop(sequence, None)
+            if one is self._clients[0]:
+                self.has_hands = bool((read_pose(payload, self._points).hidden[self._wrists] < 0.5).any())
+            if sent is not None:
+                self._spent.append(int.from_bytes(payload[-4:], "little"))
+                self._round_trips.append(now - sent)
+
+
+def _handshake(host: str) -> bytes:
+    import base64
+
+    from bodysense.io.protocol import SUBPROTOCOL
+
+    key = base64.b64encode(secrets.token_bytes(16)).decode()
+    lines = (
+        *("GET /ws HTTP/1.1", f"Host: {host}", "Upgrade: websocket", "Connection: Upgrade"),
+        *(f"Sec-WebSocket-Key: {key}", "Sec-WebSocket-Version: 13", f"Sec-WebSocket-Protocol: {SUBPROTOCOL}"),
+    )
+    return ("\r\n".join(lines) + "\r\n\r\n").encode()
+
+
+def _framed(opcode: int, payload: bytes) -> bytes:
+    """A whole WebSocket message of a client, below 64 KiB."""
+    if len(payload) < 126:
+        return bytes((0x80 | opcode, 0x80 | len(payload))) + _UNMASKED + payload
+    return bytes((0x80 | opcode, 0x80 | 126)) + len(payload).to_bytes(2, "big") + _UNMASKED + payload
+
+
+def _messages(unread: bytearray) -> Iterator[tuple[int, bytes]]:
+    """Opcode and payload of the server's messages that are complete; takes them away."""
+    while len(unread) >= 2:
+        length, start = unread[1] & 127, 2
+        if length >= 126:
+            start = 4 if length == 126 else 10
+            if len(unread) < start:
+                return
+            length = int.from_bytes(unread[2:start], "big")
+        if len(unread) < start + length:
+            return
+        message = unread[0] & 15, bytes(unread[start : start + length])
+        del unread[: start + length]
+        yield message
+
+
+@contextmanager
+def _server(sessions: int, workers: int) -> Iterator[tuple[str, int]]:
+    """A server of its own process: its address and process number."""
+    command = [sys.executable, "-m", "bodysense", "serve", "--port", "0", "--sessions", str(max(sessions, 2))]
+    process = subprocess.Popen(
+        [*command, "--workers", str(workers)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+    )
+    try:
+        assert process.stdout is not None
+        said = process.stdout.readline()
+        address = re.search(r"http://\S+", said)
+        if address is None:
+            raise BodysenseError(f"the server did not start: {said.strip() or 'see its own words above'}")
+        yield address.group(), process.pid
+    finally:
+        process.terminate()
+        process.wait(20)
+        if process.stdout is not None:
+            process.stdout.close()
+
+
+def _family(process: int) -> list[int]:
+    """A process and its children. Raises BodysenseError where the system does not tell."""
+    try:
+        told = Path(f"/proc/{process}/task/{process}/children").read_text()
+    except OSError:
+        raise BodysenseError("bench live reads memory and processor time in /proc, which this system lacks") from None
+    return [process, *map(int, told.split())]
+
+
+def _memory(process: int) -> float:
+    """MB that a process and its children hold."""
+    pages = sum(int(Path(f"/proc/{one}/statm").read_text().split()[1]) for one in _family(process))
+    return pages * os.sysconf("SC_PAGESIZE") / 1e6
+
+
+def _processor_time(process: int) -> float:
+    """s that a process and its children computed."""
+    fields = [Path(f"/proc/{one}/stat").read_text().rpartition(")")[2].split() for one in _family(process)]
+    return sum(int(row[11]) + int(row[12]) for row in fields) / os.sysconf("SC_CLK_TCK")

@@ -1,0 +1,195 @@
+"""`bodysense train completion`, `completion-fingers` and `bodysense evaluate completion`, `fingers`, `holes`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from itertools import islice
+
+from bodysense.errors import BodysenseError
+from bodysense.files import check_place
+from bodysense_lab.commands.reporting import finish, open_data, progress_over
+from bodysense_lab.completion.options import (
+    FINGER_SCHEDULE,
+    CompletionEvaluation,
+    CompletionTraining,
+    FingerTraining,
+    HoleEvaluation,
+    SightEvaluation,
+    UntrackedFingerEvaluation,
+)
+from bodysense_lab.options import Flat
+
+
+def completion(run: Flat[CompletionTraining]) -> None:
+    """Train the completion network, make its expected errors true, and write the whole step as one .onnx file.
+
+    Training resumes from the checkpoints in the folder of the run. The 6200 steps take an hour and a half of one core.
+    """
+    from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
+    from bodysense_lab.completion.publish import publish
+    from bodysense_lab.completion.task import train_completion
+    from bodysense_lab.completion.train_fingers import train_fingers
+
+    check_place(run.out)
+    body = train_completion(run)
+    fingers = FingerNetwork(FingerConfig()).relaxed_only()
+    if run.finger_steps:
+        schedule = replace(FINGER_SCHEDULE, steps=run.finger_steps, seed=run.schedule.seed)
+        checkpoint = run.folder / "fingers.ckpt"
+        fingers = train_fingers(FingerTraining(data=run.data, out=checkpoint, schedule=schedule, threads=run.threads))
+    card = {"training_data": run.data_note or str(run.data.name), "licence": run.licence}
+    card |= {"seed": run.schedule.seed, "steps": run.schedule.steps}
+    publish(body.eval(), fingers.eval(), run.data, run.out, card)
+    print(f"wrote {run.out}")
+
+
+def completion_fingers(run: Flat[FingerTraining]) -> None:
+    """Train the finger network of the completion network alone, so that it can be scored on people it does not know.
+
+    Training resumes from its checkpoint, the .ckpt that is written.
+    """
+    from bodysense_lab.completion.train_fingers import train_fingers
+
+    check_place(run.out)
+    train_fingers(run)
+    print(f"wrote {run.out}")
+
+
+def completion_table(run: Flat[CompletionEvaluation]) -> None:
+    """Score the tracker on any sensors and proportions: errors, motion, feet, confidence, lattice of sensors."""
+    from rich.progress import Progress
+
+    from bodysense.cli.show import wide_console, write_numbers
+    from bodysense_lab.commands.reporting import print_report
+    from bodysense_lab.completion.baselines import cached_mean_body
+    from bodysense_lab.completion.kept import KeptClips
+    from bodysense_lab.completion.reliability import draw_reliability
+    from bodysense_lab.completion.scoring import evaluate_completion, work_of
+    from bodysense_lab.completion.tables import CompletionSettings, completion_reports
+    from bodysense_lab.completion.tracking import TrackedBy, step_times
+    from bodysense_lab.completion.worst import draw_worst
+    from bodysense_lab.datasets import Census, census_of, named_data, open_clips
+    from bodysense_lab.spread import spread
+    from bodysense_lab.table import write_csv
+
+    for path in run.outputs:
+        check_place(path)
+    track = TrackedBy(run.model)
+    chosen, census = named_data(run.data, run.split), Census()
+    settings = CompletionSettings(run.split, run.sets, run.bodies, 200 if run.lattice else 0)
+    network = "packaged" if run.model is None else str(run.model.resolve())
+    kept = None if run.keep is None else KeptClips.open(run.keep, settings, network)
+    count = min(chosen.count(), run.limit or chosen.count())
+    with Progress() as progress:
+        bar = progress.add_task("reading", total=count)
+        clips = []
+        for clip in open_clips(chosen.path, run.split, at_most=run.limit):
+            census += census_of(clip)
+            clips.append(clip)
+            progress.advance(bar)
+        mean_body = None
+        if "headset_camera" in settings.sets:
+            bar = progress.add_task("averaging bodies", total=None)
+            mean_body = cached_mean_body(chosen.path, lambda clip: progress.advance(bar))
+            progress.update(bar, total=1, completed=1)
+        bar = progress.add_task("scoring", total=work_of(len(clips), settings))
+
+        def advance(done: int, what: str) -> None:
+            progress.update(bar, advance=done, description=f"scored {what}")
+
+        table = evaluate_completion(
+            clips,
+            settings,
+            track=track,
+            times=partial(step_times, network=track.network),
+            spread=partial(spread, jobs=run.jobs, scheduler=run.scheduler),
+            mean_body=mean_body,
+            kept=kept,
+            advance=advance,
+        )
+    console = wide_console()
+    reports = completion_reports(table, census, chosen)
+    for report in reports:
+        print_report(report, console)
+    if run.csv is not None:
+        write_csv(run.csv, reports[1])
+    if run.picture is not None:
+        draw_reliability(run.picture, table)
+    if run.sheet is not None:
+        draw_worst(run.sheet, table.worst, clips, settings, track, run.worst)
+    write_numbers(run.json, reports[0].numbers)
+    for path in run.outputs:
+        console.print(f"wrote {path}", highlight=False)
+
+
+def sight(run: Flat[SightEvaluation]) -> None:
+    """Score scripted wearers who stand, sit and raise their arms, and heads of real headsets."""
+    from rich.console import Console
+
+    from bodysense.cli.show import write_numbers
+    from bodysense_lab.commands.reporting import print_report
+    from bodysense_lab.completion.tracking import TrackedBy
+    from bodysense_lab.completion.wearer_scores import score_wearers, sight_report
+
+    if run.json is not None:
+        check_place(run.json)
+    console = Console()
+    with console.status("tracking …"):
+        scores = score_wearers(TrackedBy(run.model).network, run.headset)
+    report = sight_report(scores)
+    print_report(report, console)
+    write_numbers(run.json, report.numbers)
+
+
+def untracked_fingers(run: Flat[UntrackedFingerEvaluation]) -> None:
+    """Score fingers that are not tracked, each network on the person without whom it was trained."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from bodysense.cli.show import write_numbers
+    from bodysense_lab.completion.corpus import read_corpus
+    from bodysense_lab.completion.train_fingers import (
+        SETS,
+        finger_numbers,
+        load_finger_network,
+        person_clips,
+        score_fingers,
+    )
+
+    if run.json is not None:
+        check_place(run.json)
+    loaded = {path.name: load_finger_network(path) for path in run.networks}
+    scored, learned = (
+        read_corpus(run.data, part, None if run.run is None else run.run / f"{part}.npz")
+        for part in (run.split, "train")
+    )
+    for name, (_, task) in loaded.items():
+        if not task.left_out or not len(person_clips(scored, task.left_out)[0]):
+            raise BodysenseError(
+                f"{name}: left out {task.left_out or 'no one'!r}, "
+                f"who has no fingers in the {run.split} split of {run.data}; "
+                "give networks trained with --leave-out NAME of someone who has"
+            )
+    scores = score_fingers(loaded, scored, learned)
+    table = Table(title=f"Fingers of people of whom nothing was learned ({run.data.name}, {run.split}), RMSJPE cm")
+    for column in ("network", "left out", "generated h", "fingers", "network", "baseline", "ratio"):
+        table.add_column(column)
+    for one in scores:
+        task = one.task
+        figures = (f"{100 * one.error:.2f}", f"{100 * one.baseline:.2f}", f"{one.ratio:.2f}")
+        table.add_row(one.network, task.left_out, f"{task.generated_hours:g}", SETS[one.sensors], *figures)
+    Console().print(table)
+    write_numbers(run.json, finger_numbers(scores))
+
+
+def holes(run: Flat[HoleEvaluation]) -> None:
+    """Score filled holes beside interpolation: an arm, a leg, a hand missing for 1 to 3 seconds."""
+    from bodysense_lab.holes import report_of, score_holes
+
+    source = open_data(run.data, run.table)
+    wanted = 6 if run.table.quick else run.clips
+    stride = 1 if wanted is None else max(1, source.count() // wanted)
+    with progress_over([source]) as advance:
+        gaps = score_holes(islice(source.clips(), 0, None, stride), advance=advance)
+    finish(report_of(gaps, source.name), run.table)

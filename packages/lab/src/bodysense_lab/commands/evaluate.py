@@ -1,0 +1,27 @@
+"""`bodysense evaluate`: the tables."""
+
+from __future__ import annotations
+
+from tyro.extras import SubcommandApp
+
+from bodysense_lab.commands import arms, completion, gloves, hmd_vae, rendering, unoc
+
+
+def commands() -> SubcommandApp:
+    """The group's commands."""
+    group = SubcommandApp()
+    group.command(name="completion")(completion.completion_table)
+    group.command(completion.sight)
+    group.command(name="fingers")(completion.untracked_fingers)
+    group.command(completion.holes)
+    group.command(unoc.finger_synthesis)
+    group.command(name="hmd-vae")(hmd_vae.hmd_vae_figures)
+    for command in (arms.pahmt_table1, rendering.video_rendered, unoc.unoc_table1, unoc.unoc_table2, unoc.unoc_table3):
+        group.command(command)
+    for command in (unoc.unoc_table4, unoc.unoc_table5, unoc.unoc_table6, unoc.unoc_smoothness, unoc.reliability):
+        group.command(command)
+    for command in (unoc.transitions, gloves.gloves_occlusion, gloves.gloves_limits, gloves.gloves_table3):
+        group.command(command)
+    group.command(gloves.gloves_table4)
+    group.command(gloves.gloves_layouts)
+    return group

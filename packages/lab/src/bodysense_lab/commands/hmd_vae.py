@@ -1,0 +1,50 @@
+"""`bodysense train hmd-vae`, `bodysense evaluate hmd-vae`: the paper's variational autoencoders and its figures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from bodysense_lab.commands.reporting import finish, open_data
+from bodysense_lab.hmd_vae.options import VaeEvaluation, VaeTraining
+from bodysense_lab.options import Flat
+
+
+def hmd_vae(run: Flat[VaeTraining]) -> None:
+    """Train HMD-VAE, a whole body from a headset and two hands. Training resumes after a stop.
+
+    Of the data's train split 5 % of the sequences of each data set are held out. Written is NAME.onnx, with the weights
+    beside it as NAME.pt, or NAME.pt alone; of a sweep, a folder.
+    """
+    from bodysense_lab.hmd_vae.train import run_sweep, run_vae, sweep_configs
+
+    if run.sweep:
+        run_sweep(run, sweep_configs(run.config, run.grid or "few"))
+    else:
+        run_vae(run)
+
+
+def hmd_vae_figures(run: Flat[VaeEvaluation]) -> None:
+    """HMD-VAE, Figs 5 to 7: models 1 to 4 with and without history, from scratch and pretrained, 3 and 6 blocks.
+
+    A second table has the measures of later papers, with published figures.
+    """
+    from rich.progress import Progress, track
+
+    from bodysense_lab.hmd_vae.frames import read_split_file
+    from bodysense_lab.hmd_vae.scores import read_test, score_vae, vaes_in
+    from bodysense_lab.hmd_vae.tables import metrics_report, vae_report
+
+    chosen, files, split_file = open_data(run.data, run.table), vaes_in(run.networks), run.split_file
+    total = None if split_file is None else list(read_split_file(split_file).values()).count("test")
+    with Progress() as progress:
+        bar = progress.add_task("reading", total=chosen.count() if total is None else total)
+        frames, census = read_test(
+            chosen, lambda clip: progress.update(bar, advance=1, description=f"read {clip.name}"), split_file
+        )
+    scored = [score_vae(name, path, frames, run.threads) for name, path in track(files.items(), "scoring the networks")]
+    figures, later = vae_report(scored, census, chosen), metrics_report(scored, census, chosen)
+    if split_file is not None:
+        listed = f"Of it, the test motions of {split_file}."
+        figures, later = (replace(one, data=(*one.data, listed)) for one in (figures, later))
+    finish(later, replace(run.table, json=None))
+    finish(replace(figures, numbers=later.numbers | figures.numbers), run.table)

@@ -1,0 +1,76 @@
+"""`bodysense data info` of the laboratory: that of the library, with prepared stores and statistics of occlusion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from bodysense.cli.data import say_info, say_skipped
+from bodysense.cli.found_files import FoundFile, Split, files_in, readable
+from bodysense.cli.options import Reading
+from bodysense.devices.simulated.headset_camera import HeadsetCamera
+from bodysense.io.datasets.layouts import Layout
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+
+
+def info(
+    place: Annotated[Path, tyro.conf.Positional],
+    occlusion: bool = False,
+    split: Split = "all",
+    layout: Layout | None = None,
+    camera: HeadsetCamera = HeadsetCamera(),
+    picture: Path | None = None,
+    json: Path | None = None,
+    reading: Reading = AS_FOUND,
+) -> None:
+    """Say what a motion file, a folder of them or a prepared store holds, and how each file was read.
+
+    Of each file: rig, unit, upward axis, floor, frame rate, what is missing, how sure that is. What cannot be read is
+    skipped, counted and given with the reason.
+
+    Args:
+        place: a motion file (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma), markers (.c3d, .trc, .tsv, .csv), a
+            recording, a folder of them, also .bvh in .zip, or a store written by `bodysense data prepare`.
+        occlusion: simulate the headset's cameras and print the statistics of UNOC, Table 1, beside the published ones.
+        split: which people.
+        layout: which published data set the folder is; recognised by what is in it if omitted.
+        camera: the headset's, for --occlusion.
+        picture: PNG file for stick figures of the first file that can be read.
+        json: JSON file for the numbers, one flat object.
+        reading: what the files do not say of themselves.
+    """
+    from rich.progress import track
+
+    from bodysense.cli.show import wide_console, write_numbers
+    from bodysense.files import check_place
+
+    if picture is not None:
+        check_place(picture)
+    total, every = _clips_of(place, split, layout, reading)
+    if not occlusion:
+        say_info(place, split, total, every, picture, json)
+        return
+    from bodysense_lab.commands.reporting import print_report
+    from bodysense_lab.unoc.occlusion import columns_of, count_clips, occlusion_table
+
+    found = list[FoundFile]()
+    clips = readable(track(every, "looking", total), found)
+    report = occlusion_table(columns_of(count_clips(clips, 1, lambda clip: None, camera)[0]))
+    print_report(report, wide_console())
+    write_numbers(json, report.numbers | {"skipped": say_skipped(place, total, found)})
+
+
+def _clips_of(
+    place: Path, split: Split, layout: Layout | None, reading: ReadingOptions
+) -> tuple[int, Iterable[FoundFile]]:
+    """How many clips a place has, and each of them when its turn comes."""
+    from bodysense_lab.datasets import count_clips, open_clips
+    from bodysense_lab.store import is_store
+
+    if not is_store(place):
+        return files_in(place, split, layout, reading)
+    clips = open_clips(place, split, layout=layout, options=reading)
+    return count_clips(place, split), (FoundFile(clip.name, clip) for clip in clips)

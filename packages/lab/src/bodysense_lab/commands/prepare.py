@@ -1,0 +1,60 @@
+"""`bodysense data prepare` and `data fingers`: what trainings read, of motion files and of nobody's fingers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from bodysense.cli.options import Reading
+from bodysense.errors import BodysenseError
+from bodysense.files import check_place
+from bodysense.io.datasets.layouts import Layout
+from bodysense.io.rigs.options import AS_FOUND
+from bodysense_lab.options import Output
+
+Folder = Annotated[Path, tyro.conf.Positional]
+
+
+def prepare(
+    directory: Folder,
+    out: Output,
+    rate: float = 30.0,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    layout: Layout | None = None,
+    reading: Reading = AS_FOUND,
+) -> None:
+    """Turn a folder of motion files into a chunked Zarr store, in parallel; run it again to resume after a stop.
+
+    Args:
+        directory: A folder of .bvh and AMASS .npz files, also .bvh in .zip.
+        out: The store.
+        rate: Frames a second of the store.
+        workers: Processes on this machine; all processors by default.
+        scheduler: Address of a Dask scheduler to run on instead of this machine, like tcp://host:8786.
+        layout: published data set that the folder holds; recognised by what is in it if omitted.
+        reading: What the files do not say of themselves.
+    """
+    from bodysense_lab.store import prepare as prepare_store
+
+    prepare_store(directory, out, rate=rate, workers=workers, scheduler=scheduler, layout=layout, options=reading)
+
+
+def fingers(out: Output, hours: float = 10.0, seed: int = 1) -> None:
+    """Generate motion of the fingers of both hands that nobody recorded, to train the fingers of completion on.
+
+    Args:
+        out: .npz file: local rotations of 30 joints at 30 Hz.
+        hours: how many; the first hour is the same however many follow.
+        seed: random seed.
+    """
+    from bodysense_lab.completion.generated_fingers import generate_fingers, write_fingers
+
+    if out.suffix != ".npz":
+        raise BodysenseError(f"{out}: generated fingers are written as .npz; name it so")
+    check_place(out)
+    made = generate_fingers(hours, seed)
+    write_fingers(out, made)
+    print(f"wrote {out}: {len(made)} frames, {len(made) / 30 / 3600:.3g} h")

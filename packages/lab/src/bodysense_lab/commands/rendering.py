@@ -1,0 +1,96 @@
+"""`bodysense data render`: videos of motion, with their truth; `bodysense evaluate video-rendered` scores them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bodysense.errors import BodysenseError
+from bodysense.files import make_folder
+from bodysense_lab.options import Flat, TableOptions
+from bodysense_lab.rendering.options import Rendering, VideoEvaluation
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+
+    from bodysense_lab.rendering.scene import Scene
+    from bodysense_lab.rendering.take import RenderedTake
+
+
+def render(run: Flat[Rendering]) -> None:
+    """Draw videos of a skinned, dressed and lit body from motion with fingers; each with its truth beside it.
+
+    Three bodies take turns; skin, clothes, light, room and camera are drawn at random. A video that is already there
+    is kept, so that a stop costs little.
+    """
+    import numpy as np
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from bodysense_lab.rendering.take import RATE, film, plan_gestures
+
+    rng, out = np.random.default_rng(run.seed), run.out
+    planned = plan_gestures(rng)[: run.videos] if run.motion is None else _planned(run, run.motion, rng)
+    make_folder(out)
+    with Progress() as progress:
+        bar = progress.add_task("drawing", total=sum(len(take.time) for take, _ in planned))
+        for take, scene in planned:
+            progress.update(bar, description=take.name)
+            if (out / f"{take.name}.mp4").is_file() and (out / f"{take.name}.npz").is_file():
+                progress.update(bar, advance=len(take.time))
+                continue
+            film(take, scene, out, run.pixels, lambda: progress.update(bar, advance=1))
+    length = sum(len(take.time) / RATE for take, _ in planned)
+    is_short = run.motion is not None and len(planned) < run.videos
+    said = f"; no more of {run.videos}: the motion has no more in which hands move" if is_short else ""
+    Console().print(f"{out}: videos: {len(planned)}, {length:.0f} s{said}", highlight=False)
+
+
+def _planned(run: Rendering, motion: Path, rng: np.random.Generator) -> list[tuple[RenderedTake, Scene]]:
+    """Takes of recorded motion."""
+    from rich.progress import track
+
+    from bodysense.cli.recordings import load_clip
+    from bodysense_lab.datasets import count_clips, open_clips
+    from bodysense_lab.rendering.take import plan_takes
+
+    if motion.is_file():
+        clips = [load_clip(motion, run.reading)]
+    else:
+        clips = open_clips(motion, run.split, options=run.reading)
+        clips = track(clips, "reading", count_clips(motion, run.split))
+    shortest = min(2.0, run.seconds)
+    fingered = [clip for clip in clips if clip.has_fingers and clip.seconds >= shortest]
+    if not fingered:
+        raise BodysenseError(f"{motion}: no clip of {shortest:g} s or more with fingers; a rendered set needs them")
+    each = -(-run.videos // len(fingered))
+    planned: list[tuple[RenderedTake, Scene]] = []
+    for number in rng.permutation(len(fingered)):
+        planned += plan_takes(fingered[number], min(each, run.videos - len(planned)), run.seconds, rng, len(planned))
+        if len(planned) == run.videos:
+            break
+    if not planned:
+        raise BodysenseError(f"{motion}: nothing in it that moves its hands before a camera; give livelier motion")
+    return planned
+
+
+def video_rendered(run: Flat[VideoEvaluation]) -> None:
+    """PAHMT, Table 3: arms and hands from the pixels of rendered videos, beside inverse kinematics of landmarks."""
+    from rich.progress import Progress
+
+    from bodysense.devices.video.arms import load_arms
+    from bodysense.devices.video.landmarker_files import find_landmarkers
+    from bodysense_lab.commands.reporting import check_outputs, finish
+    from bodysense_lab.rendering.tables import score_videos, video_report
+    from bodysense_lab.rendering.take import list_takes
+
+    written = TableOptions(out=run.out, json=run.json)
+    check_outputs(written)
+    truths, files, network = list_takes(run.videos), find_landmarkers(run.landmarkers), load_arms(run.model)
+    with Progress() as progress:
+        bar = progress.add_task("watching", total=len(truths))
+        table = score_videos(
+            truths, files, network, lambda name: progress.update(bar, advance=1, description=f"watched {name}")
+        )
+    finish(video_report(table, run.videos.name), written)

@@ -1,0 +1,117 @@
+"""What every table's command shares: its progress, and how it hands out the report."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from bodysense.files import check_place, make_folder
+from bodysense_lab.options import TableOptions
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from bodysense.io.clip import Clip
+    from bodysense.papers.ik_tracker import IkTrackerSettings
+    from bodysense_lab.datasets import DataSet
+    from bodysense_lab.table import Cell, Report
+
+
+def check_outputs(table: TableOptions) -> None:
+    """Refuse outputs that cannot be written, before anything is computed."""
+    if table.json is not None:
+        check_place(table.json)
+    make_folder(table.out)
+
+
+def open_data(data: str, table: TableOptions) -> DataSet:
+    """The data of a table, as the options have it; its outputs are known to be writable."""
+    from bodysense_lab.datasets import named_data
+
+    check_outputs(table)
+    return named_data(data, table.split, table.quick)
+
+
+@contextmanager
+def progress_over(sets: list[DataSet]) -> Iterator[Callable[[Clip], None]]:
+    """A progress bar over the clips of data sets; gives what is to be told of each clip that is done."""
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, TimeRemainingColumn()) as progress:
+        bar = progress.add_task("scoring", total=sum(data.count() for data in sets))
+        yield lambda clip: progress.update(bar, advance=1, description=f"scored {clip.name}")
+
+
+def finish(report: Report, table: TableOptions) -> None:
+    """Print a report and write its files."""
+    from rich.console import Console
+
+    from bodysense.cli.show import write_numbers
+    from bodysense_lab.chart import draw_panels
+    from bodysense_lab.table import write_csv
+
+    console = Console()
+    if not console.is_terminal and "COLUMNS" not in os.environ:
+        console = Console(width=120)
+    print_report(report, console)
+    rows = table.out / f"{report.name}.csv"
+    picture = table.out / f"{report.name}.png" if report.panels else None
+    write_csv(rows, report)
+    if picture is not None:
+        draw_panels(picture, report.panels, report.title)
+    write_numbers(table.json, report.numbers)
+    for path in (rows, picture, table.json):
+        if path is not None:
+            console.print(f"wrote {path}", highlight=False)
+
+
+def tracker_settings(half_life: float | None) -> IkTrackerSettings:
+    """The settings of UNOC's tracker with another half-life, seconds; None keeps its own."""
+    from bodysense.papers.ik_tracker import IkTrackerSettings
+
+    return IkTrackerSettings() if half_life is None else IkTrackerSettings(half_life=half_life)
+
+
+def print_report(report: Report, console: Console) -> None:
+    """The table, what it was made of, and what holds of the paper; a first cell that repeats stands once."""
+    from rich import box
+    from rich.markup import escape
+    from rich.padding import Padding
+    from rich.table import Table
+
+    shown = Table(title=report.title, box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    firsts = [row[0] for row in report.rows]
+    for k, column in enumerate(report.columns):
+        words = all(isinstance(row[k], str) for row in report.rows)
+        shown.add_column(column, justify="left" if words else "right", no_wrap=k == 0)
+    before: tuple[Cell, ...] = (None,) * len(report.columns)
+    for row in report.rows:
+        if before[0] not in (None, row[0]) and len(set(firsts)) < len(firsts):
+            shown.add_section()
+        repeats = next((k for k, (one, two) in enumerate(zip(row, before, strict=True)) if one != two), len(row))
+        cells = ["" if k < repeats else _cell(one, report.digits) for k, one in enumerate(row)]
+        shown.add_row(*cells)
+        before = row
+    console.print(shown)
+    console.print(report.caption, highlight=False, markup=False)
+    for heading, lines in (("Data", report.data), (report.remarks_title, report.remarks)):
+        if lines:
+            console.print(heading, style="bold")
+        for line in lines:
+            console.print(Padding(escape(line), (0, 0, 0, 2)), highlight=False)
+
+
+def _cell(value: Cell, digits: int) -> str:
+    if value is None or isinstance(value, str):
+        return value or ""
+    return f"{value:,}" if isinstance(value, int) else f"{value:,.{digits}f}"

@@ -1,0 +1,242 @@
+"""`bodysense study`: which completed motion looks more natural to people? Build the pages, read the answers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+from tyro.extras import SubcommandApp
+
+from bodysense.cli.options import Reading
+from bodysense.errors import BodysenseError
+from bodysense.files import check_place, make_folder
+from bodysense.io.rigs.options import AS_FOUND
+from bodysense_lab.commands.reporting import tracker_settings
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from bodysense_lab.study.analysis import StudyResult
+    from bodysense_lab.study.study import Condition
+
+KeyFile = Annotated[Path, tyro.conf.Positional]
+
+
+def commands() -> SubcommandApp:
+    """The group's commands."""
+    group = SubcommandApp()
+    group.command(build)
+    group.command(analyze)
+    group.command(simulate)
+    return group
+
+
+def build(
+    out: Annotated[Path, tyro.conf.Positional],
+    clips: tuple[Path, ...] = (),
+    seconds: float = 6.0,
+    scenes: int = 8,
+    model: Path | None = None,
+    last_known: Literal["world", "head", "heading"] = "heading",
+    half_life: float | None = None,
+    seed: int = 0,
+    jobs: int | None = None,
+    reading: Reading = AS_FOUND,
+) -> None:
+    """Make a study: the pages that raters see, and the key to them (docs/study.md).
+
+    Args:
+        out: A new folder: site/ is to be served, key.json is to be kept to yourself.
+        clips: Motion files (.bvh, AMASS .npz); the packaged performance by default.
+        seconds: Longer clips are cut into scenes of equal length, at most this long.
+        scenes: At most so many, drawn at random; each rater sees three pairs of each.
+        model: A network written by `bodysense train`; the packaged one if omitted.
+        last_known: Where the baseline keeps a hidden joint: in the world, or with the head, or turning with it.
+        half_life: half-life of the tracker's smoother in seconds, for network and baseline alike; its own if omitted.
+        seed: random seed of names, of the scenes drawn, and of each rater's order.
+        jobs: processes; all processors if omitted.
+        reading: What the motion files do not say of themselves.
+    """
+    import os
+
+    import numpy as np
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from bodysense.cli.recordings import load_clip
+    from bodysense.demo import packaged_performance
+    from bodysense_lab.study.scenes import StudySettings, build_study
+
+    if jobs is not None and jobs < 1:
+        raise BodysenseError(f"--jobs {jobs}: give at least 1")
+    if seed < 0:
+        raise BodysenseError(f"--seed {seed}: give 0 or more")
+    settings = StudySettings(
+        longest=seconds,
+        scenes=scenes,
+        model=model,
+        last_known=last_known,
+        tracker=tracker_settings(half_life),
+    )
+    check_place(out / "key.json" if out.is_dir() else out)
+    loaded = [replace(load_clip(file, reading), name=file.stem) for file in clips] or [packaged_performance()]
+    with Progress() as progress:
+        bar = progress.add_task("completing the body", total=None)
+        key, motions = build_study(
+            out,
+            loaded,
+            settings,
+            np.random.default_rng(seed),
+            jobs or os.cpu_count() or 1,
+            lambda done, total: progress.update(bar, description="rendering", completed=done, total=total),
+        )
+    console = Console()
+    table = _table("", ("scene", "seconds", "joints hidden", "ours", "baseline"))
+    for motion in motions:
+        error = (f"{motion.error[condition]:.1f} cm" for condition in ("ours", "baseline"))
+        table.add_row(motion.name, f"{motion.seconds:.1f}", f"{motion.hidden.mean():.0%}", *error)
+    table.caption = "Mean error of hidden joints after IK and smoothing."
+    console.print(table)
+    console.print(f"wrote {out / 'site'}: {3 * len(key.scenes)} pairs a rater; serve this folder", highlight=False)
+    console.print(f"wrote {out / 'key.json'}: what each animation shows; do not serve it", highlight=False)
+
+
+def analyze(
+    key: KeyFile,
+    answers: Annotated[tuple[Path, ...], tyro.conf.Positional] = (),
+    json: Path | None = None,
+    out: Path | None = None,
+) -> None:
+    """Mean preference of raters with standard error and t-test, per scene and over all (UNOC, Fig. 6).
+
+    Args:
+        key: The study's key.json.
+        answers: Files that raters saved.
+        json: Write the numbers here, as one flat object.
+        out: Folder for preferences.csv and preferences.png.
+    """
+    from rich.console import Console
+
+    from bodysense.cli.show import write_numbers
+    from bodysense_lab.study.analysis import analyze as analyze_answers
+    from bodysense_lab.study.analysis import write_csv
+    from bodysense_lab.study.study import read_all_answers, read_key
+
+    if json is not None:
+        check_place(json)
+    held = read_key(key)
+    result = analyze_answers(held, read_all_answers(answers, held))
+    console = Console()
+    console.print(preference_table(result))
+    write_numbers(json, result.numbers())
+    if out is not None:
+        make_folder(out)
+        write_csv(out / "preferences.csv", result)
+        draw_preferences(out / "preferences.png", result)
+        for name in ("preferences.csv", "preferences.png"):
+            console.print(f"wrote {out / name}", highlight=False)
+
+
+def simulate(
+    key: KeyFile,
+    out: Annotated[Path, tyro.conf.arg(aliases=("-o",))],
+    preference: str = "",
+    raters: int = 39,
+    ties: float = 0.2,
+    seed: int = 0,
+) -> None:
+    """Answers of simulated raters, to try a study out, or to see how many raters it needs.
+
+    Args:
+        key: The study's key.json.
+        out: Folder for answers-simulated-001.json …
+        preference: How natural each condition is, as 'truth=0.8,ours=0.6,baseline=0'; 0 where not named. The mean vote
+            on a pair is the difference; without any, nobody prefers anything.
+        raters: number of raters.
+        ties: Share of 'no difference' between equals.
+        seed: random seed of the votes.
+    """
+    import numpy as np
+
+    from bodysense_lab.study.analysis import simulate_answers
+    from bodysense_lab.study.study import read_key, write_answers
+
+    if seed < 0:
+        raise BodysenseError(f"--seed {seed}: give 0 or more")
+    held = read_key(key)
+    given = simulate_answers(held, raters, parse_preference(preference), np.random.default_rng(seed), ties)
+    make_folder(out)
+    for answers in given:
+        write_answers(out / f"answers-{answers.rater}.json", answers)
+    print(f"wrote {len(given)} files to {out}")
+
+
+def parse_preference(text: str) -> dict[Condition, float]:
+    """'truth=0.8,ours=0.6' as a mapping. Raises BodysenseError for an unknown name or NaN."""
+    from bodysense_lab.study.study import CONDITIONS
+
+    result: dict[Condition, float] = {}
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        name, _, value = part.partition("=")
+        known: list[Condition] = [condition for condition in CONDITIONS if condition == name.strip()]
+        if not known:
+            raise BodysenseError(f"--preference: unknown condition {name!r}; valid are {', '.join(CONDITIONS)}")
+        try:
+            result[known[0]] = float(value)
+        except ValueError:
+            raise BodysenseError(f"--preference {part!r}: {value!r} is no number; write {name}=0.6") from None
+    return result
+
+
+def preference_table(result: StudyResult) -> Table:
+    """The comparisons of every scene, then of all: mean vote, standard error, t-test."""
+    from bodysense_lab.study.study import COMPARISONS
+
+    columns = ("scene", "comparison", "mean", "± s. e.", "t", "p", "", "n")
+    table = _table(f"{result.raters} raters, {len(result.scenes)} scenes", columns)
+    for name, preferences in result.preferences.items():
+        for (first, second), one in zip(COMPARISONS, preferences, strict=True):
+            tested = (f"{one.standard_error:.2f}", f"{one.t:.2f}", _probability(one.p)) if one.n > 1 else ("–",) * 3
+            table.add_row(name or "all", f"{first} over {second}", f"{one.mean:+.2f}", *tested, one.stars, str(one.n))
+        table.add_section()
+    table.caption = "+1: all prefer the first; −1: the second. * p < .05, ** p < .01."
+    return table
+
+
+def draw_preferences(path: Path, result: StudyResult) -> None:
+    """The bars of Fig. 6: every scene, then all."""
+    import numpy as np
+
+    from bodysense_lab.chart import Bars, draw_bars
+    from bodysense_lab.study.study import COMPARISONS
+
+    names = (*result.scenes, None)
+    series = []
+    for which, (first, second) in enumerate(COMPARISONS):
+        each = [result.preferences[name][which] for name in names]
+        series.append(
+            Bars(
+                f"{first} over {second}",
+                np.array([one.mean for one in each]),
+                np.array([one.standard_error for one in each]),
+                tuple(one.stars for one in each),
+            )
+        )
+    title = f"Which is more natural? {result.raters} raters"
+    draw_bars(path, [name or "all" for name in names], series, title, "± standard error; t-test: * p < .05, ** p < .01")
+
+
+def _probability(p: float) -> str:
+    return "< .001" if p < 0.001 else f"{p:.3f}"
+
+
+def _table(title: str, columns: tuple[str, ...]) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title or None, box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    for k, column in enumerate(columns):
+        table.add_column(column, justify="left" if k == 0 or column == "comparison" else "right", no_wrap=True)
+    return table

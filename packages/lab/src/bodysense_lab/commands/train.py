@@ -1,0 +1,79 @@
+"""`bodysense train`: fit a network and export it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from tyro.extras import SubcommandApp
+
+from bodysense.errors import BodysenseError
+from bodysense_lab.commands import arms, completion, gloves, hmd_vae
+from bodysense_lab.options import Flat
+from bodysense_lab.unoc.options import BodyTraining, FingersTraining, TablesTraining, UpperBodyTraining
+
+
+def commands() -> SubcommandApp:
+    """The group's commands."""
+    group = SubcommandApp()
+    for command in (completion.completion, completion.completion_fingers, body_gru, unoc_tables, fingers, upper_body):
+        group.command(command)
+    for command in (hmd_vae.hmd_vae, gloves.gloves, arms.arms, arms.arms_table, card):
+        group.command(command)
+    return group
+
+
+def body_gru(run: Flat[BodyTraining]) -> None:
+    """Train the body network (UNOC) and write it as one .onnx file; training resumes after a stop."""
+    from bodysense_lab.unoc.train import train_body
+
+    train_body(run)
+
+
+def unoc_tables(run: Flat[TablesTraining]) -> None:
+    """Train the networks of UNOC's Tables 2 to 4 into one folder, which `bodysense evaluate unoc-table2` … read.
+
+    Training resumes after a stop. On several machines start it on each with `torchrun` and give --nodes.
+    """
+    from bodysense_lab.unoc.train_tables import train_tables
+
+    train_tables(run)
+
+
+def fingers(run: Flat[FingersTraining]) -> None:
+    """Train finger synthesis (UNOC, section 5.3) and write it as one .onnx file; training resumes after a stop."""
+    from bodysense_lab.unoc.train import train_points
+
+    train_points(run)
+
+
+def upper_body(run: Flat[UpperBodyTraining]) -> None:
+    """Train the upper body of a headset and two controllers (UNOC, section 5.2) and write it as one .onnx file.
+
+    Training resumes after a stop.
+    """
+    from bodysense_lab.unoc.train import train_points
+
+    train_points(run)
+
+
+def card(network: Annotated[Path, tyro.conf.Positional], figures: Path) -> None:
+    """Put test figures into a network file and write its model card beside it.
+
+    Args:
+        network: The .onnx file that `bodysense train` wrote.
+        figures: what the command that measures such a network wrote with --json: `bodysense evaluate completion`,
+            `finger-synthesis` `unoc-table2` or `unoc-table6`, with --model NETWORK where it takes one.
+    """
+    import json
+
+    from bodysense_lab.model_card import describe
+
+    if not network.is_file():
+        raise BodysenseError(f"{network}: no such model file; give the .onnx that `bodysense train` wrote")
+    try:
+        numbers = json.loads(figures.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise BodysenseError(f"{figures}: no figures to read ({error}); write them with --json") from None
+    print(f"wrote {describe(network, numbers)}")

@@ -1,0 +1,128 @@
+"""What hidden joints are compared with: the mean body of people whose head is as high and as pitched.
+
+Where cameras never saw a joint, its last known place is a standing dummy's; a mean body says more.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_rotate
+from bodysense.body.skeleton import Skeleton
+from bodysense.errors import BodysenseError
+from bodysense.files import written_beside
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
+from bodysense_lab.datasets import count_clips, open_clips
+
+FORMAT = "bodysense-mean-body-1"
+HEIGHTS = np.linspace(0.1, 1.3, 25)  # of the head, in shares of its height in the rest pose
+PITCHES = np.radians(np.linspace(-90, 90, 19))  # of the head, downward
+_RATE = 5.0  # Hz at which training motion is read
+_SMOOTH = np.array([0.25, 1.0, 0.25])  # weights of neighbouring cells
+
+
+@dataclass(frozen=True, eq=False)
+class MeanBody:
+    """Mean places of all points under the head, by its height and pitch."""
+
+    place: np.ndarray = field(
+        repr=False
+    )  # (H, K, P, 3) in the head's heading, from the head, by the head's rest height
+
+    def positions(self, position: np.ndarray, rotation: np.ndarray, skeleton: Skeleton) -> np.ndarray:
+        """Points (T, P, 3) m, world, of a wearer whose head is at `position` (T, 3) m with `rotation` (T, 4)."""
+        rows, weights = _cells(position, rotation, skeleton)
+        flat = self.place.reshape(-1, *self.place.shape[2:])
+        place = np.einsum("kt,ktpc->tpc", weights, flat[np.stack(rows)])
+        turn = heading(rotation)[:, None, :]
+        return position[:, None] + _rest_height(skeleton) * np.asarray(quaternion_rotate(turn, place))
+
+
+def fit_mean_body(clips: Iterable[Clip]) -> MeanBody:
+    """Average the bodies of clips, in canonical form. Raises BodysenseError where there are none."""
+    total, count = np.zeros(0), np.zeros(len(HEIGHTS) * len(PITCHES))
+    for clip in (resample(clip, _RATE) for clip in clips):
+        skeleton = clip.pose.skeleton
+        position, rotation = (np.asarray(part) for part in forward_kinematics(clip.pose))
+        head = skeleton.index("head")
+        turn = quaternion_conjugate(heading(rotation[:, head]))[:, None, :]
+        place = np.asarray(quaternion_rotate(turn, position - position[:, [head]])) / _rest_height(skeleton)
+        total = total if total.size else np.zeros((len(count), *place.shape[1:]))
+        for row, weight in zip(*_cells(position[:, head], rotation[:, head], skeleton), strict=True):
+            np.add.at(total, row, weight[:, None, None] * place)
+            np.add.at(count, row, weight)
+    if not total.size:
+        raise BodysenseError("a mean body needs motion; give at least one clip")
+    shape = (len(HEIGHTS), len(PITCHES))
+    everywhere = 1e-3 * total.sum(axis=0) / count.sum()
+    total, count = _spread(total.reshape(*shape, *total.shape[1:])), _spread(count.reshape(shape))
+    return MeanBody((total + everywhere) / (count + 1e-3)[..., None, None])
+
+
+def cached_mean_body(data: Path, advance: Callable[[Clip], None] = lambda clip: None) -> MeanBody | None:
+    """The mean body of the train split of a folder or store, kept in the user's cache; None where it has no such split.
+
+    `advance` is told of every clip that is read.
+    """
+    try:
+        count = count_clips(data, "train")
+    except BodysenseError:
+        return None
+    known = hashlib.sha256(f"{FORMAT} {data.resolve()} {count}".encode()).hexdigest()[:16]
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bodysense"
+    path = folder / f"mean-body-{known}.npz"
+    if path.is_file():
+        with np.load(path, allow_pickle=False) as kept:
+            return MeanBody(kept["place"])
+
+    def read() -> Iterable[Clip]:
+        for clip in open_clips(data, "train"):
+            yield clip
+            advance(clip)
+
+    body = fit_mean_body(read())
+    folder.mkdir(parents=True, exist_ok=True)
+    with written_beside(path) as beside, beside.open("wb") as file:
+        np.savez(file, place=body.place)
+    return body
+
+
+def _rest_height(skeleton: Skeleton) -> float:
+    """Height of the head joint over the floor in the rest pose, metres."""
+    return float(skeleton.rest_offset[0, 1] + (skeleton.path @ skeleton.rest_offset)[skeleton.index("head"), 1])
+
+
+def _cells(
+    position: np.ndarray, rotation: np.ndarray, skeleton: Skeleton
+) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """The four cells (T,) around a head's height and pitch, as places in the flat table, and their weights (T,)."""
+    ahead = np.asarray(quaternion_rotate(rotation, np.broadcast_to([0.0, 0.0, 1.0], position.shape)))
+    row, high = _between(HEIGHTS, position[:, 1] / _rest_height(skeleton))
+    column, far = _between(PITCHES, -np.arcsin(np.clip(ahead[:, 1], -1, 1)))
+    cell = row * len(PITCHES) + column
+    weights = ((1 - high) * (1 - far), (1 - high) * far, high * (1 - far), high * far)
+    return (cell, cell + 1, cell + len(PITCHES), cell + len(PITCHES) + 1), weights
+
+
+def _between(grid: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The index of the grid line below each value, and how far it is toward the next, from 0 to 1."""
+    place = np.clip((value - grid[0]) / (grid[1] - grid[0]), 0, len(grid) - 1 - 1e-9)
+    return place.astype(int), place - np.floor(place)
+
+
+def _spread(table: np.ndarray) -> np.ndarray:
+    """The sums of a table's cells and, with less weight, of their neighbours'."""
+    for axis in (0, 1):
+        padded = np.pad(table, [(1, 1) if k == axis else (0, 0) for k in range(table.ndim)])
+        size = table.shape[axis]
+        shifted = np.stack([padded.take(range(k, k + size), axis) for k in range(3)], axis=-1)
+        table = shifted @ _SMOOTH
+    return table

@@ -1,0 +1,98 @@
+"""Recorded motion in the form that training reads: world rotations of the body's joints, frame after frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from rich.progress import track
+
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.rotation import quaternion_canonical
+from bodysense.body.skeleton import BODY
+from bodysense.devices.simulated.headset_camera import see
+from bodysense.errors import BodysenseError
+from bodysense.files import written_beside
+from bodysense.io.datasets.splits import Split
+from bodysense_lab.datasets import count_clips, open_clips
+
+FORMAT = "bodysense-corpus-1"
+_JOINTS = len(BODY)
+_OF_CLIPS = ("rest_offset", "start", "length", "rate", "finger_start", "name", "category")
+
+
+@dataclass(frozen=True, eq=False)
+class Corpus:
+    """Clips of one split, their frames one after the other, at their own rates."""
+
+    rotation: np.ndarray  # (N, 22, 4) float32 wxyz, world ← joint
+    root: np.ndarray  # (N, 3) float32 m, the pelvis
+    visible: np.ndarray  # (N, 65) bool: what a headset's cameras see of the wearer's own body
+    fingers: np.ndarray  # (M, 30, 4) float32 wxyz, parent ← joint; frames of clips with fingers only
+    rest_offset: np.ndarray  # (C, 65, 3) float32 m, the body of each clip
+    start: np.ndarray  # (C,) first frame
+    length: np.ndarray  # (C,) frames
+    rate: np.ndarray  # (C,) Hz
+    finger_start: np.ndarray  # (C,) first row of `fingers`; -1 without
+    name: np.ndarray  # (C,) str
+    category: np.ndarray  # (C,) str
+
+    def __len__(self) -> int:
+        return len(self.length)
+
+    def of(self, clips: np.ndarray) -> Corpus:
+        """Some of the clips (N,), of the same frames."""
+        return replace(self, **{name: getattr(self, name)[clips] for name in _OF_CLIPS})
+
+    @property
+    def minutes(self) -> float:
+        """Length of the motion."""
+        return float((self.length / self.rate).sum() / 60)
+
+
+def read_corpus(data: Path, split: Split, cache: Path | None = None) -> Corpus:
+    """Read the clips of a split of the sets in `data` (folders of motion); `cache` keeps the result as one .npz.
+
+    Raises BodysenseError where there is no motion.
+    """
+    if cache is not None and cache.is_file():
+        with np.load(cache, allow_pickle=False) as saved:
+            if str(saved["format"]) != FORMAT:
+                raise BodysenseError(
+                    f"{cache}: not a corpus of this version ({FORMAT}); delete the file and start again"
+                )
+            return Corpus(**{name: saved[name] for name in saved.files if name != "format"})
+    rows: list[dict[str, np.ndarray]] = []
+    about: list[tuple[float, str, str]] = []
+    for clip in track(open_clips(data, split), f"reading {split}", total=count_clips(data, split)):
+        pose = clip.pose
+        world = forward_kinematics(pose)[1][:, :_JOINTS]
+        fingers = pose.rotation[:, _JOINTS:] if clip.has_fingers else np.zeros((0, 30, 4))
+        rows.append(
+            {
+                "rotation": quaternion_canonical(world).astype(np.float32),
+                "root": pose.root_position.astype(np.float32),
+                "visible": see(pose).visible,
+                "fingers": fingers.astype(np.float32),
+                "rest_offset": pose.skeleton.rest_offset[None].astype(np.float32),
+            }
+        )
+        about.append((clip.frame_rate, f"{clip.person}/{clip.name}", clip.category))
+    whole = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+    length = np.array([len(row["root"]) for row in rows])
+    of_fingers = np.array([len(row["fingers"]) for row in rows])
+    corpus = Corpus(
+        **whole,
+        start=np.cumsum(length) - length,
+        length=length,
+        rate=np.array([row[0] for row in about]),
+        finger_start=np.where(of_fingers > 0, np.cumsum(of_fingers) - of_fingers, -1),
+        name=np.array([row[1] for row in about]),
+        category=np.array([row[2] for row in about]),
+    )
+    if cache is not None:
+        cache.parent.mkdir(parents=True, exist_ok=True)
+        with written_beside(cache) as beside, beside.open("wb") as file:
+            np.savez(file, format=FORMAT, **vars(corpus))
+    return corpus

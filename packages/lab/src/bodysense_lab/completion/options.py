@@ -1,0 +1,164 @@
+"""What the training and the tables of the tracker are asked; read by the command line, so without PyTorch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
+from bodysense.errors import BodysenseError
+from bodysense_lab.options import (
+    Card,
+    Flat,
+    MotionEvaluation,
+    MotionRun,
+    Schedule,
+    Split,
+    TableOptions,
+    check_ending,
+    check_fields,
+)
+
+Body = Literal["own", "stranger", "height", "nothing"]
+BODIES: tuple[Body, ...] = ("own", "stranger", "height", "nothing")
+
+FINGER_SCHEDULE = Schedule(steps=2000, learning_rate=2e-3, weight_decay=0.1, check_every=500)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompletionTraining(MotionRun, Card):
+    """Train the completion network and write the whole step as one .onnx file."""
+
+    run: Path | None = None
+    """folder of checkpoints and of the motion as it was read; OUT without its ending if omitted"""
+    schedule: Flat[Schedule] = Schedule(steps=6200)
+    begin_with: Path | None = None
+    """checkpoint of an earlier run, or a completion network (.onnx), with whose weights the body's network begins"""
+    finger_steps: int = FINGER_SCHEDULE.steps
+    """optimiser steps of the fingers' network; 0 leaves relaxed fingers"""
+    threads: int | None = 1
+    """PyTorch threads"""
+
+    @property
+    def folder(self) -> Path:
+        """Of the run."""
+        return self.out.with_suffix("") if self.run is None else self.run
+
+    def __post_init__(self) -> None:
+        check_ending(self.out, ".onnx")
+        if self.finger_steps < 0:
+            raise BodysenseError(f"--finger-steps {self.finger_steps}: give 0 or more")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FingerTraining(MotionRun):
+    """Train the finger network of the completion network alone, as a checkpoint from which training resumes."""
+
+    run: Path | None = None
+    """folder of the motion as it was read and of generated fingers; OUT's folder if omitted"""
+    schedule: Flat[Schedule] = FINGER_SCHEDULE
+    leave_out: str = ""
+    """person of whom nothing is learned"""
+    generated_hours: float = 0.0
+    """hours of generated fingers that are mixed with recorded ones; 0: none"""
+    threads: int | None = 1
+    """PyTorch threads"""
+
+    @property
+    def folder(self) -> Path:
+        """Of the run."""
+        return self.out.parent if self.run is None else self.run
+
+    def __post_init__(self) -> None:
+        if self.out.suffix != ".ckpt":
+            raise BodysenseError(f"{self.out}: the run is kept as .ckpt; give a name that ends so")
+        if not 0 <= self.generated_hours < 1000:
+            raise BodysenseError(f"--generated-hours {self.generated_hours:g}: give 0 to 1000")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompletionEvaluation(MotionEvaluation):
+    """The tracker on any sensors and any proportions."""
+
+    split: Split = "test"
+    """people, and strangers' bodies, to score"""
+    sets: tuple[str, ...] = TABLE_SETS
+    """sensor sets"""
+    bodies: tuple[Body, ...] = BODIES
+    """whose proportions: the recording's, or a stranger's of which all, the height or nothing is told"""
+    limit: int | None = None
+    """number of clips, spread evenly; all if omitted"""
+    model: Path | None = None
+    """completion network of your own; the packaged one if omitted"""
+    lattice: bool = True
+    """score 200 random edges of the lattice of sensor sets as well"""
+    keep: Path | None = None
+    """folder that keeps the results of every clip; clips that are in it are not scored again"""
+    jobs: int = 1
+    """processes; times of a step are truest with one"""
+    scheduler: str | None = None
+    """address of a Dask scheduler to run on instead of this machine, like tcp://host:8786"""
+    json: Path | None = None
+    """file for the numbers, as one flat object"""
+    csv: Path | None = None
+    """file for the table of all measures"""
+    picture: Path | None = None
+    """file for the reliability diagram (PNG)"""
+    worst: int = 12
+    """number of frames on the sheet: those with the largest mean error, at most one of a clip"""
+    sheet: Path | None = None
+    """file for a sheet of the worst frames, truth beside result (PNG)"""
+
+    @property
+    def outputs(self) -> tuple[Path, ...]:
+        """The files to write."""
+        return tuple(path for path in (self.json, self.csv, self.picture, self.sheet) if path is not None)
+
+    def __post_init__(self) -> None:
+        check_fields(self, "jobs", "limit", "worst")
+        for name in self.sets:
+            if name not in SENSOR_SETS:
+                raise BodysenseError(f"--sets {name}: unknown; valid are {', '.join(SENSOR_SETS)}")
+        if not self.bodies:
+            raise BodysenseError(f"--bodies: give at least one of {', '.join(BODIES)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SightEvaluation:
+    """Scripted wearers, and real headset signals."""
+
+    headset: Path | None = None
+    """folder of recorded headsets (headset_takes.npz); these rows are left out if omitted"""
+    model: Path | None = None
+    """completion network of your own; the packaged one if omitted"""
+    json: Path | None = None
+    """file for the numbers, as one flat object"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class UntrackedFingerEvaluation:
+    """Fingers that are not tracked."""
+
+    data: Path
+    """folder of motion with splits; its train split makes the mean hand of the baseline"""
+    networks: tuple[Path, ...]
+    """checkpoints of `bodysense train completion-fingers --leave-out NAME`"""
+    split: Literal["train", "val", "test"] = "test"
+    """which clips of these people"""
+    run: Path | None = None
+    """folder that keeps the motion as it was read; nothing is kept if omitted"""
+    json: Path | None = None
+    """file for the numbers, as one flat object"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HoleEvaluation(MotionEvaluation):
+    """Filled holes beside interpolation."""
+
+    clips: int | None = None
+    """number of clips, spread evenly; all if omitted"""
+    table: Flat[TableOptions] = TableOptions()
+
+    def __post_init__(self) -> None:
+        check_fields(self, "clips")

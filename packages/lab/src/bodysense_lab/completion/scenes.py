@@ -1,0 +1,140 @@
+"""What the tables score: recorded clips on their own bodies and on strangers, and what the tracker is told of each."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Literal
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.retarget import retargeted
+from bodysense.body.shape import Split as BodySplit
+from bodysense.body.shape import sample_bodies, stature
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.simulated.headset_camera import see_points
+from bodysense.devices.simulated.sensors import SensorSet, observe_points
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.splits import Split
+from bodysense.io.resample import resample
+from bodysense.observation import Observation
+from bodysense.scoring import RATE, group_of
+from bodysense_lab.completion.options import Body
+
+Truth = Literal["own", "stranger"]
+# Whose proportions move in each column; the last three differ in what the tracker is told.
+TRUTH_OF: dict[Body, Truth] = {"own": "own", "stranger": "stranger", "height": "stranger", "nothing": "stranger"}
+STRANGERS = 512  # bodies of a split, of which each clip has one
+_MOST_CLIPS, _MOST_FRAMES = 32, 24_000  # of a batch, padding included
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedScene:
+    """A clip on one body, at `RATE`: the truth."""
+
+    name: str
+    group: str  # category group: main, sport, dance, other
+    pose: Pose  # (T,)
+    person: str = ""
+
+    def __len__(self) -> int:
+        return int(self.pose.root_position.shape[0])
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The wearer's proportions."""
+        return self.pose.skeleton
+
+    @property
+    def time(self) -> np.ndarray:
+        """(T,) s."""
+        return np.arange(len(self)) / RATE
+
+    @cached_property
+    def placed(self) -> tuple[np.ndarray, np.ndarray]:
+        """World positions (T, P, 3) m and world rotations (T, J, 4) wxyz."""
+        position, rotation = forward_kinematics(self.pose)
+        return np.asarray(position), np.asarray(rotation)
+
+    @cached_property
+    def visible(self) -> np.ndarray:
+        """(T, P) bool: what the cameras of a headset see of the body."""
+        return see_points(self.skeleton, *self.placed).visible
+
+    def observe(self, sensors: SensorSet) -> Observation:
+        """What a set of sensors tracks."""
+        visible = self.visible if sensors.camera else None
+        return observe_points(self.skeleton, *self.placed, self.time, sensors, visible)
+
+    def beginning(self, frames: int) -> TrackedScene:
+        """The first frames of the scene."""
+        return replace(self, pose=self.pose[:frames])
+
+
+def scene_of(clip: Clip, truth: Truth, split: Split | Literal["all"]) -> TrackedScene:
+    """A clip at `RATE`, on its own body or on the stranger of its name."""
+    clip = resample(clip, RATE)
+    pose = clip.pose if truth == "own" else retargeted(clip.pose, stranger_of(clip, split))
+    return TrackedScene(f"{clip.person}/{clip.name}", group_of(clip), pose, clip.person)
+
+
+def stranger_of(clip: Clip, split: Split | Literal["all"]) -> Skeleton:
+    """The body on which a clip moves as a stranger: always the same one of the split's, by the clip's name."""
+    bodies = _strangers(body_split(split))
+    digest = hashlib.sha256(f"{clip.person}/{clip.name}".encode()).digest()
+    return clip.pose.skeleton.with_offsets(bodies[int.from_bytes(digest[:8], "big") % len(bodies)])
+
+
+def body_split(split: Split | Literal["all"]) -> BodySplit:
+    """The bodies that belong to a split of motion; test bodies for all of it."""
+    if split == "train":
+        return "train"
+    return "validation" if split == "val" else "test"
+
+
+@lru_cache(maxsize=3)
+def _strangers(split: BodySplit) -> np.ndarray:
+    return sample_bodies(split, STRANGERS)
+
+
+def person_of(body: Body, skeleton: Skeleton) -> Person:
+    """What the tracker is told of a wearer with these proportions."""
+    if body == "height":
+        return Person(height=float(stature(skeleton.rest_offset)))
+    return Person() if body == "nothing" else Person(skeleton)
+
+
+def batches(clips: Iterable[Clip]) -> Iterator[list[Clip]]:
+    """Clips of similar duration together, the longest first: few enough that padding and memory stay small."""
+    batch: list[Clip] = []
+    for clip in sorted(clips, key=lambda clip: clip.seconds, reverse=True):
+        longest = batch[0].seconds if batch else 0.0
+        if batch and (len(batch) == _MOST_CLIPS or (len(batch) + 1) * longest * RATE > _MOST_FRAMES):
+            yield batch
+            batch = []
+        batch.append(clip)
+    if batch:
+        yield batch
+
+
+def stacked(observations: Sequence[Observation]) -> Observation:
+    """Observations (T, P) of the same points as one (B, T, P); shorter ones end with copies of their last frame."""
+    longest = max(observations, key=len)
+
+    def stack(name: str) -> np.ndarray:
+        last = [np.minimum(np.arange(len(longest)), len(one) - 1) for one in observations]
+        return np.stack([getattr(one, name)[frames] for one, frames in zip(observations, last, strict=True)])
+
+    return Observation(
+        points=longest.points,
+        position=stack("position"),
+        rotation=stack("rotation"),
+        has_position=stack("has_position"),
+        has_rotation=stack("has_rotation"),
+        accuracy=stack("accuracy"),
+        time=longest.time,
+    )

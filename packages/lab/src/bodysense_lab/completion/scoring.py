@@ -1,0 +1,235 @@
+"""How `bodysense evaluate completion` scores: the tracker runs over the clips of a split, set of sensors by set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from typing import TypeVar
+
+from bodysense.body.skeleton import BODY
+from bodysense.devices.simulated.sensors import SENSOR_SETS, Edge, random_edges
+from bodysense.io.clip import Clip
+from bodysense.metrics import joint_error
+from bodysense.observation import Observation
+from bodysense.scoring import RATE, last_known
+from bodysense_lab.completion.baselines import MeanBody
+from bodysense_lab.completion.blinks import BLINKING, FINGER, lose_hands, rng_of, with_finger
+from bodysense_lab.completion.kept import KeptClips
+from bodysense_lab.completion.measures import (
+    Averages,
+    measure,
+    measure_confidence,
+    measure_hidden,
+    motion_measures,
+)
+from bodysense_lab.completion.options import Body
+from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of, stacked
+from bodysense_lab.completion.sight_scores import count_body_jumps, measure_sight, measure_transitions
+from bodysense_lab.completion.tables import CompletionSettings, CompletionTable, WorstFrame
+from bodysense_lab.completion.tracking import (
+    EdgeScore,
+    StepTimes,
+    TrackBatch,
+    TrackedBatch,
+    choose_scenes,
+    score_lattice,
+    step_times,
+    track_batch,
+)
+
+TIMED_FRAMES = 330  # of one wearer, to tell how long a step takes
+_EDGES = 10  # of the lattice that one process scores at a time
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+# Runs work on items, results in order: here, or in other processes, to which the work must pickle.
+Spread = Callable[[Callable[[Item], Result], Iterable[Item]], Iterator[tuple[Item, Result]]]
+
+
+def one_by_one(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[tuple[Item, Result]]:
+    """Every item with what `work` makes of it, in this process."""
+    for item in items:
+        yield item, work(item)
+
+
+def evaluate_completion(
+    clips: Iterable[Clip],
+    settings: CompletionSettings = CompletionSettings(),
+    *,
+    mean_body: MeanBody | None = None,
+    track: TrackBatch = track_batch,
+    times: StepTimes | None = step_times,
+    spread: Spread = one_by_one,
+    kept: KeptClips | None = None,
+    advance: Callable[[int, str], None] = lambda count, what: None,
+) -> CompletionTable:
+    """Score the tracker on clips.
+
+    Args:
+        clips: the motion, canonical.
+        settings: what is scored.
+        mean_body: a baseline of hidden joints; None leaves it out.
+        track: tracks a batch of people.
+        times: times the steps of one wearer; None leaves this out.
+        spread: where the work is done.
+        kept: results of clips that are scored already, and where those of others are kept.
+        advance: is told how many clips of a cell, or edges of the lattice, are done, and what they were.
+    """
+    table = CompletionTable(settings)
+    clips = list(clips)
+    truths: tuple[Truth, ...] = tuple(dict.fromkeys(TRUTH_OF[body] for body in settings.bodies))
+    work = partial(_score_batch, settings=settings, mean_body=mean_body, track=track)
+    jobs: list[tuple[list[Clip], Truth]] = []
+    for truth in truths:
+        missing: list[Clip] = []
+        for clip in clips:
+            part = None if kept is None else kept.find(clip, truth, settings)
+            if part is None:
+                missing.append(clip)
+            else:
+                table.merge(part)
+        for batch in batches(missing):
+            jobs.append((batch, truth))
+        advance(_told(len(clips) - len(missing), settings, truth), "clips kept from before")
+    for (batch, truth), parts in spread(work, jobs):
+        for clip, part in zip(batch, parts, strict=True):
+            table.merge(part)
+            if kept is not None:
+                kept.keep(clip, truth, part)
+        advance(_told(len(batch), settings, truth), f"{len(batch)} clips, {truth} bodies")
+    groups = list(batches(clips))
+    if times is not None and groups:
+        _time_steps(table, groups[0][0], times)  # the longest clip
+    if settings.edges:
+        judged = [scene_of(clip, "stranger", settings.split) for batch in groups for clip in batch]
+        edges = random_edges(settings.edges)
+        some = [edges[first : first + _EDGES] for first in range(0, len(edges), _EDGES)]
+        for of, scores in spread(partial(_score_edges, scenes=choose_scenes(judged), track=track), some):
+            table.lattice.extend(scores)
+            advance(len(of), "edges")
+    return table
+
+
+def _told(count: int, settings: CompletionSettings, truth: Truth) -> int:
+    """How much `advance` is told of clips of one truth."""
+    return count * len(settings.sets) * sum(TRUTH_OF[body] == truth for body in settings.bodies)
+
+
+def _score_batch(
+    batch: tuple[Sequence[Clip], Truth],
+    settings: CompletionSettings,
+    mean_body: MeanBody | None,
+    track: TrackBatch,
+) -> list[CompletionTable]:
+    """The tables of some clips of one truth, one of each clip."""
+    clips, truth = batch
+    tables = [CompletionTable(settings) for _ in clips]
+    scenes = [scene_of(clip, truth, settings.split) for clip in clips]
+    for table, scene in zip(tables, scenes, strict=True):
+        position = scene.placed[0]
+        table.truths[truth, scene.group] = motion_measures(position, position, scene.skeleton)
+    for sensors in settings.sets:
+        _score_set(tables, scenes, truth, sensors, mean_body, track)
+    return tables
+
+
+def _score_edges(edges: Sequence[Edge], scenes: Sequence[TrackedScene], track: TrackBatch) -> list[EdgeScore]:
+    return score_lattice(scenes, edges, track)
+
+
+def work_of(count: int, settings: CompletionSettings) -> int:
+    """How much `advance` is told in all of `count` clips."""
+    return count * len(settings.sets) * len(settings.bodies) + settings.edges
+
+
+def _score_set(
+    tables: Sequence[CompletionTable],
+    scenes: Sequence[TrackedScene],
+    truth: Truth,
+    sensors: str,
+    mean_body: MeanBody | None,
+    track: TrackBatch,
+) -> None:
+    """Score one set of sensors on scenes of one truth, for all that the tracker may be told."""
+    observations = [scene.observe(SENSOR_SETS[sensors]) for scene in scenes]
+    if sensors == "headset_camera":
+        for table, scene, seen in zip(tables, scenes, observations, strict=True):
+            _score_baselines(table, scene, seen, truth, mean_body)
+    observation = stacked(observations)
+    for body in tables[0].settings.bodies:
+        if TRUTH_OF[body] != truth:
+            continue
+        batch = track([person_of(body, scene.skeleton) for scene in scenes], observation)
+        for index, (table, scene, seen) in enumerate(zip(tables, scenes, observations, strict=True)):
+            tracked = batch.of_person(index, len(scene))
+            scores = measure(scene, tracked)
+            if sensors == "headset_camera":
+                scores.merge(measure_hidden(tracked.position, scene))
+            table.cells[sensors, body, scene.group] = scores
+            table.sights[sensors, body, scene.group] = measure_sight(scene, seen, tracked)
+            if scene.group == "main":
+                table.people[sensors, body] = {scene.person: scores}
+                table.worst.append(_worst_frame(sensors, body, scene, tracked))
+                for region, one in measure_confidence(scene, seen, tracked).items():
+                    table.calibrations[sensors, body, region] = one
+    if sensors in BLINKING and "own" in tables[0].settings.bodies and truth == "own":
+        _score_blinks(tables, scenes, sensors, observations, track)
+
+
+def _score_blinks(
+    tables: Sequence[CompletionTable],
+    scenes: Sequence[TrackedScene],
+    sensors: str,
+    observations: Sequence[Observation],
+    track: TrackBatch,
+) -> None:
+    """What hands that are lost and a finger that blinks do to bodies whose proportions are told."""
+    people = [person_of("own", scene.skeleton) for scene in scenes]
+    lost = [lose_hands(seen, rng_of(scene.name)) for scene, seen in zip(scenes, observations, strict=True)]
+    batch = track(people, stacked(lost))
+    for index, (table, scene, seen) in enumerate(zip(tables, scenes, lost, strict=True)):
+        scores = measure_transitions(scene, seen, batch.of_person(index, len(scene)))
+        table.sights[sensors, "own", scene.group].merge(scores)
+    jumps = []
+    for blinking in (False, True):
+        seen = [
+            with_finger(one, scene.placed[0][:, scene.skeleton.index(FINGER)], blinking)
+            for scene, one in zip(scenes, observations, strict=True)
+        ]
+        batch = track(people, stacked(seen))
+        jumps.append([count_body_jumps(scene, batch.position[k, : len(scene)]) for k, scene in enumerate(scenes)])
+    for table, scene, steady, blinked in zip(tables, scenes, *jumps, strict=True):
+        minutes = (len(scene) - 1) / RATE / 60
+        averages = table.sights[sensors, "own", scene.group].averages
+        averages.add("extra_jumps_per_minute", (blinked - steady) / minutes if minutes else 0.0, minutes)
+
+
+def _worst_frame(sensors: str, body: Body, scene: TrackedScene, tracked: TrackedBatch) -> WorstFrame:
+    """The frame with the largest mean error of 22 joints, from the head."""
+    head, joints = scene.skeleton.index("head"), scene.skeleton.indices(BODY)
+    truth, position = scene.placed[0], tracked.position
+    error = joint_error(position - position[:, [head]], truth - truth[:, [head]])[:, joints].mean(axis=-1)
+    frame = int(error.argmax())
+    return WorstFrame(sensors, body, scene.name, frame, float(error[frame]))
+
+
+def _score_baselines(
+    table: CompletionTable, scene: TrackedScene, seen: Observation, truth: Truth, mean_body: MeanBody | None
+) -> None:
+    """Errors of hidden joints of what knows nothing of this wearer's motion."""
+    methods = last_known(seen, scene.skeleton)
+    if mean_body is not None:
+        head = scene.skeleton.index("head")
+        position, rotation = scene.placed
+        methods["mean_body"] = mean_body.positions(position[:, head], rotation[:, head], scene.skeleton)
+    for method, position in methods.items():
+        averages = table.baselines.setdefault((method, truth, scene.group), Averages())
+        averages.merge(measure_hidden(position, scene))
+
+
+def _time_steps(table: CompletionTable, clip: Clip, times: StepTimes) -> None:
+    """Time the steps of one wearer in every cell."""
+    for body in table.settings.bodies:
+        scene = scene_of(clip, TRUTH_OF[body], table.settings.split).beginning(TIMED_FRAMES)
+        for sensors in table.settings.sets:
+            seen = scene.observe(SENSOR_SETS[sensors])
+            table.times[sensors, body] = times(person_of(body, scene.skeleton), seen)

@@ -1,0 +1,198 @@
+"""Which sensors a training sequence has, frame by frame: the distribution that the network learns from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bodysense.body.skeleton import BODY
+from bodysense_lab.completion.points import BODY_POINTS, INPUT_POINTS, KNUCKLES
+
+HEAD, WRISTS = "head", ("left_wrist", "right_wrist")
+# Kinds of sequences and how often each is drawn.
+KINDS = {
+    "three_point": 0.27,
+    "head": 0.08,
+    "trackers": 0.14,  # head and hands, and worn trackers
+    "imus": 0.15,  # head and hands, and sensors of rotation only
+    "camera": 0.21,  # what a headset's cameras see
+    "mixed": 0.08,  # head, mostly hands, and a few parts, on one side or both, each with a sensor of its own kind
+    "random": 0.04,  # any subset of points, each with a position, a rotation or both
+    "headless": 0.03,  # recordings with holes, positions only, worn trackers without a headset
+}
+_GAPS = 0.35  # share of sequences with hands in which these are lost for 0.2-3 s, now and then
+_ONE_HAND, _NO_TURN = 0.12, 0.04  # share of three-point sequences with one hand only, and with hands without rotation
+_CHANGES = 0.2  # share of sequences with other sensors in which those come and go
+_PAIRS = ("ankle", "knee", "elbow", "hip", "shoulder", "foot")
+_IMU_JOINTS = ("knee", "ankle", "hip", "elbow", "shoulder")
+_WHAT = ("both", "position", "rotation")
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnSensors:
+    """Masks of one sequence."""
+
+    has_position: np.ndarray  # (T, 27) bool
+    has_rotation: np.ndarray  # (T, 22) bool
+    head_known: np.ndarray  # (T,) bool: position and rotation of the head are tracked
+
+
+def draw_tracked(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnSensors:
+    """Draw what is tracked in a sequence of frames every `interval` s, of which cameras see `visible` (T, 27)."""
+    frames = len(visible)
+    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+    position, rotation = np.zeros(len(INPUT_POINTS), dtype=bool), np.zeros(len(BODY), dtype=bool)
+
+    def add(name: str, what: str = "both") -> None:
+        if what != "rotation":
+            position[INPUT_POINTS.index(name)] = True
+        if what != "position" and name in BODY:
+            rotation[BODY.index(name)] = True
+
+    add(HEAD)
+    if kind not in ("head", "headless", "random") and not (kind == "mixed" and rng.uniform() < 0.2):
+        for wrist in WRISTS:
+            add(wrist)
+    if kind == "three_point" and rng.uniform() < _ONE_HAND:
+        _remove(position, rotation, WRISTS[int(rng.integers(2))])
+    if kind == "three_point" and rng.uniform() < _NO_TURN:
+        rotation[[BODY.index(wrist) for wrist in WRISTS]] = False
+    if kind == "trackers":
+        _add_trackers(add, rng)
+    if kind == "imus":
+        _add_imus(add, rng)
+    if kind == "mixed":
+        _add_mixed(add, rng)
+    if kind == "random":
+        share = rng.uniform(0.05, 0.8)
+        for name in INPUT_POINTS:
+            if rng.uniform() < share:
+                add(name, str(rng.choice(_WHAT)))
+    if kind == "headless":
+        _headless(position, rotation, add, rng)
+    has_position, has_rotation = np.tile(position, (frames, 1)), np.tile(rotation, (frames, 1))
+    if kind == "camera":
+        has_position, has_rotation = _seen(visible)
+    elif rng.uniform() < _GAPS:
+        for wrist in WRISTS:
+            lost = spans(frames, interval, rng, 8.0)
+            has_position[lost, INPUT_POINTS.index(wrist)] = False
+            has_rotation[lost, BODY.index(wrist)] = False
+    if kind not in ("three_point", "head", "camera") and rng.uniform() < _CHANGES:
+        for name in INPUT_POINTS:
+            lost = spans(frames, interval, rng, 3.0, longest=8.0)
+            if name == HEAD and (kind != "headless" or rng.uniform() < 0.7):
+                continue
+            has_position[lost, INPUT_POINTS.index(name)] = False
+            if name in BODY:
+                has_rotation[lost, BODY.index(name)] = False
+    if rng.uniform() < 0.03:  # a headset that loses its place for a moment
+        lost = spans(frames, interval, rng, 4.0, longest=1.0)
+        has_position[lost, INPUT_POINTS.index(HEAD)] = False
+        has_rotation[lost, BODY.index(HEAD)] = False
+    head_known = has_position[:, INPUT_POINTS.index(HEAD)] & has_rotation[:, BODY.index(HEAD)]
+    return DrawnSensors(has_position, has_rotation, head_known)
+
+
+def _add_trackers(add, rng: np.random.Generator) -> None:
+    """Worn trackers: the sets that are sold, and any others."""
+    drawn = rng.uniform()
+    if drawn < 0.75:
+        add("pelvis")
+    if drawn < 0.5:
+        for side in ("left", "right"):
+            add(f"{side}_ankle")
+    if drawn < 0.22:
+        add("spine3")
+        for side in ("left", "right"):
+            add(f"{side}_elbow")
+            add(f"{side}_knee")
+    if drawn >= 0.7:
+        what = str(rng.choice(["both", "position"], p=[0.7, 0.3]))
+        for part in _PAIRS:
+            if rng.uniform() < 0.35:
+                for side in ("left", "right"):
+                    if rng.uniform() < 0.85:
+                        add(f"{side}_{part}", what)
+        if rng.uniform() < 0.4:
+            add("spine3", what)
+
+
+def _add_imus(add, rng: np.random.Generator) -> None:
+    """Sensors that know their rotation alone."""
+    drawn = rng.uniform()
+    parts = ["knee"] if drawn < 0.45 else ["ankle"] if drawn < 0.6 else ["knee", "ankle"] if drawn < 0.7 else []
+    parts = parts or [part for part in _IMU_JOINTS if rng.uniform() < 0.5]
+    for part in parts:
+        for side in ("left", "right"):
+            add(f"{side}_{part}", "rotation")
+    for name in ("pelvis", "spine3"):
+        if rng.uniform() < 0.4:
+            add(name, "rotation")
+    if rng.uniform() < 0.1:
+        add("pelvis")
+
+
+def _add_mixed(add, rng: np.random.Generator) -> None:
+    """A few parts of the body, each with a sensor of its own kind, as often on one side as on both."""
+    share = rng.uniform(0.05, 0.5)
+    for part in ("pelvis", "spine3", *_PAIRS):
+        if rng.uniform() < share:
+            what = str(rng.choice(_WHAT))
+            sides = ("left", "right") if rng.uniform() < 0.5 else (str(rng.choice(["left", "right"])),)
+            for name in (part,) if part in BODY else tuple(f"{side}_{part}" for side in sides):
+                add(name, what)
+
+
+def _headless(position: np.ndarray, rotation: np.ndarray, add, rng: np.random.Generator) -> None:
+    """Without a headset: motion capture with holes, positions alone, or worn trackers."""
+    drawn = rng.uniform()
+    if drawn < 0.35:  # a recording with holes
+        for name in BODY_POINTS:
+            if rng.uniform() < 0.85:
+                add(name)
+        if rng.uniform() < 0.5:
+            _remove(position, rotation, HEAD)
+    elif drawn < 0.7:  # positions alone
+        rotation[:] = False
+        share = rng.uniform(0.3, 1.0)
+        for name in (*BODY_POINTS, *KNUCKLES):
+            if rng.uniform() < share:
+                add(name, "position")
+    elif drawn < 0.8:  # gloves alone
+        _remove(position, rotation, HEAD)
+        for name in (*WRISTS, *KNUCKLES) if rng.uniform() < 0.7 else WRISTS:
+            add(name)
+    else:
+        _remove(position, rotation, HEAD)
+        for name in ("pelvis", *WRISTS, "left_ankle", "right_ankle", "spine3"):
+            if rng.uniform() < 0.75:
+                add(name)
+
+
+def _seen(visible: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions of what cameras see, the head's pose, and the rotation of hands that are seen: knuckles imply it."""
+    has_position = visible.copy()
+    has_rotation = np.zeros((len(visible), len(BODY)), dtype=bool)
+    has_position[:, INPUT_POINTS.index(HEAD)] = True
+    has_rotation[:, BODY.index(HEAD)] = True
+    for wrist in WRISTS:
+        has_rotation[:, BODY.index(wrist)] = has_position[:, INPUT_POINTS.index(wrist)]
+    return has_position, has_rotation
+
+
+def _remove(position: np.ndarray, rotation: np.ndarray, name: str) -> None:
+    position[INPUT_POINTS.index(name)] = False
+    rotation[BODY.index(name)] = False
+
+
+def spans(
+    frames: int, interval: float, rng: np.random.Generator, per_minute: float, longest: float = 3.0
+) -> np.ndarray:
+    """(T,) bool: spans of 0.2 s to `longest`, log-uniform, so many a minute on average."""
+    lost = np.zeros(frames, dtype=bool)
+    for _ in range(rng.poisson(per_minute * frames * interval / 60)):
+        begin = rng.uniform(0, frames)
+        lost[int(begin) : int(begin + np.exp(rng.uniform(np.log(0.2), np.log(longest))) / interval) + 1] = True
+    return lost

@@ -1,0 +1,338 @@
+"""Training sequences: a recorded clip on a body of the family, tracked by sensors that err, told in part."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bodysense.body.rotation import (
+    quaternion_canonical,
+    quaternion_exp,
+    quaternion_multiply,
+    quaternion_rotate,
+    quaternion_to_matrix,
+)
+from bodysense.body.shape import Measured, shape_space
+from bodysense.body.skeleton import BODY, default_skeleton
+from bodysense_lab.completion.corpus import Corpus
+from bodysense_lab.completion.points import (
+    BODY_POINTS,
+    CONTACT,
+    HEAD,
+    JOINTS,
+    body_places,
+    bone_parents,
+    partners,
+    path_from_head,
+    stature,
+)
+from bodysense_lab.completion.sensor_draws import DrawnSensors, draw_tracked
+
+_PLACES = body_places()
+_PARENTS = bone_parents()
+_PATH = path_from_head() - path_from_head()[0]  # from the pelvis
+_KNUCKLES = [
+    default_skeleton().indices([f"{side}_{finger}1" for finger in ("index", "middle", "ring", "pinky")])
+    for side in ("left", "right")
+]
+_WRISTS = [BODY.index("left_wrist"), BODY.index("right_wrist")]
+_SOLES = [BODY_POINTS.index(f"{side}_{part}") for side in ("left", "right") for part in ("ankle", "foot", "toe")]
+_CONTACT = [BODY.index(name) for name in CONTACT]
+_MIRROR, _MIRROR_65 = partners(BODY), default_skeleton().mirror
+# A foot is in contact while it is at most this far above where it stands at rest and at most this fast; feet of the
+# CMU recordings slide by 0.13 m/s where they stand.
+_LOW, _SLOW, _HALF_WINDOW = 0.05, 0.3, 0.04  # m, m/s, s
+_STIFF = np.radians(2.0)  # wrists that bend less were not recorded
+# Distances that sensors measure while they run.
+LENGTHS = (
+    ("left_shoulder", "left_elbow"),
+    ("left_elbow", "left_wrist"),
+    ("left_hip", "left_knee"),
+    ("left_knee", "left_ankle"),
+    ("left_hip", "left_ankle"),
+    ("left_shoulder", "right_shoulder"),
+    ("left_hip", "right_hip"),
+    ("pelvis", "head"),
+)
+LONGEST = 15.0  # s of a sequence
+_OWN, _BETWEEN = 0.2, 0.3  # shares of sequences on the recording's own body, and on one between it and a family's
+
+
+@dataclass(frozen=True, eq=False)
+class Sequence:
+    """One clip, ready to learn from. World: +Y up, the floor at y = 0."""
+
+    true_position: np.ndarray  # (T, 25, 3) float32 m
+    true_rotation: np.ndarray  # (T, 22, 4) float32 wxyz, world ← joint
+    contact: np.ndarray  # (T, 4) bool
+    position: np.ndarray  # (T, 27, 3) float32 m, as tracked
+    rotation: np.ndarray  # (T, 22, 4) float32 wxyz, as tracked
+    has_position: np.ndarray  # (T, 27) bool
+    has_rotation: np.ndarray  # (T, 22) bool
+    anchor: np.ndarray  # (T, 4) float32: cosine and sine of the heading, x and z of the frame under the head
+    accuracy: np.ndarray  # (27,) float32 m
+    rest_offset: np.ndarray  # (25, 3) float32 m, as told
+    certainty: np.ndarray  # (25,) float32 m
+    size: float
+    interval: float  # s
+
+    def __len__(self) -> int:
+        return len(self.contact)
+
+
+@dataclass(frozen=True)
+class TrainingBody:
+    """Rest offsets of a body (65, 3) m, as it is and as it is told."""
+
+    true: np.ndarray
+    told: np.ndarray
+    certainty: np.ndarray  # (65,) m
+
+
+def draw_body(own: np.ndarray, rng: np.random.Generator) -> TrainingBody:
+    """Draw proportions: the recording's own, a body of the family, or one between; told, told in part, or not."""
+    space = shape_space()
+    drawn = rng.uniform()
+    true = own.copy()
+    if drawn >= _OWN:
+        true = space.offsets(np.clip(rng.standard_normal(len(space.components)), -2.5, 2.5))
+        if drawn < _OWN + _BETWEEN:
+            share = rng.uniform(-0.2, 1.0)
+            true = share * own + (1 - share) * true * (_height(own) / _height(true))
+        true = _jittered(true, rng)
+    return TrainingBody(true, *_told(true, rng))
+
+
+def _told(true: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """What is told of a body: all of it, its height, a guess of that, or some lengths too."""
+    drawn = rng.uniform()
+    if drawn < 0.55:
+        return true, np.zeros(len(true))
+    height, lengths = _height(true), {}
+    if drawn < 0.78:
+        measured = Measured(height, 0.005)
+    elif drawn < 0.9:
+        measured = Measured(height * (1 + rng.normal(0, 0.035)), 0.06)
+    else:
+        measured = Measured(height * (1 + rng.normal(0, 0.015)), 0.03)
+        place = default_skeleton().path @ true
+        for pair in LENGTHS:
+            if rng.uniform() < 0.5:
+                a, b = default_skeleton().indices(pair)
+                lengths[pair] = Measured(float(np.linalg.norm(place[a] - place[b])) * (1 + rng.normal(0, 0.01)), 0.01)
+    likeliest = shape_space().likeliest(lengths, measured)
+    return shape_space().offsets(likeliest.coefficients), likeliest.bone_deviation
+
+
+def _jittered(offset: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Offsets whose directions and lengths differ a little, alike on both sides."""
+    turn = quaternion_exp(rng.normal(0, np.radians(2.5), (len(offset), 3)))
+    scale = np.exp(rng.normal(0, 0.03, (len(offset), 1)))
+    changed = quaternion_rotate(turn, offset) * scale
+    mirrored = changed[_MIRROR_65] * np.array([-1.0, 1.0, 1.0])
+    # Of each pair the left one decides; points of the middle keep to the middle.
+    left = np.array([name.startswith("left_") for name in default_skeleton().points])[:, None]
+    right = np.array([name.startswith("right_") for name in default_skeleton().points])[:, None]
+    changed = np.where(left, changed, np.where(right, mirrored, (changed + mirrored) / 2))
+    path = default_skeleton().path  # leaves out the root's own offset
+    sunk = (path @ offset)[:, 1].min() - (path @ changed)[:, 1].min()
+    changed[0] = offset[0] + [0.0, sunk, 0.0]
+    return changed
+
+
+def _height(offset: np.ndarray) -> float:
+    return float(np.ptp((default_skeleton().path @ offset)[:, 1]))
+
+
+Track = Callable[[np.ndarray, float, np.random.Generator], DrawnSensors]
+
+
+@dataclass(frozen=True)
+class Draw:
+    """What may differ about a clip."""
+
+    body: TrainingBody
+    track: Track = draw_tracked
+    rate: float = 30.0  # Hz
+    pace: float = 1.0  # how fast the motion is played
+    begin: float = 0.0  # s
+    longest: float = np.inf  # s
+    mirrored: bool = False
+    bent: bool = False  # wrists bend at random
+    noisy: bool = False
+
+
+def draw_sequence(corpus: Corpus, clip: int, rng: np.random.Generator) -> Sequence:
+    """Draw everything that may differ about a clip of the corpus, and make its sequence."""
+    seconds = float(corpus.length[clip] / corpus.rate[clip])
+    drawn = Draw(
+        body=draw_body(corpus.rest_offset[clip].astype(float), rng),
+        rate=30.0 if rng.uniform() < 0.5 else float(np.exp(rng.uniform(np.log(22), np.log(60)))),
+        pace=float(np.exp(rng.uniform(-0.2, 0.2))) if rng.uniform() < 0.5 else 1.0,
+        begin=max(0.0, float(rng.uniform(-LONGEST / 2, seconds - LONGEST / 2))),
+        longest=LONGEST,
+        mirrored=bool(rng.uniform() < 0.5),
+        bent=bool(rng.uniform() < 0.35),
+        noisy=bool(rng.uniform() < 0.6),
+    )
+    return make_sequence(corpus, clip, drawn, rng)
+
+
+def make_sequence(corpus: Corpus, clip: int, draw: Draw, rng: np.random.Generator) -> Sequence:
+    """The sequence of a clip as drawn."""
+    rate, body = draw.rate, draw.body
+    rotation, root, visible = _resampled(corpus, clip, draw)
+    own = corpus.rest_offset[clip].astype(float)
+    if draw.mirrored:
+        rotation = rotation[:, _MIRROR] * np.array([1.0, 1.0, -1.0, -1.0])
+        root, visible = root * [-1.0, 1.0, 1.0], visible[:, _MIRROR_65]
+    if draw.bent:
+        rotation = _with_bent_wrists(rotation, rate, rng)
+    true_position, matrix = _retargeted(rotation, root, own, body.true)
+    knuckles = np.stack(
+        [
+            true_position[:, wrist] + matrix[:, wrist] @ body.true[places].mean(axis=0)
+            for wrist, places in zip(_WRISTS, _KNUCKLES, strict=True)
+        ],
+        axis=1,
+    )
+    points = np.concatenate([true_position, knuckles], axis=1)
+    seen = np.concatenate([visible[:, _PLACES], visible[:, [places[0] for places in _KNUCKLES]]], axis=1)
+    tracked = draw.track(seen, 1 / rate, rng)
+    position, turned, accuracy = points, rotation, np.full(points.shape[1], 0.001)
+    if draw.noisy:
+        position, turned, accuracy = _disturbed(points, rotation, rate, rng)
+    anchor = _anchor(turned[:, HEAD], position[:, HEAD], tracked.head_known, rng, rate)
+    told = body.told[_PLACES]
+    return Sequence(
+        true_position=true_position.astype(np.float32),
+        true_rotation=rotation.astype(np.float32),
+        contact=in_contact(true_position[:, _CONTACT], _standing(body.true)[_CONTACT], rate),
+        position=position.astype(np.float32),
+        rotation=turned.astype(np.float32),
+        has_position=tracked.has_position,
+        has_rotation=tracked.has_rotation,
+        anchor=anchor.astype(np.float32),
+        accuracy=accuracy.astype(np.float32),
+        rest_offset=told.astype(np.float32),
+        certainty=body.certainty[_PLACES].astype(np.float32),
+        size=float(stature(told)),
+        interval=1 / rate,
+    )
+
+
+def _resampled(corpus: Corpus, clip: int, draw: Draw) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """World rotations (T, 22, 4), the root's path (T, 3) and visibility (T, 65) of the part of a clip that is drawn."""
+    first = int(corpus.start[clip])
+    low, high, share = frames_of(corpus, clip, draw)
+    mixed = between(corpus.rotation[first + low], corpus.rotation[first + high], share)
+    root = corpus.root[first + low] * (1 - share[:, None]) + corpus.root[first + high] * share[:, None]
+    return mixed, root, corpus.visible[first + low]
+
+
+def frames_of(corpus: Corpus, clip: int, draw: Draw) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frames (T,) of a clip before and after each frame of its sequence, and the share (T,) of the latter."""
+    count, own = int(corpus.length[clip]), float(corpus.rate[clip]) * draw.pace
+    begin = min(draw.begin * own, max(0.0, count - 1 - 2 * own))
+    end = min(count - 1, begin + draw.longest * own)
+    place = np.arange(begin, end + 1e-6, own / draw.rate)
+    low = np.minimum(place.astype(int), count - 1)
+    return low, np.minimum(low + 1, count - 1), place - low
+
+
+def between(a: np.ndarray, b: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Rotations (T, J, 4) that are `share` (T,) of the way from a to b: float64."""
+    a, b = a.astype(float), b.astype(float)
+    b *= np.where((a * b).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
+    mixed = a + share[:, None, None] * (b - a)
+    return mixed / np.linalg.norm(mixed, axis=-1, keepdims=True)
+
+
+def _retargeted(
+    rotation: np.ndarray, root: np.ndarray, own: np.ndarray, other: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (T, 25, 3) of the motion on another body, and matrices (T, 22, 3, 3): the twin of `body.retarget`."""
+    matrix = quaternion_to_matrix(rotation)
+    carrying = matrix[:, _PARENTS]
+
+    def placed(offset: np.ndarray) -> np.ndarray:
+        return _PATH @ (carrying @ offset[_PLACES][1:, :, None])[..., 0]
+
+    if other is own:
+        return placed(own) + root[:, None], matrix
+    before, after = placed(own) + root[:, None], placed(other)
+    legs = other[0, 1] / own[0, 1]
+    clearance = (before[:, _SOLES, 1] - _standing(own)[_SOLES]).min(axis=1) * legs
+    moved = after + (root * legs)[:, None]
+    lift = clearance - (moved[:, _SOLES, 1] - _standing(other)[_SOLES]).min(axis=1)
+    moved[..., 1] += lift[:, None]
+    return moved, matrix
+
+
+def _standing(offset: np.ndarray) -> np.ndarray:
+    """(25,) m: how high the points rest above the floor."""
+    return (default_skeleton().path @ offset)[_PLACES, 1] + offset[0, 1]
+
+
+def in_contact(feet: np.ndarray, standing: np.ndarray, rate: float) -> np.ndarray:
+    """(T, 4) bool: whether ankles and balls of the feet (T, 4, 3) m stand, which rest `standing` (4,) m high."""
+    reach = max(1, round(_HALF_WINDOW * rate))
+    place = np.arange(len(feet))
+    before, after = np.maximum(place - reach, 0), np.minimum(place + reach, len(feet) - 1)
+    time = np.maximum(after - before, 1)[:, None] / rate
+    speed = np.linalg.norm(feet[after] - feet[before], axis=-1) / time
+    return (feet[..., 1] < standing + _LOW) & (speed < _SLOW)
+
+
+def _with_bent_wrists(rotation: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
+    """Wrists bent at random about both axes across the arm, slowly; recorded bending stays."""
+    bend = wander(len(rotation), 2 * 3, rate, 0.6, rng).reshape(-1, 2, 3) * [0.1, 0.3, 0.45]
+    bent = rotation.copy()
+    bent[:, _WRISTS] = quaternion_multiply(rotation[:, _WRISTS], quaternion_exp(bend))
+    return bent
+
+
+def wander(frames: int, count: int, rate: float, seconds: float, rng: np.random.Generator) -> np.ndarray:
+    """(T, count) smooth noise of standard deviation 1 that changes within `seconds`."""
+    knots = int(np.ceil(frames / (rate * seconds))) + 2
+    values = rng.standard_normal((knots, count)) * 1.2
+    place = np.arange(frames) / (rate * seconds) + rng.uniform(0, 1)
+    low = place.astype(int)
+    share = (place - low)[:, None]
+    share = share * share * (3 - 2 * share)
+    return values[low] * (1 - share) + values[np.minimum(low + 1, knots - 1)] * share
+
+
+def _disturbed(
+    points: np.ndarray, rotation: np.ndarray, rate: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions and rotations as trackers of some accuracy give them, and that accuracy (27,) m."""
+    accuracy = np.exp(rng.uniform(np.log(0.002), np.log(0.025), points.shape[1]))
+    accuracy[HEAD] = 0.001
+    if rng.uniform() < 0.5:
+        accuracy[_WRISTS] = 0.002
+    shape = points.shape
+    drift = wander(shape[0], shape[1] * 3, rate, 1.0, rng).reshape(shape) * 0.4
+    drift += rng.standard_normal(shape[1:]) * 0.4
+    quick = rng.standard_normal(shape) * (0.15 if rng.uniform() < 0.3 else 0.02)
+    sigma = accuracy[:, None] * rng.uniform(0.7, 1.3)
+    degrees = np.minimum(np.radians(accuracy[:JOINTS] * 200), np.radians(4.0))  # 1 mm: 0.2°, 2 cm: 4°
+    turns = wander(shape[0], JOINTS * 3, rate, 1.0, rng).reshape(-1, JOINTS, 3) * degrees[:, None] * 0.6
+    turned = quaternion_multiply(quaternion_exp(turns), rotation)
+    return points + (drift + quick) * sigma, quaternion_canonical(turned), accuracy
+
+
+def _anchor(
+    head: np.ndarray, place: np.ndarray, known: np.ndarray, rng: np.random.Generator, rate: float
+) -> np.ndarray:
+    """The frame under the head (T, 4); where the head is not tracked, one that errs as an estimate of it does."""
+    twist = np.stack([head[:, 0] ** 2 - head[:, 2] ** 2, 2 * head[:, 0] * head[:, 2]], axis=-1)
+    angle = np.arctan2(twist[:, 1], twist[:, 0])
+    where = place[:, [0, 2]].astype(float)
+    if not known.all():
+        error = wander(len(head), 3, rate, 2.0, rng) * [np.radians(12.0), 0.04, 0.04]
+        angle = np.where(known, angle, angle + error[:, 0])
+        where = np.where(known[:, None], where, where + error[:, 1:])
+    return np.column_stack([np.cos(angle), np.sin(angle), where])

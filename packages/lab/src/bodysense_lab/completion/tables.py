@@ -1,0 +1,376 @@
+"""The table of `bodysense evaluate completion`: sensor sets by bodies.
+
+The tables of `evaluate completion` as they are handed out: a short one, one of all measures, one of confidence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Literal, TypeVar
+
+import numpy as np
+
+from bodysense.devices.simulated.sensors import TABLE_SETS
+from bodysense.intervals import Interval, interval
+from bodysense.io.datasets.splits import Split
+from bodysense.scoring import GROUPS, KNOWN
+from bodysense_lab.completion.measures import REGIONS, Averages, Calibration
+from bodysense_lab.completion.options import BODIES, Body
+from bodysense_lab.completion.scenes import TRUTH_OF, Truth
+from bodysense_lab.completion.sight_scores import SightScores
+from bodysense_lab.completion.tracking import CLIPS, FRAMES, EdgeScore
+from bodysense_lab.datasets import Census, DataSet, describe
+from bodysense_lab.table import Cell, Report, cell, finite
+
+Key = TypeVar("Key")
+
+
+@dataclass(frozen=True)
+class CompletionSettings:
+    """What is scored."""
+
+    split: Split | Literal["all"] = "test"
+    sets: tuple[str, ...] = TABLE_SETS
+    bodies: tuple[Body, ...] = BODIES
+    edges: int = 200  # of the lattice; 0 leaves it out
+
+
+@dataclass(frozen=True)
+class WorstFrame:
+    """The frame of a clip with the largest mean error."""
+
+    sensors: str
+    body: Body
+    clip: str  # the scene's name
+    frame: int
+    error: float  # cm, mean over 22 joints, from the head
+
+
+@dataclass(frozen=True)
+class CompletionTable:
+    """Averages of every cell by category group, calibrations of the main group, and what stands beside them."""
+
+    settings: CompletionSettings
+    cells: dict[tuple[str, Body, str], Averages] = field(default_factory=dict, repr=False)
+    calibrations: dict[tuple[str, Body, str], Calibration] = field(default_factory=dict, repr=False)  # by region
+    sights: dict[tuple[str, Body, str], SightScores] = field(default_factory=dict, repr=False)
+    worst: list[WorstFrame] = field(default_factory=list, repr=False)  # of each clip and cell, main group
+    truths: dict[tuple[Truth, str], Averages] = field(default_factory=dict, repr=False)
+    baselines: dict[tuple[str, Truth, str], Averages] = field(default_factory=dict, repr=False)
+    people: dict[tuple[str, Body], dict[str, Averages]] = field(default_factory=dict, repr=False)  # of the main group
+    times: dict[tuple[str, Body], np.ndarray] = field(default_factory=dict, repr=False)  # (N,) s a step
+    lattice: list[EdgeScore] = field(default_factory=list, repr=False)
+
+    def merge(self, other: CompletionTable) -> None:
+        """Count what another table of the same settings has counted."""
+        _merge(self.cells, other.cells)
+        _merge(self.truths, other.truths)
+        _merge(self.baselines, other.baselines)
+        for key, one in other.sights.items():
+            self.sights.setdefault(key, SightScores()).merge(one)
+        self.worst.extend(other.worst)
+        for key, one in other.calibrations.items():
+            self.calibrations.setdefault(key, Calibration()).merge(one)
+        for key, people in other.people.items():
+            _merge(self.people.setdefault(key, {}), people)
+
+    def get(self, sensors: str, body: Body, name: str, group: str = "main") -> float:
+        """One figure of one cell; NaN where nothing was counted."""
+        value = self.cells.get((sensors, body, group), Averages()).get(name)
+        sight = self.sights.get((sensors, body, group))
+        return value if sight is None or math.isfinite(value) else sight.numbers().get(name, math.nan)
+
+    def calibration(self, sensors: str, body: Body | None = None, region: str | None = None) -> Calibration:
+        """The calibration of a set, over all bodies and regions that are not named."""
+        whole = Calibration()
+        for (of_sensors, of_body, of_region), one in self.calibrations.items():
+            if of_sensors == sensors and body in (None, of_body) and region in (None, of_region):
+                whole.merge(one)
+        return whole
+
+    def interval(self, sensors: str, body: Body, minus: Body | None = None) -> Interval:
+        """The headline of a cell, or what it has more than another body's, and between what it lies: main group."""
+        of, other = (self._by_person(sensors, one) for one in (body, minus))
+        return interval(of, None if minus is None else other)
+
+    def _by_person(self, sensors: str, body: Body | None) -> dict[str, tuple[float, float]]:
+        name = headline(sensors)
+        people = {} if body is None else self.people.get((sensors, body), {})
+        return {person: (one.get(name), one.weight[name]) for person, one in people.items() if name in one.weight}
+
+    def last_known(self, truth: Truth, group: str = "main") -> Averages:
+        """The best of the last-known baselines, by the root of its mean square."""
+        known = [self.baselines.get((frame, truth, group), Averages()) for frame in KNOWN]
+        return min(known, key=lambda one: one.get("occluded_square"))
+
+    def ratio(self, body: Body, group: str = "main") -> float:
+        """RMSJPE of hidden joints by that of the best last-known baseline."""
+        cell = self.cells.get(("headset_camera", body, group), Averages())
+        return cell.root("occluded_square") / self.last_known(TRUTH_OF[body], group).root("occluded_square")
+
+    def numbers(self) -> dict[str, float]:
+        """One flat object; keys without a group at their end are over the main categories."""
+        result: dict[str, float] = {}
+        for (sensors, body, group), one in self.cells.items():
+            suffix = "" if group == "main" else f"_{group}"
+            key = f"{sensors}_{body}"
+            result |= {f"{key}_{name}{suffix}": one.get(name) for name in one.weight if name != "occluded_square"}
+            if sensors == "headset_camera":
+                result[f"{key}_occluded_rmsjpe_cm{suffix}"] = one.root("occluded_square")
+                result[f"{key}_ratio{suffix}"] = self.ratio(body, group)
+        for (sensors, body, group), one in self.sights.items():
+            suffix = "" if group == "main" else f"_{group}"
+            result |= {f"{sensors}_{body}_{name}{suffix}": value for name, value in one.numbers().items()}
+        for (truth, group), averages in self.truths.items():
+            suffix = "" if group == "main" else f"_{group}"
+            result |= {f"truth_{truth}_{name}{suffix}": averages.get(name) for name in averages.weight}
+        for (method, truth, group), averages in self.baselines.items():
+            key = f"{'last_known_' if method in KNOWN else ''}{method}_{truth}"
+            suffix = "" if group == "main" else f"_{group}"
+            result[f"{key}_occluded_mpjpe_cm{suffix}"] = averages.get("occluded_mpjpe_cm")
+            result[f"{key}_occluded_rmsjpe_cm{suffix}"] = averages.root("occluded_square")
+        for sensors, body in self.people:
+            one = self.interval(sensors, body)
+            result |= {f"{sensors}_{body}_low_cm": one.low, f"{sensors}_{body}_high_cm": one.high}
+            if body != "own" and (sensors, "own") in self.people:
+                beside = self.interval(sensors, body, "own")
+                parts = zip(("", "_low", "_high"), (beside.value, beside.low, beside.high), strict=True)
+                result |= {f"{sensors}_{body}_minus_own{part}_cm": value for part, value in parts}
+        for (sensors, body), times in self.times.items():
+            for percent in (50, 99):
+                result[f"{sensors}_{body}_p{percent}_ms"] = 1000 * float(np.percentile(times, percent))
+        result |= self._confidence_numbers()
+        if self.lattice:
+            result |= {
+                "lattice_violations": sum(score.violates for score in self.lattice),
+                "lattice_edges": len(self.lattice),
+            }
+        return result
+
+    def _confidence_numbers(self) -> dict[str, float]:
+        result: dict[str, float] = {}
+        for sensors in self.settings.sets:
+            parts = {"": self.calibration(sensors)}
+            parts |= {f"_{region}": self.calibration(sensors, region=region) for region in REGIONS}
+            parts |= {f"_{body}": self.calibration(sensors, body) for body in self.settings.bodies}
+            for part, one in parts.items():
+                result[f"{sensors}{part}_ece"] = one.ece
+                result[f"{sensors}{part}_cover90"] = one.coverage
+                result[f"{sensors}{part}_spearman"] = one.rank_correlation
+        return result
+
+
+def _merge(ours: dict[Key, Averages], theirs: dict[Key, Averages]) -> None:
+    for key, averages in theirs.items():
+        ours.setdefault(key, Averages()).merge(averages)
+
+
+def headline(sensors: str) -> str:
+    """The measure by which a set is told first."""
+    return "occluded_mpjpe_cm" if sensors == "headset_camera" else "mpjpe_cm"
+
+
+def groups_of(table: CompletionTable) -> tuple[str, ...]:
+    """The category groups of which there was motion."""
+    return tuple(group for group in GROUPS if any(key[-1] == group for key in table.cells))
+
+
+BODY_WORDS = {
+    "own": "the recording's body, told",
+    "stranger": "another body, told",
+    "height": "another body, only its height told",
+    "nothing": "another body, nothing told",
+}
+# Measures of a cell, in the order of the columns, by what a column is called.
+MEASURES = {
+    "MPJPE": "mpjpe_cm",
+    "lower": "lower_mpjpe_cm",
+    "upper": "upper_mpjpe_cm",
+    "hidden": "occluded_mpjpe_cm",
+    "rotation": "rotation_deg",
+    "velocity": "velocity_cm_s",
+    "jitter": "jitter",
+    "skate": "skate_cm_s",
+    "under floor": "depth_cm",
+    "jumps/min": "jumps_per_minute",
+    "breaks/min": "breaks_per_minute",
+}
+SIGHT = {
+    "frozen %": "frozen_share",
+    "jumps at change": "jumps_at_change_per_minute",
+    "other jumps": "jumps_elsewhere_per_minute",
+    "by a blink": "extra_jumps_per_minute",
+    "float %": "float_share",
+    "knee °": "standing_knee_deg",
+    "knee over °": "knee_excess_deg",
+    "knee back %": "backward_knee_share",
+    "false steps": "false_steps_per_minute",
+    "missed %": "missed_steps_share",
+    "wrong %": "wrong_foot_share",
+    "re-entry": "reentry_speed_m_s",
+    "PJ": "pj_ratio",
+    "AUJ": "auj",
+    "elbow °": "elbow_deg",
+    "seen p95": "measured_p95_cm",
+    "bound %": "measured_covered",
+}
+_SHARES = ("_share", "_covered")  # how keys of shares end; columns are percent
+
+
+def completion_reports(table: CompletionTable, census: Census, data: DataSet) -> tuple[Report, ...]:
+    """The short table, all measures and groups, how sure figures are, confidence; the numbers are the first's."""
+    bodies = table.settings.bodies
+    short = Report(
+        name="completion",
+        title="Completion: sensor sets × bodies (main categories, MPJPE in cm)",
+        columns=("sensors", *bodies),
+        rows=tuple(
+            (name.replace("_", " "), *(cell(table.get(name, body, headline(name))) for body in bodies))
+            for name in table.settings.sets
+        ),
+        numbers=finite(table.numbers()) | census.numbers(),
+        data=(describe(data, census),),
+        remarks=tuple(_remarks(table)),
+        remarks_title="Beside it",
+        caption="22 joints from the head; headset camera: hidden joints, in the world. "
+        + "; ".join(f"{body}: {BODY_WORDS[body]}" for body in bodies)
+        + ".",
+        digits=2,
+    )
+    whole = Report(
+        name="completion-measures",
+        title="Completion: all measures",
+        columns=("motion", "sensors", "body", *MEASURES, "ratio", "p50", "p99"),
+        rows=tuple(_rows(table)),
+        numbers={},
+        caption="cm; local rotations, °; cm/s; jitter 10² m/s³; skate of feet that truly stand; depth of foot points; "
+        "jumps: frames a minute in which a joint goes 5 cm farther than the truth; breaks: 5 cm farther from where its "
+        "velocity led; ratio: RMSJPE of hidden joints by the best last known; ms of one wearer's step. Averages over "
+        "frames at 30 Hz.",
+        digits=2,
+    )
+    return short, whole, _sight_report(table), _interval_report(table), _confidence_report(table)
+
+
+def _rows(table: CompletionTable) -> Iterator[tuple[Cell, ...]]:
+    blank = (None,) * 3
+    for group in groups_of(table):
+        for name in table.settings.sets:
+            for body in table.settings.bodies:
+                values = [cell(table.get(name, body, one, group)) for one in MEASURES.values()]
+                ratio = cell(table.ratio(body, group)) if name == "headset_camera" else None
+                times = table.times.get((name, body)) if group == "main" else None
+                taken = (None, None) if times is None else tuple(1000 * np.percentile(times, (50, 99)))
+                yield (group, name, body, *values, ratio, *taken)
+        for (truth, of_group), averages in table.truths.items():
+            if of_group == group:
+                values = [cell(averages.get(one)) for one in MEASURES.values()]
+                yield (group, "the motion itself", truth, *values, *blank)
+        for (method, truth, of_group), averages in table.baselines.items():
+            if of_group == group:
+                hidden = cell(averages.get("occluded_mpjpe_cm"))
+                values = [hidden if one == "occluded_mpjpe_cm" else None for one in MEASURES.values()]
+                name = method.replace("_", " ") if method == "mean_body" else f"last known ({method})"
+                yield (group, name, truth, *values, *blank)
+
+
+def _sight_report(table: CompletionTable) -> Report:
+    """What a wearer sees go wrong, by group, set and body."""
+    rows: list[tuple[Cell, ...]] = []
+    for group in groups_of(table):
+        for name in table.settings.sets:
+            for body in table.settings.bodies:
+                one = table.sights.get((name, body, group), SightScores()).numbers()
+                factors = {key: 100 if key.endswith(_SHARES) else 1 for key in SIGHT.values()}
+                figures = (cell(factor * one.get(key, math.nan)) for key, factor in factors.items())
+                if one:
+                    rows.append((group, name.replace("_", " "), body, *figures))
+    return Report(
+        name="completion-sight",
+        title="Completion: what the wearer sees",
+        columns=("motion", "sensors", "body", *SIGHT),
+        rows=tuple(rows),
+        numbers={},
+        caption="docs/evaluation.md defines the columns. Frozen: hidden points that truly move; jumps and steps a "
+        "minute; float: the lower foot too high while the truth stands; knee: median where the true knees are under "
+        "10°; re-entry: m/s, 99th percentile; PJ (ratio), AUJ (m/s³): hands lost by the measured law; seen: cm.",
+        digits=2,
+    )
+
+
+def _interval_report(table: CompletionTable) -> Report:
+    """Between what the short table's figures lie, and which differences between bodies carry."""
+    rows: list[tuple[Cell, ...]] = []
+    for name in table.settings.sets:
+        for body in table.settings.bodies:
+            one = table.interval(name, body)
+            beside: tuple[Cell, ...] = (None,) * 4
+            if body != "own" and (name, "own") in table.people:
+                more = table.interval(name, body, "own")
+                beside = (cell(more.value), cell(more.low), cell(more.high), more.verdict)
+            rows.append((name.replace("_", " "), body, cell(one.value), cell(one.low), cell(one.high), *beside))
+    return Report(
+        name="completion-intervals",
+        title="Completion: how sure (main categories, cm)",
+        columns=("sensors", "body", "error", "low", "high", "more than own", "low", "high", "difference"),
+        rows=tuple(rows),
+        numbers={},
+        caption=f"95 % intervals by bootstrap over {_people(table)} people; a difference is none where it may be 0.",
+        digits=2,
+    )
+
+
+def _people(table: CompletionTable) -> int:
+    return max((len(people) for people in table.people.values()), default=0)
+
+
+def _confidence_report(table: CompletionTable) -> Report:
+    """Calibration by set and region, over all bodies."""
+    rows: list[tuple[Cell, ...]] = []
+    for name in table.settings.sets:
+        for region in (None, *REGIONS):
+            one = table.calibration(name, region=region)
+            figures = (one.ece, 100 * one.coverage, one.rank_correlation)
+            if one.count:
+                rows.append((name.replace("_", " "), region or "all", int(one.count), *map(cell, figures)))
+    return Report(
+        name="completion-confidence",
+        title="Completion: expected and true errors of joints that are not tracked (main categories, all bodies)",
+        columns=("sensors", "region", "joints × frames", "ECE", "within 90 %, %", "Spearman"),
+        rows=tuple(rows),
+        numbers={},
+        caption="ECE: mean difference of expected and true error, in bins of the expected one, by the mean error.",
+        digits=3,
+    )
+
+
+def _remarks(table: CompletionTable) -> Iterator[str]:
+    truths: tuple[Truth, ...] = ("own", "stranger")
+    for truth in truths:
+        averages = table.truths.get((truth, "main"))
+        if averages is not None:
+            yield (
+                f"The motion itself ({truth} bodies): jitter {averages.get('jitter'):.2f}, "
+                f"skate {averages.get('skate_cm_s'):.2f} cm/s, {averages.get('depth_cm'):.2f} cm under the floor."
+            )
+        baselines = [(name, table.baselines.get((name, truth, "main"))) for name in ("last known", "mean_body")]
+        shown = [
+            f"{name.replace('_', ' ')} {one.get('occluded_mpjpe_cm'):.1f} cm ({one.root('occluded_square'):.1f} RMSJPE)"
+            for name, one in ((baselines[0][0], table.last_known(truth)), baselines[1])
+            if one is not None and one.weight
+        ]
+        if shown:
+            yield f"Hidden joints ({truth} bodies): {', '.join(shown)}."
+    if table.lattice:
+        worse = [score for score in table.lattice if score.violates]
+        yield (
+            f"One sensor more makes the mean worse by over 1 % on {len(worse)} of {len(table.lattice)} random edges of "
+            f"the lattice of sensor sets (strangers, told; at most {CLIPS} clips, their first {FRAMES / 30:.0f} s)."
+        )
+        for score in sorted(worse, key=lambda one: one.fewer / one.more)[:5]:
+            yield (
+                f"  {', '.join(score.edge.fewer.points)} + {score.edge.sensor} ({score.edge.kind}): "
+                f"{score.fewer:.2f} → {score.more:.2f} cm."
+            )

@@ -1,0 +1,325 @@
+"""What the completion network learns: batches of sequences, losses, and figures on validation people and bodies.
+
+`bodysense train completion`: from recorded motion to trained weights, watched on validation people.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import binary_cross_entropy_with_logits
+
+from bodysense.body.rotation import quaternion_to_matrix
+from bodysense.body.shape import sample_bodies
+from bodysense.body.skeleton import BODY
+from bodysense.errors import BodysenseError
+from bodysense_lab.checkpoint import best_weights, identity
+from bodysense_lab.completion.corpus import Corpus, read_corpus
+from bodysense_lab.completion.network import (
+    Before,
+    CompletionConfig,
+    CompletionNetwork,
+    Prediction,
+    TrackedSignal,
+    orthonormal,
+    turn_about_up,
+)
+from bodysense_lab.completion.options import CompletionTraining
+from bodysense_lab.completion.points import CONTACT, HEAD, INPUT_POINTS, JOINTS, SPIN_PLACES
+from bodysense_lab.completion.sensor_draws import DrawnSensors
+from bodysense_lab.completion.sequences import Draw, Sequence, Track, TrainingBody, draw_sequence, make_sequence
+from bodysense_lab.completion.stored import read_networks
+from bodysense_lab.fit import Task, begin, fit, played
+from bodysense_lab.options import Schedule
+
+WORN = ("sit", "talk_gesture", "everyday", "locomotion", "")  # what wearers of a headset do; unknown motion counts
+_FEET = [BODY.index(name) for name in CONTACT]
+# Recorded feet turn unreliably.
+_TURN_WEIGHT = {"ankle": 0.6, "foot": 0.3}
+
+
+@dataclass(frozen=True)
+class Losses:
+    """Weights of the terms, each a mean over frames and joints at the reference stature."""
+
+    rotation: float = 1.0  # mean absolute difference of matrices, of rotations from the frame under the head
+    local: float = 0.3  # the same of rotations from the parent joint
+    position: float = 8.0  # per metre, mean absolute difference from the head
+    velocity: float = 0.4  # per m/s
+    skate: float = 0.1  # per m/s, of feet that truly stand
+    contact: float = 0.03  # cross-entropy
+    error: float = 0.01  # likelihood of the expected error
+
+
+@dataclass(frozen=True)
+class CompletionTaskConfig:
+    """Batches and losses."""
+
+    network: CompletionConfig = CompletionConfig()
+    streams: int = 96  # sequences side by side
+    chunk: int = 48  # frames of truncated backpropagation
+    losses: Losses = field(default_factory=Losses)
+
+
+class SequenceBatch(NamedTuple):
+    """Frames of B sequences; `begins` marks those that start with this batch."""
+
+    signal: TrackedSignal
+    true_position: Tensor  # (B, T, 25, 3) m, world
+    true_rotation: Tensor  # (B, T, 22, 3, 3) world ← joint
+    contact: Tensor  # (B, T, 4)
+    valid: Tensor  # (B, T) bool
+    begins: Tensor  # (B,) bool
+
+
+@dataclass(frozen=True, eq=False)
+class CompletionTask(Task):
+    """The task of `bodysense_lab.fit` for the completion network."""
+
+    network: CompletionNetwork
+    configuration: CompletionTaskConfig
+    schedule: Schedule
+    corpus: Corpus
+    validation: dict[str, list[SequenceBatch]]
+
+    def identity(self) -> str:
+        """What a checkpoint must agree on."""
+        return identity(self.configuration, self.schedule)
+
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[SequenceBatch]:
+        """Streams that play whole sequences, side by side; drawn by the length of their clips."""
+        chunk = self.configuration.chunk
+        weight = self.corpus.length / self.corpus.rate * np.where(np.isin(self.corpus.category, WORN), 1.0, 0.6)
+        weight = weight / weight.sum()
+
+        def draw() -> Sequence:
+            return draw_sequence(self.corpus, int(rng.choice(len(weight), p=weight)), rng)
+
+        for pieces, begins in played(draw, self.configuration.streams, chunk):
+            yield collate(pieces, chunk, begins)
+
+    def loss(self, batch: SequenceBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:
+        """Losses of a chunk, with the memory carried over where no sequence begins."""
+        before = self.network.begin(len(batch.begins)) if memory is None else memory
+        before = torch.where(batch.begins[None, :, None], 0.0, before.detach().float())
+        features = self.network.read(batch.signal)
+        # Half precision is for the layers alone: geometry needs the digits.
+        with torch.autocast(features.device.type, torch.bfloat16):
+            (turned, judged), after = self.network.predict(features, before)
+        prediction = self.network.prediction(turned.float(), judged.float())
+        return losses(self.network, prediction, batch, self.configuration.losses), after
+
+    @torch.no_grad()
+    def validate(self, network: nn.Module) -> dict[str, float]:
+        """Mean error from the head, cm in the world's measure, for each set of sensors and bodies; first their mean."""
+        assert isinstance(network, CompletionNetwork)
+        figures: dict[str, float] = {}
+        for name, batches in self.validation.items():
+            far, turned, count = 0.0, 0.0, 0.0
+            for batch in batches:
+                raw, _ = network.predict(network.read(batch.signal), network.begin(len(batch.begins)))
+                missed, angle = _missed(network, network.prediction(*raw), batch)
+                distance = missed[..., :JOINTS, :].norm(dim=-1).mean(dim=-1) * batch.signal.size[:, None]
+                far += float((distance * batch.valid).sum())
+                turned += float((angle.mean(dim=-1) * batch.valid).sum())
+                count += float(batch.valid.sum())
+            figures[f"{name}_mpjpe_cm"] = 100 * far / count
+            figures[f"{name}_rotation"] = turned / count
+        score = float(np.mean([value for name, value in figures.items() if name.endswith("cm")]))
+        return {"score": score, **figures}
+
+
+def _answer(network: CompletionNetwork, prediction: Prediction, batch: SequenceBatch) -> tuple[Tensor, Tensor]:
+    """Rotations in the frame under the head, measured ones in their place, and positions from the head."""
+    signal = batch.signal
+    measured = signal.turn.mT[..., None, :, :] @ signal.rotation
+    rotation = torch.where(signal.has_rotation[..., None, None], measured, orthonormal(prediction.axes))
+    return rotation, network.places(rotation, signal.rest_offset / signal.size[:, None, None])
+
+
+def _missed(network: CompletionNetwork, prediction: Prediction, batch: SequenceBatch) -> tuple[Tensor, Tensor]:
+    """Errors of positions from the head (B, T, 25, 3), and of rotations (B, T, 22)."""
+    rotation, position = _answer(network, prediction, batch)
+    truth = batch.true_position - batch.true_position[..., HEAD : HEAD + 1, :]
+    truth = truth @ batch.signal.turn / batch.signal.size[:, None, None, None]
+    wanted = batch.signal.turn.mT[..., None, :, :] @ batch.true_rotation
+    return position - truth, (rotation - wanted).abs().mean(dim=(-2, -1))
+
+
+def losses(
+    network: CompletionNetwork, prediction: Prediction, batch: SequenceBatch, weights: Losses
+) -> dict[str, Tensor]:
+    """The sum, 'loss', and its weighted terms."""
+    signal = batch.signal
+    size = signal.size[:, None, None, None]
+    rotation, position = _answer(network, prediction, batch)
+    valid = batch.valid[..., None]
+    count = batch.valid.sum().clamp(min=1)
+    truth = (batch.true_position - batch.true_position[..., HEAD : HEAD + 1, :]) @ signal.turn / size
+    wanted = signal.turn.mT[..., None, :, :] @ batch.true_rotation
+    missed = position - truth
+    turn_weight = torch.tensor([_TURN_WEIGHT.get(name.rpartition("_")[2], 1.0) for name in BODY])
+    angle = (rotation - wanted).abs().mean(dim=(-2, -1)) * turn_weight
+    parents = network.bone_parents[: JOINTS - 1]
+    local, true_local = (turned[..., parents, :, :].mT @ turned[..., 1:, :, :] for turned in (rotation, wanted))
+    bent = (local - true_local).abs().mean(dim=(-2, -1)) * turn_weight[1:]
+    terms = {
+        "rotation": (angle * valid).sum() / count / JOINTS * weights.rotation,
+        "local": (bent * valid).sum() / count / JOINTS * weights.local,
+        "position": (missed.abs().mean(dim=-1) * valid).sum() / count / missed.shape[-2] * weights.position,
+    }
+    # Where the head is not tracked, the network says where it is.
+    place = ((batch.true_position[..., HEAD : HEAD + 1, :] - signal.origin[..., None, :]) @ signal.turn / size)[
+        ..., 0, :
+    ]
+    lost = (batch.valid & ~(signal.has_position[..., HEAD]))[..., None]
+    off = (prediction.head - place).abs()
+    terms["head"] = (off * lost).sum() / count / 3 * weights.position * 0.3
+
+    world = missed @ signal.turn.mT
+    both = (batch.valid[:, 1:] & batch.valid[:, :-1])[..., None]
+    pairs = both.sum().clamp(min=1)
+    too_fast = (world[:, 1:] - world[:, :-1]) / signal.interval[:, 1:, None, None]
+    terms["velocity"] = (too_fast.abs().mean(dim=-1) * both).sum() / pairs / missed.shape[-2] * weights.velocity
+    standing = (batch.contact[:, 1:] * batch.contact[:, :-1]) * both
+    skating = (_length(too_fast[..., _FEET, :]) * standing).sum() / standing.sum().clamp(min=1)
+    terms["skate"] = skating * weights.skate
+    contact = binary_cross_entropy_with_logits(prediction.contact_logit, batch.contact, reduction="none")
+    terms["contact"] = (contact * valid).sum() / count / len(CONTACT) * weights.contact
+    # Laplace likelihood: its optimum is the mean distance. The positions are not pulled by it.
+    distance = _length(missed.detach())
+    likelihood = distance / prediction.error + torch.log(prediction.error)
+    terms["error"] = (likelihood * valid).sum() / count / missed.shape[-2] * weights.error
+    return {"loss": torch.stack(list(terms.values())).sum(), **terms}
+
+
+def _length(vector: Tensor) -> Tensor:
+    return torch.sqrt((vector * vector).sum(dim=-1) + 1e-10)
+
+
+def collate(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) -> SequenceBatch:
+    """Cut `chunk` frames from each sequence at its start; past the end the last frame repeats, not valid."""
+    rows = [np.minimum(np.arange(start, start + chunk), len(one) - 1) for one, start in pieces]
+    earlier = [np.maximum(row - 1, 0) for row in rows]
+    valid = np.stack([np.arange(start, start + chunk) < len(one) for one, start in pieces])
+
+    def stack(name: str, of: list[np.ndarray] = rows) -> Tensor:
+        return torch.from_numpy(np.stack([getattr(one, name)[row] for (one, _), row in zip(pieces, of, strict=True)]))
+
+    def each(name: str) -> Tensor:
+        return torch.from_numpy(np.stack([np.asarray(getattr(one, name), dtype=np.float32) for one, _ in pieces]))
+
+    anchor = stack("anchor")
+    origin = torch.zeros(*anchor.shape[:2], 3)
+    origin[..., 0], origin[..., 2] = anchor[..., 2], anchor[..., 3]
+    first = torch.tensor([start == 0 for _, start in pieces])
+    has_before = torch.ones(len(pieces), chunk, 1, dtype=torch.bool)
+    has_before[first, 0] = False
+    spinning = quaternion_to_matrix(stack("rotation", earlier)[..., SPIN_PLACES, :])
+    signal = TrackedSignal(
+        position=stack("position"),
+        rotation=quaternion_to_matrix(stack("rotation")),
+        has_position=stack("has_position"),
+        has_rotation=stack("has_rotation"),
+        accuracy=each("accuracy")[:, None].expand(-1, chunk, -1),
+        interval=each("interval")[:, None].expand(-1, chunk),
+        turn=turn_about_up(anchor[..., 0], anchor[..., 1]),
+        origin=origin,
+        before=Before(
+            position=stack("position", earlier),
+            has_position=stack("has_position", earlier) & has_before,
+            rotation=spinning,
+            has_rotation=stack("has_rotation", earlier)[..., SPIN_PLACES] & has_before,
+        ),
+        rest_offset=each("rest_offset"),
+        certainty=each("certainty"),
+        size=each("size"),
+    )
+    return SequenceBatch(
+        signal=signal,
+        true_position=stack("true_position"),
+        true_rotation=quaternion_to_matrix(stack("true_rotation")),
+        contact=stack("contact").float(),
+        valid=torch.from_numpy(valid),
+        begins=torch.from_numpy(begins),
+    )
+
+
+SETS = ("three_point", "head", "six_point", "headset_camera")
+_HANDS = ("head", "left_wrist", "right_wrist")
+_SENSORS = {
+    "three_point": _HANDS,
+    "head": ("head",),
+    "six_point": (*_HANDS, "pelvis", "left_ankle", "right_ankle"),
+    "headset_camera": ("head",),
+}
+_GROUP = 16  # sequences side by side
+
+
+def validation_batches(corpus: Corpus, stride: int) -> dict[str, list[SequenceBatch]]:
+    """Whole clips of what wearers do, every `stride`-th, on their own body and on a stranger's; by set and body."""
+    clips = [k for k in range(len(corpus)) if corpus.category[k] in WORN][::stride]
+    if not clips:
+        raise BodysenseError("the val split has no everyday motion; give --data with some, or without categories")
+    clips.sort(key=lambda k: corpus.length[k] / corpus.rate[k])
+    strangers = sample_bodies("validation", len(clips))
+    batches: dict[str, list[SequenceBatch]] = {}
+    for name in SETS:
+        for whose in ("own", "stranger"):
+            pieces = []
+            for place, clip in enumerate(clips):
+                true = corpus.rest_offset[clip].astype(float) if whose == "own" else strangers[place]
+                body = TrainingBody(true, true, np.zeros(len(true)))
+                rng = np.random.default_rng([7, clip])
+                pieces.append((make_sequence(corpus, clip, Draw(body, track=_worn(name)), rng), 0))
+            groups = [pieces[first : first + _GROUP] for first in range(0, len(pieces), _GROUP)]
+            batches[f"{name}_{whose}"] = [
+                collate(group, max(len(one) for one, _ in group), np.ones(len(group), dtype=bool)) for group in groups
+            ]
+    return batches
+
+
+def _worn(name: str) -> Track:
+    """A named set of sensors."""
+
+    def track(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnSensors:
+        del interval, rng
+        position, rotation = (np.isin(points, _SENSORS[name]) for points in (INPUT_POINTS, BODY))
+        frames = len(visible)
+        has_position = (visible | position) if name == "headset_camera" else np.tile(position, (frames, 1))
+        return DrawnSensors(has_position, np.tile(rotation, (frames, 1)), np.ones(frames, dtype=bool))
+
+    return track
+
+
+_VALIDATION_STRIDE = 3  # of the validation clips every n-th is scored at a checkpoint
+
+
+def train_completion(options: CompletionTraining) -> CompletionNetwork:
+    """Train, or resume, and return the network with the weights that did best on validation people."""
+    begin(options.schedule.seed, options.threads)
+    train, val = (read_corpus(options.data, split, options.folder / f"{split}.npz") for split in ("train", "val"))
+    print(f"{train.minutes:.0f} minutes to learn from, {val.minutes:.0f} to validate")
+    config = CompletionTaskConfig()
+    network = CompletionNetwork(config.network)
+    if options.begin_with is not None:
+        network.load_state_dict(_weights(options.begin_with, network))
+    task = CompletionTask(network, config, options.schedule, train, validation_batches(val, _VALIDATION_STRIDE))
+    fit(task, options.folder / "completion.ckpt")
+    return network
+
+
+def _weights(path: Path, network: CompletionNetwork) -> dict[str, Tensor]:
+    """Weights to begin with: the best of a checkpoint, or those of a published file."""
+    if path.suffix != ".onnx":
+        return best_weights(path, network)
+    published, _ = read_networks(path)
+    if published.config != network.config:
+        raise BodysenseError(f"{path}: built as {published.config}, wanted {network.config}; give another --begin-with")
+    return published.state_dict()

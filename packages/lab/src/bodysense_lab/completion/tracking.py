@@ -1,0 +1,149 @@
+"""The tracker as the tables run it: many people in one call, and one person frame by frame against the clock.
+
+The lattice of sensor sets: whether one sensor more ever makes the body worse.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.body.skeleton import BODY
+from bodysense.completion.model import CompletionModel, load_completion, packaged_model
+from bodysense.devices.simulated.sensors import Edge, SensorSet
+from bodysense.metrics import joint_error
+from bodysense.observation import Observation
+from bodysense.tracker import Tracker
+from bodysense_lab.completion.scenes import TrackedScene, person_of, stacked
+
+_WARM_UP = 30  # frames that are not timed
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedBatch:
+    """What a tracker makes of the observations of B people, T frames each."""
+
+    position: np.ndarray  # (B, T, P, 3) m, world
+    rotation: np.ndarray  # (B, T, J, 4) wxyz, parent ← joint
+    confidence: np.ndarray  # (B, T, P) m, expected error of every position
+    bound: np.ndarray  # (B, T, P) m, within which nine of ten errors are
+    contact: np.ndarray  # (B, T, 4) probability: left ankle and ball, right ankle and ball
+
+    def of_person(self, index: int, frames: int) -> TrackedBatch:
+        """The first `frames` of one person, without the batch axis."""
+        return TrackedBatch(
+            position=self.position[index, :frames],
+            rotation=self.rotation[index, :frames],
+            confidence=self.confidence[index, :frames],
+            bound=self.bound[index, :frames],
+            contact=self.contact[index, :frames],
+        )
+
+
+TrackBatch = Callable[[Sequence[Person], Observation], TrackedBatch]
+StepTimes = Callable[[Person, Observation], np.ndarray]
+
+
+def track_batch(
+    people: Sequence[Person], observation: Observation, network: CompletionModel | None = None
+) -> TrackedBatch:
+    """Track B people with observations (B, T, P) from their first frame on, in one call; None: the packaged network."""
+    tracker = Tracker(people, network)
+    estimate, _ = tracker.step(observation, tracker.start())
+    return TrackedBatch(estimate.points, estimate.pose.rotation, estimate.confidence, estimate.bound, estimate.contact)
+
+
+@dataclass(frozen=True)
+class TrackedBy:
+    """`track_batch` by the network of a file (None: the packaged one), which every process opens for itself."""
+
+    model: Path | None
+
+    @property
+    def network(self) -> CompletionModel:
+        """The network, opened once in every process."""
+        return _opened(self.model)
+
+    def __call__(self, people: Sequence[Person], observation: Observation) -> TrackedBatch:
+        """Track B people."""
+        return track_batch(people, observation, self.network)
+
+
+@lru_cache(maxsize=1)
+def _opened(model: Path | None) -> CompletionModel:
+    return packaged_model() if model is None else load_completion(model)
+
+
+def step_times(person: Person, observation: Observation, network: CompletionModel | None = None) -> np.ndarray:
+    """Seconds (N,) of every step of one wearer's tracker on an observation (T, P), after some that are not counted."""
+    tracker = Tracker(person, network)
+    state, taken = tracker.start(), []
+    for frame in range(len(observation)):
+        seen = observation[frame : frame + 1]
+        begun = time.perf_counter()
+        _, state = tracker.step(seen, state)
+        taken.append(time.perf_counter() - begun)
+    return np.array(taken[min(_WARM_UP, len(taken) // 2) :])
+
+
+TOLERANCE = 0.01  # by so much of itself a mean error may grow
+CLIPS, FRAMES = 24, 300  # strangers on which an edge is judged: so many scenes, their first 10 s
+
+
+@dataclass(frozen=True)
+class EdgeScore:
+    """The errors at the two ends of an edge: MPJPE from the head, 22 joints, mean over clips, cm."""
+
+    edge: Edge
+    fewer: float
+    more: float
+
+    @property
+    def violates(self) -> bool:
+        """Whether the sensor makes the mean worse by more than `TOLERANCE`."""
+        return self.more > (1 + TOLERANCE) * self.fewer
+
+
+def score_lattice(
+    scenes: Sequence[TrackedScene], edges: Sequence[Edge], track: TrackBatch, advance: Callable[[], None] = lambda: None
+) -> list[EdgeScore]:
+    """Score edges on scenes whose proportions are told; `advance` is called after each edge."""
+    known: dict[SensorSet, float] = {}
+
+    def error_of(sensors: SensorSet) -> float:
+        if sensors not in known:
+            known[sensors] = _mean_error(scenes, sensors, track)
+        return known[sensors]
+
+    scores = []
+    for edge in edges:
+        scores.append(EdgeScore(edge, error_of(edge.fewer), error_of(edge.more)))
+        advance()
+    return scores
+
+
+def choose_scenes(scenes: Sequence[TrackedScene]) -> list[TrackedScene]:
+    """The beginnings of some main scenes, spread evenly over all that last long enough, or over all if none does."""
+    main = [scene for scene in scenes if scene.group == "main"] or list(scenes)
+    long = [scene for scene in main if len(scene) >= FRAMES] or main
+    places = np.linspace(0, len(long) - 1, min(CLIPS, len(long))).round().astype(int)
+    return [long[place].beginning(FRAMES) for place in places]
+
+
+def _mean_error(scenes: Sequence[TrackedScene], sensors: SensorSet, track: TrackBatch) -> float:
+    """MPJPE from the head, cm, mean over the scenes."""
+    people = [person_of("stranger", scene.skeleton) for scene in scenes]
+    tracked = track(people, stacked([scene.observe(sensors) for scene in scenes]))
+    errors = []
+    for index, scene in enumerate(scenes):
+        body, head = scene.skeleton.indices(BODY), scene.skeleton.index("head")
+        truth, position = scene.placed[0], tracked.position[index, : len(scene)]
+        error = joint_error(position[:, body] - position[:, [head]], truth[:, body] - truth[:, [head]])
+        errors.append(error.mean())
+    return float(np.mean(errors))

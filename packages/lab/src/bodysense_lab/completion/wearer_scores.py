@@ -1,0 +1,184 @@
+"""`bodysense evaluate sight`: what scripted wearers and real headset signals come to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.shape import stature
+from bodysense.body.skeleton import BODY, Skeleton
+from bodysense.completion.model import CompletionModel
+from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.metrics import joint_error
+from bodysense.observation import Estimate, Observation
+from bodysense.scoring import RATE
+from bodysense.tracker import Tracker
+from bodysense_lab.completion import sight
+from bodysense_lab.completion.scenes import stacked
+from bodysense_lab.completion.wearers import (
+    HEIGHT,
+    PALMS,
+    RAISES,
+    arms_raised,
+    head_paths,
+    known_body,
+    rest_heights,
+    seated,
+    standing_head,
+    with_hands,
+)
+from bodysense_lab.table import Cell, Report
+
+SEATED_HEIGHTS = (1.55, 1.74, 1.88)  # m
+STANDING_HEIGHTS = (1.55, 1.70, 1.85)  # m
+LOWERED = (0.0, 0.05, 0.10, 0.15)  # m by which a standing head is lowered
+STANDS = 0.85  # of its standing height: a head that is higher is of somebody who stands
+SETTLES, BELIEVED = 3.0, 10.0  # s after which a seated pelvis is in place, and from which no height may shrink
+_GAZE = 1.0  # s after which a raised arm is looked at
+_PAIR = ("left", "right")
+
+
+@dataclass(frozen=True)
+class SightScore:
+    """One figure."""
+
+    scene: str
+    what: str
+    key: str
+    value: float
+    unit: str
+
+
+def score_wearers(
+    network: CompletionModel | None = None,
+    headset: Path | None = None,
+    advance: Callable[[str], None] = lambda what: None,
+) -> list[SightScore]:
+    """All figures of a network (None: the packaged one); `headset` is a folder of recorded headsets."""
+    scores: list[SightScore] = []
+    for part in (_standing, _seated, _raised):
+        scores += part(network)
+        advance(part.__name__.strip("_"))
+    if headset is not None:
+        scores += _headsets(network, headset)
+        advance("real headsets")
+    return scores
+
+
+def sight_report(scores: list[SightScore]) -> Report:
+    """The table of the figures."""
+    rows: list[tuple[Cell, ...]] = [(one.scene, one.what, one.value, one.unit) for one in scores]
+    return Report(
+        name="sight",
+        title="Scripted wearers and real headsets",
+        columns=("wearer", "measure", "value", "unit"),
+        rows=tuple(rows),
+        numbers={one.key: one.value for one in scores},
+        caption="docs/evaluation.md defines the measures.",
+        digits=2,
+    )
+
+
+def _track(people: Sequence[Person], seen: Sequence[Observation], network: CompletionModel | None) -> Estimate:
+    """People (B, T), all in one call; of shorter observations the last frame is repeated."""
+    tracker = Tracker(people, network)
+    return tracker.step(stacked(seen), tracker.start())[0]
+
+
+def _points(skeleton: Skeleton, *names: str) -> np.ndarray:
+    return skeleton.indices([f"{side}_{name}" for name in names for side in _PAIR])
+
+
+def _lower_ball(skeleton: Skeleton, position: np.ndarray) -> np.ndarray:
+    """(T,) m of the lower ball over its rest height."""
+    balls = _points(skeleton, "foot")
+    return position[:, balls, 1].min(axis=-1) - rest_heights(skeleton)[balls[0]]
+
+
+def _bent(skeleton: Skeleton, position: np.ndarray) -> np.ndarray:
+    """(T, 2) degrees of the knees."""
+    hip, knee, ankle = (position[:, _points(skeleton, name)] for name in ("hip", "knee", "ankle"))
+    return sight.knee_flexion(hip, knee, ankle)
+
+
+def _standing(network: CompletionModel | None) -> Iterator[SightScore]:
+    """Who stands still, of known height: how high the feet are, and how bent the knees."""
+    bodies = [(known_body(height), lowered) for height in STANDING_HEIGHTS for lowered in LOWERED]
+    people = [Person(height=height) for height in STANDING_HEIGHTS for _ in LOWERED]
+    for palms in PALMS:
+        seen = [with_hands(standing_head(skeleton, lowered), palms, skeleton) for skeleton, lowered in bodies]
+        position = _track(people, seen, network).points[:, -round(RATE) :]
+        balls = [_lower_ball(body, one).mean() for (body, _), one in zip(bodies, position, strict=True)]
+        knees = [
+            _bent(body, one).mean() for (body, lowered), one in zip(bodies, position, strict=True) if lowered == 0.0
+        ]
+        scene = f"stands, palms {palms}" if palms != "none" else "stands, head alone"
+        yield SightScore(
+            scene, "lower ball over rest, worst", f"standing_{palms}_ball_cm", 100 * float(max(balls)), "cm"
+        )
+        yield SightScore(scene, "knees, head at its height", f"standing_{palms}_knee_deg", float(np.mean(knees)), "°")
+
+
+def _seated(network: CompletionModel | None) -> Iterator[SightScore]:
+    """Who sits from the first frame, and of whom nothing is known."""
+    bodies = [known_body(height) for height in SEATED_HEIGHTS]
+    poses = [seated(skeleton) for skeleton in bodies]
+    time = np.arange(len(poses[0].root_position)) / RATE
+    settled = time >= SETTLES
+    for sensors in ("head", "three_point"):
+        seen = [observe(pose, time, SENSOR_SETS[sensors]) for pose in poses]
+        estimate = _track([Person()] * len(bodies), seen, network)
+        for k, (height, skeleton, pose) in enumerate(zip(SEATED_HEIGHTS, bodies, poses, strict=True)):
+            truth = np.asarray(forward_kinematics(pose)[0])
+            error = joint_error(estimate.points[k], truth)[settled]
+            believed = np.asarray(stature(estimate.rest_offset[k]))[time >= BELIEVED].min()
+            scene, key = f"sits, {height:g} m, {sensors.replace('_', ' ')}", f"seated_{round(100 * height)}_{sensors}"
+            yield SightScore(scene, "pelvis after 3 s", f"{key}_pelvis_cm", float(error[:, 0].mean()), "cm")
+            body = skeleton.indices(BODY)
+            yield SightScore(scene, "mean error after 3 s", f"{key}_error_cm", float(error[:, body].mean()), "cm")
+            less = 100 * float(believed - stature(skeleton.rest_offset))
+            yield SightScore(scene, "shortest believed height after 10 s", f"{key}_height_cm", less, "cm from true")
+
+
+def _raised(network: CompletionModel | None) -> Iterator[SightScore]:
+    """Who raises the arms out of the cameras' view: how high the wrists are 1 s after the second is lost."""
+    skeleton = known_body(HEIGHT)
+    for way in RAISES:
+        pose = arms_raised(skeleton, way)
+        time = np.arange(len(pose.root_position)) / RATE
+        seen = observe(pose, time, SENSOR_SETS["headset_camera"])
+        wrists = seen.has_position[:, _points(skeleton, "wrist")]
+        lost = int(np.flatnonzero(wrists.any(axis=-1)).max(initial=0)) + 1
+        frame = min(lost + round(_GAZE * RATE), len(time) - 1)
+        truth = np.asarray(forward_kinematics(pose)[0])
+        estimate = _track([Person(skeleton)], [seen], network)
+        for what, key, position in (("truth", "truth_", truth), ("output", "", estimate.points[0])):
+            shoulder, wrist = (position[frame, _points(skeleton, name)] for name in ("shoulder", "wrist"))
+            arm = wrist - shoulder
+            angle = np.degrees(np.arctan2(arm[:, 1], np.hypot(arm[:, 0], arm[:, 2]))).min()
+            scene = f"arms raised out of view, {way}"
+            yield SightScore(
+                scene, f"{what}: over the shoulder, 1 s after", f"raised_{way}_{key}deg", float(angle), "°"
+            )
+
+
+def _headsets(network: CompletionModel | None, folder: Path) -> Iterator[SightScore]:
+    """Heads of real people who stand and play: how often both feet are over the floor."""
+    skeleton = known_body(HEIGHT)
+    standing = rest_heights(skeleton)[skeleton.index("head")]
+    paths = list(head_paths(folder, skeleton))
+    for palms in PALMS:
+        seen = [with_hands(path, palms, skeleton) for path in paths]
+        position = _track([Person(height=HEIGHT)] * len(paths), seen, network).points
+        floats = [
+            (_lower_ball(skeleton, one[: len(path.position)]) > sight.FLOATING)[path.position[:, 1] > STANDS * standing]
+            for path, one in zip(paths, position, strict=True)
+        ]
+        scene = f"real headsets, palms {palms}" if palms != "none" else "real headsets, head alone"
+        share = float(np.concatenate(floats).mean())
+        yield SightScore(scene, "float share", f"headset_{palms}_float_share", share, "of frames")

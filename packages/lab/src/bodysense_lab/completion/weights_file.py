@@ -1,0 +1,149 @@
+"""The file of a completion network's weights, as the core opens it: safetensors, with a card.
+
+A file is eight bytes of length, a JSON header and the numbers. `__metadata__` is the card: `format` names what the
+network is, every other field is JSON. Large tables are bytes that count in a `.step` of each row.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from bodysense.body.shape import shape_space
+from bodysense.body.skeleton import default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.files import written_beside
+from bodysense_lab.completion.export import as_stored
+from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
+from bodysense_lab.completion.graph import CompletionStep
+from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
+from bodysense_lab.completion.points import reference_offsets
+from bodysense_lab.completion.rewriting import row_step
+
+FORMAT = "bodysense-completion-2"
+_IN_BYTES = ("body.recurrent.weight", "body.turn_branch.0.weight", "body.judge_branch", "fingers", "errors.inward")
+_TYPES = {"I8": np.int8, "F16": np.float16, "F32": np.float32, "F64": np.float64}
+_ALIGNMENT = 64  # bytes, of the header with its length: numbers begin where a memory map can use them
+_MOST_HEADER = 100_000_000  # bytes; safetensors' own limit
+
+
+def write_weights(step: CompletionStep, path: Path, card: Mapping[str, Any]) -> None:
+    """Write a trained step with `card`: training data, licence, figures. The file appears whole or not at all.
+
+    Weights are rounded, see `as_stored`.
+    """
+    skeleton = default_skeleton()
+    fields = {
+        "points": skeleton.points,
+        "joints": skeleton.joints,
+        "weights": sum(parameter.numel() for parameter in step.parameters()),
+        **card,
+    }
+    metadata = {"format": FORMAT} | {name: json.dumps(value) for name, value in fields.items()}
+    with written_beside(path) as beside:
+        beside.write_bytes(safetensors_bytes(_stored(tables_of(as_stored(step))), metadata))
+
+
+def tables_of(step: CompletionStep) -> dict[str, np.ndarray]:
+    """All numbers of a step that the core reads, by name."""
+    errors = step.expected_errors
+    tables = {f"body.{name}": value for name, value in step.body.named_parameters()}
+    tables |= {f"fingers.{name}": value for name, value in step.finger_network.named_parameters()}
+    tables |= {
+        "errors.inward.weight": errors.inward,
+        "errors.inward.bias": errors.inward_offset,
+        "errors.weight": errors.weight,
+        "errors.bias": errors.offset,
+        "body.usual_bones": torch.tensor(reference_offsets()),
+        "body.standing": step.body.standing_axes.flatten(1),
+        "fingers.usual_bones": step.finger_network.reader.usual_bones[0],
+        "fingers.relaxed": step.finger_network.relaxed.flatten(1),
+    }
+    shapes = {"shape.mean": shape_space().mean, "shape.components": shape_space().components}
+    return {name: value.detach().numpy().astype(np.float32) for name, value in tables.items()} | shapes
+
+
+def read_weights(path: Path) -> tuple[CompletionNetwork, FingerNetwork]:
+    """The body's and the fingers' network of a file, with weights as they are stored: rounded.
+
+    Raises BodysenseError for a file that is not there, or no completion network.
+    """
+    tensors, card = read_safetensors(path)
+    if card.get("format") != FORMAT:
+        raise BodysenseError(
+            f"{path}: not a completion network (format {card.get('format')!r}, wanted {FORMAT!r}); give the "
+            ".safetensors that `bodysense train completion` wrote"
+        )
+    body = CompletionNetwork(CompletionConfig(**json.loads(card["network"])))
+    fingers = FingerNetwork(FingerConfig(**json.loads(card["fingers"])))
+    for prefix, network in (("body", body), ("fingers", fingers)):
+        for name, parameter in network.named_parameters():
+            key = f"{prefix}.{name}"
+            values = tensors.get(key)
+            if values is None or values.shape != parameter.shape:
+                raise BodysenseError(f"{path}: {key} is missing or of another shape; train the network again")
+            whole = values.astype(np.float32) * (tensors[f"{key}.step"][:, None] if values.dtype == np.int8 else 1)
+            with torch.no_grad():
+                parameter.copy_(torch.from_numpy(whole))
+    return body, fingers
+
+
+def safetensors_bytes(tensors: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> bytes:
+    """Tensors and texts as a safetensors file."""
+    header: dict[str, Any] = {"__metadata__": dict(metadata)}
+    kinds, parts, place = {np.dtype(kind): name for name, kind in _TYPES.items()}, list[bytes](), 0
+    # Wide numbers first, so that each is where its type wants it.
+    for name, values in sorted(tensors.items(), key=lambda item: -item[1].itemsize):
+        parts.append(np.ascontiguousarray(values).tobytes())
+        size = len(parts[-1])
+        header[name] = {
+            "dtype": kinds[values.dtype],
+            "shape": list(values.shape),
+            "data_offsets": [place, place + size],
+        }
+        place += size
+    text = json.dumps(header, separators=(",", ":")).encode()
+    text += b" " * (-(8 + len(text)) % _ALIGNMENT)
+    return struct.pack("<Q", len(text)) + text + b"".join(parts)
+
+
+def read_safetensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    """Tensors and texts of a file. Raises BodysenseError for one that is not there, damaged, or of other types."""
+    if not path.is_file():
+        raise BodysenseError(f"{path}: no such file; give a completion network (.safetensors)")
+    data = path.read_bytes()
+    try:
+        (size,) = struct.unpack_from("<Q", data)
+        if size > min(len(data) - 8, _MOST_HEADER):
+            raise ValueError("it ends within its header")
+        header = json.loads(data[8 : 8 + size])
+        metadata = header.pop("__metadata__", {})
+        tensors = {}
+        for name, entry in header.items():
+            first, last = entry["data_offsets"]
+            values = np.frombuffer(data[8 + size + first : 8 + size + last], _TYPES[entry["dtype"]])
+            tensors[name] = values.reshape(entry["shape"])
+    except (struct.error, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise BodysenseError(f"{path}: not a readable safetensors file ({error}); write or copy it again") from None
+    return tensors, metadata
+
+
+def _stored(tables: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Tables in the types of a file: bytes with the step of each row, half precision where that is exact, floats."""
+    stored = dict[str, np.ndarray]()
+    for name, values in tables.items():
+        half = values.astype(np.float16)
+        if name.startswith("shape"):
+            stored[name] = values  # proportions are inferred in double precision
+        elif values.ndim == 2 and "weight" in name and name.startswith(_IN_BYTES):
+            step = row_step(values)
+            stored[name], stored[f"{name}.step"] = np.round(values / step).astype(np.int8), step[:, 0]
+        else:
+            stored[name] = half if (half == values).all() else values
+    return stored

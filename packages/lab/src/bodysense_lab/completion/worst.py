@@ -1,0 +1,83 @@
+"""A sheet of the worst frames of an evaluation: the truth, and beside it what the tracker made of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import quaternion_conjugate, quaternion_rotate
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.simulated.sensors import SENSOR_SETS
+from bodysense.files import written_beside
+from bodysense.io.clip import Clip
+from bodysense.observation import observed_points
+from bodysense.pictures.comparison import View, draw_views
+from bodysense.pictures.sheet import Lens
+from bodysense.scoring import RATE
+from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, person_of, scene_of, stacked
+from bodysense_lab.completion.tables import CompletionSettings, WorstFrame
+from bodysense_lab.completion.tracking import TrackBatch
+
+_LENS = Lens(width=260, height=330, aim=0.9, shown=2.2)
+_COLUMNS = 3  # pairs of bodies in a row
+
+
+def worst_frames(found: Sequence[WorstFrame], count: int) -> list[WorstFrame]:
+    """The frames with the largest errors, at most one of a clip, the worst first."""
+    by_clip: dict[str, WorstFrame] = {}
+    for one in sorted(found, key=lambda one: one.error, reverse=True):
+        by_clip.setdefault(one.clip, one)
+    return list(by_clip.values())[:count]
+
+
+def draw_worst(
+    path: Path,
+    found: Sequence[WorstFrame],
+    clips: Sequence[Clip],
+    settings: CompletionSettings,
+    track: TrackBatch,
+    count: int,
+) -> None:
+    """Write a PNG of the worst frames: the true body, red where it was not tracked, and the result beside it.
+
+    The clips of these frames are tracked once more, up to them.
+    """
+    from PIL import Image
+
+    named = {f"{clip.person}/{clip.name}": clip for clip in clips}
+    pictures = []
+    for one in worst_frames(found, count):
+        scene = scene_of(named[one.clip], TRUTH_OF[one.body], settings.split).beginning(one.frame + 1)
+        pictures.append(_picture(one, scene, track))
+    blank = np.full_like(pictures[0], 255)
+    pictures += [blank] * (-len(pictures) % min(_COLUMNS, len(pictures)))
+    rows = [np.concatenate(pictures[k : k + _COLUMNS], axis=1) for k in range(0, len(pictures), _COLUMNS)]
+    with written_beside(path) as beside:
+        Image.fromarray(np.concatenate(rows)).save(beside)
+
+
+def _picture(one: WorstFrame, scene: TrackedScene, track: TrackBatch) -> np.ndarray:
+    """The last frame of a scene (H, W, 3) uint8."""
+    seen = scene.observe(SENSOR_SETS[one.sensors])
+    tracked = track([person_of(one.body, scene.skeleton)], stacked([seen])).of_person(0, len(scene))
+    last = slice(one.frame, one.frame + 1)
+    result = _posed(scene.skeleton, tracked.position[one.frame], tracked.rotation[last])
+    tracked_points = observed_points(seen, scene.skeleton)[2][last]
+    title = f"{one.sensors} {one.body}: {one.error:.0f} cm"
+    views = [
+        View(f"{one.clip.split('/')[-1]}, {one.frame / RATE:.1f} s", scene.pose[last], tracked_points),
+        View(title, result),
+    ]
+    return next(iter(draw_views(views, RATE, [0], _LENS)))
+
+
+def _posed(skeleton: Skeleton, position: np.ndarray, rotation: np.ndarray) -> Pose:
+    """The pose (1,) with points (P, 3) m and local rotations (1, J, 4); its bones are as long as the points say."""
+    turned = np.asarray(forward_kinematics(Pose(skeleton, position[None, 0], rotation))[1])[0]
+    parents = np.array(skeleton.parents[1:])
+    offset = skeleton.rest_offset.copy()
+    offset[1:] = quaternion_rotate(quaternion_conjugate(turned[parents]), position[1:] - position[parents])
+    return Pose(skeleton.with_offsets(offset), position[None, 0], rotation)

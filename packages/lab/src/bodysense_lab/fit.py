@@ -1,0 +1,293 @@
+"""The training loop of every network: averaged weights, checkpoints, resumption, the best so far, a log.
+
+What a network learns is a `Task`. Several processes, on one machine or more, share a training through Fabric: each
+draws batches of its own, and gradients are averaged.
+
+Training many networks with one command: what is there is kept, several side by side, one progress bar.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sized
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import torch
+from lightning_fabric import Fabric
+from rich.console import Console
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as Bars
+from torch import Tensor, nn
+from torch.optim import AdamW, Optimizer
+from torch.optim.swa_utils import AveragedModel
+
+from bodysense.errors import BodysenseError
+from bodysense_lab.checkpoint import differences, identity, load_checkpoint, save_checkpoint
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a run stands; handed to `report` at every checkpoint."""
+
+    step: int
+    steps: int
+    seconds: float
+    terms: dict[str, float]
+    validation: dict[str, float]
+
+
+Report = Callable[[Progress], None]
+
+
+class Task:
+    """What a network learns and how it is judged; a method's task overrides what differs."""
+
+    network: Any  # the module that is trained
+    schedule: Any  # learning_rate, average_decay, check_every, seed; a checkpoint must agree on it
+    source: Any = None  # what is learned from, in plain values: likewise
+    keeps_best: bool = True  # else the averaged weights of the end are kept
+    clip: float = 1.0  # highest norm of the gradients of a group of parameters, unless it has a `clip` of its own
+
+    def identity(self) -> str:
+        """What a checkpoint must agree on."""
+        return identity(self.network.config, self.schedule, self.source)
+
+    @property
+    def steps(self) -> int:
+        """Optimiser steps of the whole run."""
+        return self.schedule.steps
+
+    @property
+    def patience(self) -> int | None:
+        """Checks without progress after which the learning rate is halved; None: it is not."""
+        return getattr(self.schedule, "patience", None)
+
+    def optimizer(self) -> Optimizer:
+        """The optimiser of a new run."""
+        learned = [parameter for parameter in self.network.parameters() if parameter.requires_grad]
+        decay = getattr(self.schedule, "weight_decay", 0.0)
+        return AdamW(learned, lr=self.schedule.learning_rate, weight_decay=decay)
+
+    def rate(self, step: int) -> float:
+        """Learning rate of a step."""
+        return rate_at(self.schedule, step, self.steps)
+
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[Any]:
+        """Batches from step `done` on; a resumed run draws anew from there."""
+        raise NotImplementedError
+
+    def loss(self, batch: Any, memory: Any) -> tuple[dict[str, Tensor], Any]:
+        """Weighted terms with their sum, 'loss', and what is carried to the next batch; `memory` is None at first."""
+        raise NotImplementedError
+
+    def validate(self, network: Any) -> dict[str, float]:
+        """Figures on validation people; the first one is the score, smaller is better."""
+        raise NotImplementedError
+
+
+def rate_at(schedule: Any, step: int, steps: int | None = None) -> float:
+    """Learning rate of a step: a linear rise, then half a cosine down to `last_share` (0.01 if it has none)."""
+    if step < schedule.warm_up:
+        return schedule.learning_rate * step / schedule.warm_up
+    along = (step - schedule.warm_up) / max(1, (steps or schedule.steps) - schedule.warm_up)
+    last, share = getattr(schedule, "last_share", 0.01), 0.5 * (1 + math.cos(math.pi * along))
+    return schedule.learning_rate * (last + (1 - last) * share)
+
+
+def moving_average(averaged: Tensor, current: Tensor, count: Tensor | int, decay: float) -> Tensor:
+    """Exponential average of weights that forgets its beginning: the decay grows to `decay` with the steps."""
+    if not averaged.is_floating_point():
+        return current
+    return torch.lerp(current, averaged, min(decay, (1 + int(count)) / (10 + int(count))) if decay else 0.0)
+
+
+def fit(task: Task, checkpoint: Path, report: Report | None = None, fabric: Fabric | None = None) -> dict[str, float]:
+    """Train the task's network, which ends with the averaged weights that are kept, evaluating; return its figures.
+
+    Training continues from `checkpoint` where that file exists; the log lies beside it as .jsonl. Raises BodysenseError
+    when the checkpoint belongs to another configuration, schedule or source.
+    """
+    fabric, report = fabric or launched(), report or printed()
+    network, pace = fabric.to_device(task.network), task.schedule
+    optimizer = task.optimizer()
+    decay = partial(moving_average, decay=pace.average_decay)
+    average = AveragedModel(network, avg_fn=decay, use_buffers=True)
+    average.module.eval()
+    run, steps = task.identity(), task.steps
+    done, kept = load_checkpoint(checkpoint, run, network, optimizer, average)
+    best = kept or {"score": math.inf, "step": 0, "since": 0, "factor": 1.0, "weights": network.state_dict()}
+    batches = task.batches(np.random.default_rng([pace.seed, done, fabric.global_rank]), done)
+    begun, memory = time.monotonic(), None
+    recent: list[dict[str, float]] = []
+    for step, batch in zip(range(done + 1, steps + 1), batches, strict=False):
+        for group in optimizer.param_groups:
+            group["lr"] = task.rate(step) * best.get("factor", 1.0)
+        torch.manual_seed(pace.seed * 1_000_003 + step)  # of dropout: a run that goes on is the run that it was
+        network.train()
+        terms, memory = task.loss(fabric.to_device(batch), memory)
+        optimizer.zero_grad()
+        terms["loss"].backward()
+        _share_gradients(network, fabric)
+        for group in optimizer.param_groups:
+            nn.utils.clip_grad_norm_(group["params"], group.get("clip", task.clip))
+        optimizer.step()
+        average.update_parameters(network)
+        recent.append({name: float(value.detach()) for name, value in terms.items()})
+        if step % pace.check_every == 0 or step == steps:
+            figures = task.validate(average.module)
+            if task.keeps_best:
+                best = _better(best, figures, step, average.module, task.patience)
+                figures = figures | {f"best_{next(iter(figures))}": best["score"]}
+            mean = {name: float(np.mean([row[name] for row in recent])) for name in recent[0]}
+            recent = []
+            progress = Progress(step, steps, time.monotonic() - begun, mean, figures)
+            if fabric.is_global_zero:
+                save_checkpoint(checkpoint, run, step, network, optimizer, average, best if task.keeps_best else None)
+                with checkpoint.with_suffix(".jsonl").open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(vars(progress)) + "\n")
+                report(progress)
+    network.load_state_dict(best["weights"] if task.keeps_best else average.module.state_dict())
+    network.eval()
+    return task.validate(network)
+
+
+def _share_gradients(network: nn.Module, fabric: Fabric) -> None:
+    for parameter in network.parameters() if fabric.world_size > 1 else ():
+        if parameter.grad is not None:
+            parameter.grad = fabric.all_reduce(parameter.grad, reduce_op="mean")  # type: ignore[assignment]
+
+
+def _better(
+    best: dict[str, Any], figures: dict[str, float], step: int, network: nn.Module, patience: int | None
+) -> dict[str, Any]:
+    """The best so far after a check; the learning rate's factor is halved where nothing got better for long."""
+    score = next(iter(figures.values()))
+    if score < best["score"]:
+        weights = {name: value.clone() for name, value in network.state_dict().items()}
+        return best | {"score": score, "step": step, "since": 0, "weights": weights}
+    since = best.get("since", 0) + 1
+    if patience is not None and since >= patience:
+        return best | {"since": 0, "factor": best["factor"] / 2}
+    return best | {"since": since}
+
+
+def launched(devices: int = 1, nodes: int = 1) -> Fabric:
+    """The devices of this process, and its place among those of a run on several, which share one folder."""
+    fabric = Fabric(accelerator="auto", devices=devices, num_nodes=nodes, precision="32-true")
+    fabric.launch()
+    return fabric
+
+
+def begin(seed: int, threads: int | None) -> None:
+    """Set PyTorch's seed, and its threads where they are told; before a network is made."""
+    if threads is not None:
+        torch.set_num_threads(threads)
+    torch.manual_seed(seed)
+
+
+def printed(name: str = "") -> Report:
+    """A report that prints a line for every checkpoint, after a name."""
+    console = Console(width=200)
+
+    def report(progress: Progress) -> None:
+        terms, figures = line_of(progress.terms, 4), line_of(progress.validation, 3)
+        head = f"{name} " if name else ""
+        done = f"{head}step {progress.step}/{progress.steps}, {progress.seconds:.0f} s"
+        console.print(f"{done} · {terms} · {figures}", highlight=False)
+
+    return report
+
+
+def line_of(values: Mapping[str, float], digits: int) -> str:
+    """Figures by name in one line."""
+    return " ".join(f"{name} {value:.{digits}f}" for name, value in values.items())
+
+
+S = TypeVar("S", bound=Sized)
+
+
+def played(draw: Callable[[], S], count: int, chunk: int) -> Iterator[tuple[list[tuple[S, int]], np.ndarray]]:
+    """Of `count` streams, for each chunk: the sequence that each plays and its first frame there, and who begins (B,).
+
+    A stream whose sequence has ended draws the next one.
+    """
+    playing = [(draw(), 0) for _ in range(count)]
+    while True:
+        yield playing, np.array([first == 0 for _, first in playing])
+        after = [(one, first + chunk) for one, first in playing]
+        playing = [(one, first) if first < len(one) else (draw(), 0) for one, first in after]
+
+
+# Train the network of this name, telling a report how it goes; returns what to say of it.
+Train = Callable[[str, Report], str]
+
+
+def is_same(path: Path, before: str, now: str) -> bool:
+    """True where the network in `path` was trained as asked; both are identities. Raises BodysenseError otherwise."""
+    if json.loads(before) != json.loads(now):
+        raise BodysenseError(
+            f"{path} is of another configuration ({differences(before, now)}); give another --out, or those settings"
+        )
+    return True
+
+
+def sweep(
+    steps: Mapping[str, int],
+    train: Train,
+    is_trained: Callable[[str], bool],
+    logs: Path,
+    jobs: int = 1,
+    quiet: bool = False,
+) -> None:
+    """Train the networks that are not trained, in order, `jobs` at a time; `steps` are of each by its name.
+
+    With several jobs each has a process of its own, and `train` must be picklable; the folder `logs` holds NAME.jsonl.
+    """
+    todo = [name for name in steps if not is_trained(name)]
+    console = Console(quiet=quiet)
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total} steps"))
+    with Bars(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console) as bars:
+        done = sum(count for name, count in steps.items() if name not in todo)
+        bar = bars.add_task("training", total=sum(steps.values()), completed=done)
+        if jobs > 1:
+            with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+                waiting = {pool.submit(train, name, quietly) for name in todo}
+                while waiting:
+                    ended, waiting = wait(waiting, timeout=1.0, return_when=FIRST_COMPLETED)
+                    bars.update(bar, completed=done + sum(_reached(logs, name, steps[name]) for name in todo))
+                    for future in ended:
+                        console.print(future.result(), highlight=False)
+            return
+        for name in todo:
+            bars.update(bar, description=name)
+
+            def report(progress: Progress, before: int = done) -> None:
+                bars.update(bar, completed=before + progress.step)
+
+            if not is_trained(name):  # what it waits for may have come out as it was
+                console.print(train(name, report), highlight=False)
+            done += steps[name]
+            bars.update(bar, completed=done)
+
+
+def quietly(progress: Progress) -> None:
+    """A report that says nothing: the log is read instead."""
+
+
+def last_progress(log: Path) -> Progress | None:
+    """The last line of a log."""
+    lines = log.read_text(encoding="utf-8").splitlines() if log.is_file() else []
+    return Progress(**json.loads(lines[-1])) if lines else None
+
+
+def _reached(logs: Path, name: str, steps: int) -> int:
+    last = last_progress(logs / f"{name}.jsonl")
+    return 0 if last is None else min(steps, last.step)

@@ -1,0 +1,244 @@
+"""Frames of the 22-joint body of many clips in flat arrays, as HMD-VAE is trained and tested on them (section 5.1).
+
+Recordings come to 30 Hz exactly (`io.resample`). One at a whole multiple of it, 60 or 120 Hz, loses frames and no
+other changes, as in the paper. One at any other rate is interpolated, rotations by slerp: the paper would thin 100 Hz
+to 33.3 Hz and still count 1/30 s between frames, and ours is at 24 and 12 Hz, where nothing can be thinned.
+
+Windows of motion as HMD-VAE sees them: in axes of their own, as recorded or in the mirror.
+
+Where the origin is. The paper puts it at the pelvis of every frame and faces the pelvis' heading in the last one: that
+tells the network where the pelvis is and where it faces, what no headset knows. `origin='pelvis'` is that, for
+comparison; with 'head', the default, the origin is under the head in the last frame of the window, +Z is the head's
+heading there, heights are over the floor, and positions in the likelihood are from the head.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bodysense.body.pose import body_pose, body_skeleton, forward_kinematics
+from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
+from bodysense.body.skeleton import BODY, default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.sources import list_sources, read_source
+from bodysense.io.resample import resample
+from bodysense_lab.datasets import open_clips
+from bodysense_lab.hmd_vae.options import BodyVaeConfig, Origin
+from bodysense_lab.store import is_store, read_store
+from bodysense_lab.windows import Windows, find_windows
+
+RATE = 30.0
+TRAIN_LENGTH, TEST_LENGTH, STRIDE = 16, 64, 4  # frames
+HELD_OUT = 0.05  # share of the sequences of each data set
+Listed = Literal["train", "test"]
+
+
+@dataclass(frozen=True, eq=False)
+class BodyFrames:
+    """All frames of all clips, one after the other; a row a clip of what belongs to a clip."""
+
+    position: np.ndarray  # (N, 22, 3) float32 m, world
+    rotation: np.ndarray  # (N, 22, 4) float32 wxyz, world ← joint
+    rest_offset: np.ndarray  # (C, 22, 3) float32 m
+    start: np.ndarray  # (C,) first frame
+    length: np.ndarray  # (C,) frames
+    person: tuple[str, ...]  # (C,)
+    category: tuple[str, ...]  # (C,)
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    @property
+    def minutes(self) -> float:
+        """Of all clips together."""
+        return float(self.length.sum()) / RATE / 60
+
+    def windows(self, length: int, stride: int = STRIDE, clips: np.ndarray | None = None) -> Windows:
+        """Windows of so many frames in every clip, or in those of some rows `clips`."""
+        chosen = np.arange(len(self)) if clips is None else clips
+        found = find_windows(self.start[chosen], self.length[chosen], length=length, stride=stride)
+        return replace(found, clip=chosen[found.clip])
+
+
+def read_body_frames(clips: Iterable[Clip]) -> BodyFrames:
+    """The clips at 30 Hz; those shorter than 64 frames are dropped. Raises BodysenseError where none is left."""
+    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, str, str]] = []
+    for clip in clips:
+        # What comes to fewer than 64 frames need not be computed.
+        if clip.seconds * RATE < TEST_LENGTH - 1:
+            continue
+        body = body_pose(resample(clip, RATE).pose)
+        if len(body.root_position) >= TEST_LENGTH:
+            position, rotation = (values.astype(np.float32) for values in forward_kinematics(body))
+            parts.append((position, rotation, body.skeleton.rest_offset, clip.person, clip.category))
+    if not parts:
+        raise BodysenseError(f"none of the clips has {TEST_LENGTH} frames at {RATE:g} Hz; give longer recordings")
+    position, rotation, rest_offset, person, category = zip(*parts, strict=True)
+    length = np.array([len(one) for one in position])
+    return BodyFrames(
+        position=np.concatenate(position),
+        rotation=np.concatenate(rotation),
+        rest_offset=np.stack(rest_offset).astype(np.float32),
+        start=np.cumsum(length) - length,
+        length=length,
+        person=tuple(person),
+        category=tuple(category),
+    )
+
+
+def held_out(person: Iterable[str], rng: np.random.Generator) -> np.ndarray:
+    """(C,) bool: about 5 % of the clips of each data set, at least one; a set is a person's name up to its last '_'.
+
+    'cmu_07' is of 'cmu', 'MPI_HDM05_dg' of 'MPI_HDM05'; a name without '_' is of a set with all others like it.
+    Within-person test of the paper, beside the split by person.
+    """
+    names = np.array([name.rpartition("_")[0] for name in person])
+    chosen = np.zeros(len(names), dtype=bool)
+    for name in np.unique(names):
+        rows = np.flatnonzero(names == name)
+        if len(rows) > 1:
+            chosen[rng.choice(rows, max(1, round(HELD_OUT * len(rows))), replace=False)] = True
+    return chosen
+
+
+def split_clips(directory: Path, split: Literal["train", "test"], split_file: Path | None) -> Iterator[Clip]:
+    """The clips of a folder or store that belong to a split: by person, or as a list says (`read_split_file`)."""
+    if split_file is None:
+        yield from open_clips(directory, split)
+        return
+    listed = read_split_file(split_file)
+    if is_store(directory):
+        store = read_store(directory)
+        known = {row.source: index for index, row in enumerate(store.table.clips)}
+        clip_at = {key: (lambda index=index: store.clip(index)) for key, index in known.items()}
+    else:
+        sources = {source.key(Path(directory)): source for source in list_sources(directory)}
+        clip_at = {key: (lambda source=source: read_source(source)) for key, source in sources.items()}
+    unknown = [key for key in listed if key not in clip_at]
+    if unknown:
+        raise BodysenseError(
+            f"{split_file}: {len(unknown)} of {len(listed)} motions are not in {directory}, {unknown[0]!r} for one; "
+            "give the folder to which the paths in the list are relative"
+        )
+    chosen = [key for key, which in listed.items() if which == split]
+    if not chosen:
+        raise BodysenseError(f"{split_file}: no line of it ends in {split!r}; each is 'PATH train' or 'PATH test'")
+    yield from (clip_at[key]() for key in chosen)
+
+
+def read_split_file(path: Path) -> dict[str, Listed]:
+    """A split list: a line a motion, 'PATH train' or 'PATH test', the path relative to the data's folder."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise BodysenseError(f"{path}: cannot be read ({error.strerror}); give a list of lines 'PATH train'") from None
+    listed: dict[str, Listed] = {}
+    for number, line in enumerate(lines, start=1):
+        text = line.strip()
+        if not text or text.startswith("#"):
+            continue
+        name, _, which = text.rpartition(" ")
+        key = name.strip().replace("\\", "/").removeprefix("./")
+        if which not in ("train", "test") or not key:
+            raise BodysenseError(f"{path}, line {number}: {text!r} is not 'PATH train' or 'PATH test'")
+        if listed.setdefault(key, which) != which:
+            raise BodysenseError(f"{path}, line {number}: {key} is in train and in test; keep one")
+    return listed
+
+
+class Joints(NamedTuple):
+    """Joints over time."""
+
+    position: Tensor  # (B, T, P, 3) m
+    rotation: Tensor  # (B, T, P, 4) wxyz
+
+
+class HeadFrame(NamedTuple):
+    """Where the axes of a window stand in the world."""
+
+    start: Tensor  # (B, 1 or T, 3) m
+    facing: Tensor  # (B, 4) wxyz, world ← frame: a turn about +Y
+
+
+def frame_of(origin: Origin, position: Tensor, rotation: Tensor) -> HeadFrame:
+    """The axes of a window from the joint `origin` in it: (B, T, 3) m, (B, T, 4) wxyz, world."""
+    if origin == "pelvis":
+        return HeadFrame(position, heading(rotation[:, -1]))
+    return HeadFrame(position[:, -1:] * position.new_tensor([1.0, 0.0, 1.0]), heading(rotation[:, -1]))
+
+
+def seen_from(frame: HeadFrame, joints: Joints) -> Joints:
+    """Joints of the world in the axes of a window."""
+    away = quaternion_conjugate(frame.facing)[:, None, None].expand_as(joints.rotation)
+    position = quaternion_rotate(away, joints.position - frame.start[:, :, None])
+    return Joints(position, quaternion_multiply(away, joints.rotation))
+
+
+class VaeBatch(NamedTuple):
+    """Windows in their own axes."""
+
+    seen: Joints  # (B, T, P): what the encoder reads
+    truth: Joints  # (B, 22): the last frame
+    rest_offset: Tensor  # (B, 22, 3) m
+    frame: HeadFrame
+
+
+def make_batch(config: BodyVaeConfig, frames: BodyFrames, windows: Windows, which: np.ndarray) -> VaeBatch:
+    """Some windows, by their numbers; an encoder that sees one frame gets the last."""
+    reads = [BODY.index(name) for name in config.reads]
+    history = windows.frames(which)[:, -config.frames :]
+    last = history[:, -1]
+    origin = BODY.index(config.origin)
+    frame = frame_of(
+        config.origin,
+        torch.from_numpy(frames.position[history, origin]),
+        torch.from_numpy(frames.rotation[history, origin]),
+    )
+    seen = Joints(
+        torch.from_numpy(frames.position[history[..., None], reads]),
+        torch.from_numpy(frames.rotation[history[..., None], reads]),
+    )
+    truth = Joints(torch.from_numpy(frames.position[last, None]), torch.from_numpy(frames.rotation[last, None]))
+    now = HeadFrame(frame.start[:, -1:], frame.facing)
+    truth = Joints(*(values[:, 0] for values in seen_from(now, truth)))
+    offset = torch.from_numpy(frames.rest_offset[windows.clip[which]])
+    return VaeBatch(seen_from(frame, seen), truth, offset, frame)
+
+
+def mirrored(config: BodyVaeConfig, batch: VaeBatch, which: Tensor) -> VaeBatch:
+    """The batch with the windows (B,) bool of `which` in the mirror: left is right, x turns its sign."""
+    partner = _mirror()
+    reads = config.reads
+    swap = [reads.index(BODY[partner[BODY.index(name)]]) for name in reads]
+
+    def flip(joints: Joints, order: list[int]) -> Joints:
+        flipped = (
+            joints.position[..., order, :] * joints.position.new_tensor([-1, 1, 1]),
+            joints.rotation[..., order, :] * joints.rotation.new_tensor([1, 1, -1, -1]),
+        )
+        shape = (-1, *(1,) * (joints.position.ndim - 1))
+        return Joints(*(torch.where(which.view(shape), new, old) for new, old in zip(flipped, joints, strict=True)))
+
+    whole = partner.tolist()
+    offset = batch.rest_offset[:, whole] * batch.rest_offset.new_tensor([-1, 1, 1])
+    return VaeBatch(
+        flip(batch.seen, swap),
+        flip(batch.truth, whole),
+        torch.where(which[:, None, None], offset, batch.rest_offset),
+        batch.frame,
+    )
+
+
+@lru_cache(maxsize=1)
+def _mirror() -> np.ndarray:
+    """(22,) the partner of each joint on the other side."""
+    return body_skeleton(default_skeleton()).mirror

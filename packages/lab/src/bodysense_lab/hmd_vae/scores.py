@@ -1,0 +1,195 @@
+"""Scoring HMD-VAE's networks on a data set: Figs 5 to 7 of the paper and the figures of later papers.
+
+Each frame is answered from the window that ends with it, at the posterior's mean. Positions are from the head, in the
+world's axes, whatever the origin that a network was trained with, so that all compare. Needs PyTorch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from bodysense.body.pose import body_skeleton, local_rotation
+from bodysense.body.rotation import geodesic_angle, quaternion_log, quaternion_multiply, quaternion_rotate
+from bodysense.body.skeleton import BODY, LOWER_BODY, default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.intervals import Named
+from bodysense.metrics import on_floor
+from bodysense.scoring import Tally, group_named
+from bodysense_lab.datasets import Census, DataSet, census_of
+from bodysense_lab.hmd_vae.frames import (
+    RATE,
+    STRIDE,
+    TEST_LENGTH,
+    TRAIN_LENGTH,
+    BodyFrames,
+    make_batch,
+    read_body_frames,
+    split_clips,
+)
+from bodysense_lab.hmd_vae.network import BodyVae, read_vae
+from bodysense_lab.hmd_vae.options import BodyVaeConfig
+from bodysense_lab.windows import Windows
+
+LEGS = tuple(name for name in BODY if name.partition("_")[2] in ("knee", "ankle", "foot"))
+JOINTS = {"full": BODY, "legs": LEGS}
+FEET = ("left_foot", "right_foot")
+_BATCH = 512  # windows that are computed together
+
+
+Tallies = dict[tuple[str, str], Tally]  # by category group and measure
+
+
+@dataclass(frozen=True)
+class Scored:
+    """One network's figures; those of a measure are means over frames, or over sequences of 64."""
+
+    name: str
+    config: BodyVaeConfig
+    card: Mapping[str, Any] = field(repr=False)
+    tallies: Tallies = field(repr=False)
+
+    def get(self, measure: str, group: str = "main") -> float:
+        """A mean; NaN where nothing was counted."""
+        return self.tally(measure, group).mpjpe
+
+    def tally(self, measure: str, group: str = "main") -> Tally:
+        """One cell; empty where nothing was counted."""
+        return self.tallies.get((group, measure), Tally())
+
+    def named(self, name: str, measure: str, group: str = "main") -> Named:
+        """A mean under a name, with its shares by person."""
+        return self.tally(measure, group).named(name)
+
+
+def vaes_in(folder: Path) -> dict[str, Path]:
+    """The trained models 1 to 4 of a folder by name. Raises BodysenseError where there is none."""
+    found = {path.stem: path for path in sorted(folder.glob("*.pt"))}
+    kept = {name: path for name, path in found.items() if read_vae(path)[0].config.model != 0}
+    if not kept:
+        raise BodysenseError(
+            f"{folder}: no trained model 1 to 4 in it; train them with `bodysense train hmd-vae --sweep` into it"
+        )
+    return kept
+
+
+def read_test(
+    data: DataSet, advance: Callable[[Any], None], split_file: Path | None = None
+) -> tuple[BodyFrames, Census]:
+    """The data set at 30 Hz, and how much of it is used: clips of 64 frames and more.
+
+    With a split list, the test motions of that list instead of the people of `data.split`.
+    """
+    clips = data.clips() if split_file is None else split_clips(data.path, "test", split_file)
+    census = Census()
+
+    def counted() -> Any:
+        nonlocal census
+        for clip in clips:
+            advance(clip)
+            if clip.seconds * RATE >= TEST_LENGTH - 1:
+                census += census_of(clip)
+            yield clip
+
+    frames = read_body_frames(counted())
+    return frames, census
+
+
+def score_vae(name: str, path: Path, frames: BodyFrames, threads: int | None = None) -> Scored:
+    """Every measure of one network on every clip."""
+    if threads is not None:
+        torch.set_num_threads(threads)
+    network, card = read_vae(path)
+    tallies: Tallies = {}
+    for clip in range(len(frames)):
+        windows = frames.windows(max(network.config.length, TRAIN_LENGTH), stride=1, clips=np.array([clip]))
+        position, local = answers(network, frames, windows)
+        now = windows.frames()[:, -1]
+        group = group_named(frames.category[clip])
+        for measure, values in measures(position, local, frames.position[now], frames.rotation[now]).items():
+            tallies.setdefault((group, measure), Tally()).add(values, frames.person[clip])
+    return Scored(name, network.config, card, tallies)
+
+
+@torch.no_grad()
+def answers(network: BodyVae, frames: BodyFrames, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+    """Positions from the head in the world's axes (W, 22, 3) m, and local rotations (W, 22, 4), one a window."""
+    positions, rotations = [], []
+    for first in range(0, len(windows), _BATCH):
+        batch = make_batch(network.config, frames, windows, np.arange(first, min(first + _BATCH, len(windows))))
+        body = network.decode(network.posterior(batch.seen, batch.rest_offset)[0], batch.rest_offset)
+        relative = body.position - body.position[:, BODY.index("head"), None]
+        facing = batch.frame.facing[:, None]
+        positions.append(quaternion_rotate(facing.expand(*relative.shape[:-1], 4), relative).numpy())
+        pelvis = quaternion_multiply(facing, body.local[:, :1])
+        rotations.append(torch.cat([pelvis, body.local[:, 1:]], dim=1).numpy())
+    return np.concatenate(positions).astype(float), np.concatenate(rotations).astype(float)
+
+
+def measures(
+    position: np.ndarray, local: np.ndarray, true_position: np.ndarray, true_rotation: np.ndarray
+) -> dict[str, np.ndarray]:
+    """One value a frame (or a sequence of 64) of every measure, of consecutive frames.
+
+    Args:
+        position: (T, 22, 3) m, predicted, from the head.
+        local: (T, 22, 4) wxyz, predicted, parent ← joint, the pelvis' of the world.
+        true_position: (T, 22, 3) m, world.
+        true_rotation: (T, 22, 4) wxyz, world ← joint.
+
+    Position error in cm, velocity error in cm/s (backward differences at 30 Hz), acceleration as the sum of its
+    components' sizes (eq. 11: the L1 norm) in m/s², of the full body and of the legs: eqs. 8 to 12. The head's own
+    motion is not in it. In the world, under the measured head: jitter in 10² m/s³, foot skate, depth under the floor.
+    """
+    head = true_position[:, [BODY.index("head")]].astype(float)
+    truth, true_rotation = true_position.astype(float) - head, true_rotation.astype(float)
+    result: dict[str, np.ndarray] = {}
+    for part, names in JOINTS.items():
+        chosen = [BODY.index(name) for name in names]
+        ours, wanted = position[:, chosen], truth[:, chosen]
+        for measure, values, length in (
+            ("position_cm", 100 * _size(ours - wanted), TEST_LENGTH),
+            ("velocity_cm_s", 100 * RATE * _size(np.diff(ours - wanted, axis=0)), TEST_LENGTH - 1),
+            ("acceleration_m_s2", RATE**2 * _taxicab(np.diff(ours, 2, axis=0)), TEST_LENGTH - 2),
+            ("truth_acceleration_m_s2", RATE**2 * _taxicab(np.diff(wanted, 2, axis=0)), TEST_LENGTH - 2),
+        ):
+            result[f"{part}_{measure}"] = values
+            result[f"{part}_{measure}_sequences"] = over_sequences(values, length)
+    error = 100 * np.linalg.norm(position - truth, axis=-1)
+    lower = [BODY.index(name) for name in LOWER_BODY]
+    result["lower_position_cm"] = error[:, lower].mean(axis=-1)
+    result["upper_position_cm"] = np.delete(error, lower, axis=1).mean(axis=-1)
+    true_local = np.asarray(local_rotation(body_skeleton(default_skeleton()), true_rotation))
+    result["rotation_deg"] = np.degrees(geodesic_angle(local, true_local)).mean(axis=-1)
+    component = np.abs(quaternion_log(local) - quaternion_log(true_local)).mean(axis=(-1, -2))
+    result["mpjre_component_deg"] = np.degrees(component)
+    ours, wanted = position + head, truth + head
+    result["jitter"] = _size(np.diff(ours, 3, axis=0)) * RATE**3 / 100
+    result["truth_jitter"] = _size(np.diff(wanted, 3, axis=0)) * RATE**3 / 100
+    feet = [BODY.index(name) for name in FEET]
+    slide = 100 * RATE * np.linalg.norm(np.diff(ours[:, feet], axis=0)[..., [0, 2]], axis=-1)
+    result["skate_cm_s"] = slide[on_floor(wanted[:, feet], RATE)]
+    result["penetration_cm"] = 100 * np.maximum(-ours[:, feet, 1], 0).mean(axis=-1)
+    return result
+
+
+def over_sequences(values: np.ndarray, length: int) -> np.ndarray:
+    """The mean over every sequence of `length` values (T,), 4 apart."""
+    if len(values) < length:
+        return np.zeros(0)
+    return np.lib.stride_tricks.sliding_window_view(values, length)[::STRIDE].mean(axis=-1)
+
+
+def _size(vectors: np.ndarray) -> np.ndarray:
+    """Mean length of the joints' vectors: (T, J, 3) → (T,)."""
+    return np.linalg.norm(vectors, axis=-1).mean(axis=-1)
+
+
+def _taxicab(vectors: np.ndarray) -> np.ndarray:
+    """Mean L1 norm of the joints' vectors: (T, J, 3) → (T,)."""
+    return np.abs(vectors).sum(axis=-1).mean(axis=-1)

@@ -1,0 +1,309 @@
+"""A whole training run of HMD-VAE: one network, or the paper's sweep over many (section 5.3), resumable."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import itertools
+import json
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from rich.progress import track
+from torch import Tensor, nn
+
+from bodysense.body.rotation import quaternion_canonical, quaternion_multiply, quaternion_rotate
+from bodysense.body.skeleton import BODY
+from bodysense.errors import BodysenseError
+from bodysense.files import check_folder, check_place, make_folder, written_beside
+from bodysense.io.clip import Clip
+from bodysense.papers.hmd_vae import FORMAT
+from bodysense_lab.checkpoint import identity
+from bodysense_lab.datasets import count_clips, open_clips
+from bodysense_lab.export import export, in_bytes
+from bodysense_lab.fit import Report, begin, fit, is_same, launched, sweep
+from bodysense_lab.hmd_vae.frames import (
+    RATE,
+    TRAIN_LENGTH,
+    BodyFrames,
+    Joints,
+    frame_of,
+    held_out,
+    read_body_frames,
+    read_split_file,
+    seen_from,
+    split_clips,
+)
+from bodysense_lab.hmd_vae.network import BodyVae, pretrained, read_vae, write_vae
+from bodysense_lab.hmd_vae.options import MODELS, BodyVaeConfig, Grid, VaeRun
+from bodysense_lab.hmd_vae.task import VaeTask, joint_errors
+from bodysense_lab.windows import Windows
+
+INPUTS = ("position", "rotation", "trust", "noise", "rest_offset")
+OUTPUTS = ("root_position", "local_rotation", "joint_position")
+
+
+class InWorld(nn.Module):
+    """One body in the world, its head where the measured one is.
+
+    z = trust · mean + (trust · deviation + 1 − trust) · noise: with numbers from N(0, I) as noise a sample, at trust 1
+    of the posterior of what is seen, at 0 of the prior; with zeros the mean.
+    """
+
+    def __init__(self, network: BodyVae) -> None:
+        super().__init__()
+        self.network = network
+        self.head = network.config.reads.index("head")
+
+    def forward(
+        self, position: Tensor, rotation: Tensor, trust: Tensor, noise: Tensor, rest_offset: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """World joints (B, T, P, 3) m and (B, T, P, 4), trust (B, 1), noise (B, d), rest offsets (B, 22, 3) m.
+
+        Returns root positions (B, 3), local rotations (B, 22, 4), the pelvis' of the world, and positions (B, 22, 3).
+        """
+        frame = frame_of("head", position[:, :, self.head], rotation[:, :, self.head])
+        mean, log_variance = self.network.posterior(seen_from(frame, Joints(position, rotation)), rest_offset)
+        deviation = trust * torch.exp(log_variance / 2) + (1 - trust)
+        body = self.network.decode(trust * mean + deviation * noise, rest_offset)
+        facing = frame.facing[:, None]
+        relative = body.position - body.position[:, BODY.index("head"), None]
+        turned = quaternion_rotate(facing.expand(*relative.shape[:-1], 4), relative)
+        placed = turned + position[:, -1, self.head, None]
+        pelvis = quaternion_multiply(facing, body.local[:, :1])
+        return placed[:, 0], quaternion_canonical(torch.cat([pelvis, body.local[:, 1:]], dim=1)), placed
+
+
+def write_vae_onnx(network: BodyVae, path: Path, card: dict[str, Any]) -> None:
+    """Export encoder and decoder with their card; large weights in bytes. The file appears whole or not.
+
+    Raises BodysenseError for a network whose origin is the pelvis: no device tracks that.
+    """
+    config = network.config
+    if config.origin != "head":
+        raise BodysenseError(
+            f"{path}: a network with origin {config.origin!r} needs to know where the {config.origin} is, which no "
+            "headset does; keep it as .pt for the tables, or train with --origin head"
+        )
+    network = network.eval()
+    shape = (1, config.frames, len(config.reads))
+    upright = torch.tensor([1.0, 0.0, 0.0, 0.0])
+    example = (
+        torch.zeros(*shape, 3),
+        upright.expand(*shape, 4).clone(),
+        torch.ones(1, 1),
+        torch.zeros(1, config.latent),
+        torch.tensor(np.array(network.skeleton.rest_offset[None]), dtype=torch.float32),
+    )
+    known = {name: value for name, value in card.items() if name not in ("identity", "validation_position_cm")}
+    if "validation_position_cm" in card:
+        known["validation"] = {"position_cm": card["validation_position_cm"]}
+    card = {
+        "reads": config.reads,
+        "frames": config.frames,
+        "latent": config.latent,
+        "rate": RATE,
+        "network": asdict(config),
+        "weights": sum(parameter.numel() for parameter in network.parameters()),
+        **known,
+    }
+    export(InWorld(network), example, list(INPUTS), list(OUTPUTS), FORMAT, card, path, shrink=in_bytes)
+
+
+BETAS, LATENTS, BLOCKS = (0.0001, 0.01, 0.1, 1.0, 5.0), (15, 30, 60), (3, 6)  # the paper's 30 settings
+FEW_BETAS, FEW_LATENTS = (0.01, 1.0), (30,)  # of these, what a small machine trains: 4 settings
+
+
+@dataclass(frozen=True, eq=False)
+class VaeData:
+    """What a run learns from and is watched on."""
+
+    frames: BodyFrames
+    train: Windows
+    within: Windows  # of sequences of the training people that were held out
+    validation: tuple[BodyFrames, Windows]  # other people; with a split list, `within`
+
+    @property
+    def note(self) -> str:
+        """For a card."""
+        people = len(set(self.frames.person))
+        return f"{len(self.frames)} sequences of {people} people, {self.frames.minutes:.0f} minutes at 30 Hz"
+
+
+def read_data(run: VaeRun) -> VaeData:
+    """The training split, 5 % of its sequences held out, and the validation people."""
+    total = None if run.split_file is not None else count_clips(run.data, "train")
+    clips: Iterator[Clip] = split_clips(run.data, "train", run.split_file)
+    frames = read_body_frames(track(clips, total=total, description="reading the train split"))
+    kept_out = held_out(frames.person, np.random.default_rng(run.schedule.seed))
+    within = frames.windows(TRAIN_LENGTH, clips=np.flatnonzero(kept_out))
+    learned = frames.windows(TRAIN_LENGTH, clips=np.flatnonzero(~kept_out))
+    if run.split_file is not None:
+        if not len(within):
+            raise BodysenseError(f"{run.split_file}: one training sequence cannot also be held out; list more")
+        return VaeData(frames, learned, within, (frames, within))
+    others = read_body_frames(open_clips(run.data, "val"))
+    return VaeData(frames, learned, within, (others, others.windows(TRAIN_LENGTH)))
+
+
+def run_vae(run: VaeRun) -> None:
+    """Train one network; the weights (.pt), log (.jsonl) and checkpoint (.ckpt) lie beside `run.out`."""
+    check_place(run.out)
+    weights, whole = run.out.with_suffix(".pt"), whole_body(run)
+    if not is_trained(run, weights, whole):
+        data = read_data(run)
+        print(f"{data.note}; {len(data.train)} windows")
+        train_network(run, weights, whole, data)
+    network, card = read_vae(weights)
+    if run.out.suffix == ".onnx":
+        write_vae_onnx(network, run.out, card)
+    print(f"wrote {run.out} ({run.out.stat().st_size / 1e6:.1f} MB)")
+
+
+def whole_body(run: VaeRun) -> BodyVae | None:
+    """The model 0 whose decoder models 3 and 4 take. Raises BodysenseError where it is missing or of no use."""
+    if not run.config.pretrained:
+        if run.decoder is not None:
+            raise BodysenseError(f"--decoder is for models 3 and 4; model {run.config.model} trains its own")
+        return None
+    if run.decoder is None:
+        raise BodysenseError(
+            f"model {run.config.model} takes the decoder of a model 0: train that first "
+            "(`bodysense train hmd-vae --model 0 …`) and give its .pt as --decoder"
+        )
+    whole, _ = read_vae(run.decoder)
+    pretrained(run.config, whole)
+    return whole
+
+
+def train_network(
+    run: VaeRun, weights: Path, whole: BodyVae | None, data: VaeData, report: Report | None = None
+) -> None:
+    """Train one network and write its weights, with a card that says what they are."""
+    begin(run.schedule.seed, run.threads)
+    network = BodyVae(run.config) if whole is None else pretrained(run.config, whole)
+    begun, source, fabric = time.monotonic(), source_of(run, whole, data), launched(run.devices, run.nodes)
+    task = VaeTask(network, run.schedule, data.frames, data.train, data.validation, source)
+    fit(task, weights.with_suffix(".ckpt"), report, fabric)
+    network = network.cpu()
+    error = joint_errors(network, *data.validation)
+    card = {
+        "identity": identity(network.config, run.schedule, source),
+        "model": run.config.model,
+        "licence": run.licence,
+        "training_data": run.data_note or data.note,
+        "seed": run.schedule.seed,
+        "steps": run.schedule.steps,
+        "seconds": round(time.monotonic() - begun, 1),
+        "validation_position_cm": round(100 * float(error.mean()), 3),
+        "within_position_cm": round(100 * float(joint_errors(network, data.frames, data.within).mean()), 3),
+        "expected_error": [round(float(value), 4) for value in error],
+    }
+    if fabric.is_global_zero:
+        write_vae(network, weights, card)
+    fabric.barrier()
+
+
+def source_of(run: VaeRun, whole: BodyVae | None, data: VaeData | None = None) -> dict[str, Any]:
+    """What a run learns from, for its identity; how much that is where its data have been read."""
+    source: dict[str, Any] = {"data": str(run.data.resolve()), "split_file": None, "decoder": None}
+    if run.split_file is not None:
+        source["split_file"] = _digest(json.dumps(read_split_file(run.split_file)).encode())
+    if whole is not None:
+        source["decoder"] = _digest(*(value.numpy().tobytes() for value in whole.decoder.state_dict().values()))
+    if data is not None:
+        source["learned"] = {"sequences": len(data.frames), "frames": int(data.frames.length.sum())}
+    return source
+
+
+def is_trained(run: VaeRun, weights: Path, whole: BodyVae | None, data: VaeData | None = None) -> bool:
+    """Whether the weights are there, trained as this run asks. Raises BodysenseError if trained otherwise.
+
+    How much was learned is compared where `data` is given.
+    """
+    if not weights.is_file():
+        return False
+    saved = json.loads(read_vae(weights)[1]["identity"])
+    if data is None:
+        saved.get("source", {}).pop("learned", None)
+    now = identity(run.config, run.schedule, source_of(run, whole, data))
+    return is_same(weights, json.dumps(saved), now)
+
+
+def sweep_name(config: BodyVaeConfig) -> str:
+    """Of a network's files in the folder of a sweep; what no grid sweeps is named where it is not the default."""
+    name = f"model{config.model}-beta{config.beta:g}-latent{config.latent}-blocks{config.blocks}"
+    name += f"-{config.origin}" if config.origin != BodyVaeConfig.origin else ""
+    return name + (f"-samples{config.samples}" if config.samples != BodyVaeConfig.samples else "")
+
+
+def swept(run: VaeRun, config: BodyVaeConfig) -> VaeRun:
+    """The run of one network of a sweep."""
+    decoder = run.out / f"{sweep_name(replace(config, model=0))}.pt" if config.pretrained else None
+    plain = {one.name: getattr(run, one.name) for one in fields(VaeRun)}
+    return VaeRun(**plain | {"config": config, "out": run.out / f"{sweep_name(config)}.pt", "decoder": decoder})
+
+
+def sweep_configs(config: BodyVaeConfig, grid: Grid, models: Sequence[int] = MODELS) -> list[BodyVaeConfig]:
+    """The networks of a sweep, a setting's model 0 before its others; what is not swept is `config`'s."""
+    settings = {
+        "one": ((config.beta,), (config.latent,), (config.blocks,)),
+        "few": (FEW_BETAS, FEW_LATENTS, BLOCKS),
+        "all": (BETAS, LATENTS, BLOCKS),
+    }
+    return [
+        replace(config, model=model, beta=beta, latent=latent, blocks=blocks)
+        for beta, latent, blocks in itertools.product(*settings[grid])
+        for model in sorted({0, *models})
+    ]
+
+
+def run_sweep(run: VaeRun, configs: Sequence[BodyVaeConfig]) -> None:
+    """Train what is not trained yet into the folder `run.out`; the results of all in its results.csv."""
+    runs = {sweep_name(config): swept(run, config) for config in configs}
+    paths = [one.out for one in runs.values()]
+    check_folder(run.out)
+    if not all(is_swept(one) for one in runs.values()):
+        data = read_data(run)
+        make_folder(run.out)
+
+        def train(name: str, report: Report) -> str:
+            one = runs[name]
+            train_network(one, one.out, whole_body(one), data, report)
+            write_results(run.out / "results.csv", paths)
+            return f"trained {name}: validation {read_vae(one.out)[1]['validation_position_cm']:.2f} cm"
+
+        steps = dict.fromkeys(runs, run.schedule.steps)
+        sweep(steps, train, lambda name: is_swept(runs[name], data), run.out)
+    write_results(run.out / "results.csv", paths)
+    print(f"{len(runs)} networks in {run.out}, results in {run.out / 'results.csv'}")
+
+
+def is_swept(run: VaeRun, data: VaeData | None = None) -> bool:
+    """`is_trained` of a network of a sweep; not before its decoder is, on which it depends."""
+    if run.decoder is not None and not run.decoder.is_file():
+        return False
+    return is_trained(run, run.out, whole_body(run), data)
+
+
+def _digest(*parts: bytes) -> str:
+    return hashlib.sha256(b"".join(parts)).hexdigest()[:12]
+
+
+def write_results(path: Path, weights: Sequence[Path]) -> None:
+    """A row a network that is trained: its setting, time and errors."""
+    settings = ("model", "beta", "latent", "blocks", "samples", "origin")
+    figures = ("steps", "seconds", "validation_position_cm", "within_position_cm", "seed")
+    with written_beside(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(("network", *settings, *figures))
+        for one in weights:
+            if one.is_file():
+                network, card = read_vae(one)
+                values: dict[str, Any] = {**vars(network.config), **card}
+                writer.writerow((one.stem, *(values[name] for name in (*settings, *figures))))

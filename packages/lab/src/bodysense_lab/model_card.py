@@ -1,0 +1,289 @@
+"""Model cards: test figures put into a network file, and what it says of itself as Markdown beside it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import onnx
+
+from bodysense.completion import model as completion
+from bodysense.devices.gloves import networks as glove
+from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
+from bodysense.devices.video import arms
+from bodysense.errors import BodysenseError
+from bodysense.files import written_beside
+from bodysense.papers import hmd_vae as body_vae
+from bodysense.papers import point_model
+from bodysense_lab.unoc import learned
+
+Numbers = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What the card of a kind of network says."""
+
+    what: str
+    measured_by: str  # the command whose --json gives the figures
+    over: str  # what the figures are of
+    head: tuple[str, ...]
+    rows: Callable[[Numbers, Mapping[str, Any]], list[tuple[str, ...]]]  # of figures and of the file's metadata
+    not_for: str
+
+
+def describe(path: Path, figures: Numbers) -> Path:
+    """Put test figures into a network file and write its model card beside it as Markdown. Returns the card's path.
+
+    `figures` is what the command that measures such networks wrote with --json; those of the card's table are kept.
+    Raises BodysenseError for a file of no kind that has a card, and for figures of another command.
+    """
+    try:
+        model = onnx.load(str(path))
+    except Exception as error:  # protobuf's own classes
+        raise BodysenseError(f"{path}: not a readable ONNX model ({type(error).__name__})") from None
+    fields = {row.key: row.value for row in model.metadata_props}
+    kind = kind_of(path, fields)
+    wanted = _Asked(figures)
+    try:
+        kind.rows(wanted, fields_read(fields))
+    except KeyError as error:
+        raise BodysenseError(f"the figures have no {error}; write them with `{kind.measured_by} --json FILE`") from None
+    fields["test"] = json.dumps({name: round(figures[name], 3) for name in sorted(wanted.asked)})
+    onnx.helper.set_model_props(model, fields)
+    with written_beside(path) as beside:
+        onnx.save(model, str(beside))
+    card = path.with_suffix(".md")
+    with written_beside(card) as beside:
+        beside.write_text(card_text(path.name, kind, fields), encoding="utf-8")
+    return card
+
+
+def kind_of(path: Path, fields: Mapping[str, str]) -> Kind:
+    """The kind of a file by its metadata."""
+    key = (fields.get("format", "none"), json.loads(fields.get("task", '""')))
+    if key not in KINDS:
+        known = ", ".join(" ".join(key).strip() for key in KINDS)
+        raise BodysenseError(f"{path}: no card for a network of format {key[0]!r}; there are cards for {known}")
+    return KINDS[key]
+
+
+def card_text(name: str, kind: Kind, fields: Mapping[str, str]) -> str:
+    """The model card of a network file, from its metadata."""
+    read = fields_read(fields)
+    if "fastest_rate" in read:
+        rate = f"up to {read['fastest_rate']:g} Hz"
+    else:
+        rate = f"{read['rate']:g} Hz" if "rate" in read else "any rate"
+    seed = f"; seed {read['seed']}" if "seed" in read else ""
+    validation = ", ".join(f"{key} {value}" for key, value in read.get("validation", {}).items())
+    return "\n".join(
+        [
+            *(f"# {name}", "", kind.what, ""),
+            f"- {form(read)}, {read['weights']:,} weights, steps at {rate}",
+            f"- trained on: {read.get('training_data', 'not said')}",
+            f"- licence: {read.get('licence', 'not said')}{seed}",
+            *([f"- validation: {validation}"] if validation else []),
+            *("", f"{kind.over} (`{kind.measured_by} --data DIR`):", ""),
+            *(
+                f"| {' | '.join(row)} |"
+                for row in (kind.head, ("---",) * len(kind.head), *kind.rows(read["test"], read))
+            ),
+            *("", f"Not for: {kind.not_for}", ""),
+        ]
+    )
+
+
+def fields_read(fields: Mapping[str, str]) -> dict[str, Any]:
+    """The metadata of a file, read."""
+    return {key: json.loads(value) for key, value in fields.items() if key != "format"}
+
+
+def form(card: Mapping[str, Any]) -> str:
+    """What kind of network it is, and how large."""
+    network = card.get("network")
+    if network is None:
+        return "a network"
+    if "reads_hand" in network:
+        memory = f"GRU of {network['memory']}, then " if network.get("memory") else ""
+        return f"{card['form']}: {memory}layers of {', '.join(str(width) for width in network['layers'])}"
+    if "spatial_width" in network:
+        beside = f", over joints {network['spatial_layers']} × {network['spatial_width']}"
+        size = f"{network['layers']} × {network['width']} over time{beside if network['kind'] == 'pahmt' else ''}"
+        return f"{network['kind'].upper()}, windows of {network['frames']} frames: {size}"
+    if "hidden" not in network:
+        return f"model {network['model']}: β {network['beta']:g}, d {network['latent']}, {network['blocks']} blocks"
+    layers = network.get("layers", 1)
+    size = f"{network['hidden']}" if layers == 1 else f"{layers} × {network['hidden']}"
+    return (f"{card['form']}: " if "form" in card else "") + f"GRU of {size}"
+
+
+class _Asked(dict[str, float]):
+    """Figures that note which of them were asked for."""
+
+    def __init__(self, figures: Numbers) -> None:
+        super().__init__(figures)
+        self.asked: set[str] = set()
+
+    def __getitem__(self, name: str) -> float:
+        value = super().__getitem__(name)
+        self.asked.add(name)
+        return value
+
+
+def _pair(test: Numbers, key: str) -> str:
+    return f"{test[f'{key}_rmsjpe_cm']:.2f} / {test[f'{key}_mpjpe_cm']:.2f}"
+
+
+def _body_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    parts = [(part, share) for part in ("body", "finger", "all") for share in ("occluded", "all")]
+    # Data without fingers has no figures of them.
+    measured = [parts[0], *(one for one in parts[1:] if f"tracker_{'_'.join(one)}_rmsjpe_cm" in test)]
+    return [
+        (
+            {"all": "body and finger"}.get(part, part),
+            share,
+            *(f"{test[f'{who}_{part}_{share}_rmsjpe_cm']:.1f}" for who in ("last_known", "tracker")),
+        )
+        for part, share in measured
+    ]
+
+
+def _finger_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    methods = {
+        "network": "this network",
+        "bodysense": "this network, smoothed, on rigid bones",
+        "mean_pose": "mean hand of the train split",
+        "nearest": "hand of the nearest body of the train split",
+    }
+    return [(label, _pair(test, name)) for name, label in methods.items()]
+
+
+def _upper_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    return [
+        (joints, _pair(test, f"network_{joints}"), _pair(test, f"ik_{joints}"))
+        for joints in ("neck", "shoulders", "elbows", "all")
+    ]
+
+
+def _completion_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    bodies = ("own", "stranger", "height", "nothing")
+    return [
+        (name.replace("_", " "), *(f"{test[f'{name}_{body}_{measure}']:.2f}" for body in bodies))
+        for name in TABLE_SETS
+        for measure in ("occluded_mpjpe_cm" if SENSOR_SETS[name].camera else "mpjpe_cm",)
+    ]
+
+
+def _vae_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    measures, parts = ("position_cm", "velocity_cm_s", "acceleration_m_s2"), {"full": "full body", "legs": "legs"}
+    key = f"model{card['model']}"
+    return [
+        (label, *(f"{test[f'{key}_{part}_{measure}']:.2f}" for measure in measures)) for part, label in parts.items()
+    ]
+
+
+def _cells(test: Numbers, prefix: str) -> list[tuple[str, ...]]:
+    """Rows of figures by hidden markers, columns by duration."""
+    durations = ("0.1", "0.2", "0.5", "1.0", "2.0")
+    return [(str(n), *(f"{test[f'{prefix}_{n}_{duration}_cm']:.2f}" for duration in durations)) for n in (1, 2, 3, 4)]
+
+
+def _glove_marker_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    return _cells(test, "nn")
+
+
+def _glove_joint_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    return [("0", f"{test['nn_0_cm']:.2f}", "", "", "", ""), *_cells(test, "nn")]
+
+
+_DURATIONS = ("hidden markers", "0.1 s", "0.2 s", "0.5 s", "1 s", "2 s")
+
+
+def _arm_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    figures = {
+        "position of all joints of arms and hands, from the chest, cm": ("overall_cm", 1),
+        "position of finger joints and tips, from their wrist, cm": ("hands_cm", 2),
+        "rotation of collars, upper arms, forearms, hands, degrees": ("arms_deg", 1),
+        "rotation of finger joints, degrees": ("fingers_deg", 1),
+        "twist of the upper arm, degrees": ("upper_arm_twist_deg", 1),
+        "twist of the forearm, degrees": ("forearm_twist_deg", 1),
+    }
+    return [
+        (label, f"{test[f'shipped_{key}']:.{digits}f}", f"{test[f'ik_{key}']:.{digits}f}")
+        for label, (key, digits) in figures.items()
+    ]
+
+
+_NOBODY = "identifying people, medical judgement."
+KINDS = {
+    (learned.FORMAT, ""): Kind(
+        "Completes a body and its fingers from what a headset's cameras see (UNOC, Parger et al. 2021).",
+        "bodysense evaluate unoc-table2",
+        "Test people, main motions, RMSJPE in cm, through the tracker",
+        ("part", "joints", "last known", "this network"),
+        _body_rows,
+        "bodies whose limbs differ from the skeleton's; hands that hold things, for fingers were learned from half an "
+        f"hour of avatar animation; {_NOBODY}",
+    ),
+    (point_model.FORMAT, "fingers"): Kind(
+        "Places the fingers of a body from the motion of that body alone (UNOC, Parger et al. 2021, section 5.3).",
+        "bodysense evaluate finger-synthesis",
+        "Test actions, main motions, finger joints and tips from their wrist, RMSJPE / MPJPE in cm",
+        ("method", "cm"),
+        _finger_rows,
+        f"gestures that mean something, hands that hold or use things; {_NOBODY}",
+    ),
+    (point_model.FORMAT, "upper-body"): Kind(
+        "Places the upper body of a headset and two controllers (UNOC, Parger et al. 2021, section 5.2).",
+        "bodysense evaluate unoc-table6",
+        "Test people, main motions, RMSJPE / MPJPE in cm, beside inverse kinematics after Parger et al. 2018",
+        ("joints", "network", "inverse kinematics"),
+        _upper_rows,
+        f"legs, of which it knows nothing; floors that are not at y = 0; {_NOBODY}",
+    ),
+    (completion.FORMAT, ""): Kind(
+        "Completes a whole body, in rotations, from any points that are tracked, on any adult's proportions.",
+        "bodysense evaluate completion",
+        "Test people and test bodies, main motions: MPJPE from the head, cm, with a camera that of hidden joints; of "
+        "the recording's body, told; of a stranger's, told; only the height told; nothing told",
+        ("sensors", "own", "stranger", "height", "nothing"),
+        _completion_rows,
+        f"children; people who carry or use things; {_NOBODY}",
+    ),
+    (glove.MARKER_FORMAT, ""): Kind(
+        "Fills hidden markers of a glove from those that are seen (Pavllo et al. 2019, section 3.2.2).",
+        "bodysense evaluate gloves-table3",
+        "Test actions, main motions, error of hidden markers on the last frame before they return, cm",
+        _DURATIONS,
+        _glove_marker_rows,
+        f"gloves with markers in other places; hands that hold things; {_NOBODY}",
+    ),
+    (glove.JOINT_FORMAT, ""): Kind(
+        "Tells the 26 angles of a hand from the nine markers of a glove (Pavllo et al. 2019, section 3.2.3).",
+        "bodysense evaluate gloves-table4",
+        "Test actions, main motions, error of the joints of fingers through the whole pipeline, cm",
+        _DURATIONS,
+        _glove_joint_rows,
+        f"gloves with markers in other places; hands that hold things; {_NOBODY}",
+    ),
+    (arms.FORMAT, ""): Kind(
+        "Turns arms and hands as key-points of a video show them (PAHMT, Liu et al. 2022).",
+        "bodysense evaluate pahmt-table1",
+        "Test actions, main motions, before simulated cameras whose detector errs",
+        ("what", "this network", "inverse kinematics on the true positions"),
+        _arm_rows,
+        f"hands that hold things, for fingers were learned from avatar animation; {_NOBODY}",
+    ),
+    (body_vae.FORMAT, ""): Kind(
+        "Draws whole bodies, several for one signal of head and hands or from nothing (HMD-VAE, Dittadi et al. 2021).",
+        "bodysense evaluate hmd-vae",
+        "Test people, main motions, at the posterior's mean",
+        ("joints", "position error, cm", "velocity error, cm/s", "acceleration, m/s²"),
+        _vae_rows,
+        f"the most accurate body, which is the tracker's; floors that are not at y = 0; {_NOBODY}",
+    ),
+}

@@ -1,0 +1,226 @@
+"""What networks of arms and hands are made of and learn by; read by the command line, so without PyTorch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Suppress, arg
+
+from bodysense.body.arms import ARM_JOINTS, HAND_POINTS
+from bodysense.devices.simulated.camera_view import CameraRange
+from bodysense.errors import BodysenseError
+from bodysense_lab.options import Card, Flat, MotionEvaluation, MotionRun, TableOptions, check_ending, check_fields
+from bodysense_lab.pahmt.keypoint_noise import DetectorNoise
+
+Kind = Literal["cnn", "ahmt", "pahmt"]
+Input = Literal["hands", "arms-hands"]
+Loss = Literal["rotation", "smooth", "fk", "gan", "motion"]
+KINDS: tuple[Kind, ...] = ("cnn", "ahmt", "pahmt")
+PAPER_LOSSES: tuple[Loss, ...] = ("rotation", "smooth", "fk", "gan")
+FINGERS = tuple(k for k, name in enumerate(ARM_JOINTS) if name[-1] in "123")  # of `ARM_JOINTS`
+
+
+@dataclass(frozen=True)
+class ArmNetworkConfig:
+    """How the network is built; the defaults are the paper's (section 3.3)."""
+
+    kind: Annotated[Kind, arg(name="model")] = "pahmt"
+    """convolutions over time, a transformer over time, or that with a branch over joints"""
+    input: Input = "arms-hands"
+    """'hands' sees hands alone and answers for fingers alone (Table 1, h2h)"""
+    width: int = 512
+    """width of the features over time, D_t; a multiple of --heads and of 16"""
+    layers: int = 4
+    """layers over time, L_t"""
+    heads: int = 8
+    """attention heads over time"""
+    feed_forward: int = 2
+    """width of the feed-forward layers, times --width"""
+    spatial_width: int = 64
+    """width of a token of the branch over joints, D_s"""
+    spatial_layers: int = 2
+    """layers of that branch, L_s"""
+    spatial_heads: int = 4
+    """attention heads of that branch"""
+    dropout: float = 0.1
+    """dropout of all networks"""
+    frames: int = 32
+    """frames of a window, f"""
+    rotation: Literal["axis-angle", "6d"] = "axis-angle"
+    """what is regressed"""
+    more_inputs: bool = False
+    """read the torso's turn, the hands' place and size, and what was found; for use, not for the table"""
+    from_directions: bool = False
+    """blend with arms whose elbows are hinges, as the directions of their bones have them; with '6d'"""
+    from_palms: bool = False
+    """blend with wrists as the pictures of palms have them; with --from-directions"""
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise BodysenseError(f"kind {self.kind!r} does not exist; valid are {', '.join(KINDS)}")
+        if self.input not in ("hands", "arms-hands"):
+            raise BodysenseError(f"input {self.input!r} does not exist; valid are hands, arms-hands")
+        if self.rotation not in ("axis-angle", "6d"):
+            raise BodysenseError(f"rotation {self.rotation!r} does not exist; valid are axis-angle, 6d")
+        for name in ("width", "layers", "heads", "feed_forward", "spatial_width", "spatial_layers", "spatial_heads"):
+            if getattr(self, name) < 1:
+                raise BodysenseError(f"{name} is {getattr(self, name)}; give at least 1")
+        if self.width % self.heads or self.spatial_width % self.spatial_heads:
+            raise BodysenseError(f"width {self.width} must be a multiple of {self.heads} heads, and so over joints")
+        if self.frames < 2 or (self.frames % 16 and self.kind == "cnn"):
+            raise BodysenseError(f"frames is {self.frames}; give at least 2, and a multiple of 16 for a cnn")
+        if self.input == "hands" and self.more_inputs:
+            raise BodysenseError("more_inputs are of arms; leave them out with input 'hands'")
+        if self.from_directions and (self.input == "hands" or self.rotation != "6d"):
+            raise BodysenseError("from_directions needs input 'arms-hands' and rotation '6d'")
+        if self.from_palms and not self.from_directions:
+            raise BodysenseError("from_palms needs from_directions: palms are turned against forearms")
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Which of `ARM_JOINTS` it answers for."""
+        return FINGERS if self.input == "hands" else tuple(range(len(ARM_JOINTS)))
+
+    @property
+    def tokens(self) -> int:
+        """Points a frame: the paper's arms and hands, 2 · 2 + 2 · 21, and ours, ten and eight."""
+        arms = 4 if self.input == "arms-hands" else 0
+        return arms + 2 * len(HAND_POINTS) + 10 * self.more_inputs + 8 * self.from_palms
+
+    @property
+    def shares(self) -> int:
+        """Numbers that say what is believed: four bones' directions, and of each hand what was said and two palms."""
+        return 4 * self.from_directions + 6 * self.from_palms
+
+    @property
+    def size(self) -> int:
+        """Numbers of a rotation."""
+        return 3 if self.rotation == "axis-angle" else 6
+
+
+@dataclass(frozen=True)
+class Studio:
+    """How windows are filmed: cameras, the detector's errors, and that a video may have just begun."""
+
+    cameras: Suppress[CameraRange] = CameraRange()
+    keypoints: Literal["detected", "perfect"] = "detected"
+    """with the errors of a detector, or without any"""
+    mirrored: Suppress[bool] = True  # half of the windows in a mirror
+    begun: Suppress[float] = 0.1  # share of windows before whose later frames there was nothing
+
+    @property
+    def noise(self) -> DetectorNoise | None:
+        """The detector's errors; None for perfect key-points."""
+        return DetectorNoise() if self.keypoints == "detected" else None
+
+
+@dataclass(frozen=True)
+class ArmSchedule:
+    """How long and on what; the defaults are the paper's (section 4.2)."""
+
+    epochs: int = 300
+    """times that every window is seen, each time by another camera"""
+    batch: int = 128
+    """windows a step"""
+    learning_rate: float = 1e-3
+    """at the start"""
+    halve_every: int = 50
+    """epochs after which it is halved"""
+    weight_decay: float = 5e-4
+    """of Adam"""
+    momentum: float = 0.95
+    """of Adam"""
+    losses: tuple[Loss, ...] = PAPER_LOSSES
+    """rotation, smooth, fk and gan are the paper's; motion compares the change of positions"""
+    rotation: Annotated[float, arg(name="rotation-weight")] = 1.0
+    """weight of the loss of rotations, per radian"""
+    arms: Annotated[float, arg(name="arms-factor")] = 1.0
+    """how much more a joint of an arm, the wrist included, counts in it than one of a finger"""
+    smooth: Annotated[float, arg(name="smooth-weight")] = 1.0
+    """weight γ of the change from frame to frame"""
+    fk: Annotated[float, arg(name="fk-weight")] = 1.0
+    """weight β of joint positions, per metre"""
+    gan: Annotated[float, arg(name="gan-weight")] = 0.05
+    """weight λ of the adversarial loss"""
+    motion: Annotated[float, arg(name="motion-weight")] = 10.0
+    """weight of the difference between estimated and true change, per metre; only where --losses has motion"""
+    without_hands: float = 0.0
+    """share of windows from recordings without fingers, of which the arms are learned"""
+    average_decay: float = 0.99
+    """of the moving average of the weights, which is what is kept"""
+    check_every: int = 250
+    """steps between checkpoints, each of which measures the average and keeps it if it is best"""
+    studio: Flat[Studio] = Studio()
+    seed: int = 1
+    """random seed"""
+
+    def __post_init__(self) -> None:
+        check_fields(self, "epochs", "batch", "halve_every", "check_every")
+        if not 0 <= self.without_hands < 1:
+            raise BodysenseError(f"--without-hands {self.without_hands:g}: give a share from 0 to below 1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmRun(MotionRun, Card):
+    """A training of one network or of several; the clips with fingers are learned."""
+
+    config: Flat[ArmNetworkConfig] = ArmNetworkConfig()
+    schedule: Flat[ArmSchedule] = ArmSchedule()
+    bodies: int = 1
+    """copies of each clip; all but the first are augmented: other proportions, arms that wander, arms of other clips"""
+
+    def __post_init__(self) -> None:
+        check_fields(self, "bodies")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmTraining(ArmRun):
+    """Train arms and hands from key-points of a video (PAHMT), as NAME.onnx beside NAME.pt, or NAME.pt alone.
+
+    Of the train split the clips with fingers are learned; the weights that do best on those of the val split are kept.
+    """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_ending(self.out, ".onnx", ".pt")
+        if self.config.input == "hands" and self.out.suffix == ".onnx":
+            raise BodysenseError(
+                f"{self.out}: a network of hands alone is for the table only; give a name that ends in .pt"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmTableTraining(ArmRun):
+    """Train every network of PAHMT's Table 1 into one folder; `bodysense evaluate pahmt-table1` reads it."""
+
+    networks: tuple[str, ...] = ()
+    """some of them only: cnn-hands, cnn-plain, cnn-smooth, cnn-fk, cnn, ahmt, pahmt"""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        default = ArmNetworkConfig()
+        if (self.config.kind, self.config.input) != (default.kind, default.input):
+            raise BodysenseError("--model and --input are each network's own in the table; leave them out")
+        if self.schedule.losses != PAPER_LOSSES:
+            raise BodysenseError("--losses are each network's own in the table; leave them out")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmEvaluation(MotionEvaluation):
+    """PAHMT, Table 1. The clips with fingers are scored."""
+
+    networks: Path
+    """folder that `bodysense train arms-table` wrote"""
+    model: Path | None = None
+    """the .pt of a network with other settings, written by `bodysense train arms`, for a row beside"""
+    studio: Flat[Studio] = Studio()
+    stride: int = 5
+    """frames from one window to the next"""
+    seed: int = 1
+    """random seed of cameras and of the detector's errors"""
+    table: Flat[TableOptions] = TableOptions()
+
+    def __post_init__(self) -> None:
+        check_fields(self, "stride")

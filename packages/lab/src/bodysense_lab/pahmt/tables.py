@@ -1,0 +1,371 @@
+"""PAHMT, Table 1: the errors of networks of arms and hands on filmed windows of a data set. Needs PyTorch.
+
+Every network is asked about the same windows, filmed by the same cameras with the same errors of a detector.
+
+The networks of PAHMT's Table 1: what each is, what it sees and learns by, and what the paper found.
+
+Arm twist: how far a bone of an arm is turned about itself, which positions of joints do not tell.
+
+PAHMT (Liu et al. 2022) estimates arms and hands together because the hand tells the twist. What is measured is the
+twist of the swing-twist split of local rotations; the comparison is inverse kinematics on true positions.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from bodysense.body.arms import ARM_JOINTS, ARM_PARTS, SIDES, arm_skeleton, with_arms
+from bodysense.body.ik import IkSettings, InverseKinematics, solve_sequence
+from bodysense.body.keypoints import arms_from_torso
+from bodysense.body.pose import Pose, forward_kinematics, rest_pose
+from bodysense.body.rotation import (
+    geodesic_angle,
+    quaternion_canonical,
+    quaternion_conjugate,
+    quaternion_log,
+    quaternion_multiply,
+    swing_twist,
+)
+from bodysense.body.skeleton import Skeleton
+from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
+from bodysense.scoring import GROUPS, Tally, group_named
+from bodysense_lab.chart import BarPanel, Line, LinePanel, plain_bars
+from bodysense_lab.datasets import Census, DataSet, census_of, describe
+from bodysense_lab.pahmt.features import FRAMES, RATE, arm_positions, arms_alone, film, read_arm_recordings, window_of
+from bodysense_lab.pahmt.network import ArmNetwork, read_arms
+from bodysense_lab.pahmt.options import FINGERS, PAPER_LOSSES, Input, Kind, Loss, Studio
+from bodysense_lab.table import Cell, Report, bounds, cell, finite, ordering, surely
+
+
+@dataclass(frozen=True)
+class TableRow:
+    """One row."""
+
+    title: str
+    kind: Kind = "cnn"
+    input: Input = "arms-hands"
+    losses: tuple[Loss, ...] = PAPER_LOSSES
+    published: tuple[float, ...] = ()  # MPJPE of hands and overall, m; MPJRE of arms; of hands alone only the first
+
+
+# The table does not print which marks the rows of the CNN carry; by the text the third and fourth of arms and hands
+# differ from the first two by the loss of positions, and the last has both.
+TABLE_1 = {
+    "cnn-hands": TableRow("CNN, hands alone", "cnn", "hands", ("rotation", "gan"), (0.0300,)),
+    "cnn-plain": TableRow("CNN", "cnn", losses=("rotation", "gan"), published=(0.0130, 0.0517, 0.0604)),
+    "cnn-smooth": TableRow("CNN", "cnn", losses=("rotation", "smooth", "gan"), published=(0.0133, 0.0519, 0.0603)),
+    "cnn-fk": TableRow("CNN", "cnn", losses=("rotation", "fk", "gan"), published=(0.0129, 0.0413, 0.0579)),
+    "cnn": TableRow("CNN", "cnn", published=(0.0127, 0.0408, 0.0577)),
+    "ahmt": TableRow("AHMT", "ahmt", published=(0.0098, 0.0316, 0.0445)),
+    "pahmt": TableRow("PAHMT", "pahmt", published=(0.0087, 0.0274, 0.0375)),
+}
+
+
+TWISTS = ("upper_arm", "forearm")
+ARMS = tuple(k for k, name in enumerate(ARM_JOINTS) if name.partition("_")[2] in ARM_PARTS)  # all but fingers
+
+
+def twist_errors(said: np.ndarray, truth: np.ndarray, skeleton: Skeleton) -> dict[str, np.ndarray]:
+    """Difference of the twists about the bones, degrees, (..., 2) of left and right, of rotations (..., 38, 4).
+
+    Keys are `upper_arm_twist_deg` and `forearm_twist_deg`; bones are the skeleton's, whose arms the rotations turn. A
+    forearm's twist is that of elbow and wrist together: motion capture puts it into either.
+    """
+    ours, true = _twists(said, skeleton), _twists(truth, skeleton)
+    angles = {bone: np.degrees(np.asarray(geodesic_angle(ours[bone], true[bone]))) for bone in TWISTS}
+    return {f"{bone}_twist_deg": angle for bone, angle in angles.items()}
+
+
+def _twists(rotation: np.ndarray, skeleton: Skeleton) -> dict[str, np.ndarray]:
+    """By bone the twist (..., 2, 4) of both sides."""
+
+    def turn(joint: str) -> np.ndarray:
+        return rotation[..., [ARM_JOINTS.index(f"{side}_{joint}") for side in SIDES], :].astype(float)
+
+    def along(end: str) -> np.ndarray:
+        bone = skeleton.rest_offset[skeleton.indices([f"{side}_{end}" for side in SIDES])]
+        return np.broadcast_to(bone / np.linalg.norm(bone, axis=-1, keepdims=True), (*rotation.shape[:-2], 2, 3))
+
+    elbow = swing_twist(turn("elbow"), along("wrist"))[1]
+    wrist = swing_twist(quaternion_conjugate(turn("wrist")), along("wrist"))[1]  # twist, then swing, from the forearm
+    return {
+        "upper_arm": np.asarray(swing_twist(turn("shoulder"), along("elbow"))[1]),
+        "forearm": np.asarray(quaternion_multiply(elbow, quaternion_conjugate(wrist))),
+    }
+
+
+def arm_errors(said: np.ndarray, truth: np.ndarray, skeleton: Skeleton) -> dict[str, np.ndarray]:
+    """Errors of estimated rotations (T, 38, 4) beside true ones, both as of `arms_from_torso`, on a skeleton's arms.
+
+    `overall_cm` (T, P) of all joints of both arms and hands, from the torso; `hands_cm` (T, P') of finger joints and
+    tips, from their wrist and in its axes; `arms_deg` (T, 8) the geodesic angle of collars, upper arms, forearms and
+    hands; and the twists. Both bodies have the skeleton's lengths, so that rotations alone are compared.
+    """
+    arms = arm_skeleton(skeleton)
+    fingers = arms.wrist_of >= 0
+    overall, hands = [], []
+    for rotation in (said, truth):
+        overall.append(_places(arms, rotation)[:, 1:])
+        still = rotation.copy()
+        still[:, ARMS] = [1.0, 0.0, 0.0, 0.0]
+        place = _places(arms, still)
+        hands.append(place[:, fingers] - place[:, arms.wrist_of[fingers]])
+    return {
+        "overall_cm": 100 * np.linalg.norm(overall[0] - overall[1], axis=-1),
+        "hands_cm": 100 * np.linalg.norm(hands[0] - hands[1], axis=-1),
+        "arms_deg": np.degrees(np.asarray(geodesic_angle(said[:, ARMS], truth[:, ARMS]))),
+    } | twist_errors(said, truth, skeleton)
+
+
+def solved_from_positions(truth: Pose) -> np.ndarray:
+    """Rotations (T, 38, 4), as of `arms_from_torso`, that inverse kinematics finds for true positions of every point.
+
+    The best that positions can do: no video gives as much. Twists that they leave open are those of the body's
+    relaxed posture (`body/ik.py`).
+    """
+    position = np.asarray(forward_kinematics(truth)[0])
+    ik = InverseKinematics(truth.skeleton, IkSettings(max_iterations=50))
+    return arms_from_torso(solve_sequence(ik, position))
+
+
+def _places(arms: Skeleton, rotation: np.ndarray) -> np.ndarray:
+    """(T, P, 3) m: the points of arms alone."""
+    return np.asarray(forward_kinematics(with_arms(rest_pose(arms, rotation.shape[:1]), rotation))[0])
+
+
+MEASURES = {
+    "hands_m": "hands, m",
+    "overall_m": "overall, m",
+    "arms": "arms, rad",
+    "arms_deg": "arms, °",
+    "fingers_deg": "fingers, °",
+    "upper_arm_twist_deg": "twist of upper arm, °",
+    "forearm_twist_deg": "of forearm, °",
+}
+_BATCH = 128  # windows that are computed together
+Tallies = dict[tuple[str, str], Tally]  # by category group and measure
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredRow:
+    """One row: what it is, and its figures."""
+
+    name: str
+    row: TableRow
+    network: ArmNetwork | None = field(repr=False)  # None: inverse kinematics on the true positions of all joints
+    tallies: Tallies = field(default_factory=dict, repr=False)
+    learned: tuple[Mapping[str, float], ...] = field(default=(), repr=False)  # on the validation split, by "step"
+
+    def get(self, measure: str, group: str = "main") -> float:
+        """A mean over frames and joints; NaN where nothing was counted."""
+        return self.tally(measure, group).mpjpe
+
+    def tally(self, measure: str, group: str = "main") -> Tally:
+        """One cell; empty where nothing was counted."""
+        return self.tallies.get((group, measure), Tally())
+
+
+def rows_in(folder: Path, model: Path | None = None) -> list[ScoredRow]:
+    """The table's networks that are in a folder, and one more. Raises BodysenseError where there is none."""
+    found = [
+        ScoredRow(name, row, read_arms(folder / f"{name}.pt")[0], learned=_learned(folder / f"{name}.jsonl"))
+        for name, row in TABLE_1.items()
+        if (folder / f"{name}.pt").is_file()
+    ]
+    if not found:
+        raise BodysenseError(
+            f"{folder}: none of the table's networks in it; train them with `bodysense train arms-table` into it"
+        )
+    found.append(ScoredRow("ik", TableRow("inverse kinematics, true positions", losses=()), None))
+    if model is not None:
+        network = read_arms(model)[0]
+        config = network.config
+        row = TableRow(f"{config.kind.upper()}, {model.stem}", config.kind, config.input)
+        found.append(ScoredRow("shipped", row, network))
+    return found
+
+
+def _learned(log: Path) -> tuple[Mapping[str, float], ...]:
+    """What a training noted of its validation; nothing where its log is not there."""
+    if not log.is_file():
+        return ()
+    lines = (json.loads(line) for line in log.read_text(encoding="utf-8").splitlines())
+    return tuple({"step": line["step"], **line["validation"]} for line in lines)
+
+
+def score_arms(
+    rows: list[ScoredRow],
+    data: DataSet,
+    stride: int,
+    seed: int,
+    advance: Callable[[Clip], None],
+    studio: Studio = Studio(),
+) -> tuple[list[ScoredRow], Census]:
+    """The rows with their figures on clips with fingers, and how much motion that was.
+
+    `studio` says by which cameras and with which errors; no window is mirrored, and none is of a video's beginning.
+    """
+    studio = replace(studio, mirrored=False, begun=0.0)
+    census, tallies = Census(), {row.name: dict[tuple[str, str], Tally]() for row in rows}
+
+    def count(row: ScoredRow, clip: Clip, errors: dict[str, np.ndarray]) -> None:
+        for measure, values in errors.items():
+            tallies[row.name].setdefault((group_named(clip.category), measure), Tally()).add(values, clip.person)
+
+    for number, clip in enumerate(data.clips()):
+        advance(clip)
+        if not clip.has_fingers or clip.seconds * RATE < FRAMES:
+            continue
+        census += census_of(clip)
+        recordings, pose = read_arm_recordings([clip]), resample(clip, RATE).pose
+        for row in rows:
+            if row.network is None:
+                both = (solved_from_positions(pose), arms_from_torso(pose))
+                solved, true = (torch.from_numpy(np.array(one)) for one in both)
+                count(row, clip, measures(solved, true, tuple(range(len(ARM_JOINTS)))))
+        windows, rng = recordings.windows(stride), np.random.default_rng([seed, number])
+        for first in range(0, len(windows), _BATCH):
+            which = np.arange(first, min(first + _BATCH, len(windows)))
+            keypoints, truth = film(recordings, windows, which, studio, rng)
+            window, wanted = window_of(keypoints), torch.from_numpy(truth.astype(np.float32))
+            for row in rows:
+                if row.network is None:
+                    continue
+                with torch.no_grad():
+                    said = row.network.quaternions(row.network(window))
+                count(row, clip, measures(said, wanted, row.network.config.joints))
+    if not census.clips:
+        raise BodysenseError(f"{data.path}: no clip with fingers of {FRAMES} frames; give motion with fingers")
+    return [replace(row, tallies=tallies[row.name]) for row in rows], census
+
+
+def measures(said: torch.Tensor, truth: torch.Tensor, joints: tuple[int, ...]) -> dict[str, np.ndarray]:
+    """Errors of estimated rotations (..., N, 4) of `joints` beside true ones (..., 38, 4), one value a frame and joint.
+
+    `hands_m` of finger joints and tips from their wrist, in its axes; `overall_m` of all joints from the chest, in
+    metres; `arms` the mean absolute difference of axis-angle components, radians (the paper's MPJRE), of collars,
+    upper arms, forearms and hands; angles in degrees are geodesic; twists are about the bone.
+    """
+    places, skeleton = list(joints), arms_alone()
+    wrist, fingers = np.maximum(skeleton.wrist_of, 0), skeleton.wrist_of >= 0
+    wanted = truth[..., places, :]
+    only = [places.index(k) for k in FINGERS]
+    hands = [arm_positions(one[..., only, :], FINGERS).numpy() for one in (said, wanted)]
+    from_wrist = [(one - one[..., wrist, :])[..., fingers, :] for one in hands]
+    angle = np.degrees(geodesic_angle(said, wanted).numpy())
+    result = {
+        "hands_m": np.linalg.norm(from_wrist[0] - from_wrist[1], axis=-1),
+        "fingers_deg": angle[..., only],
+    }
+    if len(places) < len(ARM_JOINTS):
+        return result
+    everywhere = [arm_positions(one, joints).numpy() for one in (said, wanted)]
+    result["overall_m"] = np.linalg.norm(everywhere[0] - everywhere[1], axis=-1)[..., 1:]
+    ours, true = (np.asarray(quaternion_log(quaternion_canonical(one[..., ARMS, :]))) for one in (said, wanted))
+    result["arms"] = np.abs(ours - true).mean(axis=-1)
+    result["arms_deg"] = angle[..., ARMS]
+    return result | twist_errors(said.numpy(), truth.numpy(), skeleton)
+
+
+def arm_report(scored: tuple[list[ScoredRow], Census], data: DataSet, perfect: bool = False) -> Report:
+    """The table as it is handed out; `perfect`: no detector erred."""
+    rows, census = scored
+    seen = "simulated cameras give them, without a detector's errors" if perfect else "simulated detectors give them"
+    return Report(
+        name="pahmt-table1",
+        title="PAHMT, Table 1: arms and hands from key-points",
+        columns=(
+            *("motion", "network", "smooth", "fk", *MEASURES.values(), "arms, ° low", "high"),
+            *("paper: hands, m", "paper: overall, m", "paper: arms, rad"),
+        ),
+        rows=tuple(_rows(rows)),
+        numbers=finite(_numbers(rows)) | census.numbers(),
+        data=(describe(data, census),),
+        remarks=tuple(_remarks({row.name: row for row in rows})),
+        caption=f"Windows of 32 frames as {seen}, averages over all frames. Hands: "
+        "finger joints and tips from their wrist, in its axes. Overall: all joints from the chest, on one character. "
+        "Arms: mean difference of axis-angle components (the paper's) and geodesic angle of collars, upper arms, "
+        "forearms and hands. Low and high: 95 % by bootstrap over people. "
+        "The paper's figures are of its own motion, whose sizes and cameras are not published.",
+        digits=4,
+        panels=(_panel(rows, "overall_m", 1), _panel(rows, "hands_m", 0), *_curves(rows)),
+    )
+
+
+def _curves(rows: list[ScoredRow]) -> Iterator[LinePanel]:
+    """How the networks learned, where their logs are beside them."""
+    for measure, factor, unit in (("overall_m", 100, "cm"), ("arms_deg", 1, "°"), ("hands_m", 100, "cm")):
+        lines = []
+        for row in rows:
+            noted = [figures for figures in row.learned if measure in figures]
+            values = [[figures["step"] for figures in noted], [factor * figures[measure] for figures in noted]]
+            if noted:
+                lines.append(Line(row.name, *np.array(values)))
+        if lines:
+            yield LinePanel(
+                f"{MEASURES[measure].rpartition(',')[0]}, on the validation split", tuple(lines), "steps", unit
+            )
+
+
+def _panel(rows: list[ScoredRow], measure: str, place: int) -> BarPanel:
+    """Ours beside the paper's figures, cm."""
+    shown = [row for row in rows if cell(row.get(measure)) is not None]
+    ours = plain_bars("bodysense", [100 * row.get(measure) for row in shown])
+    published = [100 * row.row.published[place] if len(row.row.published) > place else None for row in shown]
+    groups = tuple(row.name for row in shown)
+    return BarPanel(
+        MEASURES[measure].rpartition(",")[0], groups, (ours, plain_bars("the paper", published)), "MPJPE, cm"
+    )
+
+
+def _rows(rows: list[ScoredRow]) -> Iterator[tuple[Cell, ...]]:
+    for group in GROUPS:
+        for row in rows:
+            figures = [cell(row.get(measure, group)) for measure in MEASURES]
+            if any(value is not None for value in figures):
+                marks = ("yes" if loss in row.row.losses else "" for loss in ("smooth", "fk"))
+                published = [*row.row.published, None, None, None][:3] if group == "main" else [None] * 3
+                sure = bounds(row.tally("arms_deg", group).interval())
+                yield (group, row.row.title, *marks, *figures, *sure, *published)
+
+
+def _numbers(rows: list[ScoredRow]) -> dict[str, float]:
+    """Keys without a group at their end are over the main categories."""
+    numbers: dict[str, float] = {}
+    for row in rows:
+        for group in GROUPS:
+            suffix = "" if group == "main" else f"_{group}"
+            for measure in MEASURES:
+                value = row.get(measure, group)
+                key = f"{row.name.replace('-', '_')}_{measure}{suffix}"
+                numbers |= {key: value} | surely({key: row.tally(measure, group).interval()})
+                if measure.endswith("_m"):
+                    numbers[f"{key[:-2] if not suffix else key[: -len(suffix) - 2]}_cm{suffix}"] = 100 * value
+    return numbers
+
+
+def _remarks(rows: Mapping[str, ScoredRow]) -> Iterator[str]:
+    claims = (
+        ("AHMT is below the CNN overall", "ahmt", "cnn", "overall_m"),
+        ("PAHMT is below AHMT overall", "pahmt", "ahmt", "overall_m"),
+        ("With the arms, hands are better than alone", "cnn-plain", "cnn-hands", "hands_m"),
+        ("The loss of positions helps", "cnn-fk", "cnn-plain", "overall_m"),
+        ("With it the loss of smoothness helps", "cnn", "cnn-fk", "overall_m"),
+        ("PAHMT has the best arms", "pahmt", "ahmt", "arms"),
+    )
+    for claim, better, worse, measure in claims:
+        if better in rows and worse in rows:
+            figures = [rows[name].tally(measure).named(rows[name].row.title) for name in (better, worse)]
+            said = ordering(claim, figures[0], figures[1:], MEASURES[measure].rpartition(", ")[2], 4)
+            share = 1 - figures[0].value / figures[1].value
+            if said is not None and math.isfinite(share):
+                yield f"{said} {abs(share):.0%} {'less' if share > 0 else 'more'}."

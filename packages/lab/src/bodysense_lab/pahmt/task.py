@@ -1,0 +1,228 @@
+"""Training of the networks of arms and hands: losses and schedule of PAHMT (sections 3.4 and 4.2)."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import binary_cross_entropy_with_logits
+
+from bodysense.body.arms import ARM_JOINTS, ARM_PARTS
+from bodysense.body.rotation import geodesic_angle
+from bodysense_lab.checkpoint import identity
+from bodysense_lab.fit import Task
+from bodysense_lab.pahmt.features import ArmBatch, ArmRecordings, arm_positions, arms_alone, make_batch
+from bodysense_lab.pahmt.network import ArmNetwork
+from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule, Studio
+from bodysense_lab.windows import Windows
+
+_ARMS = [k for k, name in enumerate(ARM_JOINTS) if name.partition("_")[2] in ARM_PARTS]
+_VALIDATED = 192  # windows that are enough to see how a run goes
+
+
+class Pair(nn.Module):
+    """The network and the discriminator that it plays against."""
+
+    def __init__(self, network: ArmNetwork) -> None:
+        super().__init__()
+        self.network, self.discriminator = network, Discriminator(network.config)
+
+
+def arm_loss(network: ArmNetwork, said: Tensor, batch: ArmBatch, schedule: ArmSchedule) -> dict[str, Tensor]:
+    """The weighted terms of eq. 18 and their sum, 'loss', of regressed rotations (B, T, joints, 3 or 6).
+
+    'rotation' is the L1 distance of what is regressed (eq. 15), 'smooth' the L1 norm of its change (eq. 16), 'fk' the
+    distance of joints on a character's arms, chest fixed (eq. 17); what is not known is left out.
+    """
+    joints = list(network.config.joints)
+    known, truth = batch.known[:, None, joints], batch.rotation[:, :, joints]
+    wanted, terms = network.regressed(truth), {}
+    if "rotation" in schedule.losses:
+        heavier = torch.tensor([schedule.arms if joint in _ARMS else 1.0 for joint in joints])
+        terms["rotation"] = schedule.rotation * _mean((said - wanted).abs().mean(dim=-1), known * heavier)
+    if "smooth" in schedule.losses:
+        terms["smooth"] = schedule.smooth * _mean((said[:, 1:] - said[:, :-1]).abs().mean(dim=-1), known)
+    if "fk" in schedule.losses or "motion" in schedule.losses:
+        missed = arm_positions(network.quaternions(said), joints) - arm_positions(truth, joints)
+        there = points_known(batch.known, joints)[:, None]
+        if "fk" in schedule.losses:
+            terms["fk"] = schedule.fk * _mean(_length(missed), there)
+        if "motion" in schedule.losses:
+            terms["motion"] = schedule.motion * _mean(_length(missed[:, 1:] - missed[:, :-1]), there)
+    return {"loss": torch.stack(list(terms.values())).sum(), **terms}
+
+
+def points_known(known: Tensor, joints: list[int]) -> Tensor:
+    """(B, 49) bool: points of `arms_alone` that a joint moves that is estimated and known (B, 38)."""
+    skeleton = arms_alone()
+    moved = torch.zeros(len(known), len(skeleton.points), dtype=torch.bool)
+    for point in range(1, len(skeleton.points)):
+        above = skeleton.parents[point] - 1  # `ARM_JOINTS` follow the chest
+        if above in joints:
+            moved[:, point] = known[:, above]
+    return moved
+
+
+@dataclass(frozen=True, eq=False)
+class ArmTask(Task):
+    """What a network of arms and hands learns, while a discriminator learns to tell it from recordings."""
+
+    network: Pair
+    schedule: ArmSchedule
+    frames: ArmRecordings
+    validation: ArmRecordings
+    source: Mapping[str, Any] | None = None
+
+    def identity(self) -> str:
+        """What a checkpoint must agree on."""
+        return identity(self.network.network.config, self.schedule, self.source)
+
+    @property
+    def steps(self) -> int:
+        """Optimiser steps of the whole run."""
+        return self.schedule.epochs * self.epoch_steps
+
+    @cached_property
+    def epoch_steps(self) -> int:
+        """Steps in which every window with hands is seen once."""
+        return epoch_steps(self.frames, self.schedule)
+
+    def optimizer(self) -> torch.optim.Optimizer:
+        """Adam with the paper's momentum and decay; the discriminator's gradients are not clipped."""
+        schedule, pair = self.schedule, self.network
+        groups = [
+            {"params": list(pair.network.parameters())},
+            {"params": list(pair.discriminator.parameters()), "clip": math.inf},
+        ]
+        betas = (schedule.momentum, 0.999)
+        return torch.optim.Adam(groups, lr=schedule.learning_rate, betas=betas, weight_decay=schedule.weight_decay)
+
+    def rate(self, step: int) -> float:
+        """Halved every so many epochs."""
+        epoch = (step - 1) // self.epoch_steps
+        return self.schedule.learning_rate * 0.5 ** (epoch // self.schedule.halve_every)
+
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[ArmBatch]:
+        """The batch of each step, whatever went before."""
+        windows = self.frames.windows()
+        return (batch_of(self.frames, windows, self.schedule, step) for step in itertools.count(done + 1))
+
+    def loss(self, batch: ArmBatch, memory: None) -> tuple[dict[str, Tensor], None]:
+        """Of the network and, with 'gan', of the discriminator (eqs. 13, 14), in one sum: neither reaches the other."""
+        pair, schedule = self.network, self.schedule
+        # Half precision is for the layers alone: geometry needs the digits.
+        with torch.autocast(batch.rotation.device.type, torch.bfloat16):
+            said = pair.network(batch.window).float()
+        terms = arm_loss(pair.network, said, batch, schedule)
+        if "gan" in schedule.losses:
+            pair.discriminator.requires_grad_(False)
+            terms["gan"] = schedule.gan * _judged(pair.discriminator(said), 1.0)
+            pair.discriminator.requires_grad_(True)
+            recorded = pair.network.regressed(batch.rotation[:, :, list(pair.network.config.joints)])
+            told = _judged(pair.discriminator(recorded), 1.0) + _judged(pair.discriminator(said.detach()), 0.0)
+            terms["told"] = told / 2
+            terms["loss"] = terms["loss"] + terms["gan"] + terms["told"]
+        return terms, None
+
+    def validate(self, network: Pair) -> dict[str, float]:
+        """See `validate_arms`."""
+        return validate_arms(network.network, self.validation, self.schedule.studio)
+
+
+def epoch_steps(frames: ArmRecordings, schedule: ArmSchedule) -> int:
+    """Steps in which every window with hands is seen once."""
+    return max(1, len(frames.windows()) // schedule.batch)
+
+
+def batch_of(frames: ArmRecordings, windows: Windows, schedule: ArmSchedule, step: int) -> ArmBatch:
+    """The batch of a step, the same for every network of this seed: "we fix the random seed for generating batches"."""
+    epoch, place = divmod(step - 1, max(1, len(windows) // schedule.batch))
+    order = np.random.default_rng([schedule.seed, epoch]).permutation(len(windows))
+    which = order[place * schedule.batch : (place + 1) * schedule.batch]
+    rng = np.random.default_rng([schedule.seed, step, 1])
+    stiff = round(schedule.without_hands * len(which))
+    if not stiff:
+        return make_batch(frames, windows, which, schedule.studio, rng)
+    others = frames.windows(fingers=False)
+    some = rng.integers(len(others), size=stiff)
+    both = replace(
+        windows,
+        start=np.concatenate([windows.start[which[stiff:]], others.start[some]]),
+        clip=np.concatenate([windows.clip[which[stiff:]], others.clip[some]]),
+    )
+    return make_batch(frames, both, np.arange(len(both)), schedule.studio, rng)
+
+
+def validation_batches(frames: ArmRecordings, studio: Studio, seed: int = 0) -> Iterator[ArmBatch]:
+    """The windows on which runs are watched, always filmed alike, not mirrored."""
+    studio = replace(studio, mirrored=False)
+    windows, rng = frames.windows(), np.random.default_rng(seed)
+    which = np.linspace(0, len(windows) - 1, min(_VALIDATED, len(windows))).astype(np.int64)
+    for some in np.array_split(which, max(1, len(which) // 64)):
+        yield make_batch(frames, windows, some, studio, rng)
+
+
+@torch.no_grad()
+def validate_arms(network: ArmNetwork, frames: ArmRecordings, studio: Studio = Studio()) -> dict[str, float]:
+    """Mean errors on validation windows: `overall_m` (not of hands alone), `hands_m`, `arms_deg`, `fingers_deg`."""
+    training, joints = network.training, list(network.config.joints)
+    network.eval()
+    rows: list[dict[str, float]] = []
+    points = arms_alone().points
+    wrist = torch.tensor(np.maximum(arms_alone().wrist_of, 0))
+    fingers = torch.tensor([k for k, name in enumerate(points) if arms_alone().wrist_of[k] >= 0])
+    for batch in validation_batches(frames, studio):
+        said = network.quaternions(network(batch.window))
+        truth = batch.rotation[:, :, joints]
+        apart = torch.rad2deg(geodesic_angle(said, truth)).mean(dim=(0, 1))
+        inside = list(network.config.joints)
+        row = {}
+        if network.config.input != "hands":
+            row["overall_m"] = float(_length(arm_positions(said, joints) - arm_positions(truth, joints)).mean())
+            row["arms_deg"] = float(apart[[inside.index(k) for k in _ARMS]].mean())
+        only = [k for k in inside if k not in _ARMS]
+        place = [inside.index(k) for k in only]
+        hands = [arm_positions(one[:, :, place], only) for one in (said, truth)]
+        from_wrist = [(one - one[:, :, wrist])[:, :, fingers] for one in hands]
+        row["hands_m"] = float(_length(from_wrist[0] - from_wrist[1]).mean())
+        row["fingers_deg"] = float(apart[place].mean())
+        rows.append(row)
+    network.train(training)
+    return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
+
+
+def _judged(logit: Tensor, target: float) -> Tensor:
+    return binary_cross_entropy_with_logits(logit, torch.full_like(logit, target))
+
+
+def _mean(values: Tensor, known: Tensor) -> Tensor:
+    """The mean of values (B, T, N) of what is known, (B, 1, N)."""
+    return (values * known).sum() / (known.expand_as(values).sum().clamp(min=1))
+
+
+def _length(vector: Tensor) -> Tensor:
+    return torch.sqrt((vector * vector).sum(dim=-1) + 1e-12)
+
+
+class Discriminator(nn.Module):
+    """Tells recorded sequences of rotations from estimated ones (section 3.4): three convolutions over time."""
+
+    def __init__(self, config: ArmNetworkConfig, width: int = 128) -> None:
+        super().__init__()
+        count = config.size * len(config.joints)
+        self.layers = nn.Sequential(
+            *(nn.Conv1d(count, width, 4, 2, 1), nn.LeakyReLU(0.2)),
+            *(nn.Conv1d(width, width, 4, 2, 1), nn.LeakyReLU(0.2)),
+            nn.Conv1d(width, 1, 3, padding=1),
+        )
+
+    def forward(self, rotation: Tensor) -> Tensor:
+        """Rotations (B, T, joints, 3 or 6) → logits (B, T / 4) of being recorded."""
+        return self.layers(rotation.flatten(-2).mT)[:, 0]

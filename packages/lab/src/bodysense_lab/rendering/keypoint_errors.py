@@ -1,0 +1,240 @@
+"""How a detector of key-points errs, in the terms of `bodysense_lab/pahmt/keypoint_noise.py`, which imitates it.
+
+Arms and hands from landmarks by inverse kinematics alone: what the network of arms is compared with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bodysense.body.arms import ARM_POINTS, HAND_POINTS, SIDES
+from bodysense.body.ik import IkSettings, IkState, InverseKinematics
+from bodysense.body.keypoints import ArmKeypoints
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import normalize, quaternion_conjugate, quaternion_log, quaternion_multiply
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.simulated.camera_view import Camera
+from bodysense.devices.video.device import VideoSettings
+from bodysense.devices.video.landmark_points import LandmarkPoints, along
+from bodysense.devices.video.landmark_smoothing import smoothed
+from bodysense.devices.video.landmarks import BODY_LANDMARKS
+from bodysense.devices.video.person import VISIBLE, PersonLandmarks
+from bodysense_lab.pahmt.keypoint_noise import flattened
+
+ARM_BONES = ("upper_arm", "forearm")
+MEASURES = {
+    "upper_arm_picture_deg": "upper arm in the picture, °",
+    "forearm_picture_deg": "forearm, °",
+    "upper_arm_space_deg": "upper arm in space, °",
+    "forearm_space_deg": "forearm, °",
+    "wrist_acceleration": "wrists, m/s²",
+}
+_BLUNT = 0.35  # share of a bone's length that is seen, from which the picture shows where it points
+_MARKS = [[BODY_LANDMARKS.index(f"{side}_{part}") for part in ARM_POINTS] for side in SIDES]
+
+
+@dataclass(frozen=True, eq=False)
+class ArmBones:
+    """Shoulder, elbow and wrist of both sides over T frames; NaN where nobody was found."""
+
+    space: np.ndarray  # (T, 2, 3, 3) m, in the camera's axes
+    picture: np.ndarray  # (T, 2, 3, 2) places in the picture
+
+
+def bones_of(pose: Pose, camera: Camera) -> ArmBones:
+    """Of a body (T, …) in the room, and the camera, one or (T,), that sees it."""
+    points = pose.skeleton.indices([f"{side}_{part}" for side in SIDES for part in ARM_POINTS])
+    position = np.asarray(forward_kinematics(pose)[0])[:, points]
+    space = (position - camera.position[..., None, :]) @ camera.axes
+    focal = np.asarray(camera.focal)[..., None, None]
+    picture = focal * space[..., :2] / -space[..., 2:]
+    shape = (len(position), len(SIDES), len(ARM_POINTS))
+    return ArmBones(space.reshape(*shape, 3), picture.reshape(*shape, 2))
+
+
+def bones_of_landmarks(person: PersonLandmarks) -> ArmBones:
+    """Of a person's landmarks."""
+    return ArmBones(person.world[:, _MARKS], person.picture[:, _MARKS])
+
+
+def bone_errors(said: ArmBones, truth: ArmBones, interval: float) -> dict[str, np.ndarray]:
+    """`MEASURES` of T frames, each with as many values as it has: of bones in the picture where they are seen."""
+    flat, deep = np.diff(truth.picture, axis=2), np.diff(truth.space, axis=2)
+    is_seen = np.linalg.norm(deep[..., :2], axis=-1) > _BLUNT * np.linalg.norm(deep, axis=-1)
+    in_picture, in_space = _angles(np.diff(said.picture, axis=2), flat), _angles(np.diff(said.space, axis=2), deep)
+    reach = said.space[:, :, -1] - said.space[:, :, 0]
+    shake = np.linalg.norm(np.diff(reach, 2, axis=0), axis=-1) / interval**2
+    found: dict[str, np.ndarray] = {"wrist_acceleration": shake}
+    for k, bone in enumerate(ARM_BONES):
+        found[f"{bone}_picture_deg"] = in_picture[..., k][is_seen[..., k]]
+        found[f"{bone}_space_deg"] = in_space[..., k]
+    return {name: values[np.isfinite(values)] for name, values in found.items()}
+
+
+def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Degrees between vectors."""
+    cosine = (np.asarray(normalize(a)) * np.asarray(normalize(b))).sum(axis=-1)
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+
+_KNUCKLES = {"index1": "index", "pinky1": "pinky", "thumb2": "thumb"}  # of a hand that is seen only as part of an arm
+_LAID = tuple(f"{side}_{part}" for side in SIDES for part in ("elbow", "wrist", "knee", "ankle", "toe"))
+_TRUNK = ("pelvis", *(f"{side}_{part}" for side in SIDES for part in ("hip", "shoulder")))
+_TURN_WEIGHT = 0.04  # m²/rad²: pull of the turns of pelvis, chest and head
+_HINT = 0.1  # pull of what is not seen, or only roughly
+
+
+@dataclass(frozen=True)
+class LandmarkIk:
+    """Solves bodies of one skeleton. The pose stands where the pelvis is the origin, in the landmarks' axes."""
+
+    skeleton: Skeleton
+
+    @cached_property
+    def _points(self) -> LandmarkPoints:
+        return LandmarkPoints(self.skeleton)
+
+    @cached_property
+    def _ik(self) -> InverseKinematics:
+        return InverseKinematics(self.skeleton, IkSettings(tolerance=1e-4, max_iterations=12))
+
+    def complete(self, person: PersonLandmarks, settings: VideoSettings = VideoSettings()) -> Pose:
+        """Poses (T, …) from landmarks of T frames, smoothed as a video's are; a body that is lost stays as it was."""
+        poses: list[Pose] = []
+        state = None
+        for frame in range(len(person)):
+            calm = smoothed(person, frame, settings.calm, settings.look_ahead)
+            if calm.has_body[0]:
+                pose, state = self.solve(calm, state)
+                poses += [pose] * (frame + 1 - len(poses))  # before the first body, as the first
+            elif poses:
+                poses.append(poses[-1])
+        return Pose(
+            self.skeleton, np.stack([pose.root_position for pose in poses]), np.stack([pose.rotation for pose in poses])
+        )
+
+    def solve(self, person: PersonLandmarks, state: IkState | None) -> tuple[Pose, IkState]:
+        """The pose of one frame that has a body, from the frame before."""
+        laid = self._points.lay(person)
+        target, weight = laid.position.copy(), np.zeros(len(self.skeleton.points))
+        weight[self.skeleton.indices(_TRUNK)] = 1.0
+        limbs = self.skeleton.indices(_LAID)
+        weight[limbs] = np.where(laid.visible[limbs] >= VISIBLE, 1.0, _HINT)
+        for side in SIDES:
+            self._hand(side, person, target, weight)
+        target[weight == 0] = np.nan
+        turn_weight = np.where(np.isnan(laid.rotation[:, 0]), 0.0, _TURN_WEIGHT)
+        return self._ik.solve(target, weight, laid.rotation, turn_weight, state)
+
+    def _hand(self, side: str, person: PersonLandmarks, target: np.ndarray, weight: np.ndarray) -> None:
+        """Targets of a hand, from the hand that was found or else from the arm's own landmarks; in place."""
+        skeleton, number = self.skeleton, SIDES.index(side)
+        wrist = skeleton.index(f"{side}_wrist")
+        places = skeleton.indices([f"{side}_{name}" for name in HAND_POINTS])
+        if not person.has_hand[0, number]:
+            for name, mark in _KNUCKLES.items():
+                point = skeleton.index(f"{side}_{name}")
+                bone = (skeleton.path[point] - skeleton.path[wrist]) @ skeleton.rest_offset
+                start, end = (BODY_LANDMARKS.index(f"{side}_{landmark}") for landmark in ("wrist", mark))
+                target[point] = target[wrist] + along(person.world[0, end] - person.world[0, start], bone)
+                weight[point] = _HINT
+            return
+        found = person.hand_world[0, number]
+        for k, point in enumerate(places[1:], start=1):
+            above = int(np.flatnonzero(places == skeleton.parents[point])[0])
+            target[point] = target[places[above]] + along(found[k] - found[above], skeleton.rest_offset[point])
+            weight[point] = 1.0
+
+
+Errors = dict[str, list[np.ndarray]]  # by what errs: arrays (T, …) over time, NaN where nothing was found
+
+
+def keypoint_errors(found: ArmKeypoints, true: ArmKeypoints) -> Errors:
+    """Errors of key-points (T,) that were found beside true ones of the same frames.
+
+    `arm`, `arm_true` (T, 2, 2, 3) the directions themselves, found and true; `torso` (T, 3) rad; `shape` (T, 2, 4) of
+    hands: the linear map that takes a true hand about its middle to the found one, less the identity; `hand`
+    (T, 2, 21, 2) what that leaves, in shares of the longer side of the true hand's box; `missed`, `arm_missed` (T, 2)
+    1 where what could be seen was not found.
+    """
+    arms, hands = found.has_arm & true.has_arm, found.has_hand & true.has_hand
+    torso = quaternion_log(quaternion_multiply(found.torso, quaternion_conjugate(true.torso)))
+    around = [hand - hand.mean(axis=-2, keepdims=True) for hand in (found.hand, true.hand)]
+    around = [np.where(hands[..., None, None], one, np.nan) for one in around]
+    ours, actual = around
+    size = (actual.max(axis=-2) - actual.min(axis=-2)).max(axis=-1)
+    square = np.einsum("thpi,thpj->thij", actual, actual)
+    square[~hands] = np.eye(2)
+    shape = np.linalg.solve(square, np.einsum("thpi,thpj->thij", actual, ours))
+    return {
+        "arm": [np.where(arms[..., None, None], found.arm, np.nan)],
+        "arm_true": [np.where(arms[..., None, None], true.arm, np.nan)],
+        "torso": [np.where((found.has_torso & true.has_torso)[:, None], torso, np.nan)],
+        "shape": [(shape - np.eye(2)).reshape(len(shape), 2, 4)],
+        "hand": [(ours - actual @ shape) / size[..., None, None]],
+        "missed": [np.where(true.has_hand, ~found.has_hand, np.nan)],
+        "arm_missed": [np.where(true.has_arm, ~found.has_arm, np.nan)],
+    }
+
+
+def noise_figures(parts: Sequence[Errors]) -> dict[str, float]:
+    """Figures of several videos, named and measured as the fields of `DetectorNoise`; NaN where nothing was found.
+
+    Angles in degrees. Jitter is what differs from frame to frame as white noise would, from second differences;
+    drift is the rest. Directions are compared with true ones that are made as flat as the detector makes them:
+    `…_depth_kept` times their depth, and `…_nearer` to the camera; `depth` is by how much they still err more along
+    the camera's axis than across it.
+    """
+    errors = {name: [array for part in parts for array in part[name]] for name in parts[0]}
+    lines = [_line(errors["arm"], errors["arm_true"], bone) for bone in range(len(ARM_BONES))]
+    kept, nearer = np.array(lines).T
+    flat = [flattened(true, kept, nearer) for true in errors["arm_true"]]
+    wrong = [found - true for found, true in zip(errors["arm"], flat, strict=True)]
+    across, along = [array[..., :2] for array in wrong], [array[..., 2:] for array in wrong]
+    figures = {}
+    for bone, (share, shift) in zip(ARM_BONES, lines, strict=True):
+        figures |= {f"{bone}_depth_kept": share, f"{bone}_nearer": shift}
+    for name, arrays, scale in (
+        ("arm", across, np.degrees(1.0)),
+        ("torso", errors["torso"], np.degrees(1.0)),
+        ("hand", errors["hand"], 1.0),
+    ):
+        drift, jitter = _slow_and_fast(arrays)
+        figures |= {f"{name}_drift": drift * scale, f"{name}_jitter": jitter * scale}
+    return figures | {
+        "depth": _size(along) / (_size(across) or np.nan),
+        "hand_shape": _size(errors["shape"]),
+        "missed": _mean(errors["missed"]),
+        "arm_missed": _mean(errors["arm_missed"]),
+    }
+
+
+def _line(found: Sequence[np.ndarray], true: Sequence[np.ndarray], bone: int) -> tuple[float, float]:
+    """The line that found depths of a bone's directions lie along over true ones: its slope, and where it begins."""
+    y, x = (np.concatenate([array[..., bone, 2].ravel() for array in arrays]) for arrays in (found, true))
+    known = np.isfinite(x) & np.isfinite(y)
+    if not known.any():
+        return float("nan"), float("nan")
+    slope, begin = np.linalg.lstsq(np.stack([x, np.ones_like(x)], axis=-1)[known], y[known], rcond=None)[0].tolist()
+    return slope, begin
+
+
+def _slow_and_fast(arrays: Sequence[np.ndarray]) -> tuple[float, float]:
+    """Root mean squares of the slow and the fast part of errors over time."""
+    fast = _size([np.diff(array, 2, axis=0) for array in arrays]) / np.sqrt(6.0)  # of white noise, 1 − 2 + 1
+    return float(np.sqrt(np.maximum(_size(arrays) ** 2 - fast**2, 0.0))), fast
+
+
+def _size(arrays: Sequence[np.ndarray]) -> float:
+    """Root of the mean square of what is there."""
+    return float(np.sqrt(_mean([array**2 for array in arrays])))
+
+
+def _mean(arrays: Sequence[np.ndarray]) -> float:
+    values = np.concatenate([array.ravel() for array in arrays])
+    values = values[np.isfinite(values)]
+    return float(values.mean()) if values.size else float("nan")

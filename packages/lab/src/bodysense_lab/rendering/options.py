@@ -1,0 +1,56 @@
+"""What rendering videos and scoring them are asked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from bodysense.errors import BodysenseError
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense_lab.options import Flat, Output, Split
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rendering:
+    """Videos of motion, with their truth."""
+
+    out: Output
+    """folder of the set: NAME.mp4 and NAME.npz"""
+    motion: Positional[Path | None] = None
+    """folder of motion files, prepared store, or one file; scripted gestures of arms if omitted"""
+    videos: int = 24
+    """number of videos, spread over the clips"""
+    seconds: float = 6.0
+    """greatest length of each video"""
+    split: Split = "test"
+    """people to draw"""
+    pixels: int = 480
+    """height of the pictures, which are 4:3"""
+    seed: int = 1
+    """random seed"""
+    reading: Flat[ReadingOptions] = AS_FOUND
+
+    def __post_init__(self) -> None:
+        if self.videos < 1 or not self.seconds >= 1 or self.pixels < 64 or self.pixels % 2:
+            raise BodysenseError(
+                f"render: {self.videos} videos of {self.seconds:g} s, {self.pixels} pixels high; "
+                "give at least 1 video, 1 s, and an even height from 64 on"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class VideoEvaluation:
+    """PAHMT, Table 3."""
+
+    videos: Positional[Path]
+    """folder that `bodysense data render` wrote"""
+    model: Path | None = None
+    """network written by `bodysense train arms`; the packaged one if omitted"""
+    landmarkers: Path | None = None
+    """folder of MediaPipe's model files; if omitted, they are fetched once into the cache"""
+    out: Path = Path("bodysense-tables")
+    """folder for the table as CSV and as a picture (PNG)"""
+    json: Path | None = None
+    """file for the numbers, as one flat object"""

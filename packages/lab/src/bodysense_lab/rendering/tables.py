@@ -1,0 +1,251 @@
+"""The whole path from pixels to arms and hands, on rendered videos with their truth (PAHMT, Table 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.arms import arm_rotations
+from bodysense.body.keypoints import arms_from_torso
+from bodysense.body.person import Person
+from bodysense.body.pose import Pose
+from bodysense.body.skeleton import default_skeleton
+from bodysense.completion.model import CompletionModel
+from bodysense.devices.simulated.camera_view import Camera, view, view_points
+from bodysense.devices.video.arms import ArmModel, Arms
+from bodysense.devices.video.device import VideoDevice
+from bodysense.devices.video.landmarker_files import LandmarkerFiles
+from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
+from bodysense.devices.video.person import PersonLandmarks, PersonState, arm_keypoints, follow, joined_landmarks
+from bodysense.devices.video.pictures import open_video
+from bodysense.errors import BodysenseError
+from bodysense.intervals import Named
+from bodysense.scoring import GROUPS, Tally, group_named
+from bodysense.tracker import Tracker, TrackerSettings
+from bodysense_lab.chart import BarPanel, plain_bars
+from bodysense_lab.pahmt.tables import arm_errors, solved_from_positions
+from bodysense_lab.rendering.keypoint_errors import MEASURES as BONES
+from bodysense_lab.rendering.keypoint_errors import (
+    ArmBones,
+    Errors,
+    LandmarkIk,
+    bone_errors,
+    bones_of,
+    bones_of_landmarks,
+    keypoint_errors,
+    noise_figures,
+)
+from bodysense_lab.rendering.take import GESTURES, RenderedTake, read_take
+from bodysense_lab.table import Cell, Report, cell, finite, ordering
+
+METHODS = {  # key: how it is called in the table
+    "network": "video: network",
+    "landmarks_ik": "video: MediaPipe's 3-D landmarks, IK",
+    "network_true": "true key-points: network",
+    "positions_ik": "true positions: IK",
+}
+MEASURES = {
+    "overall_cm": "overall, cm",
+    "hands_cm": "hands, cm",
+    "arms_deg": "arms, °",
+    "upper_arm_twist_deg": "twist of upper arm, °",
+    "forearm_twist_deg": "of forearm, °",
+}
+SHOWN = ("network", "landmarks_ik", "positions_ik")  # of which bones are compared; the landmarks themselves, the truth
+
+
+@dataclass(frozen=True, eq=False)
+class VideoTable:
+    """What was counted: errors by category group, method and measure, and what was found in the pictures."""
+
+    tallies: dict[tuple[str, str, str], Tally] = field(default_factory=dict)
+    found: dict[tuple[str, str], Tally] = field(default_factory=dict)  # shares by group: "body", "hand"
+    detector: list[Errors] = field(default_factory=list)  # of each video
+    videos: list[str] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+
+    def get(self, method: str, measure: str, group: str = "main") -> float:
+        """A mean over frames and joints; NaN where nothing was counted."""
+        return self.tallies.get((group, method, measure), Tally()).mpjpe
+
+    def add(self, take: RenderedTake, person: PersonLandmarks, said: dict[str, np.ndarray]) -> None:
+        """Count a video: what was found in it, and rotations (T, 38, 4), as of `arms_from_torso`, by method."""
+        group, truth = _group(take), arms_from_torso(take.pose)
+        for method, rotation in said.items():
+            for measure, values in arm_errors(rotation, truth, take.pose.skeleton).items():
+                self.tallies.setdefault((group, method, measure), Tally()).add(values)
+        true = view(view_points(take.pose), take.time, take.camera)
+        self.detector.append(keypoint_errors(arm_keypoints(person), true))
+        self.found.setdefault((group, "body"), Tally()).add(person.has_body.astype(float))
+        self.found.setdefault((group, "hand"), Tally()).add(person.has_hand[true.has_hand].astype(float))
+        self.videos.append(take.name)
+        self.seconds.append(float(take.time[-1] - take.time[0]))
+
+    def add_bones(self, take: RenderedTake, said: dict[str, ArmBones]) -> None:
+        """Count where the bones of a video's arms point, by method."""
+        truth, interval = bones_of(take.pose, take.camera), float(np.median(np.diff(take.time)))
+        for method, bones in said.items():
+            for measure, values in bone_errors(bones, truth, interval).items():
+                self.tallies.setdefault((_group(take), method, measure), Tally()).add(values)
+
+    @property
+    def groups(self) -> list[str]:
+        """Groups of categories, and gestures, of which there are videos."""
+        return [group for group in (*GROUPS, *GESTURES) if (group, "body") in self.found]
+
+    def numbers(self) -> dict[str, float]:
+        """One flat object; of the main categories without a suffix; `detector_…` of all videos."""
+        numbers: dict[str, float] = {"videos": len(self.videos), "minutes": sum(self.seconds) / 60}
+        numbers |= {f"detector_{name}": value for name, value in noise_figures(self.detector).items()}
+        for group in self.groups:
+            suffix = "" if group == "main" else f"_{group}"
+            for method in METHODS:
+                for measure in (*MEASURES, *BONES):
+                    numbers[f"{method}_{measure}{suffix}"] = self.get(method, measure, group)
+            for key, name in (("detection_rate", "body"), ("hand_detection_rate", "hand")):
+                numbers[f"{key}{suffix}"] = self.found.get((group, name), Tally()).mpjpe
+        return finite(numbers)
+
+
+def score_videos(
+    truths: list[Path], files: LandmarkerFiles, model: ArmModel, advance: Callable[[str], object] = lambda name: None
+) -> VideoTable:
+    """Score the videos of a rendered set, from the .npz of each; `advance` is called with each one's name.
+
+    Raises BodysenseError where a video and its truth do not fit together.
+    """
+    table = VideoTable()
+    for path in truths:
+        take = read_take(path)
+        person = watch(path.with_suffix(".mp4"), files)
+        if len(person) != len(take.time):
+            raise BodysenseError(
+                f"{path}: the video has {len(person)} pictures, the truth {len(take.time)}; render it again"
+            )
+        said, bones = completed(take, person, model)
+        table.add(take, person, said)
+        table.add_bones(take, bones)
+        advance(take.name)
+    return table
+
+
+def watch(video: Path, files: LandmarkerFiles) -> PersonLandmarks:
+    """The landmarks of the person in a video with one, (T,) of all its pictures."""
+    state, parts = PersonState(), []
+    with open_video(str(video)) as source, Landmarker(files, LandmarkerSettings(people=1)) as landmarker:
+        for picture in source.pictures:
+            bodies, hands = landmarker.find(picture)
+            found, state = follow(picture, bodies, hands, state)
+            parts.append(found)
+    return joined_landmarks(parts)
+
+
+def completed(
+    take: RenderedTake, person: PersonLandmarks, model: ArmModel, tracker: CompletionModel | None = None
+) -> tuple[dict[str, np.ndarray], dict[str, ArmBones]]:
+    """What is made of a video's landmarks, and of what is true of it, by method.
+
+    Rotations (T, 38, 4), as of `arms_from_torso`, and bones of arms. `tracker` is the completion network; None: the
+    packaged one.
+    """
+    arms = Arms(default_skeleton(), model)
+    seen = view(view_points(take.pose), take.time, take.camera)
+    true = arms.complete(seen).estimate.pose
+    assert true is not None
+    pose, camera = tracked(VideoDevice(default_skeleton(), arms, float(take.camera.aspect)), person, tracker)
+    said = {
+        "network": arms_from_torso(pose),
+        "landmarks_ik": arms_from_torso(LandmarkIk(default_skeleton()).complete(person)),
+        "network_true": arm_rotations(true),  # a network says its rotations from the torso already
+        "positions_ik": solved_from_positions(take.pose),
+    }
+    shown = (bones_of(pose, camera), bones_of_landmarks(person), bones_of(take.pose, take.camera))
+    return said, dict(zip(SHOWN, shown, strict=True))
+
+
+def tracked(
+    device: VideoDevice, person: PersonLandmarks, network: CompletionModel | None = None
+) -> tuple[Pose, Camera]:
+    """What `bodysense track` makes of landmarks (T,): the body in the room, and the camera (T,)."""
+    early, state = device.step(person, device.start())
+    tracker = Tracker(Person(device.skeleton), network=network, settings=TrackerSettings(infer=False))
+    tracking, poses, cameras = tracker.start(), [], []
+    for frames in (early, device.finish(state)):
+        if len(frames):
+            estimate, tracking = tracker.step(frames.observation, tracking)
+            poses.append(estimate.pose)
+            cameras.append(frames.camera)
+    pose = Pose(
+        device.skeleton,
+        np.concatenate([pose.root_position for pose in poses]),
+        np.concatenate([pose.rotation for pose in poses]),
+    )
+    names = ("position", "axes", "focal", "aspect")
+    return pose, Camera(*(np.concatenate([getattr(camera, name) for camera in cameras]) for name in names))
+
+
+def video_report(table: VideoTable, name: str) -> Report:
+    """The table and what holds of the paper."""
+    rows: list[tuple[Cell, ...]] = []
+    measures = MEASURES | BONES
+    for group in table.groups:
+        label = () if len(table.groups) == 1 else (group,)
+        rows += [
+            (*label, shown, *(cell(table.get(method, measure, group)) for measure in measures))
+            for method, shown in METHODS.items()
+        ]
+    numbers = table.numbers()
+    suffix = "" if "main" in table.groups else f"_{table.groups[0]}"
+    remarks = []
+    for measure, claim in (
+        ("arms_deg", "Arms are turned less wrongly by the network than by inverse kinematics"),
+        ("upper_arm_twist_deg", "So is the upper arm about itself"),
+        ("forearm_twist_deg", "So is the forearm about itself"),
+    ):
+        for ours, theirs in (("network", "landmarks_ik"), ("network_true", "positions_ik")):
+            lower, higher = (Named(METHODS[who], table.get(who, measure)) for who in (ours, theirs))
+            remarks.append(ordering(claim, lower, [higher], "°", digits=1))
+    rates = ", ".join(
+        f"{word} in {numbers[key + suffix]:.1%}"
+        for key, word in (("detection_rate", "the person"), ("hand_detection_rate", "hands in the picture"))
+        if key + suffix in numbers
+    )
+    return Report(
+        name="video_rendered",
+        title="Arms and hands from rendered videos (PAHMT, Table 3)",
+        columns=(*(("motion",) if len(table.groups) > 1 else ()), "from", *measures.values()),
+        rows=tuple(rows),
+        numbers=numbers,
+        data=(f"{name}: {len(table.videos)} videos, {sum(table.seconds) / 60:.1f} minutes; found: {rates}.",),
+        remarks=tuple(remark for remark in remarks if remark),
+        caption=(
+            "overall: mean position error of all joints of arms and hands from the torso; hands: of fingers from "
+            "their wrist, in its axes; arms: mean angle of collars (from the torso), upper arms, forearms and hands "
+            "(from their parents); all frames. Bones in the picture: where more than a third of it is seen; of "
+            "IK on landmarks, the landmarks themselves are compared, and the truth in place of IK on true positions."
+        ),
+        panels=(_panel(table, "error of positions", "cm"), _panel(table, "error of turns", "deg")),
+    )
+
+
+def _group(take: RenderedTake) -> str:
+    """Whose row a video counts in."""
+    return take.category if take.category in GESTURES else group_named(take.category)
+
+
+def _panel(table: VideoTable, title: str, unit: str) -> BarPanel:
+    """Bars of the three methods that a video or its key-points can be given to, of the first group."""
+    measures = [measure for measure in MEASURES if measure.endswith(unit)]
+    shown = ("network", "landmarks_ik", "network_true")
+    return BarPanel(
+        title=title,
+        groups=tuple(MEASURES[measure] for measure in measures),
+        series=tuple(
+            plain_bars(METHODS[who], [table.get(who, measure, table.groups[0]) for measure in measures])
+            for who in shown
+        ),
+        measure={"cm": "cm", "deg": "degrees"}[unit],
+    )

@@ -1,0 +1,235 @@
+"""Take: a motion on a figure before a camera. A rendered set is a folder of them: NAME.mp4, and its truth, NAME.npz.
+
+Scripted gestures, whose videos are hard: arms straight out to the sides, up, at the camera, and blows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.pose import Pose, standing_pose
+from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_rotate, shortest_arc, slerp
+from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.simulated.camera_view import VIEW_POINTS, Camera, CameraRange, view, view_points
+from bodysense.errors import BodysenseError, how_to_install
+from bodysense.files import written_beside
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
+from bodysense_lab.rendering.scene import FIGURES, ROOM, WHOLE, Scene, load_figure, sample_camera, sample_scene
+from bodysense_lab.rendering.stage import open_stage
+
+_ARM = tuple[tuple[float, float, float], tuple[float, float, float]]
+# Where upper arm and forearm of the left arm point from a chest that faces +z; the right arm's are mirrored.
+_HANG: _ARM = ((0.15, -1.0, 0.0), (0.1, -1.0, 0.15))
+_OUT: _ARM = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+_UP: _ARM = ((0.3, 1.0, 0.0), (0.15, 1.0, 0.0))
+_AHEAD: _ARM = ((0.0, 0.0, 1.0), (0.0, 0.0, 1.0))
+_GUARD: _ARM = ((0.2, -0.85, 0.4), (-0.35, 0.75, 0.6))
+_BLOW: _ARM = ((-0.1, 0.0, 1.0), (-0.15, 0.05, 1.0))
+_HOOK: _ARM = ((0.75, 0.0, 0.65), (-0.75, 0.0, 0.65))
+_UPPERCUT: _ARM = ((0.1, -0.3, 0.95), (-0.1, 0.9, 0.4))
+# Of each: s, left arm, right arm, degrees by which the chest is turned to the left.
+_Key = tuple[float, _ARM, _ARM, float]
+GESTURES: dict[str, tuple[_Key, ...]] = {
+    "t_pose": ((0.0, _HANG, _HANG, 0), (0.7, _HANG, _HANG, 0), (1.4, _OUT, _OUT, 0), (3.0, _OUT, _OUT, 0),
+               (3.8, _HANG, _HANG, 0), (4.5, _HANG, _HANG, 0)),
+    "arms_up": ((0.0, _HANG, _HANG, 0), (0.6, _HANG, _HANG, 0), (1.5, _UP, _UP, 0), (2.6, _UP, _UP, 0),
+                (3.3, _OUT, _OUT, 0), (4.0, _HANG, _HANG, 0), (4.5, _HANG, _HANG, 0)),
+    "arms_ahead": ((0.0, _HANG, _HANG, 0), (0.6, _HANG, _HANG, 0), (1.4, _AHEAD, _AHEAD, 0), (2.6, _AHEAD, _AHEAD, 0),
+                   (3.4, _OUT, _OUT, 0), (4.5, _HANG, _HANG, 0)),
+    "punches": ((0.0, _GUARD, _GUARD, 0), (0.6, _GUARD, _GUARD, 0), (0.8, _BLOW, _GUARD, -20), (1.1, _GUARD, _GUARD, 0),
+                (1.3, _GUARD, _BLOW, 20), (1.6, _GUARD, _GUARD, 0), (1.85, _HOOK, _GUARD, -30),
+                (2.2, _GUARD, _GUARD, 0), (2.45, _GUARD, _HOOK, 30), (2.8, _GUARD, _GUARD, 0),
+                (3.0, _UPPERCUT, _GUARD, -15), (3.3, _GUARD, _GUARD, 0), (3.5, _GUARD, _UPPERCUT, 15),
+                (3.8, _GUARD, _GUARD, 0), (4.1, _GUARD, _OUT, 0), (4.5, _GUARD, _GUARD, 0)),
+}  # fmt: skip
+_SPINE = ("spine1", "spine2", "spine3")
+
+
+def gesture(name: str) -> Clip:
+    """The motion of one of `GESTURES`, on the default body, with fingers; its category is its name."""
+    keys, skeleton = GESTURES[name], default_skeleton()
+    times = np.array([key[0] for key in keys])
+    time = np.arange(round(times[-1] * RATE) + 1) / RATE
+    after = np.clip(np.searchsorted(times, time, side="right"), 1, len(keys) - 1)
+    share = np.clip((time - times[after - 1]) / (times[after] - times[after - 1]), 0, 1)
+    share = share**3 * (10 - 15 * share + 6 * share**2)  # of least jerk
+    pose = standing_pose(skeleton)
+    rotation = np.tile(pose.rotation, (len(time), 1, 1))
+    if name == "punches":
+        for joint, place in ((joint, skeleton.index(joint)) for joint in skeleton.joints if joint[-1] in "123"):
+            if skeleton.wrist_of[place] >= 0 and "thumb" not in joint:
+                rotation[:, place] = quaternion_exp(np.array([0.0, 0.0, -1.4 if joint.startswith("left") else 1.4]))
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        turned = np.array([_arm(left if side == "left" else right, sign) for _, left, right, _ in keys])
+        for joint, way in zip(("shoulder", "elbow"), np.moveaxis(turned, 1, 0), strict=True):
+            rotation[:, skeleton.index(f"{side}_{joint}")] = slerp(way[after - 1], way[after], share)
+    turn = np.radians([key[3] for key in keys])
+    turn = turn[after - 1] + share * (turn[after] - turn[after - 1])
+    for joint in _SPINE:
+        rotation[:, skeleton.index(joint)] = quaternion_exp(turn[:, None] / len(_SPINE) * [0.0, 1.0, 0.0])
+    root = np.tile(pose.root_position, (len(time), 1))
+    return Clip(name, Pose(skeleton, root, rotation), RATE, has_fingers=True, category=name)
+
+
+def _arm(ways: _ARM, sign: float) -> tuple[np.ndarray, np.ndarray]:
+    """Local rotations (4,) of a shoulder and an elbow."""
+    bone, mirror = np.array([sign, 0.0, 0.0]), np.array([sign, 1.0, 1.0])
+    upper, fore = (np.array(way) * mirror for way in ways)
+    shoulder = shortest_arc(bone, upper)
+    elbow = shortest_arc(bone, np.asarray(quaternion_rotate(quaternion_conjugate(shoulder), fore)))
+    return np.asarray(shoulder), np.asarray(elbow)
+
+
+FORMAT = "bodysense take 1"
+RATE = 30.0  # Hz
+_TRIES = 30  # cameras that are drawn for a take
+_SEEN = 0.9  # share of frames in which an arm should be in the picture
+_LIVELY = 0.05  # m/s: wrists that move less on average are no motion to speak of
+
+
+@dataclass(frozen=True, eq=False)
+class RenderedTake:
+    """Everything that a video shows of a person's motion."""
+
+    name: str
+    figure: str
+    pose: Pose = field(repr=False)  # (T, …) on the figure's skeleton, world
+    time: np.ndarray = field(repr=False)  # (T,) s
+    camera: Camera = field(repr=False)  # one, which stands still
+    category: str = ""  # of the motion, where its data set says
+
+
+def plan_takes(
+    clip: Clip, count: int, seconds: float, rng: np.random.Generator, first: int = 0, where: CameraRange = ROOM
+) -> list[tuple[RenderedTake, Scene]]:
+    """Up to `count` takes of a clip and the scenes for them: pieces of `seconds`, or the whole where it is shorter.
+
+    Pieces do not overlap; hands move in them, and both arms are nearly always in the picture. Figures go by turns,
+    from the `first` on; cameras stand `where` is said. Raises BodysenseError for a clip without fingers.
+    """
+    if not clip.has_fingers:
+        raise BodysenseError(f"{clip.name}: it has no finger motion; a rendered set needs it")
+    clip = resample(clip, RATE)
+    length = min(len(clip), round(seconds * RATE))
+    starts = rng.permutation(np.arange(0, len(clip) - length + 1, length))
+    taken: list[tuple[RenderedTake, Scene]] = []
+    for start in starts:
+        if len(taken) == count:
+            break
+        piece = clip.pose[start : start + length]
+        if _speed(piece) < _LIVELY:
+            continue
+        scene = sample_scene(rng, FIGURES[(first + len(taken)) % len(FIGURES)])
+        pose = load_figure(scene.figure).wear(piece)
+        camera = _camera(pose, rng, where)
+        if camera is not None:
+            name = f"{clip.name}_{start}_{scene.figure}"
+            taken.append(
+                (RenderedTake(name, scene.figure, pose, np.arange(length) / RATE, camera, clip.category), scene)
+            )
+    return taken
+
+
+def plan_gestures(rng: np.random.Generator) -> list[tuple[RenderedTake, Scene]]:
+    """Every one of `GESTURES` by every figure, seen whole, and the scenes for them."""
+    planned: list[tuple[RenderedTake, Scene]] = []
+    for clip in map(gesture, GESTURES):
+        for number in range(len(FIGURES)):
+            planned += plan_takes(clip, 1, np.ceil(clip.seconds), rng, number, WHOLE)
+    return planned
+
+
+def film(
+    take: RenderedTake, scene: Scene, folder: Path, height: int = 480, advance: Callable[[], object] = lambda: None
+) -> Path:
+    """Draw a take into NAME.mp4 (H.264) of a folder and its truth into NAME.npz; returns the video's path.
+
+    `advance` is called after every picture. Raises BodysenseError where nothing can be drawn or written.
+    """
+    try:
+        import av
+    except ImportError:
+        raise BodysenseError(f"writing videos needs PyAV; {how_to_install('packages/lab[render]')}") from None
+    path, around = folder / f"{take.name}.mp4", np.median(take.pose.root_position, axis=0)
+    with written_beside(path) as beside, open_stage(scene, take.camera, height, around) as stage:
+        with av.open(str(beside), "w") as container:
+            stream = container.add_stream("h264", rate=Fraction(RATE))
+            stream.width, stream.height, stream.pix_fmt = *stage.size, "yuv420p"
+            stream.options = {"crf": "20", "preset": "veryfast"}
+            stream.thread_count = 1
+            for k in range(len(take.time)):
+                picture = av.VideoFrame.from_ndarray(stage.draw(take.pose[k]), format="rgb24")
+                container.mux(stream.encode(picture))
+                advance()
+            container.mux(stream.encode(None))
+        write_take(path.with_suffix(".npz"), take)
+    return path
+
+
+def write_take(path: Path, take: RenderedTake) -> None:
+    """Write the truth of a video."""
+    with written_beside(path) as beside:
+        np.savez_compressed(
+            beside,
+            format=FORMAT,
+            name=take.name,
+            figure=take.figure,
+            category=take.category,
+            rest_offset=take.pose.skeleton.rest_offset,
+            root_position=take.pose.root_position.astype(np.float32),
+            rotation=take.pose.rotation.astype(np.float32),
+            time=take.time,
+            camera_position=take.camera.position,
+            camera_axes=take.camera.axes,
+            camera_focal=take.camera.focal,
+            camera_aspect=take.camera.aspect,
+        )
+
+
+def read_take(path: Path) -> RenderedTake:
+    """The truth of a video, from its .npz. Raises BodysenseError for another file."""
+    try:
+        with np.load(path) as data:
+            if str(data["format"]) != FORMAT:
+                raise BodysenseError(f"{path}: its format is {data['format']!s}, not {FORMAT!r}; render the set again")
+            skeleton = default_skeleton().with_offsets(data["rest_offset"])
+            pose = Pose(skeleton, data["root_position"].astype(float), data["rotation"].astype(float))
+            camera = Camera(*(data[f"camera_{name}"] for name in ("position", "axes", "focal", "aspect")))
+            return RenderedTake(
+                str(data["name"]), str(data["figure"]), pose, data["time"], camera, str(data["category"])
+            )
+    except (OSError, ValueError, KeyError) as error:
+        raise BodysenseError(f"{path}: not the truth of a rendered video ({error}); render the set again") from None
+
+
+def list_takes(folder: Path) -> list[Path]:
+    """The truths (.npz) of the videos of a rendered set. Raises BodysenseError where there is none."""
+    found = sorted(path for path in folder.glob("*.npz") if path.with_suffix(".mp4").is_file())
+    if not found:
+        raise BodysenseError(f"{folder}: no rendered videos in it; make some with `bodysense data render`")
+    return found
+
+
+def _camera(pose: Pose, rng: np.random.Generator, where: CameraRange) -> Camera | None:
+    """A camera that nearly always has both arms in its picture; None where none of many has."""
+    points = view_points(pose)
+    for _ in range(_TRIES):
+        camera = sample_camera(pose, rng, where)
+        seen = view(points, np.arange(len(points)) / RATE, camera)
+        if seen.has_arm.mean(axis=0).min() >= _SEEN:
+            return camera
+    return None
+
+
+def _speed(pose: Pose) -> float:
+    """Mean speed of the wrists from the chest, m/s."""
+    points = view_points(pose)
+    shoulders = points[:, :, VIEW_POINTS.index("shoulder")].mean(axis=1)
+    wrist = points[:, :, VIEW_POINTS.index("wrist")] - shoulders[:, None]
+    return float(np.linalg.norm(np.diff(wrist, axis=0), axis=-1).mean() * RATE)

@@ -1,0 +1,179 @@
+"""Every packet that goes out is read by decoders that are not ours, as it was meant.
+
+python-osc and Wireshark read OSC (VMC, VRChat, VMT), a reader of the public schema reads SolarXR.
+"""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.pose import Pose, forward_kinematics, standing_pose
+from bodysense.body.rotation import quaternion_exp, quaternion_multiply
+from bodysense.body.skeleton import default_skeleton
+from bodysense.errors import BodysenseError, missing_package
+from bodysense.io.osc import read_packet
+from bodysense_lab.serving.solarxr_client import update
+from bodysense_live import vmc, vrchat
+from bodysense_live.solarxr import Moved, Updates, moved, told_of
+from bodysense_live.vmc import vmc_packets
+from bodysense_live.vmt import DRIVER_PORT, tracker_packet
+from bodysense_live.vmt_hands import hand_packet
+from bodysense_live.vrchat import vrchat_packets
+from bodysense_live.webxr import between_eyes
+
+AT_ONCE = 20_000  # packets that Wireshark is given at a time
+_POSES = 256  # that are made at a time
+_HANDS_EVERY = 8  # poses: they take longest
+_SENT_FROM = 50000
+
+
+@dataclass(frozen=True)
+class Sent:
+    """A packet, the port that it goes to, and what was put in where it is of SolarXR."""
+
+    data: bytes
+    port: int
+    moved: Moved | None = None
+
+
+@dataclass
+class Decoded:
+    """Packets that were read as they were meant, and the messages in them."""
+
+    osc: int = 0
+    osc_messages: int = 0
+    wireshark: int = 0  # of these, too; 0 where it is not there
+    solarxr: int = 0
+
+
+def sent_packets(rng: np.random.Generator) -> Iterator[Sent]:
+    """Packets of bodies in any pose, without end, of all that we write."""
+    skeleton, time = default_skeleton(), 0.0
+    standing, eyes = standing_pose(skeleton).rotation, between_eyes(skeleton)
+    updates = Updates(told_of(skeleton, eyes))
+    while True:
+        turns = quaternion_exp(rng.normal(0, 0.4, (_POSES, len(skeleton.joints), 3)))
+        poses = Pose(skeleton, rng.uniform(-5, 5, (_POSES, 3)), quaternion_multiply(standing, turns))
+        position, rotation = (np.asarray(values) for values in forward_kinematics(poses))
+        for k in range(_POSES):
+            time += 1 / 72
+            yield from (Sent(data, vmc.PORT) for data in vmc_packets(poses[k], time))
+            yield from (Sent(data, vrchat.PORT) for data in vrchat_packets(poses[k], (position[k], rotation[k])))
+            places = dict(zip(skeleton.points, position[k], strict=True))
+            joints = dict(zip(skeleton.joints, rotation[k], strict=True))
+            yield Sent(tracker_packet(0, places, joints), DRIVER_PORT)
+            hands = ("left", "right") if k % _HANDS_EVERY == 0 else ()
+            yield from (
+                Sent(hand_packet(side, 8 + n, skeleton, places, joints), DRIVER_PORT) for n, side in enumerate(hands)
+            )
+            body = moved(places, joints, eyes)
+            yield Sent(updates.of(body), 0, body)
+
+
+def decode(count: int, rng: np.random.Generator, tshark: str | None) -> Iterator[Decoded]:
+    """Read so many packets; what was read until now, after every part. Raises BodysenseError for one read otherwise.
+
+    `tshark`: Wireshark's program, which reads while python-osc does; None: without it.
+    """
+    endless, found = sent_packets(rng), Decoded()
+    for start in range(0, count, AT_ONCE):
+        part = [next(endless) for _ in range(min(AT_ONCE, count - start))]
+        osc = [sent for sent in part if sent.moved is None]
+        meant = [_meant(sent.data) for sent in osc]
+        with ExitStack() as stack:
+            reading = None if tshark is None else stack.enter_context(_Wireshark(tshark, osc))
+            for sent, messages in zip(osc, meant, strict=True):
+                if _python_osc(sent.data) != messages:
+                    raise BodysenseError(f"python-osc reads otherwise: {sent.data.hex()}")
+            found.osc, found.osc_messages = found.osc + len(osc), found.osc_messages + sum(map(len, meant))
+            for sent in part:
+                found.solarxr += sent.moved is not None and _reads_body(sent.data, sent.moved)
+            if reading is not None:
+                found.wireshark += reading.check([[address for address, _ in messages] for messages in meant])
+        yield found
+
+
+def _meant(data: bytes) -> list[tuple[str, list[object]]]:
+    messages = read_packet(data)
+    if isinstance(messages, str):
+        raise BodysenseError(f"a packet of ours: {messages}: {data.hex()}")
+    return [(one.address, list(one.arguments)) for one in messages]
+
+
+def _python_osc(data: bytes) -> list[tuple[str, list[object]]]:
+    try:
+        from pythonosc.osc_packet import OscPacket
+    except ImportError as error:
+        raise missing_package(error) from None
+    return [(one.message.address, one.message.params) for one in OscPacket(data).messages]
+
+
+def _reads_body(data: bytes, body: Moved) -> bool:
+    """Whether every number of an update is that of the body; raises BodysenseError where one is not."""
+    told = update(data)
+    for rows, slots, values in (
+        (told.rows(1), ((4, 3), (3, 4)), (body.place, body.turn)),
+        (told.rows(2), ((3, 3), (1, 4)), (body.head, body.along)),
+    ):
+        for (slot, size), wanted in zip(slots, values, strict=True):
+            read = np.array([row.floats(slot, size) for row in rows], dtype=np.float32)
+            if not np.array_equal(read, wanted.astype(np.float32)):
+                raise BodysenseError(f"a reader of SolarXR reads otherwise: {data.hex()}")
+    return True
+
+
+class _Wireshark:
+    """Wireshark's dissector of OSC, which reads a capture of packets in a process of its own."""
+
+    def __init__(self, tshark: str, sent: Sequence[Sent]) -> None:
+        self._tshark, self._sent = tshark, sent
+
+    def __enter__(self) -> _Wireshark:
+        with ExitStack() as stack:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bodysense-")))
+            (folder / "sent.pcap").write_bytes(capture([(one.data, one.port) for one in self._sent]))
+            fields = ("osc.message.header.path", "_ws.malformed", "_ws.expert.severity")
+            command = [self._tshark, "-n", "-r", str(folder / "sent.pcap"), "--enable-heuristic", "osc_udp"]
+            command += ["-T", "fields", *(word for field in fields for word in ("-e", field))]
+            self._out = stack.enter_context((folder / "read.txt").open("w+"))
+            self._process = stack.enter_context(
+                subprocess.Popen(command, stdout=self._out, stderr=subprocess.DEVNULL, text=True)
+            )
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._stack.close()
+
+    def check(self, addresses: Sequence[Sequence[str]]) -> int:
+        """How many packets it read; raises BodysenseError for one in which it finds other addresses, or a fault."""
+        if self._process.wait():
+            raise BodysenseError(f"{self._tshark} failed; run it by itself: {self._tshark} --version")
+        self._out.seek(0)
+        rows = [row.rstrip("\n").split("\t") for row in self._out]
+        if len(rows) != len(addresses):
+            raise BodysenseError(f"Wireshark reads {len(rows)} of {len(addresses)} packets")
+        for (paths, *faults), wanted in zip(rows, addresses, strict=True):
+            if paths.split(",") != wanted or any(faults):
+                raise BodysenseError(f"Wireshark reads {paths} {faults}, not {wanted}")
+        return len(rows)
+
+
+def capture(packets: Sequence[tuple[bytes, int]]) -> bytes:
+    """A capture file of raw IPv4 (libpcap's format, link type 101) of UDP datagrams to ports of the loopback."""
+    parts = [struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 101)]
+    address = bytes([127, 0, 0, 1])
+    for packet, port in packets:
+        udp = struct.pack(">HHHH", _SENT_FROM, port, 8 + len(packet), 0) + packet
+        ip = struct.pack(">BBHHHBBH4s4s", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0, address, address) + udp
+        parts.append(struct.pack("<IIII", 0, 0, len(ip), len(ip)) + ip)
+    return b"".join(parts)

@@ -1,0 +1,243 @@
+"""Many wearers for a long time over a bad network, against a server of its own process; what must not happen."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import signal
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.errors import BodysenseError
+from bodysense.io.protocol import POSE, SUBPROTOCOL, SignalFrame, read_pose, write_signal
+from bodysense_live.message_text import write_message
+from bodysense_live.messages import Hello, Resume
+
+_POINTS = ("head", "left_wrist", "right_wrist")
+_STUCK = 5.0  # s without an answer while frames are sent
+_MOST_SILENT = 1.5  # s, of a wearer whose process was killed
+_AGAIN = 0.02  # s until a wearer whose connection was closed comes back
+_WARM = 0.25  # share of the time after which memory is looked at
+
+
+@dataclass(frozen=True)
+class SoakPlan:
+    """What the network and the wearers do."""
+
+    sessions: int = 8
+    seconds: float = 600.0
+    rate: float = 72.0  # Hz
+    loss: float = 0.05
+    doubled: float = 0.01
+    late: float = 0.05  # share of frames that come up to `latest` s later
+    latest: float = 0.3
+    seconds_connected: float = 20.0  # on average, until the connection breaks
+    workers: int = 1  # processes of the server
+    seconds_between_kills: float = 0.0  # a process of the server is killed so often; 0: never
+
+
+@dataclass
+class SoakCounts:
+    """What became of it."""
+
+    sent: int = 0
+    answered: int = 0
+    not_finite: int = 0
+    breaks: int = 0
+    resumed: int = 0
+    killed: int = 0  # processes of the server
+    longest_silence_s: float = 0.0  # of a wearer whose network is there
+    rss_mb_warm: float = 0.0
+    rss_mb_last: float = 0.0
+
+
+async def soak(plan: SoakPlan, rng: np.random.Generator) -> SoakCounts:
+    """Run it. Raises BodysenseError where the server does not start, or ends."""
+    counts = SoakCounts()
+    command = (sys.executable, "-m", "bodysense", "serve", "--port", "0", "--sessions", str(plan.sessions + 4))
+    several = ("--workers", str(plan.workers))
+    server = await asyncio.create_subprocess_exec(*command, *several, stdout=asyncio.subprocess.PIPE)
+    killer: asyncio.Task[None] | None = None
+    assert server.stdout is not None
+    try:
+        line = (await asyncio.wait_for(server.stdout.readline(), 60)).decode()
+        if "http://" not in line:
+            raise BodysenseError("the server did not start; run `bodysense serve` to see why")
+        address = line[line.index("http://") :].strip().replace("http://", "ws://") + "ws"
+        end = time.monotonic() + plan.seconds
+        wearers = [
+            asyncio.create_task(_wearer(address, plan, end, np.random.default_rng(int(seed)), counts))
+            for seed in rng.integers(2**32, size=plan.sessions)
+        ]
+        if plan.seconds_between_kills:
+            killer = asyncio.create_task(_kill(server.pid, plan, rng, counts))
+        await asyncio.sleep(_WARM * plan.seconds)
+        counts.rss_mb_warm = rss_mb(server.pid)
+        await asyncio.gather(*wearers)
+        counts.rss_mb_last = rss_mb(server.pid)
+        if server.returncode is not None:
+            raise BodysenseError("the server ended during the soak")
+    finally:
+        if killer is not None:
+            killer.cancel()
+        if server.returncode is None:
+            server.terminate()
+        await server.wait()
+    return counts
+
+
+async def _wearer(address: str, plan: SoakPlan, end: float, rng: np.random.Generator, counts: SoakCounts) -> None:
+    """One wearer who connects again and again and goes on."""
+    from websockets import WebSocketException
+    from websockets.asyncio.client import connect
+    from websockets.typing import Subprotocol
+
+    resume, begun, seen = None, time.monotonic(), _Seen()
+    while time.monotonic() < end:
+        opened = connect(address, subprotocols=[Subprotocol(SUBPROTOCOL)], compression=None)
+        try:
+            async with opened as client:
+                await client.send(write_message(Hello(1, _POINTS, resume=resume)))
+                welcome = json.loads(await client.recv())
+                counts.resumed += welcome["resumed"]
+                resume = Resume(welcome["session"], welcome["token"])
+                until = min(end, time.monotonic() + rng.exponential(plan.seconds_connected))
+                reader = asyncio.create_task(_read(client, len(welcome["points"]), counts, seen))
+                await _wear(client, plan, begun, until, rng, counts, reader)
+                was_cut = reader.done()
+                client.transport.abort()  # as if the network were gone
+                reader.cancel()
+                await asyncio.gather(reader, return_exceptions=True)
+        except (WebSocketException, OSError):
+            if not plan.seconds_between_kills:
+                raise
+            was_cut = True
+        if was_cut:  # the server did it: the wearer comes back at once, and is silent meanwhile
+            await asyncio.sleep(_AGAIN)
+            continue
+        counts.breaks += 1
+        seen.last = None
+        await asyncio.sleep(rng.uniform(0, 2))
+
+
+@dataclass
+class _Seen:
+    """What a wearer has seen."""
+
+    last: float | None = None  # s, when the last answer came; None after their own network was gone
+
+
+async def _kill(server: int, plan: SoakPlan, rng: np.random.Generator, counts: SoakCounts) -> None:
+    """Kill one of the server's processes now and then."""
+    while True:
+        await asyncio.sleep(plan.seconds_between_kills)
+        workers = workers_of(server)
+        if workers:
+            os.kill(int(rng.choice(workers)), signal.SIGKILL)
+            counts.killed += 1
+
+
+def workers_of(server: int) -> list[int]:
+    """The processes in which a server serves, oldest first; none where the system does not tell."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            is_child = f"PPid:\t{server}\n" in (folder / "status").read_text()
+            if is_child and "spawn_main" in (folder / "cmdline").read_text(errors="replace"):
+                found.append(int(folder.name))
+    return sorted(found)
+
+
+async def _wear(
+    client: object,
+    plan: SoakPlan,
+    begun: float,
+    until: float,
+    rng: np.random.Generator,
+    counts: SoakCounts,
+    reader: asyncio.Task[None],
+) -> None:
+    """Send frames over a bad network until the connection breaks, or nothing is to be read from it."""
+    loop = asyncio.get_running_loop()
+    tasks: set[asyncio.Task[None]] = set()
+
+    async def send(data: bytes) -> None:
+        with contextlib.suppress(Exception):  # the connection is gone: so is the frame
+            await client.send(data)  # type: ignore[attr-defined]
+
+    def later(data: bytes) -> None:
+        task = loop.create_task(send(data))
+        tasks.add(task)
+        task.add_done_callback(tasks.discard)
+
+    due, phase = loop.time(), rng.uniform(0, 10)
+    while time.monotonic() < until and not reader.done():
+        due += 1 / plan.rate
+        await asyncio.sleep(max(0.0, due - loop.time()))
+        data = write_signal(worn(counts.sent, time.monotonic() - begun, phase))
+        counts.sent += 1
+        chance = rng.random()
+        if chance < plan.loss:
+            continue
+        if chance < plan.loss + plan.late:
+            loop.call_later(rng.uniform(0, plan.latest), later, data)
+            continue
+        await send(data)
+        if chance > 1 - plan.doubled:
+            await send(data)
+
+
+async def _read(client: object, points: int, counts: SoakCounts, seen: _Seen) -> None:
+    """Take poses until the connection breaks."""
+    if seen.last is None:
+        seen.last = time.monotonic()
+    async for message in client:  # type: ignore[attr-defined]
+        if isinstance(message, bytes) and message[0] == POSE:
+            pose = read_pose(message, points)
+            finite = np.isfinite(pose.rotation).all() and np.isfinite(pose.root_position).all()
+            counts.not_finite += not finite
+            counts.answered += 1
+            now = time.monotonic()
+            counts.longest_silence_s = max(counts.longest_silence_s, now - seen.last)
+            seen.last = now
+
+
+def worn(sequence: int, now: float, phase: float) -> SignalFrame:
+    """Head and wrists of somebody who sways and waves."""
+    a, b = np.sin(now + phase), np.sin(2.3 * now + phase)
+    places = np.array(
+        [[0.1 * a, 1.55, 0.05 * b], [0.3, 1.1 + 0.2 * b, 0.3], [-0.3, 1.1 + 0.2 * a, 0.3]], dtype=np.float32
+    )
+    turned = np.tile(np.array([1, 0, 0, 0], dtype=np.float32), (3, 1))
+    return SignalFrame(sequence % 2**32, now, np.arange(3), np.full(3, 3), places, turned)
+
+
+def rss_mb(process: int) -> float:
+    """Memory that a process holds, MB; NaN where the system does not tell."""
+    status = Path(f"/proc/{process}/status")
+    if not status.is_file():
+        return float("nan")
+    line = next(row for row in status.read_text().splitlines() if row.startswith("VmRSS"))
+    return int(line.split()[1]) / 1024
+
+
+def check(counts: SoakCounts, plan: SoakPlan) -> None:
+    """Raise BodysenseError for what must not happen."""
+    longest = _MOST_SILENT if plan.seconds_between_kills else _STUCK
+    grown = counts.rss_mb_last - counts.rss_mb_warm
+    faults = {
+        f"{counts.not_finite} poses are no numbers": counts.not_finite > 0,
+        f"a session was not answered for {counts.longest_silence_s:.1f} s": counts.longest_silence_s > longest,
+        f"memory grew by {grown:.0f} MB": grown > max(10.0, 0.05 * counts.rss_mb_warm),
+        "no process was killed": plan.seconds_between_kills > 0 and not counts.killed,
+        "nothing was answered": counts.answered == 0,
+    }
+    found = [text for text, wrong in faults.items() if wrong]
+    if found:
+        raise BodysenseError(f"soak: {'; '.join(found)}")

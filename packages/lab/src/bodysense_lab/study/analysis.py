@@ -1,0 +1,157 @@
+"""What the raters of a study preferred: means, standard errors and t-tests, as in UNOC's Fig. 6; and simulated raters.
+
+The paper attributes +1 and −1 to the two techniques of a pair, averages *each participant's* votes over the scenes, and
+tests those averages against zero: it reports t(38) for 39 participants. So do we: in all scenes, n is the number of
+raters and a value is a rater's mean; in one scene a value is a rater's one vote. Votes are never pooled over scenes,
+because those of one rater are not independent. As in the paper, p is not corrected for the number of tests.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.special import stdtr
+
+from bodysense.errors import BodysenseError
+from bodysense.files import written_beside
+from bodysense_lab.study.study import COMPARISONS, CONDITIONS, Answers, Choice, Condition, StudyKey, pairs_for
+
+
+@dataclass(frozen=True)
+class Preference:
+    """A mean vote in [−1, 1], positive for the first of a comparison, tested against zero."""
+
+    mean: float
+    standard_error: float  # NaN for fewer than two votes
+    t: float  # Student's, n − 1 degrees of freedom; infinite where all agree, NaN where nothing can be tested
+    p: float  # two-sided
+    n: int
+
+    @property
+    def stars(self) -> str:
+        """'**' for p < 0.01, '*' for p < 0.05."""
+        return "**" if self.p < 0.01 else "*" if self.p < 0.05 else ""
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """Preferences by scene, and over all scenes under the name None, for each of `COMPARISONS`."""
+
+    scenes: tuple[str, ...]
+    preferences: dict[str | None, tuple[Preference, ...]]
+
+    @property
+    def raters(self) -> int:
+        """How many."""
+        return self.preferences[None][0].n
+
+    def numbers(self) -> dict[str, float]:
+        """One flat object: `truth_over_ours_mean`, `<scene>_truth_over_ours_p` …; what is not finite is left out."""
+        result: dict[str, float] = {"raters": self.raters, "scenes": len(self.scenes)}
+        for scene, preferences in self.preferences.items():
+            for (first, second), one in zip(COMPARISONS, preferences, strict=True):
+                key = f"{first}_over_{second}" if scene is None else f"{scene}_{first}_over_{second}"
+                for name in ("mean", "standard_error", "t", "p"):
+                    result[f"{key}_{name}"] = getattr(one, name)
+        return {key: value for key, value in result.items() if math.isfinite(value)}
+
+
+def analyze(key: StudyKey, answers: Sequence[Answers]) -> StudyResult:
+    """Preferences of raters, per scene and over all scenes."""
+    cast = votes(key, answers)
+    names = tuple(scene.name for scene in key.scenes)
+    count = range(len(COMPARISONS))
+    result: dict[str | None, tuple[Preference, ...]] = {
+        name: tuple(preference(cast[:, scene, which]) for which in count) for scene, name in enumerate(names)
+    }
+    result[None] = tuple(preference(cast[:, :, which].mean(axis=1)) for which in count)
+    return StudyResult(names, result)
+
+
+def votes(key: StudyKey, answers: Sequence[Answers]) -> np.ndarray:
+    """(raters, scenes, comparisons): +1 for the first condition of a comparison, −1 for the second, 0 for neither."""
+    cast = np.zeros((len(answers), len(key.scenes), len(COMPARISONS)))
+    for rater, one in enumerate(answers):
+        for left, right, choice in one.given:
+            which, sign = _comparison(key.condition_of(left), key.condition_of(right))
+            cast[rater, key.scene_of[left], which] = sign * {"left": 1, "right": -1, "none": 0}[choice]
+    return cast
+
+
+def preference(values: np.ndarray) -> Preference:
+    """The mean of values (n,) and Student's one-sample t-test of it against zero.
+
+    Where all values are equal the test has no variance to go by: p is 0 if they differ from zero, and 1 if not.
+    """
+    n = len(values)
+    mean = float(values.mean())
+    if n < 2:
+        return Preference(mean, math.nan, math.nan, math.nan, n)
+    error = float(values.std(ddof=1)) / math.sqrt(n)
+    if values.min() == values.max():
+        return Preference(mean, 0.0, math.copysign(math.inf, mean) if mean else math.nan, 0.0 if mean else 1.0, n)
+    t = mean / error
+    return Preference(mean, error, t, float(2 * stdtr(n - 1, -abs(t))), n)
+
+
+def write_csv(path: str | Path, result: StudyResult) -> None:
+    """A row for every scene and comparison, then those over all scenes."""
+    with written_beside(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(("scene", "comparison", "mean", "standard_error", "t", "p", "n"))
+        for scene, preferences in result.preferences.items():
+            for (first, second), one in zip(COMPARISONS, preferences, strict=True):
+                name = "(all)" if scene is None else scene
+                writer.writerow((name, f"{first} over {second}", one.mean, one.standard_error, one.t, one.p, one.n))
+
+
+def simulate_answers(
+    key: StudyKey,
+    raters: int,
+    quality: Mapping[Condition, float],
+    generator: np.random.Generator,
+    ties: float = 0.2,
+) -> list[Answers]:
+    """Answers of raters whose mean vote on every pair is the difference of the two conditions' quality.
+
+    Conditions that `quality` does not name have 0. Votes are independent; the share of 'no difference' is `ties` where
+    quality is equal and falls to 0 where the difference is ±1. Raises BodysenseError for a difference beyond that.
+    """
+    if raters < 1:
+        raise BodysenseError(f"{raters} raters cannot answer; give at least 1")
+    if not 0 <= ties <= 1:
+        raise BodysenseError(f"ties {ties:g} is no share; give a number from 0 to 1")
+    level = {condition: float(quality.get(condition, 0.0)) for condition in CONDITIONS}
+    for first, second in COMPARISONS:
+        difference = level[first] - level[second]
+        if not abs(difference) <= 1:
+            raise BodysenseError(
+                f"the quality of {first} less that of {second} is {difference:g}; mean votes lie from -1 to 1"
+            )
+    result = []
+    for number in range(1, raters + 1):
+        rater, given = f"simulated-{number:03d}", []
+        for left, right in pairs_for(key, rater):
+            mean = level[key.condition_of(left)] - level[key.condition_of(right)]
+            equal = ties * (1 - abs(mean))
+            odds = [(1 - equal + mean) / 2, (1 - equal - mean) / 2]
+            place = int(np.searchsorted(np.cumsum(odds), generator.random(), side="right"))
+            choices: tuple[Choice, ...] = ("left", "right", "none")
+            given.append((left, right, choices[place]))
+        result.append(Answers(key.study, rater, tuple(given)))
+    return result
+
+
+def _comparison(first: Condition, second: Condition) -> tuple[int, int]:
+    """Which of `COMPARISONS` two conditions make, and +1, or −1 where they stand the other way round."""
+    for which, pair in enumerate(COMPARISONS):
+        if pair == (first, second):
+            return which, 1
+        if pair == (second, first):
+            return which, -1
+    raise AssertionError(f"{first} and {second} are not compared")

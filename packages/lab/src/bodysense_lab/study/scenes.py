@@ -1,0 +1,213 @@
+"""Building a study: scenes cut from motion, completed in two ways, rendered, and laid out as pages to serve."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.resources import files
+from itertools import pairwise
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.estimate import Estimator
+from bodysense.devices.simulated.headset_camera import observe
+from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
+from bodysense.metrics import joint_error
+from bodysense.papers.ik_tracker import IkTracker, IkTrackerSettings
+from bodysense.pictures.animation import write_animation
+from bodysense.pictures.sheet import Lens, Shot, frame_shot
+from bodysense.scoring import RATE, UNOC_EVAL_JOINTS, Hold
+from bodysense_lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
+from bodysense_lab.unoc.learned import Learned, load_model
+
+FILES = ("index.html", "style.css", "study.js")
+
+
+def write_study_page(folder: Path, study: str, rings: Sequence[Sequence[str]]) -> Path:
+    """Write the pages of a study into an existing, empty folder, and return the folder for its animations.
+
+    `rings` are the names of each scene's animations, in the order of its ring (lab/study/study.py); their files,
+    `<name>.webp`, are to be written into the folder that is returned. Nothing but the names is told to the page.
+    """
+    told = json.dumps({"study": study, "scenes": [list(ring) for ring in rings]}).replace("<", "\\u003c")
+    source = files("bodysense_lab.study").joinpath("assets")
+    for name in FILES:
+        text = source.joinpath(name).read_text(encoding="utf-8")
+        (folder / name).write_text(text.replace(">STUDY<", f">{told}<"), encoding="utf-8")
+    clips = folder / "clips"
+    clips.mkdir()
+    return clips
+
+
+_SHORTEST = 0.5  # s that can be judged at all
+
+
+@dataclass(frozen=True)
+class StudySettings:
+    """Which scenes there are, and how their bodies are completed; both conditions go through the same tracker."""
+
+    longest: float = 6.0  # s; longer clips are cut into scenes of equal length
+    scenes: int = 8  # at most so many, drawn at random (the paper: eight)
+    model: Path | None = None  # a network; the packaged one by default
+    last_known: Literal["world", "head", "heading"] = "heading"  # the frame in which the baseline keeps points
+    tracker: IkTrackerSettings = IkTrackerSettings()
+    lens: Lens = Lens()
+
+    def __post_init__(self) -> None:
+        if not _SHORTEST <= self.longest < math.inf:
+            raise BodysenseError(f"scenes of {self.longest:g} s cannot be judged; give at least {_SHORTEST:g}")
+        if self.scenes < 1:
+            raise BodysenseError(f"a study of {self.scenes} scenes shows nothing; give at least 1")
+
+
+@dataclass(frozen=True, eq=False)
+class SceneMotion:
+    """One scene at 30 Hz under every condition."""
+
+    name: str
+    pose: dict[Condition, Pose]  # (T, …) each
+    hidden: np.ndarray  # (T, 14) bool, which of the joints that the paper tests the headset did not see
+    error: dict[Condition, float]  # cm, mean over those that were hidden; NaN where none was hidden
+
+    @property
+    def seconds(self) -> float:
+        """Length of the scene."""
+        return len(self.hidden) / RATE
+
+
+def complete_clip(clip: Clip, settings: StudySettings) -> SceneMotion:
+    """A canonical clip under every condition: as it was, and as the tracker completes what a headset sees of it.
+
+    'ours' completes it with the network, 'baseline' with last known positions; inverse kinematics and smoothing are
+    the same (as in the paper), so that both are bodies with bones that keep their lengths.
+    """
+    clip = resample(clip, RATE)
+    skeleton = clip.pose.skeleton
+    observation = observe(clip.pose, clip.time)
+
+    def completed(estimator: Estimator) -> Pose:
+        tracker = IkTracker(estimator, settings.tracker)
+        return tracker.step(observation, tracker.start())[0]
+
+    pose: dict[Condition, Pose] = {
+        "truth": clip.pose,
+        "ours": completed(Learned(load_model(settings.model), skeleton)),
+        "baseline": completed(Hold(skeleton, settings.last_known)),
+    }
+    return _described(clip.name, pose, ~observation.has_position[:, _tested(skeleton)])
+
+
+def cut_scenes(motion: SceneMotion, longest: float) -> list[SceneMotion]:
+    """A completed clip in scenes of equal length, at most `longest` seconds; the tracker has run through it whole."""
+    frames = len(motion.hidden)
+    count = max(1, math.ceil(frames / (longest * RATE)))
+    if frames / count < _SHORTEST * RATE:
+        raise BodysenseError(f"{motion.name}: {motion.seconds:.2f} s cannot be judged; give at least {_SHORTEST:g} s")
+    if count == 1:
+        return [motion]
+    edges = np.linspace(0, frames, count + 1).astype(int)
+    return [
+        _described(
+            f"{motion.name}-{number}",
+            {condition: pose[start:end] for condition, pose in motion.pose.items()},
+            motion.hidden[start:end],
+        )
+        for number, (start, end) in enumerate(pairwise(edges), start=1)
+    ]
+
+
+def build_study(
+    folder: Path,
+    clips: Sequence[Clip],
+    settings: StudySettings,
+    generator: np.random.Generator,
+    jobs: int,
+    advance: Callable[[int, int], None],
+) -> tuple[StudyKey, list[SceneMotion]]:
+    """Make a study of canonical clips in a new folder: key.json, and site/ with all that raters may see.
+
+    Renders in `jobs` processes; `advance` is told how many animations are done, and of how many. Returns the key and
+    the scenes in its order. Raises BodysenseError where the folder has content, and for clips of the same name.
+    """
+    names = [clip.name for clip in clips]
+    if len(set(names)) != len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise BodysenseError(f"two clips are called {twice!r}; rename one, so that results can name their scenes")
+    with _new_folder(folder) as beside:
+        found = [scene for clip in clips for scene in cut_scenes(complete_clip(clip, settings), settings.longest)]
+        drawn = generator.permutation(len(found))[: settings.scenes]
+        scenes = [found[index] for index in sorted(drawn)]
+        key = draw_key([scene.name for scene in scenes], generator)
+        site = beside / "site"
+        site.mkdir()
+        place = write_study_page(site, key.study, [scene.ring for scene in key.scenes])
+        work = _renderings(key, scenes, settings.lens, place)
+        advance(0, len(work))
+        if jobs == 1:
+            for done, (path, pose, shot) in enumerate(work, start=1):
+                write_animation(path, pose, shot, RATE)
+                advance(done, len(work))
+        else:
+            with ProcessPoolExecutor(jobs) as pool:
+                waiting = [pool.submit(write_animation, path, pose, shot, RATE) for path, pose, shot in work]
+                for done, future in enumerate(as_completed(waiting), start=1):
+                    future.result()
+                    advance(done, len(work))
+        write_key(beside / "key.json", key)
+    return key, scenes
+
+
+def _renderings(key: StudyKey, scenes: Sequence[SceneMotion], lens: Lens, place: Path) -> list[tuple[Path, Pose, Shot]]:
+    """What is to be drawn, sorted by opaque name, so that the age of the files tells nothing."""
+    work = []
+    for scene, motion in zip(key.scenes, scenes, strict=True):
+        shot = frame_shot(motion.pose["truth"], RATE, lens)
+        work += [(place / f"{clip}.webp", motion.pose[condition], shot) for clip, condition in scene.condition.items()]
+    return sorted(work, key=lambda one: one[0])
+
+
+def _described(name: str, pose: dict[Condition, Pose], hidden: np.ndarray) -> SceneMotion:
+    """A scene with its errors."""
+    tested = _tested(pose["truth"].skeleton)
+    position = {c: np.asarray(forward_kinematics(pose[c])[0])[:, tested] for c in CONDITIONS}
+    error: dict[Condition, float] = {}
+    for condition in CONDITIONS:
+        missed = joint_error(position[condition], position["truth"])[hidden]
+        error[condition] = float(missed.mean()) if missed.size else math.nan
+    return SceneMotion(name, pose, hidden, error)
+
+
+def _tested(skeleton: Skeleton) -> list[int]:
+    """Points that the paper's tables test."""
+    return [index for index, point in enumerate(skeleton.points) if point.partition("_")[2] in UNOC_EVAL_JOINTS]
+
+
+@contextmanager
+def _new_folder(folder: Path) -> Iterator[Path]:
+    """Give a folder beside `folder` to fill; it takes the name when the block ends well, and is removed when not."""
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise BodysenseError(f"{folder} is there already; name a new folder, so that no study loses its key")
+    folder = folder.resolve()
+    beside = folder.with_name(f".{folder.name}.part")
+    try:
+        shutil.rmtree(beside, ignore_errors=True)
+        beside.mkdir(parents=True)
+        yield beside
+        if folder.exists():
+            folder.rmdir()
+        beside.rename(folder)
+    except OSError as error:
+        raise BodysenseError(f"{folder} cannot be made ({error.strerror}); choose another place") from None
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)

@@ -1,0 +1,41 @@
+"""Markers of gloves on synthesised hands, some of them hidden: what gloves are timed with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bodysense.body.glove import default_glove, glove_points, marker_positions, side_of
+from bodysense.body.hand import hand_skeleton, mirrored_vectors
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
+from bodysense_lab.synthesis.hands import RATE, synthesize_hand
+
+_EVERY = 30  # frames, after which other markers are hidden
+
+
+def glove_stream(hands: Sequence[str], frames: int, hidden: int) -> tuple[dict[str, Skeleton], Observation]:
+    """The skeletons of hands and an observation of their markers at 60 Hz, `hidden` of each hidden at a time."""
+    rng, hand = np.random.default_rng(0), hand_skeleton(default_skeleton(), "left")
+    rows = []
+    for name in hands:
+        pose = synthesize_hand(hand, (frames + 1) / RATE, rng).pose[:frames]
+        markers = np.array(marker_positions(default_glove(), pose))
+        for start in range(0, frames, _EVERY):
+            markers[start : start + _EVERY, rng.permutation(markers.shape[1])[:hidden]] = np.nan
+        rows.append(mirrored_vectors(markers, side_of(name)))
+    position = np.concatenate(rows, axis=1)
+    seen = ~np.isnan(position[..., 0])
+    points = tuple(point for name in hands for point in glove_points(name))
+    turned = np.full((*position.shape[:2], 4), np.nan)
+    observation = Observation(
+        points=points,
+        position=position,
+        rotation=turned,
+        has_position=seen,
+        has_rotation=np.zeros_like(seen),
+        accuracy=accuracy_like(seen, EXACT_ACCURACY),
+        time=np.arange(frames) / RATE,
+    )
+    return dict.fromkeys(hands, hand), observation

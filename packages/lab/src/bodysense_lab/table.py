@@ -1,0 +1,75 @@
+"""A table as it is handed out: our figures beside the published ones, what they were made of, and what holds."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from bodysense.files import written_beside
+from bodysense.intervals import Interval, Named, interval
+from bodysense_lab.chart import Panel
+
+Cell = float | str | None
+
+
+@dataclass(frozen=True)
+class Report:
+    """One table. Rows whose first cells agree stand together."""
+
+    name: str  # of its files
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    numbers: dict[str, float] = field(repr=False)  # one flat object
+    data: tuple[str, ...] = ()  # sentences: what was used, what was not there
+    remarks: tuple[str, ...] = ()  # sentences: which of the paper's orderings hold
+    remarks_title: str = "What holds of the paper"
+    caption: str = ""  # units and definitions
+    digits: int = 1  # behind the point, where the table is printed
+    panels: tuple[Panel, ...] = ()  # of its picture
+
+
+def surely(numbers: Mapping[str, Interval]) -> dict[str, float]:
+    """The bounds of figures by their keys: KEY_low, KEY_high."""
+    return finite({f"{key}_{end}": getattr(one, end) for key, one in numbers.items() for end in ("low", "high")})
+
+
+def bounds(one: Interval) -> tuple[Cell, Cell]:
+    """Two cells: between what a figure lies; empty where there are fewer than two people."""
+    return cell(one.low), cell(one.high)
+
+
+def finite(numbers: dict[str, float]) -> dict[str, float]:
+    """Without what is not a number, for JSON has no word for it."""
+    return {key: value for key, value in numbers.items() if math.isfinite(value)}
+
+
+def cell(value: float) -> float | None:
+    """A figure, or an empty cell where there is none."""
+    return value if math.isfinite(value) else None
+
+
+def ordering(claim: str, lower: Named, higher: Sequence[Named], unit: str, digits: int = 2) -> str | None:
+    """Whether `lower` lies below all of `higher`, as the paper claims; None where a figure is missing.
+
+    A difference whose interval over people holds 0 is none.
+    """
+    if not higher or not all(math.isfinite(one.value) for one in (lower, *higher)):
+        return None
+    none = [one for one in higher if interval(lower.shares, one.shares).verdict == "none"]
+    wrong = [one for one in higher if one not in none and not lower.value < one.value]
+    shown = ", ".join(f"{one.name} {one.value:.{digits}f}" for one in (lower, *higher))
+    verdicts = (("does not hold against", wrong), ("no sure difference to", none))
+    verdict = "; ".join(f"{text} {', '.join(one.name for one in ones)}" for text, ones in verdicts if ones) or "holds"
+    return f"{claim}: {verdict} ({shown} {unit})."
+
+
+def write_csv(path: str | Path, report: Report) -> None:
+    """The table, unrounded; empty cells where there is no figure."""
+    with written_beside(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(report.columns)
+        writer.writerows(["" if one is None else one for one in row] for row in report.rows)

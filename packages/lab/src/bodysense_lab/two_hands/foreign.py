@@ -1,0 +1,196 @@
+"""Gloves on hands that no network has learned: a person who was left out, strangers, and the paper's own glove.
+
+The motion is that of the test clips. *Foreign*: a clip on its own hand, by networks that were trained without its
+person (`bodysense train gloves --leave-one-out`). *Stranger*: on a hand drawn from the family of hands. *Template*: on
+a hand whose markers are, when it is flat, those of the template of the paper's release. Every hand is scored told
+exactly, told nothing but its size, and as a calibration of the clip's own markers finds it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from zlib import crc32
+
+import numpy as np
+
+from bodysense.body.glove import Glove, default_glove, hand_size, marker_positions
+from bodysense.body.hand import FINGERS, hand_skeleton
+from bodysense.body.hand_family import COUNT, GlovedHand, carried_over, draw_hand, hand_of, plain_hand
+from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.gloves.calibration import FEWEST, fit_hand
+from bodysense.devices.gloves.continuity import Continuous
+from bodysense.devices.gloves.fillers import Filler, NetworkFiller
+from bodysense.devices.gloves.hands import GloveModels, HandsSettings
+from bodysense.devices.gloves.networks import (
+    JOINT_NETWORK,
+    MARKER_NETWORK,
+    HandNetwork,
+    load_joint_network,
+    load_marker_network,
+)
+from bodysense.errors import BodysenseError
+from bodysense_lab.synthesis.hands import HandMotion
+from bodysense_lab.two_hands.trials import DURATIONS, KeyedMeans, Trials, cut, finger_error, hide_some, marker_error
+
+FOREIGN, STRANGER, TEMPLATE = "foreign", "stranger", "template"
+PLACES = {FOREIGN: "left-out hand", STRANGER: "strangers' hands", TEMPLATE: "the paper's hand"}
+WAYS = {"nn": "hand told", "untold": "size told", "calibrated": "hand calibrated"}
+ALONE = "network_alone"  # told, without continuity
+FEW_MANY = (1, 4)  # markers hidden at once
+_LOOKED = 600  # frames that a calibration looks at: ten seconds
+
+
+# The template of the paper's release, metres: y toward the wrist, x into the palm, z toward the thumb.
+_TEMPLATE = (
+    *((-0.0059, -0.0796, -0.0325), (-0.0300, 0.0, 0.0), (-0.0155, -0.0869, 0.0319)),
+    *((-0.0006, -0.1787, -0.0125), (0.0037, -0.1562, -0.0293), (-0.0013, -0.1761, 0.0250)),
+    *((-0.0052, -0.1889, 0.0067), (-0.0014, -0.0512, 0.0558), (0.0116, -0.1038, 0.0948)),
+)
+
+
+@dataclass(frozen=True)
+class ForeignModels:
+    """Networks for hands that they have not learned; paths, None for packaged ones."""
+
+    markers: Path | None = None
+    joints: Path | None = None
+    left_out: Path | None = None  # a folder of networks that were trained without somebody
+
+    def of(self, place: str, person: str) -> tuple[Path | None, Path | None] | None:
+        """The marker and the joint network for a place; None where there are none."""
+        if place != FOREIGN:
+            return self.markers, self.joints
+        if self.left_out is None or not person:
+            return None
+        folder = self.left_out / f"without-{person}"
+        if not folder.is_dir():
+            raise BodysenseError(f"{folder}: no such folder; train with: bodysense train gloves --leave-one-out")
+        return folder / MARKER_NETWORK, folder / JOINT_NETWORK
+
+
+def foreign_markers(motions: list[HandMotion], person: str, models: ForeignModels, stride: int) -> KeyedMeans:
+    """Errors of hidden markers, cm, under (place, way, hidden, duration)."""
+    means = KeyedMeans(person)
+    for place, files, trials, ways in _settings(motions, person, models, stride, calibrate=False):
+        network = load_marker_network(files[0])
+        fillers: dict[str, Filler] = {
+            way: Continuous(NetworkFiller(network, taken.hands, taken.gloves)) for way, taken in ways.items()
+        }
+        fillers[ALONE] = NetworkFiller(network, trials.hands, trials.gloves)
+        for count in FEW_MANY:
+            hidden = hide_some(len(trials), count, np.random.default_rng(count))
+            for way, filler in fillers.items():
+                for duration, error in zip(DURATIONS, marker_error(trials, hidden, filler), strict=True):
+                    means.add((place, way, count, duration), error)
+    return means
+
+
+def foreign_fingers(
+    motions: list[HandMotion], person: str, models: ForeignModels, settings: HandsSettings, stride: int
+) -> KeyedMeans:
+    """Errors of the joints of fingers, cm, under (place, way, hidden, duration); nothing hidden: (…, 0, 0.0)."""
+    means = KeyedMeans(person)
+    for place, files, trials, ways in _settings(motions, person, models, stride, calibrate=True):
+        loaded = GloveModels(load_marker_network(files[0]), load_joint_network(files[1]))
+        for count in FEW_MANY:
+            hidden = hide_some(len(trials), count, np.random.default_rng(count))
+            for way, taken in ways.items():
+                told = replace(taken, markers=trials.markers, points=trials.points)
+                still, *errors = finger_error(told, hidden, loaded, settings)
+                means.add((place, way, 0, 0.0), still)
+                for duration, error in zip(DURATIONS, errors, strict=True):
+                    means.add((place, way, count, duration), error)
+    return means
+
+
+def foreign_numbers(means: KeyedMeans) -> dict[str, float]:
+    """Flat keys: foreign_nn_1_0.1_cm, stranger_untold_…, foreign_network_alone_cm …; NaN where there is none."""
+    numbers = {}
+    for place, way, count, duration in means.sums:
+        if place in PLACES and way in WAYS:
+            name = f"{place}_{way}_{count}" if count == 0 else f"{place}_{way}_{count}_{duration:.1f}"
+            numbers[f"{name}_cm"] = means.get(place, way, count, duration)
+    for place in PLACES:
+        for count, suffix in zip(FEW_MANY, ("", f"_{FEW_MANY[-1]}"), strict=True):
+            worst = [means.get(place, ALONE, count, duration) for duration in DURATIONS]
+            if np.isfinite(worst).any():
+                numbers[f"{place}_{ALONE}{suffix}_cm"] = float(np.nanmax(worst))
+    return numbers
+
+
+def _settings(
+    motions: list[HandMotion], person: str, models: ForeignModels, stride: int, calibrate: bool
+) -> Iterator[tuple[str, tuple[Path | None, Path | None], Trials, dict[str, Trials]]]:
+    """Every place: its networks, its trials, and what each way takes their hands for."""
+    for place in PLACES:
+        files = models.of(place, person)
+        if files is None:
+            continue
+        for motion in motions:
+            rng = np.random.default_rng([crc32(motion.name.encode()), motion.side == "right"])
+            hand = _hand(place, motion, rng)
+            trials = cut([motion], stride, rng, hand)
+            if trials is None:
+                continue
+            taken = {"nn": hand, "untold": _sized(hand)}
+            if calibrate and (found := _calibrated(motion, hand, load_joint_network(files[1]), rng)) is not None:
+                taken["calibrated"] = found
+            ways = {way: replace(trials, worn=(one,) * len(trials)) for way, one in taken.items()}
+            yield place, files, trials, ways
+
+
+def _hand(place: str, motion: HandMotion, rng: np.random.Generator) -> GlovedHand:
+    if place == FOREIGN:
+        return plain_hand(motion.pose.skeleton)
+    return draw_hand(rng) if place == STRANGER else template_hand()
+
+
+def _sized(hand: GlovedHand) -> GlovedHand:
+    """The default hand at the size of another one."""
+    default = hand_skeleton(default_skeleton(), "left")
+    return plain_hand(default.with_offsets(default.rest_offset * (hand_size(hand.skeleton) / hand_size(default))))
+
+
+def _calibrated(
+    motion: HandMotion, hand: GlovedHand, network: HandNetwork, rng: np.random.Generator
+) -> GlovedHand | None:
+    """What is found of a hand by its markers, to 0.3 mm, in the first ten seconds; None of motions too short."""
+    some = replace(motion, pose=motion.pose[:_LOOKED])
+    if len(some) < FEWEST:
+        return None
+    markers = np.asarray(marker_positions(hand.glove, carried_over(some.pose, hand)))
+    return fit_hand(markers + rng.normal(0.0, 3e-4, markers.shape), network=network).hand
+
+
+def paper_template() -> np.ndarray:
+    """(9, 3) m, the markers of the release's glove on a flat left hand, in our axes."""
+    return np.array(_TEMPLATE)[:, [1, 0, 2]] * [-1, -1, 1]
+
+
+@lru_cache(maxsize=1)
+def template_hand() -> GlovedHand:
+    """A hand of the middle of the family whose markers are, when it is flat, those of the paper's template.
+
+    Fingers are moved and the thumb is stretched to reach its markers; the thumb's middle one is worn 1 cm above.
+    """
+    glove, middle = default_glove(), hand_of(np.zeros(COUNT)).skeleton
+    wanted = dict(zip(glove.markers, paper_template(), strict=True))
+    rest = middle.rest_offset * (np.linalg.norm(wanted["middle_tip"]) / hand_size(middle))
+    reached = middle.path @ rest
+    for finger in FINGERS[1:]:
+        rest[middle.index(f"{finger}1")] += wanted[f"{finger}_tip"] - reached[middle.index(f"{finger}_tip")]
+    above = np.array([0.0, 0.01, 0.0])
+    rest[middle.index("thumb1")] += wanted["thumb_middle"] - above - reached[middle.index("thumb2")]
+    last = [middle.index("thumb3"), middle.index("thumb_tip")]
+    missing = wanted["thumb_tip"] - (middle.path @ rest)[last[1]]
+    rest[last] += missing / 2
+    hand = middle.with_offsets(rest)
+    reached = hand.path @ hand.rest_offset
+    offset = np.stack(
+        [wanted[name] - reached[hand.index(point)] for name, point in zip(glove.markers, glove.points, strict=True)]
+    )
+    worn = Glove(glove.markers, glove.points, glove.carried_by, offset, hand_size(hand))
+    return replace(plain_hand(hand), glove=worn)

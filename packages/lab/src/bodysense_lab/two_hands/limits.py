@@ -1,0 +1,300 @@
+"""What the paper says its gloves cannot do, measured (two-hands, section 7; papers.md 4.15).
+
+Two hands are watched by a ring of cameras and completed by the run time as users have it, with and without its last
+step, contact ('after' and 'before'); once more with wrong samples among their markers, believed or rejected; and once
+more with markers that have no names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.hand import FINGERS, Side, hand_pose, hand_skeleton, mirrored_rotations, mirrored_vectors
+from bodysense.body.hand_capsules import GIVE, NAMES, hand_capsules, mutual_depth, own_depth, own_pairs
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
+from bodysense.devices.gloves.labelling import Labeller, LabellingSettings
+from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
+from bodysense.devices.simulated.camera_ring import CameraRing
+from bodysense.devices.simulated.glove import GloveCapture, observe_hands
+from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
+from bodysense.metrics import joint_error
+from bodysense.observation import Observation
+from bodysense.scoring import group_of
+from bodysense_lab.datasets import Census, gathered
+from bodysense_lab.spread import spread
+from bodysense_lab.synthesis.hands import RATE, varied_hand
+from bodysense_lab.synthesis.pairs import synthesize_pair
+
+COUNTED = 0.001  # m: a deeper penetration counts
+TOUCHING = 0.002  # m: fingertips whose surfaces are nearer touch
+JUMP = 0.005  # m: a point that goes so much farther than in truth jumps
+SPIKES = (0.0, 0.01, 0.05)  # shares of the samples that are wrong
+SYNTHESISED_SECONDS, SYNTHESISED_PIECES, SPREAD = 20.0, 6, 0.05
+_TIPS = [NAMES.index(f"{finger}3") for finger in FINGERS]
+
+
+@dataclass(frozen=True, eq=False)
+class HandPair:
+    """Two hands of a person over time at 60 Hz, each a left hand in its own world, and the body if it is known."""
+
+    left: Pose
+    right: Pose
+    body: Pose | None = None
+
+    @property
+    def time(self) -> np.ndarray:
+        """(T,) s."""
+        return np.arange(1, len(self.left.root_position) + 1) / RATE
+
+    @property
+    def hands(self) -> dict[str, Pose]:
+        """By the names that observations have."""
+        return {"left": self.left, "right": self.right}
+
+
+@dataclass(frozen=True)
+class Networks:
+    """Files of the networks that run; None is the packaged one."""
+
+    markers: Path | None = None
+    joints: Path | None = None
+
+
+@dataclass
+class Findings:
+    """Sums, counts and largest values under names."""
+
+    sums: dict[str, tuple[float, int]] = field(default_factory=dict)
+    largest: dict[str, float] = field(default_factory=dict)
+
+    def add(self, name: str, values: np.ndarray) -> None:
+        """Values of any shape, of which the mean is told; none is fine."""
+        total, count = self.sums.get(name, (0.0, 0))
+        self.sums[name] = (total + float(np.sum(values)), count + int(np.size(values)))
+
+    def add_share(self, name: str, share: float, count: int) -> None:
+        """A mean that was taken over so many."""
+        if count:
+            total, before = self.sums.get(name, (0.0, 0))
+            self.sums[name] = (total + count * share, before + count)
+
+    def add_largest(self, name: str, values: np.ndarray) -> None:
+        """Values of any shape, of which the largest is told."""
+        if np.size(values):
+            self.largest[name] = max(self.largest.get(name, -np.inf), float(np.max(values)))
+
+    def merge(self, other: Findings) -> None:
+        """Add what another one was told."""
+        for name, (more, number) in other.sums.items():
+            total, count = self.sums.get(name, (0.0, 0))
+            self.sums[name] = (total + more, count + number)
+        for name, value in other.largest.items():
+            self.add_largest(name, np.array(value))
+
+    def numbers(self) -> dict[str, float]:
+        """One flat object; what was never found is left out."""
+        means = {name: total / count for name, (total, count) in self.sums.items() if count}
+        return means | self.largest
+
+
+def measure_pair(pair: HandPair, models: GloveModels, cameras: CameraRing, rng: np.random.Generator) -> Findings:
+    """Everything of one recording, under the keys of `limits_report`."""
+    findings = Findings()
+    watched = observe_hands(pair.hands, pair.time, GloveCapture(cameras), rng, pair.body)
+    without = replace(HandsSettings(), contact=None)
+    motions = {"before": completed(pair, watched, models, without)}
+    motions["after"] = completed(pair, watched, models, HandsSettings())
+    for name, motion in ({"truth": pair} | motions).items():
+        count_penetration(findings, name, motion)
+    for name, motion in motions.items():
+        count_touches(findings, name, motion, pair)
+        told, true = points_of(motion), points_of(pair)
+        findings.add(f"error_cm_{name}", joint_error(told, true))
+        count_jumps(findings, name, told, true)
+    for share in SPIKES:
+        noisy = observe_hands(pair.hands, pair.time, GloveCapture(spikes=share), rng)
+        for name, rejection in (("rejected", HandsSettings().rejection), ("believed", None)):
+            told = completed(pair, noisy, models, HandsSettings(rejection=rejection))
+            error = joint_error(points_of(told), points_of(pair))
+            findings.add(f"spikes_{100 * share:g}_error_cm_{name}", error)
+    count_labels(findings, pair, watched, rng)
+    return findings
+
+
+def completed(pair: HandPair, observation: Observation, models: GloveModels, settings: HandsSettings) -> HandPair:
+    """Both hands from their markers, as left hands in their worlds."""
+    hands = Hands({name: pose.skeleton for name, pose in pair.hands.items()}, models, settings)
+    answers, _ = hands.step(observation, hands.start())
+
+    def as_left(side: Side) -> Pose:
+        told = answers[side].pose
+        assert told is not None
+        root, rotation = np.asarray(told.root_position), np.asarray(told.rotation)
+        skeleton = pair.hands[side].skeleton
+        return Pose(skeleton, mirrored_vectors(root, side), mirrored_rotations(rotation, side))
+
+    return HandPair(as_left("left"), as_left("right"))
+
+
+def points_of(pair: HandPair) -> np.ndarray:
+    """(T, 2, 21, 3) m, of every point, each hand in its own world."""
+    return np.stack([np.asarray(forward_kinematics(pose)[0]) for pose in pair.hands.values()], axis=1)
+
+
+def count_penetration(findings: Findings, name: str, pair: HandPair) -> None:
+    """Frames in which a hand stands in itself, or in the other: their share, and the mean and largest depth, mm."""
+    own = np.maximum(own_depth(pair.left).max(axis=-1), own_depth(pair.right).max(axis=-1))
+    mutual = mutual_depth(pair.left, pair.right).max(axis=(-1, -2))
+    for kind, depth in (("own", own), ("mutual", mutual), ("any", np.maximum(own, mutual))):
+        inside = depth > COUNTED
+        findings.add(f"{kind}_penetrating_share_{name}", inside)
+        findings.add(f"{kind}_penetration_mm_{name}", 1000 * depth[inside])
+        findings.add_largest(f"{kind}_deepest_mm_{name}", 1000 * np.maximum(depth, 0.0))
+
+
+def count_touches(findings: Findings, name: str, pair: HandPair, truth: HandPair) -> None:
+    """How wide the gap is, mm, between fingertips that touch in truth, and between thumb and index alone."""
+    told, true = fingertip_gaps(pair), fingertip_gaps(truth)
+    touching = true < TOUCHING
+    findings.add(f"touch_gap_mm_{name}", 1000 * np.maximum(told, 0.0)[touching])
+    findings.add(f"touch_kept_share_{name}", told[touching] < TOUCHING)
+    pinch = touching[:, [0, len(FINGERS) - 1]]  # of each hand the first pair is thumb and index
+    gap = told[:, [0, len(FINGERS) - 1]][pinch]
+    findings.add(f"pinch_gap_mm_{name}", 1000 * np.maximum(gap, 0.0))
+    findings.add(f"pinch_error_mm_{name}", 1000 * np.abs(gap - true[:, [0, len(FINGERS) - 1]][pinch]))
+
+
+def fingertip_gaps(pair: HandPair) -> np.ndarray:
+    """(T, 4 + 4 + 25) m between surfaces: the thumb's last segment and other fingers', of each hand; then of both."""
+    first, second = own_pairs()
+    rows = [
+        int(np.flatnonzero((first == _TIPS[0]) & (second == tip))[0]) for tip in _TIPS[1:]
+    ]  # the thumb's capsules come first
+    radius = [hand_capsules(pose.skeleton).radius[_TIPS] for pose in pair.hands.values()]
+    gaps = [
+        -own_depth(pose)[:, rows] - GIVE * (thick[0] + thick[1:])
+        for pose, thick in zip(pair.hands.values(), radius, strict=True)
+    ]
+    depth = mutual_depth(pair.left, pair.right)[:, _TIPS][:, :, _TIPS]
+    mutual = -depth - GIVE * (radius[0][:, None] + radius[1])
+    return np.concatenate([*gaps, mutual.reshape(len(depth), -1)], axis=1)
+
+
+def count_jumps(findings: Findings, name: str, told: np.ndarray, true: np.ndarray) -> None:
+    """How much farther points (T, 2, 21, 3) m go from frame to frame than in truth, and how their error changes, mm.
+
+    Of every frame the largest of its points.
+    """
+    step, truth = (np.linalg.norm(np.diff(points, axis=0), axis=-1) for points in (told, true))
+    beyond = (step - truth).max(axis=(1, 2), initial=0.0)
+    error = np.linalg.norm(np.diff(told - true, axis=0), axis=-1)
+    findings.add_largest(f"largest_jump_mm_{name}", 1000 * beyond)
+    findings.add(f"jump_share_{name}", beyond > JUMP)
+    findings.add_largest(f"largest_error_step_mm_{name}", 1000 * error)
+    findings.add(f"error_step_share_{name}", error.max(axis=(1, 2), initial=0.0) > JUMP)
+
+
+def count_labels(findings: Findings, pair: HandPair, watched: Observation, rng: np.random.Generator) -> None:
+    """How many of the markers that are seen a labeller names rightly, and wrongly, when they come without names."""
+    score = label_accuracy(watched, {name: pose.skeleton for name, pose in pair.hands.items()}, rng)
+    findings.add_share("label_accuracy_share", score.right, score.markers)
+    findings.add_share("label_wrong_share", score.wrong, score.markers)
+
+
+@dataclass(frozen=True)
+class LabelScore:
+    """How well points were labelled, as shares of the markers that were there to be seen."""
+
+    right: float
+    wrong: float  # got another marker's label
+    missed: float  # got none
+    markers: int
+
+
+def label_accuracy(
+    observation: Observation,
+    hands: Mapping[str, Skeleton],
+    rng: np.random.Generator,
+    ghosts: int = 0,
+    settings: LabellingSettings = LabellingSettings(),
+) -> LabelScore:
+    """Take the names off the gloves' markers of an observation (T frames), shuffle them, label them, and compare.
+
+    `ghosts` points a frame that are no markers are added, anywhere within 0.3 m of the gloves. `hands` gives every hand
+    whose markers are in the observation its skeleton, as a left hand.
+    """
+    labeller = Labeller(hands, settings)
+    truth = [observation.points.index(name) for name in labeller.points]
+    right = wrong = total = 0
+    state = labeller.start()
+    for t, now in enumerate(np.asarray(observation.time, dtype=float).tolist()):
+        seen = np.flatnonzero(observation.has_position[t, truth])
+        points = observation.position[t, truth][seen]
+        more = np.zeros((0, 3))
+        if ghosts and len(points):
+            more = points[rng.integers(len(points), size=ghosts)] + rng.uniform(-0.3, 0.3, (ghosts, 3))
+        order = rng.permutation(len(points) + len(more))
+        names = np.concatenate([seen, np.full(len(more), -1)])[order]
+        labels, state = labeller.label(np.concatenate([points, more])[order], now, state)
+        marker = names >= 0
+        right += int((labels[marker] == names[marker]).sum())
+        wrong += int(((labels != names) & (labels >= 0)).sum())
+        total += int(marker.sum())
+    if not total:
+        raise BodysenseError("labelling: no marker is seen in any frame; there is nothing to label")
+    return LabelScore(right / total, wrong / total, 1 - (right + wrong) / total, total)
+
+
+def pair_of_clip(clip: Clip) -> HandPair:
+    """Both hands of a clip with fingers, at 60 Hz."""
+    body = resample(clip, RATE).pose
+    return HandPair(hand_pose(body, "left"), hand_pose(body, "right"), body)
+
+
+def synthesised_pair(seed: tuple[int, int], seconds: float = SYNTHESISED_SECONDS) -> HandPair:
+    """A pair of hands of some size that meet again and again."""
+    rng = np.random.default_rng(seed)
+    hand = varied_hand(hand_skeleton(default_skeleton(), "left"), SPREAD, rng)
+    left, right = synthesize_pair(hand, seconds, rng)
+    return HandPair(left.pose, right.pose)
+
+
+def measure_clips(
+    clips: Iterable[Clip], networks: Networks, cameras: CameraRing, jobs: int, advance: Callable[[Clip], None]
+) -> tuple[dict[str, Findings], Census]:
+    """Findings by group of categories of all clips with fingers; `advance` is told of every one."""
+    with_fingers = (clip for clip in clips if clip.has_fingers)
+    return gathered(partial(_of_clip, networks=networks, cameras=cameras), with_fingers, jobs, advance)
+
+
+def measure_synthesised(
+    seeds: Iterable[tuple[int, int]], networks: Networks, cameras: CameraRing, jobs: int, advance: Callable[[], None]
+) -> Findings:
+    """Findings of synthesised pairs, every one of other hands; `advance` after each."""
+    found = Findings()
+    for _, one in spread(partial(_of_seed, networks=networks, cameras=cameras), seeds, jobs):
+        found.merge(one)
+        advance()
+    return found
+
+
+def _of_clip(clip: Clip, networks: Networks, cameras: CameraRing) -> dict[str, Findings]:
+    return {group_of(clip): measure_pair(pair_of_clip(clip), _models(networks), cameras, np.random.default_rng(0))}
+
+
+def _of_seed(seed: tuple[int, int], networks: Networks, cameras: CameraRing) -> Findings:
+    return measure_pair(synthesised_pair(seed), _models(networks), cameras, np.random.default_rng(seed))
+
+
+@cache
+def _models(networks: Networks) -> GloveModels:
+    return GloveModels(load_marker_network(networks.markers), load_joint_network(networks.joints))

@@ -1,0 +1,245 @@
+"""How many markers of a glove are hidden at once, and for how long: one hand, two hands (two-hands, Figs 13 and 14).
+
+A ring of cameras looks at the hands (`devices.simulated.camera_ring`). One hand: the other one is taken away, so that
+both are counted in the same motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Literal
+
+import numpy as np
+
+from bodysense.body.glove import MARKERS
+from bodysense.body.hand import hand_pose, hand_skeleton
+from bodysense.body.pose import Pose
+from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.simulated.camera_ring import CameraRing
+from bodysense.devices.simulated.glove import visible
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
+from bodysense.scoring import GROUPS, group_of
+from bodysense_lab.chart import BarPanel, plain_bars
+from bodysense_lab.datasets import Census, DataSet, census_of, describe
+from bodysense_lab.spread import spread
+from bodysense_lab.synthesis.hands import RATE, varied_hand
+from bodysense_lab.synthesis.pairs import synthesize_pair
+from bodysense_lab.table import Cell, Report, cell, finite
+
+Setting = Literal["one", "each", "both"]
+SETTINGS: dict[Setting, str] = {"one": "one hand", "each": "each of two hands", "both": "both hands"}
+SHORT = 0.36  # s: 90 % of the paper's spans are shorter (section 6.1.1)
+PUBLISHED_SHORT = 0.90
+# Of the frames with one to four markers hidden, so many have one, two … (Fig. 13; the network is trained with these).
+PUBLISHED_AT_ONCE = (0.70, 0.17, 0.08, 0.05)
+EDGES = (0.1, 0.2, SHORT, 0.5, 1.0, 2.0)  # s, between the bars of the histogram
+SYNTHESISED_SECONDS, SYNTHESISED_PIECES, SPREAD = 20.0, 12, 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerHiding:
+    """What was hidden of hands that were watched for a while."""
+
+    at_once: np.ndarray  # (N + 1,) s with so many of N markers hidden
+    spans: np.ndarray  # (S,) s: how long markers were hidden; of spans that begin and end while they are watched
+
+    def __add__(self, other: MarkerHiding) -> MarkerHiding:
+        return MarkerHiding(self.at_once + other.at_once, np.concatenate([self.spans, other.spans]))
+
+    @property
+    def shares(self) -> np.ndarray:
+        """(N + 1,) share of the time with so many markers hidden."""
+        return self.at_once / self.at_once.sum()
+
+    @property
+    def hidden(self) -> float:
+        """Share of the time that a marker is hidden, mean over markers."""
+        return float(self.shares @ np.arange(len(self.shares)) / (len(self.shares) - 1))
+
+    def shorter(self, seconds: float) -> float:
+        """Share of the spans that are shorter; NaN where there is none."""
+        return float((self.spans < seconds).mean()) if len(self.spans) else float("nan")
+
+
+Counted = dict[str, dict[Setting, MarkerHiding]]  # by GROUPS
+
+
+def count_hidden(seen: np.ndarray, rate: float) -> MarkerHiding:
+    """Count in one recording `seen` (T, N) bool at `rate` Hz."""
+    hidden = ~seen
+    change = np.diff(hidden.T.astype(np.int8), axis=1)  # (N, T − 1)
+    spans = []
+    for row in change:
+        begins, ends = np.flatnonzero(row == 1), np.flatnonzero(row == -1)
+        ends = ends[ends > begins[0]] if len(begins) else ends[:0]
+        spans.append(ends - begins[: len(ends)])
+    at_once = np.bincount(hidden.sum(axis=1), minlength=seen.shape[1] + 1)
+    return MarkerHiding(at_once / rate, np.concatenate(spans) / rate)
+
+
+def count_pair(
+    left: Pose, right: Pose, rate: float, cameras: CameraRing, body: Pose | None = None
+) -> dict[Setting, MarkerHiding]:
+    """Count in one recording of two hands (T, …), each a left hand in its own world, and of the body if it is known."""
+    both = visible({"left": left, "right": right}, cameras, body)
+    alone = [visible({name: hand}, cameras, body) for name, hand in (("left", left), ("right", right))]
+    one, each = (
+        count_hidden(first, rate) + count_hidden(second, rate)
+        for first, second in (alone, np.split(both, [len(MARKERS)], axis=1))
+    )
+    return {"one": one, "each": each, "both": count_hidden(both, rate)}
+
+
+def count_clips(
+    clips: Iterable[Clip], cameras: CameraRing, jobs: int, advance: Callable[[Clip], None]
+) -> tuple[Counted, Census]:
+    """Count in every clip with fingers, at 60 Hz; `advance` is told of every clip."""
+    counted: Counted = {}
+    census = Census()
+    with_fingers = _told_of_others(clips, advance)
+    for clip, found in spread(partial(_of_clip, cameras=cameras), with_fingers, jobs):
+        _add(counted, group_of(clip), found)
+        census += census_of(clip)
+        advance(clip)
+    return counted, census
+
+
+def count_synthesised(
+    cameras: CameraRing, seed: int, jobs: int, advance: Callable[[], None], pieces: int = SYNTHESISED_PIECES
+) -> Counted:
+    """Count in pieces of synthesised motion of two hands, every one on other hands; `advance` after each."""
+    counted: Counted = {}
+    for _, found in spread(partial(_of_seed, cameras=cameras), [(seed, piece) for piece in range(pieces)], jobs):
+        _add(counted, "main", found)
+        advance()
+    return counted
+
+
+def numbers_of(counted: Counted) -> dict[str, float]:
+    """'{one,each,both}_hidden_share', '_any_share', '_several_share' (three or more), '_<n>_share' of the time with n
+
+    markers hidden, '_short_share' of the spans below 0.36 s, '_median_s' and '_mean_s' of the spans; of other motions
+    than main ones with '_sport', '_dance', '_other' behind them.
+    """
+    numbers: dict[str, float] = {}
+    for group, settings in counted.items():
+        suffix = "" if group == "main" else f"_{group}"
+        for setting, hiding in settings.items():
+            rows = {f"{n}_share": float(share) for n, share in enumerate(hiding.shares)}
+            rows |= {"hidden_share": hiding.hidden, "any_share": float(hiding.shares[1:].sum())}
+            rows |= {"several_share": float(hiding.shares[3:].sum()), "short_share": hiding.shorter(SHORT)}
+            spans = hiding.spans if len(hiding.spans) else np.array([np.nan])
+            rows |= {"median_s": float(np.median(spans)), "mean_s": float(spans.mean())}
+            numbers |= {f"{setting}_{key}{suffix}": value for key, value in rows.items()}
+    return finite(numbers)
+
+
+def occlusion_report(counted: Counted, cameras: CameraRing, data: DataSet | None, census: Census) -> Report:
+    """The table; without a data set it is of synthesised motion."""
+    minutes = sum(settings["both"].at_once.sum() for settings in counted.values()) / 60
+    synthesised = f"Synthesised motion of two hands, {minutes:.1f} minutes; no body stands in the way."
+    main = counted.get("main") or next(iter(counted.values()))
+    return Report(
+        name="gloves-occlusion",
+        title="Two hands, Figs 13 and 14: hidden markers of gloves",
+        columns=("motion", "", *SETTINGS.values(), "published, one hand"),
+        rows=tuple(row for group in GROUPS if group in counted for row in _rows(group, counted[group])),
+        numbers=numbers_of(counted) | (census.numbers() if data else {"minutes": minutes}),
+        data=(describe(data, census) if data else synthesised, _told(cameras)),
+        remarks=tuple(_remarks(main)),
+        caption="Share of the time, %; of the spans in which a marker is hidden, %; their median, s. One hand: the "
+        f"other is taken away. Both hands: of {2 * len(MARKERS)} markers. At {RATE:g} Hz.",
+        panels=(_at_once_panel(main), _span_panel(main)),
+    )
+
+
+def _of_clip(clip: Clip, cameras: CameraRing) -> dict[Setting, MarkerHiding]:
+    pose = resample(clip, RATE).pose
+    return count_pair(hand_pose(pose, "left"), hand_pose(pose, "right"), RATE, cameras, pose)
+
+
+def _of_seed(seed: tuple[int, int], cameras: CameraRing) -> dict[Setting, MarkerHiding]:
+    rng = np.random.default_rng(seed)
+    hand = varied_hand(hand_skeleton(default_skeleton(), "left"), SPREAD, rng)
+    left, right = synthesize_pair(hand, SYNTHESISED_SECONDS, rng)
+    return count_pair(left.pose, right.pose, RATE, cameras)
+
+
+def _told_of_others(clips: Iterable[Clip], advance: Callable[[Clip], None]) -> Iterator[Clip]:
+    """The clips with fingers."""
+    for clip in clips:
+        if clip.has_fingers:
+            yield clip
+        else:
+            advance(clip)
+
+
+def _add(counted: Counted, group: str, found: dict[Setting, MarkerHiding]) -> None:
+    there = counted.get(group)
+    counted[group] = found if there is None else {setting: there[setting] + found[setting] for setting in SETTINGS}
+
+
+def _told(cameras: CameraRing) -> str:
+    heights = " and ".join(f"{height:+g}" for height in cameras.heights)
+    return (
+        f"{cameras.count} cameras, {cameras.radius:g} m from the hands, {heights} m above them; a marker is found "
+        f"where {cameras.least} see it within {cameras.beam:g}° of the way that it faces."
+    )
+
+
+def _rows(group: str, settings: Mapping[Setting, MarkerHiding]) -> Iterator[tuple[Cell, ...]]:
+    columns = [settings[setting] for setting in SETTINGS]
+    yield (group, "no marker hidden", *(100 * float(one.shares[0]) for one in columns), None)
+    for n in range(1, 5):
+        yield (group, f"{n} hidden at once", *(100 * float(one.shares[n]) for one in columns), None)
+    yield (group, "5 or more hidden", *(100 * float(one.shares[5:].sum()) for one in columns), None)
+    for n, published in enumerate(PUBLISHED_AT_ONCE, start=1):
+        shares = [cell(_of_few(one, n)) for one in columns]
+        yield (group, f"{n}, where 1 to 4 are", *(share and 100 * share for share in shares), 100 * published)
+    shorter = [cell(100 * one.shorter(SHORT)) for one in columns]
+    yield (group, f"spans below {SHORT:g} s", *shorter, 100 * PUBLISHED_SHORT)
+    yield (group, "median span, s", *(float(np.median(one.spans)) if len(one.spans) else None for one in columns), None)
+
+
+def _of_few(hiding: MarkerHiding, n: int) -> float:
+    """Share with n markers hidden of the time with one to four; NaN where there is none."""
+    few = hiding.at_once[1:5].sum()
+    return float(hiding.at_once[n] / few) if few else float("nan")
+
+
+def _remarks(main: Mapping[Setting, MarkerHiding]) -> Iterator[str]:
+    one, each, both = (main[setting] for setting in SETTINGS)
+    several = [100 * float(hiding.shares[3:].sum()) for hiding in (one, each, both)]
+    holds = "holds" if several[2] > several[0] else "does not hold"
+    yield (
+        f"More than two markers are hidden more often with two hands: {holds} (one hand {several[0]:.1f} %, each of "
+        f"two {several[1]:.1f} %, both {several[2]:.1f} % of the time)."
+    )
+    if len(one.spans) and len(each.spans):
+        means = [float(hiding.spans.mean()) for hiding in (one, each)]
+        longer = "holds" if means[1] > means[0] else "does not hold"
+        yield f"For longer, too: {longer} (mean span: one hand {means[0]:.2f} s, each of two {means[1]:.2f} s)."
+        share = 100 * one.shorter(SHORT)
+        yield f"Spans below {SHORT:g} s: {share:.0f} % with one hand, published {100 * PUBLISHED_SHORT:.0f} %."
+
+
+def _at_once_panel(main: Mapping[Setting, MarkerHiding]) -> BarPanel:
+    groups = tuple(str(n) for n in range(len(MARKERS) + 1))
+    bars = [
+        plain_bars(name, [100 * float(share) for share in main[setting].shares[: len(groups)]])
+        for setting, name in SETTINGS.items()
+    ]
+    return BarPanel("markers hidden at once", groups, tuple(bars), "% of the time")
+
+
+def _span_panel(main: Mapping[Setting, MarkerHiding]) -> BarPanel:
+    edges = (0.0, *EDGES, np.inf)
+    names = (*(f"< {edge:g} s" for edge in EDGES), "longer")
+    bars = []
+    for setting, name in SETTINGS.items():
+        counts = np.histogram(main[setting].spans, edges)[0]
+        bars.append(plain_bars(name, [100 * float(count) / max(counts.sum(), 1) for count in counts]))
+    return BarPanel("how long a marker is hidden", names, tuple(bars), "% of the spans")

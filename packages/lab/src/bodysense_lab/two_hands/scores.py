@@ -1,0 +1,190 @@
+"""What is missed of a glove's hidden markers and of the joints of fingers (two-hands, section 6.2): the measuring."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from bodysense.body.hand import FINGERS
+from bodysense.body.hand_family import draw_hand
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.devices.gloves.continuity import Continuous
+from bodysense.devices.gloves.fillers import LastShape, NetworkFiller
+from bodysense.devices.gloves.hands import GloveModels, HandsSettings
+from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
+from bodysense.io.clip import Clip
+from bodysense.metrics import joint_error
+from bodysense.scoring import GROUPS, Tally, group_of
+from bodysense_lab.datasets import Census, DataSet, census_of
+from bodysense_lab.spread import spread
+from bodysense_lab.synthesis.hands import HandMotion, hand_motions, synthesize_hand
+from bodysense_lab.two_hands.baselines import AffineCombination, FingerLimits, LastKnown, MovingAverage, solve_fingers
+from bodysense_lab.two_hands.foreign import ForeignModels, foreign_fingers, foreign_markers
+from bodysense_lab.two_hands.trials import (
+    DURATIONS,
+    FINGER_POINTS,
+    HIDDEN,
+    KeyedMeans,
+    Trials,
+    cut,
+    finger_error,
+    hide_some,
+    marker_error,
+    together,
+)
+
+SEEDS = 5
+
+
+class HandTask(NamedTuple):
+    """Motions that are scored together."""
+
+    motions: list[HandMotion]
+    group: str  # with which they are scored
+    person: str = ""  # whose they are, where known
+
+
+# No marker of a trial is wrong, and every trial is a hand by itself, whose neighbours are not there.
+ALONE = HandsSettings(rejection=None, contact=None)
+SYNTHESISED = "synthesised"
+FOREIGN_STRIDE = 60  # frames from one trial to the next, on hands that were not learned
+STRIDE = 30  # frames at 60 Hz from one trial to the next, at each seed from another one on
+SYNTHETIC_SECONDS, SYNTHETIC_SEED = 12.0, 2019
+
+
+@dataclass(frozen=True)
+class GloveTable:
+    """What was measured: means in cm under (group, method, hidden, duration)."""
+
+    means: KeyedMeans
+    census: Census
+    data: DataSet | None  # None: synthesised motion alone
+    synthesised: int  # hands
+
+    @property
+    def groups(self) -> list[str]:
+        """Of which there are figures, the one whose keys have no suffix first."""
+        return [group for group in (*GROUPS, SYNTHESISED) if any(key[0] == group for key in self.means.sums)]
+
+    def get(self, method: str, hidden: int, duration: float, group: str | None = None) -> float:
+        """One cell, cm; of the main group without one."""
+        return self.means.get(group or self.groups[0], method, hidden, duration)
+
+    def tally(self, method: str, hidden: int, duration: float, group: str | None = None) -> Tally:
+        """One cell with its shares by person; of the main group without one."""
+        return self.means.tally(group or self.groups[0], method, hidden, duration)
+
+    def suffix(self, group: str) -> str:
+        """Of the group's keys."""
+        return "" if group == self.groups[0] else f"_{group}"
+
+
+def measure(
+    work: Callable[[HandTask], KeyedMeans],
+    data: DataSet | None,
+    synthesised: int,
+    jobs: int,
+    advance: Callable[[], None],
+) -> GloveTable:
+    """Every clip of `data` with fingers, and so many synthesised hands beside, in `jobs` processes."""
+    means, census = KeyedMeans(), Census()
+
+    def tasks() -> Iterator[HandTask]:
+        nonlocal census
+        for clip in data.clips() if data is not None else ():
+            if clip.has_fingers:
+                census += census_of(clip)
+                yield both_hands(clip)
+            else:
+                advance()
+        for number in range(synthesised):
+            yield HandTask([synthetic_hand(number)], SYNTHESISED, f"hand {number}")
+
+    for _, told in spread(work, tasks(), jobs):
+        means.merge(told)
+        advance()
+    return GloveTable(means, census, data, synthesised)
+
+
+def both_hands(clip: Clip) -> HandTask:
+    """The hands of a clip at 60 Hz, and its group."""
+    return HandTask(list(hand_motions([clip])), group_of(clip), clip.person)
+
+
+def synthetic_hand(number: int) -> HandMotion:
+    """One of the synthesised hands, none of which a network has learned from: another seed, another hand."""
+    rng = np.random.default_rng([SYNTHETIC_SEED, number])
+    return synthesize_hand(draw_hand(rng).skeleton, SYNTHETIC_SECONDS, rng)
+
+
+def measure_markers(
+    task: HandTask, model: Path | None = None, stride: int = STRIDE, left_out: Path | None = None
+) -> KeyedMeans:
+    """Table 3 of some motions: errors of hidden markers, cm, under (group, method, hidden, duration)."""
+    motions, group, person = task
+    network, means = load_marker_network(model), KeyedMeans(person)
+    for trials, count, hidden in _all_trials(motions, stride):
+        fillers = {
+            "lk": LastKnown(),
+            "ls": LastShape(np.zeros((1, 9, 3))),  # its natural shape is not needed: five markers are seen
+            "ma": MovingAverage(),
+            "ac": AffineCombination(),
+            "nn": Continuous(NetworkFiller(network, trials.hands)),
+        }
+        for method, filler in fillers.items():
+            for duration, error in zip(DURATIONS, marker_error(trials, hidden, filler), strict=True):
+                means.add((group, method, count, duration), error)
+    if group == GROUPS[0]:
+        means.merge(foreign_markers(motions, person, ForeignModels(model, left_out=left_out), FOREIGN_STRIDE))
+    return means
+
+
+def measure_fingers(
+    task: HandTask,
+    markers: Path | None = None,
+    joints: Path | None = None,
+    settings: HandsSettings = ALONE,
+    stride: int = STRIDE,
+    left_out: Path | None = None,
+) -> KeyedMeans:
+    """Table 4 of some motions: errors of the joints of fingers, cm, under (group, method, hidden, duration)."""
+    motions, group, person = task
+    models, means = GloveModels(load_marker_network(markers), load_joint_network(joints)), KeyedMeans(person)
+    for method, limits in (("ik", None), ("ik_tuned", FingerLimits())):
+        for motion in motions:
+            means.add((group, method, 0, 0.0), descent_error(motion, limits, stride))
+    for trials, count, hidden in _all_trials(motions, stride):
+        still, *errors = finger_error(trials, hidden, models, settings)
+        means.add((group, "nn", 0, 0.0), still)
+        for duration, error in zip(DURATIONS, errors, strict=True):
+            means.add((group, "nn", count, duration), error)
+    if group == GROUPS[0]:
+        foreign = ForeignModels(markers, joints, left_out)
+        means.merge(foreign_fingers(motions, person, foreign, settings, FOREIGN_STRIDE))
+    return means
+
+
+def _all_trials(motions: list[HandMotion], stride: int) -> Iterator[tuple[Trials, int, np.ndarray]]:
+    """Trials of all seeds, how many markers are hidden, and which (H, 9); nothing where motions are too short."""
+    generators = [np.random.default_rng(seed) for seed in range(SEEDS)]
+    parts = [(rng, trials) for rng in generators if (trials := cut(motions, stride, rng)) is not None]
+    if not parts:
+        return
+    every = together([trials for _, trials in parts])
+    for count in HIDDEN:
+        yield every, count, np.concatenate([hide_some(len(trials), count, rng) for rng, trials in parts])
+
+
+def descent_error(motion: HandMotion, limits: FingerLimits | None, stride: int) -> np.ndarray:
+    """Errors of the joints of fingers by inverse kinematics, cm: (n,), at every `stride` frames, nothing hidden."""
+    pose = motion.pose[::stride]
+    rotation = np.array(pose.rotation)
+    rotation[:, 0] = [1.0, 0.0, 0.0, 0.0]
+    true, _ = forward_kinematics(Pose(pose.skeleton, np.zeros_like(pose.root_position), rotation))
+    tips, points = (pose.skeleton.indices(names) for names in ([f"{finger}_tip" for finger in FINGERS], FINGER_POINTS))
+    told = solve_fingers(pose.skeleton, true[:, tips], limits)
+    return joint_error(told[:, points], true[:, points]).mean(axis=-1)

@@ -1,0 +1,274 @@
+"""Two-hands, Tables 3 and 4: errors of hidden markers and of the joints of fingers, ours beside the published."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
+from bodysense.intervals import Interval, interval
+from bodysense_lab.chart import BarPanel, plain_bars
+from bodysense_lab.datasets import DataSet, describe
+from bodysense_lab.table import Cell, Report, cell, finite, ordering, surely
+from bodysense_lab.two_hands.foreign import ALONE, FEW_MANY, PLACES, WAYS, foreign_numbers
+from bodysense_lab.two_hands.scores import (
+    SEEDS,
+    STRIDE,
+    SYNTHESISED,
+    SYNTHETIC_SECONDS,
+    GloveTable,
+    measure,
+    measure_fingers,
+    measure_markers,
+)
+from bodysense_lab.two_hands.trials import DURATIONS, HIDDEN
+
+METHODS = {
+    "lk": "last known",
+    "ls": "last shape of the hand",
+    "ma": "moving average",
+    "ac": "affine combination",
+    "nn": "network",
+}
+PUBLISHED_MARKERS = {  # cm, by duration; those of LK and MA are of any number of markers
+    **{("lk", n): (1.54, 2.58, 4.43, 5.15, 8.06) for n in HIDDEN},
+    **{("ma", n): (2.23, 4.28, 9.99, 20.19, 44.28) for n in HIDDEN},
+    ("ac", 1): (0.97, 1.54, 2.42, 2.92, 3.67),
+    ("ac", 2): (1.06, 1.69, 2.61, 3.47, 4.12),
+    ("ac", 3): (1.22, 1.96, 2.95, 3.65, 4.52),
+    ("ac", 4): (1.66, 2.68, 4.06, 5.34, 5.45),
+    ("nn", 1): (0.56, 0.84, 1.19, 1.46, 2.09),
+    ("nn", 2): (0.60, 0.91, 1.33, 1.57, 2.08),
+    ("nn", 3): (0.68, 1.03, 1.48, 1.81, 2.32),
+    ("nn", 4): (0.79, 1.20, 1.78, 2.14, 2.72),
+}
+PUBLISHED_POINTS = {  # cm, by duration
+    1: (0.11, 0.14, 0.17, 0.19, 0.29),
+    2: (0.17, 0.23, 0.29, 0.35, 0.41),
+    3: (0.26, 0.36, 0.48, 0.57, 0.79),
+    4: (0.38, 0.55, 0.79, 0.89, 1.32),
+}
+PUBLISHED_STILL = {"ik": 1.87, "ik_tuned": 1.08, "nn": 0.07}  # cm, nothing hidden
+_STILL = {"ik": "CCD, no limits", "ik_tuned": "CCD, tuned limits", "nn": "network"}
+
+
+def table3(
+    data: DataSet | None,
+    synthesised: int,
+    model: Path | None,
+    jobs: int,
+    advance: Callable[[], None],
+    left_out: Path | None = None,
+) -> Report:
+    """Measure Table 3 and report it, of recorded and of so many synthesised hands.
+
+    `left_out` is a folder of networks that were trained without somebody (`glove_foreign`). Raises BodysenseError for a
+    file that is no marker network.
+    """
+    load_marker_network(model)
+    work = partial(measure_markers, model=model, left_out=left_out)
+    return marker_report(measure(work, data, synthesised, jobs, advance))
+
+
+def table4(
+    data: DataSet | None,
+    synthesised: int,
+    markers: Path | None,
+    joints: Path | None,
+    jobs: int,
+    advance: Callable[[], None],
+    left_out: Path | None = None,
+) -> Report:
+    """Measure Table 4 and report it, of recorded and of so many synthesised hands.
+
+    `left_out` as for Table 3. Raises BodysenseError for files that are not these networks.
+    """
+    load_marker_network(markers)
+    load_joint_network(joints)
+    work = partial(measure_fingers, markers=markers, joints=joints, left_out=left_out)
+    return finger_report(measure(work, data, synthesised, jobs, advance))
+
+
+def marker_report(table: GloveTable) -> Report:
+    """Table 3, with the ratios of network and last known position."""
+    return Report(
+        name="gloves-table3",
+        title="Two hands, Table 3: hidden markers of a glove on the last frame before they return",
+        columns=("motion", "method", "hidden", *_columns()),
+        rows=tuple(_marker_rows(table)),
+        numbers=finite(_marker_numbers(table) | foreign_numbers(table.means)) | table.census.numbers(),
+        data=_data(table),
+        remarks=tuple(_marker_remarks(table)),
+        caption=f"Mean error of hidden markers, cm; {SEEDS} seeds, a trial every {STRIDE / 60:g} s each. Last known is "
+        "where they were in the world, so that all of a hand's way counts; last shape, where they were on the hand.",
+        digits=2,
+        panels=tuple(_marker_panels(table)),
+    )
+
+
+def finger_report(table: GloveTable) -> Report:
+    """Table 4, with inverse kinematics by cyclic coordinate descent."""
+    return Report(
+        name="gloves-table4",
+        title="Two hands, Table 4: joints of fingers",
+        columns=("motion", "method", "hidden", *_columns()),
+        rows=tuple(_finger_rows(table)),
+        numbers=finite(_finger_numbers(table) | foreign_numbers(table.means)) | table.census.numbers(),
+        data=_data(table),
+        remarks=tuple(_finger_remarks(table)),
+        caption="Mean error of the second and third joint and the tip of every finger (p1, p2, p3), in the world, cm; "
+        f"{SEEDS} seeds, a trial every {STRIDE / 60:g} s at each, of one hand whose markers are right. "
+        "With nothing hidden duration means nothing.",
+        digits=2,
+        panels=tuple(_finger_panels(table)),
+    )
+
+
+def _columns() -> tuple[str, ...]:
+    return (*(f"{duration:g} s" for duration in DURATIONS), *(f"paper's {duration:g} s" for duration in DURATIONS))
+
+
+def _motion(table: GloveTable, group: str) -> str:
+    """What a group is called in the table."""
+    return group if group == SYNTHESISED or table.data is None else f"{table.data.name}, {group}"
+
+
+def _data(table: GloveTable) -> tuple[str, ...]:
+    made = f"Synthesised: {table.synthesised} different hands, {SYNTHETIC_SECONDS:g} s each, of a seed of their own."
+    if table.data is None:
+        return (made,)
+    return (describe(table.data, table.census), f"{made} Their keys end in _{SYNTHESISED}.")
+
+
+def _marker_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
+    for group in table.groups:
+        for method, name in METHODS.items():
+            for hidden in HIDDEN:
+                ours = (cell(table.get(method, hidden, duration, group)) for duration in DURATIONS)
+                yield (
+                    _motion(table, group),
+                    name,
+                    str(hidden),
+                    *ours,
+                    *PUBLISHED_MARKERS.get((method, hidden), (None,) * len(DURATIONS)),
+                )
+        for hidden in HIDDEN:
+            ours = (cell(_ratio(table, hidden, duration, group)) for duration in DURATIONS)
+            theirs = (published_ratio(hidden, duration) for duration in DURATIONS)
+            yield (_motion(table, group), "network ÷ last known", str(hidden), *ours, *theirs)
+    yield from _foreign_rows(table)
+
+
+def _foreign_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
+    """Hands that no network has learned, beside the trained ones."""
+    blank = (None,) * len(DURATIONS)
+    for place, label in PLACES.items():
+        for way, name in (*WAYS.items(), (ALONE, "hand told, network alone")):
+            if math.isfinite(still := table.get(way, 0, 0.0, place)):
+                yield (label, name, "0", cell(still), *blank[1:], *blank)
+            for hidden in FEW_MANY:
+                row = [table.get(way, hidden, duration, place) for duration in DURATIONS]
+                if any(map(math.isfinite, row)):
+                    yield (label, name, str(hidden), *map(cell, row), *blank)
+
+
+def _marker_numbers(table: GloveTable) -> dict[str, float]:
+    numbers = {}
+    for group in table.groups:
+        for hidden in HIDDEN:
+            for duration in DURATIONS:
+                at, suffix = f"{hidden}_{duration:.1f}", table.suffix(group)
+                for method in METHODS:
+                    tally, key = table.tally(method, hidden, duration, group), f"{method}_{at}_cm{suffix}"
+                    numbers |= {key: tally.mpjpe} | surely({key: tally.interval()})
+                numbers[f"ratio_{at}{suffix}"] = _ratio(table, hidden, duration, group)
+    return numbers
+
+
+def published_ratio(hidden: int, duration: float) -> float:
+    """Network ÷ last known position by the paper's table."""
+    place = DURATIONS.index(duration)
+    return PUBLISHED_MARKERS["nn", hidden][place] / PUBLISHED_MARKERS["lk", hidden][place]
+
+
+def _ratio(table: GloveTable, hidden: int, duration: float, group: str | None = None) -> float:
+    last = table.get("lk", hidden, duration, group)
+    return table.get("nn", hidden, duration, group) / last if last > 0 else math.nan
+
+
+def _marker_remarks(table: GloveTable) -> Iterator[str]:
+    cells = [(hidden, duration) for hidden in HIDDEN for duration in DURATIONS]
+    for group in table.groups:
+        worse = [
+            f"{hidden} at {duration:g} s ({_ratio(table, hidden, duration, group):.2f} against "
+            f"{published_ratio(hidden, duration):.2f})"
+            for hidden, duration in cells
+            if _ratio(table, hidden, duration, group) > published_ratio(hidden, duration)
+        ]
+        verdict = "holds in every cell" if not worse else f"does not hold with {', '.join(worse)}"
+        yield f"{_motion(table, group)}: network ÷ last known is at most the paper's: {verdict}."
+    for method in ("lk", "ls", "ma", "ac"):
+        better = all(table.get("nn", *one) < table.get(method, *one) for one in cells)
+        sure = sum(_less(table, "nn", method, *one).verdict == "better" for one in cells)
+        held = "holds" if better else "does not hold"
+        text = f"The network is better than {METHODS[method]} in every cell: {held}"
+        yield f"{text}; the interval over people carries it in {sure} of {len(cells)}."
+
+
+def _less(table: GloveTable, method: str, other: str, hidden: int, duration: float) -> Interval:
+    """How much less one method errs than another."""
+    ours, theirs = (table.tally(one, hidden, duration).shares() for one in (method, other))
+    return interval(ours, theirs)
+
+
+def _marker_panels(table: GloveTable) -> Iterator[BarPanel]:
+    groups = tuple(f"{duration:g} s" for duration in DURATIONS)
+    for hidden in (HIDDEN[0], HIDDEN[-1]):
+        ours = [cell(_ratio(table, hidden, duration)) for duration in DURATIONS]
+        theirs = [published_ratio(hidden, duration) for duration in DURATIONS]
+        series = (plain_bars("ours", ours), plain_bars("published", theirs))
+        yield BarPanel(f"{hidden} hidden", groups, series, "network ÷ last known")
+
+
+def _finger_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
+    blank = (None,) * (len(DURATIONS) - 1)
+    for group in table.groups:
+        for method, name in _STILL.items():
+            ours = cell(table.get(method, 0, 0.0, group))
+            yield (_motion(table, group), name, "0", ours, *blank, PUBLISHED_STILL[method], *blank)
+        for hidden in HIDDEN:
+            row = (cell(table.get("nn", hidden, duration, group)) for duration in DURATIONS)
+            yield (_motion(table, group), "network", str(hidden), *row, *PUBLISHED_POINTS[hidden])
+    yield from _foreign_rows(table)
+
+
+def _finger_numbers(table: GloveTable) -> dict[str, float]:
+    numbers = {}
+    for group in table.groups:
+        suffix = table.suffix(group)
+        for method, key in (("ik", "ik_cm"), ("ik_tuned", "ik_tuned_cm"), ("nn", "nn_0_cm")):
+            tally = table.tally(method, 0, 0.0, group)
+            numbers |= {f"{key}{suffix}": tally.mpjpe} | surely({f"{key}{suffix}": tally.interval()})
+        for hidden in HIDDEN:
+            for duration in DURATIONS:
+                tally, key = table.tally("nn", hidden, duration, group), f"nn_{hidden}_{duration:.1f}_cm{suffix}"
+                numbers |= {key: tally.mpjpe} | surely({key: tally.interval()})
+    return numbers
+
+
+def _finger_remarks(table: GloveTable) -> Iterator[str]:
+    for method in ("ik", "ik_tuned"):
+        lower, higher = (table.tally(one, 0, 0.0).named(_STILL[one]) for one in ("nn", method))
+        said = ordering(f"The network is better than {_STILL[method]}, nothing hidden", lower, [higher], "cm")
+        if said is not None:
+            yield said
+
+
+def _finger_panels(table: GloveTable) -> Iterator[BarPanel]:
+    groups = tuple(f"{duration:g} s" for duration in DURATIONS)
+    for hidden in (HIDDEN[0], HIDDEN[-1]):
+        ours = [cell(table.get("nn", hidden, duration)) for duration in DURATIONS]
+        series = (plain_bars("ours", ours), plain_bars("published", list(PUBLISHED_POINTS[hidden])))
+        yield BarPanel(f"{hidden} hidden", groups, series, "joints of fingers, cm")

@@ -1,0 +1,105 @@
+"""Training of the networks of a glove (two-hands, section 3.3): how long, and how. What is learned is a lesson."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from bodysense_lab.fit import Report, Task, fit, rate_at
+
+HIDDEN_SHARE = (0.70, 0.17, 0.08, 0.05)  # how often one to four markers are hidden (two-hands, Fig. 13)
+EVEN_SHARE = (0.4, 0.25, 0.2, 0.15)  # ours: so that four are learned, too
+
+
+@dataclass(frozen=True)
+class GloveSchedule:
+    """How long and on what. The learning rate warms up and falls as a cosine, or, with `patience`, is halved."""
+
+    steps: int = 20_000
+    batch: int = 256
+    learning_rate: float = 1e-3
+    warm_up: int = 200  # steps
+    patience: int | None = None  # checks without progress after which the learning rate is halved: the paper's way
+    average_decay: float = 0.999  # the kept weights are a moving average; 0 keeps the last ones
+    check_every: int = 1000  # steps
+    noise: float = 0.0003  # m, of every marker in every frame
+    hidden_share: tuple[float, ...] = EVEN_SHARE
+    # Of markers also the change of the error over 0.1 to 2 s is learned, for at run time the error at the moment of
+    # occlusion is taken off (two-hands, section 3.2.2, Discontinuities).
+    change: float = 1.0
+    squared: bool = False  # mean squared error, the paper's, of markers or of angles; else distances
+    seed: int = 1
+
+
+PAPER_MARKER_SCHEDULE = GloveSchedule(
+    batch=32, patience=5, average_decay=0.0, noise=0.0, hidden_share=HIDDEN_SHARE, change=0.0, squared=True
+)
+PAPER_JOINT_SCHEDULE = GloveSchedule(batch=32, patience=5, average_decay=0.0, noise=0.0, squared=True)
+
+
+class Lesson(Protocol):
+    """What a network learns."""
+
+    def loss(self, network: Any, rng: np.random.Generator) -> dict[str, Tensor]:
+        """Of one batch: its terms and their sum, 'loss'."""
+        ...
+
+    def validate(self, network: Any) -> float:
+        """The error on frames that are not learned, cm."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class GloveTask(Task):
+    """A lesson as the training loop takes it: every step draws from a generator of its own."""
+
+    network: nn.Module
+    schedule: GloveSchedule
+    lesson: Lesson
+    source: Mapping[str, Any]
+    clip = 5.0
+
+    def optimizer(self) -> torch.optim.Optimizer:
+        """Adam."""
+        return torch.optim.Adam(self.network.parameters(), lr=self.schedule.learning_rate)
+
+    def rate(self, step: int) -> float:
+        """Warm-up and cosine, or the same all along where it is halved instead."""
+        schedule = self.schedule
+        return rate_at(schedule, step) if schedule.patience is None else schedule.learning_rate
+
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[np.random.Generator]:
+        """The generator of each step, so that a run that goes on is the run that it was."""
+        return (np.random.default_rng([self.schedule.seed, step]) for step in itertools.count(done + 1))
+
+    def loss(self, batch: np.random.Generator, memory: None) -> tuple[dict[str, Tensor], None]:
+        """Of one batch."""
+        return self.lesson.loss(self.network, batch), None
+
+    def validate(self, network: nn.Module) -> dict[str, float]:
+        """The error, cm."""
+        return {"error_cm": self.lesson.validate(network)}
+
+
+def train_glove(
+    network: nn.Module,
+    lesson: Lesson,
+    schedule: GloveSchedule,
+    source: Mapping[str, Any],
+    checkpoint: Path,
+    report: Report | None = None,
+) -> tuple[nn.Module, float]:
+    """Train and return the network with the averaged weights that did best in validation, and their error, cm.
+
+    `source` is what is learned from, in plain values. Raises BodysenseError when the checkpoint belongs to another
+    configuration.
+    """
+    figures = fit(GloveTask(network, schedule, lesson, source), checkpoint, report)
+    return network, figures["error_cm"]

@@ -1,0 +1,187 @@
+"""Trials of gloves: some markers of a hand are hidden for a while, and what is then missed (two-hands, section 6.2).
+
+A trial is a stretch of motion of which all markers are seen at first; then the same ones stay hidden to its end. The
+error after 0.1 s is what it would be had they returned then, so that one trial serves all durations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bodysense.body.glove import MARKERS, Glove, glove_points, marker_positions
+from bodysense.body.hand import FINGERS
+from bodysense.body.hand_family import GlovedHand, carried_over, plain_hand
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.gloves.fillers import Filler
+from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
+from bodysense.metrics import joint_error
+from bodysense.observation import EXACT_ACCURACY, Observation
+from bodysense.scoring import Tally
+from bodysense_lab.synthesis.hands import RATE, HandMotion
+
+HIDDEN = (1, 2, 3, 4)  # markers at once
+DURATIONS = (0.1, 0.2, 0.5, 1.0, 2.0)  # s
+BEFORE = 20  # frames with all markers: what the moving average looks back on
+LAST = tuple(BEFORE + round(duration * RATE) - 1 for duration in DURATIONS)  # frames before markers return
+FINGER_POINTS = tuple(f"{finger}{k}" for finger in FINGERS for k in ("2", "3", "_tip"))  # p1, p2 and p3 of the paper
+_AT_ONCE = 400  # trials
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """H stretches of motion of T frames at 60 Hz; after its end a motion's last frame repeats."""
+
+    worn: tuple[GlovedHand, ...]
+    markers: np.ndarray  # (T, H, 9, 3) m
+    points: np.ndarray  # (T, H, 21, 3) m
+    frames: np.ndarray  # (H,) that are of the motion
+
+    def __len__(self) -> int:
+        return len(self.worn)
+
+    @property
+    def hands(self) -> tuple[Skeleton, ...]:
+        """Their skeletons."""
+        return tuple(hand.skeleton for hand in self.worn)
+
+    @property
+    def gloves(self) -> tuple[Glove, ...]:
+        """What they wear."""
+        return tuple(hand.glove for hand in self.worn)
+
+    def part(self, start: int, stop: int) -> Trials:
+        """Some of them."""
+        rows = slice(start, stop)
+        return Trials(self.worn[rows], self.markers[:, rows], self.points[:, rows], self.frames[rows])
+
+
+def together(several: Sequence[Trials]) -> Trials:
+    """Trials of several parts, in order."""
+    return Trials(
+        tuple(hand for part in several for hand in part.worn),
+        np.concatenate([part.markers for part in several], axis=1),
+        np.concatenate([part.points for part in several], axis=1),
+        np.concatenate([part.frames for part in several]),
+    )
+
+
+@dataclass
+class KeyedMeans:
+    """Means of what is added, each under a key."""
+
+    person: str = ""  # whose what is added is
+    sums: dict[tuple, Tally] = field(default_factory=dict)
+
+    def add(self, key: tuple, values: np.ndarray) -> None:
+        """Values of any shape; those that are not numbers are left out."""
+        self.sums.setdefault(key, Tally()).add(values[np.isfinite(values)], self.person)
+
+    def merge(self, other: KeyedMeans) -> None:
+        """Add what another one was told."""
+        for key, tally in other.sums.items():
+            self.sums.setdefault(key, Tally()).merge(tally)
+
+    def tally(self, *key: object) -> Tally:
+        """What was added under a key."""
+        return self.sums.get(key, Tally())
+
+    def get(self, *key: object) -> float:
+        """The mean; NaN where there is none."""
+        return self.tally(*key).mpjpe
+
+
+def cut(
+    motions: Iterable[HandMotion], stride: int, rng: np.random.Generator, hand: GlovedHand | None = None
+) -> Trials | None:
+    """A trial at every `stride` frames of every motion at 60 Hz, from a random one on; None of motions too short.
+
+    On the motions' own hands, in default gloves, or on another one.
+    """
+    length, hands = LAST[-1] + 1, []
+    markers, points, frames = [], [], []
+    for motion in motions:
+        begins = np.arange(int(rng.integers(stride)), len(motion) - LAST[0], stride)
+        rows = np.minimum(begins + np.arange(length)[:, None], len(motion) - 1)
+        worn = plain_hand(motion.pose.skeleton) if hand is None else hand
+        pose = carried_over(motion.pose, worn)
+        markers.append(np.asarray(marker_positions(worn.glove, pose))[rows])
+        points.append(forward_kinematics(pose)[0][rows])
+        frames.append(len(motion) - begins)
+        hands += [worn] * len(begins)
+    if not hands:
+        return None
+    return Trials(tuple(hands), np.concatenate(markers, 1), np.concatenate(points, 1), np.concatenate(frames))
+
+
+def hide_some(trials: int, count: int, rng: np.random.Generator) -> np.ndarray:
+    """(H, 9) bool: `count` random markers of each."""
+    return rng.random((trials, len(MARKERS))).argsort(axis=1).argsort(axis=1) < count
+
+
+def marker_error(trials: Trials, hidden: np.ndarray, filler: Filler) -> np.ndarray:
+    """Mean error of the markers `hidden` (H, 9) on the last frame of each duration, cm: (5, H).
+
+    NaN where the motion ends before. `filler` knows the trials' hands.
+    """
+    state, errors = filler.start(len(trials)), []
+    for frame in range(LAST[-1] + 1):
+        seen = trials.markers[frame]
+        if frame >= BEFORE:
+            seen = np.where(hidden[..., None], np.nan, seen)
+        filled, state = filler.fill(seen, 1 / RATE, state)
+        if frame in LAST:
+            error = joint_error(filled, trials.markers[frame])
+            mean = (error * hidden).sum(axis=1) / hidden.sum(axis=1)
+            errors.append(np.where(trials.frames > frame, mean, np.nan))
+    return np.stack(errors)
+
+
+def finger_error(trials: Trials, hidden: np.ndarray, models: GloveModels, settings: HandsSettings) -> np.ndarray:
+    """Mean error of the joints of fingers through the whole run time, cm: (6, H).
+
+    On the frame before markers are hidden, and on the last of each duration. NaN where the motion ends before.
+    """
+    parts = [
+        _finger_error(trials.part(k, k + _AT_ONCE), hidden[k : k + _AT_ONCE], models, settings)
+        for k in range(0, len(trials), _AT_ONCE)
+    ]
+    return np.concatenate(parts, axis=1)
+
+
+def _finger_error(trials: Trials, hidden: np.ndarray, models: GloveModels, settings: HandsSettings) -> np.ndarray:
+    """Every trial is a hand of its own, so that all go through the run time at once."""
+    names = [f"left{k}" for k in range(len(trials))]
+    hands = Hands(
+        dict(zip(names, trials.hands, strict=True)),
+        models,
+        settings,
+        gloves=dict(zip(names, trials.gloves, strict=True)),
+        axes=np.stack([hand.axes for hand in trials.worn]),
+    )
+    answers, _ = hands.step(_observation(names, trials.markers, hidden), hands.start())
+    points = trials.hands[0].indices(FINGER_POINTS)
+    told = np.stack([answers[name].position for name in names], axis=1)
+    frames = [BEFORE - 1, *LAST]
+    error = joint_error(told[frames][:, :, points], trials.points[frames][:, :, points]).mean(axis=-1)
+    return np.where(trials.frames > np.array(frames)[:, None], error, np.nan)
+
+
+def _observation(names: Sequence[str], markers: np.ndarray, hidden: np.ndarray) -> Observation:
+    """Markers (T, H, 9, 3) of left hands, of which some (H, 9) are hidden from frame BEFORE on."""
+    frames, hands = markers.shape[:2]
+    known = np.ones(markers.shape[:3], dtype=bool)
+    known[BEFORE:] = ~hidden
+    position = np.where(known[..., None], markers, np.nan).reshape(frames, -1, 3)
+    return Observation(
+        points=tuple(point for name in names for point in glove_points(name)),
+        position=position,
+        rotation=np.full((frames, hands * len(MARKERS), 4), np.nan),
+        has_position=known.reshape(frames, -1),
+        has_rotation=np.zeros((frames, hands * len(MARKERS)), dtype=bool),
+        accuracy=np.full((frames, hands * len(MARKERS)), EXACT_ACCURACY),
+        time=np.arange(1, frames + 1) / RATE,
+    )

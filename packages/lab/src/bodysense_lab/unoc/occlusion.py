@@ -1,0 +1,297 @@
+"""How much of a recording a headset would not see, and how often the body touches itself (UNOC, Table 1).
+
+The paper does not say which joints make up its rows *body* and *all*. Its own figures fit if the points below count
+equally: three for a foot, and in *all* every point of the hands as well.
+
+Contact of a body with itself (Parger et al. 2021, UNOC, section 3): enlarged primitives that interpenetrate.
+
+The paper says neither by how much it enlarges them nor which bones it calls adjacent. Here the trunk, from pelvis to
+head with the collars, is one bone, and so is a hand; bones are adjacent if they meet or hang on the same bone, as the
+thighs do on the trunk. A box counts as the rounded slab of parallel capsules that fills it, so that every test is one
+of two capsules.
+
+UNOC's Table 1: how much of a recording a headset does not see, and how often the body touches itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from bodysense.body.pose import Pose
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.devices.simulated.headset_camera import BODY_JOINTS, FOOT_POINTS, SIDES, HeadsetCamera, see
+from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.scoring import MAIN
+from bodysense_lab.chart import BarPanel, plain_bars
+from bodysense_lab.datasets import Census, DataSet, census_of, describe, missing
+from bodysense_lab.spread import spread
+from bodysense_lab.table import Cell, Report
+from bodysense_lab.unoc.contact import self_contact
+
+GROUPS = ("body", "shoulder", "elbow", "hand", "hip", "knee", "foot", "all")  # the rows of Table 1, in its order
+
+
+def group_points(skeleton: Skeleton) -> dict[str, np.ndarray]:
+    """Indices of the points that make up each of `GROUPS`."""
+    parts = {name: skeleton.indices([f"{side}_{name}" for side in SIDES]) for name in BODY_JOINTS}
+    parts["foot"] = skeleton.indices([f"{side}_{name}" for side in SIDES for name in FOOT_POINTS])
+    parts["hand"] = np.flatnonzero(skeleton.path[:, skeleton.indices([f"{side}_wrist" for side in SIDES])].any(axis=1))
+    body = np.concatenate([parts[name] for name in (*BODY_JOINTS, "foot")])
+    groups = {**parts, "body": body, "all": np.concatenate([body, parts["hand"]])}
+    return {name: groups[name] for name in GROUPS}
+
+
+@dataclass(frozen=True, eq=False)
+class Counts:
+    """What is counted on one recording. Those of several add up; weights are seconds, so frame rates may differ."""
+
+    frames: int
+    frame_rates: frozenset[float]  # Hz
+    seconds: float
+    hidden: np.ndarray  # (G,) s: of GROUPS, the time hidden, summed over points
+    spans: np.ndarray  # (G,) number of unbroken spans of hiding
+    self_contact: float  # s
+    hand_contact: float  # s
+
+    def __add__(self, other: Counts) -> Counts:
+        return Counts(
+            frames=self.frames + other.frames,
+            frame_rates=self.frame_rates | other.frame_rates,
+            seconds=self.seconds + other.seconds,
+            hidden=self.hidden + other.hidden,
+            spans=self.spans + other.spans,
+            self_contact=self.self_contact + other.self_contact,
+            hand_contact=self.hand_contact + other.hand_contact,
+        )
+
+
+def count(pose: Pose, frame_rate: float, camera: HeadsetCamera = HeadsetCamera(), margin: float = 0.005) -> Counts:
+    """Count hiding and contact in one recording.
+
+    Args:
+        pose: (T,) poses.
+        frame_rate: Hz.
+        camera: of the headset.
+        margin: m, by which primitives are enlarged to find contacts.
+
+    Raises BodysenseError for a frame rate of 0 or less, and for skeletons that the camera does not know.
+    """
+    if not frame_rate > 0:
+        raise BodysenseError(f"frame_rate {frame_rate:g} must be above 0 frames a second")
+    hidden = ~see(pose, camera).visible
+    contact = self_contact(pose, margin)
+    begins = hidden & ~np.concatenate([np.zeros_like(hidden[:1]), hidden[:-1]])
+    groups = group_points(pose.skeleton).values()
+    return Counts(
+        frames=len(hidden),
+        frame_rates=frozenset([float(frame_rate)]),
+        seconds=len(hidden) / frame_rate,
+        hidden=np.array([hidden[:, points].sum() for points in groups]) / frame_rate,
+        spans=np.array([begins[:, points].sum() for points in groups]),
+        self_contact=contact.body.sum() / frame_rate,
+        hand_contact=contact.hand.sum() / frame_rate,
+    )
+
+
+@dataclass(frozen=True)
+class Hiding:
+    """How much a group of points is hidden; None where there is no figure."""
+
+    ratio: float | None  # share of time, 0 to 1
+    duration: float | None  # s, mean of the unbroken spans
+
+
+@dataclass(frozen=True)
+class Column:
+    """One data set, or a part of one, as a column of Table 1; contacts are shares of time, 0 to 1."""
+
+    name: str
+    frames: int
+    frame_rates: tuple[float, ...]  # Hz
+    self_contact: float | None
+    hand_contact: float | None
+    hiding: Mapping[str, Hiding]  # by GROUPS
+
+
+def _published(*rows: tuple[float | None, float | None]) -> dict[str, Hiding]:
+    """Published percentages and seconds, in the order of GROUPS."""
+    return {
+        name: Hiding(None if percent is None else percent / 100, duration)
+        for name, (percent, duration) in zip(GROUPS, rows, strict=True)
+    }
+
+
+# Table 1 of the paper. Mixamo's ratios of hand and hip cannot be read in the copy at hand.
+PUBLISHED = (
+    Column(
+        "UNOC",
+        1_800_000,
+        (120.0,),
+        0.24,
+        0.59,
+        _published((35, 3.02), (46, 5.61), (13, 2.40), (24, 1.50), (53, 7.28), (59, 3.74), (24, 0.78), (27, 2.00)),
+    ),
+    Column(
+        "TWH16.2M",
+        16_200_000,
+        (90.0,),
+        0.025,
+        0.039,
+        _published((38, 4.39), (3, 2.16), (9, 1.14), (14, 0.98), (99, 207.27), (81, 12.2), (23, 2.17), (22, 1.70)),
+    ),
+    Column(
+        "Mixamo",
+        261_000,
+        (30.0,),
+        0.13,
+        0.24,
+        _published((47, 1.04), (68, 1.77), (45, 1.06), (None, 0.86), (None, 1.44), (35, 0.78), (41, 0.67), (35, 0.95)),
+    ),
+)
+
+
+def column(name: str, counts: Iterable[Counts]) -> Column:
+    """The column of Table 1 for several recordings. Raises BodysenseError where they hold no frame."""
+    total = sum(counts, start=_NOTHING)
+    if total.frames == 0:
+        raise BodysenseError(f"{name}: there are no frames to count; give at least one recording that is not empty")
+    sizes = [len(points) for points in group_points(default_skeleton()).values()]
+    rows = zip(GROUPS, total.hidden, total.spans, sizes, strict=True)
+    return Column(
+        name=name,
+        frames=total.frames,
+        frame_rates=tuple(sorted(total.frame_rates)),
+        self_contact=total.self_contact / total.seconds,
+        hand_contact=total.hand_contact / total.seconds,
+        hiding={
+            group: Hiding(float(hidden / (size * total.seconds)), float(hidden / spans) if spans else None)
+            for group, hidden, spans, size in rows
+        },
+    )
+
+
+_NOTHING = Counts(0, frozenset(), 0.0, np.zeros(len(GROUPS)), np.zeros(len(GROUPS), dtype=np.int64), 0.0, 0.0)
+
+
+Counted = dict[str, list[Counts]]  # by category
+
+
+def count_clips(
+    clips: Iterable[Clip], jobs: int, advance: Callable[[Clip], None], camera: HeadsetCamera = HeadsetCamera()
+) -> tuple[Counted, Census]:
+    """Hiding and contact in every clip, and how much motion that was. `advance` is told of every clip that is done."""
+    counted: Counted = {}
+    census = Census()
+    for clip, counts in spread(partial(_count, camera=camera), clips, jobs):
+        counted.setdefault(clip.category or "(none)", []).append(counts)
+        census += census_of(clip)
+        advance(clip)
+    return counted, census
+
+
+def columns_of(counted: Counted) -> list[Column]:
+    """A column a category, then all."""
+    columns = [column(category, rows) for category, rows in sorted(counted.items())]
+    return [*columns, column("all", [row for rows in counted.values() for row in rows])]
+
+
+def numbers_of(columns: Iterable[Column]) -> dict[str, float]:
+    """'<column>_<group>_hidden' (share of time), '…_seconds', '<column>_self_contact', '…_hand_contact'."""
+    numbers: dict[str, float] = {}
+    for one in columns:
+        rows = {f"{group}_{name}": getattr(hiding, field) for group, hiding in one.hiding.items() for name, field in
+                (("hidden", "ratio"), ("seconds", "duration"))}  # fmt: skip
+        rows |= {"self_contact": one.self_contact, "hand_contact": one.hand_contact}
+        numbers |= {f"{one.name}_{key}": value for key, value in rows.items() if value is not None}
+    return numbers
+
+
+def occlusion_report(counted: Sequence[tuple[DataSet, Counted, Census]]) -> Report:
+    """The table of one data set, by category, or of several, a column each."""
+    if len(counted) == 1:
+        columns = columns_of(counted[0][1])
+    else:
+        columns = [column(data.name, [row for rows in one.values() for row in rows]) for data, one, _ in counted]
+    total = sum((census for _, _, census in counted), start=Census())
+    table = occlusion_table(columns)
+    return replace(
+        table,
+        numbers=table.numbers | total.numbers(),
+        data=(
+            *(describe(data, census) for data, _, census in counted),
+            *missing([one.name for one in PUBLISHED], [data for data, _, _ in counted]),
+        ),
+        remarks=tuple(_remarks(columns)),
+    )
+
+
+def occlusion_table(columns: Sequence[Column]) -> Report:
+    """Our columns beside the published ones."""
+    every = [*columns, *PUBLISHED]
+    return Report(
+        name="unoc-table1",
+        title="UNOC, Table 1: occlusion and contact",
+        columns=("", *(one.name for one in columns), *(f"{one.name}, published" for one in PUBLISHED)),
+        rows=tuple(_rows(every)),
+        numbers=numbers_of(columns),
+        caption="Share of time hidden; mean length of the spans of hiding. What is hidden is the joint of either side, "
+        "three points of a foot, every point of a hand.",
+        panels=(_panel("hidden, % of time", every, "ratio", 100.0), _panel("mean span, s", every, "duration", 1.0)),
+    )
+
+
+def _count(clip: Clip, camera: HeadsetCamera) -> Counts:
+    return count(clip.pose, clip.frame_rate, camera)
+
+
+def _rows(columns: Sequence[Column]) -> Iterator[tuple[Cell, ...]]:
+    yield ("frames", *(one.frames for one in columns))
+    yield ("frames/s", *(", ".join(f"{rate:g}" for rate in one.frame_rates) for one in columns))
+    yield ("self-contact, %", *(_percent(one.self_contact) for one in columns))
+    yield ("hand-body contact, %", *(_percent(one.hand_contact) for one in columns))
+    for group in GROUPS:
+        yield (f"{group} hidden, %", *(_percent(one.hiding[group].ratio) for one in columns))
+        yield (f"{group} span, s", *(one.hiding[group].duration for one in columns))
+
+
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 100 * share
+
+
+def _remarks(columns: Sequence[Column]) -> Iterator[str]:
+    """Which of our shares lie among the published ones."""
+    for one in columns:
+        if one.name in MAIN or len(columns) == 1 or one.name not in ("all", "sport", "dance", "other"):
+            inside, outside = [], []
+            for group in GROUPS:
+                published = [ratio for known in PUBLISHED if (ratio := known.hiding[group].ratio) is not None]
+                ratio = one.hiding[group].ratio
+                if ratio is not None:
+                    shown = f"{group} {100 * ratio:.0f} %"
+                    low, high = min(published), max(published)
+                    if low <= ratio <= high:
+                        inside.append(shown)
+                    else:
+                        outside.append(f"{shown} (published {100 * low:.0f} to {100 * high:.0f} %)")
+            yield (
+                f"{one.name}: hidden within the published range: {', '.join(inside) or 'none'}; "
+                f"outside: {', '.join(outside) or 'none'}."
+            )
+
+
+def _panel(measure: str, columns: Sequence[Column], field: str, factor: float) -> BarPanel:
+    """All of ours, or the only one, between UNOC and Talking With Hands."""
+    ours = columns[-len(PUBLISHED) - 1]
+    series = [ours, *PUBLISHED[:2]]
+    heights = [[getattr(one.hiding[group], field) for group in GROUPS] for one in series]
+    names = (ours.name, *(f"{one.name} (published)" for one in PUBLISHED[:2]))
+    bars = [
+        plain_bars(name, [None if value is None else factor * value for value in row])
+        for name, row in zip(names, heights, strict=True)
+    ]
+    return BarPanel(measure.partition(",")[0], GROUPS, tuple(bars), measure)

@@ -1,0 +1,247 @@
+"""What the trainings and tables of UNOC are asked; read by the command line, so without PyTorch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from bodysense.errors import BodysenseError
+from bodysense.papers.point_model import Task
+from bodysense_lab.options import (
+    Flat,
+    Machines,
+    MotionEvaluation,
+    Split,
+    TableOptions,
+    Training,
+    check_ending,
+    check_fields,
+)
+
+EPOCHS = 5  # of the paper's schedule
+
+
+def _check_epochs(epochs: int) -> None:
+    if epochs > EPOCHS:
+        raise BodysenseError(f"--epochs {epochs}: the paper's schedule has {EPOCHS}; give 1 to {EPOCHS}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodyTraining(Training):
+    """Train the body network (UNOC) and write it as one .onnx file; training resumes after a stop."""
+
+    form: Literal["shipped", "paper", "paper-world-axes"] = "shipped"
+    """'shipped' carries its state and reads the headset's orientation and the mask; 'paper' sees windows of 27 frames
+    of positions only, 'paper-world-axes' also in the paper's frame"""
+    steps: int = 20_000
+    """optimiser steps of the shipped form"""
+    epochs: int = EPOCHS
+    """epochs of the paper's form"""
+    window_stride: int = 1
+    """the paper's form learns from every n-th window; 1 is the paper's"""
+    passes: int = 2
+    """how many augmented copies of each clip are learned: mirrored, other limb lengths, lost hands, frame rates"""
+    finger_passes: int = 6
+    """how many more of the clips with fingers, which are few"""
+    lanes: int = 256
+    """clips that the shipped form plays side by side; many make its gradient steady"""
+    chunk: int = 12
+    """frames of truncated backpropagation; the state carries on beyond them"""
+    hidden: int = 512
+    """size of the recurrent state"""
+    finger_share: float = 0.3
+    """share of drawn clips that have recorded fingers"""
+    devices: int = 1
+    """accelerators, where there are any"""
+
+    def __post_init__(self) -> None:
+        check_ending(self.out, ".onnx")
+        check_fields(
+            self, "steps", "epochs", "window_stride", "passes", "lanes", "chunk", "hidden", "devices", "check_every"
+        )
+        _check_epochs(self.epochs)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TablesTraining(Training, Machines):
+    """Train the networks of UNOC's Tables 2 to 4 into one folder, which `bodysense evaluate unoc-table2` … read.
+
+    Training resumes after a stop. On several machines start it on each with `torchrun` and give --nodes.
+    """
+
+    tables: tuple[str, ...] = ("2", "3", "4", "smoothness")
+    """whose networks: 2, 3, 4, smoothness"""
+    networks: tuple[str, ...] = ()
+    """single networks instead, by name"""
+    epochs: int = EPOCHS
+    """the paper's schedule has 5"""
+    window_stride: int = 1
+    """learn from every n-th window; 1 is the paper's"""
+    batch_scale: float = 1.0
+    """factor on the paper's batch sizes; with fewer windows, smaller batches keep the number of steps"""
+    jobs: int = 1
+    """networks trained side by side, each in a process of its own"""
+
+    def __post_init__(self) -> None:
+        check_fields(self, "epochs", "window_stride", "jobs", "devices", "nodes", "check_every")
+        _check_epochs(self.epochs)
+        if not self.batch_scale > 0:
+            raise BodysenseError(f"--batch-scale {self.batch_scale:g}: give a positive number; 1 is the paper's")
+        if self.jobs > 1 and (self.devices > 1 or self.nodes > 1):
+            raise BodysenseError(
+                f"--jobs {self.jobs} trains networks side by side; with --devices or --nodes leave it at 1"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointTraining(Training):
+    """What the networks that place some points from others are asked."""
+
+    form: Literal["shipped", "paper"] = "shipped"
+    """'shipped' carries its state and knows more of the wearer; 'paper' sees windows of 27 frames"""
+    steps: int
+    """optimiser steps"""
+
+    @property
+    def task(self) -> Task:
+        """Which network."""
+        raise NotImplementedError
+
+    def __post_init__(self) -> None:
+        check_ending(self.out, ".onnx")
+        check_fields(self, "steps", "check_every")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FingersTraining(PointTraining):
+    """Train finger synthesis (UNOC, section 5.3) and write it as one .onnx file; training resumes after a stop.
+
+    The clips with fingers are learned, and the weights that do best on those of the val split are kept.
+    """
+
+    steps: int = 500
+    """optimiser steps"""
+
+    @property
+    def task(self) -> Task:
+        """Which network."""
+        return "fingers"
+
+
+@dataclass(frozen=True, kw_only=True)
+class UpperBodyTraining(PointTraining):
+    """Train the upper body of a headset and two controllers (UNOC, section 5.2) and write it as one .onnx file.
+
+    Training resumes after a stop; the weights that do best on the val split are kept.
+    """
+
+    steps: int = 8000
+    """optimiser steps"""
+
+    @property
+    def task(self) -> Task:
+        """Which network."""
+        return "upper-body"
+
+
+@dataclass(frozen=True, kw_only=True)
+class OcclusionEvaluation:
+    """UNOC, Table 1: what a headset does not see."""
+
+    data: tuple[str, ...]
+    """folders of motion files or prepared stores; NAME=FOLDER names one; a single one has a column a category"""
+    table: Flat[TableOptions] = TableOptions(split="all")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StridedEvaluation:
+    """A table of which frames may be left out."""
+
+    stride: int = 1
+    """score every n-th frame"""
+    table: Flat[TableOptions] = TableOptions()
+
+    def __post_init__(self) -> None:
+        check_fields(self, "stride")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictorEvaluation(StridedEvaluation, MotionEvaluation):
+    """UNOC, Table 2: predictors of hidden joints."""
+
+    networks: Path | None = None
+    """folder that `bodysense train unoc-tables` wrote; the predictor beside the last known position if omitted"""
+    model: Path | None = None
+    """predictor of your own, written by `bodysense train body-gru`; the packaged one if omitted"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class VariantEvaluation(StridedEvaluation, MotionEvaluation):
+    """UNOC, Tables 3 and 4: variants of the network."""
+
+    networks: Path
+    """folder that `bodysense train unoc-tables` wrote; scores are kept in it"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CrossEvaluation(StridedEvaluation):
+    """UNOC, Table 5: trained on one data set, tested on another."""
+
+    data: tuple[str, ...]
+    """test sets, as NAME=FOLDER: folders of motion files or prepared stores"""
+    networks: tuple[str, ...]
+    """NAME=FOLDER for each training set: what `bodysense train unoc-tables --networks gru` wrote of it"""
+    finger_networks: tuple[str, ...] = ()
+    """NAME=FILE for each training set: what `bodysense train fingers --form paper` wrote of it"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class UpperBodyEvaluation(MotionEvaluation):
+    """UNOC, Table 6: the upper body from a headset and two controllers."""
+
+    model: Path | None = None
+    """network written by `bodysense train upper-body`; the packaged one if omitted"""
+    table: Flat[TableOptions] = TableOptions()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SmoothnessEvaluation(MotionEvaluation):
+    """UNOC, section 4.2: strong accelerations."""
+
+    networks: Path
+    """folder that `bodysense train unoc-tables` wrote"""
+    model: Path | None = None
+    """predictor of your own, written by `bodysense train body-gru`; the packaged one if omitted"""
+    half_life: float | None = None
+    """half-life of the tracker's smoother in seconds; its own if omitted"""
+    table: Flat[TableOptions] = TableOptions()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReliabilityEvaluation(MotionEvaluation):
+    """Expected errors beside true ones."""
+
+    model: Path | None = None
+    """predictor of your own, written by `bodysense train body-gru`; the packaged one if omitted"""
+    table: Flat[TableOptions] = TableOptions()
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransitionEvaluation(ReliabilityEvaluation):
+    """Motion in the second in which a joint is lost or seen again."""
+
+    half_life: float | None = None
+    """half-life of the tracker's smoother in seconds; its own if omitted"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FingerSynthesisEvaluation(MotionEvaluation):
+    """UNOC, Table 5, right: fingers. Clips with fingers are scored; both baselines know those of the train split."""
+
+    split: Split = "test"
+    """people or actions to score"""
+    model: Path | None = None
+    """network written by `bodysense train fingers`; the packaged one if omitted"""
+    json: Path | None = None
+    """file for the numbers, as one flat object"""

@@ -1,0 +1,338 @@
+"""Training of the body network: on whole sequences with carried state, or on windows as in the paper (section 4.2).
+
+The losses of UNOC, section 4.2: position, kinematics, occlusion; and the expected error that IK weighs by.
+
+Episodes: motion seen through a simulated device and turned into what a network reads and should say.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bodysense.body.pose import forward_kinematics
+from bodysense.devices.simulated.headset_camera import HeadsetCamera, observe
+from bodysense.devices.simulated.noise import hide_hands
+from bodysense.io.augment import mirrored, with_limb_proportions
+from bodysense.io.clip import Clip
+from bodysense.io.resample import resample
+from bodysense.scoring import UNOC_EVAL_JOINTS
+from bodysense_lab.fit import Task, played, rate_at
+from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig, BodyPrediction, tracked_of
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """Weights of papers.md 1.7. Every term is a mean over points, in metres at the reference height."""
+
+    body: float = 10.0
+    finger: float = 100.0
+    parent: float = 3.0
+    body_bone: float = 7.0
+    finger_bone: float = 10.0
+    occluded: float = 1.2  # factor on the position terms of hidden points
+    occlusion: float = 0.025
+    expected_error: float = 0.01
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the network should have said, in its own frame."""
+
+    offset: Tensor  # (B, T, P, 3)
+    visible: Tensor  # (B, T, P) bool
+    valid: Tensor  # (B, T) bool: frames that are part of the clip
+    fingers: Tensor  # (B,) bool: clips with recorded fingers
+
+
+def body_loss(model: BodyNetwork, answer: BodyPrediction, truth: Truth, weights: LossWeights) -> dict[str, Tensor]:
+    """The weighted terms and their sum, 'loss'. Distances are Euclidean; terms that a clip cannot teach are masked."""
+    points, device = len(model.skeleton.points), truth.offset.device
+    is_finger = torch.zeros(points, dtype=torch.bool, device=device)
+    is_finger[model.finger] = True
+    counted = torch.ones(points, dtype=torch.bool, device=device)
+    counted[model.head] = False
+    mask = truth.valid[..., None] & counted & (~is_finger | truth.fingers[:, None, None])
+    count = mask.sum().clamp(min=1)
+
+    emphasis = 1 + (weights.occluded - 1) * (~truth.visible).float()
+    distance = _length(answer.offset - truth.offset)
+    position_weight = torch.where(is_finger, weights.finger, weights.body)
+    position = (distance * position_weight * emphasis * mask).sum() / count
+
+    bone, true_bone = (bones(model, offset) for offset in (answer.offset, truth.offset))
+    parent = (_length(bone - true_bone) * emphasis * mask).sum() / count * weights.parent
+    bone_weight = torch.where(is_finger, weights.finger_bone, weights.body_bone)
+    length = ((_length(bone) - _length(true_bone)).abs() * bone_weight * mask).sum() / count
+
+    cross_entropy = torch.nn.functional.binary_cross_entropy_with_logits(
+        answer.hidden_logit, (~truth.visible).float(), reduction="none"
+    )
+    occlusion = (cross_entropy * mask).sum() / count * weights.occlusion
+    # Laplace likelihood: its optimum is the mean absolute error. The error itself is not pulled by it.
+    reached = distance.detach() + 1e-4
+    likelihood = reached / answer.error + torch.log(answer.error)
+    expected = (likelihood * mask).sum() / count * weights.expected_error
+    terms = {"position": position, "parent": parent, "bone": length, "occlusion": occlusion, "expected": expected}
+    return {"loss": torch.stack(list(terms.values())).sum(), **terms}
+
+
+def bones(model: BodyNetwork, offset: Tensor) -> Tensor:
+    """Vectors from every point's parent to the point, in the network's frame: (B, T, P, 3)."""
+    parents = [max(parent, 0) for parent in model.skeleton.parents]
+    at_wrist = [parent == model.origin[point] and point in model.finger for point, parent in enumerate(parents)]
+    from_parent = offset - offset[..., parents, :]
+    return torch.where(torch.tensor(at_wrist, device=offset.device)[:, None], offset, from_parent)
+
+
+def _length(vector: Tensor) -> Tensor:
+    return torch.sqrt((vector * vector).sum(dim=-1) + 1e-12)
+
+
+RATE = 30.0  # Hz, of the paper
+
+
+@dataclass(frozen=True)
+class Variation:
+    """How a pass over the data differs from the recording."""
+
+    mirrored: bool = False
+    limb_spread: float = 0.0  # standard deviation of the factors of limb lengths
+    hand_dropouts_per_minute: float = 0.0
+    rates: tuple[float, float] = (RATE, RATE)  # Hz: the frame rate is drawn between them
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One clip, ready to learn from."""
+
+    name: str
+    category: str
+    features: np.ndarray  # (T, F) what the network reads
+    known: np.ndarray  # (T, P, 3) last known offsets
+    offset: np.ndarray  # (T, P, 3) the truth in the network's frame
+    visible: np.ndarray  # (T, P) bool
+    fingers: bool
+
+    def __len__(self) -> int:
+        return len(self.features)
+
+
+def make_episode(clip: Clip, model: BodyNetwork, variation: Variation, rng: np.random.Generator) -> Episode:
+    """See a canonical clip through the headset's cameras and prepare it for `model`."""
+    low, high = variation.rates
+    rate = low if low == high else float(np.exp(rng.uniform(np.log(low), np.log(high))))
+    clip = resample(clip, rate)
+    if variation.mirrored:
+        clip = mirrored(clip)
+    if variation.limb_spread:
+        # The network scales bodies to one stature itself: vary the proportions only.
+        clip = with_limb_proportions(clip, variation.limb_spread, rng)
+    observation = observe(clip.pose, clip.time, HeadsetCamera())
+    if variation.hand_dropouts_per_minute:
+        observation = hide_hands(observation, variation.hand_dropouts_per_minute, rng)
+    tracked = tracked_of(observation, clip.pose.skeleton)
+    truth = torch.from_numpy(np.asarray(forward_kinematics(clip.pose)[0], dtype=np.float32))[None]
+    with torch.no_grad():
+        features, known, into, _ = model.prepare(tracked, model.start(1))
+        offset = model.offsets(truth, into, tracked.height)
+    return Episode(
+        name=clip.name,
+        category=clip.category,
+        features=features[0].numpy(),
+        known=known[0].numpy(),
+        offset=offset[0].numpy(),
+        visible=observation.has_position,
+        fingers=clip.has_fingers,
+    )
+
+
+class EpisodeBatch(NamedTuple):
+    """A chunk of B episodes; `begins` marks those that start with this chunk."""
+
+    features: Tensor  # (B, T, F)
+    known: Tensor  # (B, T, P, 3)
+    offset: Tensor  # (B, T, P, 3)
+    visible: Tensor  # (B, T, P) bool
+    valid: Tensor  # (B, T) bool
+    fingers: Tensor  # (B,) bool
+    begins: Tensor  # (B,) bool
+
+
+def lanes(
+    episodes: Sequence[Episode], weight: np.ndarray, lane_count: int, chunk: int, rng: np.random.Generator
+) -> Iterator[EpisodeBatch]:
+    """Endless chunks for truncated backpropagation: each of B lanes plays whole clips, drawn by `weight`.
+
+    The state of a lane carries over from batch to batch, except where `begins`. A clip's last chunk is padded.
+    """
+    share = weight / weight.sum()
+    for pieces, begins in played(lambda: episodes[int(rng.choice(len(episodes), p=share))], lane_count, chunk):
+        yield collate(pieces, chunk, begins)
+
+
+def collate(pieces: Sequence[tuple[Episode, int]], chunk: int, begins: np.ndarray) -> EpisodeBatch:
+    """Cut `chunk` frames from each episode at its start frame; past the end the last frame repeats, not valid.
+
+    A negative start repeats the first frame before it.
+    """
+    rows = [np.clip(np.arange(start, start + chunk), 0, len(episode) - 1) for episode, start in pieces]
+    valid = [np.arange(start, start + chunk) < len(episode) for episode, start in pieces]
+
+    def stack(name: str) -> Tensor:
+        return torch.from_numpy(np.stack([getattr(e, name)[r] for (e, _), r in zip(pieces, rows, strict=True)]))
+
+    return EpisodeBatch(
+        features=stack("features"),
+        known=stack("known"),
+        offset=stack("offset"),
+        visible=stack("visible"),
+        valid=torch.from_numpy(np.stack(valid)),
+        fingers=torch.tensor([episode.fingers for episode, _ in pieces]),
+        begins=torch.from_numpy(begins),
+    )
+
+
+def windows(
+    episodes: Sequence[Episode], window: int, stride: int, batch: int, rng: np.random.Generator
+) -> Iterator[EpisodeBatch]:
+    """One epoch of windows that end at every `stride`-th frame of every clip, shuffled (papers.md 1.5)."""
+    first = [int(rng.integers(min(stride, len(episode)))) for episode in episodes]
+    ends = [(k, end) for k, episode in enumerate(episodes) for end in range(first[k], len(episode), stride)]
+    order = rng.permutation(len(ends))
+    for begin in range(0, len(order), batch):
+        chosen = [ends[i] for i in order[begin : begin + batch]]
+        pieces = [(episodes[k], end - window + 1) for k, end in chosen]
+        yield collate(pieces, window, np.ones(len(pieces), dtype=bool))
+
+
+@dataclass(frozen=True)
+class BodySchedule:
+    """How long and on what."""
+
+    steps: int = 20_000  # of carried training; windows train by epochs
+    lanes: int = 256
+    chunk: int = 12  # frames of truncated backpropagation
+    learning_rate: float = 1e-3
+    warm_up: int = 300  # steps of carried training
+    finger_share: float = 0.3  # how often a drawn clip has recorded fingers
+    average_decay: float = 0.999  # the kept weights are a moving average; 0 keeps the last ones
+    epochs: int = 5  # of windows
+    epoch_batches: tuple[int, ...] = (256, 512, 1024, 1024, 1024)  # papers.md 1.8
+    window_stride: int = 1  # train on every n-th window; 1 is the paper's
+    check_every: int = 500
+    seed: int = 1
+    loss: LossWeights = field(default_factory=LossWeights)
+
+
+@dataclass(frozen=True, eq=False)
+class BodyTask(Task):
+    """What the body network learns: whole sequences with carried state, or windows as in the paper."""
+
+    network: BodyNetwork
+    schedule: BodySchedule
+    episodes: Sequence[Episode]
+    validation: Sequence[Episode]
+    keeps_best = False
+    clip = 5.0
+
+    @property
+    def steps(self) -> int:
+        """Optimiser steps of the whole run."""
+        return step_count(self.network.config, self.schedule, self.episodes)
+
+    def rate(self, step: int) -> float:
+        """Warm-up and cosine for carried training; constant for windows, as in the paper."""
+        if self.network.config.window is not None:
+            return self.schedule.learning_rate
+        return rate_at(self.schedule, step)
+
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[EpisodeBatch]:
+        """See `make_batches`."""
+        return make_batches(self.network.config, self.schedule, self.episodes, rng, done)
+
+    def loss(self, batch: EpisodeBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor | None]:
+        """Loss terms of a chunk with carried memory, or of the last frame of windows."""
+        network = self.network
+        if memory is None:
+            memory = network.start(len(batch.begins)).memory
+        with torch.autocast(batch.features.device.type, torch.bfloat16):
+            if network.config.window is None:
+                memory = torch.where(batch.begins[:, None], 0.0, memory.detach().float())
+                hidden, memory = network.recurrent(batch.features, memory)
+                answer = network.answer(batch.features, hidden, batch.known)
+                truth = Truth(batch.offset, batch.visible, batch.valid, batch.fingers)
+            else:
+                last = network.recurrent.last(batch.features)
+                answer = network.answer(batch.features[:, -1:], last[:, None], batch.known[:, -1:])
+                truth = Truth(batch.offset[:, -1:], batch.visible[:, -1:], batch.valid[:, -1:], batch.fingers)
+            return body_loss(network, answer, truth, self.schedule.loss), memory
+
+    def validate(self, network: BodyNetwork) -> dict[str, float]:
+        """See `validate`."""
+        return validate(network, self.validation)
+
+
+def step_count(config: BodyNetworkConfig, schedule: BodySchedule, episodes: Sequence[Episode]) -> int:
+    """Optimiser steps of a whole run."""
+    if config.window is None:
+        return schedule.steps
+    fewest = sum(max(1, len(episode) // schedule.window_stride) for episode in episodes)  # windows of an epoch
+    return sum(max(1, fewest // batch) for batch in schedule.epoch_batches[: schedule.epochs])
+
+
+def make_batches(
+    config: BodyNetworkConfig, schedule: BodySchedule, episodes: Sequence[Episode], rng: np.random.Generator, done: int
+) -> Iterator[EpisodeBatch]:
+    """The run's batches from step `done` on: sequences without end, or the epochs of windows."""
+    if config.window is None:
+        fingers = np.array([episode.fingers for episode in episodes])
+        share = np.where(fingers, schedule.finger_share, 1 - schedule.finger_share)
+        length = np.array([len(episode) for episode in episodes], dtype=float)
+        # Fingers are drawn by `finger_share` of the frames, spread evenly over all that have them.
+        weight = share / np.where(fingers, length[fingers].sum(), length[~fingers].sum())
+        return lanes(episodes, weight, schedule.lanes, schedule.chunk, rng)
+    epochs = (
+        windows(episodes, config.window, schedule.window_stride, batch, rng)
+        for batch in schedule.epoch_batches[: schedule.epochs]
+    )
+    return itertools.islice(itertools.chain.from_iterable(epochs), done, None)
+
+
+@torch.no_grad()
+def validate(model: BodyNetwork, episodes: Sequence[Episode]) -> dict[str, float]:
+    """Occluded RMSJPE (cm at the reference height, network's frame) of the network and of last-known, body and fingers.
+
+    Where no clip has fingers, there are no figures of them.
+    """
+    tested = [p for p, name in enumerate(model.skeleton.points) if name.partition("_")[2] in UNOC_EVAL_JOINTS]
+    total = {key: 0.0 for key in ("body", "body_known", "finger", "finger_known")}
+    count = {"body": 0, "finger": 0}
+    device, training = model.scale.device, model.training
+    wrist = model.skeleton.wrist_of[model.finger].tolist()
+    model.eval()
+    for episode in episodes:
+        batch = collate([(episode, 0)], len(episode), np.ones(1, dtype=bool))
+        hidden, _ = model.recurrent(batch.features.to(device), model.start(1).memory)
+        offset = model.answer(batch.features.to(device), hidden, batch.known.to(device)).offset.cpu()
+        for part, points in (("body", tested), ("finger", model.finger)):
+            if part == "finger" and not episode.fingers:
+                continue
+            mask = ~batch.visible[..., points]
+            count[part] += int(mask.sum())
+            for key, guess in ((part, offset), (f"{part}_known", batch.known)):
+                missed = guess - batch.offset
+                if part == "finger" and model.config.finger_origin == "head":
+                    missed[..., points, :] -= missed[..., wrist, :]
+                squared = (missed[..., points, :] ** 2).sum(dim=-1)
+                total[key] += float((squared * mask).sum())
+    model.train(training)
+    hidden = {key: count[key.partition("_")[0]] for key in total}
+    return {key: 100 * math.sqrt(value / hidden[key]) for key, value in total.items() if hidden[key]}

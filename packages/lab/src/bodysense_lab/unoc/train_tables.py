@@ -1,0 +1,227 @@
+"""Training every network of UNOC's Tables 2 to 4 into one folder."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from lightning_fabric import Fabric
+from rich.progress import track
+
+from bodysense.body.skeleton import default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.files import make_folder, written_beside
+from bodysense_lab.checkpoint import identity
+from bodysense_lab.datasets import open_clips
+from bodysense_lab.fit import Report, begin, fit, is_same, launched, line_of, sweep
+from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig, write_weights
+from bodysense_lab.unoc.options import TablesTraining
+from bodysense_lab.unoc.task import BodySchedule, BodyTask, Episode, LossWeights, Variation, make_episode, step_count
+from bodysense_lab.unoc.variants import TABLES, VARIANTS
+
+_ARRAYS = ("features", "known", "offset", "visible")
+
+
+def cached_episodes(folder: Path, identity: dict[str, Any], make: Callable[[], Iterable[Episode]]) -> list[Episode]:
+    """The episodes in `folder`, made first where it does not exist.
+
+    The folder appears whole or not at all. Raises BodysenseError when it holds episodes of another `identity`, which
+    must be JSON, and when there are none to make.
+    """
+    if not folder.is_dir():
+        _write(folder, identity, make())
+    index = json.loads((folder / "index.json").read_text(encoding="utf-8"))
+    if index["identity"] != identity:
+        changed = [name for name in identity if index["identity"].get(name) != identity[name]]
+        raise BodysenseError(
+            f"{folder} was made from something else ({', '.join(changed)} differ); take it away or choose another --out"
+        )
+    arrays = {name: np.load(folder / f"{name}.npy", mmap_mode="r") for name in _ARRAYS}
+    episodes, start = [], 0
+    for row in index["clips"]:
+        part = {name: values[start : start + row["frames"]] for name, values in arrays.items()}
+        episodes.append(Episode(name=row["name"], category=row["category"], fingers=row["fingers"], **part))
+        start += row["frames"]
+    return episodes
+
+
+def _write(folder: Path, identity: dict[str, Any], episodes: Iterable[Episode]) -> None:
+    beside = folder.with_name(f".{folder.name}.{os.getpid()}.part")
+    beside.mkdir(parents=True)
+    clips, shapes, types = [], {}, {}
+    try:
+        with _Files(beside) as files:
+            for episode in episodes:
+                clips.append(
+                    {
+                        "name": episode.name,
+                        "category": episode.category,
+                        "fingers": episode.fingers,
+                        "frames": len(episode),
+                    }
+                )
+                for name in _ARRAYS:
+                    values = np.ascontiguousarray(getattr(episode, name))
+                    shapes[name], types[name] = values.shape[1:], values.dtype
+                    files.append(name, values)
+        if not clips:
+            raise BodysenseError(f"{folder}: there is no clip to make episodes of")
+        frames = sum(row["frames"] for row in clips)
+        for name in _ARRAYS:
+            raw = np.memmap(beside / f"{name}.raw", types[name], "r", shape=(frames, *shapes[name]))
+            np.save(beside / f"{name}.npy", raw)
+            del raw
+            (beside / f"{name}.raw").unlink()
+        (beside / "index.json").write_text(json.dumps({"identity": identity, "clips": clips}), encoding="utf-8")
+        try:
+            os.replace(beside, folder)
+        except OSError:
+            if not folder.is_dir():  # otherwise another process, on this machine or another, was done first
+                raise
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+class _Files:
+    """Raw files that grow an episode at a time."""
+
+    def __init__(self, folder: Path) -> None:
+        self._open = {name: (folder / f"{name}.raw").open("wb") for name in _ARRAYS}
+
+    def __enter__(self) -> _Files:
+        return self
+
+    def append(self, name: str, values: np.ndarray) -> None:
+        self._open[name].write(values.tobytes())
+
+    def __exit__(self, *_: object) -> None:
+        for file in self._open.values():
+            file.close()
+
+
+PAPER_LOSS = LossWeights(expected_error=0.0)  # the paper's network does not judge its error
+_VALIDATED = 3000  # frames that are enough to see how a run goes; the tables come from the test people
+
+
+def train_tables(run: TablesTraining) -> None:
+    """Train what is not trained yet. Raises BodysenseError where a run in the folder had another configuration."""
+    names = chosen_networks(run)
+    make_folder(run.out)
+    fabric = launched(run.devices, run.nodes)
+    for name in names:
+        episodes_of(run, VARIANTS[name].config)
+    steps = {name: step_count(VARIANTS[name].config, schedule_of(run, name), training_of(run, name)) for name in names}
+    trained = fabric.broadcast([name for name in names if is_trained(run, name)])
+    train = partial(train_network, run, fabric=None if run.jobs > 1 else fabric)
+    sweep(steps, train, trained.__contains__, run.out, run.jobs, quiet=not fabric.is_global_zero)
+    if fabric.is_global_zero:
+        print(f"{len(names)} networks in {run.out}")
+
+
+def chosen_networks(run: TablesTraining) -> list[str]:
+    """The networks that were asked for, each once. Raises BodysenseError for names that do not exist."""
+    for given, known, what in ((run.tables, TABLES, "table"), (run.networks, VARIANTS, "network")):
+        unknown = [name for name in given if name not in known]
+        if unknown:
+            raise BodysenseError(f"unknown {what} {unknown[0]!r}; valid are {', '.join(known)}")
+    names = run.networks or [name for table in run.tables for name in TABLES[table]]
+    return list(dict.fromkeys(names))
+
+
+def schedule_of(run: TablesTraining, name: str) -> BodySchedule:
+    """The paper's schedule, with what the run changes of it."""
+    batches = tuple(max(1, round(batch * run.batch_scale)) for batch in BodySchedule().epoch_batches)
+    return run.paced(
+        BodySchedule(
+            epochs=run.epochs,
+            epoch_batches=batches,
+            window_stride=run.window_stride,
+            average_decay=0.0,
+            check_every=100,
+            loss=replace(PAPER_LOSS, **VARIANTS[name].loss),
+        )
+    )
+
+
+def train_network(run: TablesTraining, name: str, report: Report, fabric: Fabric | None = None) -> str:
+    """Train one network of the tables and write its weights beside its checkpoint and log; what to say of it.
+
+    A process of its own, without `fabric`, takes the devices that the run names.
+    """
+    fabric = fabric or launched(run.devices, run.nodes)
+    begin(run.seed, run.threads)
+    config, schedule, begun = VARIANTS[name].config, schedule_of(run, name), time.monotonic()
+    network = BodyNetwork(config, default_skeleton())
+    task = BodyTask(network, schedule, training_of(run, name), _few(episodes_of(run, config)["val"]))
+    scores = fit(task, run.out / f"{name}.ckpt", report, fabric)
+    if fabric.is_global_zero:
+        write_weights(network.cpu(), run.out / f"{name}.pt")
+        with written_beside(run.out / f"{name}.json") as beside:
+            trained = {"identity": identity(config, schedule), "seconds": time.monotonic() - begun}
+            beside.write_text(json.dumps(trained), encoding="utf-8")
+    fabric.barrier()
+    return f"trained {VARIANTS[name].title}: {task.steps} steps; occluded RMSJPE, cm: {line_of(scores, 2)}"
+
+
+def is_trained(run: TablesTraining, name: str) -> bool:
+    """Whether the folder holds the network, trained as this run asks. Raises BodysenseError if trained otherwise."""
+    path = run.out / f"{name}.json"
+    if not path.is_file():
+        return False
+    before = json.loads(path.read_text(encoding="utf-8"))["identity"]
+    return is_same(path, before, identity(VARIANTS[name].config, schedule_of(run, name)))
+
+
+def training_of(run: TablesTraining, name: str) -> list[Episode]:
+    """The training people's episodes, as the network reads them."""
+    return episodes_of(run, VARIANTS[name].config)["train"]
+
+
+def episodes_of(run: TablesTraining, config: BodyNetworkConfig) -> dict[str, list[Episode]]:
+    """Training and validation people as a network of this configuration reads them, kept in the run's folder."""
+    reads = {"inputs": config.inputs, "frame": config.frame, "finger_origin": config.finger_origin}
+    folder = run.out / "episodes" / "-".join(reads.values())
+    found = {}
+    for split in ("train", "val"):
+        asked: dict[str, Any] = {**reads, "data": str(run.data.resolve()), "split": split}
+        found[split] = cached_episodes(folder / split, asked, partial(_make, run, config, split))
+    return found
+
+
+def _make(run: TablesTraining, config: BodyNetworkConfig, split: Any) -> Iterator[Episode]:
+    # What a clip looks like to a network does not depend on its weights, nor on its size.
+    reader = replace(config, cell="gru", hidden=1, branch=(1,), judge_branch=(1,))
+    make = partial(_episode, config=reader)
+    with ProcessPoolExecutor(max(1, run.jobs), initializer=torch.set_num_threads, initargs=(1,)) as pool:
+        clips = open_clips(run.data, split)
+        yield from track(pool.map(make, clips, chunksize=4), description=f"seeing the {split} split")
+
+
+def _episode(clip: Any, config: BodyNetworkConfig) -> Episode:
+    return make_episode(clip, BodyNetwork(config, default_skeleton()), Variation(), np.random.default_rng(0))
+
+
+def _few(episodes: Sequence[Episode]) -> list[Episode]:
+    """Some of them, fingers among them, spread evenly over all; long ones are cut."""
+    fingers = [episode for episode in episodes if episode.fingers]
+    others = [episode for episode in episodes if not episode.fingers]
+    chosen: list[Episode] = []
+    for part in (fingers, others):
+        frames = 0
+        for episode in part[:: max(1, len(part) // 8)]:
+            length = min(len(episode), 600, _VALIDATED // 2 - frames)
+            if length > 0:
+                cut = {key: getattr(episode, key)[:length] for key in ("features", "known", "offset", "visible")}
+                chosen.append(replace(episode, **cut))
+                frames += length
+    return chosen

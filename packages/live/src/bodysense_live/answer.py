@@ -1,0 +1,62 @@
+"""What a session is asked, and what comes of it: between the session, the scheduler and who is shown the body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.products import world_rotation
+from bodysense.io.protocol import PoseFrame, SignalFrame
+from bodysense.observation import Observation
+from bodysense_live.estimation import Pipeline, PipelineState
+from bodysense_live.webxr import Placement
+
+
+@dataclass(frozen=True, eq=False)
+class CompletionJob:
+    """What is to be completed."""
+
+    pipeline: Pipeline
+    observation: Observation  # T = 1
+    state: PipelineState
+    frame: SignalFrame
+    received: float  # s, of the server's clock
+    placement: Placement  # of the signal's world
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What came of a job."""
+
+    signal: SignalFrame
+    frame: PoseFrame
+    pose: Pose
+    moment: float  # s, always increasing
+    received: float  # s, of the server's clock
+    estimated: np.ndarray | None  # (P, 3) m: the tracker's points, where the pose is as it completed it
+    placement: Placement  # of the signal's world in the body's
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """(P, 3) m, world."""
+        return np.asarray(forward_kinematics(self.pose)[0]) if self.estimated is None else self.estimated
+
+    @cached_property
+    def turns(self) -> np.ndarray:
+        """(J, 4) wxyz, world ← joint."""
+        return world_rotation(self.pose.skeleton, np.asarray(self.pose.rotation))
+
+    @cached_property
+    def in_signal(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Places (3,) m of points and rotations (4,) of joints by name, in the signal's own world."""
+        skeleton, back = self.pose.skeleton, self.placement.inverse()
+        places, turns = back.place(self.points), back.turn(self.turns)
+        return dict(zip(skeleton.points, places, strict=True)), dict(zip(skeleton.joints, turns, strict=True))
+
+    @property
+    def is_tracked(self) -> bool:
+        """Whether the signal has any point."""
+        return bool((self.signal.has != 0).any())

@@ -1,0 +1,220 @@
+"""The web application: `/ws`, `/healthz`, `/metrics` and the page.
+
+What every answer by HTTP has: safe headers; and no request has a body.
+
+The links of a server, from its settings.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from functools import partial
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from bodysense.errors import missing_package
+from bodysense.io.protocol import SUBPROTOCOL
+from bodysense_live.answer import Answer
+from bodysense_live.connection import converse
+from bodysense_live.datagrams import InputLink, MarkerInput, PoseSender, marker_points
+from bodysense_live.links import DeviceInput, Link, Reader, listen_udp
+from bodysense_live.live import Live
+from bodysense_live.metrics import Metrics
+from bodysense_live.page_files import library_routes
+from bodysense_live.safety import Doorkeeper
+from bodysense_live.session_store import SessionStore
+from bodysense_live.settings import ServerSettings
+from bodysense_live.slimevr_link import SENSORS, SlimevrLink
+from bodysense_live.solarxr_input import InputReader
+from bodysense_live.solarxr_link import SolarxrLink
+from bodysense_live.tracked_devices import SIGNALS
+from bodysense_live.vmt import VmtReader
+from bodysense_live.vmt_link import VmtLink
+from bodysense_live.vrchat import VRCHAT_POINTS, VrchatReader
+from bodysense_live.vrchat_link import VrchatLink
+
+_NO_UPLOAD = "bodysense takes no uploads; avatars and recordings that are dropped on the page stay in the browser.\n"
+_LINGER_S = 1.0
+_LINGER_BYTES = 1024 * 1024
+HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",  # the address holds the token
+    "Content-Security-Policy": "frame-ancestors 'none'",
+}
+
+
+def guarded(application: Any) -> Any:
+    """The application, with safe headers, and without bodies: an upload is refused before it is read."""
+
+    async def guard(scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] != "http":
+            await application(scope, receive, send)
+            return
+        names = {name for name, value in scope["headers"] if (name, value) != (b"content-length", b"0")}
+        if names & {b"content-length", b"transfer-encoding"}:
+            await _refuse_upload(receive, send)
+            return
+
+        async def with_headers(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                have = {name.lower() for name, _ in message["headers"]}
+                more = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
+                message["headers"] = [*message["headers"], *(row for row in more if row[0] not in have)]
+            await send(message)
+
+        await application(scope, receive, with_headers)
+
+    return guard
+
+
+async def _refuse_upload(receive: Any, send: Any) -> None:
+    """Answer 413, then let go only when the sender has stopped, or has had its time.
+
+    A connection closed over unread bytes is reset, and a reset takes the answer with it.
+    """
+    body = _NO_UPLOAD.encode()
+    headers = [
+        (b"content-type", b"text/plain; charset=utf-8"),
+        (b"content-length", str(len(body)).encode()),
+        (b"connection", b"close"),
+    ]
+    await send({"type": "http.response.start", "status": 413, "headers": headers})
+    await send({"type": "http.response.body", "body": body, "more_body": True})
+    unread = _LINGER_BYTES
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(_LINGER_S):
+            while unread > 0:
+                message = await receive()
+                if message["type"] == "http.disconnect" or not message.get("more_body", False):
+                    break
+                unread -= len(message.get("body", b""))
+    await send({"type": "http.response.body", "body": b""})
+
+
+def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
+    """All other programs that a server talks with. Raises BodysenseError for ports and hosts that cannot be had.
+
+    Inertial trackers join every input that tracks a wearer's head, and stand alone where there is none.
+    """
+    host, links = settings.access.host, list[Link]()
+    sensors: SlimevrLink | None = None
+
+    def also(reader: Reader, points: tuple[str, ...]) -> tuple[Reader, tuple[str, ...]]:
+        return (reader, points) if sensors is None else (sensors.joined(reader), (*points, *SENSORS))
+
+    try:
+        if settings.slimevr is not None:
+            headsets = settings.vmc_in, settings.vmt, settings.vrchat, settings.solarxr
+            sensors = SlimevrLink(settings.slimevr, metrics, alone=all(one is None for one in headsets))
+            links.append(sensors)
+        if settings.vmc_in is not None:
+            reader, points = also(settings.vmc_trackers, SIGNALS)
+            protocol = partial(DeviceInput, metrics=metrics, reader=reader, points=points)
+            links.append(InputLink("vmc", listen_udp("--vmc-in", host, settings.vmc_in), points, protocol))
+        if settings.markers_in is not None:
+            bound = listen_udp("--markers-in", host, settings.markers_in)
+            protocol = partial(MarkerInput, metrics=metrics, worn=settings.worn)
+            links.append(InputLink("markers", bound, marker_points(settings.worn), protocol))
+        if settings.receivers:
+            links.append(PoseSender(settings.receivers, metrics))
+        if settings.vmt is not None:
+            links.append(VmtLink(settings.vmt, metrics, *also(VmtReader(settings.vmt.devices), SIGNALS)))
+        if settings.vrchat is not None:
+            links.append(VrchatLink(settings.vrchat, metrics, *also(VrchatReader(), VRCHAT_POINTS)))
+        if settings.solarxr is not None:
+            links.append(SolarxrLink(settings.solarxr, metrics, *also(InputReader(), SIGNALS)))
+    except BaseException:
+        for link in links:
+            link.close()
+        raise
+    return links
+
+
+_NO_PAGE = "bodysense serves no page here: this copy was installed without it. The WebSocket is at /ws.\n"
+
+
+def application(settings: ServerSettings) -> Any:
+    """The ASGI application of one process. Raises BodysenseError where the libraries of the server are missing."""
+    try:
+        from starlette.applications import Starlette
+        from starlette.responses import PlainTextResponse, Response
+        from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
+        from starlette.staticfiles import StaticFiles
+        from starlette.websockets import WebSocket
+    except ImportError as error:
+        raise missing_package(error) from None
+    metrics = Metrics()
+    links = links_of(settings, metrics)
+
+    def show(answer: Answer) -> None:
+        for link in links:
+            link.show(answer)
+
+    live = Live(
+        settings.limits,
+        metrics,
+        settings.allow_record,
+        settings.playable,
+        show if links else None,
+        settings.person,
+        settings.wearer,
+        settings.recentre,
+        None if settings.shared is None else SessionStore(settings.shared, settings.limits.seconds_to_resume),
+        settings.save_person,
+    )
+    keeper = Doorkeeper(settings.access)
+
+    async def websocket(client: WebSocket) -> None:
+        offered = client.scope.get("subprotocols", [])
+        tokens = [name.removeprefix("token.") for name in offered if name.startswith("token.")]
+        tokens += client.query_params.getlist("token")
+        reason, status = await keeper.why_refused(client, client.headers.get("origin"), tokens), 403
+        if reason is None and offered and SUBPROTOCOL not in offered:
+            reason, status = f"the subprotocol is {SUBPROTOCOL!r}, not {offered[0][:40]!r}; update the client", 400
+        if reason is not None:
+            metrics.closed(status)
+            await client.send_denial_response(PlainTextResponse(f"{reason}\n", status, HEADERS))
+            return
+        await client.accept(SUBPROTOCOL if offered else None)
+        await converse(client, live)
+
+    async def healthz(_: Any) -> Response:
+        return PlainTextResponse("ok\n", headers=HEADERS)
+
+    async def metrics_text(request: Any) -> Response:
+        bearer = request.headers.get("authorization", "").removeprefix("Bearer ")
+        tokens = [bearer, *request.query_params.getlist("token")]
+        reason = await keeper.why_refused(request, None, tokens)
+        if reason is not None:
+            return PlainTextResponse(f"{reason}\n", 403, HEADERS)
+        text, kind = metrics.text()
+        return Response(text, media_type=kind, headers=HEADERS)
+
+    async def no_page(_: Any) -> Response:
+        return PlainTextResponse(_NO_PAGE, headers=HEADERS)
+
+    @contextlib.asynccontextmanager
+    async def lifespan(_: Any) -> AsyncIterator[None]:
+        live.start()
+        try:
+            for link in links:
+                await link.open(live)
+            yield
+        finally:
+            for link in links:
+                link.close()
+            await live.stop()
+
+    page = Path(str(files("bodysense_live").joinpath("page")))
+    routes: list[BaseRoute] = [
+        WebSocketRoute("/ws", websocket),
+        Route("/healthz", healthz),
+        Route("/metrics", metrics_text),
+        *library_routes(),
+    ]
+    has_page = (page / "index.html").is_file()
+    routes.append(Mount("/", StaticFiles(directory=page, html=True)) if has_page else Route("/", no_page))
+    return guarded(Starlette(routes=routes, lifespan=lifespan))

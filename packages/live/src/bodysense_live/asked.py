@@ -1,0 +1,25 @@
+"""What packets of OSC ask a server for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from bodysense.io.osc import read_packet
+from bodysense_live.messages import Calibrate, Recentre
+
+OURS: Mapping[str, Calibrate | Recentre] = MappingProxyType(
+    {
+        "/bodysense/calibrate": Calibrate(),
+        "/bodysense/calibrate/arms": Calibrate(arms_out=True),
+        "/bodysense/recentre": Recentre(),
+    }
+)
+
+
+def commands_of(packet: bytes, asked: Mapping[str, Calibrate | Recentre] = OURS) -> list[Calibrate | Recentre]:
+    """What a packet asks for, by the addresses of `asked`; most packets ask for nothing, and are not read for it."""
+    if not any(address.encode() in packet for address in asked):
+        return []
+    messages = read_packet(packet)
+    return [] if isinstance(messages, str) else [asked[one.address] for one in messages if one.address in asked]

@@ -1,0 +1,60 @@
+"""A calibration second of a session: who stood there, and how everything that is strapped on is worn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.body.shape import stature
+from bodysense.completion.calibration import Stance, assigned, calibrated
+from bodysense.observation import Observation
+from bodysense_live.inertial import Inertial, has_sensors, stood_still
+from bodysense_live.webxr import UNDECIDED
+
+STANDING = 1.0  # s
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """What came of it."""
+
+    person: Person | None  # None where no headset was there to measure
+    worn: Mapping[str, str]  # undecided trackers → the joints that they are on
+    inertial: Inertial
+    said: tuple[str, ...]  # to the wearer
+
+
+def is_over(stood: Sequence[Observation]) -> bool:
+    """Whether somebody has stood long enough."""
+    return float(stood[-1].time[0] - stood[0].time[0]) >= STANDING
+
+
+def calibration(
+    stood: Sequence[Observation], person: Person, stance: Stance, floor: float, inertial: Inertial
+) -> Calibrated:
+    """What is known after somebody stood; `person` is what was known before.
+
+    Raises BodysenseError for a wearer who moved, and where neither the head nor an inertial sensor is tracked.
+    """
+    whole = joined(stood)
+    inertial = stood_still(whole, person.skeleton, stance, inertial)
+    sensors = (f"{len(inertial.worn)} inertial sensors are worn as you stand",) if inertial.worn else ()
+    head = whole.points.index("head") if "head" in whole.points else None
+    if has_sensors(whole) and (head is None or not whole.has_position[:, head].any()):
+        return Calibrated(None, {}, inertial, sensors)
+    undecided = [name for name in whole.points if name in UNDECIDED]
+    found = assigned(whole, undecided, person, stance) if undecided else {}
+    renamed = replace(whole, points=tuple(found.get(name, name) for name in whole.points))
+    wearer = calibrated(renamed, person.wearing(inertial.mounts), stance, floor)
+    height = f"you are {float(stature(wearer.skeleton.rest_offset)):.2f} m tall"
+    where = ("worn: " + ", ".join(f"{name} on {joint}" for name, joint in found.items()),) if found else ()
+    return Calibrated(wearer, found, inertial, (*where, *sensors, height))
+
+
+def joined(frames: Sequence[Observation]) -> Observation:
+    """Observations of the same points, one after the other."""
+    names = [each.name for each in fields(Observation) if each.name != "points"]
+    return replace(frames[0], **{name: np.concatenate([getattr(one, name) for one in frames]) for name in names})

@@ -1,0 +1,132 @@
+"""One WebSocket: hello, then signals in and poses out until either side ends it."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any
+
+from bodysense.io.protocol import ProtocolError, read_signal
+from bodysense_live.live import Live
+from bodysense_live.message_text import read_message, write_message
+from bodysense_live.messages import Hello, Ping, Pong, Refused
+from bodysense_live.outbox import Outbox
+from bodysense_live.safety import RateLimit
+from bodysense_live.seat import Seat
+
+if TYPE_CHECKING:
+    from starlette.websockets import WebSocket
+
+_TO_CLOSE = 2.0  # s that a client has to take why it is refused
+_LONGEST_REASON = 120  # bytes of a closing frame (RFC 6455, section 5.5)
+
+
+async def converse(socket: WebSocket, live: Live) -> None:
+    """Serve an accepted WebSocket to its end. What the client does wrong closes it, with a reason."""
+    outbox, seat, sender = Outbox(live.limits.waiting_messages), None, None
+    try:
+        hello = await _hello(socket, live)
+        if hello is None:
+            return
+        seat = live.admit(hello, outbox)
+        sender = asyncio.create_task(_send(socket, outbox))
+        await _listen(socket, live, seat, outbox, sender)
+    except ProtocolError as error:
+        if sender is not None:
+            sender.cancel()
+        live.metrics.closed(error.code)
+        await _close(socket, error)
+    finally:
+        if sender is not None:
+            sender.cancel()
+        if seat is not None:
+            live.leave(seat, outbox)
+
+
+async def _hello(socket: WebSocket, live: Live) -> Hello | None:
+    """The first message; None where the client went without one."""
+    seconds = live.limits.seconds_to_hello
+    try:
+        received = await asyncio.wait_for(socket.receive(), seconds)
+    except TimeoutError:
+        raise ProtocolError(f"no hello within {seconds:g} s; send it first", 1008) from None
+    if received["type"] == "websocket.disconnect":
+        return None
+    text = received.get("text")
+    if text is None:
+        raise ProtocolError("the first message is a hello, as text; see docs/protocol.md")
+    _check_size(text, live)
+    message = read_message(text)
+    if not isinstance(message, Hello):
+        raise ProtocolError("the first message is a hello; see docs/protocol.md")
+    return message
+
+
+async def _listen(socket: WebSocket, live: Live, seat: Seat, outbox: Outbox, sender: asyncio.Task[None]) -> None:
+    clock = asyncio.get_running_loop().time
+    rate = RateLimit(live.limits.messages_a_second, clock())
+    while True:
+        received: Any = await socket.receive()
+        if received["type"] == "websocket.disconnect" or sender.done():
+            return
+        if not rate.allows(clock()):
+            most = live.limits.messages_a_second
+            raise ProtocolError(
+                f"more than {most:g} messages a second; send each frame once, at the display's rate", 1008
+            )
+        data = received.get("bytes")
+        if data is not None:
+            _check_size(data, live)
+            if seat.source is not None or outbox.watches:
+                raise ProtocolError("a client that watches sends no signal")
+            live.receive(seat, read_signal(data, len(seat.session.points)))
+        else:
+            _command(received["text"], live, seat, outbox)
+        if outbox.is_full:
+            raise ProtocolError("messages are not read; read what the server says", 1008)
+
+
+def _command(text: str, live: Live, seat: Seat, outbox: Outbox) -> None:
+    _check_size(text, live)
+    message = read_message(text)
+    if isinstance(message, Ping):
+        outbox.tell(Pong(message.time))
+    elif isinstance(message, Hello):
+        raise ProtocolError("a second hello; connect again to begin another session")
+    elif outbox.watches:
+        raise ProtocolError("a client that watches another's session changes nothing in it")
+    else:
+        live.change(seat, message)
+
+
+def _check_size(message: str | bytes, live: Live) -> None:
+    if len(message) > live.limits.message_bytes:
+        raise ProtocolError(f"a message of {len(message)} bytes; at most {live.limits.message_bytes}", 1009)
+
+
+async def _send(socket: WebSocket, outbox: Outbox) -> None:
+    """Send what is in the outbox until the client is gone or another connection took its place."""
+    from starlette.websockets import WebSocketDisconnect
+
+    try:
+        while True:
+            texts, frames = await outbox.take()
+            for text in texts:
+                await socket.send_text(text)
+            for frame in frames:
+                await socket.send_bytes(frame)
+            if outbox.ended is not None:
+                await _close(socket, ProtocolError(outbox.ended, 1008))
+                return
+    except (WebSocketDisconnect, RuntimeError, OSError):  # the client is gone; the receiver sees it as well
+        return
+
+
+async def _close(socket: WebSocket, error: ProtocolError) -> None:
+    """Say why, and close."""
+    reason = str(error).encode()[:_LONGEST_REASON].decode(errors="ignore")
+    try:
+        async with asyncio.timeout(_TO_CLOSE):
+            await socket.send_text(write_message(Refused(str(error))))
+            await socket.close(error.code, reason)
+    except Exception:  # it is gone already, or does not read: nothing is left to be done
+        return

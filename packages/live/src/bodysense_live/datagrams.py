@@ -1,0 +1,147 @@
+"""UDP in and out: trackers by VMC, markers by OSC; poses to avatars by VMC and to VRChat."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Literal
+
+from bodysense.body.glove_set import GloveSet
+from bodysense.errors import BodysenseError
+from bodysense.io.markers.raw_markers import MarkerFormat
+from bodysense.io.protocol import SignalFrame
+from bodysense_live.answer import Answer
+from bodysense_live.links import MOST_PACKETS, Command, signal_of
+from bodysense_live.live import Live
+from bodysense_live.marker_stream import read_frame
+from bodysense_live.messages import Source
+from bodysense_live.metrics import Metrics
+from bodysense_live.safety import RateLimit
+from bodysense_live.vmc import vmc_packets
+from bodysense_live.vrchat import vrchat_packets
+
+
+def marker_points(worn: GloveSet) -> tuple[str, ...]:
+    """The points of both hands in gloves of a marker set."""
+    return tuple(f"{side}_glove_{name}" for side in ("left", "right") for name in worn.names)
+
+
+@dataclass(frozen=True)
+class Receiver:
+    """Where poses are sent."""
+
+    protocol: Literal["vmc", "vrchat"]
+    host: str
+    port: int
+
+
+class PoseSender:
+    """Sends each pose as datagrams; what cannot be sent at once is dropped. Raises BodysenseError for unknown hosts."""
+
+    def __init__(self, receivers: Sequence[Receiver], metrics: Metrics) -> None:
+        self._metrics = metrics
+        self._begun: float | None = None  # the moment of the first pose
+        self._out: list[tuple[Literal["vmc", "vrchat"], socket.socket]] = []
+        for receiver in receivers:
+            option = f"--{receiver.protocol}-out {receiver.host}:{receiver.port}"
+            try:
+                found = socket.getaddrinfo(receiver.host, receiver.port, type=socket.SOCK_DGRAM)[0]
+                out = socket.socket(*found[:2])
+                self._out.append((receiver.protocol, out))
+                out.setblocking(False)
+                out.connect(found[4])
+            except OSError as error:
+                self.close()
+                raise BodysenseError(f"{option}: {error.strerror or error}; give HOST:PORT of the avatar") from None
+
+    async def open(self, live: Live) -> None:
+        """Nothing is to be awaited."""
+
+    def show(self, answer: Answer) -> None:
+        """Send one pose; VMC's time is that since the first, because single precision does not hold Unix time."""
+        if self._begun is None:
+            self._begun = answer.moment
+        for protocol, out in self._out:
+            packets = (
+                vmc_packets(answer.pose, answer.moment - self._begun)
+                if protocol == "vmc"
+                else vrchat_packets(answer.pose, (answer.points, answer.turns))
+            )
+            for packet in packets:
+                try:
+                    out.send(packet)
+                except OSError:  # nobody listens there now, or the network is full: the next pose is on its way
+                    self._metrics.dropped("output")
+
+    def close(self) -> None:
+        """Send no more."""
+        for _, out in self._out:
+            out.close()
+
+
+class MarkerInput(asyncio.DatagramProtocol):
+    """Markers of gloves by OSC become signal frames, by the sender's own time."""
+
+    def __init__(
+        self,
+        play: Callable[[SignalFrame], None],
+        metrics: Metrics,
+        worn: GloveSet,
+        do: Callable[[Command], None] = lambda command: None,
+    ) -> None:
+        self._play, self._metrics = play, metrics
+        self._points = marker_points(worn)
+        labels = [label for marker in worn.markers for label in marker.labels.values()]
+        self._form = MarkerFormat(worn.points(labels))
+        self._sequence = 0
+        self._rate = RateLimit(MOST_PACKETS, 0.0)
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        """Take one packet."""
+        if not self._rate.allows(asyncio.get_running_loop().time()):
+            self._metrics.dropped("flood")
+            return
+        observation = read_frame(data, self._points, self._form)
+        if observation is None:
+            self._metrics.dropped("malformed packet")
+            return
+        self._sequence = (self._sequence + 1) % 2**32
+        self._play(signal_of(observation, self._points, self._sequence, float(observation.time[0])))
+
+
+class InputLink:
+    """A UDP port of the server's own, whose packets are played as a session."""
+
+    def __init__(
+        self,
+        source: Source,
+        bound: socket.socket,
+        points: tuple[str, ...],
+        protocol: Callable[..., asyncio.DatagramProtocol],  # of `play` and `do`
+    ) -> None:
+        self._source: Source = source
+        self._bound, self._points, self._protocol = bound, points, protocol
+        self._transport: asyncio.BaseTransport | None = None
+
+    async def open(self, live: Live) -> None:
+        """Begin to listen."""
+        seat = live.own(self._source, self._points)
+        play = partial(live.receive, seat)
+        do = partial(live.change, seat)
+        loop = asyncio.get_running_loop()
+        self._transport, _ = await loop.create_datagram_endpoint(
+            lambda: self._protocol(play=play, do=do), sock=self._bound
+        )
+
+    def show(self, answer: Answer) -> None:
+        """It sends nothing back."""
+
+    def close(self) -> None:
+        """Listen no more."""
+        if self._transport is not None:
+            self._transport.close()
+        else:
+            self._bound.close()

@@ -1,0 +1,130 @@
+"""Open the port and serve, in this process.
+
+Everything that a first wearer would wait for, done once before anybody comes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import logging
+import socket
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.errors import missing_package
+from bodysense.io.protocol import SignalFrame, write_pose
+from bodysense_live.application import application
+from bodysense_live.estimation import load
+from bodysense_live.messages import Resume, Settings
+from bodysense_live.seat import Seat
+from bodysense_live.session import Session
+from bodysense_live.session_store import Kept, SessionStore
+from bodysense_live.settings import ServerSettings
+from bodysense_live.webxr import Placement
+
+_POINTS = ("headset", "left_controller", "right_controller")
+
+
+def rehearse() -> None:
+    """Load the network, complete a few frames of somebody, and let another process's session be resumed."""
+    load()
+    session = Session(_POINTS, Person())
+    places = np.array([[0, 1.6, 0], [-0.3, 1.0, -0.3], [0.3, 1.0, -0.3]], dtype=np.float32)
+    upright = np.tile(np.array([1, 0, 0, 0], dtype=np.float32), (3, 1))
+    for k in range(3):
+        session.receive(SignalFrame(k, k / 72, np.arange(3), np.full(3, 3), places, upright), 0.0)
+        answer = session.step()
+        if answer is not None:
+            write_pose(answer.frame, 0)
+    Seat(16 * "0", "", "", "", session).welcome((), recording=False)
+    with tempfile.TemporaryDirectory(prefix="bodysense-") as folder:
+        store = SessionStore(Path(folder), 10.0)
+        store.put(16 * "0", Kept("rehearsal", "", "", Settings(), Person(), Placement(), {}))
+        store.take(Resume(16 * "0", "rehearsal"))
+
+
+_SWITCH = 0.0005  # s after which a thread that computes lets the event loop go on
+
+
+def prepared(settings: ServerSettings, started: Callable[[Any], None] = lambda server: None) -> Any:
+    """A uvicorn server; `run([socket])` calls `started` with it when clients may come, until `should_exit` is set.
+
+    Raises BodysenseError where a library is missing, and where a UDP port or an avatar's address cannot be had.
+    """
+    try:
+        import uvicorn
+        import websockets  # noqa: F401
+    except ImportError as error:
+        raise missing_package(error) from None
+
+    class Server(uvicorn.Server):
+        async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+            await super().startup(sockets)
+            started(self)
+
+    from uvicorn.protocols.http.auto import AutoHTTPProtocol
+
+    limits, access = settings.limits, settings.access
+    config = uvicorn.Config(
+        application(settings),
+        http=impatient(AutoHTTPProtocol, limits.seconds_to_request),
+        ssl_certfile=access.certificate,
+        ssl_keyfile=access.key,
+        ws="websockets-sansio",
+        ws_max_size=limits.message_bytes,
+        ws_per_message_deflate=False,
+        ws_ping_interval=20.0,
+        ws_ping_timeout=20.0,
+        limit_concurrency=2 * limits.sessions + 64,
+        timeout_keep_alive=5,
+        timeout_graceful_shutdown=3,
+        server_header=False,
+        log_config=None,
+        log_level="error",
+        access_log=False,
+    )
+    # A WebSocket that was refused is no error of ours.
+    logging.getLogger("uvicorn.error").addFilter(lambda record: "completing handshake" not in record.getMessage())
+    return Server(config)
+
+
+def impatient(kind: Any, seconds: float) -> Any:
+    """A protocol of HTTP that closes a connection whose first request has no whole head within `seconds`."""
+
+    class Impatient(kind):
+        def connection_made(self, transport: Any) -> None:
+            super().connection_made(transport)
+            self._patience = self.loop.call_later(seconds, self._end)
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            self._patience.cancel()
+            super().connection_lost(exc)
+
+        def _end(self) -> None:
+            mine = self.transport.get_protocol() is self  # or a WebSocket has taken over
+            if mine and self.cycle is None and not self.transport.is_closing():
+                self.transport.close()
+
+    return Impatient
+
+
+def serve(
+    settings: ServerSettings, bound: Sequence[socket.socket], started: Callable[[Any], None] = lambda server: None
+) -> None:
+    """Serve on sockets until the process is interrupted."""
+    with contextlib.ExitStack() as opened, contextlib.suppress(KeyboardInterrupt):
+        for one in bound:
+            opened.enter_context(one)
+        server = prepared(settings, started)
+        rehearse()
+        gc.collect()
+        gc.freeze()  # what is loaded stays: searched again and again, it would hold a frame up for 20 ms
+        sys.setswitchinterval(_SWITCH)
+        server.run(list(bound))

@@ -1,0 +1,194 @@
+"""Links: other programs that a server talks with by itself; they are given bodies, and may give signals.
+
+Sockets that the server listens on; what cannot be had is said by the option that asks for it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import socket
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from bodysense.errors import BodysenseError
+from bodysense.io.protocol import HAS_POSITION, HAS_ROTATION, SignalFrame, wire_accuracy
+from bodysense.observation import Observation
+from bodysense_live.answer import Answer
+from bodysense_live.live import Live
+from bodysense_live.messages import Calibrate, Recentre
+from bodysense_live.metrics import Metrics
+from bodysense_live.safety import RateLimit
+
+TOGETHER = 0.002  # s: packets that come so soon after one another are one frame
+MOST_PACKETS = 2000.0  # a second that are looked at; twice as many in a burst
+LOST = 0.5  # s without a body, after which other programs are told that nothing is tracked
+
+
+Command = Calibrate | Recentre
+
+
+class Link(Protocol):
+    """One other program. Its sockets are bound when it is made, so that errors come before anything is served."""
+
+    async def open(self, live: Live) -> None:
+        """Begin, within the event loop."""
+        ...
+
+    def show(self, answer: Answer) -> None:
+        """Give it a body; must neither wait nor raise."""
+        ...
+
+    def close(self) -> None:
+        """Say goodbye."""
+        ...
+
+
+class Reader(Protocol):
+    """What comes of packets: `VmcTrackers`, `VmtReader` …"""
+
+    def start(self) -> Any:
+        """Nothing came yet."""
+        ...
+
+    def take(self, packet: bytes, now: float, state: Any) -> tuple[Any, str | None]:
+        """Take in a packet; the reason, too, where it or a part of it is of no use."""
+        ...
+
+    def observation(self, now: float, state: Any) -> Observation | None:
+        """One frame as of now."""
+        ...
+
+    def is_whole(self, now: float, state: Any) -> bool:
+        """Whether everything that is tracked came with the packet that was taken at `now`."""
+        ...
+
+    def commands(self, packet: bytes) -> Sequence[Command]:
+        """What a packet asks for."""
+        ...
+
+
+class DeviceInput(asyncio.DatagramProtocol):
+    """Packets become signal frames of `points`, each of one packet, or of what came within two milliseconds.
+
+    `sender`: the only address that is listened to, where it is known.
+    """
+
+    def __init__(
+        self,
+        play: Callable[[SignalFrame], None],
+        metrics: Metrics,
+        reader: Reader,
+        points: tuple[str, ...],
+        do: Callable[[Command], None] = lambda command: None,
+        sender: str | None = None,
+    ) -> None:
+        self._play, self._metrics, self._reader, self._points = play, metrics, reader, points
+        self._do, self._sender = do, sender
+        self.state: Any = reader.start()
+        self._later: asyncio.TimerHandle | None = None  # a frame that waits for what comes with it
+        self._sequence = 0
+        self._rate = RateLimit(MOST_PACKETS, 0.0)
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        """Take one packet."""
+        if self._sender is not None and addr[0] != self._sender:
+            self._metrics.dropped("second sender")
+            return
+        loop = asyncio.get_running_loop()
+        now = loop.time()
+        if not self._rate.allows(now):
+            self._metrics.dropped("flood")
+            return
+        self.state, reason = self._reader.take(data, now, self.state)
+        if reason is not None:
+            self._metrics.dropped("malformed packet")
+        for command in self._reader.commands(data):
+            self._do(command)
+        if self._reader.is_whole(now, self.state):
+            self._flush()
+        elif self._later is None:
+            self._later = loop.call_later(TOGETHER, self._flush)
+
+    def _flush(self) -> None:
+        if self._later is not None:
+            self._later.cancel()
+            self._later = None
+        now = asyncio.get_running_loop().time()
+        observation = self._reader.observation(now, self.state)
+        if observation is not None:
+            self._sequence = (self._sequence + 1) % 2**32
+            self._play(signal_of(observation, self._points, self._sequence, now))
+
+
+def signal_of(observation: Observation, points: tuple[str, ...], sequence: int, time: float) -> SignalFrame:
+    """The first frame of an observation as a signal of `points`; others are left out."""
+    here = [k for k, name in enumerate(observation.points) if name in points]
+    has = HAS_POSITION * observation.has_position[0, here] + HAS_ROTATION * observation.has_rotation[0, here]
+    return SignalFrame(
+        sequence,
+        time,
+        np.array([points.index(observation.points[k]) for k in here], dtype=np.uint8),
+        has.astype(np.uint8),
+        np.nan_to_num(observation.position[0, here]).astype(np.float32),
+        np.nan_to_num(observation.rotation[0, here]).astype(np.float32),
+        wire_accuracy(observation.accuracy[0, here]),
+    )
+
+
+def listen_tcp(option: str, host: str, port: int) -> socket.socket:
+    """A TCP socket that clients can connect to. Raises BodysenseError, with the fix, without one."""
+    found = _bound(option, host, port, socket.SOCK_STREAM)
+    try:
+        found.listen(128)
+    except OSError as error:
+        found.close()
+        raise BodysenseError(_why(error, option, host, port)) from None
+    return found
+
+
+def listen_udp(option: str, host: str, port: int) -> socket.socket:
+    """A UDP socket that packets come in at. Raises BodysenseError, with the fix, without one."""
+    found = _bound(option, host, port, socket.SOCK_DGRAM)
+    found.setblocking(False)
+    return found
+
+
+def _bound(option: str, host: str, port: int, kind: socket.SocketKind) -> socket.socket:
+    if not 0 <= port <= 65535:
+        raise BodysenseError(f"{option} {port}: ports are 0 (any that is free) to 65535")
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=kind)[0]
+        found = socket.socket(family, kind)
+    except OSError:
+        raise BodysenseError(f"{option} {port}: {host}: no such host; give an address of this machine") from None
+    try:
+        if kind == socket.SOCK_STREAM:
+            found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        found.bind(address)
+    except OSError as error:
+        found.close()
+        raise BodysenseError(_why(error, option, host, port)) from None
+    return found
+
+
+def _why(error: OSError, option: str, host: str, port: int) -> str:
+    if error.errno == errno.EADDRINUSE:
+        return f"{option} {port} is in use by another program; stop it or choose another {option} (0 takes any)"
+    if error.errno == errno.EACCES:
+        return f"{option} {port}: no permission to listen there; choose a {option} of 1024 or more"
+    if error.errno == errno.EADDRNOTAVAIL:
+        return f"{option} {port}: {host} is no address of this machine; give one of its own, or 0.0.0.0 for all"
+    return f"{option} {port}: {host} cannot be listened on ({error.strerror}); choose another {option}"
+
+
+def address_toward(host: str) -> str:
+    """This machine's address as a host sees it."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((host, 9))
+        except OSError:
+            return "127.0.0.1"
+        return probe.getsockname()[0]

@@ -1,0 +1,305 @@
+"""All sessions of one process: who comes, stays for a while after a broken connection, and goes."""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import secrets
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from time import monotonic
+
+from bodysense.body.person import Person
+from bodysense.errors import BodysenseError
+from bodysense.io.protocol import ProtocolError, SignalFrame, write_pose, write_signal, write_truth
+from bodysense_live.answer import Answer
+from bodysense_live.message_text import changed
+from bodysense_live.messages import (
+    Calibrate,
+    Change,
+    Hello,
+    Recentre,
+    RecordSwitch,
+    Replay,
+    Resume,
+    ServerMessage,
+    Settings,
+    Source,
+)
+from bodysense_live.metrics import Metrics
+from bodysense_live.outbox import Outbox
+from bodysense_live.recordings import Recordings
+from bodysense_live.replay import Playable, Player
+from bodysense_live.safety import Limits
+from bodysense_live.scheduler import Scheduler
+from bodysense_live.seat import Leader, Seat, WearerFile
+from bodysense_live.session import Session
+from bodysense_live.session_store import Kept, SessionStore
+
+_SWEEP = 0.5  # s between looks for sessions that are over
+
+
+class Live:
+    """The sessions of a process. Used within its event loop only, between `start` and `stop`.
+
+    `person` is what is known of wearers who do not tell their height, `settings` are of the server's own inputs, which
+    `recentre` where their wearers first stand.
+    `save_person`: where they are kept once they were calibrated.
+    `show(answer)` is called with what goes to avatars (`Leader`). `store` keeps what other processes need to resume.
+    """
+
+    def __init__(
+        self,
+        limits: Limits,
+        metrics: Metrics,
+        allow_record: Path | None = None,
+        playable: Playable | None = None,
+        show: Callable[[Answer], None] | None = None,
+        person: Person = Person(),
+        settings: Settings = Settings(),
+        recentre: bool = False,
+        store: SessionStore | None = None,
+        save_person: Path | None = None,
+    ) -> None:
+        self._wearers = WearerFile(save_person)
+        self.limits, self.metrics = limits, metrics
+        self._settings, self._recentre, self._store, self._leader = settings, recentre, store, Leader()
+        self._recordings = Recordings(allow_record, limits.recording_seconds)
+        self._playable, self._show = playable, show
+        self._person = person
+        self._seats: dict[str, Seat] = {}
+        self._inputs: dict[Source, Seat] = {}
+        self._tasks: list[asyncio.Task[None]] = []
+
+    def start(self) -> None:
+        """Begin; needs a running loop."""
+        self._loop = asyncio.get_running_loop()
+        self._scheduler: Scheduler[Seat] = Scheduler(self._deliver)
+        self._tasks = [self._loop.create_task(self._scheduler.run()), self._loop.create_task(self._sweep())]
+        if self._playable is not None and self._show is not None:
+            self._inputs["replay"] = self._play(self._playable, "replay", Settings())
+
+    async def stop(self) -> None:
+        """End every session and finish its recording."""
+        for seat in list(self._seats.values()):
+            self._end(seat)
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def own(self, source: Source, points: tuple[str, ...]) -> Seat:
+        """A session for an input of the server's own."""
+        seat = self._seated(source, Session(points, self._person, self._settings, eased=True), source)
+        if self._recentre:
+            seat.session.change(Recentre())
+        self._inputs[source] = seat
+        return seat
+
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """What can be watched."""
+        replay: tuple[Source, ...] = ("replay",) if self._playable is not None else ()
+        return (*replay, *(source for source in self._inputs if source != "replay"))
+
+    def admit(self, hello: Hello, outbox: Outbox) -> Seat:
+        """The session of a client, welcomed. Raises ProtocolError where it cannot have one."""
+        outbox.watches = hello.follow is not None
+        seat = self._resumed(hello) if hello.resume is not None else None
+        resumed = seat is not None
+        if seat is None:
+            seat = self._followed(hello.follow) if hello.follow is not None else self._new(hello)
+        seat.outboxes.append(outbox)
+        if not outbox.watches:
+            seat.left = None
+        outbox.tell(seat.welcome(self.sources, self._recordings.are_allowed, resumed, outbox.watches))
+        outbox.tell(seat.session.placed())
+        self._keep(seat)
+        return seat
+
+    def leave(self, seat: Seat, outbox: Outbox) -> None:
+        """A connection ended: the session is kept for a while."""
+        if outbox in seat.outboxes:
+            seat.outboxes.remove(outbox)
+        if not seat.is_driven and seat.left is None:
+            seat.left = self._loop.time()
+
+    def receive(self, seat: Seat, frame: SignalFrame) -> None:
+        """A frame of a session came in."""
+        self.metrics.frames.inc()
+        dropped = seat.session.receive(frame, monotonic())
+        if dropped is not None:
+            self.metrics.dropped(dropped)
+        self._scheduler.ready(seat)
+
+    def change(self, seat: Seat, message: Change | Recentre | Calibrate | RecordSwitch | Replay) -> None:
+        """Do what a client asks for. Raises ProtocolError where it is nothing that can be done."""
+        if isinstance(message, RecordSwitch):
+            self._recordings.switch(seat, message.on)
+        elif isinstance(message, Replay):
+            if seat.player is None:
+                raise ProtocolError("replay: this session watches no replay; say 'watch' in the hello")
+            try:
+                seat.player.change(message)
+            except BodysenseError as error:
+                raise ProtocolError(str(error)) from None
+        else:
+            seat.session.change(message)
+        self._tell(seat)
+
+    def change_inputs(self, message: Recentre | Calibrate) -> None:
+        """Do what somebody asks for whoever the server's own inputs track."""
+        for source, seat in self._inputs.items():
+            if source not in ("replay", "markers"):
+                self.change(seat, message)
+
+    def _new(self, hello: Hello) -> Seat:
+        settings = hello.settings if hello.height is None else changed(hello.settings, {"height": hello.height})
+        if hello.watch is not None:
+            if hello.watch not in self.sources:
+                have = ", ".join(self.sources) or "none"
+                raise ProtocolError(f"the server has no input {hello.watch!r} to watch; it has {have}", 1008)
+            if hello.watch != "replay":
+                return self._inputs[hello.watch]
+            assert self._playable is not None
+            self._make_room()
+            return self._play(self._playable, hello.name, settings)
+        self._make_room()
+        return self._seated(hello.name, Session(hello.points, self._person, settings), None)
+
+    def _make_room(self) -> None:
+        """Sessions that nobody is connected to go first."""
+        if len(self._seats) < self.limits.sessions:
+            return
+        left = [seat for seat in self._seats.values() if seat.left is not None]
+        if not left:
+            raise ProtocolError(f"the server has its {self.limits.sessions} sessions already; try again later", 1013)
+        self._end(min(left, key=lambda seat: seat.left or 0.0))
+
+    def _followed(self, follow: Resume) -> Seat:
+        """Another client's session, to be watched."""
+        seat = self._seats.get(follow.session)
+        if seat is None or not hmac.compare_digest(seat.watch_token.encode(), follow.token.encode()):
+            raise ProtocolError("there is no such session to watch, or its token is another", 1008)
+        return seat
+
+    def _resumed(self, hello: Hello) -> Seat | None:
+        """The session that a client had, here or in another process; None where it is over."""
+        assert hello.resume is not None
+        seat = self._seats.get(hello.resume.session)
+        if seat is None:
+            return self._taken_on(hello)
+        if seat.source is not None or not hmac.compare_digest(seat.token.encode(), hello.resume.token.encode()):
+            return None
+        for outbox in [one for one in seat.outboxes if not one.watches]:  # broken without anybody having noticed
+            outbox.end("the session was resumed by another connection")
+            seat.outboxes.remove(outbox)
+        seat.session.open_door(hello.points)
+        return seat
+
+    def _taken_on(self, hello: Hello) -> Seat | None:
+        """A session that another process had."""
+        assert hello.resume is not None
+        kept = None if self._store is None else self._store.take(hello.resume)
+        if kept is None:
+            return None
+        self._make_room()
+        session = Session(hello.points, kept.person, kept.settings, kept.placement, kept.worn)
+        seat = Seat(hello.resume.session, kept.token, kept.watch_token, kept.name, session)
+        self._seats[seat.identity] = seat
+        self.metrics.sessions.set(len(self._seats))
+        return seat
+
+    def _keep(self, seat: Seat) -> None:
+        """Let other processes know of a session what they need to resume it."""
+        if self._store is None or seat.source is not None:
+            return
+        session = seat.session
+        now = (session.revision, session.placed(), round(session.height, 2))
+        if seat.kept == now:
+            self._store.touch(seat.identity)
+            return
+        seat.kept = now
+        kept = Kept(seat.token, seat.watch_token, seat.name, session.settings, *session.kept())
+        self._store.put(seat.identity, kept)
+
+    def _seated(self, name: str, session: Session, source: Source | None) -> Seat:
+        token, watch_token = secrets.token_urlsafe(16), secrets.token_urlsafe(16)
+        seat = Seat(secrets.token_hex(8), token, watch_token, name, session, source)
+        self._seats[seat.identity] = seat
+        self.metrics.sessions.set(len(self._seats))
+        return seat
+
+    def _play(self, playable: Playable, name: str, settings: Settings) -> Seat:
+        seat = self._seated(name, Session(playable.observation.points, playable.person, settings), "replay")
+
+        def play(frame: SignalFrame, afresh: bool) -> None:
+            if afresh:
+                seat.session.start_afresh()
+            self.receive(seat, frame)
+
+        seat.player = Player(playable, play)
+        seat.playing = self._loop.create_task(seat.player.run())
+        return seat
+
+    def _tell(self, seat: Seat) -> None:
+        """Tell the clients of a session what they do not know yet."""
+        notes: list[ServerMessage] = seat.session.notes()
+        if seat.told != seat.session.revision:
+            seat.told = seat.session.revision
+            for outbox in seat.outboxes:
+                outbox.tell(seat.welcome(self.sources, self._recordings.are_allowed, watches=outbox.watches))
+        for note in notes:
+            seat.tell(note)
+
+    def _deliver(self, seat: Seat, answer: Answer | None) -> None:
+        if seat in self._inputs.values():
+            self._wearers.keep(seat)
+        self._tell(seat)
+        if answer is None:
+            self.metrics.dropped("failed")
+            return
+        spent = monotonic() - answer.received  # a loop may count in milliseconds
+        frames = [write_pose(answer.frame, min(int(spent * 1e6), 2**32 - 1))]
+        shown = frames
+        if seat.source is not None or any(outbox.watches for outbox in seat.outboxes):
+            shown = [write_signal(answer.signal), *self._truth(seat, answer), *frames]
+        for outbox in seat.outboxes:
+            if outbox.show(shown if seat.source is not None or outbox.watches else frames):
+                self.metrics.dropped("slow client")
+        self.metrics.latency.observe(spent)
+        self._recordings.add(seat, answer)
+        own = seat in self._inputs.values()
+        if self._show is not None and self._leader.leads(seat, answer, own, self._loop.time()):
+            self._show(answer)
+
+    def _truth(self, seat: Seat, answer: Answer) -> list[bytes]:
+        truth = None if seat.player is None else seat.player.playable.truth
+        if truth is None:
+            return []
+        index = answer.signal.sequence
+        root, rotation = seat.session.truth(truth.root_position[index], truth.rotation[index])
+        return [write_truth(replace(answer.frame, sequence=index, root_position=root, rotation=rotation))]
+
+    def _end(self, seat: Seat) -> None:
+        self._recordings.stop(seat)
+        if seat.playing is not None:
+            seat.playing.cancel()
+        for outbox in seat.outboxes:
+            outbox.end("the session that was watched is over")
+        if self._store is not None and seat.source is None:
+            self._store.drop(seat.identity)
+        del self._seats[seat.identity]
+        self.metrics.sessions.set(len(self._seats))
+
+    async def _sweep(self) -> None:
+        """End sessions to which nobody came back, and replays that nobody watches."""
+        while True:
+            await asyncio.sleep(_SWEEP)
+            now = self._loop.time()
+            for seat in list(self._seats.values()):
+                keep = 0.0 if seat.source is not None else self.limits.seconds_to_resume
+                if seat.is_driven:
+                    self._keep(seat)
+                if seat.left is not None and now - seat.left > keep and seat not in self._inputs.values():
+                    self._end(seat)

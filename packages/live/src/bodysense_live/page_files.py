@@ -1,0 +1,94 @@
+"""The files of the page: what is built from web/, and what it reads of the library, each kept once.
+
+A folder of them is a whole product on any static host; `bodysense serve` answers with the same ones.
+"""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import json
+from collections.abc import Iterator
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from bodysense.errors import BodysenseError
+from bodysense.files import written_beside
+
+ABOUT = "page.json"  # says of a folder whether a server is behind it, and which files it has
+_OF_THE_LIBRARY = {
+    "default_body.json": ("bodysense.body", "default_body.json"),
+    "shape_space.npz": ("bodysense.body", "shape_space.npz"),
+    "performance.npz": ("bodysense.demo", "performance.npz"),
+}
+_NETWORK = "completion.onnx"
+LIBRARY_FILES = (f"{_NETWORK}.gz", *_OF_THE_LIBRARY)  # by the names that the page asks for
+# What MediaPipe needs to see a person in a webcam, where somebody put it.
+WEBCAM = (
+    "pose_landmarker_full.task",
+    "vision_wasm_module_internal.js",
+    "vision_wasm_module_internal.wasm",
+)
+
+
+def built() -> Path:
+    """The folder of the built page. Raises BodysenseError where this copy was installed without it."""
+    folder = Path(str(files("bodysense_live").joinpath("page")))
+    if not (folder / "index.html").is_file():
+        raise BodysenseError("this copy of bodysense has no page; build it with `npm ci && npm run build` in web/")
+    return folder
+
+
+@lru_cache(maxsize=len(LIBRARY_FILES))
+def library_file(name: str) -> bytes:
+    """The bytes of one of `LIBRARY_FILES`."""
+    if name == f"{_NETWORK}.gz":
+        return gzip.compress(files("bodysense.weights").joinpath(_NETWORK).read_bytes(), 9, mtime=0)
+    package, file = _OF_THE_LIBRARY[name]
+    return files(package).joinpath(file).read_bytes()
+
+
+def library_routes() -> list[Any]:
+    """Starlette's routes by which a server answers with `LIBRARY_FILES`."""
+    from starlette.responses import Response
+    from starlette.routing import Route
+
+    def answer(request: Any) -> Response:  # in a thread: packing takes a second, and frames come in meanwhile
+        return Response(library_file(request.url.path.rpartition("/")[2]), media_type="application/octet-stream")
+
+    return [Route(f"/{name}", answer) for name in LIBRARY_FILES]
+
+
+def page_files(webcam: Path | None = None) -> Iterator[tuple[str, bytes]]:
+    """Names and bytes of all files of a folder that needs no server, `page.json` last.
+
+    Args:
+        webcam: a folder with the files of `WEBCAM`; without them the webcam's door is closed.
+    """
+    folder, digest, names = built(), hashlib.sha256(), []
+    own = [(path.name, path.read_bytes()) for path in sorted(folder.iterdir()) if path.name != ABOUT]
+    library = [(name, library_file(name)) for name in LIBRARY_FILES]
+    seen = webcam is not None and all((webcam / name).is_file() for name in WEBCAM)
+    vision = [(name, (webcam / name).read_bytes()) for name in WEBCAM] if webcam is not None and seen else []
+    for name, content in (*own, *library, *vision):
+        names.append(name)
+        digest.update(name.encode() + content)
+        yield name, content
+    needed = [name for name in names if name not in WEBCAM]
+    about = {"server": False, "webcam": seen, "version": digest.hexdigest()[:16], "files": needed}
+    yield ABOUT, (json.dumps(about, indent=1) + "\n").encode()
+
+
+def write_page(out: Path, webcam: Path | None = None) -> list[tuple[str, int]]:
+    """Write the folder; names and sizes of its files. Other files in it stay."""
+    if out.exists() and not out.is_dir():
+        raise BodysenseError(f"--out {out}: it is a file; give a folder")
+    out.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name, content in page_files(webcam):
+        with written_beside(out / name) as beside:
+            beside.write_bytes(content)
+        written.append((name, len(content)))
+    return written

@@ -1,0 +1,75 @@
+"""A session to a BVH file on the server's disk, whose name the server chooses."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.pose import Pose
+from bodysense.body.skeleton import Skeleton
+from bodysense.io.bvh_stream import BvhStream
+from bodysense_live.answer import Answer
+
+RATE = 60.0  # Hz
+_TOGETHER = 64  # poses that are written at once
+
+
+class Recorder:
+    """Writes poses as they come; the file appears, under `path`, when it is closed.
+
+    Its body has the proportions of the beginning: one that grows meanwhile keeps its feet where they are.
+
+    Raises BodysenseError where it cannot be written.
+    """
+
+    def __init__(self, folder: Path, session: str, skeleton: Skeleton, longest: float) -> None:
+        self.path = folder / f"{time.strftime('%Y%m%d-%H%M%S')}-{session[:8]}.bvh"
+        self._stream = BvhStream(self.path, skeleton, RATE)
+        self._stream.__enter__()
+        self._skeleton, self._longest = skeleton, longest
+        self._waiting: list[Answer] = []
+        self._begun: float | None = None
+
+    def add(self, answer: Answer) -> bool:
+        """Take a pose; False where the recording is as long as it may be."""
+        if self._begun is None:
+            self._begun = answer.moment
+        self._waiting.append(answer)
+        if len(self._waiting) >= _TOGETHER:
+            self._write()
+        return answer.moment - self._begun < self._longest
+
+    def close(self) -> int:
+        """Finish the file; how many frames it has. Without any, no file appears."""
+        self._write()
+        if self._stream.frames:
+            self._stream.__exit__(None, None, None)
+        else:
+            with suppress(ValueError):
+                self._stream.__exit__(ValueError, ValueError("nothing was recorded"), None)
+        return self._stream.frames
+
+    def _lowered(self, pose: Pose) -> np.ndarray:
+        """(3,) m: where the root of the recording's body is, its legs being as long as they are."""
+        if pose.skeleton is self._skeleton:
+            return pose.root_position
+        return pose.root_position + np.array([0.0, _root_height(self._skeleton) - _root_height(pose.skeleton), 0.0])
+
+    def _write(self) -> None:
+        if not self._waiting:
+            return
+        pose = Pose(
+            self._skeleton,
+            np.stack([self._lowered(answer.pose) for answer in self._waiting]),
+            np.stack([answer.pose.rotation for answer in self._waiting]),
+        )
+        self._stream.append(np.array([answer.moment for answer in self._waiting]), pose)
+        self._waiting.clear()
+
+
+def _root_height(skeleton: Skeleton) -> float:
+    """m, over the lowest point in the T-pose."""
+    return -float((skeleton.path @ skeleton.rest_offset)[:, 1].min())

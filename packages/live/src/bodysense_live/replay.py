@@ -1,0 +1,120 @@
+"""A recording or a motion played in real time as if it were tracked now, with the truth where it is known."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.body.pose import Pose
+from bodysense.body.skeleton import default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.io.protocol import HAS_POSITION, HAS_ROTATION, SignalFrame, wire_accuracy
+from bodysense.observation import Observation
+from bodysense_live.messages import Replay
+
+SLOWEST, FASTEST = 0.1, 4.0
+_PAUSE = 1.0  # s between the end and the beginning
+
+
+@dataclass(frozen=True, eq=False)
+class Playable:
+    """What is played: what was tracked on whom, and, of a motion, how they really moved."""
+
+    observation: Observation
+    person: Person
+    truth: Pose | None = None  # (T, …)
+
+    def __post_init__(self) -> None:
+        seen = self.observation
+        if len(seen.points) > 128:
+            raise BodysenseError(f"the recording has {len(seen.points)} points; at most 128 can be replayed")
+        if self.person.skeleton.points != default_skeleton().points:
+            raise BodysenseError("the recording's skeleton has other points than bodysense's; leave its skeleton out")
+        if self.truth is not None and len(self.truth.root_position) != len(seen.time):
+            raise BodysenseError("the replay's truth has other frames than its observation")
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """(T,) s, from 0."""
+        return self.observation.time - self.observation.time[0]
+
+    @property
+    def length(self) -> float:
+        """s."""
+        return float(self.time[-1])
+
+    def frame(self, index: int) -> SignalFrame:
+        """What was tracked; its sequence is the frame's index."""
+        seen = self.observation
+        has = HAS_POSITION * seen.has_position[index] + HAS_ROTATION * seen.has_rotation[index]
+        here = np.flatnonzero(has)
+        return SignalFrame(
+            index,
+            float(self.time[index]),
+            here.astype(np.uint8),
+            has[here].astype(np.uint8),
+            np.nan_to_num(seen.position[index, here]).astype(np.float32),
+            np.nan_to_num(seen.rotation[index, here]).astype(np.float32),
+            wire_accuracy(seen.accuracy[index, here]),
+        )
+
+
+class Player:
+    """Plays, in a loop; `play(frame, afresh)` is called with each frame at its moment, `afresh` after a leap."""
+
+    def __init__(self, playable: Playable, play: Callable[[SignalFrame, bool], None]) -> None:
+        self.playable, self._play = playable, play
+        self._playing, self._speed = True, 1.0
+        self._at = 0.0  # s, of the recording
+        self._leapt = True
+        self._changed = asyncio.Event()
+
+    def change(self, message: Replay) -> None:
+        """Do what a watcher asks for. Raises BodysenseError for a speed that is none."""
+        if message.speed is not None:
+            if not SLOWEST <= message.speed <= FASTEST:
+                raise BodysenseError(f"replay: speed {message.speed:g}; give {SLOWEST:g} to {FASTEST:g}")
+            self._speed = message.speed
+        if message.time is not None:
+            self._at = min(max(message.time, 0.0), self.playable.length)
+            self._leapt = True
+        if message.playing is not None:
+            self._playing = message.playing
+        self._changed.set()
+
+    async def run(self) -> None:
+        """Play until cancelled."""
+        loop, time = asyncio.get_running_loop(), self.playable.time
+        while True:
+            self._changed.clear()
+            index = int(np.searchsorted(time, self._at - 1e-9))
+            begun, since = loop.time(), self._at
+            self._play(self.playable.frame(min(index, len(time) - 1)), self._leapt)
+            self._leapt = False
+            while self._playing and not self._changed.is_set():
+                index += 1
+                ended = index >= len(time)
+                due = self.playable.length + _PAUSE if ended else float(time[index])
+                if not await self._slept(begun + (due - since) / self._speed - loop.time()):
+                    break
+                self._at, self._leapt = (0.0, True) if ended else (due, False)
+                if ended:
+                    break
+                self._play(self.playable.frame(index), False)
+            else:
+                await self._changed.wait()
+
+    async def _slept(self, seconds: float) -> bool:
+        """Wait; False where something was changed meanwhile."""
+        if seconds <= 0:
+            await asyncio.sleep(0)
+        else:
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._changed.wait(), seconds)
+        return not self._changed.is_set()

@@ -1,0 +1,177 @@
+"""What keeps a server safe from whoever reaches it: limits, tokens, origins."""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import ipaddress
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from bodysense.errors import BodysenseError
+from bodysense.io.protocol import LARGEST_SIGNAL
+
+FIRST_WAIT, LONGEST_WAIT = 0.25, 8.0  # s that a wrong token takes to be refused
+FORGIVEN = 60.0  # s after which wrong tokens count from the beginning
+ANY_ORIGIN = "*"
+_WRONG_TOKEN = "the token is missing or wrong"
+_MOST_WAITING = 4  # refusals at a time of one address
+_MOST_ADDRESSES = 4096
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How much one client may ask for."""
+
+    message_bytes: int = 8192  # of a WebSocket message
+    messages_a_second: float = 400.0  # on average; twice as many at once
+    seconds_to_hello: float = 5.0
+    seconds_to_request: float = 10.0  # for the head of a connection's first request
+    sessions: int = 64  # of a process
+    seconds_to_resume: float = 10.0  # for which a session whose connection broke is kept
+    waiting_messages: int = 64  # text messages that a client has not read
+    recording_seconds: float = 3600.0
+
+    def __post_init__(self) -> None:
+        if self.message_bytes < LARGEST_SIGNAL:
+            raise BodysenseError(f"limits: messages of {self.message_bytes} bytes; a signal takes {LARGEST_SIGNAL}")
+        if not 1 <= self.sessions <= 10_000:
+            raise BodysenseError(f"limits: {self.sessions} sessions; give 1 to 10000")
+
+
+@dataclass(frozen=True)
+class Access:
+    """Who may connect."""
+
+    host: str = "127.0.0.1"  # that the server is bound to
+    token: str | None = None  # that clients must show; None is for loopback alone
+    origins: tuple[str, ...] = ()  # of pages elsewhere that may connect, as `http://localhost:5173`, or ANY_ORIGIN
+    certificate: Path | None = None  # PEM, with `key`: connections are encrypted
+    key: Path | None = None
+
+    def __post_init__(self) -> None:
+        if self.token is None and not is_loopback(self.host):
+            raise BodysenseError(f"--host {self.host} can be reached by others: it needs a token")
+        if self.token is None and ANY_ORIGIN in self.origins:
+            raise BodysenseError("pages of any origin can reach this server: it needs a token")
+        if self.token is not None and (len(self.token) < 8 or not self.token.isascii()):
+            raise BodysenseError("the token is too easily guessed; give at least 8 characters of ASCII, or none")
+
+
+class RateLimit:
+    """A bucket of twice the rate, filled at the rate."""
+
+    def __init__(self, rate: float, now: float) -> None:
+        self._rate, self._left, self._then = rate, 2 * rate, now
+
+    def allows(self, now: float) -> bool:
+        """Whether one more may come at `now` s; takes it."""
+        self._left = min(2 * self._rate, self._left + (now - self._then) * self._rate)
+        self._then = now
+        if self._left < 1:
+            return False
+        self._left -= 1
+        return True
+
+
+class Guesses:
+    """How long a wrong token keeps its address waiting: twice as long each time, and few at once."""
+
+    def __init__(self) -> None:
+        self._wrong: dict[str, tuple[int, float]] = {}  # by address: how many, when last (s)
+        self._waiting: dict[str, int] = {}
+
+    async def punish(self, address: str, now: float) -> None:
+        """Wait for as long as the address has to after one more wrong token."""
+        before, last = self._wrong.pop(address, (0, now))
+        count = before + 1 if now - last < FORGIVEN else 1
+        while len(self._wrong) >= _MOST_ADDRESSES:
+            del self._wrong[next(iter(self._wrong))]  # the one that was silent longest
+        self._wrong[address] = count, now
+        self._waiting[address] = self._waiting.get(address, 0) + 1
+        try:
+            await asyncio.sleep(min(FIRST_WAIT * 2 ** min(count - 1, 30), LONGEST_WAIT))
+        finally:
+            self._waiting[address] -= 1
+            if not self._waiting[address]:
+                del self._waiting[address]
+
+    def is_busy(self, address: str) -> bool:
+        """Whether so many wait already that no token of this address is looked at."""
+        return self._waiting.get(address, 0) >= _MOST_WAITING
+
+
+class Doorkeeper:
+    """Lets requests in, or says why not; a wrong token waits for its answer."""
+
+    def __init__(self, access: Access) -> None:
+        self._access, self._guesses = access, Guesses()
+
+    async def why_refused(self, request: Any, origin: str | None, tokens: Sequence[str]) -> str | None:
+        """Why a request or WebSocket of Starlette is refused, None where it is not."""
+        address = request.client.host if request.client else ""
+        if self._guesses.is_busy(address):
+            return "too many wrong tokens; wait a few seconds, and open the page with the address that was printed"
+        reason = why_refused(self._access, request.headers.get("host"), origin, tokens)
+        if reason is not None and reason.startswith(_WRONG_TOKEN):
+            await self._guesses.punish(address, asyncio.get_running_loop().time())
+        return reason
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches a host's name or address."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+def why_refused(access: Access, host: str | None, origin: str | None, tokens: Sequence[str]) -> str | None:
+    """Why a WebSocket is not opened, None where it is.
+
+    `host` and `origin` are the headers of the request, `tokens` what it shows. A browser says the origin of the page
+    that connects: it must be our own page or one that the server was told of. Without a token the host must be a
+    loopback name, so that no page gets in by a name that it made point here.
+    """
+    if access.token is None:
+        if host is None or not is_loopback(_name(host)):
+            return f"the host {_short(host)} is not this machine's; open the page at http://{access.host}"
+    elif not any([hmac.compare_digest(access.token.encode(), token.encode()) for token in tokens]):
+        return f"{_WRONG_TOKEN}; open the page with the address that the server printed"
+    known = {origin, ANY_ORIGIN} & set(access.origins)
+    if origin is not None and not known and _authority(origin) != (host or "").lower():
+        return f"the page's origin {_short(origin)} may not connect; start the server with --origin {_short(origin)}"
+    return None
+
+
+def why_not_local(host: str | None, origin: str | None) -> str | None:
+    """Why a WebSocket for this machine's own programs and pages is not opened; None where it is."""
+    if host is None or not is_loopback(_name(host)):
+        return f"the host {_short(host)} is not this machine's; connect to 127.0.0.1"
+    if origin is not None and not is_loopback(_name(_authority(origin))):
+        return f"the page's origin {_short(origin)} is not this machine's"
+    return None
+
+
+def _authority(origin: str) -> str:
+    try:
+        return urlsplit(origin).netloc.lower()
+    except ValueError:
+        return ""
+
+
+def _name(host: str) -> str:
+    """The name in a Host header."""
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
+
+
+def _short(text: str | None) -> str:
+    return repr((text or "")[:60])

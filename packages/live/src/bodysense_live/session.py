@@ -1,0 +1,331 @@
+"""One session: a signal in, poses out; settings, clock and placement of one person. No sockets, no threads.
+
+`receive` takes the newest frame, `job` gives what is to be completed, `answer` makes the pose of it; `step` is all of
+that for one session alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.body.shape import Measured, stature
+from bodysense.body.skeleton import Skeleton
+from bodysense.errors import BodysenseError
+from bodysense.io.protocol import SignalFrame
+from bodysense.observation import Estimate, Observation, chosen_points
+from bodysense.tracker import Tracker, TrackerSettings
+from bodysense_live.answer import Answer, CompletionJob
+from bodysense_live.calibrating import calibration, is_over
+from bodysense_live.estimation import Pipeline, PipelineState, device_of, step_many
+from bodysense_live.inertial import Inertial
+from bodysense_live.message_text import changed
+from bodysense_live.messages import (
+    Calibrate,
+    Change,
+    Placed,
+    ProportionsChanged,
+    Recentre,
+    Said,
+    ServerMessage,
+    Settings,
+)
+from bodysense_live.moments import Moments
+from bodysense_live.showing import Showing
+from bodysense_live.webxr import UNDECIDED, Placement, door, raised, recentred, through
+
+NOTICED = 0.001  # m that a point of the T-pose must have moved for the skeleton to be told again
+TOLD_EVERY = 0.1  # s between two skeletons that are told
+_INFERRED = 0.02  # m, standard deviation of a height that was inferred
+
+
+class Session:
+    """One person who is tracked.
+
+    `points` are the names of the signal, `person` is what is known of the wearer when no height is set. `eased`: a body
+    that leaps where a tracker is lost or found comes there within half a second instead. Raises ProtocolError for
+    points that nobody knows.
+    """
+
+    def __init__(
+        self,
+        points: Sequence[str],
+        person: Person = Person(),
+        settings: Settings = Settings(),
+        placement: Placement = Placement(),
+        worn: Mapping[str, str] = MappingProxyType({}),
+        eased: bool = False,
+    ) -> None:
+        self.points = tuple(points)
+        self.settings = settings
+        self.revision = 0  # rises with every change that a welcome tells of
+        self.calibrated: Person | None = None  # by the last calibration
+        self._notes: list[ServerMessage] = []
+        self._told = self._base = person  # by whoever made the session; as calibrated
+        self._moments = Moments()
+        self._waiting: tuple[SignalFrame, float, float] | None = None  # frame, moment, received
+        self._busy = False
+        self._placement = placement
+        self._recentres = False  # with the next headset
+        self._reseats = settings.posture == "seated"  # with the next headset
+        self._stood: list[Observation] | None = None  # of a wearer who stands to be calibrated
+        self._arms_out = False  # in which pose
+        self._worn = dict(worn)  # undecided trackers → the joints that they are on
+        self._inertial = Inertial.of(person)
+        self._told_at = -math.inf  # the moment at which the skeleton was told last
+        wearer = self._wearer()
+        self.skeleton = wearer.skeleton  # as the clients know it
+        self._pipeline = Pipeline(
+            Tracker(wearer, settings=self._tracking), device_of(points, wearer.skeleton, wearer.hands)
+        )
+        self._state = self._pipeline.start()
+        self._showing = Showing(self.skeleton, settings, eased)
+        self._path = self.skeleton.path  # that of all bodies
+        self.open_door(self.points)
+
+    def _wearer(self) -> Person:
+        """Who is tracked, by the settings."""
+        height, base = self.settings.height, self._base
+        if height is None:
+            return base
+        if base.bone_deviation.any():
+            return Person(height=height, lengths=base.lengths, mounts=base.mounts, hands=base.hands)
+        offset = base.skeleton.rest_offset
+        scaled = base.skeleton.with_offsets(offset * (height / float(stature(offset))))
+        return Person(scaled, mounts=base.mounts, hands=base.hands)
+
+    @property
+    def _tracking(self) -> TrackerSettings:
+        return TrackerSettings(floor=self.settings.floor, hold_feet=self.settings.hold_feet)
+
+    def _pass_on(self, pipeline: Pipeline) -> None:
+        """Go on with another pipeline from where the one until now was."""
+        if not self._moments.have_begun:  # nobody has seen the body yet: nothing may grow or go on
+            self._state = pipeline.start()
+            self.skeleton = pipeline.tracker.people[0].skeleton
+            self._door = door(self.points, self.skeleton, self._worn)
+        else:
+            self._state = pipeline.continued(self._pipeline, self._state)
+        self._pipeline = pipeline
+
+    def open_door(self, points: Sequence[str]) -> None:
+        """Take a signal of these points from now on."""
+        self._door = door(points, self.skeleton, self._worn)
+        self.points, self._waiting, before = tuple(points), None, self.points
+        if self.points != before:
+            device = device_of(points, self.skeleton, self._base.hands)
+            self._pass_on(Pipeline(self._pipeline.tracker, device))
+        self._choose()
+
+    def _choose(self) -> None:
+        """What settings choose among points."""
+        hidden = set(self.settings.hidden)
+        self._seen = np.array([name not in hidden for name in self.points], dtype=bool)
+
+    @property
+    def height(self) -> float:
+        """m, of the body that the clients know."""
+        return float(stature(self.skeleton.rest_offset))
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether there is a frame to be completed."""
+        return self._waiting is not None and not self._busy
+
+    def receive(self, frame: SignalFrame, now: float) -> str | None:
+        """Take a frame that came at `now` s of the server's clock; says why a frame was dropped, this or another."""
+        moment = self._moments.of(frame.time)
+        if moment is None:
+            return "late"
+        replaced = self._waiting is not None
+        self._waiting = (frame, moment, now)
+        return "replaced" if replaced else None
+
+    def job(self) -> CompletionJob | None:
+        """The next job, if there is a frame and no other job is under way."""
+        if self._waiting is None or self._busy:
+            return None
+        frame, moment, received = self._waiting
+        self._waiting, self._busy = None, True
+        if self._stood and is_over(self._stood):
+            self._calibrate(self._stood)
+        observation = through(self._door, frame, self._seen, self._placement, moment)
+        if self._recentres or self._reseats:
+            observation = self._set_up(frame, moment, observation)
+        if self._stood is not None:
+            self._stood.append(observation)
+        self._inertial = self._inertial.headed(observation, self.skeleton)
+        return CompletionJob(self._pipeline, self._as_worn(observation), self._state, frame, received, self._placement)
+
+    def _as_worn(self, observation: Observation) -> Observation:
+        """The same without the rotations of what nobody knows how it is strapped on."""
+        unknown = self._door.strapped - self._pipeline.tracker.people[0].mounts.keys()
+        if not unknown:
+            return self._inertial.joints(observation)
+        known = np.array([name not in unknown for name in observation.points])
+        observation = replace(observation, has_rotation=observation.has_rotation & known)
+        if unknown.isdisjoint(UNDECIDED):
+            return self._inertial.joints(observation)
+        decided = [k for k, name in enumerate(observation.points) if name not in UNDECIDED]
+        return self._inertial.joints(chosen_points(observation, decided))
+
+    def answer(self, job: CompletionJob, estimate: Estimate, state: PipelineState) -> Answer | None:
+        """The pose of a job; None where it is made of numbers that are none."""
+        self._busy = False
+        root, rotation = np.asarray(estimate.pose.root_position[0]), np.asarray(estimate.pose.rotation[0])
+        if not math.isfinite(np.vdot(root, root) + np.vdot(rotation, rotation)):
+            self._state = self._pipeline.start()  # so that no session is stuck
+            return None
+        ours = job.pipeline is self._pipeline  # or the person was changed meanwhile
+        self._state = state if ours else self._pipeline.continued(job.pipeline, state)
+        moment = float(job.observation.time[0])
+        self._follow(estimate.rest_offset[0], moment)
+        pose, sent, points = self._showing.shown(self.skeleton, job.observation, estimate, job.frame)
+        return Answer(job.frame, sent, pose, moment, job.received, points, job.placement)
+
+    def step(self) -> Answer | None:
+        """The pose that answers the newest frame, None where there is none."""
+        job = self.job()
+        if job is None:
+            return None
+        ((estimate, state),) = step_many([(job.pipeline, job.observation, job.state)])
+        return self.answer(job, estimate, state)
+
+    def abandon(self) -> None:
+        """Give the job up that is under way, because it failed; start afresh."""
+        self._busy, self._state = False, self._pipeline.start()
+
+    def start_afresh(self) -> None:
+        """Whatever time the next frame has, it begins a new motion."""
+        self._moments.start_afresh()
+
+    def notes(self) -> list[ServerMessage]:
+        """What is to be told since the last call."""
+        notes, self._notes = self._notes, []
+        return notes
+
+    def change(self, message: Change | Recentre | Calibrate) -> None:
+        """Do what a client asks for. Raises ProtocolError for settings that are none."""
+        if isinstance(message, Recentre):
+            self._recentres = True
+            return
+        if isinstance(message, Calibrate):
+            if self.settings.posture == "seated":
+                self._notes.append(Said("to take your height, stand up and choose the posture 'standing' first"))
+                return
+            self._stood, self._arms_out = [], message.arms_out
+            arms = ", arms out to the sides," if self._arms_out else ""
+            self._notes.append(Said(f"stand upright{arms} and look ahead for one second"))
+            return
+        before, self.settings = self.settings, changed(self.settings, message.settings)
+        if self.settings.height != before.height or self._tracking != self._pipeline.tracker.settings:
+            self._retrack(before)
+        self._choose()
+        self._showing.change(self.settings)
+        # A person of another height is raised by another height.
+        if self.settings.posture != before.posture or (
+            self.settings.posture == "seated"
+            and (self.settings.height, self.settings.floor) != (before.height, before.floor)
+        ):
+            self._reseats = True
+        self.revision += 1
+
+    def _retrack(self, before: Settings) -> None:
+        """Track by other settings; whoever was told another height grows to it."""
+        self._track(self._wearer() if self.settings.height != before.height else self._pipeline.tracker.people[0])
+
+    def _track(self, wearer: Person) -> None:
+        self._pass_on(Pipeline(Tracker(wearer, settings=self._tracking), self._pipeline.device))
+
+    def kept(self) -> tuple[Person, Placement, dict[str, str]]:
+        """What another process needs to go on: the wearer, as tall as inferred; the placement; what is worn where."""
+        base = self._base
+        if base.height is None and base.bone_deviation.any() and self.settings.height is None:
+            height = Measured(self.height, _INFERRED)
+            base = Person(height=height, lengths=base.lengths, mounts=base.mounts, hands=base.hands)
+        return base, self._placement, self._worn
+
+    def placed(self) -> Placed:
+        """How the signal's world is moved now."""
+        return Placed(self._placement.offset, self._placement.heading)
+
+    def truth(self, root: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What really was, (3,) and (J, 4) in the signal's world, as it is shown beside the answer."""
+        turned = rotation.copy()
+        turned[:1] = self._placement.turn(rotation[:1])
+        root = self._placement.place(root[None])[0]
+        return self._showing.truth(self.skeleton, root, turned)
+
+    def _follow(self, offset: np.ndarray, moment: float) -> None:
+        """Take over and tell the proportions of the body, where they changed noticeably."""
+        if moment - self._told_at < TOLD_EVERY:
+            return
+        self._told_at = moment
+        if np.abs(self._path @ (offset - self.skeleton.rest_offset)).max() < NOTICED:
+            return
+        self.skeleton = self.skeleton.with_offsets(offset)
+        if not self._door.is_plain:
+            self._door = door(self.points, self.skeleton, self._worn)
+        self._notes.append(ProportionsChanged(rounded(self.skeleton), round(self.height, 4)))
+
+    def _set_up(self, frame: SignalFrame, moment: float, observation: Observation) -> Observation:
+        """The observation of a frame, after what waits for a headset was done with it."""
+        if "head" not in observation.points:  # sensors alone
+            if self._recentres:
+                self._inertial, self._recentres = self._inertial.reheaded(observation, self.skeleton), False
+            return observation
+        raw = through(self._door, frame, self._seen, Placement(), moment)
+        if not raw.has_position[0, raw.points.index("head")]:
+            return observation
+        placement, is_seated = self._placement, self.settings.posture == "seated"
+        if self._recentres:
+            placement = recentred(placement, raw)
+            self._inertial = self._inertial.reheaded(raw, self.skeleton)
+        if self._reseats or (self._recentres and is_seated):
+            placement = raised(placement, raw, self._head_height() if is_seated else None)
+        self._recentres = self._reseats = False
+        if placement == self._placement:
+            return observation
+        self._placement = placement
+        self._notes.append(self.placed())
+        return through(self._door, frame, self._seen, placement, self._moments.begin_anew(moment))
+
+    def _head_height(self) -> float:
+        """m, of the head of this person who stands, in the body's world."""
+        rest = (self._path @ self.skeleton.rest_offset)[:, 1]
+        return self.settings.floor + float(rest[self.skeleton.index("head")] - rest.min())
+
+    def _calibrate(self, stood: Sequence[Observation]) -> None:
+        """Make a person of what was tracked while the wearer stood for a second."""
+        self._stood = None
+        stance = "arms out" if self._arms_out else "standing"
+        try:
+            found = calibration(stood, self._told, stance, self.settings.floor, self._inertial)
+            wearer = found.person
+            if wearer is not None:
+                height = round(float(stature(wearer.skeleton.rest_offset)), 3)
+                self.settings = replace(self.settings, height=height)
+        except BodysenseError as error:
+            self._notes.append(Said(str(error)))
+            return
+        self._inertial = found.inertial
+        self._showing.lead_over()
+        self._notes += [Said(text) for text in found.said]
+        self._base = self.calibrated = wearer or self._base.wearing(found.inertial.mounts)
+        if wearer is None:
+            return
+        if found.worn:
+            self._worn |= found.worn
+            self._door = door(self.points, self.skeleton, self._worn)
+        self._track(wearer)
+        self.revision += 1
+
+
+def rounded(skeleton: Skeleton) -> tuple[tuple[float, float, float], ...]:
+    """Rest offsets as a message has them."""
+    return tuple((round(x, 6), round(y, 6), round(z, 6)) for x, y, z in skeleton.rest_offset.tolist())

@@ -1,0 +1,203 @@
+"""The link to SlimeVR's trackers: they find it in the network, and join whatever else tracks their wearer."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from bodysense.errors import BodysenseError
+from bodysense.observation import Observation, usual_accuracy
+from bodysense_live.answer import Answer
+from bodysense_live.inertial import IMUS, JOINTS
+from bodysense_live.links import Command, Reader, listen_udp, signal_of
+from bodysense_live.live import Live
+from bodysense_live.metrics import Metrics
+from bodysense_live.safety import RateLimit
+from bodysense_live.seat import Seat
+from bodysense_live.slimevr import HEARTBEAT_EVERY, PORT, SlimevrState, heartbeat, take
+
+SENSORS = tuple(IMUS)
+LOST = 0.5  # s after which a sensor that does not come counts as not tracked
+FRAMES = 90.0  # a second, where nothing else tracks the wearer
+_MOST_PACKETS = 10_000.0  # a second: 32 trackers, not bundled
+_MOST_SAID = 64
+_SERIAL = re.compile(r"((?:[0-9A-F]{2}:){5}[0-9A-F]{2})(?:/([0-9]{1,2}))?")
+_ACCURACY = float(usual_accuracy(["pelvis"])[0])
+
+
+@dataclass(frozen=True)
+class SlimevrSettings:
+    """Where trackers are heard, and what each is on: joint by serial, 'AA:BB:CC:DD:EE:FF' or '…/1' for its second."""
+
+    host: str = "0.0.0.0"
+    port: int = PORT
+    joints: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for serial, joint in self.joints.items():
+            if joint not in JOINTS:
+                raise BodysenseError(
+                    f"devices: {joint!r} (for {serial!r}) is no joint that a SlimeVR tracker turns; valid are "
+                    f"{', '.join(JOINTS)}"
+                )
+
+    @property
+    def known(self) -> frozenset[str]:
+        """Serials of trackers that are let in; all, where nothing is said."""
+        return frozenset(serial.partition("/")[0] for serial in self.joints)
+
+
+def is_serial(text: str) -> bool:
+    """Whether a name in a table is a SlimeVR tracker's."""
+    return _SERIAL.fullmatch(text) is not None
+
+
+class SlimevrLink(asyncio.DatagramProtocol):
+    """A link (`links.Link`). `alone`: nothing else tracks the wearer, so that it makes frames by itself."""
+
+    def __init__(self, settings: SlimevrSettings, metrics: Metrics, alone: bool) -> None:
+        self._settings, self._metrics, self._alone = settings, metrics, alone
+        self._bound = listen_udp("--slimevr-port", settings.host, settings.port)
+        self.state = SlimevrState()
+        self._said: set[str] = set()
+        self._rate = RateLimit(_MOST_PACKETS, 0.0)
+        self._transport: asyncio.DatagramTransport | None = None
+        self._tasks: list[asyncio.Task[None]] = []
+
+    async def open(self, live: Live) -> None:
+        """Begin to listen."""
+        loop = asyncio.get_running_loop()
+        self._ask: Callable[[Command], None] = live.change_inputs
+        seat = live.own("slimevr", SENSORS) if self._alone else None
+        self._transport, _ = await loop.create_datagram_endpoint(lambda: self, sock=self._bound)
+        self._tasks.append(loop.create_task(self._beat()))
+        if seat is not None:
+            self._tasks.append(loop.create_task(self._play(live, seat)))
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        """Take one datagram and answer it."""
+        now = asyncio.get_running_loop().time()
+        if not self._rate.allows(now):
+            self._metrics.dropped("flood")
+            return
+        taken = take(data, (addr[0], addr[1]), now, self.state, self._settings.known)
+        self.state = taken.state
+        if taken.reason is not None:
+            self._metrics.dropped("malformed packet")
+        for reply in taken.replies:
+            self._send(reply, addr)
+            self._say()
+        for command in taken.asked:
+            self._ask(command)
+
+    def observation(self, now: float) -> Observation | None:
+        """One frame of the sensors that are turned now, named after the joints that they are on."""
+        found: dict[str, tuple[float, np.ndarray]] = {}
+        for serial, number, sensor in self._sensors():
+            joint = self._joint(serial, number) or sensor.joint
+            if joint is None or not sensor.works or sensor.rotation is None or now - sensor.at > LOST:
+                continue
+            name = f"{joint}_imu"
+            if name not in found or sensor.at > found[name][0]:
+                found[name] = sensor.at, sensor.rotation
+        if not found:
+            return None
+        nowhere, turned = np.zeros((1, len(found)), dtype=bool), np.ones((1, len(found)), dtype=bool)
+        return Observation(
+            points=tuple(found),
+            position=np.full((1, len(found), 3), np.nan),
+            rotation=np.stack([rotation for _, rotation in found.values()])[None],
+            has_position=nowhere,
+            has_rotation=turned,
+            accuracy=np.full((1, len(found)), _ACCURACY),
+            time=np.array([max(at for at, _ in found.values())]),
+        )
+
+    def joined(self, reader: Reader) -> Reader:
+        """Another input's reader, whose frames have the sensors, too."""
+        return _WithSensors(reader, self.observation)
+
+    def show(self, answer: Answer) -> None:
+        """Trackers are given nothing."""
+
+    def close(self) -> None:
+        """Listen no more."""
+        for task in self._tasks:
+            task.cancel()
+        if self._transport is not None:
+            self._transport.close()
+        else:
+            self._bound.close()
+
+    def _sensors(self) -> list[tuple[str, int, Any]]:
+        trackers = self.state.trackers.items()
+        return [(serial, number, one) for serial, tracker in trackers for number, one in tracker.sensors.items()]
+
+    def _joint(self, serial: str, number: int) -> str | None:
+        """The joint that the table says."""
+        return self._settings.joints.get(f"{serial}/{number}" if number else serial)
+
+    def _say(self) -> None:
+        """Tell whoever started the server which trackers are there: their serials are what a table needs."""
+        for serial, number, sensor in self._sensors():
+            name = f"{serial}/{number}" if number else serial
+            if name in self._said or len(self._said) >= _MOST_SAID:
+                continue
+            self._said.add(name)
+            joint = self._joint(serial, number) or sensor.joint
+            where = (
+                f"on {joint}"
+                if joint
+                else 'on nothing yet: name its joint in --device-names, {"' + name + '": "left_knee"}'
+            )
+            print(f"SlimeVR tracker {name} {where}", flush=True)
+
+    async def _beat(self) -> None:
+        while True:
+            for tracker in self.state.trackers.values():
+                self._send(heartbeat(), tracker.address)
+            await asyncio.sleep(HEARTBEAT_EVERY)
+
+    async def _play(self, live: Live, seat: Seat) -> None:
+        loop, sequence = asyncio.get_running_loop(), 0
+        while True:
+            await asyncio.sleep(1 / FRAMES)
+            observation = self.observation(loop.time())
+            if observation is not None:
+                sequence = (sequence + 1) % 2**32
+                live.receive(seat, signal_of(observation, SENSORS, sequence, loop.time()))
+
+    def _send(self, packet: bytes, address: Any) -> None:
+        if self._transport is not None and not self._transport.is_closing():
+            with contextlib.suppress(OSError):  # it is out of reach now: the next one is on its way
+                self._transport.sendto(packet, address)
+
+
+class _WithSensors:
+    """A reader (`links.Reader`) and the sensors beside it."""
+
+    def __init__(self, reader: Reader, sensors: Callable[[float], Observation | None]) -> None:
+        self._reader, self._sensors = reader, sensors
+        self.start, self.take, self.commands = reader.start, reader.take, reader.commands
+        self.is_whole = reader.is_whole
+
+    def observation(self, now: float, state: Any) -> Observation | None:
+        """One frame as of now."""
+        found, sensors = self._reader.observation(now, state), self._sensors(now)
+        if found is None or sensors is None:
+            return found if sensors is None else sensors
+        return Observation(
+            points=(*found.points, *sensors.points),
+            position=np.concatenate([found.position, sensors.position], axis=1),
+            rotation=np.concatenate([found.rotation, sensors.rotation], axis=1),
+            has_position=np.concatenate([found.has_position, sensors.has_position], axis=1),
+            has_rotation=np.concatenate([found.has_rotation, sensors.has_rotation], axis=1),
+            accuracy=np.concatenate([found.accuracy, sensors.accuracy], axis=1),
+            time=found.time,
+        )

@@ -1,0 +1,356 @@
+"""SolarXR, SlimeVR's protocol with OpenXR runtimes (Monado, WiVRn): requests read, bodies and settings written.
+
+Source: the public schema (SolarXR-Protocol, 2026-04) and the driver in Monado that speaks it. Messages are FlatBuffers
+of a `MessageBundle`; fields are named here by their slots. No sockets here.
+
+A body as SolarXR tells of it: synthetic trackers, and bones from the joint that is nearer to the head.
+
+Axes are a driver's: a segment that hangs down and faces −Z has the identity, and a bone points along its −Y.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bodysense.body.products import multiply, rotate
+from bodysense.body.rotation import quaternion_exp, quaternion_multiply, shortest_arc
+from bodysense.body.skeleton import Skeleton
+from bodysense.errors import missing_package
+from bodysense.io.unity import ABOUT_Y
+
+POLL, START, UPDATE = 1, 2, 3  # kinds of data feed messages
+SETTINGS_REQUEST, SETTINGS_RESPONSE = 6, 7  # kinds of RPC messages
+DISCONNECTED, OK = 1, 2  # states of a tracker
+_MOST_MESSAGES = 16  # of a bundle that are looked at
+_SETTINGS = {0: True, 1: True, 7: True, 8: True, 9: True, 10: True, 11: True, 12: True, 13: False, 14: False}
+# Waist, chest, feet, knees and elbows are given; hands are the controllers'.
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a bundle asks for."""
+
+    polls: bool = False  # one update
+    interval: float | None = None  # s, at least, between updates from now on
+    settings: tuple[int | None, ...] = ()  # transactions of requests for settings; None where they have no number
+
+
+@dataclass(frozen=True)
+class Told:
+    """What does not change from one update to the next: trackers (body part, name), bones (body part, length in m)."""
+
+    trackers: tuple[tuple[int, str], ...]
+    bones: tuple[tuple[int, float], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """What does: places in m and rotations, x y z w."""
+
+    place: np.ndarray  # (T, 3) of trackers
+    turn: np.ndarray  # (T, 4)
+    head: np.ndarray  # (B, 3) where bones begin, from which they point along their −Y
+    along: np.ndarray  # (B, 4) how they are turned
+
+
+def read_bundle(packet: bytes) -> Asked | str:
+    """What a message asks for, or why it is none; what is not known here is left out."""
+    try:
+        root = _root(packet)
+        polls, interval, settings = False, None, list[int | None]()
+        for message in _tables(root, 0):
+            kind, inside = _union(message, 0)
+            if inside is not None and kind == POLL:
+                polls = True
+            elif inside is not None and kind == START:
+                feeds = _tables(inside, 0)
+                interval = min((_number(feed, 0, "<H") for feed in feeds), default=0) / 1000 if feeds else None
+        for message in _tables(root, 1):
+            kind, inside = _union(message, 1)
+            if inside is not None and kind == SETTINGS_REQUEST:
+                place = _place(message, 0)
+                settings.append(None if place is None else int(struct.unpack_from("<I", packet, place)[0]))
+        return Asked(polls, interval, tuple(settings))
+    except (struct.error, IndexError, ValueError, TypeError, OverflowError):
+        return f"{len(packet)} bytes are no bundle of SolarXR"
+
+
+def _root(packet: bytes) -> Any:
+    from flatbuffers.table import Table
+
+    return Table(packet, struct.unpack_from("<I", packet)[0])
+
+
+def _place(table: Any, slot: int) -> int | None:
+    """Where a field is; None where it is left out. Raises struct.error for one outside."""
+    offset = table.Offset(4 + 2 * slot)
+    if not offset:
+        return None
+    place = int(table.Pos + offset)
+    if not 0 <= place < len(table.Bytes):
+        raise struct.error("a field lies outside")
+    return place
+
+
+def _number(table: Any, slot: int, form: str) -> int:
+    place = _place(table, slot)
+    return 0 if place is None else int(struct.unpack_from(form, table.Bytes, place)[0])
+
+
+def _followed(table: Any, place: int) -> Any:
+    """The table that an offset at a place points to."""
+    from flatbuffers.table import Table
+
+    there = place + struct.unpack_from("<I", table.Bytes, place)[0]
+    if not 0 <= there < len(table.Bytes):
+        raise struct.error("a table lies outside")
+    return Table(table.Bytes, there)
+
+
+def _tables(table: Any, slot: int, most: int = _MOST_MESSAGES) -> list[Any]:
+    """The first tables of a vector."""
+    place = _place(table, slot)
+    if place is None:
+        return []
+    vector = _followed(table, place).Pos
+    count = struct.unpack_from("<I", table.Bytes, vector)[0]
+    return [_followed(table, vector + 4 + 4 * k) for k in range(min(count, most))]
+
+
+def _union(table: Any, slot: int) -> tuple[int, Any]:
+    """Kind and table of a union, which takes two slots."""
+    place = _place(table, slot + 1)
+    return _number(table, slot, "<B"), None if place is None else _followed(table, place)
+
+
+class Updates:
+    """Updates of the same trackers and bones: the message is built once, and its numbers are put in.
+
+    Raises BodysenseError where flatbuffers is missing.
+    """
+
+    def __init__(self, told: Told) -> None:
+        self.told = told
+        self.nobody = _update(told, None)
+        count, bones = len(told.trackers), len(told.bones)
+        still = Moved(np.zeros((count, 3)), np.zeros((count, 4)), np.zeros((bones, 3)), np.zeros((bones, 4)))
+        self._whole = _update(told, still)
+        update = _update_of(self._whole)
+        places = [
+            *((_place(row, 4), 3) for row in _tables(update, 1, count)),
+            *((_place(row, 3), 4) for row in _tables(update, 1, count)),
+            *((_place(row, 3), 3) for row in _tables(update, 2, bones)),
+            *((_place(row, 1), 4) for row in _tables(update, 2, bones)),
+        ]
+        self._floats = np.concatenate([np.arange(size) + (place or 0) // 4 for place, size in places])
+
+    def of(self, moved: Moved) -> bytes:
+        """The update of a body."""
+        message = bytearray(self._whole)
+        values = [part.ravel() for part in (moved.place, moved.turn, moved.head, moved.along)]
+        np.frombuffer(message, dtype="<f4")[self._floats] = np.concatenate(values)
+        return bytes(message)
+
+
+def _update(told: Told, moved: Moved | None) -> bytes:
+    """One update of all trackers and bones; of nobody, where it is None."""
+    builder = _builder()
+    rows = [_tracker(builder, k, *told.trackers[k], moved) for k in range(len(told.trackers))]
+    drawn = [_bone(builder, k, *told.bones[k], moved) for k in range(len(told.bones))]
+    synthetic, skeleton = _vector(builder, rows), _vector(builder, drawn)
+    builder.StartObject(6)
+    builder.PrependUOffsetTRelativeSlot(1, synthetic, 0)
+    builder.PrependUOffsetTRelativeSlot(2, skeleton, 0)
+    update = builder.EndObject()
+    builder.StartObject(2)
+    builder.PrependUint8Slot(0, UPDATE, 0)
+    builder.PrependUOffsetTRelativeSlot(1, update, 0)
+    return _bundle(builder, 0, builder.EndObject())
+
+
+def _update_of(packet: bytes) -> Any:
+    """The table of the update in a bundle."""
+    return _union(_tables(_root(packet), 0)[0], 0)[1]
+
+
+def settings_bundle(transaction: int | None) -> bytes:
+    """Which trackers runtimes may show: without this they show none."""
+    builder = _builder()
+    builder.StartObject(15)
+    for slot, is_on in _SETTINGS.items():
+        builder.PrependBoolSlot(slot, is_on, False)
+    toggles = builder.EndObject()
+    builder.StartObject(1)
+    builder.PrependUOffsetTRelativeSlot(0, toggles, 0)
+    response = builder.EndObject()
+    builder.StartObject(3)
+    if transaction is not None:
+        builder.Prep(4, 4)
+        builder.PrependUint32(transaction)
+        builder.PrependStructSlot(0, builder.Offset(), 0)
+    builder.PrependUint8Slot(1, SETTINGS_RESPONSE, 0)
+    builder.PrependUOffsetTRelativeSlot(2, response, 0)
+    return _bundle(builder, 1, builder.EndObject())
+
+
+def _builder() -> Any:
+    try:
+        from flatbuffers import Builder
+    except ImportError as error:
+        raise missing_package(error) from None
+    return Builder(4096)
+
+
+def _bundle(builder: Any, slot: int, message: int) -> bytes:
+    """A bundle of one message: its receivers look at the first of each kind alone."""
+    messages = _vector(builder, [message])
+    builder.StartObject(3)
+    builder.PrependUOffsetTRelativeSlot(slot, messages, 0)
+    builder.Finish(builder.EndObject())
+    return bytes(builder.Output())
+
+
+def _vector(builder: Any, rows: Sequence[int]) -> int:
+    builder.StartVector(4, len(rows), 4)
+    for row in reversed(rows):
+        builder.PrependUOffsetTRelative(row)
+    return builder.EndVector()
+
+
+def _floats(builder: Any, slot: int, values: np.ndarray) -> None:
+    """A struct of single-precision numbers, within the table."""
+    builder.Prep(4, 4 * len(values))
+    for value in reversed(values.tolist()):
+        builder.PrependFloat32(value)
+    builder.PrependStructSlot(slot, builder.Offset(), 0)
+
+
+def _tracker(builder: Any, k: int, body_part: int, name: str, moved: Moved | None) -> int:
+    text = builder.CreateString(name)
+    builder.StartObject(12)
+    builder.PrependUint8Slot(1, body_part, 0)
+    builder.PrependBoolSlot(5, True, False)  # computed, not a sensor's own
+    builder.PrependUOffsetTRelativeSlot(7, text, 0)
+    info = builder.EndObject()
+    builder.StartObject(2)  # without a device: it is nobody's own
+    builder.PrependUint8Slot(1, k + 1, 0)
+    identity = builder.EndObject()
+    builder.StartObject(13)
+    builder.PrependUOffsetTRelativeSlot(0, identity, 0)
+    builder.PrependUOffsetTRelativeSlot(1, info, 0)
+    builder.PrependUint8Slot(2, DISCONNECTED if moved is None else OK, 0)
+    if moved is not None:
+        _floats(builder, 3, moved.turn[k])
+        _floats(builder, 4, moved.place[k])
+    return builder.EndObject()
+
+
+def _bone(builder: Any, k: int, body_part: int, length: float, moved: Moved | None) -> int:
+    builder.StartObject(4)
+    builder.PrependUint8Slot(0, body_part, 0)
+    builder.PrependFloat32Slot(2, length, 0.0)
+    if moved is not None:
+        _floats(builder, 1, moved.along[k])
+        _floats(builder, 3, moved.head[k])
+    return builder.EndObject()
+
+
+Places = Mapping[str, np.ndarray]  # by the names of points or joints
+_DOWN = np.array([0.0, -1.0, 0.0])
+# Ours has the identity with arms level, theirs with arms that hang.
+_HANGING = {side: quaternion_exp(np.array([0.0, 0.0, sign * np.pi / 2])) for side, sign in (("left", 1), ("right", -1))}
+TRACKERS: tuple[tuple[int, str, str, str], ...] = (  # body part, name, where it is, which joint turns it
+    (5, "waist", "pelvis", "pelvis"),
+    (22, "chest", "spine3", "spine3"),
+    (10, "left foot", "left_ankle", "left_ankle"),
+    (11, "right foot", "right_ankle", "right_ankle"),
+    (6, "left knee", "left_knee", "left_hip"),
+    (7, "right knee", "right_knee", "right_hip"),
+    (16, "left elbow", "left_elbow", "left_shoulder"),
+    (17, "right elbow", "right_elbow", "right_shoulder"),
+)
+
+
+@dataclass(frozen=True)
+class _Bone:
+    body_part: int
+    start: str
+    end: str
+    turn: str  # the joint that turns it
+    rest: tuple[float, float, float] = (0.0, -1.0, 0.0)  # where it points on somebody who stands, facing −Z
+
+
+def _sided(number: int, start: str, end: str, turn: str, rest: tuple[float, float, float] = (0, -1, 0)) -> list[_Bone]:
+    """The bones of both sides: the left one's number is the lower."""
+    x, y, z = rest
+    return [
+        _Bone(number + k, f"{side}_{start}", f"{side}_{end}", f"{side}_{turn}", (sign * x, y, z))
+        for k, side, sign in ((0, "left", 1), (1, "right", -1))
+    ]
+
+
+BONES: tuple[_Bone, ...] = (
+    _Bone(2, "head", "neck", "neck"),
+    _Bone(22, "neck", "spine3", "spine3"),
+    _Bone(3, "spine3", "spine2", "spine2"),
+    _Bone(4, "spine2", "spine1", "spine1"),
+    _Bone(5, "spine1", "pelvis", "pelvis"),
+    *_sided(20, "collar", "shoulder", "collar", (-1, 0, 0)),
+    *_sided(16, "shoulder", "elbow", "shoulder"),
+    *_sided(14, "elbow", "wrist", "elbow"),
+    *_sided(18, "wrist", "middle1", "wrist"),
+    *_sided(6, "hip", "knee", "hip"),
+    *_sided(8, "knee", "ankle", "knee"),
+    *_sided(10, "ankle", "foot", "ankle", (0, 0, -1)),
+)
+_HEAD = 1  # from between the eyes back to the joint
+_ON_ARMS = ("shoulder", "elbow", "wrist")
+_PLACES = [place for _, _, place, _ in TRACKERS]
+_STARTS, _ENDS = [bone.start for bone in BONES], [bone.end for bone in BONES]
+_TURNS = [*(turn for _, _, _, turn in TRACKERS), "head", *(bone.turn for bone in BONES)]
+_REST = np.array([(0.0, 0.0, 1.0), *(bone.rest for bone in BONES)])  # (1 + B, 3)
+
+
+def _to_segment(joint: str) -> np.ndarray:
+    """(4,) what turns a joint's axes into those of its segment in a driver's world."""
+    side, _, part = joint.partition("_")
+    return quaternion_multiply(_HANGING[side], ABOUT_Y) if part in _ON_ARMS else ABOUT_Y
+
+
+_SEGMENTS = np.array([_to_segment(joint) for joint in _TURNS])
+_TO_BONE = np.asarray(shortest_arc(np.broadcast_to(_DOWN, _REST.shape), _REST))
+
+
+def told_of(skeleton: Skeleton, eyes: np.ndarray) -> Told:
+    """What is told of a body; `eyes` (3,) m from the head's joint."""
+    rest = skeleton.path @ skeleton.rest_offset
+    apart = np.linalg.norm(rest[skeleton.indices(_ENDS)] - rest[skeleton.indices(_STARTS)], axis=1)
+    bones = zip((bone.body_part for bone in BONES), apart.tolist(), strict=True)
+    trackers = tuple((part, name) for part, name, _, _ in TRACKERS)
+    return Told(trackers, ((_HEAD, float(np.linalg.norm(eyes))), *bones))
+
+
+def moved(points: Places, turns: Places, eyes: np.ndarray) -> Moved:
+    """Trackers and bones of a body, from places (3,) m and rotations (4,) wxyz in the runtime's world."""
+    segments = multiply(np.array([turns[joint] for joint in _TURNS]), _SEGMENTS)
+    at_eyes = points["head"] + rotate(turns["head"][None], eyes[None])[0]
+    start = np.array([at_eyes, *(points[name] for name in _STARTS)])
+    along = np.array([points["head"], *(points[name] for name in _ENDS)]) - start
+    turned = multiply(segments[len(TRACKERS) :], _TO_BONE)
+    now = rotate(turned, _DOWN[None])
+    along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    return Moved(
+        place=np.array([points[name] for name in _PLACES]),
+        turn=_wire(segments[: len(TRACKERS)]),
+        head=start,
+        along=_wire(multiply(np.asarray(shortest_arc(now, along)), turned)),
+    )
+
+
+def _wire(rotation: np.ndarray) -> np.ndarray:
+    return np.roll(rotation, -1, axis=-1)

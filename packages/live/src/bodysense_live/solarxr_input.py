@@ -1,0 +1,115 @@
+"""Headset and controllers that an OpenXR runtime tells SlimeVR's server of: protobuf messages, read by hand.
+
+Source: SlimeVR's driver protocol (`ProtobufMessages.proto`) and its sender in Monado. A controller comes as the pose by
+which it points, not as it is held, so of controllers the place alone is taken.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from bodysense.io.unity import from_driver_rotation
+from bodysense_live.tracked_devices import Device, DeviceReader, DeviceState, pose_of
+
+LARGEST = 1024  # bytes of a message
+_POSITION, _ADDED, _STATUS = 1, 3, 4  # fields of a message: what it is of
+_ROLES = {19: ("Hmd", "HMD"), 13: ("Con", "left controller"), 14: ("Con", "right controller")}
+_MOST_ADDED = 64
+_TRACKED = 1
+Value = int | float | bytes
+
+
+@dataclass(frozen=True, eq=False)
+class InputState:
+    """What came in until now."""
+
+    roles: Mapping[int, int] = field(default_factory=dict)  # by id
+    lost: frozenset[int] = frozenset()  # ids that are not tracked now
+    devices: DeviceState = DeviceState()
+
+
+@dataclass(frozen=True)
+class InputReader(DeviceReader):
+    """How messages are read."""
+
+    def start(self) -> InputState:
+        """Nothing came yet."""
+        return InputState()
+
+    def take(self, packet: bytes, now: float, state: InputState) -> tuple[InputState, str | None]:
+        """Take in a message that came at `now` s; the reason, too, where it is of no use."""
+        try:
+            for number, value in fields_of(packet).items():
+                if not isinstance(value, bytes):
+                    continue
+                told = fields_of(value)
+                identity = _whole(told.get(1))
+                if number == _ADDED and len(state.roles) < _MOST_ADDED:
+                    state = replace(state, roles={**state.roles, identity: _whole(told.get(4))})
+                elif number == _STATUS:
+                    is_lost = _whole(told.get(2)) != _TRACKED
+                    state = replace(state, lost=state.lost | {identity} if is_lost else state.lost - {identity})
+                elif number == _POSITION:
+                    return self._placed(told, identity, now, state)
+        except ValueError as error:
+            return state, str(error)
+        return state, None
+
+    def _placed(
+        self, told: Mapping[int, Value], identity: int, now: float, state: InputState
+    ) -> tuple[InputState, str | None]:
+        role = _ROLES.get(state.roles.get(identity, 0))
+        if role is None or identity in state.lost or not {2, 3, 4} <= told.keys():
+            return state, None
+        numbers = [told.get(k, 0.0) for k in range(2, 9)]
+        if not all(isinstance(value, float) for value in numbers):
+            return state, "a position is not of floats"
+        pose = pose_of(numbers, "a position")
+        if isinstance(pose, str):
+            return state, pose
+        (place, turn), (kind, serial) = pose, role
+        rotation = None if turn is None or kind != "Hmd" else from_driver_rotation(turn)
+        devices, reason = self.devices.put([(serial, Device(kind, place, rotation, now, raw=True))], state.devices)
+        return replace(state, devices=devices), reason
+
+
+def fields_of(data: bytes) -> dict[int, Value]:
+    """The fields of a protobuf message by number, the last of each. Raises ValueError for what is none."""
+    found: dict[int, Value] = {}
+    place = 0
+    while place < len(data):
+        key, place = _varint(data, place)
+        number, kind = key >> 3, key & 7
+        if kind == 0:
+            found[number], place = _varint(data, place)
+        elif kind in (1, 5):
+            size, form = (8, "<d") if kind == 1 else (4, "<f")
+            if place + size > len(data):
+                raise ValueError("a number is cut off")
+            found[number] = float(struct.unpack_from(form, data, place)[0])
+            place += size
+        elif kind == 2:
+            size, place = _varint(data, place)
+            if place + size > len(data):
+                raise ValueError("a field is cut off")
+            found[number] = data[place : place + size]
+            place += size
+        else:
+            raise ValueError(f"a field of kind {kind} is not read here")
+    return found
+
+
+def _varint(data: bytes, place: int) -> tuple[int, int]:
+    """A number and the place behind it."""
+    value = 0
+    for k, byte in enumerate(data[place : place + 10]):
+        value |= (byte & 127) << 7 * k
+        if byte < 128:
+            return value, place + k + 1
+    raise ValueError("a number is cut off")
+
+
+def _whole(value: Value | None) -> int:
+    return value if isinstance(value, int) else 0

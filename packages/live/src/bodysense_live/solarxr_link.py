@@ -1,0 +1,306 @@
+"""The link to OpenXR runtimes on Linux (Monado, WiVRn): they find SlimeVR's sockets here, give a headset, take a body.
+
+SlimeVR's own programs hear the same by a WebSocket.
+
+A runtime connects once, when it starts: the server has to be up before. It tells of its headset after every update that
+it gets, so updates go on while nobody is tracked.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import socket
+import struct
+from collections.abc import AsyncIterator, Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.io.protocol import SignalFrame
+from bodysense_live.answer import Answer
+from bodysense_live.links import LOST, MOST_PACKETS, Reader, listen_tcp, signal_of
+from bodysense_live.live import Live
+from bodysense_live.metrics import Metrics
+from bodysense_live.safety import RateLimit, why_not_local
+from bodysense_live.solarxr import Updates, moved, read_bundle, settings_bundle, told_of
+from bodysense_live.solarxr_input import LARGEST
+from bodysense_live.webxr import between_eyes
+
+if TYPE_CHECKING:
+    from websockets.asyncio.server import ServerConnection
+    from websockets.http11 import Request, Response
+
+
+RPC, INPUT = "SlimeVRRpc", "SlimeVRInput"
+PORT = 21110  # of SlimeVR's WebSocket
+FASTEST = 1 / 120  # s between updates, and so between poses of a headset
+_SLOWEST = 1 / 45  # s
+_GROWN = 0.01  # m by which a bone must have changed to be told anew: a runtime then makes its skeleton anew
+_LARGEST_REQUEST = 1 << 16  # bytes
+_MOST_BEHIND = 1 << 16  # bytes that a runtime has not read, after which updates are left out for it
+_MOST_CLIENTS = 8
+_SIZE = struct.Struct("<I")  # counts itself
+_QUIET = logging.getLogger("bodysense.solarxr")
+_QUIET.setLevel(logging.CRITICAL)  # who is no client is no news
+
+
+@dataclass(frozen=True)
+class SolarxrSettings:
+    """Where the doors are: the folder in which runtimes look, and the TCP port of the WebSocket, on this machine."""
+
+    folder: Path
+    port: int = PORT
+
+
+def runtime_folder(environment: Mapping[str, str]) -> Path:
+    """The folder in which runtimes look for sockets. Raises BodysenseError where the system has none."""
+    found = environment.get("XDG_RUNTIME_DIR") or environment.get("XDG_CACHE_HOME")
+    if not hasattr(socket, "AF_UNIX") or not found:
+        raise BodysenseError(
+            "--solarxr: this system has no folder for sockets (XDG_RUNTIME_DIR is not set); "
+            "start it in a session of Linux, or give SteamVR its trackers with --vmt"
+        )
+    return Path(found)
+
+
+@dataclass(eq=False)
+class _Client:
+    transport: Any
+    write: Callable[[bytes], None]  # one message
+    interval: float | None = None  # s between updates; None: none were asked for
+    sent: float = field(default=-np.inf)  # s, when
+    later: asyncio.TimerHandle | None = None  # an update that waits until it is due
+
+
+class SolarxrLink:
+    """A link (`links.Link`). Raises BodysenseError where its sockets cannot be had."""
+
+    def __init__(self, settings: SolarxrSettings, metrics: Metrics, reader: Reader, points: tuple[str, ...]) -> None:
+        self._metrics, self._reader, self._points = metrics, reader, points
+        self._clients: list[_Client] = []
+        self._servers: list[Any] = []
+        self._beating: asyncio.Task[None] | None = None
+        self._eyes = between_eyes(default_skeleton())
+        self._updates = Updates(told_of(default_skeleton(), self._eyes))
+        self._update = self._updates.nobody
+        self._measured: Skeleton = default_skeleton()
+        self._shown = -np.inf  # s, when a body was last shown
+        self._paths = [settings.folder / name for name in (RPC, INPUT)]
+        self._bound: list[socket.socket] = []
+        try:
+            for path in self._paths:
+                self._bound.append(_listened(path))
+            self._bound.append(listen_tcp("--solarxr-port", "127.0.0.1", settings.port))
+        except BaseException:
+            self.close()
+            raise
+
+    async def open(self, live: Live) -> None:
+        """Begin to serve."""
+        seat, loop = live.own("solarxr", self._points), asyncio.get_running_loop()
+        self._play: Callable[[SignalFrame], None] = partial(live.receive, seat)
+        from websockets.asyncio.server import serve
+
+        rpc, told, door = self._bound
+        self._servers.append(await asyncio.start_unix_server(self._rpc, sock=rpc))
+        self._servers.append(await asyncio.start_unix_server(self._input, sock=told))
+        self._servers.append(
+            await serve(
+                self._websocket,
+                sock=door,
+                process_request=_refused,
+                max_size=_LARGEST_REQUEST,
+                compression=None,
+                server_header=None,
+                logger=_QUIET,
+            )
+        )
+        self._beating = loop.create_task(self._beat())
+
+    def show(self, answer: Answer) -> None:
+        """Give a body to whoever asked for updates."""
+        skeleton = answer.pose.skeleton
+        self._measure(skeleton)
+        self._shown = asyncio.get_running_loop().time()
+        if any(client.interval is not None for client in self._clients):
+            self._update = self._updates.of(moved(*answer.in_signal, self._eyes))
+            for client in self._clients:
+                self._offer(client)
+
+    def close(self) -> None:
+        """Serve no more, and leave no sockets behind."""
+        if self._beating is not None:
+            self._beating.cancel()
+        for server in self._servers:
+            server.close()
+        for client in self._clients:
+            client.transport.close()
+        for bound in self._bound:
+            bound.close()
+        for _, path in zip(self._bound, self._paths, strict=False):
+            path.unlink(missing_ok=True)
+
+    def _measure(self, skeleton: Skeleton) -> None:
+        """Take bones' lengths over, where they changed noticeably."""
+        if skeleton is self._measured:
+            return
+        self._measured, eyes = skeleton, between_eyes(skeleton)
+        told = told_of(skeleton, eyes)
+        both = zip(told.bones, self._updates.told.bones, strict=True)
+        if max(abs(now - before) for (_, now), (_, before) in both) > _GROWN:
+            self._updates, self._eyes = Updates(told), eyes
+
+    async def _rpc(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        def write(packet: bytes) -> None:
+            writer.write(_SIZE.pack(_SIZE.size + len(packet)) + packet)
+
+        try:
+            await self._converse(_Client(writer.transport, write), _packets(reader, _LARGEST_REQUEST))
+        finally:
+            writer.close()
+
+    async def _websocket(self, connection: ServerConnection) -> None:
+        from websockets.asyncio.server import broadcast
+
+        client = _Client(connection.transport, partial(broadcast, [connection]))
+        await self._converse(client, _binary(connection))
+
+    async def _converse(self, client: _Client, packets: AsyncIterator[bytes]) -> None:
+        """Answer a client until it is gone."""
+        if len(self._clients) >= _MOST_CLIENTS:
+            return
+        self._clients.append(client)
+        try:
+            async for packet in packets:
+                self._answer(client, packet)
+        finally:
+            self._clients.remove(client)
+
+    def _answer(self, client: _Client, packet: bytes) -> None:
+        asked = read_bundle(packet)
+        if isinstance(asked, str):
+            self._metrics.dropped("malformed packet")
+            return
+        if asked.interval is not None:
+            client.interval = max(asked.interval, FASTEST)
+        if asked.polls:  # the first thing that a runtime hears must be an update, alone
+            self._send(client, self._update)
+        for transaction in asked.settings:
+            self._send(client, settings_bundle(transaction))
+
+    async def _input(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        loop, state, sequence = asyncio.get_running_loop(), self._reader.start(), 0
+        rate, waits = RateLimit(MOST_PACKETS, loop.time()), False
+
+        def flush() -> None:
+            nonlocal sequence, waits
+            waits, now = False, loop.time()
+            observation = self._reader.observation(now, state)
+            if observation is not None:
+                sequence = (sequence + 1) % 2**32
+                self._play(signal_of(observation, self._points, sequence, now))
+
+        try:
+            async for packet in _packets(reader, LARGEST):
+                if not rate.allows(loop.time()):
+                    self._metrics.dropped("flood")
+                    continue
+                state, reason = self._reader.take(packet, loop.time(), state)
+                if reason is not None:
+                    self._metrics.dropped("malformed packet")
+                if not waits:
+                    waits = True
+                    loop.call_soon(flush)
+        finally:
+            writer.close()
+
+    async def _beat(self) -> None:
+        """Updates while no body comes."""
+        loop = asyncio.get_running_loop()
+        while True:
+            await asyncio.sleep(_SLOWEST)
+            if loop.time() - self._shown > LOST:
+                self._update = self._updates.nobody
+            for client in self._clients:
+                if loop.time() - client.sent >= _SLOWEST:
+                    self._offer(client)
+
+    def _offer(self, client: _Client) -> None:
+        """Send the update as soon as it is due."""
+        if client.interval is None or client.later is not None:
+            return
+        loop = asyncio.get_running_loop()
+        if loop.time() >= client.sent + client.interval:
+            self._due(client)
+        else:
+            client.later = loop.call_at(client.sent + client.interval, self._due, client)
+
+    def _due(self, client: _Client) -> None:
+        client.later, client.sent = None, asyncio.get_running_loop().time()
+        self._send(client, self._update)
+
+    def _send(self, client: _Client, packet: bytes) -> None:
+        if client.transport.is_closing():
+            return
+        if client.transport.get_write_buffer_size() > _MOST_BEHIND:
+            self._metrics.dropped("slow client")
+            return
+        client.write(packet)
+
+
+async def _packets(reader: asyncio.StreamReader, largest: int) -> AsyncIterator[bytes]:
+    """Messages of a stream until its end, or until one is too large to be any."""
+    with contextlib.suppress(asyncio.IncompleteReadError, OSError):
+        while True:
+            size = _SIZE.unpack(await reader.readexactly(_SIZE.size))[0] - _SIZE.size
+            if not 0 <= size <= largest:
+                return
+            yield await reader.readexactly(size)
+
+
+async def _binary(connection: ServerConnection) -> AsyncIterator[bytes]:
+    """Messages of a WebSocket until its end; texts, an older protocol of SlimeVR's, are left out."""
+    from websockets.exceptions import ConnectionClosed
+
+    with contextlib.suppress(ConnectionClosed):
+        async for message in connection:
+            if isinstance(message, bytes):
+                yield message
+
+
+def _refused(connection: ServerConnection, request: Request) -> Response | None:
+    """Why a WebSocket is not opened; None where it is."""
+    reason = why_not_local(request.headers.get("Host"), request.headers.get("Origin"))
+    return None if reason is None else connection.respond(403, f"{reason}\n")
+
+
+def _listened(path: Path) -> socket.socket:
+    """A socket at a path; one that nobody listens to is replaced. Raises BodysenseError where there is none to have."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        try:
+            probe.connect(os.fspath(path))
+        except (FileNotFoundError, ConnectionRefusedError):
+            pass
+        except OSError as error:
+            raise BodysenseError(f"--solarxr: {path}: {error.strerror or error}; give it a shorter folder") from None
+        else:
+            raise BodysenseError(f"--solarxr: {path} is in use: SlimeVR, or another bodysense, runs; stop it")
+    found = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        path.unlink(missing_ok=True)
+        found.bind(os.fspath(path))
+        found.listen(8)
+    except OSError as error:
+        found.close()
+        raise BodysenseError(
+            f"--solarxr: {path}: {error.strerror or error}; set XDG_RUNTIME_DIR to a folder of yours"
+        ) from None
+    return found

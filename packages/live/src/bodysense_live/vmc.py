@@ -1,0 +1,141 @@
+"""A body as VMC (Virtual Motion Capture protocol) sends it to avatars: the bones of a humanoid (docs/avatars.md).
+
+Source: protocol.vmc.info, *Marionette*: /VMC/Ext/OK (2.5), T, Root/Pos (2.0) and Bone/Pos, named as Unity's
+`HumanBodyBones`, local to the parent, quaternions x, y, z, w. Rotations are relative to VRM's T-pose.
+
+Headset, controllers and trackers that come in by VMC: /VMC/Ext/Hmd|Con|Tra/Pos and …/Pos/Local (docs/avatars.md).
+
+`VmcTrackers` reads packets and opens no socket. Messages may be lost, doubled, late or nonsense: a packet whose
+/VMC/Ext/T is older than one that was taken is left out; what is no message is refused with a reason, and nothing
+raises. Which device is which point, and until when it counts, is `tracked_devices`' part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from bodysense.body.pose import Pose
+from bodysense.body.rotation import normalize
+from bodysense.body.skeleton import Skeleton
+from bodysense.io.gltf.humanoid import VRM_BONES, check_humanoid, t_posed, unity_bone
+from bodysense.io.osc import Argument, Message, PacketForm, read_packet
+from bodysense.io.unity import from_unity_rotation, one_finite_pose, unity_position, unity_rotation
+from bodysense_live.asked import OURS, commands_of
+from bodysense_live.messages import Calibrate, Recentre
+from bodysense_live.tracked_devices import MOST_DEVICES, Device, DeviceReader, DeviceState, pose_of
+
+PORT = 39539  # where receivers ("marionettes") listen
+_SEVEN = "s" + 7 * "f"
+_CALIBRATED, _NORMAL = 3, 0
+
+
+def vmc_packets(pose: Pose, time: float, tracked: bool = True) -> list[bytes]:
+    """One pose as packets of OSC, each a datagram; `time` is the sender's, in s.
+
+    The root stays at the origin and the hips carry the body's place. `tracked` says whether the signals that the body
+    follows are there. Raises BodysenseError for a skeleton that is no humanoid, and for a pose that is not one frame of
+    finite numbers.
+    """
+    one_finite_pose(pose)
+    joints = _joints(pose.skeleton)
+    posed = t_posed(pose)
+    place = posed.skeleton.rest_offset[: len(pose.skeleton.joints)].copy()
+    place[0] = pose.root_position
+    values = np.concatenate([unity_position(place), unity_rotation(normalize(posed.rotation))], axis=1)
+    return _form(tracked).filled(np.append(time, values[joints]))
+
+
+@lru_cache(maxsize=64)
+def _joints(skeleton: Skeleton) -> np.ndarray:
+    """The joints that are sent."""
+    check_humanoid(skeleton)
+    return skeleton.indices(list(VRM_BONES))
+
+
+@lru_cache
+def _form(tracked: bool) -> PacketForm:
+    """What is sent but for the time and the bones."""
+    return PacketForm(
+        [
+            ("/VMC/Ext/OK", "iiii", (1, _CALIBRATED, _NORMAL, int(tracked))),
+            ("/VMC/Ext/T", "f", ()),
+            ("/VMC/Ext/Root/Pos", _SEVEN, ("root", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)),
+            *(("/VMC/Ext/Bone/Pos", _SEVEN, (unity_bone(bone),)) for bone in VRM_BONES.values()),
+        ]
+    )
+
+
+_KINDS = {f"/VMC/Ext/{kind}/Pos{tail}": (kind, bool(tail)) for kind in ("Hmd", "Con", "Tra") for tail in ("", "/Local")}
+# Its argument, the mode (0 usual, 1 and 2 for mixed reality), is not looked at.
+_ASKED: dict[str, Calibrate | Recentre] = {**OURS, "/VMC/Ext/Set/Calib/Exec": Calibrate()}
+_MOST_TOLD = 4 * MOST_DEVICES  # poses in a packet
+_LONGEST_SERIAL = 128
+
+
+@dataclass(frozen=True, eq=False)
+class VmcState:
+    """What came in until now."""
+
+    devices: DeviceState = DeviceState()
+    clock: float | None = None  # s, the sender's, of the newest packet that had one
+
+
+@dataclass(frozen=True)
+class VmcTrackers(DeviceReader):
+    """How packets are read. See the module's text."""
+
+    longest_delay: float = 1.0  # s: a sender's clock that goes back by more was started afresh
+
+    def start(self) -> VmcState:
+        """Nothing came yet."""
+        return VmcState()
+
+    def take(self, packet: bytes, now: float, state: VmcState) -> tuple[VmcState, str | None]:
+        """Take in a packet that came at `now` s; the reason, too, where it or a part of it is of no use."""
+        messages = read_packet(packet)
+        if isinstance(messages, str):
+            return state, messages
+        told = [message for message in messages if message.address in _KINDS]
+        if len(told) > _MOST_TOLD:
+            return state, f"more than {_MOST_TOLD} devices in one packet"
+        clock = _clock(messages)
+        if clock is not None:
+            if state.clock is not None and 0 < state.clock - clock <= self.longest_delay:
+                return state, f"late: sent at {clock:g} s, after one of {state.clock:g} s"
+            state = replace(state, clock=clock)
+        found = [_device(message, now) for message in told]
+        wrong = [one for one in found if isinstance(one, str)]
+        devices, reason = self.devices.put([one for one in found if not isinstance(one, str)], state.devices)
+        return replace(state, devices=devices), reason or (wrong[-1] if wrong else None)
+
+    def commands(self, packet: bytes) -> list[Calibrate | Recentre]:
+        """What a packet asks for: calibration (VMC's own), or that the wearer is in the middle (ours)."""
+        return commands_of(packet, _ASKED)
+
+
+def _clock(messages: tuple[Message, ...]) -> float | None:
+    """The sender's time, where a packet has one."""
+    for message in messages:
+        if message.address == "/VMC/Ext/T" and message.arguments and _finite(message.arguments[:1]):
+            return float(message.arguments[0])  # type: ignore[arg-type]
+    return None
+
+
+def _device(message: Message, now: float) -> tuple[str, Device] | str:
+    """Serial and pose of one message, or why it has none; arguments after the eighth are left out, as VMC asks."""
+    serial, numbers = message.arguments[0] if message.arguments else None, message.arguments[1:8]
+    if not isinstance(serial, str) or len(serial) > _LONGEST_SERIAL or len(numbers) < 7 or not _finite(numbers):
+        return f"{message.address} is not a serial, three coordinates and a quaternion"
+    pose = pose_of(numbers, f"{message.address}: {serial!r}")
+    if isinstance(pose, str):
+        return pose
+    (place, turn), (kind, raw) = pose, _KINDS[message.address]
+    rotation = None if turn is None else from_unity_rotation(turn)
+    return serial, Device(kind, unity_position(place), rotation, now, raw)
+
+
+def _finite(values: tuple[Argument, ...]) -> bool:
+    return all(isinstance(x, int | float) and not isinstance(x, bool) and abs(x) < np.inf for x in values)

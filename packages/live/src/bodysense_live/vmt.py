@@ -1,0 +1,143 @@
+"""SteamVR by VMT (Virtual Motion Tracker), OSC over UDP: devices are read from it, virtual trackers written to it.
+
+Source: VMT's documentation, *API*, and its driver. It is strict: `i` and `f` as it says, and as many as it says.
+No sockets here. Positions and rotations are of the driver's raw space: right-handed, −Z forward.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from bodysense.io.osc import Message, PacketForm, message_bytes, read_packet
+from bodysense.io.unity import driver_rotation, from_driver_rotation
+from bodysense_live.tracked_devices import Device, DeviceReader, DeviceState, pose_of
+
+DRIVER_PORT = 39570  # the driver listens here
+LAST_INDEX = 57  # of a virtual device
+OFF, TRACKER, LEFT_HAND, RIGHT_HAND = 0, 1, 5, 6  # kinds of virtual devices; hands as an Index controller's
+# Where each virtual tracker is, and which joint turns it; their places in this order are their indices.
+TRACKERS: tuple[tuple[str, str], ...] = (
+    *(("pelvis", "pelvis"), ("spine3", "spine3")),
+    *((f"{side}_ankle", f"{side}_ankle") for side in ("left", "right")),
+    *((f"{side}_knee", f"{side}_hip") for side in ("left", "right")),
+    *((f"{side}_elbow", f"{side}_shoulder") for side in ("left", "right")),
+)
+_OURS = "VMT_"  # how serials of virtual devices begin
+_NOT_WORN = ("LHB-",)  # base stations
+_LONGEST_LIST = 4096
+_SEVEN = 7 * "f"
+_IDENTITY_ROOM = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class VmtState:
+    """What came in until now."""
+
+    devices: DeviceState = DeviceState()
+    headset: str = "HMD"  # its serial
+    others: tuple[str, ...] = ()  # serials of what else SteamVR has, VMT's own left out
+    lacks_room: bool = False  # VMT says that it has no room matrix, and shows nothing
+
+
+@dataclass(frozen=True)
+class VmtReader(DeviceReader):
+    """How packets of the driver are read."""
+
+    def start(self) -> VmtState:
+        """Nothing came yet."""
+        return VmtState()
+
+    def take(self, packet: bytes, now: float, state: VmtState) -> tuple[VmtState, str | None]:
+        """Take in a packet that came at `now` s; the reason, too, where it or a part of it is of no use."""
+        messages = read_packet(packet)
+        if isinstance(messages, str):
+            return state, messages
+        told: list[tuple[str, Device]] = []
+        wrong: str | None = None
+        for message in messages:
+            if message.address == "/VMT/Out/Devices/List":
+                state = _listed(message, state)
+            elif message.address == "/VMT/Out/Unavailable":
+                state = replace(state, lacks_room=message.arguments[:1] == (1,))
+            elif message.address == "/VMT/Out/SubscribedDevice":
+                found = self._device(message, now, state)
+                if isinstance(found, str):
+                    wrong = found
+                else:
+                    told.append(found)
+        devices, reason = self.devices.put(told, state.devices)
+        return replace(state, devices=devices), reason or wrong
+
+    def _device(self, message: Message, now: float, state: VmtState) -> tuple[str, Device] | str:
+        serial, numbers = message.arguments[0] if message.arguments else None, message.arguments[1:8]
+        if not isinstance(serial, str) or len(numbers) < 7 or not all(isinstance(x, float) for x in numbers):
+            return f"{message.address} is not a serial, three coordinates and a quaternion"
+        pose = pose_of(numbers, f"{message.address}: {serial[:40]!r}")
+        if isinstance(pose, str):
+            return pose
+        place, turn = pose
+        rotation = None if turn is None else from_driver_rotation(turn)
+        return serial, Device(self._kind(serial, state), place, rotation, now, raw=True)
+
+    def _kind(self, serial: str, state: VmtState) -> str:
+        """VMT tells no kinds: two devices that nobody named are the controllers, of more than two none is."""
+        if serial in ("HMD", state.headset):
+            return "Hmd"
+        said = serial.lower()
+        if "controller" in said or "hand" in said:
+            return "Con"
+        nameless = [one for one in state.others if one not in self.devices.names]
+        return "Con" if serial in nameless and len(nameless) <= 2 else "Tra"
+
+
+def _listed(message: Message, state: VmtState) -> VmtState:
+    """The state after a list of devices, `index:serial` in lines; the headset is number 0."""
+    text = message.arguments[0] if message.arguments else None
+    if not isinstance(text, str) or len(text) > _LONGEST_LIST:
+        return state
+    rows: dict[str, str] = {}
+    for line in text.splitlines():
+        number, colon, serial = line.strip().partition(":")
+        if colon:
+            rows[number] = serial
+    worn = [serial for number, serial in rows.items() if number != "0" and not serial.startswith((_OURS, *_NOT_WORN))]
+    return replace(state, headset=rows.get("0", state.headset), others=tuple(dict.fromkeys(worn)))
+
+
+def subscriptions(state: VmtState, address: str, port: int) -> list[bytes]:
+    """What is asked of the driver again and again, so that one that was restarted knows it, too."""
+    asked = [
+        message_bytes("/VMT/Set/Destination", "si", address, port),
+        message_bytes("/VMT/Get/Devices/List", ""),
+        *(message_bytes("/VMT/Subscribe/Device", "s", serial) for serial in (state.headset, *state.others)),
+    ]
+    if state.lacks_room:  # identity: raw space and room are the same to it
+        asked.append(message_bytes("/VMT/Set/RoomMatrix/Temporary", 12 * "f", *_IDENTITY_ROOM))
+    return asked
+
+
+def tracker_packet(first: int, points: Mapping[str, np.ndarray], turns: Mapping[str, np.ndarray]) -> bytes:
+    """A bundle of all virtual trackers, from places (3,) m and rotations (4,) wxyz by name, in the driver's world."""
+    place = np.array([points[name] for name, _ in TRACKERS])
+    turn = driver_rotation(np.array([turns[joint] for _, joint in TRACKERS]))
+    (packet,) = _form(first).filled(np.hstack([place, turn]).ravel())
+    return packet
+
+
+@lru_cache
+def _form(first: int) -> PacketForm:
+    return PacketForm([device_message(first + k, TRACKER) for k in range(len(TRACKERS))])
+
+
+def device_message(index: int, kind: int) -> tuple[str, str, tuple[int, int, float]]:
+    """What switches a virtual device on, but for its place, m, and how it is turned, x y z w."""
+    return "/VMT/Raw/Driver", f"iif{_SEVEN}", (index, kind, 0.0)
+
+
+def off_messages(indices: Sequence[int]) -> list[bytes]:
+    """Virtual devices that are lost: without this the driver shows their last pose for ever."""
+    return [message_bytes("/VMT/Raw/Driver", f"iif{_SEVEN}", k, OFF, *(7 * (0.0,)), 1.0) for k in indices]

@@ -1,0 +1,117 @@
+"""The link to SteamVR by VMT: asks for devices, plays them as a session, sends virtual trackers and hands."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+from dataclasses import dataclass
+from functools import partial
+
+from bodysense.errors import BodysenseError
+from bodysense_live.answer import Answer
+from bodysense_live.links import LOST, DeviceInput, Reader, address_toward, listen_udp
+from bodysense_live.live import Live
+from bodysense_live.metrics import Metrics
+from bodysense_live.tracked_devices import SIGNALS, TrackedDevices
+from bodysense_live.vmt import DRIVER_PORT, LAST_INDEX, TRACKERS, off_messages, subscriptions, tracker_packet
+from bodysense_live.vmt_hands import hand_packet
+
+_ASK_EVERY = 1.0  # s: a SteamVR that was restarted has forgotten what was asked of it
+_SIDES = ("left", "right")
+
+
+@dataclass(frozen=True)
+class VmtSettings:
+    """Where VMT's driver is and what it is sent."""
+
+    host: str = "127.0.0.1"
+    driver_port: int = DRIVER_PORT
+    port: int = 39575  # of ours; VMT's own manager has 39571
+    first: int = 0  # index of the first virtual device
+    hands: bool = False  # skeletal hands, as two virtual controllers
+    devices: TrackedDevices = TrackedDevices()
+
+    def __post_init__(self) -> None:
+        most = LAST_INDEX + 1 - len(TRACKERS) - len(_SIDES)
+        if not 0 <= self.first <= most:
+            raise BodysenseError(f"--vmt-first {self.first}: VMT has devices 0 to {LAST_INDEX}; give 0 to {most}")
+
+
+class VmtLink:
+    """A link (`links.Link`)."""
+
+    def __init__(
+        self, settings: VmtSettings, metrics: Metrics, reader: Reader, points: tuple[str, ...] = SIGNALS
+    ) -> None:
+        self._settings, self._metrics, self._reader, self._points = settings, metrics, reader, points
+        try:
+            address = socket.gethostbyname(settings.host)
+        except OSError:
+            raise BodysenseError(f"--vmt-host {settings.host}: no such host; give the machine of SteamVR") from None
+        self._driver = (address, settings.driver_port)
+        self._here = address_toward(address)
+        self._bound = listen_udp("--vmt-port", self._here, settings.port)
+        self._port = self._bound.getsockname()[1]
+        self._transport: asyncio.DatagramTransport | None = None
+        self._input: DeviceInput | None = None
+        self._asking: asyncio.Task[None] | None = None
+        self._shown: set[int] = set()  # indices of virtual devices that are on
+        self._last = 0.0  # s, when a body was last shown
+
+    async def open(self, live: Live) -> None:
+        """Begin to ask, and to listen."""
+        seat = live.own("vmt", self._points)
+        loop = asyncio.get_running_loop()
+
+        def protocol() -> DeviceInput:
+            play = partial(live.receive, seat)
+            return DeviceInput(play, self._metrics, self._reader, self._points, sender=self._driver[0])
+
+        self._transport, self._input = await loop.create_datagram_endpoint(protocol, sock=self._bound)
+        self._asking = loop.create_task(self._ask())
+
+    def show(self, answer: Answer) -> None:
+        """Send the virtual trackers of a body, and its hands where fingers are wanted."""
+        places, turns = answer.in_signal
+        first = self._settings.first
+        packets = [tracker_packet(first, places, turns)]
+        shown = set(range(first, first + len(TRACKERS)))
+        if self._settings.hands:
+            for k, side in enumerate(_SIDES, start=first + len(TRACKERS)):
+                packets.append(hand_packet(side, k, answer.pose.skeleton, places, turns))
+                shown.add(k)
+        self._send(packets)
+        self._shown, self._last = shown, asyncio.get_running_loop().time()
+
+    def close(self) -> None:
+        """Switch the virtual devices off."""
+        if self._asking is not None:
+            self._asking.cancel()
+        self._switch_off()
+        if self._transport is not None:
+            self._transport.close()
+        else:
+            self._bound.close()
+
+    async def _ask(self) -> None:
+        loop, asked = asyncio.get_running_loop(), -_ASK_EVERY
+        while True:
+            now = loop.time()
+            if now - asked >= _ASK_EVERY and self._input is not None:
+                asked = now
+                self._send(subscriptions(self._input.state, self._here, self._port))
+            if now - self._last > LOST:
+                self._switch_off()
+            await asyncio.sleep(LOST / 2)
+
+    def _switch_off(self) -> None:
+        self._send(off_messages(sorted(self._shown)))
+        self._shown = set()
+
+    def _send(self, messages: list[bytes]) -> None:
+        if self._transport is None or self._transport.is_closing():
+            return
+        for message in messages:
+            with contextlib.suppress(OSError):  # nobody listens there now: the next one is on its way
+                self._transport.sendto(message, self._driver)

@@ -1,0 +1,165 @@
+"""A body as the trackers that VRChat takes by OSC: hip, chest, feet, knees, elbows and the head (docs/avatars.md).
+
+Source: VRChat's documentation, *OSC Trackers*: world positions in metres and Euler angles in degrees in Unity's axes.
+
+Head and wrists that VRChat sends by OSC to whoever asks for them by OSCQuery: /tracking/vrsystem/…/pose.
+
+Six floats: place in m and Euler angles in degrees, in Unity's axes. How a wrist is turned is told of no frame that is
+documented, so of wrists the place alone is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import euler_to_quaternion
+from bodysense.io.osc import Message, PacketForm, read_packet
+from bodysense.io.unity import one_finite_pose, turned_about, unity_euler, unity_position
+from bodysense.observation import FARTHEST, Observation, usual_accuracy
+from bodysense_live.asked import commands_of
+from bodysense_live.messages import Calibrate, Recentre
+from bodysense_live.oscquery import OscAddress
+
+PORT = 9000
+# Where each tracker is, and which joint turns it: on a person knees' trackers sit on thighs, elbows' on upper arms.
+TRACKERS: dict[str, tuple[str, str]] = {
+    "1": ("pelvis", "pelvis"),
+    "2": ("left_ankle", "left_ankle"),
+    "3": ("right_ankle", "right_ankle"),
+    "4": ("left_knee", "left_hip"),
+    "5": ("right_knee", "right_hip"),
+    "6": ("spine3", "spine3"),
+    "7": ("left_elbow", "left_shoulder"),
+    "8": ("right_elbow", "right_shoulder"),
+    "head": ("head", "head"),  # the joint, not the eyes: VRChat aligns it with the avatar's head bone
+}
+
+
+def vrchat_packets(
+    pose: Pose, world: tuple[np.ndarray, np.ndarray] | None = None, trackers: Collection[str] = tuple(TRACKERS)
+) -> list[bytes]:
+    """One pose as packets of OSC: `trackers`, by their numbers, and the head.
+
+    `world`: places (P, 3) m of its points and rotations (J, 4) wxyz of its joints, if they are known. Raises
+    BodysenseError for a skeleton that lacks a joint, and for a pose that is not one frame of finite numbers.
+    """
+    one_finite_pose(pose)
+    points, turns = forward_kinematics(pose) if world is None else world
+    wanted = tuple(name for name in TRACKERS if name in trackers or name == "head")
+    places = pose.skeleton.indices([TRACKERS[name][0] for name in wanted])
+    joints = pose.skeleton.indices([TRACKERS[name][1] for name in wanted])
+    return _form(wanted).filled(np.hstack([unity_position(points[places]), unity_euler(turns[joints])]).ravel())
+
+
+@lru_cache(maxsize=64)
+def _form(trackers: tuple[str, ...]) -> PacketForm:
+    """What is sent but for where the trackers are and how they are turned."""
+    rows = [(f"/tracking/trackers/{name}/{what}", "fff", ()) for name in trackers for what in ("position", "rotation")]
+    return PacketForm(rows)
+
+
+VRCHAT_POINTS = ("headset", "left_wrist", "right_wrist")
+_POSES = {
+    f"/tracking/vrsystem/{part}/pose": point
+    for part, point in zip(("head", "leftwrist", "rightwrist"), VRCHAT_POINTS, strict=True)
+}
+TAKEN = {address: OscAddress("ffffff", "place in m, Euler angles in degrees") for address in _POSES} | {
+    "/bodysense/calibrate": OscAddress("N", "stand upright and still for a second"),
+    "/bodysense/recentre": OscAddress("N", "where the wearer stands, and faces, becomes the middle"),
+}
+_ACCURACY = usual_accuracy(VRCHAT_POINTS)[None]  # (1, P) m
+
+
+@dataclass(frozen=True, eq=False)
+class _SeenDevice:
+    position: np.ndarray  # (3,) m
+    rotation: np.ndarray | None  # (4,) wxyz
+    at: float  # s
+
+
+@dataclass(frozen=True, eq=False)
+class VrchatState:
+    """What came in until now, by point."""
+
+    seen: Mapping[str, _SeenDevice] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class VrchatReader:
+    """How packets are read; satisfies the same questions as `VmcTrackers`."""
+
+    longest_silence: float = 0.25  # s after which a point that does not come counts as not tracked
+
+    def start(self) -> VrchatState:
+        """Nothing came yet."""
+        return VrchatState()
+
+    def take(self, packet: bytes, now: float, state: VrchatState) -> tuple[VrchatState, str | None]:
+        """Take in a packet that came at `now` s; the reason, too, where it or a part of it is of no use."""
+        messages = read_packet(packet)
+        if isinstance(messages, str):
+            return state, messages
+        seen, wrong = dict(state.seen), None
+        for message in messages:
+            if message.address in _POSES:
+                found = _pose(message, now)
+                if isinstance(found, str):
+                    wrong = found
+                else:
+                    seen[_POSES[message.address]] = found
+        return VrchatState(seen), wrong
+
+    def observation(self, now: float, state: VrchatState) -> Observation | None:
+        """One frame of `VRCHAT_POINTS`; None where none came lately."""
+        fresh = {point: one for point, one in state.seen.items() if now - one.at <= self.longest_silence}
+        if not fresh:
+            return None
+        position, rotation = np.full((1, len(VRCHAT_POINTS), 3), np.nan), np.full((1, len(VRCHAT_POINTS), 4), np.nan)
+        for point, one in fresh.items():
+            k = VRCHAT_POINTS.index(point)
+            position[0, k] = one.position
+            if one.rotation is not None:
+                rotation[0, k] = one.rotation
+        return Observation(
+            points=VRCHAT_POINTS,
+            position=position,
+            rotation=rotation,
+            has_position=np.asarray(np.isfinite(position).all(axis=-1)),
+            has_rotation=np.asarray(np.isfinite(rotation).all(axis=-1)),
+            accuracy=_ACCURACY.copy(),
+            time=np.array([max(one.at for one in fresh.values())]),
+        )
+
+    def is_whole(self, now: float, state: VrchatState) -> bool:
+        """Whether head and wrists, as far as they are tracked, came at `now`."""
+        fresh = [now - one.at for one in state.seen.values() if now - one.at <= self.longest_silence]
+        return bool(fresh) and max(fresh) == 0
+
+    def commands(self, packet: bytes) -> list[Calibrate | Recentre]:
+        """What a packet asks for."""
+        return commands_of(packet)
+
+
+def _pose(message: Message, now: float) -> _SeenDevice | str:
+    """Place and rotation of a message, or why it has none."""
+    numbers = message.arguments
+    if len(numbers) != 6 or not all(isinstance(x, float) for x in numbers):
+        return f"{message.address} is not three coordinates and three angles"
+    values = np.array(numbers, dtype=float)
+    if not np.isfinite(values).all() or np.abs(values[:3]).max() > FARTHEST:
+        return f"{message.address} is not finite, or farther than {FARTHEST:g} m away"
+    turn = None
+    if _POSES[message.address] == "headset":
+        turn = turned_about(_from_unity_euler(values[3:]))  # a headset's −Z is forward
+    return _SeenDevice(unity_position(values[:3]), turn, now)
+
+
+def _from_unity_euler(angles: np.ndarray) -> np.ndarray:
+    """Our quaternion (4,) of Unity's Euler angles x, y, z in degrees, applied about Z, then X, then Y."""
+    turned = euler_to_quaternion(np.deg2rad(np.remainder(angles, 360.0))[[1, 0, 2]], "YXZ")
+    return turned * np.array([1.0, 1.0, -1.0, -1.0])

@@ -1,0 +1,162 @@
+"""The link to VRChat: found by OSCQuery, it gives head and wrists and takes trackers."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import secrets
+import socket
+import threading
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from bodysense.errors import BodysenseError, missing_package
+from bodysense_live.answer import Answer
+from bodysense_live.links import DeviceInput, Reader, address_toward, listen_udp
+from bodysense_live.live import Live
+from bodysense_live.metrics import Metrics
+from bodysense_live.oscquery import OscQueryServer, OscService
+from bodysense_live.vrchat import PORT, TAKEN, vrchat_packets
+
+_HTTP, _OSC = "_oscjson._tcp.local.", "_osc._udp.local."
+_VRCHAT = "VRChat-Client"  # how its names begin
+_TO_RESOLVE = 3000  # ms
+
+
+@dataclass(frozen=True)
+class VrchatSettings:
+    """Where VRChat is."""
+
+    host: str = "127.0.0.1"
+    port: int = PORT  # until one is found by OSCQuery
+
+
+class VrchatLink:
+    """A link (`links.Link`); `reader` reads what VRChat sends, as `points`.
+
+    Raises BodysenseError where zeroconf is missing, the host is none, or the network lets nobody be found.
+    """
+
+    def __init__(self, settings: VrchatSettings, metrics: Metrics, reader: Reader, points: tuple[str, ...]) -> None:
+        self._metrics, self._reader, self._points = metrics, reader, points
+        try:
+            self._host = socket.gethostbyname(settings.host)
+        except OSError:
+            raise BodysenseError(f"--vrchat-host {settings.host}: no such host; give the machine of VRChat") from None
+        self._usual = self.target = (self._host, settings.port)
+        self._here = address_toward(self._host)
+        self._bound = listen_udp("--vrchat", self._here, 0)
+        self._web = socket.create_server((self._here, 0))
+        name = f"bodysense-{secrets.token_hex(3)}"
+        self.service = OscService(name, self._here, self._bound.getsockname()[1], TAKEN)
+        self._query = OscQueryServer(self.service)
+        try:
+            self._found = _Discovery(self.service, self._web.getsockname()[1], self._host)
+        except BodysenseError:
+            self._bound.close()
+            self._web.close()
+            raise
+        self._transport: asyncio.DatagramTransport | None = None
+
+    async def open(self, live: Live) -> None:
+        """Begin to listen, to be found and to look."""
+        seat, loop = live.own("vrchat", self._points), asyncio.get_running_loop()
+        play, do = partial(live.receive, seat), partial(live.change, seat)
+        self._transport, _ = await loop.create_datagram_endpoint(
+            lambda: DeviceInput(play, self._metrics, self._reader, self._points, do, sender=self._host),
+            sock=self._bound,
+        )
+        await self._query.start(self._web)
+
+        def found(target: tuple[str, int] | None) -> None:
+            self.target = self._usual if target is None else target
+
+        self._found.start(lambda target: loop.call_soon_threadsafe(found, target))
+
+    def show(self, answer: Answer) -> None:
+        """Send the trackers of a body to the VRChat that was found, or to where one usually listens."""
+        if self._transport is None or self._transport.is_closing():
+            return
+        for packet in vrchat_packets(answer.pose, (answer.points, answer.turns)):
+            with contextlib.suppress(OSError):  # nobody listens there now: the next one is on its way
+                self._transport.sendto(packet, self.target)
+
+    def close(self) -> None:
+        """Say goodbye to the network."""
+        self._found.close()
+        self._query.close()
+        self._web.close()
+        if self._transport is not None:
+            self._transport.close()
+        else:
+            self._bound.close()
+
+
+class _Discovery:
+    """Announces a service by mDNS and looks for VRChat, in threads of zeroconf's own."""
+
+    def __init__(self, service: OscService, web_port: int, host: str) -> None:
+        try:
+            import zeroconf
+        except ImportError as error:
+            raise missing_package(error) from None
+        self._host = host
+        self._tell: Any = None
+        self._known: dict[str, tuple[str, int]] = {}  # VRChats by their names, the newest last
+        try:
+            self._network = zeroconf.Zeroconf(ip_version=zeroconf.IPVersion.V4Only)
+        except OSError as error:
+            raise BodysenseError(
+                f"--vrchat: nothing can be announced in this network ({error.strerror or error}); "
+                "leave it out and give VRChat's port with --vrchat-out 127.0.0.1:9000"
+            ) from None
+        address = socket.inet_aton(service.host)
+        self._ours = [
+            zeroconf.ServiceInfo(
+                kind, f"{service.name}.{kind}", port, addresses=[address], server=f"{service.name}.local."
+            )
+            for kind, port in ((_HTTP, web_port), (_OSC, service.port))
+        ]
+
+    def start(self, tell: Any) -> None:
+        """Announce and look; `tell` is called, in another thread, with where VRChat takes OSC, None when it is gone."""
+        from zeroconf import ServiceBrowser
+
+        self._tell = tell
+        self._browser = ServiceBrowser(self._network, _OSC, handlers=[self._changed])
+        threading.Thread(target=self._announce, daemon=True).start()  # asks first whether a name is taken
+
+    def close(self) -> None:
+        """Take the announcement back."""
+        self._network.close()
+
+    def _announce(self) -> None:
+        for one in self._ours:
+            with contextlib.suppress(Exception):  # the server ends meanwhile
+                self._network.register_service(one)
+
+    def _changed(self, zeroconf: Any, service_type: str, name: str, state_change: Any) -> None:
+        if not name.startswith(_VRCHAT):
+            return
+        self._known.pop(name, None)
+        if state_change.name != "Removed":
+            info: Any = zeroconf.get_service_info(service_type, name, timeout=_TO_RESOLVE)
+            near = [] if info is None else [one for one in info.parsed_addresses() if _is_same(one, self._host)]
+            if info is not None and info.port and near:
+                self._known[name] = (near[0], info.port)
+        self._tell(next(reversed(self._known.values()), None))
+
+
+def _is_same(address: str, host: str) -> bool:
+    """Whether both are of one machine: equal, or both this machine's own."""
+    return address == host or (_is_own(address) and _is_own(host))
+
+
+def _is_own(address: str) -> bool:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((address, 0))
+        except OSError:
+            return False
+        return True

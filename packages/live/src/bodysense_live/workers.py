@@ -1,0 +1,261 @@
+"""Several processes serve one port: the first takes connections, and hands each to the worker that has the fewest.
+
+Sharing the port among them would let the system spread connections by chance: of forty, one may get twice as many as
+another, and all of its wearers wait.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import multiprocessing
+import os
+import selectors
+import signal
+import socket
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from bodysense.errors import BodysenseError
+from bodysense_live.launch import serve
+from bodysense_live.settings import ServerSettings
+
+_TO_TAKE = 1.0  # s in which a worker has to take a connection
+_TO_SHAKE = 10.0  # s for TLS to be agreed upon
+_LOOK_EVERY = 0.1  # s between looks at workers that load
+_REST = 2.0  # s before another worker loads for one that ended: first its wearers resume, and have the processor
+_SOON, _MOST_ENDED = 30.0, 8  # s, and of each worker's: more that end so soon will not do better
+_TOLD_EVERY = 0.1  # s between words of a worker on connections that ended
+
+
+@dataclass(eq=False)
+class _Worker:
+    """A worker's process, our end of its channel, and how many connections it has."""
+
+    process: Any
+    channel: socket.socket
+    ready: Any  # a semaphore that it releases when it serves
+    serves: bool = False
+    count: int = 0
+
+    def end(self) -> None:
+        """Let go of a worker that is over."""
+        self.channel.close()
+
+
+class Workers:
+    """The workers of one server: `count` that serve and one more, loaded, that takes the place of one that ends."""
+
+    def __init__(self, settings: ServerSettings, count: int, folder: str) -> None:
+        self._settings, self._count, self._folder = settings, count, folder
+        self._context = multiprocessing.get_context("spawn")
+        self._ended: list[float] = []  # s, when workers ended
+        self._due: list[float] = []  # s, when others start in their place
+        self.all = [self._started() for _ in range(count + 1)]
+
+    @property
+    def serving(self) -> list[_Worker]:
+        """Those that connections are handed to; the others are loaded, or load."""
+        return [worker for worker in list(self.all) if worker.serves][: self._count]
+
+    def wait(self) -> None:
+        """Until as many as are wanted serve. Raises BodysenseError where one does not start."""
+        while len(self.serving) < self._count:
+            self.look()
+            if any(not worker.process.is_alive() for worker in self.all):
+                raise BodysenseError("a worker did not start; see above for why")
+            time.sleep(0.02)
+
+    def look(self) -> None:
+        """See who is ready by now, and start who is due."""
+        if self._due and self._due[0] <= time.monotonic():
+            self._due.pop(0)
+            # Beside the loop that hands connections out: to start a process takes a while.
+            threading.Thread(target=lambda: self.all.append(self._started()), daemon=True).start()
+        for worker in list(self.all):
+            if not worker.serves and worker.ready.acquire(block=False):
+                worker.serves = True
+
+    def replace(self, worker: _Worker) -> None:
+        """Start another worker for one that ended. Raises BodysenseError where they end again and again."""
+        now = time.monotonic()
+        self._ended = [*(moment for moment in self._ended if now - moment < _SOON), now]
+        worker.end()
+        worker.process.join()
+        if worker.process.pid is not None:
+            _forget_metrics(worker.process.pid, self._folder)
+        self.all.remove(worker)
+        if len(self._ended) > _MOST_ENDED * self._count:
+            raise BodysenseError("workers end again and again; the server was stopped: see above for why")
+        self._due.append(now + (_REST if len(self.serving) >= self._count else 0.0))
+
+    def stop(self) -> None:
+        """End them all."""
+        for worker in self.all:
+            if worker.process.is_alive() and worker.process.pid is not None:
+                os.kill(worker.process.pid, signal.SIGTERM)
+        for worker in self.all:
+            worker.process.join(5)
+            worker.end()
+
+    def _started(self) -> _Worker:
+        here, there = socket.socketpair()
+        here.settimeout(_TO_TAKE)
+        ready = self._context.Semaphore(0)
+        with there:
+            process: Any = self._context.Process(
+                target=_work, args=(self._settings, there, self._folder, ready), daemon=True
+            )
+            process.start()
+        return _Worker(process, here, ready)
+
+
+def serve_in_workers(
+    settings: ServerSettings, bound: socket.socket, workers: int, started: Callable[[], None] = lambda: None
+) -> None:
+    """Serve on a port in `workers` processes until this one is interrupted; one that ends is replaced.
+
+    Raises BodysenseError where workers do not start, and on systems that cannot hand a connection to another process.
+    """
+    if not hasattr(socket, "send_fds"):
+        raise BodysenseError("--workers: this system cannot share a port between processes; leave --workers out")
+    for ending in (signal.SIGTERM, signal.SIGINT):  # so that workers are ended, too; a shell may have it ignored
+        signal.signal(ending, signal.default_int_handler)
+    with tempfile.TemporaryDirectory(prefix="bodysense-") as folder:
+        if settings.shared is None:
+            sessions = Path(folder) / "sessions"
+            sessions.mkdir()
+            settings = replace(settings, shared=sessions)
+        pool = Workers(settings, workers, folder)
+        try:
+            pool.wait()
+            started()
+            with bound:
+                hand_out(bound, pool)
+        except KeyboardInterrupt:
+            return
+        finally:
+            pool.stop()
+
+
+def hand_out(bound: socket.socket, pool: Workers) -> None:
+    """Hand connections to workers, and replace those that end, for ever."""
+    bound.setblocking(False)
+    while True:
+        _turn(bound, pool)
+
+
+def _turn(bound: socket.socket, pool: Workers) -> None:
+    """Do what there is to do, or wait for it for a moment."""
+    pool.look()
+    serving = pool.serving
+    with selectors.DefaultSelector() as selector:
+        if serving:
+            selector.register(bound, selectors.EVENT_READ, None)
+        for worker in list(pool.all):
+            selector.register(worker.channel, selectors.EVENT_READ, worker)
+        for key, _ in selector.select(_LOOK_EVERY):
+            if key.data is None:
+                fewest = min(serving, key=lambda worker: worker.count)
+                fewest.count += _handed(bound, fewest.channel)
+                continue
+            ended = _said(key.data.channel)
+            key.data.count -= ended
+            if not ended:
+                pool.replace(key.data)
+                return  # those who serve are others now
+
+
+def _said(channel: socket.socket) -> int:
+    """How many connections of a worker ended, by a byte each; 0 where the worker did."""
+    try:
+        return len(channel.recv(4096))
+    except OSError:
+        return 0
+
+
+def _forget_metrics(process: int, folder: str) -> None:
+    """Gauges of a process that is gone count no more."""
+    with contextlib.suppress(Exception):  # it has written none
+        from prometheus_client.multiprocess import mark_process_dead
+
+        mark_process_dead(process, folder)
+
+
+def _handed(bound: socket.socket, channel: socket.socket) -> bool:
+    """Whether there was a connection, and the worker took it."""
+    try:
+        connection, _ = bound.accept()
+    except (BlockingIOError, ConnectionError):  # it was gone again
+        return False
+    except OSError:  # too many open files: others must close first
+        time.sleep(_TOLD_EVERY)
+        return False
+    with connection:
+        try:
+            socket.send_fds(channel, [b"+"], [connection.fileno()])
+        except OSError:  # a worker that is held up
+            return False
+    return True
+
+
+def _work(settings: ServerSettings, channel: socket.socket, folder: str, ready: Any) -> None:
+    """One worker."""
+    os.environ["PROMETHEUS_MULTIPROC_DIR"] = folder  # read by prometheus_client when it is imported
+    tasks: set[asyncio.Task[None]] = set()
+
+    def started(server: Any) -> None:
+        tasks.add(asyncio.get_running_loop().create_task(_take(server, channel)))
+        ready.release()
+
+    try:
+        serve(settings, [], started)
+    except BodysenseError as error:
+        print("bodysense:", error, file=sys.stderr)
+        sys.exit(2)
+
+
+async def _take(server: Any, channel: socket.socket) -> None:
+    """Serve the connections that are handed over, until the process that does so is gone."""
+    loop = asyncio.get_running_loop()
+    opening: set[asyncio.Task[None]] = set()
+    taken = told = 0
+
+    def protocol() -> Any:
+        kind = server.config.http_protocol_class
+        return kind(config=server.config, server_state=server.server_state, app_state=server.lifespan.state)
+
+    async def begin(connection: socket.socket) -> None:
+        with contextlib.suppress(OSError):  # it is gone again
+            tls = server.config.ssl
+            limit = None if tls is None else _TO_SHAKE
+            await loop.connect_accepted_socket(protocol, connection, ssl=tls, ssl_handshake_timeout=limit)
+
+    def take() -> None:
+        nonlocal taken
+        said, handles, *_ = socket.recv_fds(channel, 1, 1)
+        if not said:
+            loop.remove_reader(channel)
+            server.should_exit = True
+        for handle in handles:
+            taken += 1
+            connection = socket.socket(fileno=handle)
+            connection.setblocking(False)
+            task = loop.create_task(begin(connection))
+            opening.add(task)
+            task.add_done_callback(opening.discard)
+
+    loop.add_reader(channel, take)
+    while not server.should_exit:
+        await asyncio.sleep(_TOLD_EVERY)
+        ended = taken - len(opening) - len(server.server_state.connections) - told
+        if ended > 0:
+            with contextlib.suppress(OSError):  # `take` is told as well that nobody is there
+                channel.send(b"-" * ended)
+            told += ended

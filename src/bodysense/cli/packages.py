@@ -1,0 +1,94 @@
+"""The packages that add commands, and what to say of those that are not installed.
+
+A package names a function `add_commands(root, data)` in the entry-point group `bodysense.commands`, by its short name.
+The function puts commands into the tree and into its group `data`; one of a name that is there replaces it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+
+from tyro.extras import SubcommandApp
+
+from bodysense.errors import BodysenseError, how_to_install
+
+GROUP = "bodysense.commands"
+
+
+@dataclass(frozen=True)
+class Package:
+    """A package of the repository that adds commands."""
+
+    name: str  # of its entry point; it is in the folder packages/NAME of the repository
+    commands: Mapping[tuple[str, ...], str]  # what each does, in a line
+
+    @property
+    def source(self) -> str:
+        """What pip installs, in a clone of the repository."""
+        return f"packages/{self.name}"
+
+
+PACKAGES = (
+    Package(
+        "live",
+        {
+            ("serve",): "serve live tracking and the page",
+            ("calibrate",): "calibrate the wearer of a running server",
+            ("page",): "write the page as static files",
+        },
+    ),
+    Package("conform", {("conform",): "judge the output of a body tracker"}),
+    Package(
+        "lab",
+        {
+            ("train",): "train a network",
+            ("evaluate",): "compute a table",
+            ("bench",): "time a part",
+            ("study",): "make a user study",
+            ("data", "prepare"): "prepare motion for training",
+            ("data", "fingers"): "generate motion of fingers",
+            ("data", "render"): "draw videos of motion",
+        },
+    ),
+)
+
+
+def installed() -> dict[str, EntryPoint]:
+    """The installed packages' entry points by their names, those of `PACKAGES` first and in that order."""
+    found = {point.name: point for point in entry_points(group=GROUP)}
+    order = [package.name for package in PACKAGES]
+    return dict(sorted(found.items(), key=lambda item: order.index(item[0]) if item[0] in order else len(order)))
+
+
+def add_commands(root: SubcommandApp, data: SubcommandApp) -> None:
+    """Put the commands of the installed packages into the tree, and into its group `data`."""
+    for point in installed().values():
+        point.load()(root, data)
+
+
+def check_installed(arguments: Sequence[str]) -> None:
+    """Raise BodysenseError for a command of a package that is not installed."""
+    for package in not_installed():
+        for command in package.commands:
+            if tuple(arguments[: len(command)]) == command:
+                raise BodysenseError(
+                    f"{' '.join(command)}: this command is part of bodysense-{package.name}, which is not installed; "
+                    + how_to_install(package.source)
+                )
+
+
+def not_installed() -> list[Package]:
+    """The packages that are not installed."""
+    names = installed()
+    return [package for package in PACKAGES if package.name not in names]
+
+
+def lines_of_missing() -> list[str]:
+    """A line for each package that is not installed: its commands, and how to install it; nothing if all are."""
+    lines = []
+    for package in not_installed():
+        commands = ", ".join(f"{' '.join(name)} ({what})" for name, what in package.commands.items())
+        lines.append(f"Not installed: {commands}; {how_to_install(package.source)}")
+    return lines

@@ -1,0 +1,333 @@
+"""The C core as Python sees it: `bodysense.h` by ctypes, with NumPy arrays in and out. Calls release the GIL."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from functools import lru_cache
+from importlib.resources import as_file, files
+from typing import Any
+
+import numpy as np
+
+from bodysense.body.person import SENSOR, Person
+from bodysense.body.rigid import RigidTransform
+from bodysense.body.skeleton import default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.observation import Observation
+
+VERSION = 1  # BS_VERSION of the header that this module mirrors
+POINTS, JOINTS, CONTACTS, LENGTHS = 65, 52, 4, 32
+ALIGNMENT = 64  # bytes
+OK, STATE_FOREIGN, TIME_DISORDERED = 0, 6, 7
+LIBRARIES = {"win32": "_core.dll", "darwin": "_core.dylib"}  # by `sys.platform`; else _core.so
+
+_Pointer, _Size = ctypes.c_void_p, ctypes.c_size_t
+
+
+class Length(ctypes.Structure):
+    """`bs_length`."""
+
+    _fields_ = [
+        ("start", ctypes.c_int32),
+        ("end", ctypes.c_int32),
+        ("value", ctypes.c_double),
+        ("deviation", ctypes.c_double),
+    ]
+
+
+class Mount(ctypes.Structure):
+    """`bs_mount`."""
+
+    _fields_ = [
+        ("worn", ctypes.c_uint8),
+        ("rotation_only", ctypes.c_uint8),
+        ("translation", ctypes.c_double * 3),
+        ("rotation", ctypes.c_double * 4),
+    ]
+
+
+class PersonStruct(ctypes.Structure):
+    """`bs_person`."""
+
+    _fields_ = [
+        ("rest_offset", ctypes.c_double * 3 * POINTS),
+        ("deviation", ctypes.c_double * POINTS),
+        ("height", ctypes.c_double),
+        ("height_deviation", ctypes.c_double),
+        ("lengths", ctypes.c_int32),
+        ("length", Length * LENGTHS),
+        ("mount", Mount * JOINTS),
+    ]
+
+
+class SettingsStruct(ctypes.Structure):
+    """`bs_settings`."""
+
+    _fields_ = [
+        ("floor", ctypes.c_double),
+        ("ease", ctypes.c_double),
+        ("longest_gap", ctypes.c_double),
+        ("first", ctypes.c_double),
+        ("longest", ctypes.c_double),
+        ("hold_feet", ctypes.c_int32),
+        ("infer", ctypes.c_int32),
+    ]
+
+
+class ObservationStruct(ctypes.Structure):
+    """`bs_observation`."""
+
+    _fields_ = [
+        ("frames", ctypes.c_int32),
+        ("points", ctypes.c_int32),
+        ("point", _Pointer),
+        ("time", _Pointer),
+        ("position", _Pointer),
+        ("rotation", _Pointer),
+        ("has_position", _Pointer),
+        ("has_rotation", _Pointer),
+        ("accuracy", _Pointer),
+        ("acceleration", _Pointer),
+    ]
+
+
+# Members of `bs_estimate`, and what each frame has of it.
+ESTIMATE: dict[str, tuple[tuple[int, ...], type]] = {
+    "root_position": ((3,), np.float64),
+    "rotation": ((JOINTS, 4), np.float64),
+    "points": ((POINTS, 3), np.float64),
+    "measured": ((POINTS,), np.bool_),
+    "confidence": ((POINTS,), np.float64),
+    "bound": ((POINTS,), np.float64),
+    "contact": ((CONTACTS,), np.float64),
+    "rest_offset": ((POINTS, 3), np.float64),
+}
+
+_FUNCTIONS: dict[str, tuple[Any, Sequence[Any]]] = {
+    "bs_version": (ctypes.c_int, ()),
+    "bs_message": (ctypes.c_char_p, (ctypes.c_int,)),
+    "bs_point_name": (ctypes.c_char_p, (ctypes.c_int,)),
+    "bs_model_size": (_Size, (_Pointer, _Size)),
+    "bs_model_open": (ctypes.c_int, (_Pointer, _Size, _Pointer, _Size, _Pointer)),
+    "bs_model_kernel": (ctypes.c_char_p, (_Pointer,)),
+    "bs_person_likeliest": (ctypes.c_int, (_Pointer, _Pointer)),
+    "bs_state_size": (_Size, (_Pointer,)),
+    "bs_state_start": (ctypes.c_int, (_Pointer, _Pointer, _Pointer, _Size, _Pointer)),
+    "bs_state_open": (ctypes.c_int, (_Pointer, _Pointer, _Size, _Pointer)),
+    "bs_state_time": (ctypes.c_double, (_Pointer,)),
+    "bs_state_person": (None, (_Pointer, _Pointer)),
+    "bs_state_contradicts_height": (ctypes.c_int, (_Pointer,)),
+    "bs_state_update_person": (ctypes.c_int, (_Pointer, _Pointer, _Pointer)),
+    "bs_scratch_size": (_Size, (_Pointer, ctypes.c_int)),
+    "bs_step": (
+        ctypes.c_int,
+        (_Pointer, _Pointer, ctypes.c_int, _Pointer, _Pointer, _Pointer, _Pointer, _Size, _Pointer),
+    ),
+}
+
+
+@lru_cache(maxsize=1)
+def library() -> ctypes.CDLL:
+    """The compiled core, loaded once. Raises BodysenseError if it was not built or is of another version."""
+    import sys
+
+    name = LIBRARIES.get(sys.platform, "_core.so")
+    try:
+        with as_file(files("bodysense").joinpath(name)) as path:
+            loaded = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise BodysenseError(
+            f"the compiled core {name} cannot be loaded ({error}); install bodysense with `pip install .`, or run "
+            "`python scripts/build_core.py` in a clone"
+        ) from None
+    for function, (result, arguments) in _FUNCTIONS.items():
+        found = getattr(loaded, function)
+        found.restype, found.argtypes = result, list(arguments)
+    if loaded.bs_version() != VERSION:
+        raise BodysenseError(
+            f"the compiled core {name} has version {loaded.bs_version()}, wanted {VERSION}; install bodysense again, "
+            "or run `python scripts/build_core.py` in a clone"
+        )
+    return loaded
+
+
+def message(result: int) -> str:
+    """What a result of the core means."""
+    return library().bs_message(result).decode()
+
+
+def empty(size: int) -> np.ndarray:
+    """Bytes (size,) at an aligned address."""
+    memory = np.empty(size + ALIGNMENT, np.uint8)
+    start = -address(memory) % ALIGNMENT
+    return memory[start : start + size]
+
+
+def address(values: np.ndarray) -> int:
+    """Where an array begins."""
+    return values.__array_interface__["data"][0]
+
+
+def person_struct(person: Person) -> PersonStruct:
+    """A person as the core has it. Raises BodysenseError for more lengths than it takes."""
+    if len(person.lengths) > LENGTHS:
+        raise BodysenseError(f"person: {len(person.lengths)} lengths are known; give at most {LENGTHS}")
+    skeleton, height = person.skeleton, person.height
+    one = PersonStruct(
+        height=np.nan if height is None else height.value,
+        height_deviation=np.nan if height is None else height.deviation,
+        lengths=len(person.lengths),
+    )
+    np.frombuffer(one.rest_offset)[:] = skeleton.rest_offset.ravel()
+    np.frombuffer(one.deviation)[:] = person.bone_deviation
+    for k, ((start, end), value) in enumerate(person.lengths.items()):
+        one.length[k] = Length(skeleton.index(start), skeleton.index(end), value.value, value.deviation)
+    for joint, mount in person.mounts.items():
+        if not joint.endswith(SENSOR):  # the heading of an inertial sensor is not the core's business
+            one.mount[skeleton.index(joint)] = Mount(1, 0, tuple(mount.translation), tuple(mount.rotation))
+    return one
+
+
+def believed_person(one: PersonStruct, person: Person) -> Person:
+    """A person as the core believes them to be, with what else is known of them."""
+    offset = np.frombuffer(one.rest_offset).reshape(POINTS, 3)
+    mounts = dict(person.mounts)
+    for joint in mounts:
+        if not joint.endswith(SENSOR):
+            mount = one.mount[default_skeleton().index(joint)]
+            mounts[joint] = RigidTransform(np.array(mount.translation), np.array(mount.rotation))
+    known: dict[str, Any] = {}
+    if not person.is_told:
+        known = {"height": None if np.isnan(one.height) else person.height, "lengths": person.lengths}
+    return Person(
+        person.skeleton.with_offsets(offset),
+        bone_deviation=np.frombuffer(one.deviation).copy(),
+        mounts=mounts,
+        hands=person.hands,
+        **known,
+    )
+
+
+class Model:
+    """A completion network, open in the core's memory. Threads may share it."""
+
+    def __init__(self, weights: bytes, name: str) -> None:
+        """Open the bytes of a weights file. Raises BodysenseError, beginning with `name`, for any other bytes."""
+        core = library()
+        size = core.bs_model_size(weights, len(weights))
+        self._memory, pointer = empty(size), _Pointer()
+        result = core.bs_model_open(weights, len(weights), address(self._memory), size, ctypes.byref(pointer))
+        if result != OK:
+            raise BodysenseError(f"{name}: {message(result)}")
+        self.pointer = pointer
+        self.state_size: int = core.bs_state_size(pointer)
+
+    @property
+    def kernel(self) -> str:
+        """Name of the matrix kernel in use."""
+        return library().bs_model_kernel(self.pointer).decode()
+
+    def start(self, person: Person) -> np.ndarray:
+        """The state (N,) uint8 before the first frame of a person."""
+        memory = empty(self.state_size)
+        result = library().bs_state_start(
+            self.pointer, ctypes.byref(person_struct(person)), address(memory), len(memory), ctypes.byref(_Pointer())
+        )
+        if result != OK:
+            raise BodysenseError(f"person: {message(result)}")
+        return memory
+
+    def opened(self, stored: bytes) -> np.ndarray:
+        """A state that was stored. Raises BodysenseError for any other bytes, and for a state of another model."""
+        memory = empty(len(stored))
+        memory[:] = np.frombuffer(stored, np.uint8)
+        result = library().bs_state_open(self.pointer, address(memory), len(memory), ctypes.byref(_Pointer()))
+        if result != OK:
+            raise BodysenseError(f"tracker state: {message(result)}")
+        return memory
+
+    def person(self, state: np.ndarray, person: Person) -> Person:
+        """The person of a state as believed now; `person` is who it was started with."""
+        one = PersonStruct()
+        library().bs_state_person(address(state), ctypes.byref(one))
+        return believed_person(one, person)
+
+    def updated(self, state: np.ndarray, person: Person) -> np.ndarray:
+        """The state after more became known of its person."""
+        after = copied(state)
+        one = person_struct(person)
+        result = library().bs_state_update_person(self.pointer, address(after), ctypes.byref(one))
+        if result != OK:
+            raise BodysenseError(f"person: {message(result)}")
+        return after
+
+    def step(
+        self, settings: SettingsStruct, observations: Sequence[Observation], states: Sequence[np.ndarray]
+    ) -> tuple[int, int, dict[str, np.ndarray]]:
+        """Complete the next T frames of B people, in place of their states.
+
+        Returns a result, the person whom it concerns, and the arrays (B, T, …) of `ESTIMATE`.
+        """
+        people, frames = len(observations), len(observations[0])
+        structs, keep = (ObservationStruct * people)(), []
+        for one, observation in zip(structs, observations, strict=True):
+            keep.append(_fill(one, observation))
+        made = {name: np.empty((people, frames, *shape), kind) for name, (shape, kind) in ESTIMATE.items()}
+        first = np.array([address(values) for values in made.values()], np.uintp)
+        stride = np.array([values.strides[0] for values in made.values()], np.uintp)
+        estimates = first + np.arange(people, dtype=np.uintp)[:, None] * stride
+        pointers = np.array([address(state) for state in states], np.uintp)
+        scratch, refused = empty(library().bs_scratch_size(self.pointer, people)), ctypes.c_int()
+        result = library().bs_step(
+            self.pointer,
+            ctypes.byref(settings),
+            people,
+            structs,
+            address(pointers),
+            address(estimates),
+            address(scratch),
+            len(scratch),
+            ctypes.byref(refused),
+        )
+        return result, refused.value, made
+
+
+def time_of(state: np.ndarray) -> float:
+    """Time (s) of the last frame of a state; NaN before the first."""
+    return library().bs_state_time(address(state))
+
+
+def contradicts_height(state: np.ndarray) -> bool:
+    """Whether the head was higher than the known height allows, which then counts no more."""
+    return bool(library().bs_state_contradicts_height(address(state)))
+
+
+def copied(state: np.ndarray) -> np.ndarray:
+    """A copy of a state."""
+    memory = empty(len(state))
+    memory[:] = state
+    return memory
+
+
+def _fill(one: ObservationStruct, observation: Observation) -> list[np.ndarray]:
+    """Point a struct at an observation's arrays (T, P, …). Returns the arrays, which must outlive it."""
+    own = {"point": point_indices(observation.points), "time": _contiguous(observation.time, np.float64)}
+    for name in ("position", "rotation", "accuracy"):
+        own[name] = _contiguous(getattr(observation, name), np.float64)
+    for name in ("has_position", "has_rotation"):
+        own[name] = _contiguous(getattr(observation, name), np.bool_)
+    one.frames, one.points = len(observation), len(observation.points)
+    for name, values in own.items():
+        setattr(one, name, address(values))
+    return list(own.values())
+
+
+def _contiguous(values: np.ndarray, kind: type) -> np.ndarray:
+    return np.ascontiguousarray(values, kind)
+
+
+@lru_cache(maxsize=256)
+def point_indices(points: tuple[str, ...]) -> np.ndarray:
+    """The core's indices (P,) of points. Raises BodysenseError for points that no body has."""
+    return default_skeleton().indices(points).astype(np.int32)

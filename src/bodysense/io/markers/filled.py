@@ -1,0 +1,114 @@
+"""Marker files written again with filled gaps: every byte that is not of a filled marker stays."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.errors import BodysenseError
+from bodysense.files import read_text, written_beside
+from bodysense.io.markers.c3d import filled_c3d
+from bodysense.io.markers.raw_markers import Cells, RawMarkers
+from bodysense.io.markers.text import MISSING
+
+_SAMPLE = 50  # cells of a marker from which the digits of a number are learned
+_USUAL_DIGITS = 5  # behind the point, of a file without any number
+_NUMBER = re.compile(r"[-+]?\d*(?P<point>[.,]?)(?P<digits>\d*)(?P<exponent>[eE].*)?")
+
+
+def check_fillable(path: Path, out: Path, raw: RawMarkers) -> None:
+    """Raise BodysenseError where a marker file cannot be written again as `out`."""
+    if out.suffix.lower() != path.suffix.lower():
+        raise BodysenseError(
+            f"{out}: markers with filled gaps are the same kind of file as {path.name}; give a name that ends in "
+            f"{path.suffix.lower()}, or for the body's motion in .bvh"
+        )
+    if path.suffix.lower() != ".c3d" and raw.cells is None:
+        raise BodysenseError(f"{path}: its points are rigid bodies or segments; gaps are filled of markers alone")
+
+
+def fillable(raw: RawMarkers) -> np.ndarray:
+    """(M,) bool: which points of a file are markers, whose cells can be written."""
+    if raw.cells is None:
+        return np.ones(len(raw.names), dtype=bool)
+    return np.asarray((raw.cells.columns >= 0).all(axis=1))
+
+
+def write_filled(path: Path, out: Path, raw: RawMarkers, position: np.ndarray, filled: np.ndarray) -> None:
+    """Write a marker file again, the same kind of file.
+
+    Args:
+        path: the file that was read.
+        out: where to; it appears whole or not at all.
+        raw: what was read.
+        position: (T, M, 3) of all its points in the file's unit and axes.
+        filled: (T, M) bool: which of them are written.
+    """
+    check_fillable(path, out, raw)
+    if raw.cells is None:
+        data = filled_c3d(path, position, filled)
+    else:
+        data = _filled_text(path, raw.cells, position, filled)
+    with written_beside(out) as beside:
+        beside.write_bytes(data)
+
+
+def _filled_text(path: Path, cells: Cells, position: np.ndarray, filled: np.ndarray) -> bytes:
+    """The bytes of a text file with other numbers."""
+    mark = b"\xef\xbb\xbf" if path.read_bytes()[:3] == b"\xef\xbb\xbf" else b""
+    with path.open(encoding="utf-8-sig", newline="") as stream:
+        lines = stream.read().splitlines(keepends=True)
+    if [line.rstrip("\r\n") for line in lines] != [line.rstrip("\r\n") for line in read_text(path).splitlines()]:
+        raise BodysenseError(f"{path}: its lines end in an odd way; export it again")
+    split = [_split(lines[number - 1], cells.delimiter) for number in cells.lines]
+    for marker in np.flatnonzero(filled.any(axis=0)).tolist():
+        columns, flag = cells.columns[marker].tolist(), cells.valid.get(marker)
+        known = [row for row, was_filled in zip(split, filled[:, marker].tolist(), strict=True) if not was_filled]
+        digits, point = _form(known, columns)
+        for t in np.flatnonzero(filled[:, marker]).tolist():
+            row = split[t]
+            row += [""] * (max(*columns, flag or 0) + 1 - len(row))
+            for column, value in zip(columns, position[t, marker].tolist(), strict=True):
+                row[column] = _replaced(row[column], f"{value:.{digits}f}".replace(".", point))
+            if flag is not None:
+                row[flag] = _replaced(row[flag], "1")
+    for t in np.flatnonzero(filled.any(axis=1)).tolist():
+        line = lines[cells.lines[t] - 1]
+        lines[cells.lines[t] - 1] = cells.delimiter.join(split[t]) + line[len(line.rstrip("\r\n")) :]
+    return mark + "".join(lines).encode("utf-8")
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    """The cells of a line with the blanks and quotes around them; a delimiter within quotes separates nothing."""
+    line = line.rstrip("\r\n")
+    if '"' not in line:
+        return line.split(delimiter)
+    return [part.replace("\0", delimiter) for part in _unquoted(line, delimiter).split(delimiter)]
+
+
+def _unquoted(line: str, delimiter: str) -> str:
+    return re.sub(r'"[^"]*"', lambda match: match[0].replace(delimiter, "\0"), line)
+
+
+def _replaced(cell: str, number: str) -> str:
+    """A number in place of what a cell holds; blanks and quotes around it stay."""
+    content = cell.strip().strip('"').strip()
+    return cell.replace(content, number, 1) if content else cell.replace('""', f'"{number}"') or number
+
+
+def _form(rows: list[list[str]], columns: list[int]) -> tuple[int, str]:
+    """How many digits the numbers of a marker usually have behind the point, and the point."""
+    found: Counter[tuple[int, str]] = Counter()
+    for row in rows:
+        for column in columns:
+            text = row[column].strip().strip('"') if column < len(row) else ""
+            match = _NUMBER.fullmatch(text) if text.lower() not in MISSING else None
+            if match is not None and float(text.replace(",", ".") or 0) != 0:
+                digits = _USUAL_DIGITS if match["exponent"] else len(match["digits"])
+                found[digits, match["point"] or "."] += 1
+        if found.total() >= _SAMPLE:
+            break
+    return found.most_common(1)[0][0] if found else (_USUAL_DIGITS, ".")

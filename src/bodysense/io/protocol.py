@@ -1,0 +1,197 @@
+"""The wire between a client and the server, version 1: dataclasses and bytes, little-endian, no I/O (docs/protocol.md).
+
+Text messages are JSON objects with a `type` (`bodysense_live/messages.py`); binary messages are the frames of this
+module.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from bodysense.errors import BodysenseError
+from bodysense.observation import FARTHEST, UNIT_TOLERANCE
+
+VERSION = 1
+SUBPROTOCOL = "bodysense.1"
+SIGNAL, POSE, TRUTH = 1, 2, 3  # kinds of frames
+CONTACTS = 4  # of a pose: ankles and balls of the feet
+HAS_POSITION, HAS_ROTATION = 1, 2  # bits of a point
+MOST_POINTS = 128  # of a hello
+SIGNAL_HEAD = struct.Struct("<BBHId")  # kind, flags, points, sequence, time in s
+POSE_HEAD = struct.Struct("<BBHId")  # kind, flags, joints, sequence, time in s
+POINT = np.dtype(
+    [("point", "u1"), ("has", "u1"), ("accuracy", "<u2"), ("position", "<f4", (3,)), ("rotation", "<f4", (4,))]
+)
+ACCURACY_UNIT = 1e-4  # m
+LARGEST_SIGNAL = SIGNAL_HEAD.size + MOST_POINTS * POINT.itemsize
+_LATEST = 1e11  # s: Unix time is 1.7e9 s; in milliseconds it is refused
+
+
+class ProtocolError(BodysenseError):
+    """What a peer sent cannot be used; `code` is that of the closing WebSocket frame (RFC 6455, section 7.4)."""
+
+    def __init__(self, reason: str, code: int = 1007) -> None:
+        super().__init__(reason)
+        self.code = code
+
+
+@dataclass(frozen=True, eq=False)
+class SignalFrame:
+    """What was tracked at one moment: N points, by their place in the hello, in the signal's own world."""
+
+    sequence: int
+    time: float  # s
+    point: np.ndarray  # (N,) u8, place in the points of the hello
+    has: np.ndarray  # (N,) u8, HAS_POSITION | HAS_ROTATION
+    position: np.ndarray  # (N, 3) f32 m
+    rotation: np.ndarray  # (N, 4) f32 wxyz
+    # (N,) u16, `ACCURACY_UNIT`s: the expected error of a position; 0 where the device does not say. None: all 0.
+    accuracy: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PoseFrame:
+    """The body that answers a signal; as truth (what really was, in a replay) it ends after its rotations."""
+
+    sequence: int  # of the signal that is answered
+    time: float  # s, of that signal
+    root_position: np.ndarray  # (3,) m, world
+    rotation: np.ndarray  # (J, 4) wxyz, parent ← joint
+    expected_error: np.ndarray  # (P,) m
+    hidden: np.ndarray  # (P,) probability; 1 where it was not measured
+    contact: np.ndarray  # (4,) probability that left and right ankle, left and right ball of the foot rest on something
+    microseconds: int = 0  # spent in the server
+
+
+def wire_accuracy(metres: np.ndarray) -> np.ndarray:
+    """Accuracies (N,) m as a signal frame has them; NaN becomes 0."""
+    return np.clip(np.rint(np.nan_to_num(metres, posinf=FARTHEST) / ACCURACY_UNIT), 0, 0xFFFF).astype("<u2")
+
+
+def write_signal(frame: SignalFrame, kind: int = SIGNAL) -> bytes:
+    """The bytes of a signal frame."""
+    rows = np.zeros(len(frame.point), dtype=POINT)
+    for name in ("point", "has", "position", "rotation"):
+        rows[name] = getattr(frame, name)
+    if frame.accuracy is not None:
+        rows["accuracy"] = frame.accuracy
+    return SIGNAL_HEAD.pack(kind, 0, len(rows), frame.sequence, frame.time) + rows.tobytes()
+
+
+def read_signal(data: bytes, points: int) -> SignalFrame:
+    """The frame of a binary message of a client that named so many `points`.
+
+    Raises ProtocolError for what is no frame, and for numbers that no tracker gives: not finite, farther than
+    `FARTHEST` from the origin, rotations that are not of unit length.
+    """
+    if len(data) < SIGNAL_HEAD.size:
+        raise ProtocolError(f"a frame of {len(data)} bytes; its head alone is {SIGNAL_HEAD.size} bytes")
+    kind, flags, count, sequence, time = SIGNAL_HEAD.unpack_from(data)
+    if kind != SIGNAL or flags:
+        raise ProtocolError(f"a frame of kind {kind} with flags {flags}; clients send kind {SIGNAL} with flags 0")
+    if len(data) != SIGNAL_HEAD.size + count * POINT.itemsize:
+        raise ProtocolError(
+            f"a frame of {len(data)} bytes; {count} points take {SIGNAL_HEAD.size + count * POINT.itemsize}"
+        )
+    if not abs(time) < _LATEST:  # what is no number, too
+        raise ProtocolError(
+            f"a frame at {time:g} s; give seconds of the client's own clock, below {_LATEST:g}, not milliseconds"
+        )
+    rows = np.frombuffer(data, POINT, count, SIGNAL_HEAD.size)
+    frame = SignalFrame(
+        sequence, time, rows["point"], rows["has"], rows["position"], rows["rotation"], rows["accuracy"]
+    )
+    if count:
+        _check_points(frame, points)
+    return frame
+
+
+def _check_points(frame: SignalFrame, points: int) -> None:
+    """Refuse points that the hello did not name and numbers that no tracker gives."""
+    point, has = frame.point.tobytes(), frame.has.tobytes()  # bytes are quicker to look at than small arrays
+    if max(point) >= points:
+        raise ProtocolError(f"a point with number {max(point)}; the hello named {points}")
+    if max(has) > HAS_POSITION | HAS_ROTATION:
+        raise ProtocolError(f"a point that has {max(has)}; 1 is a position, 2 a rotation, 3 both")
+    if len(set(point)) < len(point):
+        raise ProtocolError("a frame names a point twice; give each once")
+    # Comparisons with what is no number are false, and squares that overflow are of no unit length.
+    with np.errstate(all="ignore"):
+        near = np.abs(frame.position) <= FARTHEST
+        unit = np.abs(np.sqrt(np.square(frame.rotation).sum(axis=1)) - 1) < UNIT_TOLERANCE
+    if not near.all() and not (near.all(axis=1) | (frame.has & HAS_POSITION == 0)).all():
+        raise ProtocolError(f"a position that is not finite or beyond {FARTHEST:g} m; give metres, or clear its bit")
+    if not unit.all() and not (unit | (frame.has & HAS_ROTATION == 0)).all():
+        raise ProtocolError("a rotation that is not of unit length; give w, x, y, z, or clear its bit")
+
+
+@lru_cache(maxsize=256)
+def pose_layout(joints: int, points: int) -> np.dtype:
+    """The bytes of a pose frame of such a skeleton, without padding."""
+    return np.dtype(
+        [
+            ("kind", "u1"),
+            ("flags", "u1"),
+            ("joints", "<u2"),
+            ("sequence", "<u4"),
+            ("time", "<f8"),
+            ("root_position", "<f4", (3,)),
+            ("rotation", "<f4", (joints, 4)),
+            ("expected_error", "<f4", (points,)),
+            ("hidden", "u1", (points,)),
+            ("contact", "u1", (CONTACTS,)),
+            ("microseconds", "<u4"),
+        ]
+    )
+
+
+def write_pose(frame: PoseFrame, microseconds: int = 0) -> bytes:
+    """The bytes of a pose frame that took the server so long."""
+    head = POSE_HEAD.pack(POSE, 0, len(frame.rotation), frame.sequence, frame.time)
+    probability = (np.concatenate([frame.hidden, frame.contact]) * 255 + 0.5).astype(np.uint8)
+    return b"".join(
+        (
+            head,
+            frame.root_position.astype("<f4").tobytes(),
+            frame.rotation.astype("<f4").tobytes(),
+            frame.expected_error.astype("<f4").tobytes(),
+            probability.tobytes(),
+            microseconds.to_bytes(4, "little"),
+        )
+    )
+
+
+def write_truth(frame: PoseFrame) -> bytes:
+    """The bytes of a truth frame: a pose frame that ends after its rotations."""
+    head = POSE_HEAD.pack(TRUTH, 0, len(frame.rotation), frame.sequence, frame.time)
+    return head + frame.root_position.astype("<f4").tobytes() + frame.rotation.astype("<f4").tobytes()
+
+
+def read_pose(data: bytes, points: int) -> PoseFrame:
+    """The frame of a pose or a truth of a skeleton with so many `points`, as a client reads it.
+
+    Raises ProtocolError for other bytes.
+    """
+    if len(data) < POSE_HEAD.size or data[0] not in (POSE, TRUTH):
+        raise ProtocolError(f"a frame of {len(data)} bytes that is no pose")
+    joints = POSE_HEAD.unpack_from(data)[2]
+    layout = pose_layout(joints, points)
+    truth = data[0] == TRUTH
+    wanted = POSE_HEAD.size + 12 + 16 * joints if truth else layout.itemsize
+    if len(data) != wanted:
+        raise ProtocolError(f"a pose of {len(data)} bytes; {joints} joints and {points} points take {wanted}")
+    row = np.frombuffer(data + bytes(layout.itemsize - wanted), layout)[0]
+    return PoseFrame(
+        int(row["sequence"]),
+        float(row["time"]),
+        row["root_position"],
+        row["rotation"],
+        row["expected_error"],
+        row["hidden"] / 255,
+        row["contact"] / 255,
+        int(row["microseconds"]),
+    )

@@ -1,0 +1,257 @@
+"""Sources: `open_source` asks once whether a source is a motion, a recording, markers or a video, and opens it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+from bodysense.arrays import conversion
+from bodysense.body.hand import Side, hand_skeleton
+from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.gloves.device import has_gloves
+from bodysense.devices.gloves.labelling import Labeller
+from bodysense.devices.video.pictures import is_video
+from bodysense.errors import BodysenseError
+from bodysense.filling import Holed, open_holed
+from bodysense.io.archive import ZIP
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.sources import Source as MotionEntry
+from bodysense.io.datasets.sources import as_told, read_with_rig
+from bodysense.io.gltf import motion as io_gltf
+from bodysense.io.holes import Missing
+from bodysense.io.markers.files import ENDINGS as MARKER_ENDINGS
+from bodysense.io.markers.files import is_marker_file, read_unlabelled
+from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
+from bodysense.io.markers.recording import MarkerRecording, read_markers, with_hands_of
+from bodysense.io.recording import Recording, is_recording, read_recording
+from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
+from bodysense.io.smpl import PICKLES, is_smpl, read_smpl
+from bodysense.observation import Observation
+
+MOTION_ENDINGS = (".bvh", ".npz", ".npy", *io_gltf.ENDINGS)
+Kind = Literal["motion", "recording", "markers", "video"]
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSource:
+    """A motion, in a file or in memory. A file is read when its clip or its holes are first asked for."""
+
+    name: str  # for messages
+    path: Path | None = None  # None: in memory
+    given: Clip | None = None  # the motion in memory
+    options: ReadingOptions = AS_FOUND
+    rate: float | None = None  # Hz, of a file that does not say it
+
+    @property
+    def bvh(self) -> Path | None:
+        """The file, if it is a BVH file, whose rig and text can be kept."""
+        return self.path if self.path is not None and self.path.suffix.lower() == ".bvh" else None
+
+    @property
+    def clip(self) -> Clip:
+        """The motion in canonical form. Raises BodysenseError, naming the file and the fix, if it cannot be read."""
+        return self._read[0]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Lines about what was recognised in the file."""
+        return self._read[1]
+
+    @cached_property
+    def _read(self) -> tuple[Clip, tuple[str, ...]]:
+        if self.given is not None:
+            return self.given, ()
+        assert self.path is not None
+        return _read_motion(self.path, self.options, self.rate)
+
+    def with_holes(self, missing: Sequence[Missing]) -> Holed:
+        """Return the motion with what is missing of it: the joints given, else what its BVH file itself shows."""
+        try:
+            return open_holed(self.bvh or self.clip, missing, self.options)
+        except BodysenseError as error:
+            raise error if self.name in str(error) else BodysenseError(f"{self.name}: {error}") from None
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingSource:
+    """A recording of tracked points, in a file or in memory."""
+
+    name: str
+    recording: Recording
+    path: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerSource:
+    """A file of optical markers, and the recording of joints and gloves that follows from them."""
+
+    name: str
+    path: Path
+    recording: Recording
+    remarks: tuple[str, ...]  # lines about what was recognised, is doubtful or was left out
+    found: MarkerRecording | None = None  # None: its points have no labels
+
+
+@dataclass(frozen=True)
+class VideoSource:
+    """A video file, a folder of images, or a webcam by its index. It is opened when it is tracked."""
+
+    name: str
+
+
+Opened = MotionSource | RecordingSource | MarkerSource | VideoSource
+InMemory = Clip | Observation | Recording
+Source = str | Path | InMemory | Opened
+
+
+def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: MarkerOptions = NO_OPTIONS) -> Opened:
+    """Open a source as the kind that it is.
+
+    Args:
+        source: a file (motion, recording, markers, video), a folder of images, a webcam's index, or a Clip, Observation
+            or Recording in memory. An opened source is returned unchanged.
+        reading: what the file does not say of itself: unit, upward axis, floor, height, joints, which body.
+        markers: the same of marker files; `rate` is also for motions.
+
+    Raises BodysenseError, naming the file and the fix, for files that are never read and for options that this kind of
+    source does not have.
+    """
+    if isinstance(source, (MotionSource, RecordingSource, MarkerSource, VideoSource)):
+        return source
+    if isinstance(source, Clip):
+        return MotionSource(source.name or "clip", given=source)
+    if isinstance(source, Recording):
+        return RecordingSource("recording", source)
+    if isinstance(source, Observation):
+        return RecordingSource("observation", Recording(source, default_skeleton(), told=False))
+    path, kind = Path(source), kind_of(source)
+    if kind == "video":
+        _check_video(str(source), reading, markers)
+        return VideoSource(str(source))
+    if kind == "markers":
+        return _open_markers(path, reading, markers)
+    if kind == "recording":
+        return _open_recording(path, reading, markers)
+    if replace(markers, rate=None) != NO_OPTIONS:
+        kinds = ", ".join(MARKER_ENDINGS)
+        raise BodysenseError(f"{path}: a motion; --names, --unlabelled and their like are for markers, {kinds}")
+    return MotionSource(str(path), path, options=reading, rate=markers.rate)
+
+
+def kind_of(source: str | Path) -> Kind:
+    """Return the kind of a file, a folder of images or a webcam's index.
+
+    Raises BodysenseError, with the fix, for a file that does not exist and for kinds that are never read.
+    """
+    path = Path(source)
+    if is_video(str(source)):
+        return "video"
+    if not path.is_file():
+        raise BodysenseError(f"{path}: no such file")
+    check_kind(path)
+    if is_marker_file(path):
+        return "markers"
+    if is_recording(path):
+        return "recording"
+    if path.suffix.lower() not in (*MOTION_ENDINGS, ZIP):
+        raise BodysenseError(f"{path}: unknown kind of file {path.suffix!r}; valid are {', '.join(MOTION_ENDINGS)}")
+    return "motion"
+
+
+def check_kind(path: str | Path) -> None:
+    """Raise BodysenseError, with what to do, for kinds of files that are never read: FBX, gzip, pickles."""
+    path = Path(path)
+    ending = path.suffix.lower()
+    if ending == ".gz":
+        raise BodysenseError(f"{path}: compressed by gzip; unpack it: gunzip -k {path.name}")
+    if ending in PICKLES:
+        raise BodysenseError(f"{path}: a pickle may run any code when it is read; {conversion(path)}")
+    if ending == ".fbx":
+        load = f"import bpy; bpy.ops.import_scene.fbx(filepath='{path.name}')"
+        raise BodysenseError(
+            f"{path}: FBX is not read; convert it with Blender: "
+            f"blender -b --python-expr \"{load}; bpy.ops.export_scene.gltf(filepath='{path.stem}.glb')\""
+        )
+
+
+def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tuple[Clip, tuple[str, ...]]:
+    """Read a motion in canonical form, and lines on what was recognised; `rate` Hz if its file does not say it."""
+    if is_smpl(path):
+        clip, remarks = read_smpl(path, rate)
+        return as_told(clip, options, "results of SMPL", "y"), tuple(f"note: {remark}" for remark in remarks)
+    if rate is not None:
+        raise BodysenseError(f"{path}: the file says its frame rate; leave --rate {rate:g} out")
+    if path.suffix.lower() in io_gltf.ENDINGS:
+        clip, remarks = io_gltf.read_gltf(path, options.joints)
+        return as_told(clip, replace(options, joints=None), "glTF files", "y"), tuple(
+            f"note: {remark}" for remark in remarks
+        )
+    clip, rig = read_with_rig(MotionEntry(path, person="", split="test"), options)
+    return clip, () if rig is None else (f"read {path}: {rig.line()}",)
+
+
+def _check_video(name: str, reading: ReadingOptions, markers: MarkerOptions) -> None:
+    if reading != ReadingOptions(height=reading.height):
+        raise BodysenseError(f"{name}: a video; of --unit, --up, --floor, --joints and --figure it has none")
+    if markers != NO_OPTIONS:
+        raise BodysenseError(f"{name}: a video; options of markers are not for videos: leave --names and its like out")
+
+
+def _open_recording(path: Path, reading: ReadingOptions, markers: MarkerOptions) -> RecordingSource:
+    if replace(markers, marker_set=None) != NO_OPTIONS:
+        kinds = ", ".join(MARKER_ENDINGS)
+        raise BodysenseError(f"{path}: --names, --unlabelled and their like are for marker files, {kinds}")
+    if reading != ReadingOptions(floor=reading.floor, height=reading.height):
+        raise BodysenseError(f"{path}: --unit, --up, --joints and --figure are for motions and marker files")
+    recording = read_recording(path)
+    if has_gloves(recording.observation):
+        recording = replace(recording, worn=markers.worn())
+    return RecordingSource(str(path), recording, path)
+
+
+def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -> MarkerSource:
+    """Open a marker file as the body or the gloves that its markers show.
+
+    Gloves alone are put on the default body of the given height, with hands of the gloves' size. The proportions of a
+    body are inferred.
+    """
+    height = reading.height
+    body = default_skeleton() if height is None else default_skeleton().scaled(height)
+    if markers.unlabelled is not None:
+        return MarkerSource(str(path), path, Recording(_labelled(path, markers, reading), body), ())
+    found = read_markers(path, markers.form(reading))
+    sized = (
+        f"the {hand} hand is {size:.2f} times the size of the default body's" for hand, size in found.sizes.items()
+    )
+    # Sizes are factors of the unscaled hand.
+    hands = {hand: size * default_skeleton().height / body.height for hand, size in found.sizes.items()}
+    recording = Recording(
+        found.observation,
+        with_hands_of(body, hands),
+        told=not found.has_body,
+        hands_shown=has_gloves(found.observation),
+        worn=markers.worn(),
+    )
+    return MarkerSource(str(path), path, recording, (*(f"note: {line}" for line in found.remarks), *sized), found)
+
+
+def _labelled(path: Path, options: MarkerOptions, reading: ReadingOptions) -> Observation:
+    """The gloves among the points of a file that does not tell them apart."""
+    if options.names is not None:
+        raise BodysenseError(f"--names {options.names}: --unlabelled takes no names; leave one of both out")
+    points, _ = read_unlabelled(path, options.form(reading))
+    hands: tuple[Side, ...] = ("left", "right")
+    sides: list[Side] = [side for side in hands if options.unlabelled in (side, "both")]
+    labeller = Labeller({side: hand_skeleton(default_skeleton(), side) for side in sides})
+    observation, _ = labeller.step(points, labeller.start())
+    seen = observation.has_position.any(axis=0).reshape(len(sides), -1)
+    for k, side in enumerate(sides):
+        if not seen[k].any():
+            raise BodysenseError(
+                f"{path}: no {side} glove is found among its {len(points.points)} points; see docs/gloves.md, "
+                "or name the markers"
+            )
+    return observation

@@ -1,0 +1,131 @@
+"""Fingers for a motion that has none, by a network (UNOC, section 5.3); the body is left as it is.
+
+The network places finger joints and fingertips in their wrist's axes. They are smoothed by a critically damped filter,
+then every finger is turned from the wrist outward, each joint by the shortest arc that points its rigid bone from where
+the joint is at where the next one should be. That is exact where the positions are those of this hand, and gives no
+twist about a bone, which positions do not tell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bodysense.body.pose import Pose, forward_kinematics, local_offset
+from bodysense.body.rotation import (
+    quaternion_canonical,
+    quaternion_conjugate,
+    quaternion_multiply,
+    quaternion_rotate,
+    shortest_arc,
+)
+from bodysense.body.skeleton import Skeleton
+from bodysense.body.spring import spring_step
+from bodysense.devices.simulated.three_point import POINTS
+from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.observation import check_order
+from bodysense.papers.point_model import PointModel, PointRunner, PointState, load_point_model
+
+HALF_LIFE = 0.05  # s until the smoother has closed half of a jump
+
+
+@dataclass(frozen=True, eq=False)
+class FingerState:
+    """What the network remembers, and how the smoothed fingers move."""
+
+    network: PointState
+    time: float | None = None
+    offset: np.ndarray | None = None  # (O, 3) m
+    velocity: np.ndarray | None = None  # (O, 3) m/s
+
+
+@dataclass(frozen=True)
+class FingerSynthesis:
+    """Places the fingers of a skeleton from its body's motion. Immutable; state is an argument."""
+
+    skeleton: Skeleton
+    model: PointModel
+    half_life: float = HALF_LIFE
+
+    def __post_init__(self) -> None:
+        if not self.half_life >= 0:
+            raise BodysenseError(f"half-life {self.half_life:g} s: give 0 or more seconds")
+
+    @cached_property
+    def _runner(self) -> PointRunner:
+        return PointRunner(self.model, self.skeleton)
+
+    @cached_property
+    def places(self) -> np.ndarray:
+        """(O,) the points that are placed."""
+        return self.skeleton.indices(self.model.places)
+
+    def start(self) -> FingerState:
+        """The state before the first frame."""
+        return FingerState(self._runner.start())
+
+    def step(self, pose: Pose, time: np.ndarray, state: FingerState) -> tuple[np.ndarray, FingerState]:
+        """Offsets (T, O, 3) m of finger points from their wrist, in its axes, for a motion (T,) at `time` (T,) s.
+
+        Of the motion only the body is read. One call with T frames equals T calls with one. Raises BodysenseError when
+        time does not increase.
+        """
+        position, rotation = forward_kinematics(pose)
+        reads, oriented = self.skeleton.indices(self.model.reads), self.skeleton.indices(POINTS)
+        offsets = []
+        for t, now in enumerate(np.asarray(time, dtype=float).tolist()):
+            check_order(now, state.time, "finger synthesis")
+            placed, _, network = self._runner.step(position[t, reads], rotation[t, oriented], now, state.network)
+            whole = position[t].copy()
+            whole[self.places] = placed
+            offset = local_offset(self.skeleton, whole, rotation[t])[self.places]
+            state = self._smoothed(offset, now, replace(state, network=network))
+            assert state.offset is not None
+            offsets.append(state.offset)
+        return np.stack(offsets), state
+
+    def _smoothed(self, target: np.ndarray, time: float, state: FingerState) -> FingerState:
+        """Critically damped motion toward where the fingers should be."""
+        if state.offset is None or state.velocity is None or state.time is None or self.half_life == 0:
+            return replace(state, time=time, offset=target, velocity=np.zeros_like(target))
+        away, velocity = spring_step(state.offset - target, state.velocity, self.half_life, time - state.time)
+        return replace(state, time=time, offset=target + away, velocity=velocity)
+
+
+def finger_rotations(skeleton: Skeleton, offset: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Finger joints (F,) and their local rotations (T, F, 4) that point a rigid hand's bones at `offset` (T, O, 3) m.
+
+    `places` (O,) says which points the offsets, from their wrist in its axes, are of.
+    """
+    wanted = dict(zip(places.tolist(), np.moveaxis(offset, -2, 0), strict=True))
+    still = np.tile([1.0, 0.0, 0.0, 0.0], (len(offset), 1))
+    joints = np.flatnonzero(skeleton.wrist_of[: len(skeleton.joints)] >= 0)
+    reached: dict[int, np.ndarray] = {}  # from the wrist, in its axes
+    turned: dict[int, np.ndarray] = {}  # wrist ← joint
+    local = {}
+    for joint in joints.tolist():
+        parent = skeleton.parents[joint]
+        above = turned.get(parent, still)
+        base = reached.get(parent, np.zeros((len(offset), 3)))
+        reached[joint] = base + quaternion_rotate(above, np.broadcast_to(skeleton.rest_offset[joint], base.shape))
+        child = skeleton.parents.index(joint)  # joints of fingers have one
+        toward = quaternion_rotate(quaternion_conjugate(above), wanted[child] - reached[joint])
+        local[joint] = shortest_arc(np.broadcast_to(skeleton.rest_offset[child], toward.shape), toward)
+        turned[joint] = quaternion_multiply(above, local[joint])
+    return joints, quaternion_canonical(np.stack([local[joint] for joint in joints.tolist()], axis=1))
+
+
+def synthesize(clip: Clip, model: PointModel | None = None, half_life: float = HALF_LIFE) -> Clip:
+    """The clip with fingers in place of its own, or of the relaxed ones it was given; its body is not touched.
+
+    `model` None takes the packaged network. Raises BodysenseError where the clip lacks points of the default skeleton.
+    """
+    method = FingerSynthesis(clip.pose.skeleton, load_point_model("fingers") if model is None else model, half_life)
+    offset, _ = method.step(clip.pose, clip.time, method.start())
+    joints, local = finger_rotations(clip.pose.skeleton, offset, method.places)
+    rotation = clip.pose.rotation.copy()
+    rotation[:, joints] = local
+    return replace(clip, pose=Pose(clip.pose.skeleton, clip.pose.root_position, rotation), has_fingers=True)

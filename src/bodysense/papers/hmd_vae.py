@@ -1,0 +1,218 @@
+"""HMD-VAE at run time: a body from a headset and two hands, several bodies for one signal, bodies from the prior.
+
+One exported network, ONNX Runtime on one thread. Frames may come at any rate: the last half second is kept, and what
+the network reads is interpolated from it at its own rate, backwards from now. It answers every frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.pose import Pose, body_skeleton, forward_kinematics, whole_pose
+from bodysense.body.rotation import (
+    normalize,
+    quaternion_conjugate,
+    quaternion_identity,
+    quaternion_multiply,
+    slerp,
+)
+from bodysense.body.skeleton import BODY, Skeleton
+from bodysense.completion.network import Network, NetworkFormat
+from bodysense.devices.estimate import PointEstimate
+from bodysense.devices.simulated.three_point import POINTS
+from bodysense.errors import BodysenseError
+from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, check_order, observed_points
+from bodysense.papers.ik_tracker import MEASURED_ERROR
+from bodysense.papers.point_model import HeadAndHands
+
+FORMAT = "bodysense body vae 1"
+NETWORK = NetworkFormat(
+    name=FORMAT,
+    kind="body VAE",
+    command="bodysense train hmd-vae",
+    fields=("reads", "frames", "latent", "rate", "expected_error"),
+    packaged="body_vae.onnx",
+)
+FINGER_ERROR = 0.03  # m: of a relaxed finger about its wrist
+_EARLY = 1e-6  # s
+
+
+class BodyVaeModel(Network):
+    """A body VAE."""
+
+    @property
+    def frames(self) -> int:
+        """How many frames it reads."""
+        return int(self.card["frames"])
+
+    @property
+    def latent(self) -> int:
+        """How many numbers make a body."""
+        return int(self.card["latent"])
+
+    @property
+    def interval(self) -> float:
+        """s from one frame that it reads to the next."""
+        return 1 / float(self.card["rate"])
+
+    def body(
+        self, position: np.ndarray, rotation: np.ndarray, trust: float, noise: np.ndarray, rest_offset: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Root position (3,) m and local rotations (22, 4), for world joints (T, P, 3) m and (T, P, 4).
+
+        z has the mean `trust` · that of the posterior, and `noise` (d,) times a deviation between the posterior's
+        (trust 1) and the prior's (trust 0). `rest_offset` (22, 3) m is the wearer's.
+        """
+        inputs = {
+            "position": position,
+            "rotation": rotation,
+            "trust": np.array([trust]),
+            "noise": noise,
+            "rest_offset": rest_offset,
+        }
+        outputs = self.run({name: value[None].astype(np.float32) for name, value in inputs.items()})
+        local = np.asarray(normalize(outputs["local_rotation"][0].astype(float)))
+        return outputs["root_position"][0].astype(float), local
+
+
+def load_body_vae(path: str | Path | None = None) -> BodyVaeModel:
+    """Load a network: a path, or None for the packaged one. Raises BodysenseError for a file that is not ours."""
+    return BodyVaeModel.open(path, NETWORK)
+
+
+@dataclass(frozen=True, eq=False)
+class BodyVaeState:
+    """Head and wrists over the last half second, and where they were last."""
+
+    time: np.ndarray  # (N,) s
+    position: np.ndarray  # (N, 3, 3) m, world
+    rotation: np.ndarray  # (N, 3, 4) wxyz, world
+    last: HeadAndHands
+
+
+@dataclass(frozen=True, eq=False)
+class BodyVaeEstimator:
+    """Whole body of a skeleton from `head`, `left_wrist` and `right_wrist`; its head is where the measured one is.
+
+    The paper's network takes hands for given. One that is lost stays where it was relative to the head; one that was
+    never seen hangs; a head that is lost stays where it was. What is no unit quaternion, no number or over 1 km
+    away counts as lost.
+    After half a second without frames the history begins anew. Fingers are relaxed.
+    """
+
+    skeleton: Skeleton
+    model: BodyVaeModel
+    noise: np.ndarray | None = field(default=None, repr=False)  # (d,) from N(0, I), kept over time; None: the mean
+
+    def __post_init__(self) -> None:
+        if tuple(self.model.card["reads"]) != POINTS:
+            raise BodysenseError(
+                f"{self.model.name}: a model 0 reads the whole body, not a device; give a model 1 to 4"
+            )
+        if self.noise is not None and self.noise.shape != (self.model.latent,):
+            raise BodysenseError(f"noise has shape {self.noise.shape}; {self.model.name} needs ({self.model.latent},)")
+
+    @cached_property
+    def _places(self) -> np.ndarray:
+        return self.skeleton.indices(POINTS)
+
+    @cached_property
+    def _rest_offset(self) -> np.ndarray:
+        return body_skeleton(self.skeleton).rest_offset
+
+    @cached_property
+    def _noise(self) -> np.ndarray:
+        return np.zeros(self.model.latent) if self.noise is None else self.noise
+
+    @cached_property
+    def _expected_error(self) -> np.ndarray:
+        """(P,) m: the network's on validation people; what hangs on a joint has the joint's."""
+        error = dict(zip(BODY, self.model.card["expected_error"], strict=True))
+        values: list[float] = []
+        for point, name in enumerate(self.skeleton.points):
+            if self.skeleton.wrist_of[point] >= 0:
+                values.append(values[self.skeleton.wrist_of[point]] + FINGER_ERROR)
+            else:
+                values.append(error[name] if name in error else values[self.skeleton.parents[point]])
+        return np.maximum(values, MEASURED_ERROR)
+
+    def start(self) -> BodyVaeState:
+        """Nothing seen yet: a standing body that faces +Z."""
+        return BodyVaeState(np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3, 4)), HeadAndHands.standing(self.skeleton))
+
+    def step(self, observation: Observation, state: BodyVaeState) -> tuple[PointEstimate, BodyVaeState]:
+        """Complete T frames, one after the other. Raises BodysenseError when time does not increase."""
+        position, rotation, has_position, has_rotation = observed_points(observation, self.skeleton)
+        with np.errstate(over="ignore", invalid="ignore"):
+            has_position = has_position & (np.abs(position).max(axis=-1) <= FARTHEST)  # false for NaN
+            has_rotation = has_rotation & (np.abs(np.linalg.norm(rotation, axis=-1) - 1) < UNIT_TOLERANCE)
+        position = np.where(has_position[..., None], position, 0.0)
+        rotation = np.asarray(normalize(np.where(has_rotation[..., None], rotation, quaternion_identity(rotation))))
+        places, roots, rotations = self._places, [], []
+        for t, time in enumerate(observation.time):
+            seen = (values[t, places] for values in (position, rotation, has_position, has_rotation))
+            state = self._remember(float(time), state.last.seen(*seen), state)
+            root, local = self.model.body(*self._window(state), 1.0, self._noise, self._rest_offset)
+            roots.append(root)
+            rotations.append(local)
+        pose = self._turned(whole_pose(self.skeleton, np.stack(roots), np.stack(rotations)), rotation, has_rotation)
+        placed = np.where(has_position[..., None], position, forward_kinematics(pose)[0])
+        error = np.where(has_position, MEASURED_ERROR, self._expected_error)
+        return PointEstimate(self.skeleton, placed, (~has_position).astype(float), error, pose), state
+
+    def _turned(self, pose: Pose, rotation: np.ndarray, has_rotation: np.ndarray) -> Pose:
+        """The pose with head and wrists turned as they are measured; nothing of the 22 joints hangs on them."""
+        world, places = np.asarray(forward_kinematics(pose)[1]), self._places
+        above = world[:, [self.skeleton.parents[place] for place in places]]
+        local = quaternion_multiply(quaternion_conjugate(above), rotation[:, places])
+        pose.rotation[:, places] = np.where(has_rotation[:, places, None], local, pose.rotation[:, places])
+        return pose
+
+    def _remember(self, time: float, last: HeadAndHands, state: BodyVaeState) -> BodyVaeState:
+        """Add head and wrists of one frame to the history."""
+        check_order(time, state.time[-1] if len(state.time) else None, "body VAE")
+        places, turns = last.world
+        span = (self.model.frames - 1) * self.model.interval
+        fresh = len(state.time) and time - state.time[-1] <= max(span, self.model.interval)
+        # One frame from before the window stays, to interpolate from.
+        first = max(0, int(np.searchsorted(state.time, time - span + _EARLY)) - 1) if fresh else len(state.time)
+        return BodyVaeState(
+            np.append(state.time[first:], time),
+            np.concatenate([state.position[first:], places[None]]),
+            np.concatenate([state.rotation[first:], turns[None]]),
+            last,
+        )
+
+    def _window(self, state: BodyVaeState) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (L, 3, 3) and rotations (L, 3, 4) at the network's rate; before the first frame stands that."""
+        back = np.arange(self.model.frames - 1, -1, -1) * self.model.interval
+        place = np.interp(state.time[-1] - back, state.time, np.arange(len(state.time)))
+        before = np.floor(place + _EARLY).astype(int)
+        after = np.minimum(before + 1, len(state.time) - 1)
+        share = np.clip(place - before, 0, 1)[:, None]
+        position = state.position[before] + share[..., None] * (state.position[after] - state.position[before])
+        share = np.broadcast_to(share, (len(share), len(POINTS)))
+        return position, np.asarray(slerp(state.rotation[before], state.rotation[after], share))
+
+
+def sample_noise(model: BodyVaeModel, count: int, rng: np.random.Generator) -> np.ndarray:
+    """(N, d): of so many bodies, from N(0, I)."""
+    if count < 1:
+        raise BodysenseError(f"{count} samples cannot be; give at least 1")
+    return rng.standard_normal((count, model.latent))
+
+
+def sample_prior(skeleton: Skeleton, model: BodyVaeModel, count: int, rng: np.random.Generator) -> Pose:
+    """So many bodies (N, …) from the prior, nothing seen: they face +Z, the lowest point of each on the floor."""
+    rest_offset = body_skeleton(skeleton).rest_offset
+    position = np.zeros((model.frames, len(model.card["reads"]), 3))
+    rotation = quaternion_identity(np.zeros((*position.shape[:-1], 4)))
+    noises = sample_noise(model, count, rng)
+    rotations = np.stack([model.body(position, rotation, 0.0, noise, rest_offset)[1] for noise in noises])
+    pose = whole_pose(skeleton, np.zeros((count, 3)), rotations)
+    lowest = forward_kinematics(pose)[0][..., 1].min(axis=-1)
+    return replace(pose, root_position=np.stack([np.zeros(count), -lowest, np.zeros(count)], axis=-1))

@@ -1,0 +1,218 @@
+"""IkTracker: estimator → inverse kinematics → smoothing → Pose, one `step` a frame, no I/O.
+
+An estimator that gives rotations keeps them where inverse kinematics may choose, in twists and in the spine, and its
+motion is not smoothed: it is smooth already, and what is measured must not lag behind.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from bodysense.body.ik import IkSettings, IkState, InverseKinematics
+from bodysense.body.pose import Pose
+from bodysense.body.products import CONJUGATE, exp, log, multiply, world_rotation
+from bodysense.body.spring import spring_step
+from bodysense.devices.estimate import Estimator, PointEstimate
+from bodysense.errors import BodysenseError
+from bodysense.observation import Observation, check_order, observed_points
+
+MEASURED_ERROR = 0.002  # m: what is expected of a tracked point
+
+
+@dataclass(frozen=True)
+class IkTrackerSettings:
+    """How an estimate becomes motion."""
+
+    # s until the smoother has closed half of a jump; 0 does not smooth. Of estimates without rotations of their own.
+    half_life: float = 0.03
+    guessed_arm_factor: float = 5.0  # on the half-life of arm and hand joints below which nothing is tracked
+    doubt: float = 0.03  # m of expected error at which a guessed point pulls half as much in IK
+    measured_weight: float = 10.0  # pull of a tracked point in IK, beside a certain guess's 1
+    finger_weight: float = 0.05  # factor on the pull of every point of a finger
+    head_weight: float = 0.05  # m²/rad²: pull of the measured head orientation in IK
+    pose_weight: float = 1e-3  # m²/rad²: pull of each rotation that the estimator gives
+    longest_gap: float = 1.0  # s without frames after which motion starts afresh
+    # A guess is centimetres off: IK need not place it to hundredths of a millimetre.
+    ik: IkSettings = IkSettings(tolerance=1e-4)
+
+    def __post_init__(self) -> None:
+        for name in ("half_life", "head_weight", "pose_weight"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise BodysenseError(f"tracker settings: {name} is {getattr(self, name):g}; it must be 0 or more")
+        for name in ("guessed_arm_factor", "doubt", "measured_weight", "finger_weight", "longest_gap"):
+            if not getattr(self, name) > 0:
+                raise BodysenseError(f"tracker settings: {name} is {getattr(self, name):g}; it must be positive")
+
+
+@dataclass(frozen=True)
+class IkTrackerState:
+    """Everything that the next frame depends on."""
+
+    estimator: Any
+    ik: IkState | None = None
+    missed: np.ndarray | None = None  # (P, 3) m: how far IK left each guessed finger's wrist from where it was wanted
+    time: float | None = None
+    root_position: np.ndarray | None = None  # (3,) m, smoothed
+    rotation: np.ndarray | None = None  # (J, 4) wxyz, smoothed, parent ← joint
+    root_velocity: np.ndarray | None = None  # (3,) m/s
+    spin: np.ndarray | None = None  # (J, 3) rad/s
+
+
+@dataclass(frozen=True)
+class IkTracker:
+    """Turns observations into poses of the estimator's skeleton at any input rate. Immutable; state is an argument."""
+
+    estimator: Estimator
+    settings: IkTrackerSettings = IkTrackerSettings()
+
+    @cached_property
+    def _ik(self) -> InverseKinematics:
+        return InverseKinematics(self.estimator.skeleton, self.settings.ik)
+
+    @cached_property
+    def _is_finger(self) -> np.ndarray:
+        """(P,) bool."""
+        return self.estimator.skeleton.wrist_of >= 0
+
+    @cached_property
+    def _wrist_or_self(self) -> np.ndarray:
+        """(P,) the wrist of a finger's point; any other point itself."""
+        return np.where(self._is_finger, self.estimator.skeleton.wrist_of, np.arange(len(self._is_finger)))
+
+    @cached_property
+    def _below(self) -> np.ndarray:
+        """(J, P) 1 where a point hangs below a joint of an arm or hand, 0 for every other joint."""
+        skeleton = self.estimator.skeleton
+        below = skeleton.path.T[: len(skeleton.joints)].copy()
+        wrists = np.unique(skeleton.wrist_of[skeleton.wrist_of >= 0])
+        arm = (below[:, wrists].sum(axis=1) == 1) | (skeleton.wrist_of[: len(below)] >= 0)
+        np.fill_diagonal(below, 0)
+        return below * arm[:, None]
+
+    @cached_property
+    def _arm(self) -> np.ndarray:
+        """(J,) 1 for a joint of an arm or hand that anything hangs below, 0 for every other joint."""
+        return self._below.any(axis=1).astype(float)
+
+    def start(self) -> IkTrackerState:
+        """The state before the first frame."""
+        return IkTrackerState(self.estimator.start())
+
+    def step(self, observation: Observation, state: IkTrackerState) -> tuple[Pose, PointEstimate, IkTrackerState]:
+        """Track the next T ≥ 1 frames: poses (T, …), what the estimator said, and the state after them.
+
+        Raises BodysenseError when time does not increase.
+        """
+        estimate, estimator_state = self.estimator.step(observation, state.estimator)
+        _, rotation, has_position, has_rotation = observed_points(observation, self.estimator.skeleton)
+        aims, aim_weight = self._aims(estimate, rotation, has_rotation)
+        if estimate.pose is not None:  # such an estimator says itself what it took as tracked, by gloves too
+            has_position = estimate.occluded < 0.5
+        weight = self._weight(estimate.confidence, has_position)
+        roots, rotations = [], []
+        for t, time in enumerate(observation.time):
+            root = None if estimate.pose is None else estimate.pose.root_position[t]
+            state = self._pose(
+                *(estimate.position[t], weight[t], aims[t], aim_weight[t], has_position[t], root, float(time), state)
+            )
+            roots.append(state.root_position)
+            rotations.append(state.rotation)
+        pose = Pose(self.estimator.skeleton, np.stack(roots), np.stack(rotations))
+        return pose, estimate, replace(state, estimator=estimator_state)
+
+    def _aims(
+        self, estimate: PointEstimate, rotation: np.ndarray, has_rotation: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """World rotations (T, J, 4) that joints should have, and their pull (T, J).
+
+        The head's as it is measured; where the estimator gives rotations, all of them, and more so those of the head
+        and the wrists that are measured, which it may have moved a little where one was lost or found again.
+        """
+        skeleton = self.estimator.skeleton
+        joints, head = len(skeleton.joints), skeleton.index("head")
+        if estimate.pose is None:
+            aims, weight = np.full((len(rotation), joints, 4), np.nan), np.zeros((len(rotation), joints))
+            aims[:, head] = rotation[:, head]
+            weight[:, head] = np.where(has_rotation[:, head], self.settings.head_weight, 0.0)
+            return aims, weight
+        aims = np.stack([world_rotation(skeleton, local) for local in estimate.pose.rotation])
+        weight = np.where(has_rotation[:, :joints], self.settings.head_weight, self.settings.pose_weight)
+        return aims, weight
+
+    def _missed(self, reached: np.ndarray, target: np.ndarray, measured: np.ndarray) -> np.ndarray:
+        """(P, 3) by how much each guessed finger's wrist missed its target; 0 for every other point."""
+        guessed = self._is_finger & ~measured
+        return (reached - target).take(self._wrist_or_self, axis=0) * guessed[:, None]
+
+    def _weight(self, expected_error: np.ndarray, measured: np.ndarray) -> np.ndarray:
+        """Pull of every point in IK, (T, P)."""
+        # A finger's own error is that of its offset; it is misplaced by its wrist's as well.
+        squared = (expected_error / self.settings.doubt) ** 2
+        squared = squared + squared.take(self._wrist_or_self, axis=1) * self._is_finger
+        weight = np.where(measured, self.settings.measured_weight, 1 / (1 + squared))
+        # The twenty points of a hand turn it about its wrist; together they must not outvote where the wrist is.
+        return np.where(self._is_finger, weight * self.settings.finger_weight, weight)
+
+    def _pose(
+        self,
+        target: np.ndarray,
+        weight: np.ndarray,
+        aim: np.ndarray,
+        aim_weight: np.ndarray,
+        measured: np.ndarray,
+        root: np.ndarray | None,
+        time: float,
+        state: IkTrackerState,
+    ) -> IkTrackerState:
+        """One frame: IK from the frame before, then smoothing; or, with a `root`, IK from the estimator's own pose."""
+        check_order(time, state.time, "tracker")
+        gap = math.inf if state.time is None else time - state.time
+        if root is not None:
+            solved, ik = self._ik.solve(target, weight, aim, aim_weight, self._ik.at(root, aim))
+            return self._at_once(solved, ik, None, time, state)
+        start = state.ik if gap <= self.settings.longest_gap else None
+        if start is not None and state.missed is not None:
+            # A guessed hand keeps its shape and direction about the wrist as it is, not as it was wanted.
+            target = target + state.missed
+        solved, ik = self._ik.solve(target, weight, aim, aim_weight, start)
+        missed = self._missed(ik.position, target, measured)
+        if start is None or self.settings.half_life == 0:
+            return self._at_once(solved, ik, missed, time, state)
+        slower = np.where(self._below @ measured < self._arm, self.settings.guessed_arm_factor, 1.0)
+        root, root_velocity, rotation, spin = smooth(solved, state, gap, self.settings.half_life, slower)
+        return IkTrackerState(state.estimator, ik, missed, time, root, rotation, root_velocity, spin)
+
+    def _at_once(
+        self, pose: Pose, ik: IkState, missed: np.ndarray | None, time: float, state: IkTrackerState
+    ) -> IkTrackerState:
+        """The state of a body that is shown as it was solved."""
+        still = np.zeros((len(self.estimator.skeleton.joints), 3))
+        return IkTrackerState(state.estimator, ik, missed, time, pose.root_position, pose.rotation, np.zeros(3), still)
+
+
+def smooth(
+    target: Pose, state: IkTrackerState, interval: float, half_life: float, slower: np.ndarray | float = 1.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Critically damped motion of the state toward a pose for `interval` seconds, solved exactly.
+
+    A jump is half closed after `half_life` seconds, a joint's after `slower` (J,) times that, at any frame rate.
+    Returns root position, root velocity, local rotations and their angular velocities.
+    """
+    assert state.root_position is not None and state.root_velocity is not None
+    assert state.rotation is not None and state.spin is not None
+
+    # Joints, then the root, as rows that all settle in the same way.
+    offset = np.concatenate([log(multiply(state.rotation, target.rotation * CONJUGATE)), [state.root_position]])
+    offset[-1] -= target.root_position
+    velocity = np.concatenate([state.spin, [state.root_velocity]])
+    lives = np.full((len(offset), 1), half_life)
+    lives[:-1, 0] *= slower
+    offset, velocity = spring_step(offset, velocity, lives, interval)
+    rotation = multiply(exp(offset[:-1]), target.rotation)
+    rotation *= np.copysign(1.0, rotation[:, :1])
+    return target.root_position + offset[-1], velocity[-1], rotation, velocity[:-1]

@@ -1,0 +1,89 @@
+"""Packages add commands; those of a package that is not installed say what to install."""
+
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint, entry_points
+
+import pytest
+from tyro.extras import SubcommandApp
+
+from bodysense.cli import main, packages
+from bodysense.cli.application import application
+
+from ..conftest import Command, Refused
+
+
+@pytest.fixture
+def alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The library without any of the packages."""
+    monkeypatch.setattr(packages, "entry_points", lambda group: ())
+
+
+@pytest.mark.parametrize(
+    ("command", "package"),
+    [
+        ("serve --port 0", "live"),
+        ("page --out x", "live"),
+        ("calibrate", "live"),
+        ("conform x.bvh", "conform"),
+        ("train gloves", "lab"),
+        ("evaluate holes", "lab"),
+        ("bench step", "lab"),
+        ("study build", "lab"),
+        ("data prepare x", "lab"),
+    ],
+)
+@pytest.mark.usefixtures("alone")
+def test_a_command_of_a_package_that_is_not_installed(command: str, package: str, refused: Refused) -> None:
+    line = refused(*command.split())
+    assert f"this command is part of bodysense-{package}, which is not installed; in a clone of" in line
+    assert line.endswith(f"pip install -c constraints.txt -e packages/{package}")
+
+
+@pytest.mark.usefixtures("alone")
+def test_the_library_alone(run: Command) -> None:
+    assert "CMU" in run("data", "sources")
+    assert set(application()._subcommands) == {"demo", "track", "simulate", "generate", "data"}
+
+
+@pytest.mark.usefixtures("alone")
+def test_help_lists_what_is_not_installed(capsys: pytest.CaptureFixture[str]) -> None:
+    said = help_text(capsys)
+    assert said.count("Not installed:") == 3
+    for package in packages.PACKAGES:
+        assert f"pip install -c constraints.txt -e packages/{package.name}" in said
+        for name, what in package.commands.items():
+            assert f"{' '.join(name)} ({what})" in said
+
+
+def test_with_all_packages_help_describes_every_command_in_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+    said = help_text(capsys)
+    assert "Not installed" not in said
+    for name in application()._subcommands:
+        assert any(words[:2] == ["•", name] and len(words) > 3 for words in map(str.split, _inside(said))), name
+
+
+def help_text(capsys: pytest.CaptureFixture[str]) -> str:
+    """What `bodysense --help` prints, without breaks."""
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    return capsys.readouterr().out
+
+
+def _inside(text: str) -> list[str]:
+    return [line.strip("│ ") for line in text.splitlines()]
+
+
+def test_every_command_of_a_package_is_known_where_it_is_not_installed() -> None:
+    for package in packages.PACKAGES:
+        root, data = SubcommandApp(), SubcommandApp()
+        (point,) = entry_points(group=packages.GROUP, name=package.name)
+        point.load()(root, data)
+        added = {(name,) for name in root._subcommands} | {("data", name) for name in data._subcommands}
+        assert added - {("data", "info")} == set(package.commands)
+
+
+def test_a_package_of_somebody_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    point = EntryPoint("other", "bodysense_conform.command:add_commands", packages.GROUP)
+    monkeypatch.setattr(packages, "entry_points", lambda group: (point,))
+    assert "conform" in application()._subcommands

@@ -1,0 +1,239 @@
+"""Marker files that come back with filled gaps: near the truth, without steps, every other byte as it was."""
+
+from __future__ import annotations
+
+import csv
+import struct
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import ezc3d
+import numpy as np
+import pytest
+from virtual import PLUG_IN_GAIT, worn
+
+from bodysense.demo import performance_of_stranger
+from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.markers.c3d import write_c3d
+from bodysense.io.markers.files import read_raw
+from bodysense.io.markers.filled import fillable, write_filled
+from bodysense.io.markers.raw_markers import points_alone
+from bodysense.take import track
+
+RATE = 30.0
+GAPS = {"LKNE": (20, 50), "LTHI": (0, 15), "C7": (70, 90), "LFHD": (30, 33), "RANK": (40, 70)}  # frames
+
+
+@pytest.fixture(scope="module")
+def clip() -> Clip:
+    whole = performance_of_stranger()
+    return replace(whole, pose=whole.pose[300:390])
+
+
+@pytest.fixture(scope="module")
+def truth(clip: Clip) -> dict[str, np.ndarray]:
+    """(T, 3) mm of every marker, +Z up as most laboratories have it."""
+    return {name: 1000 * place[:, [2, 0, 1]] for name, place in worn(clip.pose, PLUG_IN_GAIT).items()}
+
+
+@pytest.fixture(scope="module")
+def holed(truth: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    gapped = {name: place.copy() for name, place in truth.items()}
+    for name, (first, end) in GAPS.items():
+        gapped[name][first:end] = np.nan
+    return gapped | {"ball": np.cumsum(np.random.default_rng(1).normal(0, 60, (90, 3)), axis=0) + 900}
+
+
+def cells(row: list[np.ndarray], missing: str) -> list[str]:
+    return [missing if np.isnan(value) else f"{value:.3f}" for place in row for value in place]
+
+
+def trc(markers: dict[str, np.ndarray], missing: str = "", ending: str = "\r\n") -> bytes:
+    names, frames = list(markers), len(next(iter(markers.values())))
+    lines = ["PathFileType\t4\t(X/Y/Z)\twalk.trc"]
+    lines.append("DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames")
+    lines.append(f"{RATE}\t{RATE}\t{frames}\t{len(names)}\tmm\t{RATE}\t1\t{frames}")
+    lines.append("Frame#\tTime\t" + "\t\t\t".join(names) + "\t\t")
+    lines += ["\t\t" + "\t".join(f"{axis}{k + 1}" for k in range(len(names)) for axis in "XYZ"), ""]
+    for t in range(frames):
+        lines.append("\t".join([str(t + 1), f"{t / RATE:.5f}", *cells([at[t] for at in markers.values()], missing)]))
+    return (ending.join(lines) + ending).encode()
+
+
+def tsv(markers: dict[str, np.ndarray]) -> bytes:
+    frames = len(next(iter(markers.values())))
+    lines = [f"NO_OF_FRAMES\t{frames}", f"NO_OF_MARKERS\t{len(markers)}", f"FREQUENCY\t{RATE:g}", "DATA_INCLUDED\t3D"]
+    lines.append("MARKER_NAMES\t" + "\t".join(markers))
+    lines += ["\t".join(cells([at[t] for at in markers.values()], "0.000")) for t in range(frames)]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def nexus(markers: dict[str, np.ndarray]) -> bytes:
+    frames = len(next(iter(markers.values())))
+    lines = ["Trajectories", f"{RATE:g}", ",," + ",,,".join(f'"Anna:{name}"' for name in markers) + ",,"]
+    lines += ["Frame,Sub Frame," + ",".join(["X,Y,Z"] * len(markers)), ",," + ",".join(["mm"] * 3 * len(markers))]
+    lines += [",".join([str(t + 1), "0", *cells([at[t] for at in markers.values()], "")]) for t in range(frames)]
+    return ("\ufeff" + "\n".join([*lines, "", "Events", "30", "Subject,Context,Name"]) + "\n").encode()
+
+
+def motive(markers: dict[str, np.ndarray]) -> bytes:
+    frames, count = len(next(iter(markers.values()))), 3 * len(markers)
+    head = f"Format Version,1.23,Export Frame Rate,{RATE},Rotation Type,Quaternion,Length Units,Millimeters"
+    lines = [head, ",Type,Rigid Body,Rigid Body,Rigid Body" + ",Marker" * count]
+    lines.append(",Name,Plate,Plate,Plate" + "".join(3 * f",Anna:{name}" for name in markers))
+    lines += [
+        ",ID" + ",1" * (count + 3),
+        "," + ",Position" * (count + 3),
+        "Frame,Time (Seconds)" + ",X,Y,Z" * (len(markers) + 1),
+    ]
+    for t in range(frames):
+        rows = cells([at[t] for at in markers.values()], "")
+        lines.append(",".join([str(t), f"{t / RATE:.6f}", *(["", "", ""] if t == 3 else ["1", "2", "3"]), *rows]))
+    return ("\r\n".join(lines) + "\r\n").encode()
+
+
+def plain(markers: dict[str, np.ndarray]) -> bytes:
+    """With a column that says what is valid, and the last place where it is not."""
+    frames = len(next(iter(markers.values())))
+    lines = ["time," + ",".join(f"{name}.x,{name}.y,{name}.z,{name}.isValid" for name in markers)]
+    for t in range(frames):
+        row = [f"{t / RATE:.6f}"]
+        for at in markers.values():
+            seen = not np.isnan(at[t]).any()
+            row += [*(f"{value / 1000:.6f}" if seen else "9.9" for value in at[t]), str(int(seen))]
+        lines.append(",".join(row))
+    return ("\n".join(lines)).encode()  # the last line does not end
+
+
+TEXTS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], bytes]]] = {
+    "TRC": ("a.trc", trc),
+    "TRC, nan": ("a.trc", lambda markers: trc(markers, "nan", "\n")),
+    "TRC, zeros": ("a.trc", lambda markers: trc(markers, "0.0")),
+    "TSV": ("a.tsv", tsv),
+    "Nexus": ("a.csv", nexus),
+    "Motive": ("a.csv", motive),
+    "CSV": ("a.csv", plain),
+}
+
+
+def tables(old: bytes, new: bytes) -> tuple[list[list[str]], list[list[str]]]:
+    """Two texts as tables, by Python's own reader."""
+    delimiter = "\t" if b"\t" in old else ","
+    return tuple(list(csv.reader(text.decode("utf-8").splitlines(), delimiter=delimiter)) for text in (old, new))  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("layout", TEXTS)
+def test_cells_of_filled_markers_change_and_nothing_else(
+    tmp_path: Path, holed: dict[str, np.ndarray], layout: str
+) -> None:
+    name, write = TEXTS[layout]
+    old = write(holed)
+    (tmp_path / name).write_bytes(old)
+    raw = read_raw(tmp_path / name)
+    filled = ~np.isfinite(raw.position).all(axis=-1) & fillable(raw)
+    assert filled.sum() == sum(end - first for first, end in GAPS.values())
+    number = np.arange(raw.position.size).reshape(raw.position.shape) / 7
+    write_filled(tmp_path / name, tmp_path / f"out{Path(name).suffix}", raw, number, filled)
+    new = (tmp_path / f"out{Path(name).suffix}").read_bytes()
+    before, after = tables(old, new)
+    assert [len(row) for row in before] == [len(row) for row in after]
+    flags = 4 if layout == "CSV" else 3
+    changed = sum(a != b for one, other in zip(before, after, strict=True) for a, b in zip(one, other, strict=True))
+    assert changed == flags * filled.sum()
+    untouched = [k for k, (one, other) in enumerate(zip(before, after, strict=True)) if one == other]
+    lines = old.split(b"\n"), new.split(b"\n")
+    assert all(lines[0][k] == lines[1][k] for k in untouched) and len(lines[0]) == len(lines[1])
+    again = read_raw(tmp_path / f"out{Path(name).suffix}")
+    digits = 6 if layout == "CSV" else 3
+    np.testing.assert_allclose(again.position[filled], number[filled], atol=0.51 * 10**-digits)
+    np.testing.assert_array_equal(again.position[~filled], raw.position[~filled])
+
+
+def test_gaps_come_back_near_the_truth_and_without_steps(
+    tmp_path: Path, truth: dict[str, np.ndarray], holed: dict[str, np.ndarray]
+) -> None:
+    hole = holed["ball"].copy()
+    hole[50:60] = np.nan
+    (tmp_path / "a.trc").write_bytes(trc(holed | {"ball": hole}))
+    take = track(tmp_path / "a.trc")
+    take.save(tmp_path / "out.trc")
+    rows = [line.split("\t") for line in (tmp_path / "out.trc").read_text().splitlines()[6:]]
+    names = list(holed)
+    for name, (first, end) in GAPS.items():
+        k = 2 + 3 * names.index(name)
+        found = np.array([[float(cell) for cell in row[k : k + 3]] for row in rows])
+        off = np.linalg.norm(found - truth[name], axis=-1)
+        assert off[first:end].mean() < 20 and off[first:end].max() < 40, name  # mm
+        assert (np.delete(off, range(first, end)) < 1e-3).all()
+        steps = np.linalg.norm(np.diff(found, axis=0), axis=-1)
+        real = np.linalg.norm(np.diff(truth[name], axis=0), axis=-1)
+        edges = [edge - 1 for edge in (first, end) if 0 < edge < 90]
+        assert all(steps[edge] < real[edge] + 6 for edge in edges), name
+    k = 2 + 3 * names.index("ball")
+    assert all(cell == "" for row in rows[50:60] for cell in row[k : k + 3])  # it is not worn
+    assert [take.markers.found.raw.names[k] for k in take.filled_markers.foreign] == ["ball"]  # type: ignore[union-attr]
+
+
+def c3d_of(path: Path, markers: dict[str, np.ndarray]) -> None:
+    position = np.stack(list(markers.values()), axis=1)[:, :, [1, 2, 0]] / 1000
+    write_c3d(path, points_alone(tuple(markers), position, np.arange(90) / RATE), RATE)
+
+
+def test_a_c3d_file_comes_back(tmp_path: Path, truth: dict[str, np.ndarray], holed: dict[str, np.ndarray]) -> None:
+    c3d_of(tmp_path / "a.c3d", holed)
+    track(tmp_path / "a.c3d").save(tmp_path / "out.c3d")
+    old, new = ((tmp_path / name).read_bytes() for name in ("a.c3d", "out.c3d"))
+    before, after = (ezc3d.c3d(str(tmp_path / name)) for name in ("a.c3d", "out.c3d"))
+    names = before["parameters"]["POINT"]["LABELS"]["value"]
+    assert names == after["parameters"]["POINT"]["LABELS"]["value"] == list(holed)
+    places = after["data"]["points"]  # (4, M, T)
+    touched = np.zeros(places.shape[1:], dtype=bool)
+    for name, (first, end) in GAPS.items():
+        k = names.index(name)
+        touched[k, first:end] = True
+        off = np.linalg.norm(places[:3, k].T - truth[name][:, [1, 2, 0]], axis=-1)
+        assert off[first:end].mean() < 20, name
+    assert (after["data"]["meta_points"]["residuals"][0][touched] == 0).all()
+    np.testing.assert_array_equal(before["data"]["points"][:3, ~touched], places[:3, ~touched])
+    assert len(old) == len(new)
+    start, count = len(old) - -(-90 * 16 * len(names) // 512) * 512, 16 * len(names)
+    assert old[:start] == new[:start]
+    numbers = [np.frombuffer(data[start : start + 90 * count], "u1").reshape(90, len(names), 16) for data in (old, new)]
+    assert ((numbers[0] != numbers[1]).any(axis=-1) <= touched.T).all()
+
+
+@pytest.mark.parametrize(("processor", "mark"), [(84, "<"), (86, ">"), (85, "<")])
+def test_numbers_of_every_processor_are_written(tmp_path: Path, processor: int, mark: str) -> None:
+    """Whole numbers of Intel's and MIPS's, reals of DEC's."""
+    real = processor == 85
+    head = struct.pack(f"{mark}BBHHHHHfHHf", 2, 0x50, 1, 0, 1, 2, 0, 0.5, 3, 0, 50.0)
+    if real:
+        as_dec = lambda value: np.array([value * 4], "<f4").view("<u2").reshape(-1, 2)[:, ::-1].tobytes()  # noqa: E731
+        head = struct.pack("<BBHHHHH", 2, 0x50, 1, 0, 1, 2, 0) + as_dec(-0.5) + struct.pack("<HH", 3, 0) + as_dec(50.0)
+        body = b"".join(as_dec(value) for value in (10, -20, 30, 0, 1, 2, 3, -1))
+    else:
+        body = struct.pack(f"{mark}8h", 10, -20, 30, 0, 1, 2, 3, -1)
+    parameters = bytes([1, 0x50, 1, processor]).ljust(512, b"\0")
+    (tmp_path / "a.c3d").write_bytes(head.ljust(512, b"\0") + parameters + body + b"rest")
+    raw = read_raw(tmp_path / "a.c3d")
+    filled = np.isnan(raw.position[..., 0])
+    assert filled.tolist() == [[False], [True]]
+    write_filled(tmp_path / "a.c3d", tmp_path / "b.c3d", raw, np.full((2, 1, 3), [7.5, -4.0, 0.5]), filled)
+    again = read_raw(tmp_path / "b.c3d")
+    np.testing.assert_array_equal(again.position[0], raw.position[0])
+    np.testing.assert_allclose(again.position[1, 0], [7.5, -4.0, 0.5])
+    assert (tmp_path / "b.c3d").read_bytes().endswith(b"rest")
+
+
+def test_what_cannot_come_back(tmp_path: Path, holed: dict[str, np.ndarray], clip: Clip) -> None:
+    (tmp_path / "a.trc").write_bytes(trc(holed))
+    take = track(tmp_path / "a.trc")
+    with pytest.raises(BodysenseError, match=r"same kind of file as a\.trc; give a name that ends in \.trc"):
+        take.save(tmp_path / "out.csv")
+    with pytest.raises(BodysenseError, match="markers have no rig; leave --rig out"):
+        take.save(tmp_path / "out.trc", "mixamo")
+    with pytest.raises(BodysenseError, match="only a file of labelled markers comes back as markers"):
+        track(clip).save(tmp_path / "out.trc")
+    assert not (tmp_path / "out.csv").exists() and not (tmp_path / "out.trc").exists()

@@ -1,0 +1,58 @@
+"""`bench live`: its clients speak WebSocket, and its numbers are those of a real server."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bodysense.errors import BodysenseError
+from bodysense_lab.commands.bench_live import _framed, _messages, bench_live
+
+
+@pytest.mark.parametrize("size", [0, 125, 126, 5000])
+def test_messages_are_read_whole_however_they_come(size: int) -> None:
+    """The framing is that of the library that the server uses."""
+    pytest.importorskip("websockets", reason="needs packages/live")
+    from websockets.frames import Frame, Opcode
+
+    payloads = [bytes([k]) * size for k in range(3)]
+    stream = b"".join(Frame(Opcode.BINARY, payload).serialize(mask=False) for payload in payloads)
+    unread, got = bytearray(), []
+    for k in range(0, len(stream), 7):
+        unread += stream[k : k + 7]
+        got += _messages(unread)
+    assert got == [(2, payload) for payload in payloads] and not unread
+
+
+def test_what_clients_send_is_a_masked_frame() -> None:
+    pytest.importorskip("websockets", reason="needs packages/live")
+    from websockets.frames import Frame, Opcode
+    from websockets.protocol import SERVER, Protocol, State
+
+    for size in (10, 125, 126, 3000):
+        reader = Protocol(SERVER, state=State.OPEN)
+        reader.receive_data(_framed(2, b"x" * size))
+        (frame,) = reader.events_received()
+        assert isinstance(frame, Frame)
+        assert (frame.opcode, bytes(frame.data), frame.fin) == (Opcode.BINARY, b"x" * size, True)
+
+
+@pytest.mark.parametrize("options", [{"sessions": 0}, {"rate": -1.0}, {"seconds": 0.0}, {"workers": 0}])
+def test_nothing_to_time_is_refused(options: dict[str, float]) -> None:
+    (name,) = options
+    with pytest.raises(BodysenseError, match=rf"--{name} -?\d; give|--{name} -?\d: give a number above 0"):
+        bench_live(**options)  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_numbers_of_a_real_server(tmp_path: Path) -> None:
+    pytest.importorskip("uvicorn", reason="needs packages/live")
+    out = tmp_path / "live.json"
+    bench_live(sessions=3, rate=20.0, seconds=2.0, json=out)
+    numbers = json.loads(out.read_text())
+    assert {"sessions", "rate_hz", "p50_ms", "p99_ms", "rss_mb", "rss_per_session_mb"} <= numbers.keys()
+    assert numbers["sessions"] == 3 and numbers["rate_hz"] == 20
+    assert 0 < numbers["p50_ms"] <= numbers["p99_ms"] and 0 < numbers["answered"] <= 1
+    assert 20 < numbers["rss_mb"] < 2000

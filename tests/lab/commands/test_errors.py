@@ -1,0 +1,55 @@
+"""What the laboratory's commands refuse: one line that names the value, and nothing written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ...conftest import Refused
+
+
+def files(folder: Path) -> list[str]:
+    """Names of all files below a folder."""
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("evaluate", "unoc-table2", "--data", "{folder}", "--jobs", "1"),
+        ("data", "prepare", "{folder}", "-o", "{folder}/out.zarr"),
+    ],
+)
+def test_an_empty_folder(tmp_path: Path, refused: Refused, command: tuple[str, ...]) -> None:
+    line = refused(*(word.format(folder=tmp_path) for word in command))
+    assert tmp_path.name in line and "no .bvh or .npz file" in line
+    assert not files(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("train", "body-gru", "--data", "{none}", "-o", "{out}.onnx"),
+        ("evaluate", "unoc-table2", "--data", "{none}", "--json", "{out}.json"),
+    ],
+)
+def test_a_folder_that_is_missing_is_said_before_the_work(
+    tmp_path: Path, refused: Refused, command: tuple[str, ...]
+) -> None:
+    """Even before it is seen that there is nothing to work on."""
+    out = tmp_path / "missing" / "out"
+    line = refused(*(word.format(out=out, none=tmp_path / "none") for word in command))
+    assert str(out) in line and f"the folder {out.parent} does not exist; create it" in line
+    assert not files(tmp_path)
+
+
+def test_a_network_of_another_ending(tmp_path: Path, refused: Refused) -> None:
+    line = refused("train", "body-gru", "--data", tmp_path, "-o", tmp_path / "a.pt")
+    assert "written as .onnx; give a name that ends so" in line
+    assert not files(tmp_path)
+
+
+def test_numbers_that_cannot_be(tmp_path: Path, refused: Refused) -> None:
+    assert "--jobs -1: give at least 1" in refused("evaluate", "unoc-table2", "--data", tmp_path, "--jobs", "-1")
+    assert "--frames 0: give at least 1" in refused("bench", "ik", "--frames", "0")

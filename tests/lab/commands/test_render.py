@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
+from bodysense_lab.rendering.take import list_takes, read_take
+
+from ...conftest import Command, Refused
+
+
+@pytest.fixture
+def lively(tmp_path: Path, waving_clip: Clip) -> Path:
+    write_bvh(tmp_path / "waving.bvh", waving_clip)
+    return tmp_path / "waving.bvh"
+
+
+def test_a_motion_becomes_videos_once(lively: Path, tmp_path: Path, run: Command) -> None:
+    for name in ("moderngl", "av"):
+        pytest.importorskip(name)
+    asked = ("data", "render", lively, "-o", tmp_path / "set", "--videos", 1, "--seconds", 1, "--pixels", 64)
+    assert "videos: 1, 1 s" in run(*asked)
+    truths = list_takes(tmp_path / "set")
+    assert len(truths) == 1
+    for truth in truths:
+        take = read_take(truth)
+        assert take.name == truth.stem and np.isfinite(take.pose.rotation).all() and len(take.time) == 30
+    written = {path: path.stat().st_mtime_ns for path in (tmp_path / "set").iterdir()}
+    run(*asked)
+    assert written == {path: path.stat().st_mtime_ns for path in (tmp_path / "set").iterdir()}
+
+
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        (("--videos", 0), "render: 0 videos of 6 s, 480 pixels high; give at least 1 video"),
+        (("--pixels", 101), "an even height from 64 on"),
+        (("--seconds", 0.1), "1 s"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(
+    options: tuple[object, ...], message: str, lively: Path, tmp_path: Path, refused: Refused
+) -> None:
+    assert message in refused("data", "render", lively, "-o", tmp_path / "set", *options)
+    assert not (tmp_path / "set").exists()
+
+
+def test_a_motion_that_is_too_short_is_refused(motion: Path, tmp_path: Path, refused: Refused) -> None:
+    said = refused("data", "render", motion, "-o", tmp_path / "set")
+    assert re.search(r"no clip of 2 s or more with fingers", said)
+
+
+def test_a_folder_without_videos_is_not_scored(tmp_path: Path, refused: Refused) -> None:
+    said = refused("evaluate", "video-rendered", tmp_path, "--out", tmp_path / "tables")
+    assert "no rendered videos in it; make some with `bodysense data render`" in said

@@ -1,0 +1,120 @@
+"""Networks are trained by their commands, killed after the first checkpoint, and go on as the runs that they were."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bodysense.cli import main
+from bodysense.demo import packaged_performance
+from bodysense.io.bvh import write_bvh
+from bodysense.io.datasets.splits import split_of
+from bodysense_lab.completion import publish
+
+# The command, where its log lies, and what it writes.
+TRAININGS = {
+    "completion": ("--steps 4 --warm-up 1 --finger-steps 0", "net/completion.jsonl", "net.onnx"),
+    "body-gru": ("--steps 6 --lanes 2 --chunk 2 --hidden 8 --passes 1 --finger-passes 1", "net.jsonl", "net.onnx"),
+    "unoc-tables": (
+        "--networks window_9 --epochs 3 --window-stride 2 --batch-scale 0.05",
+        "nets/window_9.jsonl",
+        "nets/window_9.pt",
+    ),
+    "fingers": ("--steps 6", "net.jsonl", "net.onnx"),
+    "upper-body": ("--form paper --steps 6", "net.jsonl", "net.onnx"),
+    "hmd-vae": (
+        "--model 1 --latent 4 --width 16 --sequence-width 8 --steps 6 --batch 4",
+        "net.jsonl",
+        "net.pt",
+    ),
+    "arms": ("--model cnn --width 16 --layers 1 --epochs 6 --batch 32", "net.jsonl", "net.pt"),
+    "arms-table": ("--networks cnn --width 16 --layers 1 --epochs 6 --batch 32", "nets/cnn.jsonl", "nets/cnn.pt"),
+    "gloves": (
+        "--network markers --steps 6 --hand-minutes 0.5 --pair-minutes 0",
+        "nets/glove_markers.jsonl",
+        "nets/glove_markers.onnx",
+    ),
+    "completion-fingers": ("--steps 6 --warm-up 1", "net.jsonl", "net.ckpt"),
+}
+# Of these the batch of a step is drawn by its number; the others draw anew where they go on.
+BY_STEP = ("arms", "arms-table", "gloves")
+KILLED = """
+import os, signal, sys
+from bodysense.cli import main
+from bodysense_lab import fit
+
+save, saved = fit.save_checkpoint, []
+
+def once(*arguments):
+    if saved:
+        os.kill(os.getpid(), signal.SIGKILL)
+    saved.append(save(*arguments))
+
+fit.save_checkpoint = once
+main(sys.argv[1:])
+"""
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three seconds of the packaged performance, of a person in training and of one in validation."""
+    folder, clip = tmp_path_factory.mktemp("data"), packaged_performance()
+    for number, split in enumerate(("train", "val")):
+        person = next(name for name in map(str, range(99)) if split_of(name) == split)
+        (folder / person).mkdir()
+        frames = slice(100 + 200 * number, 200 + 200 * number)
+        write_bvh(folder / person / "moving.bvh", replace(clip, pose=clip.pose[frames]))
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", TRAININGS)
+def test_a_killed_training_goes_on(
+    command: str, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # How weights become the file, which takes minutes, is tested in tests/lab/completion/test_publish.py.
+    monkeypatch.setattr(publish, "publish", lambda body, fingers, data, out, card: out.write_bytes(b"trained"))
+    asked, log, written = TRAININGS[command]
+    out = {name: tmp_path / name for name in ("whole", "killed")}
+    arguments = {
+        name: [
+            *("train", command, "--data", str(recorded), *asked.split(), "--check-every", "2", "--threads", "1"),
+            *("-o", str(folder / Path(written if "/" not in written else "nets"))),
+        ]
+        for name, folder in out.items()
+    }
+    for folder in out.values():
+        folder.mkdir()
+    assert main(arguments["whole"]) == 0
+    whole = logged(out["whole"] / log)
+    assert [line["step"] for line in whole][:2] == [2, 4], "more than one checkpoint, else nothing is killed"
+
+    killed = subprocess.run(
+        [sys.executable, "-c", KILLED, *arguments["killed"]], capture_output=True, text=True, check=False
+    )
+    assert killed.returncode == -signal.SIGKILL, killed.stderr
+    assert logged(out["killed"] / log) == whole[:1]
+    assert written.endswith(".ckpt") or not (out["killed"] / written).exists()
+
+    assert main(arguments["killed"]) == 0
+    resumed = logged(out["killed"] / log)
+    assert [line["step"] for line in resumed] == [line["step"] for line in whole], "no step is lost, or taken twice"
+    if command in BY_STEP:
+        assert resumed == whole
+    else:
+        for ours, theirs in zip(resumed, whole, strict=True):
+            assert ours["terms"]["loss"] == pytest.approx(theirs["terms"]["loss"], rel=1.0)
+    assert (out["killed"] / written).is_file()
+
+
+def logged(log: Path) -> list[dict[str, Any]]:
+    """The lines of a run's log, without how long it took."""
+    lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
+    return [{name: value for name, value in line.items() if name != "seconds"} for line in lines]

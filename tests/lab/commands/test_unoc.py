@@ -1,0 +1,176 @@
+"""The tables' commands, on motion of a second: what they print, write, and refuse."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.body.skeleton import default_skeleton
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
+
+
+@pytest.fixture
+def networks(untrained: Path) -> Path:
+    """Those of the tables."""
+    return untrained
+
+
+@pytest.fixture
+def folder(tmp_path: Path, waving_clip: Clip) -> Path:
+    """Two people, 40 frames each."""
+    for person, first in (("anna", 0), ("ben", 40)):
+        (tmp_path / "motion" / person).mkdir(parents=True)
+        clip = replace(waving_clip, pose=waving_clip.pose[first : first + 40])
+        write_bvh(tmp_path / "motion" / person / "a.bvh", clip)
+    return tmp_path / "motion"
+
+
+def common(tmp_path: Path, folder: Path, *more: object) -> tuple[object, ...]:
+    return (
+        *("--data", folder, "--split", "all", "--jobs", 1),
+        *("--out", tmp_path / "tables", "--json", tmp_path / "numbers.json", *more),
+    )
+
+
+def check_files(tmp_path: Path, name: str, rows: int, keys: list[str]) -> dict[str, float]:
+    """CSV and picture are whole, nothing lies beside them, and the numbers have what they must; returns these."""
+    with (tmp_path / "tables" / f"{name}.csv").open(newline="", encoding="utf-8") as file:
+        table = list(csv.reader(file))
+    assert len(table) == rows + 1 and {len(row) for row in table} == {len(table[0])}
+    picture = (tmp_path / "tables" / f"{name}.png").read_bytes()
+    assert picture.startswith(b"\x89PNG") and picture.endswith(b"IEND\xaeB`\x82")
+    assert not [path for path in (tmp_path / "tables").iterdir() if path.name.startswith(".")]
+    numbers = json.loads((tmp_path / "numbers.json").read_text())
+    assert all(isinstance(value, (int, float)) and np.isfinite(value) for value in numbers.values())
+    missing = [key for key in keys if key not in numbers]
+    assert not missing, missing
+    return numbers
+
+
+def test_table_1(tmp_path: Path, folder: Path, run) -> None:
+    printed = run("evaluate", "unoc-table1", *common(tmp_path, folder))
+    assert "UNOC, published" in printed and "2 clips of 2 people" in printed
+    assert "UNOC, on which figures were published, is missing" in printed and "licence: MIT" in printed
+    numbers = check_files(tmp_path, "unoc-table1", 20, ["all_body_hidden", "all_hand_seconds", "all_self_contact"])
+    assert numbers["clips"] == 2
+
+
+def test_table_2(tmp_path: Path, folder: Path, networks: Path, small_network: Path, run) -> None:
+    given = common(tmp_path, folder, "--networks", networks, "--model", small_network, "--stride", 4)
+    printed = run("evaluate", "unoc-table2", *given)
+    assert "UNOC's RMSJPE" in printed and "The GRU is the best network" in printed
+    methods = ("gru", "rnn", "lstm", "tcn", "best", "tracker", "last_known")
+    keys = [
+        f"{method}_{part}_{share}_{measure}_cm"
+        for method in methods
+        for part in ("body", "finger", "all")
+        for share in ("occluded", "all")
+        for measure in ("rmsjpe", "mpjpe")
+    ]
+    check_files(tmp_path, "unoc-table2", 6 * len(methods), keys)
+    # What is scored is kept, so that another table need not score it again.
+    kept = sorted(path.name for path in networks.glob("gru.*.scores.json"))
+    assert kept == ["gru.motion-all.scores.json"]
+    assert "UNOC, Table 3" in run(
+        "evaluate", "unoc-table3", *common(tmp_path, folder, "--networks", networks, "--stride", 4)
+    )
+    check_files(tmp_path, "unoc-table3", 36, ["window_81_body_all_rmsjpe_cm", "head_local_finger_occluded_mpjpe_cm"])
+
+
+def test_table_4(tmp_path: Path, folder: Path, networks: Path, run) -> None:
+    printed = run("evaluate", "unoc-table4", *common(tmp_path, folder, "--networks", networks, "--stride", 5))
+    assert "change, %" in printed
+    keys = ["gru_parent_body_rmsjpe_cm", "no_parent_parent_all_mpjpe_cm", "no_bone_bone_body_mpjpe_cm"]
+    check_files(tmp_path, "unoc-table4", 20, keys)
+
+
+def test_table_5(tmp_path: Path, folder: Path, networks: Path, run) -> None:
+    given = ("--data", f"a={folder}", f"b={folder}", "--networks", f"a={networks}", f"b={networks}", "--stride", 9)
+    rest = ("--split", "all", "--jobs", 1, "--out", tmp_path / "tables", "--json", tmp_path / "numbers.json")
+    assert "tested on" in run("evaluate", "unoc-table5", *given, *rest)
+    numbers = check_files(
+        tmp_path, "unoc-table5", 4 + 4 + 9, ["a_to_b_body_occluded_rmsjpe_cm", "last_known_on_b_all_occluded_mpjpe_cm"]
+    )
+    assert numbers["a_to_b_all_occluded_rmsjpe_cm"] == numbers["b_to_a_all_occluded_rmsjpe_cm"]
+
+
+def test_smoothness(tmp_path: Path, folder: Path, networks: Path, small_network: Path, run) -> None:
+    given = common(tmp_path, folder, "--networks", networks, "--model", small_network)
+    assert "above 9 m/s²" in run("evaluate", "unoc-smoothness", *given)
+    methods = ("truth", "gru", "gru_tracker", "mask_given", "mask_given_tracker", "best", "tracker")
+    check_files(tmp_path, "unoc-smoothness", 14, [f"{method}_strong_acceleration_percent" for method in methods])
+
+
+def test_reliability_and_transitions(tmp_path: Path, folder: Path, small_network: Path, run) -> None:
+    given = common(tmp_path, folder, "--model", small_network, "--quick")
+    assert "left out" in run("evaluate", "reliability", *given)
+    check_files(tmp_path, "reliability", 20, ["body_correlation", "finger_bin10_error_cm", "body_bin1_expected_cm"])
+    run("evaluate", "transitions", *given)
+    keys = [
+        "tracker_occluded_rmsjpe_cm",
+        "truth_regained_peak_jerk",
+        "best_regained_jerk_area",
+        "last_known_lost_peak_jerk",
+    ]
+    check_files(tmp_path, "transitions", 8, keys)
+
+
+@pytest.mark.slow
+def test_table_6_and_finger_synthesis(tmp_path: Path, folder: Path, networks: Path, run) -> None:
+    from bodysense.papers.point_model import Task
+    from bodysense_lab.unoc.point_network import FINGERS, UPPER_BODY, PointNetwork, PointNetworkConfig
+    from bodysense_lab.unoc.train import write_point_network
+
+    tasks: tuple[tuple[Task, PointNetworkConfig], ...] = (("upper-body", UPPER_BODY), ("fingers", FINGERS))
+    for task, config in tasks:
+        network = PointNetwork(replace(config, hidden=8, branch=(8,)), default_skeleton())
+        write_point_network(network, tmp_path / f"{task}.onnx", task, {"licence": "Apache-2.0"})
+    assert "headset and two controllers" in run(
+        "evaluate", "unoc-table6", *common(tmp_path, folder, "--model", tmp_path / "upper-body.onnx")
+    )
+    check_files(tmp_path, "unoc-table6", 16, ["ik_all_rmsjpe_cm", "network_elbows_mpjpe_cm", "network_neck_rmsjpe_cm"])
+    given = (
+        "--data",
+        f"a={folder}",
+        "--networks",
+        f"a={networks}",
+        "--finger-networks",
+        f"a={tmp_path / 'fingers.onnx'}",
+    )
+    rest = ("--split", "all", "--jobs", 1, "--out", tmp_path / "tables", "--json", tmp_path / "numbers.json")
+    run("evaluate", "unoc-table5", *given, *rest)
+    check_files(tmp_path, "unoc-table5", 1 + 1 + 9 + 1 + 9, ["a_to_a_finger_synthesis_rmsjpe_cm"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("unoc-table2", "--networks", "{tmp}/none"), "bodysense train unoc-tables --data DATA --out {tmp}/none"),
+        (("unoc-table4", "--networks", "{tmp}"), "no network gru, no_occlusion, no_parent, no_bone, no_parent_no_bone"),
+        (("unoc-smoothness", "--networks", "{tmp}"), "no network gru, mask_given"),
+        (("unoc-table5", "--networks", "{tmp}"), "write NAME=PATH"),
+        (("unoc-table3", "--networks", "{tmp}", "--stride", "0"), "--stride 0: give at least 1"),
+        (("reliability", "--jobs", "0"), "--jobs 0: give at least 1"),
+        (("transitions", "--json", "{tmp}/none/a.json"), "the folder {tmp}/none does not exist"),
+        (("unoc-table1", "--out", "{tmp}/motion/anna/a.bvh/x"), "no folder can be made there"),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else "",
+)
+def test_what_cannot_be_done_is_said(tmp_path: Path, folder: Path, refused, arguments, said: str) -> None:
+    out = () if "--out" in arguments else ("--out", tmp_path / "tables")
+    given = [argument.format(tmp=tmp_path) for argument in arguments]
+    text = refused("evaluate", given[0], "--data", folder, *given[1:], *out)
+    assert said.format(tmp=tmp_path) in text
+    assert not list((tmp_path / "tables").glob("*")) if (tmp_path / "tables").exists() else True
+
+
+def test_a_published_set_that_is_not_there(tmp_path: Path, refused) -> None:
+    """Which, where to get it, under which licence."""
+    text = refused("evaluate", "reliability", "--data", f"UNOC={tmp_path / 'none'}", "--out", tmp_path / "tables")
+    assert "UNOC is missing" in text and "github.com/facebookresearch/UNOC" in text and "MIT" in text

@@ -1,0 +1,103 @@
+"""Scripted wearers: they stand, sit and raise their arms as they should, and every figure is there."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.rotation import quaternion_rotate
+from bodysense.cli import main
+from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.errors import BodysenseError
+from bodysense.observation import check_observation
+from bodysense_lab.completion import wearer_scores
+from bodysense_lab.completion.wearers import (
+    FILE,
+    RAISES,
+    TAKES,
+    Palms,
+    Raise,
+    arms_raised,
+    head_paths,
+    known_body,
+    rest_heights,
+    seated,
+    standing_head,
+    with_hands,
+)
+
+
+@pytest.mark.parametrize("height", [1.55, 1.88])
+def test_who_sits_has_the_feet_on_the_floor_and_thighs_level(height: float) -> None:
+    skeleton = known_body(height)
+    position = np.asarray(forward_kinematics(seated(skeleton))[0])
+    at = skeleton.index
+    np.testing.assert_allclose(position[:, at("left_ankle"), 1], rest_heights(skeleton)[at("left_ankle")], atol=0.01)
+    np.testing.assert_allclose(position[:, at("left_knee"), 1], position[:, at("left_hip"), 1], atol=0.05)
+    ahead = position[:, at("left_knee"), 2] - position[:, at("left_hip"), 2]
+    assert (ahead > 0.2 * height).all()
+    assert (position[:, at("head"), 1] > position[:, 0, 1] + 0.3 * height).all()
+    wrist = position[:, at("left_wrist")] - position[:, at("left_knee")]
+    assert (wrist[:, 1] > 0).all() and (np.linalg.norm(wrist, axis=-1) < 0.35).all()
+
+
+@pytest.mark.parametrize("way", RAISES)
+def test_raised_arms_are_seen_first_and_then_lost(way: Raise) -> None:
+    skeleton = known_body(1.7)
+    pose = arms_raised(skeleton, way)
+    time = np.arange(len(pose.root_position)) / 30
+    seen = observe(pose, time, SENSOR_SETS["headset_camera"]).has_position
+    wrists = skeleton.indices(["left_wrist", "right_wrist"])
+    assert seen[:50, wrists].all() and not seen[85:, wrists].any()
+    position = np.asarray(forward_kinematics(pose)[0])
+    assert (position[90:, wrists, 1] > position[90:, skeleton.index("head"), 1][:, None] + 0.2).all()
+
+
+def test_palms_face_where_they_are_said_to() -> None:
+    skeleton = known_body(1.7)
+    path = standing_head(skeleton, 0.0)
+    expected: dict[Palms, list[int]] = {"down": [0, -1, 0], "inward": [-1, 0, 0], "hanging": [-1, 0, 0]}
+    for palms, left in expected.items():
+        seen = check_observation(with_hands(path, palms, skeleton))
+        facing = quaternion_rotate(seen.rotation[0, 1:], np.tile([0.0, -1.0, 0.0], (2, 1)))
+        assert facing[0] @ np.array(left) > 0.9 and facing[1] @ (np.array(left) * [-1, 1, 1]) > 0.9
+        assert seen.position[0, 1, 0] > 0 > seen.position[0, 2, 0]
+    assert with_hands(path, "none", skeleton).points == ("head",)
+
+
+def test_real_heads_stand_on_the_floor(tmp_path: Path) -> None:
+    with pytest.raises(BodysenseError, match=r"--headset .*: it has no headset_takes.npz"):
+        list(head_paths(tmp_path, known_body(1.7)))
+    time = np.arange(300) / 72
+    rows = {}
+    for name in TAKES:
+        rows |= {f"{name}__time_s": time, f"{name}__moving_from_to_s": np.array([1.0, 4.0])}
+        rows[f"{name}__device_pos_m"] = np.tile([0.0, 5.0, 0.0], (300, 1))
+        rows[f"{name}__device_quat_xyzw"] = np.tile([0.0, 0.0, 0.0, 1.0], (300, 1))
+    np.savez(tmp_path / FILE, **rows)
+    skeleton = known_body(1.7)
+    paths = list(head_paths(tmp_path, skeleton))
+    assert [path.name for path in paths] == list(TAKES) and len(paths[0].position) == 90
+    np.testing.assert_allclose(paths[0].position[:, 1], rest_heights(skeleton)[skeleton.index("head")])
+    np.testing.assert_allclose(paths[0].rotation, np.tile([1.0, 0, 0, 0], (90, 1)))
+
+
+@pytest.mark.slow
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    numbers = tmp_path / "sight.json"
+    assert main(["evaluate", "sight", "--json", str(numbers)]) == 0
+    found = json.loads(numbers.read_text())
+    assert {"standing_down_ball_cm", "seated_188_head_height_cm", "raised_sideways_deg"} <= set(found)
+    assert all(np.isfinite(value) for value in found.values())
+    assert found["raised_ahead_truth_deg"] > 65
+    assert "arms raised out of view" in capsys.readouterr().out
+
+
+def test_a_body_at_rest_floats_by_nothing() -> None:
+    skeleton = known_body(1.8)
+    rest = np.tile(rest_heights(skeleton)[:, None] * [0.0, 1.0, 0.0], (3, 1, 1))
+    np.testing.assert_allclose(wearer_scores._lower_ball(skeleton, rest), 0, atol=1e-9)

@@ -1,0 +1,48 @@
+"""Some of the clips of a folder, spread evenly, and how many there are."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from bodysense.errors import BodysenseError
+from bodysense.io.bvh import write_bvh
+from bodysense.io.datasets.sources import Source
+from bodysense.io.rigs.options import ReadingOptions
+from bodysense_lab import datasets
+from bodysense_lab.datasets import count_clips, open_clips
+
+
+@pytest.fixture
+def folder(tmp_path: Path, make_clip) -> Path:
+    for k in range(7):
+        write_bvh(tmp_path / f"p{k}_walk.bvh", make_clip(frames=3, seed=k))
+    return tmp_path
+
+
+def test_counts(folder: Path) -> None:
+    assert count_clips(folder, "all") == 7 == len(list(open_clips(folder)))
+    with pytest.raises(BodysenseError, match="no such folder"):
+        count_clips(folder / "none")
+
+
+@pytest.mark.parametrize("at_most", [1, 2, 3, 6, 7, 20])
+def test_some_are_spread_evenly(folder: Path, at_most: int) -> None:
+    order = [clip.person for clip in open_clips(folder)]
+    some = [clip.person for clip in open_clips(folder, at_most=at_most)]
+    assert len(some) == min(at_most, 7) and some == sorted(set(some))
+    gaps = [order.index(b) - order.index(a) for a, b in pairwise(some)]
+    assert max(gaps, default=0) - min(gaps, default=0) <= 1
+
+
+def test_an_option_that_a_command_lacks_goes_to_the_preparation(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def lying(source: Source, options: ReadingOptions) -> None:
+        raise BodysenseError(f"{source.path}: it never stands upright; say which axis is up, as --up y")
+
+    monkeypatch.setattr(datasets, "read_source", lying)
+    with pytest.raises(
+        BodysenseError, match=r"--up y; where a command has no --up, .*data prepare .* -o STORE.zarr --up"
+    ):
+        next(open_clips(folder))

@@ -1,0 +1,188 @@
+"""The store: whole or not there, resumable, and the same motion as the files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.body.rotation import geodesic_angle
+from bodysense.errors import BodysenseError
+from bodysense.io.bvh import write_bvh
+from bodysense.io.resample import resample
+from bodysense.io.rigs.options import ReadingOptions
+from bodysense_lab import store as store_module
+from bodysense_lab.datasets import open_clips
+from bodysense_lab.store import is_store, prepare, read_store
+
+pytest.importorskip("zarr", reason="needs packages/lab")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, make_clip) -> Path:
+    """Seven files of four people, two of them no motion."""
+    for k, person in enumerate(("anna", "anna", "ben", "carl", "dora")):
+        path = tmp_path / "files" / person / f"take_{k}.bvh"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_bvh(path, make_clip(frames=20 + 3 * k, seed=k, rate=60.0))
+    (tmp_path / "files" / "ben" / "broken.bvh").write_text("HIERARCHY\nROOT Hips\n")
+    (tmp_path / "files" / "ben" / "empty.npz").write_text("")
+    return tmp_path / "files"
+
+
+def stopped(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def test_a_store_holds_what_the_files_hold(folder: Path, tmp_path: Path, capsys) -> None:
+    store = prepare(folder, tmp_path / "motion.zarr", rate=30.0, workers=1)
+    assert [row.source for row in store.table.clips] == [
+        f"{p}/take_{k}.bvh" for k, p in enumerate(("anna", "anna", "ben", "carl", "dora"))
+    ]
+    assert store.rotation.shape == (sum(row.length for row in store.table.clips), 52, 4)
+    assert store.rotation.dtype == np.float32 and store.rotation.chunks == (512, 52, 4)
+    (folder / "ben" / "broken.bvh").unlink()
+    (folder / "ben" / "empty.npz").unlink()
+    for clip, row, index in zip(open_clips(folder), store.table.clips, range(5), strict=True):
+        thirty, stored = resample(clip, 30.0), store.clip(index)
+        assert (stored.name, stored.person, stored.frame_rate) == (clip.name, clip.person, 30.0)
+        assert len(stored) == len(thirty) == row.length
+        assert geodesic_angle(stored.pose.rotation, thirty.pose.rotation).max() < 1e-3
+        np.testing.assert_allclose(stored.pose.root_position, thirty.pose.root_position, atol=1e-6)
+        np.testing.assert_allclose(stored.pose.skeleton.rest_offset, thirty.pose.skeleton.rest_offset, atol=1e-6)
+    printed = capsys.readouterr().out
+    assert "skipped ben/broken.bvh:" in printed and "there is no MOTION section" in printed
+    assert [row.source for row in store.table.skipped] == ["ben/broken.bvh", "ben/empty.npz"]
+    assert "the file is empty" in store.table.skipped[1].reason
+
+
+def test_clips_of_a_store_open_like_those_of_a_folder(folder: Path, tmp_path: Path) -> None:
+    store = prepare(folder, tmp_path / "motion.zarr", workers=1)
+    assert [c.name for c in open_clips(tmp_path / "motion.zarr")] == [row.name for row in store.table.clips]
+    split = store.table.clips[0].split
+    assert {c.person for c in open_clips(tmp_path / "motion.zarr", split)} == {
+        r.person for r in store.table.clips if r.split == split
+    }
+
+
+@pytest.mark.parametrize("moment", ["before the batch", "within the batch", "before the rename"])
+def test_a_killed_run_goes_on_and_is_never_taken_for_whole(
+    folder: Path, tmp_path: Path, monkeypatch, moment: str
+) -> None:
+    whole = prepare(folder, tmp_path / "whole.zarr", workers=1)
+    monkeypatch.setattr(store_module, "BATCH", 2)
+    path, seen = tmp_path / "motion.zarr", []
+    prepared, append = store_module._prepared, store_module._append
+
+    def counted(item, rate, options):
+        seen.append(item[1].path.name)
+        return prepared(item, rate, options)
+
+    def killed(group, table, batch):
+        if len(table.clips) < 2 or moment == "before the rename":
+            return append(group, table, batch)
+        if moment == "within the batch":  # the arrays are written, the table is not
+            before = group.attrs.asdict()
+            append(group, table, batch)
+            group.attrs.update(before)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(store_module, "_prepared", counted)
+    with monkeypatch.context() as patch:
+        patch.setattr(store_module, "_append", killed)
+        patch.setattr(store_module, "_publish", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            prepare(folder, path, workers=1)
+    assert not path.exists() and not is_store(path)
+    if moment != "before the rename":
+        with pytest.raises(BodysenseError, match=r"not a finished store"):
+            read_store(tmp_path / "motion.zarr.part")
+    first = list(seen)
+    seen.clear()
+    store = prepare(folder, path, workers=1)
+    assert not (tmp_path / "motion.zarr.part").exists()
+    done = first[:-2] if moment != "before the rename" else first
+    assert not set(done) & set(seen)  # nothing is done twice
+    assert [row.source for row in store.table.clips] == [row.source for row in whole.table.clips]
+    assert [row.source for row in store.table.skipped] == [row.source for row in whole.table.skipped]
+    np.testing.assert_array_equal(store.rotation[:], whole.rotation[:])
+    np.testing.assert_array_equal(store.root_position[:], whole.root_position[:])
+    np.testing.assert_array_equal(store.rest_offset, whole.rest_offset)
+
+
+def test_a_finished_store_is_left_as_it_is(folder: Path, tmp_path: Path, monkeypatch, make_clip) -> None:
+    path = tmp_path / "motion.zarr"
+    prepare(folder, path, workers=1)
+    monkeypatch.setattr(store_module, "_prepared", None)
+    assert len(prepare(folder, path, workers=1).table.clips) == 5
+    with pytest.raises(BodysenseError, match=r"is at 30 Hz, not 60; give another place or remove it"):
+        prepare(folder, path, rate=60.0, workers=1)
+    with pytest.raises(BodysenseError, match=r"was made with other options .none.; give another place"):
+        prepare(folder, path, workers=1, options=ReadingOptions(unit="m"))
+    write_bvh(folder / "anna" / "new.bvh", make_clip())
+    with pytest.raises(BodysenseError, match=r"was made of 7 files, and there are 8 now"):
+        prepare(folder, path, workers=1)
+
+
+def test_changed_files_are_noticed_when_a_run_goes_on(folder: Path, tmp_path: Path, monkeypatch, make_clip) -> None:
+    monkeypatch.setattr(store_module, "BATCH", 2)
+    with monkeypatch.context() as patch:
+        patch.setattr(store_module, "_publish", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            prepare(folder, tmp_path / "motion.zarr", workers=1)
+    write_bvh(folder / "anna" / "take_0.bvh", make_clip(seed=9))
+    with pytest.raises(BodysenseError, match=r"was made with another anna/take_0.bvh than there is now"):
+        prepare(folder, tmp_path / "motion.zarr", workers=1)
+
+
+def test_what_cannot_be_a_store(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(BodysenseError, match=r"no store of motion; make one with `bodysense data prepare"):
+        read_store(tmp_path / "none.zarr")
+    with pytest.raises(BodysenseError, match=r"exists and is no store"):
+        prepare(folder, folder, workers=1)
+    with pytest.raises(BodysenseError, match=r"0 workers cannot be; give at least 1"):
+        prepare(folder, tmp_path / "a.zarr", workers=0)
+    with pytest.raises(BodysenseError, match=r"frame rate -1 Hz cannot be"):
+        prepare(folder, tmp_path / "b.zarr", rate=-1.0, workers=1)
+    only_bad = tmp_path / "bad"
+    only_bad.mkdir()
+    (only_bad / "a.bvh").write_text("x")
+    with pytest.raises(BodysenseError, match=r"none of its 1 files can be read; the first: .*is not a BVH file"):
+        prepare(only_bad, tmp_path / "c.zarr", workers=1)
+
+
+@pytest.mark.parametrize("damage", ['{"zarr_format": 3, "node_type": "group"}', "{", ""])
+def test_a_damaged_store(folder: Path, tmp_path: Path, damage: str) -> None:
+    prepare(folder, tmp_path / "a.zarr", workers=1)
+    (tmp_path / "a.zarr" / "zarr.json").write_text(damage)
+    with pytest.raises(BodysenseError, match=r"a.zarr: .*prepare"):
+        read_store(tmp_path / "a.zarr")
+
+
+def test_without_the_extra(folder: Path, tmp_path: Path, monkeypatch) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    with pytest.raises(BodysenseError, match=r"needs the package zarr; in a clone .* packages/lab"):
+        prepare(folder, tmp_path / "a.zarr")
+
+
+@pytest.mark.slow
+def test_several_processes_make_the_same_store(folder: Path, tmp_path: Path) -> None:
+    one = prepare(folder, tmp_path / "one.zarr", workers=1)
+    two = prepare(folder, tmp_path / "two.zarr", workers=2)
+    assert one.table.clips == two.table.clips
+    np.testing.assert_array_equal(one.rotation[:], two.rotation[:])
+
+
+@pytest.mark.slow
+def test_a_dask_scheduler_makes_the_same_store(folder: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    one = prepare(folder, tmp_path / "one.zarr", workers=1)
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
+    ) as cluster:
+        two = prepare(folder, tmp_path / "two.zarr", scheduler=cluster.scheduler_address)
+    assert one.table.clips == two.table.clips
+    np.testing.assert_array_equal(one.rotation[:], two.rotation[:])

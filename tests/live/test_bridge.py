@@ -1,0 +1,41 @@
+"""A bridge: pages anywhere send whole bodies, which go on to avatar programs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bodysense.body.pose import forward_kinematics
+from bodysense.demo import packaged_performance
+from bodysense.errors import BodysenseError
+from bodysense.io.protocol import SignalFrame
+from bodysense_live.messages import Settings
+from bodysense_live.safety import ANY_ORIGIN, Access, why_refused
+from bodysense_live.session import Session
+
+
+def test_a_bridge_hands_on_a_whole_body() -> None:
+    pose = packaged_performance().pose[0:120:2]
+    skeleton = pose.skeleton
+    position, rotation = map(np.asarray, forward_kinematics(pose))
+    count = len(skeleton.joints)
+    session = Session(skeleton.joints, settings=Settings(hold_feet=False))
+    apart = []
+    for k in range(len(pose.root_position)):
+        rows = np.arange(count, dtype=np.uint8)
+        places, turns = position[k, :count].astype(np.float32), rotation[k, :count].astype(np.float32)
+        frame = SignalFrame(k, k / 30, rows, np.full(count, 3, np.uint8), places, turns)
+        session.receive(frame, k / 30)
+        answer = session.step()
+        assert answer is not None
+        apart.append(np.linalg.norm(answer.points[:count] - places, axis=-1))
+    assert np.mean(apart[30:]) < 0.01 and np.max(apart[30:]) < 0.04  # m
+
+
+def test_a_page_anywhere_needs_the_bridges_token() -> None:
+    with pytest.raises(BodysenseError, match="needs a token"):
+        Access(origins=(ANY_ORIGIN,))
+    access = Access(token="12345678", origins=(ANY_ORIGIN,))
+    for origin in ("https://example.org", "null", None):
+        assert why_refused(access, "localhost:8765", origin, ["12345678"]) is None
+        assert why_refused(access, "localhost:8765", origin, ["87654321"]) is not None

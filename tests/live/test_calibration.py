@@ -1,0 +1,100 @@
+"""Trackers that are strapped on somehow are calibrated by VMC, and by a command."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.body.person import Person
+from bodysense.body.pose import forward_kinematics, standing_pose
+from bodysense.body.rigid import RigidTransform
+from bodysense.body.rotation import quaternion_exp
+from bodysense.body.skeleton import default_skeleton
+from bodysense.io.osc import bundled, message_bytes
+from bodysense.io.unity import unity_position, unity_rotation
+from bodysense_live.messages import Calibrate, Recentre
+from bodysense_live.settings import ServerSettings
+from bodysense_live.vmc import VmcTrackers
+
+from .conftest import Serving
+from .test_datagrams import free_port
+
+SKELETON = default_skeleton()
+# Where trackers are strapped, in their joints' axes, m and turned by so many rad: 8 to 14 cm off.
+STRAPPED = {
+    "pelvis": ((0.03, 0.05, 0.10), (0.0, 0.4, 0.0)),
+    "left_ankle": ((0.02, 0.05, 0.09), (0.6, 0.2, 0.0)),
+    "right_ankle": ((-0.02, 0.05, 0.07), (0.0, -0.7, 0.1)),
+}
+
+
+def devices(anonymous: bool) -> list[bytes]:
+    """Headset and trackers of somebody of the default body who stands, as VMC sends them."""
+    position, rotation = forward_kinematics(standing_pose(SKELETON))
+    floor = np.asarray(position)[:, 1].min()
+    head = np.asarray(position)[SKELETON.index("head")] - [0, floor, 0] + [0.0, 0.07, 0.08]
+    rows = [message_bytes("/VMC/Ext/Hmd/Pos", "sfffffff", "HMD", *unity_position(head).tolist(), 0.0, 0.0, 0.0, 1.0)]
+    for k, (joint, (place, turn)) in enumerate(STRAPPED.items()):
+        j = SKELETON.index(joint)
+        carrier = RigidTransform(np.asarray(position)[j] - [0, floor, 0], np.asarray(rotation)[j])
+        worn = carrier @ RigidTransform(np.array(place), quaternion_exp(np.array(turn)))
+        values = *unity_position(worn.translation).tolist(), *unity_rotation(worn.rotation).tolist()
+        serial = f"LHR-{k}" if anonymous else joint.replace("ankle", "foot")
+        rows.append(message_bytes("/VMC/Ext/Tra/Pos", "sfffffff", serial, *values))
+    return rows
+
+
+@pytest.mark.slow
+def test_who_stands_a_second_is_known_and_kept(server_of: Serving, tmp_path: Path) -> None:
+    """Nobody says which tracker is which: where they are in that second does."""
+    port, kept = free_port(), tmp_path / "me.json"
+    server_of(ServerSettings(vmc_in=port, save_person=kept))
+    (packet,) = bundled(devices(anonymous=True))
+    until, asked = time.monotonic() + 20, False
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        while not kept.is_file() and time.monotonic() < until:
+            sender.sendto(packet, ("127.0.0.1", port))
+            if not asked:
+                sender.sendto(message_bytes("/VMC/Ext/Set/Calib/Exec", "i", 0), ("127.0.0.1", port))
+                asked = True
+            time.sleep(0.02)
+    person = Person.load(kept)
+    assert set(person.mounts) == set(STRAPPED)
+    for joint, (place, _) in STRAPPED.items():
+        off = np.linalg.norm(person.mounts[joint].translation - place)
+        assert off < 0.04  # the height, inferred from the head, is most of it
+
+
+@pytest.mark.slow
+def test_by_a_command(server_of: Serving, capsys: pytest.CaptureFixture[str]) -> None:
+    from bodysense_live.commands.calibrate import calibrate
+
+    port, over = free_port(), threading.Event()
+    server = server_of(ServerSettings(vmc_in=port))
+    (packet,) = bundled(devices(anonymous=False))
+
+    def send() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            while not over.wait(0.02):
+                sender.sendto(packet, ("127.0.0.1", port))
+
+    wearer = threading.Thread(target=send)
+    wearer.start()
+    try:
+        calibrate(f"{server.http}/", wait=0.3)
+    finally:
+        over.set()
+        wearer.join()
+    assert "m tall" in capsys.readouterr().out
+
+
+def test_what_packets_ask_for() -> None:
+    reader = VmcTrackers()
+    asked = [message_bytes("/VMC/Ext/Set/Calib/Exec", "i", 0), message_bytes("/bodysense/recentre", "")]
+    assert [reader.commands(one) for one in asked] == [[Calibrate()], [Recentre()]]
+    assert reader.commands(b"Calib") == [] and reader.commands(devices(False)[0]) == []

@@ -1,0 +1,118 @@
+"""`bodysense serve` as its users call it."""
+
+from __future__ import annotations
+
+import re
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from ..conftest import Refused
+
+pytest.importorskip("uvicorn", reason="needs packages/live")
+
+
+def test_a_port_in_use(refused: Refused) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert refused("serve", "--port", port) == (
+            f"--port {port} is in use by another program; stop it or choose another --port (0 takes any)"
+        )
+
+
+def test_a_udp_port_in_use(refused: Refused) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        said = refused("serve", "--port", 0, "--vmc-in", port)
+        assert said == f"--vmc-in {port} is in use by another program; stop it or choose another --vmc-in (0 takes any)"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--port", -1), "ports are 0"),
+        (("--workers", 0), "give 1 or more"),
+        (("--workers", 2, "--vmc-in", 39539), "UDP goes with one process only"),
+        (("--token", "short"), "at least 8 characters"),
+        (("--vmc-out", "localhost"), "give HOST:PORT"),
+        (("--vrchat-out", "localhost:99999"), "give HOST:PORT"),
+        (("--vmc-out", "no.such.host.invalid:39539"), "--vmc-out no.such.host.invalid:39539"),
+        (("--allow-record", "no/such/folder"), "no such folder"),
+        (("--replay", "no-such-file.npz"), "no such file"),
+        (("--device", "three_point"), "give it with --replay"),
+        (("--sessions", 0), "give 1 to 10000"),
+        (("--device-names", "names.json"), "give --vmc-in, --vmt or --slimevr"),
+        (("--vrchat", "--vrchat-host", "no.such.host.invalid"), "--vrchat-host no.such.host.invalid: no such host"),
+        (("--slimevr", "--slimevr-host", "no.such.host.invalid"), "--slimevr-port 6969: no.such.host.invalid"),
+        (("--workers", 2, "--solarxr"), "UDP goes with one process only"),
+        (("--workers", 2, "--slimevr"), "UDP goes with one process only"),
+        (("--bridge",), "--bridge has nowhere to send to; give --vmc-out"),
+        (("--vmt", "--vmt-first", 60), "give 0 to 48"),
+    ],
+)
+def test_what_cannot_be_served(refused: Refused, arguments: tuple[object, ...], said: str) -> None:
+    port = () if "--port" in arguments else ("--port", 0)
+    assert said in refused("serve", *port, *arguments)
+
+
+def test_no_folder_for_sockets(refused: Refused, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("XDG_RUNTIME_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    assert "XDG_RUNTIME_DIR is not set" in refused("serve", "--port", 0, "--solarxr")
+
+
+@pytest.mark.parametrize(
+    ("table", "option", "said"),
+    [
+        ('{"AA:01:02:03:04:05": "left_knee"}', "--vmt", "AA:01:02:03:04:05 is a SlimeVR tracker; give --slimevr"),
+        ('{"AA:01:02:03:04:05": "left_toe"}', "--slimevr", "'left_toe' (for 'AA:01:02:03:04:05') is no joint"),
+        ('{"LHR-1": "left_knee"}', "--slimevr", "'LHR-1' is a device of VMC or SteamVR; give --vmc-in or --vmt"),
+    ],
+)
+def test_a_table_of_other_devices(refused: Refused, tmp_path: Path, table: str, option: str, said: str) -> None:
+    path = tmp_path / "names.json"
+    path.write_text(table)
+    assert said in refused("serve", "--port", 0, option, "--device-names", path)
+
+
+def test_a_motion_needs_a_device(refused: Refused, motion: Path) -> None:
+    assert "say what watches it: --device" in refused("serve", "--port", 0, "--replay", motion)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("workers", "end"), [(1, signal.SIGINT), (2, signal.SIGINT), (2, signal.SIGTERM), (2, signal.SIGKILL)]
+)
+def test_it_serves_until_it_is_ended(workers: int, end: signal.Signals) -> None:
+    command = [sys.executable, "-m", "bodysense", "serve", "--port", "0", "--workers", str(workers)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None and process.stderr is not None
+        try:
+            line = process.stdout.readline()
+            address = re.search(r"http://127\.0\.0\.1:\d+/", line)
+            assert address is not None, line
+            for _ in range(4):
+                with urllib.request.urlopen(f"{address[0]}healthz", timeout=20) as response:
+                    assert response.read() == b"ok\n"
+            with urllib.request.urlopen(f"{address[0]}metrics", timeout=20) as response:
+                assert b"bodysense_frames" in response.read()
+        finally:
+            process.send_signal(end)
+        try:
+            assert process.wait(30) in (0, 130, -end)
+        finally:
+            process.kill()  # one that stays fails here, and does not hold the tests up
+        assert "Traceback" not in process.stderr.read()  # to its end: no worker is left that holds it
+
+
+def test_nobody_to_calibrate(refused: Refused) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    assert "is `bodysense serve` running?" in refused("calibrate", f"http://127.0.0.1:{port}/")
+    assert "give the address" in refused("calibrate", "localhost")

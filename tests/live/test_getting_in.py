@@ -1,0 +1,161 @@
+"""Getting in: certificates, tokens that are guessed, requests that never end, who leads, who watches."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import ssl
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bodysense.errors import BodysenseError
+from bodysense.io.protocol import SIGNAL
+from bodysense_live.answer import Answer
+from bodysense_live.certificate import check_pair, own_certificate, qr_code
+from bodysense_live.live import Live
+from bodysense_live.messages import Hello, Recentre, Resume
+from bodysense_live.metrics import Metrics
+from bodysense_live.outbox import Outbox
+from bodysense_live.safety import Guesses, Limits
+from bodysense_live.seat import Leader
+from bodysense_live.session import Session
+from bodysense_live.settings import ServerSettings
+
+from .conftest import DEVICES, Connecting, Serving, signal
+
+
+def test_a_certificate_is_made_once_for_its_addresses_and_kept(tmp_path: Path) -> None:
+    pytest.importorskip("cryptography")
+    certificate, key = own_certificate(tmp_path / "state", ("192.168.1.7", "localhost"))
+    first = certificate.read_bytes()
+    check_pair(certificate, key)
+    assert key.stat().st_mode & 0o077 == 0
+    own_certificate(tmp_path / "state", ("192.168.1.7",))
+    assert certificate.read_bytes() == first
+    own_certificate(tmp_path / "state", ("192.168.1.8",))
+    assert certificate.read_bytes() != first
+
+
+def test_files_that_are_no_certificate_are_named(tmp_path: Path) -> None:
+    (tmp_path / "a.pem").write_text("no")
+    with pytest.raises(BodysenseError, match=r"--certificate .*a\.pem --key .*give PEM files"):
+        check_pair(tmp_path / "a.pem", tmp_path / "a.pem")
+
+
+def test_a_browser_that_trusts_the_certificate_gets_in(server_of: Serving, tmp_path: Path) -> None:
+    pytest.importorskip("cryptography")
+    certificate, key = own_certificate(tmp_path, ("127.0.0.1", "localhost"))
+    access = replace(ServerSettings().access, certificate=certificate, key=key)
+    server = server_of(ServerSettings(access=access))
+    context = ssl.create_default_context(cafile=str(certificate))
+    with (
+        socket.create_connection(("127.0.0.1", server.port), timeout=10) as plain,
+        context.wrap_socket(plain, server_hostname="127.0.0.1") as secure,
+    ):
+        secure.sendall(b"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
+        assert secure.recv(4096).startswith(b"HTTP/1.1 200")
+
+
+def test_a_qr_code_is_drawn() -> None:
+    pytest.importorskip("segno")
+    assert len(qr_code("https://192.168.1.7:8765/?token=abc").splitlines()) > 10
+
+
+def test_a_request_that_never_ends_is_let_go(server_of: Serving) -> None:
+    server = server_of(ServerSettings(limits=Limits(seconds_to_request=0.3)))
+    with socket.create_connection(("127.0.0.1", server.port), timeout=10) as half:
+        half.sendall(b"GET /healthz HTTP/1.1\r\nHost: 127.0")
+        begun = time.monotonic()
+        assert half.recv(100) == b"" and time.monotonic() - begun < 5
+
+
+def test_a_websocket_outlives_the_time_for_its_request(server_of: Serving, connect: Connecting) -> None:
+    client = connect(server_of(ServerSettings(limits=Limits(seconds_to_request=0.2))))
+    time.sleep(0.5)
+    assert client.answered(signal(1, 0.0)).sequence == 1
+
+
+def test_wrong_tokens_wait_longer_and_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    waited: list[float] = []
+
+    async def sleep(seconds: float) -> None:
+        waited.append(seconds)
+
+    async def guess() -> None:
+        guesses = Guesses()
+        for k in range(7):
+            await guesses.punish("10.0.0.1", float(k))
+        await guesses.punish("10.0.0.2", 7.0)
+        await guesses.punish("10.0.0.1", 100.0)
+
+    monkeypatch.setattr("bodysense_live.safety.asyncio.sleep", sleep)
+    asyncio.run(guess())
+    assert waited == [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 8.0, 0.25, 0.25]
+
+
+def test_few_guesses_are_looked_at_at_a_time() -> None:
+    async def guess() -> tuple[bool, bool]:
+        guesses = Guesses()
+        waiting = [asyncio.create_task(guesses.punish("10.0.0.1", 0.0)) for _ in range(4)]
+        await asyncio.sleep(0)
+        found = guesses.is_busy("10.0.0.1"), guesses.is_busy("10.0.0.2")
+        for task in waiting:
+            task.cancel()
+        await asyncio.gather(*waiting, return_exceptions=True)
+        return found
+
+    assert asyncio.run(guess()) == (True, False)
+
+
+def answer(points: int) -> Answer:
+    session = Session(DEVICES)
+    session.receive(signal(0, 0.0, points), 0.0)
+    found = session.step()
+    assert found is not None
+    return found
+
+
+def test_who_sends_a_body_leads_not_the_page_that_came_first() -> None:
+    body, nothing = answer(3), answer(0)
+    leader, page, headset, own = Leader(), *(object() for _ in range(3))
+    leads = [
+        leader.leads(page, nothing, False, 0.0),  # type: ignore[arg-type]
+        leader.leads(headset, body, False, 0.1),  # type: ignore[arg-type]
+        leader.leads(page, body, False, 0.2),  # type: ignore[arg-type]
+        leader.leads(own, body, True, 0.3),  # type: ignore[arg-type]
+        leader.leads(headset, body, False, 1.0),  # type: ignore[arg-type]
+        leader.leads(headset, body, False, 1.4),  # type: ignore[arg-type]
+    ]
+    assert leads == [False, True, False, True, False, True]
+
+
+def test_a_session_is_watched_with_its_token(server_of: Serving, connect: Connecting) -> None:
+    server = server_of(ServerSettings())
+    wearer = connect(server)
+    follow = Resume(wearer.welcome["session"], wearer.welcome["watch_token"])
+    watcher = connect(server, points=(), follow=follow)
+    assert not watcher.welcome["token"] and not watcher.welcome["watch_token"]
+    wearer.answered(signal(7, 0.0))
+    assert watcher.frame(SIGNAL) and watcher.pose().sequence == 7
+    watcher.tell(Recentre())
+    assert "changes nothing" in watcher.text("error")["reason"]
+    assert wearer.answered(signal(9, 0.2)).sequence == 9
+
+
+def test_a_wrong_token_watches_nothing() -> None:
+    async def follow() -> str:
+        live = Live(Limits(), Metrics())
+        live.start()
+        seat = live.admit(Hello(1, DEVICES), Outbox(8))
+        try:
+            live.admit(Hello(1, follow=Resume(seat.identity, seat.token)), Outbox(8))
+        except BodysenseError as error:
+            return str(error)
+        finally:
+            await live.stop()
+        return ""
+
+    assert "its token is another" in asyncio.run(follow())

@@ -1,0 +1,85 @@
+"""Who is stepped when, and what becomes of an estimate that fails."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+
+import pytest
+
+from bodysense_live import scheduler as module
+from bodysense_live.answer import Answer
+from bodysense_live.estimation import step_many
+from bodysense_live.messages import Pong
+from bodysense_live.outbox import Outbox
+from bodysense_live.scheduler import Scheduler
+from bodysense_live.session import Session
+
+from .conftest import DEVICES, signal
+
+
+@dataclass(eq=False)
+class Wearer:
+    session: Session
+
+
+def wearers(count: int) -> list[Wearer]:
+    return [Wearer(Session(DEVICES)) for _ in range(count)]
+
+
+def run(those: list[Wearer], frames: int) -> list[tuple[Wearer, Answer | None]]:
+    async def go() -> list[tuple[Wearer, Answer | None]]:
+        found: list[tuple[Wearer, Answer | None]] = []
+        scheduler: Scheduler[Wearer] = Scheduler(lambda who, answer: found.append((who, answer)))
+        task = asyncio.create_task(scheduler.run())
+        for k in range(frames):
+            for one in those:
+                one.session.receive(signal(k, k / 72), 0.0)
+                scheduler.ready(one)
+            while len(found) < (k + 1) * len(those):
+                await asyncio.sleep(0.001)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        return found
+
+    return asyncio.run(asyncio.wait_for(go(), 60))
+
+
+def test_everybody_is_answered() -> None:
+    those = wearers(3)
+    found = run(those, 3)
+    for one in those:
+        assert [a.frame.sequence for who, a in found if who is one and a is not None] == [0, 1, 2]
+
+
+def test_one_that_fails_touches_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    those = wearers(3)
+    broken = those[1].session
+
+    def failing(jobs: list) -> list:
+        if any(job[0] is broken._pipeline for job in jobs):
+            raise ZeroDivisionError
+        return step_many(jobs)
+
+    monkeypatch.setattr(module, "step_many", failing)
+    found = run(those, 2)
+    for one in those:
+        answers = [answer for who, answer in found if who is one]
+        assert len(answers) == 2 and all((a is None) == (one is those[1]) for a in answers)
+    monkeypatch.undo()
+    those[1].session.receive(signal(9, 0.5), 0.0)
+    assert those[1].session.step() is not None
+
+
+def test_an_outbox_keeps_the_newest_frame_and_so_many_texts() -> None:
+    async def go() -> None:
+        outbox = Outbox(3)
+        assert not outbox.show([b"1"]) and outbox.show([b"2"])
+        for k in range(5):
+            outbox.tell(Pong(k))
+        assert outbox.is_full
+        texts, frames = await outbox.take()
+        assert len(texts) == 3 and list(frames) == [b"2"]
+        assert not outbox.show([b"3"])
+
+    asyncio.run(go())

@@ -1,0 +1,324 @@
+"""One session without a network: clocks, losses, settings, placement."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bodysense.body.person import Person
+from bodysense.body.pose import Pose, forward_kinematics, standing_pose
+from bodysense.body.rigid import RigidTransform
+from bodysense.body.rotation import geodesic_angle
+from bodysense.body.shape import stature
+from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.simulated.sensors import SENSOR_SETS, strapped
+from bodysense.devices.simulated.sensors import observe as see
+from bodysense.devices.simulated.three_point import observe
+from bodysense.io.protocol import ProtocolError, SignalFrame
+from bodysense.observation import Observation
+from bodysense_live.answer import Answer
+from bodysense_live.estimation import step_many
+from bodysense_live.messages import Calibrate, Change, Placed, ProportionsChanged, Recentre, Said, Settings
+from bodysense_live.session import Session
+
+SKELETON = default_skeleton()
+POINTS = ("head", "left_wrist", "right_wrist")
+
+
+def frame(time: float, sequence: int = 0, height: float = 0.0, x: float = 0.0) -> SignalFrame:
+    """Head and wrists of somebody of the default body's height who stands, faces +Z and waves."""
+    pose = standing_pose(SKELETON)
+    pose.root_position[:] += [x, height, 0]
+    pose.rotation[SKELETON.index("left_elbow")] = [np.cos(0.4), 0, 0, np.sin(0.4 * np.sin(3 * time))]
+    pose.rotation[SKELETON.index("left_elbow")] /= np.linalg.norm(pose.rotation[SKELETON.index("left_elbow")])
+    floor = forward_kinematics(standing_pose(SKELETON))[0][:, 1].min()
+    seen = observe(Pose(SKELETON, pose.root_position[None] - [0, floor, 0], pose.rotation[None]), np.zeros(1))
+    return SignalFrame(sequence, time, np.arange(3), np.full(3, 3), seen.position[0], seen.rotation[0])
+
+
+def session(person: Person = Person(SKELETON), points: Sequence[str] = POINTS, **chosen: object) -> Session:
+    return Session(points, person, Settings(**chosen))  # type: ignore[arg-type]
+
+
+def play(one: Session, seconds: float, start: float = 0.0, rate: float = 30.0, **where: float) -> list[Answer]:
+    answers = []
+    for k in range(round(seconds * rate)):
+        one.receive(frame(start + k / rate, k, **where), 0.0)
+        answer = one.step()
+        assert answer is not None
+        answers.append(answer)
+    return answers
+
+
+def points_of(answer: Answer) -> np.ndarray:
+    position, _ = forward_kinematics(answer.pose)
+    return np.asarray(position)
+
+
+def leaps(answers: list[Answer]) -> np.ndarray:
+    """The farthest that any point moves from each answer to the next, m."""
+    place = np.stack([points_of(answer) for answer in answers])
+    return np.linalg.norm(np.diff(place, axis=0), axis=-1).max(axis=1)
+
+
+def test_a_frame_is_answered_once() -> None:
+    one = session()
+    assert one.step() is None and not one.is_ready
+    assert one.receive(frame(5.0, 7), 12.5) is None
+    assert one.is_ready
+    answer = one.step()
+    assert answer is not None and (answer.frame.sequence, answer.frame.time, answer.received) == (7, 5.0, 12.5)
+    assert one.step() is None
+
+
+def test_unix_time_is_a_time() -> None:
+    """As time from any other origin: the same body, nothing dropped, and the frame's own time in the answer."""
+    unix = 1.7e9
+    usual, other = session(), session()
+    for k in range(45):
+        now = k / 90 if k < 30 else k / 90 + 1e-3
+        usual.receive(frame(now, k), 0.0)
+        assert other.receive(replace(frame(now, k), time=unix + now), 0.0) is None
+        expected, answer = usual.step(), other.step()
+        assert expected is not None and answer is not None and answer.frame.time == unix + now
+        np.testing.assert_allclose(points_of(answer), points_of(expected), atol=1e-4)
+
+
+def test_the_newest_frame_wins() -> None:
+    one = session()
+    one.receive(frame(0.0, 0), 0.0)
+    assert one.receive(frame(0.01, 1), 0.0) == "replaced"
+    answer = one.step()
+    assert answer is not None and answer.frame.sequence == 1
+
+
+def test_head_and_hands_are_where_they_are_measured() -> None:
+    last = play(session(), 1.0)[-1]
+    place = points_of(last)
+    expected = frame(last.frame.time).position
+    np.testing.assert_allclose(place[SKELETON.indices(POINTS[1:])], expected[1:], atol=0.01)
+
+
+@settings(max_examples=5)
+@given(st.integers(0, 2**32 - 1))
+def test_frames_that_are_late_repeated_or_reordered_are_dropped(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    sent = np.arange(40) / 72
+    arrives = sent + rng.uniform(0, 0.3, 40) * (rng.random(40) < 0.3)
+    keep = rng.random(40) > 0.2
+    order = [k for k in np.argsort(arrives, kind="stable") if keep[k] for _ in range(1 + (rng.random() < 0.1))]
+    one, newest, moments = session(), -1.0, []
+    for k in order:
+        dropped = one.receive(frame(float(sent[k]), int(k)), 0.0)
+        assert (dropped == "late") == (sent[k] <= newest)
+        newest = max(newest, float(sent[k]))
+        answer = one.step()
+        if answer is not None:
+            assert np.isfinite(answer.frame.rotation).all()
+            moments.append(answer.moment)
+    assert (np.diff(moments) > 0).all()
+
+
+@settings(max_examples=5)
+@given(st.lists(st.floats(-1e10, 1e10), min_size=2, max_size=8))
+def test_no_clock_stops_a_session(times: list[float]) -> None:
+    one, moments = session(), []
+    for k, start in enumerate(times):
+        for step in range(3):
+            one.receive(frame(start + step / 60, 10 * k + step), 0.0)
+            answer = one.step()
+            if answer is not None:
+                assert np.isfinite(answer.frame.rotation).all() and np.isfinite(answer.frame.root_position).all()
+                moments.append(answer.moment)
+    assert (np.diff(moments) > 0).all()
+    assert one.receive(frame(times[-1] + 5.0), 0.0) is None and one.step() is not None
+
+
+def test_a_clock_that_was_set_starts_the_body_afresh() -> None:
+    fresh = play(session(), 0.5, 100.0)
+    one = session()
+    play(one, 0.5, 5000.0)
+    for there, here in zip(fresh, play(one, 0.5, 100.0), strict=True):
+        np.testing.assert_allclose(here.frame.rotation, there.frame.rotation, atol=1e-5)
+
+
+def test_a_mirror_swaps_the_sides() -> None:
+    plain, mirrored = session(), session(mirror=True)
+    for here, there in zip(play(plain, 0.3), play(mirrored, 0.3), strict=True):
+        expected = points_of(here)[SKELETON.mirror] * [-1, 1, 1]
+        np.testing.assert_allclose(points_of(there), expected, atol=2e-3)  # as symmetric as the skeleton
+
+
+def test_recentring_takes_the_wearer_to_the_middle() -> None:
+    one = session()
+    play(one, 0.2, x=3.0)
+    one.change(Recentre())
+    answers = play(one, 0.5, 0.2, x=3.0)
+    head = points_of(answers[-1])[SKELETON.index("head")]
+    np.testing.assert_allclose(head[[0, 2]], 0, atol=0.02)
+    placed = [note for note in one.notes() if isinstance(note, Placed)]
+    assert placed == [one.placed()]
+    np.testing.assert_allclose(placed[0].offset[0], -3.0, atol=1e-6)
+
+
+def test_somebody_seated_is_raised_to_standing() -> None:
+    one = session(posture="seated")
+    answers = play(one, 0.5, height=-0.5)
+    up = one.placed().offset[1]
+    assert up == pytest.approx(0.5, abs=0.02)
+    standing = np.asarray(forward_kinematics(standing_pose(SKELETON))[0])[:, 1]
+    head = SKELETON.index("head")
+    assert points_of(answers[-1])[head, 1] == pytest.approx(standing[head] - standing.min(), abs=0.02)
+    one.change(Change({"posture": "standing"}))
+    play(one, 0.1, 0.5)
+    assert one.placed().offset[1] == 0
+
+
+def test_a_standing_second_gives_the_height() -> None:
+    one = session(Person())
+    one.change(Calibrate())
+    taller = 1.1
+    for k in range(120):
+        here = frame(k / 30, k)
+        one.receive(replace(here, position=here.position * taller), 0.0)
+        one.step()
+    assert one.settings.height == pytest.approx(taller * stature(SKELETON.rest_offset), abs=0.03)
+    assert one.height == pytest.approx(one.settings.height, abs=0.01)  # it grew to it
+    said = [note.text for note in one.notes() if isinstance(note, Said)]
+    assert len(said) == 2 and "1.8" in said[1]
+    assert one.revision == 1
+
+
+@pytest.mark.parametrize("tracker", ["pelvis_tracker", "tracker_3"])
+def test_a_tracker_turns_its_joint_from_when_it_is_known_how_it_is_worn(tracker: str) -> None:
+    pose = standing_pose(SKELETON)
+    pose.root_position[1] -= forward_kinematics(pose)[0][:, 1].min()
+    seen = see(Pose(SKELETON, pose.root_position[None], pose.rotation[None]), np.zeros(1), SENSOR_SETS["six_point"])
+    mounts = {"pelvis": RigidTransform(np.array([0.0, 0.03, -0.12]), np.array([0.2, 0.9, -0.3, 0.1]))}
+    worn = strapped(seen, mounts)
+    names = tuple(tracker if name == "pelvis" else name for name in worn.points)
+    one, every = session(Person(), names), np.arange(len(names))
+    pelvis = names.index(tracker)
+
+    def observed(time: float) -> Observation:
+        rows = np.full(len(names), 3, dtype=np.uint8)
+        one.receive(SignalFrame(0, time, every, rows, worn.position[0], worn.rotation[0]), 0.0)
+        job = one.job()
+        assert job is not None
+        ((estimate, state),) = step_many([(job.pipeline, job.observation, job.state)])
+        assert one.answer(job, estimate, state) is not None
+        return job.observation
+
+    before = observed(0.0)
+    assert "pelvis" not in before.points or not before.has_rotation[0, before.points.index("pelvis")]
+    one.change(Calibrate())
+    last = [observed(k / 30) for k in range(1, 35)][-1]
+    assert last.has_rotation[0, pelvis]
+    assert last.points[pelvis] == "pelvis"
+    joint = (
+        RigidTransform(last.position[0, pelvis], last.rotation[0, pelvis])
+        @ one._pipeline.tracker.people[0].mounts["pelvis"].inverse()
+    )
+    assert np.linalg.norm(joint.translation - seen.position[0, pelvis]) < 0.03
+    assert geodesic_angle(joint.rotation, seen.rotation[0, pelvis]) < 0.01
+
+
+def test_nobody_has_the_height_of_a_headset_on_a_table() -> None:
+    one = session(Person())
+    one.change(Calibrate())
+    play(one, 1.3, height=-0.8)
+    assert one.settings.height is None
+    assert "people are 1.0 to 2.3 m high" in [note for note in one.notes() if isinstance(note, Said)][-1].text
+
+
+def test_what_is_not_driven_stays_as_in_standing_and_comes_back_without_a_jump() -> None:
+    one = session()
+    answers = play(one, 0.5)
+    one.change(Change({"regions": ["head", "torso"]}))
+    answers += play(one, 1.0, 0.5)
+    elbow = SKELETON.index("left_elbow")
+    np.testing.assert_allclose(np.abs(answers[-1].frame.rotation[elbow] @ standing_pose(SKELETON).rotation[elbow]), 1)
+    one.change(Change({"regions": ["head", "torso", "arms", "fingers", "legs"]}))
+    answers += play(one, 1.0, 1.5)
+    plain = leaps(play(session(), 2.5))[8:].max()
+    # Half of a way of some 0.5 m in 0.08 s, from rest and without overshoot: less than 0.12 m in a frame.
+    assert leaps(answers)[8:].max() < plain + 0.12
+
+
+def test_smoothing_is_late_by_what_it_says() -> None:
+    plain, smooth = play(session(), 1.5), play(session(smoothing=0.1), 1.5)
+    assert leaps(smooth)[20:].max() < leaps(plain)[20:].max()
+    assert np.abs(smooth[-1].frame.rotation - plain[-1].frame.rotation).max() > 0.01
+
+
+def test_a_hidden_hand_is_not_looked_at() -> None:
+    one = session(hidden=("left_wrist",))
+    last = play(one, 0.3)[-1]
+    assert last.frame.hidden[SKELETON.index("left_wrist")] > 0.5 > last.frame.hidden[SKELETON.index("right_wrist")]
+    one.change(Change({"hidden": []}))
+    assert play(one, 0.3, 0.3)[-1].frame.hidden[SKELETON.index("left_wrist")] < 0.5
+
+
+def test_whoever_tells_their_height_before_the_first_frame_has_it_at_once() -> None:
+    one = session(Person())
+    one.change(Change({"height": 1.9}))
+    assert one.height == pytest.approx(1.9, abs=1e-3)
+    with pytest.raises(ProtocolError, match="height 9 m"):
+        one.change(Change({"height": 9}))
+
+
+def test_whoever_tells_their_height_later_grows_to_it_without_a_jump() -> None:
+    one = session(Person())
+    answers = play(one, 2.0)
+    plain = leaps(answers[8:]).max()
+    before = one.height
+    one.receive(frame(2.0), 0.0)
+    job = one.job()
+    assert job is not None
+    one.change(Change({"height": 1.9}))
+    estimate, state = job.pipeline.step(job.observation, job.state)
+    assert one.answer(job, estimate, state) is not None  # a job that was under way is answered
+    one.notes()
+    answers = play(one, 5.0, 2.0 + 1 / 30)
+    assert before < 1.8 and one.height == pytest.approx(1.9, abs=0.005)
+    assert leaps(answers).max() < plain + 0.02
+    told = [note for note in one.notes() if isinstance(note, ProportionsChanged)]
+    assert 5 < len(told) <= 51  # at most ten a second
+    heights = [note.height for note in told]
+    assert heights == sorted(heights) and heights[-1] == pytest.approx(1.9, abs=0.005)
+    np.testing.assert_allclose(told[-1].rest_offset, one.skeleton.rest_offset, atol=1e-6)
+
+
+def test_proportions_are_inferred_and_told_while_the_poses_fit_them() -> None:
+    """A wearer of 1.87 m of whom nothing is told: measured wrists are where they are measured on the body as told."""
+    one = session(Person())
+    for k in range(300):
+        here = frame(k / 60, k)
+        here = replace(here, position=1.1 * here.position)
+        one.receive(here, 0.0)
+        last = one.step()
+        assert last is not None
+        assert np.abs(points_of(last) - last.points).max() < 0.02
+    assert one.height == pytest.approx(1.1 * stature(SKELETON.rest_offset), abs=0.05)
+    here = replace(frame(5.0), position=1.1 * frame(5.0).position)
+    one.receive(here, 0.0)
+    last = one.step()
+    assert last is not None
+    np.testing.assert_allclose(points_of(last), last.points, atol=0.003)
+    np.testing.assert_allclose(last.points[SKELETON.indices(POINTS[1:])], here.position[1:], atol=0.005)
+
+
+def test_an_estimate_that_is_no_number_does_not_stop_a_session() -> None:
+    one = session()
+    one.receive(frame(0.0), 0.0)
+    job = one.job()
+    assert job is not None
+    estimate, state = job.pipeline.step(job.observation, job.state)
+    broken = Pose(SKELETON, np.full((1, 3), np.nan), estimate.pose.rotation)
+    assert one.answer(job, replace(estimate, pose=broken), state) is None
+    assert play(one, 0.1, 1.0)

@@ -1,0 +1,58 @@
+"""Unity's axes against scipy and against what a person does in both worlds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bodysense.body.rotation import quaternion_exp
+from bodysense.io.unity import from_unity_rotation, unity_euler, unity_position, unity_rotation
+
+MIRROR = np.diag([-1.0, 1.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def turns() -> Rotation:
+    return Rotation.from_quat(np.random.default_rng(1).normal(size=(500, 4)))
+
+
+def ours(turns: Rotation) -> np.ndarray:
+    return turns.as_quat()[:, [3, 0, 1, 2]]
+
+
+def test_a_rotation_is_the_same_one_in_the_mirror(turns: Rotation) -> None:
+    theirs = Rotation.from_quat(unity_rotation(ours(turns))).as_matrix()
+    np.testing.assert_allclose(theirs, MIRROR @ turns.as_matrix() @ MIRROR, atol=1e-12)
+    np.testing.assert_allclose(from_unity_rotation(unity_rotation(ours(turns))), ours(turns), atol=0)
+
+
+def test_what_a_rotation_does_to_a_point_is_seen_in_the_mirror(turns: Rotation) -> None:
+    point = np.random.default_rng(0).normal(size=(500, 3))
+    theirs = Rotation.from_quat(unity_rotation(ours(turns))).apply(unity_position(point))
+    np.testing.assert_allclose(unity_position(theirs), turns.apply(point), atol=1e-12)
+
+
+def test_euler_angles_are_applied_about_z_then_x_then_y(turns: Rotation) -> None:
+    x, y, z = unity_euler(ours(turns)).T
+    about_fixed_axes = Rotation.from_euler("zxy", np.stack([z, x, y], axis=1), degrees=True)
+    np.testing.assert_allclose(about_fixed_axes.as_matrix(), MIRROR @ turns.as_matrix() @ MIRROR, atol=1e-9)
+    assert np.abs(x).max() <= 90 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("vector", "angles"),
+    [
+        ((0, 0, 0), (0, 0, 0)),
+        ((0, -np.pi / 2, 0), (0, 90, 0)),  # to one's right: in Unity from +Z toward +X
+        ((np.pi / 6, 0, 0), (30, 0, 0)),  # looking down
+        ((0, 0, -np.pi / 4), (0, 0, 45)),  # the head leans to its left: Unity's +Y goes toward −X
+    ],
+)
+def test_what_a_person_does(vector: tuple[float, ...], angles: tuple[float, ...]) -> None:
+    np.testing.assert_allclose(unity_euler(quaternion_exp(np.array(vector))), angles, atol=1e-9)
+
+
+def test_the_left_hand_is_left_there_too() -> None:
+    """In Unity a body that faces +Z has its left hand at −X."""
+    np.testing.assert_array_equal(unity_position(np.array([0.8, 1.4, 0.1])), [-0.8, 1.4, 0.1])

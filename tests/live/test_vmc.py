@@ -1,0 +1,112 @@
+"""VMC and VRChat: what is sent, read by python-osc and put together again, is the body that was posed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from pythonosc.osc_packet import OscPacket
+from scipy.spatial.transform import Rotation
+
+from bodysense.body.pose import Pose, forward_kinematics, rest_pose
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.gltf.humanoid import VRM_BONES, unity_bone
+from bodysense.io.osc import DATAGRAM
+from bodysense_live.vmc import vmc_packets
+from bodysense_live.vrchat import TRACKERS, vrchat_packets
+
+MIRROR = np.diag([-1.0, 1.0, 1.0])
+# Unity's documentation, HumanBodyBones, without eyes and jaw.
+FINGERS = [
+    f"{f}{p}" for f in ("Thumb", "Index", "Middle", "Ring", "Little") for p in ("Proximal", "Intermediate", "Distal")
+]
+SIDED = ["UpperLeg", "LowerLeg", "Foot", "Toes", "Shoulder", "UpperArm", "LowerArm", "Hand", *FINGERS]
+HUMAN_BODY_BONES = {"Hips", "Spine", "Chest", "UpperChest", "Neck", "Head"} | {
+    s + b for s in ("Left", "Right") for b in SIDED
+}
+
+
+def read(packets: list[bytes]) -> list[tuple[str, list[Any]]]:
+    return [(one.message.address, one.message.params) for packet in packets for one in OscPacket(packet).messages]
+
+
+def posed(clip: Clip, frame: int) -> Pose:
+    """A frame with every joint turned a little by chance, somewhere in the room."""
+    random = np.random.default_rng(frame)
+    turn = Rotation.from_rotvec(random.normal(scale=0.3, size=(len(clip.pose.skeleton.joints), 3)))
+    whole = turn * Rotation.from_quat(np.asarray(clip.pose.rotation[frame])[:, [1, 2, 3, 0]])
+    return Pose(clip.pose.skeleton, random.normal((0.0, 1.0, 0.0)), whole.as_quat()[:, [3, 0, 1, 2]])
+
+
+@pytest.mark.parametrize("frame", [0, 30, 89])
+def test_a_receiver_puts_every_joint_where_it_is(waving_clip: Clip, frame: int) -> None:
+    """Bones put together parent by parent in Unity's world, and seen in the mirror, stand where our joints stand."""
+    pose = posed(waving_clip, frame)
+    skeleton, (position, _) = pose.skeleton, forward_kinematics(pose)
+    bones = {params[0]: params[1:] for address, params in read(vmc_packets(pose, 1.0)) if address.endswith("Bone/Pos")}
+    place, turn = {}, {}
+    for joint, name in enumerate(skeleton.joints):
+        bone = bones[unity_bone(VRM_BONES[name])]
+        local, offset = Rotation.from_quat(bone[3:]), np.array(bone[:3])
+        above = skeleton.parents[joint]
+        turn[joint] = turn[above] * local if joint else local
+        place[joint] = place[above] + turn[above].apply(offset) if joint else offset
+        np.testing.assert_allclose(MIRROR @ place[joint], position[joint], atol=2e-6, err_msg=name)
+
+
+def test_all_of_unitys_bones_are_sent_by_their_names(waving_clip: Clip) -> None:
+    packets = vmc_packets(posed(waving_clip, 5), 12.5, tracked=False)
+    assert all(len(packet) <= DATAGRAM for packet in packets)
+    messages = read(packets)
+    assert messages[0] == ("/VMC/Ext/OK", [1, 3, 0, 0])
+    assert messages[1] == ("/VMC/Ext/T", [12.5])
+    assert messages[2] == ("/VMC/Ext/Root/Pos", ["root", 0, 0, 0, 0, 0, 0, 1])
+    assert [address for address, _ in messages[3:]] == ["/VMC/Ext/Bone/Pos"] * 52
+    names = [params[0] for _, params in messages[3:]]
+    assert len(set(names)) == 52 and set(names) == HUMAN_BODY_BONES
+    lengths = [np.linalg.norm(params[4:]) for _, params in messages[3:]]
+    np.testing.assert_allclose(lengths, 1, atol=1e-6)
+
+
+def test_the_t_pose_is_no_turn_and_thumbs_hang_in_it_as_turns() -> None:
+    """Only thumbs rest otherwise than in VRM's T-pose: 40 to 60 degrees lower."""
+    bones = {p[0]: p for address, p in read(vmc_packets(rest_pose(default_skeleton()), 0.0)) if "Bone" in address}
+    for name, values in bones.items():
+        angle = np.rad2deg(Rotation.from_quat(values[4:]).magnitude())
+        assert (angle < 1e-4) == ("Thumb" not in name), name
+    assert 40 < np.rad2deg(Rotation.from_quat(bones["LeftThumbProximal"][4:]).magnitude()) < 60
+
+
+@pytest.mark.parametrize("frame", [0, 44])
+def test_vrchats_trackers_are_joints_in_unitys_world(waving_clip: Clip, frame: int) -> None:
+    pose = posed(waving_clip, frame)
+    position, rotation = forward_kinematics(pose)
+    packets = vrchat_packets(pose)
+    assert len(packets) == 1 and len(packets[0]) <= DATAGRAM
+    found = dict(read(packets))
+    assert set(found) == {
+        f"/tracking/trackers/{k}/{w}" for k in (*range(1, 9), "head") for w in ("position", "rotation")
+    }
+    for name, (place, turn) in TRACKERS.items():
+        there = np.array(found[f"/tracking/trackers/{name}/position"])
+        np.testing.assert_allclose(MIRROR @ there, position[pose.skeleton.index(place)], atol=1e-6)
+        x, y, z = found[f"/tracking/trackers/{name}/rotation"]
+        turned = Rotation.from_euler("zxy", [z, x, y], degrees=True).as_matrix()
+        wanted = Rotation.from_quat(rotation[pose.skeleton.index(turn)][[1, 2, 3, 0]]).as_matrix()
+        np.testing.assert_allclose(MIRROR @ turned @ MIRROR, wanted, atol=1e-6)
+
+
+def test_only_whole_poses_of_people_are_sent(waving_clip: Clip) -> None:
+    pose = waving_clip.pose
+    broken = Pose(pose.skeleton, np.array([0.0, np.nan, 0.0]), pose.rotation[0])
+    stump = Skeleton(("pelvis", "head"), (), (-1, 0), np.array([[0.0, 1, 0], [0, 0.6, 0]]))
+    for send in (lambda pose: vmc_packets(pose, 0.0), vrchat_packets):
+        with pytest.raises(BodysenseError, match=r"one finite pose at a time, rotations \(J, 4\); got \(90, 52, 4\)"):
+            send(pose)
+        with pytest.raises(BodysenseError, match="one finite pose"):
+            send(broken)
+        with pytest.raises(BodysenseError, match=r"lacks; bring the motion|unknown joint"):
+            send(rest_pose(stump))

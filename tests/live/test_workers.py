@@ -1,0 +1,181 @@
+"""Connections are handed to the worker that has the fewest, and a worker serves what it is handed."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from websockets import WebSocketException
+from websockets.sync.client import connect
+from websockets.typing import Subprotocol
+
+from bodysense.io.protocol import SUBPROTOCOL
+from bodysense_live.launch import prepared
+from bodysense_live.links import listen_tcp
+from bodysense_live.message_text import write_message
+from bodysense_live.messages import Hello, Resume, Settings
+from bodysense_live.session_store import SessionStore
+from bodysense_live.settings import ServerSettings
+from bodysense_live.workers import Workers, _take, _Worker, hand_out
+
+from .conftest import DEVICES, Connecting, Serving
+
+pytestmark = pytest.mark.skipif(not hasattr(socket, "send_fds"), reason="this system hands no connection over")
+
+
+class Ended(Exception):
+    """A worker ended."""
+
+
+class Pool(Workers):
+    """Two workers whose other ends the test has; no processes."""
+
+    def __init__(self, channels: list[socket.socket]) -> None:
+        self.all = [_Worker(None, channel, None, serves=True) for channel in channels]
+        self._count = len(channels)
+
+    def look(self) -> None:
+        """All serve from the beginning."""
+
+    def replace(self, worker: _Worker) -> None:
+        raise Ended
+
+
+@pytest.fixture
+def handing() -> Iterator[tuple[int, list[socket.socket]]]:
+    """The port of something that hands connections out, and two workers' ends; theirs is closed first."""
+    bound = listen_tcp("--port", "127.0.0.1", 0)
+    pairs = [socket.socketpair() for _ in range(2)]
+
+    def hand() -> None:
+        with suppress(Ended):
+            hand_out(bound, Pool([here for here, _ in pairs]))
+
+    thread = threading.Thread(target=hand)
+    thread.start()
+    with bound, ExitStack() as stack:
+        for pair in pairs:
+            for end in pair:
+                stack.enter_context(end)
+        yield bound.getsockname()[1], [there for _, there in pairs]
+        pairs[0][1].close()
+        thread.join(10)
+        assert not thread.is_alive()
+
+
+def test_the_worker_that_has_the_fewest_gets_the_next(handing: tuple[int, list[socket.socket]]) -> None:
+    port, workers = handing
+    with ExitStack() as clients:
+
+        def connected(k: int) -> None:
+            clients.enter_context(socket.create_connection(("127.0.0.1", port), timeout=5))
+            said, handles, *_ = socket.recv_fds(workers[k], 1, 1)
+            assert said == b"+" and len(handles) == 1
+            clients.enter_context(socket.socket(fileno=handles[0])).sendall(b"served")
+
+        for worker in workers:
+            worker.settimeout(5)
+        for k in (0, 1, 0, 1):
+            connected(k)
+        workers[1].sendall(b"--")
+        time.sleep(0.2)  # heard before the next connection
+        clients.enter_context(socket.create_connection(("127.0.0.1", port), timeout=5))
+        _, handles, *_ = socket.recv_fds(workers[1], 1, 1)  # it has none now
+        clients.enter_context(socket.socket(fileno=handles[0]))
+        connected(1)
+
+
+def test_a_worker_serves_what_it_is_handed_and_ends_with_who_hands(handing: tuple[int, list[socket.socket]]) -> None:
+    port, workers = handing
+    ready, tasks = threading.Event(), []
+
+    def started(server: object) -> None:
+        import asyncio
+
+        tasks.append(asyncio.get_running_loop().create_task(_take(server, workers[0])))
+        ready.set()
+
+    server = prepared(ServerSettings(), started)
+    thread = threading.Thread(target=server.run, args=([],))
+    thread.start()
+    assert ready.wait(20)
+    with connect(f"ws://127.0.0.1:{port}/ws", subprotocols=[Subprotocol(SUBPROTOCOL)], compression=None) as client:
+        client.send(write_message(Hello(1, DEVICES)))
+        assert json.loads(client.recv(timeout=10))["type"] == "welcome"
+    workers[0].shutdown(socket.SHUT_RD)  # as if the other end were gone
+    thread.join(20)
+    assert not thread.is_alive()
+
+
+def resumed(address: str, resume: Resume | None) -> dict[str, Any] | None:
+    """The welcome of a server; None where nobody serves."""
+    try:
+        with connect(address, subprotocols=[Subprotocol(SUBPROTOCOL)], compression=None, open_timeout=5) as client:
+            client.send(write_message(Hello(1, DEVICES, resume=resume, settings=Settings(height=1.5))))
+            return json.loads(client.recv(timeout=10))
+    except (OSError, WebSocketException):
+        return None
+
+
+@pytest.mark.slow
+def test_a_killed_worker_is_replaced_and_its_wearers_resume() -> None:
+    command = [sys.executable, "-m", "bodysense", "serve", "--port", "0", "--workers", "2"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            assert server.stdout is not None
+            address = server.stdout.readline().split()[-1].replace("http", "ws") + "ws"
+            first = resumed(address, None)
+            assert first is not None
+            time.sleep(3)  # the one that waits to take over has loaded
+            serving = first_child(server.pid, "spawn_main")
+            if serving is None:
+                pytest.skip("this system does not tell children")
+            os.kill(serving, signal.SIGKILL)
+            killed, second = time.monotonic(), None
+            while second is None and time.monotonic() - killed < 20:
+                second = resumed(address, Resume(first["session"], first["token"]))
+            assert second is not None and time.monotonic() - killed < 5.0  # 1 s, on a machine that has time
+            assert second["resumed"] and second["session"] == first["session"]
+            assert second["settings"]["height"] == 1.5
+        finally:
+            server.terminate()
+
+
+def first_child(parent: int, said: str) -> int | None:
+    """The first child of a process with a word in its command."""
+    for one in sorted(int(path.name) for path in Path("/proc").glob("[0-9]*")):
+        with suppress(OSError):  # it has ended meanwhile
+            is_child = f"PPid:\t{parent}\n" in Path(f"/proc/{one}/status").read_text()
+            if is_child and said in Path(f"/proc/{one}/cmdline").read_text(errors="replace"):
+                return one
+    return None
+
+
+def test_two_servers_resume_one_anothers_sessions(server_of: Serving, connect_to: Connecting, tmp_path: Path) -> None:
+    """Behind a proxy: a connection that broke comes back at the other one."""
+    one, other = (server_of(ServerSettings(shared=tmp_path)) for _ in range(2))
+    first = connect_to(one, settings=Settings(height=1.6, mirror=True)).welcome
+    again = Resume(first["session"], first["token"])
+    second = connect_to(other, resume=again).welcome
+    assert second["resumed"] and second["session"] == first["session"]
+    assert second["settings"]["mirror"] and second["height"] == pytest.approx(1.6)
+    assert not connect_to(other, resume=Resume(first["session"], "another")).welcome["resumed"]
+    assert not connect_to(one, resume=Resume("../../etc/passwd", "x")).welcome["resumed"]
+
+
+def test_what_lies_in_the_folder_may_be_anything(tmp_path: Path) -> None:
+    store, identity = SessionStore(tmp_path, 10), 16 * "a"
+    for text in ("", "[]", '{"token": 3}', '{"token": "x"}', "[" * 100_000):
+        (tmp_path / f"{identity}.json").write_text(text)
+        assert store.take(Resume(identity, "x")) is None
