@@ -37,6 +37,7 @@ from bodysense.lab.completion.sequences import Draw, Sequence, Track, TrainingBo
 from bodysense.lab.completion.stored import read_networks
 from bodysense.lab.fit import Task, begin, fit, played
 from bodysense.lab.options import Schedule
+from bodysense.lab.precision import layer_autocast
 
 WORN = ("sit", "talk_gesture", "everyday", "locomotion", "")  # what wearers of a headset do; unknown motion counts
 _FEET = [BODY.index(name) for name in CONTACT]
@@ -109,8 +110,7 @@ class CompletionTask(Task):
         before = self.network.begin(len(batch.begins)) if memory is None else memory
         before = torch.where(batch.begins[None, :, None], 0.0, before.detach().float())
         features = self.network.read(batch.signal)
-        # Half precision is for the layers alone: geometry needs the digits.
-        with torch.autocast(features.device.type, torch.bfloat16):
+        with layer_autocast(features.device):
             (turned, judged), after = self.network.predict(features, before)
         prediction = self.network.prediction(turned.float(), judged.float())
         return losses(self.network, prediction, batch, self.configuration.losses), after
