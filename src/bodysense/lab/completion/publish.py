@@ -28,7 +28,7 @@ from bodysense.lab.completion.points import body_places
 from bodysense.lab.completion.rounding import round_weights, sample_moments
 from bodysense.lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of, stacked
 from bodysense.lab.completion.task import WORN
-from bodysense.lab.datasets import open_clips
+from bodysense.lab.datasets import learned_clips
 from bodysense.tracker import Tracker
 
 QUANTILE = 0.9
@@ -133,17 +133,27 @@ def _pinball(log_bound: Tensor, error: Tensor, quantile: float) -> Tensor:
 _LONGEST, _CLIPS = 9.0, 2  # s of a clip, and clips of a person who was learned from, that errors are judged by
 
 
-def publish(body: CompletionNetwork, fingers: FingerNetwork, data: Path, out: Path, card: dict[str, Any]) -> None:
-    """Write the whole step, its weights rounded, with true errors; `card`: what it was trained on, and its licence."""
+def publish(
+    body: CompletionNetwork,
+    fingers: FingerNetwork,
+    data: Path,
+    out: Path,
+    card: dict[str, Any],
+    limit: int | None = None,
+) -> None:
+    """Write the whole step, its weights rounded, with true errors; `card`: what it was trained on, and its licence.
+
+    `limit` clips of each split suffice for a trial.
+    """
     body = copy.deepcopy(body)
     start = unchanged_errors()
     beside = out.with_name(f"{out.stem}.uncalibrated.onnx")
     try:
         _write(body, fingers, start, start, beside, {})
         step = CompletionStep(body, fingers, start, start).eval()
-        round_weights(body, sample_moments(step, _scenes(data, ("train",)), load_completion(beside)))
+        round_weights(body, sample_moments(step, _scenes(data, ("train",), limit), load_completion(beside)))
         _write(body, fingers, start, start, beside, {})
-        samples = sample_errors(_scenes(data, ("train", "val")), load_completion(beside))
+        samples = sample_errors(_scenes(data, ("train", "val"), limit), load_completion(beside))
     finally:
         beside.unlink(missing_ok=True)
     mean, bound = fit_error_map(samples), fit_error_map(samples, QUANTILE)
@@ -162,7 +172,7 @@ def _write(
     write_completion(CompletionStep(body, fingers, mean, bound), out, {**configured, **card})
 
 
-def _scenes(data: Path, splits: tuple[Split, ...]) -> dict[Truth, list[list[TrackedScene]]]:
+def _scenes(data: Path, splits: tuple[Split, ...], limit: int | None) -> dict[Truth, list[list[TrackedScene]]]:
     """Batches of scenes of what wearers do, on their own bodies and on strangers'.
 
     Of people that were watched all clips, and of people that were learned from a few each: the former are few, and how
@@ -171,7 +181,7 @@ def _scenes(data: Path, splits: tuple[Split, ...]) -> dict[Truth, list[list[Trac
     truths: tuple[Truth, ...] = ("own", "stranger")
     scenes: dict[Truth, list[list[TrackedScene]]] = {truth: [] for truth in truths}
     for split in splits:
-        clips = [_piece(clip) for clip in open_clips(data, split) if clip.category in WORN]
+        clips = [_piece(clip) for clip in learned_clips(data, split, limit) if clip.category in WORN]
         if split == "train":
             clips = _few_of_each_person(clips)
         for batch in batches(clips):
