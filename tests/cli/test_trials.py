@@ -9,6 +9,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -106,6 +107,6 @@ def test_two_processes_share_a_training(command: str, share: str, recorded: Path
     assert line["machine"].endswith("layers, 2 processes")
 
 
-def logged(log: Path) -> list[dict[str, object]]:
+def logged(log: Path) -> list[dict[str, Any]]:
     """The lines of a run's log."""
     return [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +14,9 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import BODY
 from bodysense.devices.simulated.headset_camera import see
+from bodysense.errors import BodysenseError
 from bodysense.files import cache_folder, make_folder, written_beside
+from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import list_sources
 from bodysense.io.datasets.splits import Split
 from bodysense.lab.datasets import learned_clips, learned_count
@@ -65,7 +68,8 @@ def read_corpus(data: Path, split: Split, limit: int | None = None) -> Corpus:
         with np.load(kept, allow_pickle=False) as saved:
             if str(saved["content"]) == content:
                 return Corpus(**{name: saved[name] for name in saved.files if name != "content"})
-    corpus = _read(data, split, limit)
+    clips, total = learned_clips(data, split, limit), learned_count(data, split, limit)
+    corpus = corpus_of(track(clips, f"reading the {split} split", total=total))
     make_folder(kept.parent)
     with written_beside(kept) as beside, beside.open("wb") as file:
         np.savez(file, content=content, **vars(corpus))
@@ -85,11 +89,11 @@ def content_of(data: Path) -> str:
     return hashlib.sha256("\n".join([FORMAT, *seen]).encode()).hexdigest()
 
 
-def _read(data: Path, split: Split, limit: int | None) -> Corpus:
+def corpus_of(clips: Iterable[Clip]) -> Corpus:
+    """Return the clips as training reads them. Raises BodysenseError where there are none."""
     rows: list[dict[str, np.ndarray]] = []
     about: list[tuple[float, str, str]] = []
-    total = learned_count(data, split, limit)
-    for clip in track(learned_clips(data, split, limit), f"reading the {split} split", total=total):
+    for clip in clips:
         pose = clip.pose
         world = forward_kinematics(pose)[1][:, :_JOINTS]
         fingers = pose.rotation[:, _JOINTS:] if clip.has_fingers else np.zeros((0, 30, 4))
@@ -103,6 +107,8 @@ def _read(data: Path, split: Split, limit: int | None) -> Corpus:
             }
         )
         about.append((clip.frame_rate, f"{clip.person}/{clip.name}", clip.category))
+    if not rows:
+        raise BodysenseError("there is no motion to learn from; give at least one clip")
     whole = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
     length = np.array([len(row["root"]) for row in rows])
     of_fingers = np.array([len(row["fingers"]) for row in rows])

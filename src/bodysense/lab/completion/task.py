@@ -90,6 +90,7 @@ class CompletionTask(Task):
     corpus: Corpus
     validation: dict[str, list[SequenceBatch]]
     source: Mapping[str, Any] | None = None
+    precision: torch.dtype | None = None  # of the layers; None: the device's own
     mixed = True
 
     def identity(self) -> str:
@@ -113,7 +114,7 @@ class CompletionTask(Task):
         before = self.network.begin(len(batch.begins)) if memory is None else memory
         before = torch.where(batch.begins[None, :, None], 0.0, before.detach().float())
         features = self.network.read(batch.signal)
-        with layer_autocast(features.device):
+        with layer_autocast(features.device, self.precision):
             (turned, judged), after = self.network.predict(features, before)
         prediction = self.network.prediction(turned.float(), judged.float())
         return losses(self.network, prediction, batch, self.configuration.losses), after
