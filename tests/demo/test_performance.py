@@ -86,7 +86,7 @@ def test_no_frame_jumps():
     assert step.max() < 0.16  # 4.8 m/s: a toe that swings, a fast hand
     assert geodesic_angle(CLIP.pose.rotation[:-1], CLIP.pose.rotation[1:]).max() < np.deg2rad(20)
     acceleration = np.linalg.norm(np.diff(POSITION[:, : len(SKELETON.joints)], 2, axis=0), axis=-1) * CLIP.frame_rate**2
-    assert (acceleration > 9).mean() < 0.01
+    assert (acceleration > 15).mean() < 0.01  # feet that swing
 
 
 def test_joints_turn_as_a_persons_do():

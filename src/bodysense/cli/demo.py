@@ -78,7 +78,7 @@ def demo(
             poses.append(pose)
             rows += demo_rows(clip, seen, pose, name)
             views.append(View(f"from {name}", pose[frames]))
-    console.print(sentence(clip, rows), highlight=False)
+    console.print(sentence(clip, rows), highlight=False, soft_wrap=True)
     console.print(demo_table(rows))
     with console.status("drawing …"):
         write_bvh(out / "truth.bvh", clip)
