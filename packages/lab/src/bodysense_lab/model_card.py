@@ -18,6 +18,7 @@ from bodysense.files import written_beside
 from bodysense.papers import hmd_vae as body_vae
 from bodysense.papers import point_model
 from bodysense_lab.completion import stored, weights_file
+from bodysense_lab.unoc import learned
 
 Numbers = Mapping[str, float]
 
