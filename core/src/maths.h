@@ -24,7 +24,10 @@ static inline float of_bits(uint32_t bits) {
 
 #define ROUNDER 12582912.0F /* 1.5 × 2^23: a small number added to it is rounded, and is in its last bits */
 
-static inline float clamp(float x, float low, float high) { return x < low ? low : x > high ? high : x; }
+static inline float clamp(float x, float low, float high) {
+    x = x < low ? low : x; /* one after the other, so that loops over it have no branches */
+    return x > high ? high : x;
+}
 
 /* e^x, between e^-87 and e^88. */
 static inline float exponential(float x) {

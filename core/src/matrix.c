@@ -14,6 +14,7 @@
 #endif
 
 #define LARGEST 32767.0F /* of two bytes */
+#define PARTS (GROUP / 4)
 
 void quantise(const float *x, int inputs, int16_t *value, float *step) {
     for (int first = 0, block = 0; first < inputs; first += BLOCK, block++) {
@@ -32,16 +33,27 @@ void quantise(const float *x, int inputs, int16_t *value, float *step) {
     if (inputs % 2) value[inputs] = 0;
 }
 
+/* Every platform has these. */
+typedef float four __attribute__((vector_size(16), aligned(4), may_alias));
+
 void table_multiply_add(const table *t, int columns, const float *x, size_t gap, float *y, size_t stride) {
     for (int group = 0; group < grouped(t->rows) / GROUP; group++) {
-        const float *weight = t->weight + (size_t)group * (size_t)t->inputs * GROUP;
-        for (int c = 0; c < columns; c++) {
-            const float *input = x + (size_t)c * gap;
-            float sum[GROUP] = {0};
-            for (int k = 0; k < t->inputs; k++) {
-                UNROLL for (int row = 0; row < GROUP; row++) sum[row] += weight[k * GROUP + row] * input[k];
+        const four *first_weight = (const four *)(const void *)(t->weight + (size_t)group * (size_t)t->inputs * GROUP);
+        for (int c = 0; c < columns; c += 2) { /* two at a time; a last one that is alone is computed twice */
+            const size_t first = (size_t)c, second = (size_t)(c + 1 < columns ? c + 1 : c);
+            const float *a = x + first * gap, *b = x + second * gap;
+            four *to_a = (four *)(void *)(y + first * stride) + group * PARTS;
+            four *to_b = (four *)(void *)(y + second * stride) + group * PARTS;
+            const four *weight = first_weight;
+            four sum_a[PARTS], sum_b[PARTS];
+            UNROLL for (int part = 0; part < PARTS; part++) sum_a[part] = to_a[part], sum_b[part] = to_b[part];
+            for (int k = 0; k < t->inputs; k++, weight += PARTS) {
+                UNROLL for (int part = 0; part < PARTS; part++) {
+                    sum_a[part] += weight[part] * a[k];
+                    sum_b[part] += weight[part] * b[k];
+                }
             }
-            for (int row = 0; row < GROUP; row++) y[(size_t)c * stride + (size_t)(group * GROUP + row)] += sum[row];
+            UNROLL for (int part = 0; part < PARTS; part++) to_a[part] = sum_a[part], to_b[part] = sum_b[part];
         }
     }
 }
@@ -87,7 +99,6 @@ static inline int32_t pair_at(const int16_t *p) {
 #define TARGET __attribute__((target("avx512f,avx512bw,avx512vnni")))
 #define LANES 16
 #define MOST_GROUPS 4
-#define MOST_COLUMNS 4
 #define SUMS __m512i
 #define FLOATS __m512
 #define WEIGHTS __m512i
@@ -108,8 +119,7 @@ static inline int32_t pair_at(const int16_t *p) {
 #define NAME(x) avx2_##x
 #define TARGET __attribute__((target("avx2")))
 #define LANES 8
-#define MOST_GROUPS 2
-#define MOST_COLUMNS 2
+#define MOST_GROUPS 1
 #define SUMS __m256i
 #define FLOATS __m256
 #define WEIGHTS __m256i
@@ -151,7 +161,6 @@ static inline int16x4_t neon_pair(const int16_t *p) {
 #define TARGET
 #define LANES 4
 #define MOST_GROUPS 1
-#define MOST_COLUMNS 2
 #define SUMS neon_sums
 #define FLOATS float32x4_t
 #define WEIGHTS int16x8_t
@@ -177,7 +186,6 @@ static inline int16x4_t neon_pair(const int16_t *p) {
 #define TARGET
 #define LANES 4
 #define MOST_GROUPS 1
-#define MOST_COLUMNS 2
 #define SUMS v128_t
 #define FLOATS v128_t
 #define WEIGHTS v128_t

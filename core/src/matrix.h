@@ -6,7 +6,7 @@
 #include <stdint.h>
 
 #define GROUP 16  /* rows that are stored together */
-#define BLOCK 128 /* inputs that count in one step */
+#define BLOCK 64  /* inputs that count in one step */
 
 static inline int grouped(int rows) { return (rows + GROUP - 1) / GROUP * GROUP; }
 static inline int paired(int inputs) { return (inputs + 1) / 2 * 2; }
