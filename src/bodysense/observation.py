@@ -13,7 +13,26 @@ from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 
+# Points whose inertial sensors' acceleration is heeded, and toward which point along the bone each is strapped; None:
+# at the joint itself.
+STRAPPED_TOWARD: dict[str, str | None] = {
+    "pelvis": None,
+    "spine3": None,
+    **{
+        f"{side}_{joint}": f"{side}_{end}"
+        for joint, end in (
+            ("hip", "knee"),
+            ("knee", "ankle"),
+            ("ankle", "foot"),
+            ("shoulder", "elbow"),
+            ("elbow", "wrist"),
+        )
+        for side in ("left", "right")
+    },
+}
+STRAPPED = tuple(STRAPPED_TOWARD)
 UNIT_TOLERANCE = 0.01  # how far from 1 the length of a quaternion may be
+STRONGEST = 1000.0  # m/s²: no sensor on a body measures more
 FARTHEST = 1000.0  # m from the origin: beyond it single precision is too coarse for a body
 CONTACT_POINTS = ("left_ankle", "right_ankle", "left_foot", "right_foot")  # the feet are the balls
 
@@ -38,6 +57,9 @@ class Observation:
     has_rotation: np.ndarray  # (..., T, P) bool
     accuracy: np.ndarray  # (..., T, P) m, expected error of a measured position
     time: np.ndarray  # (T,) s, increasing; from any origin
+    # (..., T, P, 3) m/s², world, without gravity, of inertial sensors strapped along the bones that begin at their
+    # points; NaN where there is none, None where no point has one.
+    acceleration: np.ndarray | None = None
 
     def __getitem__(self, key: slice) -> Observation:
         """Frames `key` (a slice), of all people."""
@@ -49,6 +71,7 @@ class Observation:
             has_rotation=self.has_rotation[..., key, :],
             accuracy=self.accuracy[..., key, :],
             time=self.time[key],
+            acceleration=None if self.acceleration is None else self.acceleration[..., key, :, :],
         )
 
     def __len__(self) -> int:
@@ -130,6 +153,8 @@ def check_shapes(observation: Observation, name: str = "observation") -> None:
         raise BodysenseError(f"{name}: a point is named twice; names must differ")
     if observation.time.ndim != 1:
         raise BodysenseError(f"{name}: time has shape {observation.time.shape}; give one number a frame, in seconds")
+    if observation.acceleration is not None:
+        expected["acceleration"] = (3,)
     batch = observation.position.shape[:-3]
     for field, tail in expected.items():
         shape = getattr(observation, field).shape
@@ -158,7 +183,23 @@ def check_observation(observation: Observation, name: str = "observation", farth
         )
     if not _is_sound(observation, farthest):
         _refuse(observation, name, farthest)
+    if observation.acceleration is not None:
+        _check_acceleration(observation, observation.acceleration, name)
     return observation
+
+
+def _check_acceleration(observation: Observation, acceleration: np.ndarray, name: str) -> None:
+    """Raise BodysenseError for an acceleration that no body has."""
+    with np.errstate(invalid="ignore"):
+        told = ~np.isnan(acceleration).any(axis=-1)
+        broken = told & ~(np.abs(acceleration) <= STRONGEST).all(axis=-1)
+    if broken.any():
+        *_, frame, point = place = tuple(np.argwhere(broken)[0])
+        raise BodysenseError(
+            f"{name}: the acceleration of {observation.points[point]!r} at frame {frame} is "
+            f"{np.abs(acceleration[place]).max():.4g} m/s², but at most {STRONGEST:g} is possible; give m/s² in the "
+            "world without gravity, or NaN where there is none"
+        )
 
 
 def _is_sound(observation: Observation, farthest: float) -> bool:
@@ -259,6 +300,7 @@ def chosen_points(observation: Observation, places: Sequence[int]) -> Observatio
         has_rotation=observation.has_rotation[..., places],
         accuracy=observation.accuracy[..., places],
         time=observation.time,
+        acceleration=None if observation.acceleration is None else observation.acceleration[..., places, :],
     )
 
 

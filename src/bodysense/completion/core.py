@@ -317,6 +317,8 @@ def _fill(one: ObservationStruct, observation: Observation) -> list[np.ndarray]:
         own[name] = _contiguous(getattr(observation, name), np.float64)
     for name in ("has_position", "has_rotation"):
         own[name] = _contiguous(getattr(observation, name), np.bool_)
+    if observation.acceleration is not None:
+        own["acceleration"] = _contiguous(observation.acceleration, np.float64)
     one.frames, one.points = len(observation), len(observation.points)
     for name, values in own.items():
         setattr(one, name, address(values))

@@ -50,6 +50,10 @@ def lines_of(version: str, seen: Observation, skeleton: Skeleton | None) -> list
         accuracy = {seen.points[p]: value for p, value in accuracy.items() if value != usual[p]}
         if accuracy:
             frame["accuracy"] = accuracy
+        felt = {} if seen.acceleration is None else dict(zip(seen.points, seen.acceleration[t], strict=True))
+        felt = {name: np.round(value, 3).tolist() for name, value in felt.items() if np.isfinite(value).all()}
+        if felt:
+            frame["acceleration"] = felt
         lines.append(json.dumps(frame))
     return lines
 
@@ -80,6 +84,7 @@ def read_lines(path: Path, version: str) -> tuple[Observation, dict[str, Any]]:
     values = {
         "position": np.full((len(frames), count, 3), np.nan),
         "rotation": np.full((len(frames), count, 4), np.nan),
+        "acceleration": np.full((len(frames), count, 3), np.nan),
     }
     place = {name: p for p, name in enumerate(points)}
     time = np.zeros(len(frames))
@@ -111,6 +116,7 @@ def read_lines(path: Path, version: str) -> tuple[Observation, dict[str, Any]]:
         has_rotation=np.isfinite(values["rotation"][..., 0]),
         accuracy=accuracy,
         time=time,
+        acceleration=values["acceleration"] if any("acceleration" in frame for frame in frames) else None,
     )
     skeleton = rows[0].get("skeleton", {})
     if not isinstance(skeleton, dict):
@@ -255,6 +261,8 @@ def _write_npz(path: Path, recording: Recording) -> None:
         "accuracy": seen.accuracy.astype(np.float32),
         "time": seen.time,
     }
+    if seen.acceleration is not None:
+        arrays["acceleration"] = seen.acceleration.astype(np.float32)
     if recording.told:
         arrays |= {
             "joints": np.array(skeleton.joints),
@@ -268,17 +276,17 @@ def _write_npz(path: Path, recording: Recording) -> None:
 
 def _read_npz(path: Path) -> Recording:
     wanted = ("format", "points", "position", "rotation", "has_position", "has_rotation", "time")
-    arrays = read_arrays(path, (*wanted, "accuracy", *SKELETON))
+    arrays = read_arrays(path, (*wanted, "accuracy", "acceleration", *SKELETON))
     missing = [name for name in wanted if name not in arrays]
     if missing:
         raise BodysenseError(f"{path}: not a recording, it has no {missing[0]!r}; see docs/recording.md for the layout")
     if str(arrays["format"]) != FORMAT:
         raise BodysenseError(f"{path}: format {str(arrays['format'])!r}, but this version reads {FORMAT!r}")
-    for name in set(arrays) & {*wanted[2:], "accuracy"}:
+    for name in set(arrays) & {*wanted[2:], "accuracy", "acceleration"}:
         if arrays[name].dtype.kind != ("b" if name.startswith("has_") else "f"):
             raise BodysenseError(
-                f"{path}: {name} is of type {arrays[name].dtype}; positions, rotations, accuracies and times are "
-                "floats, masks bool"
+                f"{path}: {name} is of type {arrays[name].dtype}; positions, rotations, accuracies, "
+                "accelerations and times are floats, masks bool"
             )
     if arrays["time"].ndim != 1 or arrays["points"].ndim != 1:
         raise BodysenseError(f"{path}: time and points must be lists of at least one value")
@@ -293,6 +301,7 @@ def _read_npz(path: Path) -> Recording:
         has_rotation=arrays["has_rotation"],
         accuracy=arrays["accuracy"].astype(np.float64),
         time=arrays["time"].astype(np.float64),
+        acceleration=arrays["acceleration"].astype(np.float64) if "acceleration" in arrays else None,
     )
     return Recording(observation, _skeleton(path, arrays), told=_has_skeleton(arrays))
 

@@ -115,6 +115,8 @@ def test_a_killed_training_goes_on(
 
 
 def logged(log: Path) -> list[dict[str, Any]]:
-    """The lines of a run's log, without how long it took."""
+    """Return the lines of a run's log without times."""
     lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
-    return [{name: value for name, value in line.items() if name != "seconds"} for line in lines]
+    return [
+        {name: value for name, value in line.items() if name not in ("seconds", "steps_per_second")} for line in lines
+    ]

@@ -8,6 +8,7 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 from torch import Tensor
 
+from bodysense.observation import STRAPPED
 from bodysense_lab.completion.features import WIDTHS, mirror_places, mirror_signs
 from bodysense_lab.completion.network import Before, CompletionConfig, CompletionNetwork, TrackedSignal, reading_of
 from bodysense_lab.completion.points import SPIN_PLACES, reference_offsets
@@ -42,6 +43,8 @@ def signal() -> TrackedSignal:
         rest_offset=torch.randn(PEOPLE, 25, 3),
         certainty=torch.rand(PEOPLE, 25),
         size=torch.rand(PEOPLE) + 0.5,
+        acceleration=60 * normal(len(STRAPPED), 3),
+        has_acceleration=some(len(STRAPPED)),
     )
 
 
@@ -65,6 +68,8 @@ def spelled_out(of: TrackedSignal) -> dict[str, Tensor]:
         "bones": bones[:, None].expand(-1, FRAMES, -1, -1),
         "certainty": (20 * of.certainty)[:, None].expand(-1, FRAMES, -1),
         "interval": interval * 30,
+        "acceleration": (of.acceleration @ of.turn / size).clamp(-50, 50) / 10 * of.has_acceleration[..., None],
+        "has_acceleration": of.has_acceleration.float(),
     }
 
 

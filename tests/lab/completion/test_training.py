@@ -9,15 +9,24 @@ from lightning_fabric import Fabric
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.retarget import retargeted
+from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.headset_camera import see
 from bodysense.errors import BodysenseError
+from bodysense.observation import STRAPPED
 from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork, reading_of
 from bodysense_lab.completion.points import BODY_POINTS, HEAD, INPUT_POINTS, partners
-from bodysense_lab.completion.sensor_draws import KINDS, DrawnSensors, draw_tracked
+from bodysense_lab.completion.sensor_draws import (
+    KINDS,
+    DrawnSensors,
+    draw_tracked,
+    loss_durations,
+    lost_hand,
+    rotation_only,
+)
 from bodysense_lab.completion.sequences import Draw, Sequence, TrainingBody, draw_sequence, make_sequence
 from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig, collate
 from bodysense_lab.fit import fit, rate_at
@@ -49,7 +58,7 @@ def test_every_drawn_sequence_is_whole(corpus: Corpus) -> None:
     rng = np.random.default_rng(1)
     for _ in range(30):
         one = draw_sequence(corpus, 0, rng)
-        for name in ("true_position", "true_rotation", "position", "rotation", "anchor", "rest_offset", "certainty"):
+        for name in ("true_position", "true_rotation", "position", "rotation", "anchor", "rest_offset", "acceleration"):
             assert np.isfinite(getattr(one, name)).all()
         assert one.true_position.shape == (len(one), len(BODY_POINTS), 3)
         assert one.position.shape == (len(one), len(INPUT_POINTS), 3)
@@ -68,7 +77,9 @@ def test_kinds_of_sensors_are_shares_and_track_something() -> None:
 def made(corpus: Corpus, offset: np.ndarray, mirrored: bool, position: np.ndarray, rotation: np.ndarray) -> Sequence:
     def track(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnSensors:
         frames = len(visible)
-        return DrawnSensors(np.tile(position, (frames, 1)), np.tile(rotation, (frames, 1)), np.ones(frames, dtype=bool))
+        has_position, has_rotation = np.tile(position, (frames, 1)), np.tile(rotation, (frames, 1))
+        felt = rotation_only(has_position, has_rotation)
+        return DrawnSensors(has_position, has_rotation, np.ones(frames, dtype=bool), felt)
 
     body = TrainingBody(offset, offset, np.zeros(len(offset)))
     return make_sequence(corpus, 0, Draw(body, track=track, mirrored=mirrored), np.random.default_rng(0))
@@ -146,3 +157,45 @@ def test_the_rate_rises_then_falls() -> None:
     schedule = Schedule(steps=1000, warm_up=100)
     rates = [rate_at(schedule, step) for step in (1, 100, 550, 1000)]
     assert rates[0] < rates[1] == schedule.learning_rate > rates[2] > rates[3] > 0
+
+
+def test_hands_are_lost_as_measured() -> None:
+    rng = np.random.default_rng(3)
+    seconds = loss_durations(200_000, rng)
+    assert np.median(seconds) == pytest.approx(0.1, abs=0.03)
+    assert (seconds < 0.2).mean() == pytest.approx(0.61, abs=0.03)
+    assert (seconds > 1.0).mean() == pytest.approx(0.11, abs=0.03)
+    assert np.quantile(seconds, 0.99) == pytest.approx(6.7, rel=0.25)
+    assert seconds.max() <= 17.0
+    lost = np.stack([[lost_hand(900, 1 / 30, rng) for _ in range(2)] for _ in range(200)])
+    both, either = lost.all(axis=1).mean(), lost.mean()
+    assert 0.02 < either < 0.3
+    assert both < 0.5 * either  # one is lost without the other
+
+
+def test_wrists_turn_and_arms_do_not(corpus: Corpus) -> None:
+    body = TrainingBody(*(corpus.rest_offset[0].astype(float),) * 2, np.zeros(65))
+    still, turned = (
+        make_sequence(corpus, 0, Draw(body, bent=bent), np.random.default_rng(seed))
+        for bent, seed in ((False, 1), (True, 1))
+    )
+    wrists = [BODY.index(f"{side}_wrist") for side in ("left", "right")]
+    arms = [k for k in range(len(BODY)) if k not in wrists]
+    assert np.array_equal(still.true_rotation[:, arms], turned.true_rotation[:, arms])
+    assert np.array_equal(still.true_position[:, : len(BODY)], turned.true_position[:, : len(BODY)])
+    bend = np.degrees(geodesic_angle(still.true_rotation, turned.true_rotation))
+    assert np.ptp(bend[:, wrists], axis=0).min() > 5
+    assert np.abs(np.diff(bend[:, wrists], axis=0)).max() < 15  # smooth
+    moved = np.linalg.norm(still.position - turned.position, axis=-1).max(axis=0)
+    knuckles = [INPUT_POINTS.index(f"{side}_knuckles") for side in ("left", "right")]
+    assert moved[knuckles].min() > 0.01
+
+
+def test_inertial_sensors_feel_how_bones_speed_up(corpus: Corpus) -> None:
+    one = made(corpus, corpus.rest_offset[0].astype(float), False, np.arange(27) == HEAD, np.ones(22, dtype=bool))
+    assert not one.has_acceleration[:4].any() and one.has_acceleration[4:].all()
+    elbow, wrist = (one.true_position[:, BODY.index(f"right_{name}")].astype(float) for name in ("elbow", "wrist"))
+    place = elbow + 0.8 * (wrist - elbow)
+    wanted = (place[4:] - 2 * place[2:-2] + place[:-4]) * (1 / (2 * one.interval)) ** 2
+    assert np.allclose(one.acceleration[4:, STRAPPED.index("right_elbow")], wanted, atol=0.02)
+    assert np.abs(wanted).max() > 0.5

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sized
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import dataclass
+from datetime import timedelta
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -31,17 +32,27 @@ from torch.optim.swa_utils import AveragedModel
 
 from bodysense.errors import BodysenseError
 from bodysense_lab.checkpoint import differences, identity, load_checkpoint, save_checkpoint
+from bodysense_lab.precision import layer_precision
+
+_PACE = (5.0, 600.0)  # s from the beginning to the first report of the pace, and the most from one to the next
 
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a run stands; handed to `report` at every checkpoint."""
+    """The state of a run: at its beginning, between checkpoints to tell its pace, and at every checkpoint."""
 
     step: int
     steps: int
     seconds: float
-    terms: dict[str, float]
-    validation: dict[str, float]
+    terms: dict[str, float]  # means since the last checkpoint; empty at the beginning
+    validation: dict[str, float]  # empty but at checkpoints
+    steps_per_second: float  # of this run, without the steps before a stop; 0 at the beginning
+    machine: str  # device, precision of the layers, and processes
+
+    @property
+    def seconds_remaining(self) -> float:
+        """Time to the last step at the pace so far, s."""
+        return (self.steps - self.step) / self.steps_per_second if self.steps_per_second else math.inf
 
 
 Report = Callable[[Progress], None]
@@ -109,54 +120,93 @@ def moving_average(averaged: Tensor, current: Tensor, count: Tensor | int, decay
     return torch.lerp(current, averaged, min(decay, (1 + int(count)) / (10 + int(count))) if decay else 0.0)
 
 
-def fit(task: Task, checkpoint: Path, report: Report | None = None, fabric: Fabric | None = None) -> dict[str, float]:
+def fit(
+    task: Task,
+    checkpoint: Path,
+    report: Report | None = None,
+    fabric: Fabric | None = None,
+    pace: Report | None = None,
+) -> dict[str, float]:
     """Train the task's network, which ends with the averaged weights that are kept, evaluating; return its figures.
 
-    Training continues from `checkpoint` where that file exists; the log lies beside it as .jsonl. Raises BodysenseError
-    when the checkpoint belongs to another configuration, schedule or source.
+    `report` is called at every checkpoint; `pace` at the beginning, 5 s later, and then ever more rarely between
+    checkpoints. Without `report`, both print a line. Training continues from `checkpoint` if that file exists; the log
+    is beside it as .jsonl, a line a checkpoint. Raises BodysenseError when the checkpoint belongs to another
+    configuration, schedule or source.
     """
-    fabric, report = fabric or launched(), report or printed()
-    network, pace = fabric.to_device(task.network), task.schedule
+    fabric = fabric or launched()
+    if report is None:
+        report = pace = printed()
+    network, schedule = fabric.to_device(task.network), task.schedule
     optimizer = task.optimizer()
-    decay = partial(moving_average, decay=pace.average_decay)
+    decay = partial(moving_average, decay=schedule.average_decay)
     average = AveragedModel(network, avg_fn=decay, use_buffers=True)
     average.module.eval()
     run, steps = task.identity(), task.steps
     done, kept = load_checkpoint(checkpoint, run, network, optimizer, average)
     best = kept or {"score": math.inf, "step": 0, "since": 0, "factor": 1.0, "weights": network.state_dict()}
-    batches = task.batches(np.random.default_rng([pace.seed, done, fabric.global_rank]), done)
-    begun, memory = time.monotonic(), None
+    batches = task.batches(np.random.default_rng([schedule.seed, done, fabric.global_rank]), done)
+    begun, memory, machine = time.monotonic(), None, machine_of(fabric)
     recent: list[dict[str, float]] = []
+
+    def progress(step: int, figures: dict[str, float]) -> Progress:
+        seconds = time.monotonic() - begun
+        mean = {name: float(np.mean([row[name] for row in recent])) for name in (recent[0] if recent else ())}
+        return Progress(step, steps, seconds, mean, figures, (step - done) / seconds if recent else 0.0, machine)
+
+    if fabric.is_global_zero and done < steps and pace is not None:
+        pace(progress(done, {}))
+    due = _pace_due(begun)
     for step, batch in zip(range(done + 1, steps + 1), batches, strict=False):
         for group in optimizer.param_groups:
             group["lr"] = task.rate(step) * best.get("factor", 1.0)
-        torch.manual_seed(pace.seed * 1_000_003 + step)  # of dropout: a run that goes on is the run that it was
-        network.train()
-        terms, memory = task.loss(fabric.to_device(batch), memory)
-        optimizer.zero_grad()
-        terms["loss"].backward()
-        _share_gradients(network, fabric)
-        for group in optimizer.param_groups:
-            nn.utils.clip_grad_norm_(group["params"], group.get("clip", task.clip))
-        optimizer.step()
+        torch.manual_seed(schedule.seed * 1_000_003 + step)  # of dropout: a run that goes on is the run that it was
+        terms, memory = take_step(task, optimizer, batch, memory, fabric)
         average.update_parameters(network)
         recent.append({name: float(value.detach()) for name, value in terms.items()})
-        if step % pace.check_every == 0 or step == steps:
+        if step % schedule.check_every == 0 or step == steps:
             figures = task.validate(average.module)
             if task.keeps_best:
                 best = _better(best, figures, step, average.module, task.patience)
                 figures = figures | {f"best_{next(iter(figures))}": best["score"]}
-            mean = {name: float(np.mean([row[name] for row in recent])) for name in recent[0]}
-            recent = []
-            progress = Progress(step, steps, time.monotonic() - begun, mean, figures)
+            now = progress(step, figures)
+            recent.clear()
             if fabric.is_global_zero:
                 save_checkpoint(checkpoint, run, step, network, optimizer, average, best if task.keeps_best else None)
                 with checkpoint.with_suffix(".jsonl").open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(vars(progress)) + "\n")
-                report(progress)
+                    file.write(json.dumps(vars(now)) + "\n")
+                report(now)
+        elif fabric.is_global_zero and pace is not None and next(due):
+            pace(progress(step, {}))
     network.load_state_dict(best["weights"] if task.keeps_best else average.module.state_dict())
     network.eval()
     return task.validate(network)
+
+
+def take_step(
+    task: Task, optimizer: Optimizer, batch: Any, memory: Any, fabric: Fabric
+) -> tuple[dict[str, Tensor], Any]:
+    """Take one optimiser step on a batch; return the terms of its loss and what is carried to the next batch."""
+    task.network.train()
+    terms, memory = task.loss(fabric.to_device(batch), memory)
+    optimizer.zero_grad()
+    terms["loss"].backward()
+    _share_gradients(task.network, fabric)
+    for group in optimizer.param_groups:
+        nn.utils.clip_grad_norm_(group["params"], group.get("clip", task.clip))
+    optimizer.step()
+    return terms, memory
+
+
+def _pace_due(begun: float) -> Iterator[bool]:
+    """Yield whether the pace is to be reported now: `_PACE[0]` after a time, then after twice as long each time."""
+    wait_for, most = _PACE
+    last = begun
+    while True:
+        due = time.monotonic() >= last + wait_for
+        if due:
+            last, wait_for = time.monotonic(), min(2 * wait_for, most)
+        yield due
 
 
 def _share_gradients(network: nn.Module, fabric: Fabric) -> None:
@@ -186,6 +236,13 @@ def launched(devices: int = 1, nodes: int = 1) -> Fabric:
     return fabric
 
 
+def machine_of(fabric: Fabric) -> str:
+    """Return the device, the precision of the layers and the number of processes, in words."""
+    layers = str(layer_precision(fabric.device)).removeprefix("torch.")
+    processes = f"{fabric.world_size} processes" if fabric.world_size > 1 else "1 process"
+    return f"{fabric.device.type}, {layers} layers, {processes}"
+
+
 def begin(seed: int, threads: int | None) -> None:
     """Set PyTorch's seed, and its threads where they are told; before a network is made."""
     if threads is not None:
@@ -194,16 +251,25 @@ def begin(seed: int, threads: int | None) -> None:
 
 
 def printed(name: str = "") -> Report:
-    """A report that prints a line for every checkpoint, after a name."""
+    """A report that prints a line each time, after a name."""
     console = Console(width=200)
 
     def report(progress: Progress) -> None:
-        terms, figures = line_of(progress.terms, 4), line_of(progress.validation, 3)
         head = f"{name} " if name else ""
-        done = f"{head}step {progress.step}/{progress.steps}, {progress.seconds:.0f} s"
-        console.print(f"{done} · {terms} · {figures}", highlight=False)
+        console.print(f"{head}{line_of_progress(progress)}", highlight=False)
 
     return report
+
+
+def line_of_progress(progress: Progress) -> str:
+    """Return the machine at the beginning, else the pace, the time remaining, and at a checkpoint the figures."""
+    done = f"step {progress.step}/{progress.steps}, {progress.seconds:.0f} s"
+    if not progress.terms:
+        return f"{done} · {progress.machine}"
+    remaining = timedelta(seconds=round(progress.seconds_remaining))
+    pace = f"{progress.steps_per_second:.3g} steps/s, {remaining} remaining"
+    parts = (done, pace, line_of(progress.terms, 4), line_of(progress.validation, 3))
+    return " · ".join(part for part in parts if part)
 
 
 def line_of(values: Mapping[str, float], digits: int) -> str:
@@ -282,12 +348,8 @@ def quietly(progress: Progress) -> None:
     """A report that says nothing: the log is read instead."""
 
 
-def last_progress(log: Path) -> Progress | None:
-    """The last line of a log."""
-    lines = log.read_text(encoding="utf-8").splitlines() if log.is_file() else []
-    return Progress(**json.loads(lines[-1])) if lines else None
-
-
 def _reached(logs: Path, name: str, steps: int) -> int:
-    last = last_progress(logs / f"{name}.jsonl")
-    return 0 if last is None else min(steps, last.step)
+    """Return the step of the last line of a log."""
+    log = logs / f"{name}.jsonl"
+    lines = log.read_text(encoding="utf-8").splitlines() if log.is_file() else []
+    return min(steps, json.loads(lines[-1])["step"]) if lines else 0

@@ -78,11 +78,12 @@ class NoiseSettings:
     imu_heading: float = 3.0  # ° about the vertical
     imu_tilt: float = 0.7  # ° about the other axes
     imu_time: float = 60.0  # s in which an error of an IMU is forgotten
+    imu_acceleration: float = 0.15  # m/s² along each axis, white, and as much that stays for a session
     scale: float = 0.003  # deviation of the whole map's scale, drawn for a session
     stamp_jitter: float = 0.0004  # s
 
     def __post_init__(self) -> None:
-        for name in ("headset", "trackers", "imu_heading", "imu_tilt", "scale", "stamp_jitter"):
+        for name in ("headset", "trackers", "imu_heading", "imu_tilt", "imu_acceleration", "scale", "stamp_jitter"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise BodysenseError(f"noise settings: {name} is {getattr(self, name):g}; give 0 or more")
         for name in ("camera_time", "imu_time"):
@@ -125,12 +126,17 @@ def disturb(
     accuracy = np.hypot(observation.accuracy, (MEAN_NORM * usual)[..., None, :])
     jitter = settings.stamp_jitter * rng.standard_normal(len(observation))
     latest = _LATEST_STAMP * interval.min()
+    felt = observation.acceleration
+    if felt is not None:
+        white = rng.standard_normal(felt.shape) + rng.standard_normal((*session, 1, *felt.shape[-2:]))
+        felt = felt + settings.imu_acceleration * white
     return replace(
         observation,
         position=np.where(observation.has_position[..., None], position, np.nan),
         rotation=np.where(observation.has_rotation[..., None], quaternion_canonical(rotation), np.nan),
         accuracy=accuracy,
         time=observation.time + np.clip(jitter, -latest, latest),
+        acceleration=felt,
     )
 
 
@@ -214,12 +220,14 @@ SHORTEST, LONGEST = 0.2, 3.0  # s
 
 def hide(observation: Observation, hidden: np.ndarray) -> Observation:
     """The observation without the points of the mask `hidden` (..., T, P); their values become NaN."""
+    felt = observation.acceleration
     return replace(
         observation,
         position=np.where(hidden[..., None], np.nan, observation.position),
         rotation=np.where(hidden[..., None], np.nan, observation.rotation),
         has_position=observation.has_position & ~hidden,
         has_rotation=observation.has_rotation & ~hidden,
+        acceleration=felt if felt is None else np.where(hidden[..., None], np.nan, felt),
     )
 
 

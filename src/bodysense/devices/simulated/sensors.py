@@ -1,7 +1,8 @@
 """Sensor sets: which points of a body are tracked, the sets that are sold, and what they track of a motion.
 
 A sensor sits on a joint and gives its position, its rotation or both. A sensor strapped to a bone is one on the joint
-at which the bone begins: the shin turns with the knee, the chest is `spine3`.
+at which the bone begins: the shin turns with the knee, the chest is `spine3`. One of rotation only is an inertial
+sensor and tells its acceleration too (`inertial`).
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import quaternion_canonical, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.simulated.headset_camera import see_points
+from bodysense.devices.simulated.inertial import felt_by
 from bodysense.errors import BodysenseError
-from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
+from bodysense.observation import EXACT_ACCURACY, STRAPPED, Observation, accuracy_like
 
 Kind = Literal["position and rotation", "position", "rotation"]
 KINDS: tuple[Kind, ...] = ("position and rotation", "position", "rotation")
@@ -123,6 +125,14 @@ def observe_points(
             raise BodysenseError("a set with a camera needs to know what it sees; give `visible`")
         has_position |= visible
     turned = rotation[..., np.minimum(places, joints - 1), :]
+    inertial = [
+        name for name in points if name in STRAPPED and name in sensors.rotation and name not in sensors.position
+    ]
+    acceleration = None
+    if inertial:
+        acceleration = np.full((*has_position.shape, 3), np.nan)
+        felt = felt_by(position, skeleton.points, inertial, np.asarray(time, dtype=float))
+        acceleration[..., [points.index(name) for name in inertial], :] = felt
     return Observation(
         points=points,
         position=np.where(has_position[..., None], position[..., places, :], np.nan),
@@ -131,6 +141,7 @@ def observe_points(
         has_rotation=has_rotation,
         accuracy=accuracy_like(has_position, EXACT_ACCURACY),
         time=np.asarray(time, dtype=float),
+        acceleration=acceleration,
     )
 
 

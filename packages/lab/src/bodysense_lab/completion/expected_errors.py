@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense_lab.completion.error_map import CERTAINTY_SCALE, HIDDEN, KNOWN, LOG_TRACKED, ErrorMap
+from bodysense_lab.completion.error_map import CERTAINTY_SCALE, HIDDEN, KNOWN, LOG_ALIKE, LOG_TRACKED, ErrorMap
 from bodysense_lab.completion.fingers import HAND_POINTS
 from bodysense_lab.completion.fingers import SMALLEST_ERROR as SMALLEST_FINGER_ERROR
 from bodysense_lab.completion.network import SMALLEST_ERROR
@@ -31,6 +31,7 @@ class ExpectedErrors(nn.Module):
     inward_offset: Tensor
     points: Tensor
     log_tracked: Tensor
+    log_alike: Tensor
     counting: Tensor
     body_places: Tensor
     hand_places: Tensor
@@ -44,9 +45,10 @@ class ExpectedErrors(nn.Module):
             *(PLACED + point for point in body_places()),
             *(PLACED + POINT_COUNT + joint for joint in range(JOINTS)),
             *(PLACED + POINT_COUNT + JOINT_COUNT + point for point in body_places()),
+            *(PLACED + 2 * POINT_COUNT + JOINT_COUNT + joint for joint in range(JOINTS)),
         ]
         scale = np.ones((KNOWN, 1))
-        scale[-PLACED:] = CERTAINTY_SCALE
+        scale[-PLACED - JOINTS : -JOINTS] = CERTAINTY_SCALE
         outward = np.zeros((2 * HIDDEN, 2 * PLACED))
         outward[:HIDDEN, :PLACED], outward[HIDDEN:, PLACED:] = mean.outward, bound.outward
         body, hands = body_places(), HAND_POINTS.ravel().tolist()
@@ -65,6 +67,7 @@ class ExpectedErrors(nn.Module):
             ),
             ("points", torch.tensor(body_places())),
             ("log_tracked", torch.tensor([LOG_TRACKED])),
+            ("log_alike", torch.tensor([LOG_ALIKE])),
             ("counting", torch.tensor(counting)),
             ("body_places", torch.tensor([*places, *(PLACED + place for place in places)])),
             ("hand_places", torch.tensor(fingers * 2)),
@@ -81,6 +84,7 @@ class ExpectedErrors(nn.Module):
         certainty: Tensor,
         has: Tensor,
         accuracy: Tensor,
+        apart: Tensor,
     ) -> tuple[Tensor, Tensor]:
         """Expected errors and their bounds, (B, 65) m each; what is measured errs as its sensor does.
 
@@ -92,10 +96,13 @@ class ExpectedErrors(nn.Module):
             certainty: (B, 65) m, standard deviation of each bone's length.
             has: (B, 65) bool, what is tracked of positions.
             accuracy: (B, 65) m.
+            apart: (B, 22) by how much the network's two answers differ about each joint.
         """
         expected = torch.log((nn.functional.softplus(body) + SMALLEST_ERROR) * size)
         expected = replaced(expected, self.log_tracked, masks.index_select(1, self.points))
-        known = torch.cat([expected, masks, certainty], dim=1).index_select(1, self.counting)
+        joints = masks.index_select(1, self.points)[:, :JOINTS]
+        alike = replaced(torch.log(apart), self.log_alike, joints)
+        known = torch.cat([expected, masks, certainty, alike], dim=1).index_select(1, self.counting)
         inside = torch.tanh(nn.functional.linear(known, self.inward, self.inward_offset))
         log = nn.functional.linear(torch.cat([known, inside], dim=1), self.weight, self.offset)
         placed = torch.exp(log).index_select(1, self.body_places)

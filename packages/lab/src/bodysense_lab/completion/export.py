@@ -11,6 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from bodysense.body.skeleton import default_skeleton
+from bodysense.observation import STRAPPED
 from bodysense_lab.completion.graph import CompletionStep
 from bodysense_lab.completion.rewriting import LARGE, row_step, shortened, stored_small
 from bodysense_lab.completion.state import JOINT_COUNT, POINT_COUNT, Inputs, Outputs, State
@@ -50,6 +51,8 @@ def example_inputs(batch: int) -> Inputs:
         certainty=torch.zeros(batch, POINT_COUNT),
         floor=torch.zeros(batch),
         hold=torch.ones(batch),
+        acceleration=torch.zeros(batch, len(STRAPPED), 3),
+        has_acceleration=torch.zeros(batch, len(STRAPPED), dtype=torch.bool),
     )
 
 

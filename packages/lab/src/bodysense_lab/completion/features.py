@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from bodysense.body.skeleton import BODY
 from bodysense_lab.completion.points import (
+    ACCELERATED,
     BODY_POINTS,
     INPUT_POINTS,
     JOINTS,
@@ -33,11 +34,15 @@ WIDTHS = {
     "bones": 3 * PLACED,
     "certainty": PLACED,
     "interval": 1,
+    # What networks of earlier releases do not read comes last: their tables are those of today with fewer columns.
+    "acceleration": 3 * len(ACCELERATED),
+    "has_acceleration": len(ACCELERATED),
 }
 SPIN_ROWS, AXIS_ROWS = 2 * len(SPINNING), 2 * JOINTS
 MOVING = READ + SPIN_ROWS  # rows whose change since the frame before is read
 ROWS = READ + MOVING + AXIS_ROWS
 _FASTEST, _SWIFTEST = 5.0, 15.0  # m/s, and change of axes per second: larger values are clipped
+_STRONGEST, _ACCELERATION_SCALE = 50.0, 0.1  # m/s², likewise; 10 m/s² is 1
 _UNLIMITED = 1e9
 _USUAL_INTERVAL = 1 / 30  # s
 _BONE_SCALE, _CERTAINTY_SCALE = 20.0, 20.0  # 1/m: a deviation of 5 cm is 1
@@ -58,6 +63,8 @@ class Reading(NamedTuple):
     accuracy: Tensor  # (N, 27) m
     rest_offset: Tensor  # (N, 75) m
     certainty: Tensor  # (N, 25) m
+    acceleration: Tensor  # (N, 1, 12, 3) m/s², world, of `ACCELERATED`, without gravity
+    accelerated: Tensor  # (N, 12) whether each is told: 1 or 0
 
 
 class Features(nn.Module):
@@ -98,18 +105,31 @@ class Features(nn.Module):
         rows = torch.maximum(torch.minimum(rows, self.limit), -self.limit)
         accuracy = (torch.log(reading.accuracy) + 3 * math.log(10)) * reading.seen[:, :READ]
         bones = reading.rest_offset * smaller - self.usual_bones
-        parts = [rows.reshape(-1, 3 * ROWS), reading.seen, accuracy, bones, reading.certainty, reading.interval]
+        felt = (reading.acceleration @ reading.into) * thrice((smaller * reading.accelerated).reshape(-1, 1, _FELT, 1))
+        parts = [
+            rows.reshape(-1, 3 * ROWS),
+            reading.seen,
+            accuracy,
+            bones,
+            reading.certainty,
+            reading.interval,
+            felt.clamp(-_STRONGEST, _STRONGEST).reshape(-1, 3 * _FELT),
+            reading.accelerated,
+        ]
         return torch.cat(parts, dim=-1).index_select(1, self.place) * self.scale
 
 
+_FELT = len(ACCELERATED)
 _STARTS = {"rows": 0, "seen": 3 * ROWS, "accuracy": 4 * ROWS}
 _STARTS["bones"] = _STARTS["accuracy"] + READ
 _STARTS["certainty"] = _STARTS["bones"] + 3 * PLACED
 _STARTS["interval"] = _STARTS["certainty"] + PLACED
+_STARTS["acceleration"] = _STARTS["interval"] + 1
+_STARTS["has_acceleration"] = _STARTS["acceleration"] + 3 * _FELT
 
 
 def _columns(name: str) -> list[int]:
-    """Where the numbers of a kind of feature are among [rows, seen, accuracy, bones, certainty, interval]."""
+    """Where the numbers of a kind of feature are in what `Features.forward` puts together."""
 
     def axes(first_row: int, count: int) -> list[int]:
         # Feature by feature: joint, component, axis.
@@ -140,6 +160,7 @@ def _scales(name: str) -> list[float]:
         "bones": _BONE_SCALE,
         "certainty": _CERTAINTY_SCALE,
         "interval": 1 / _USUAL_INTERVAL,
+        "acceleration": _ACCELERATION_SCALE,
     }.get(name, 1.0)
     if name == "bones":  # the pelvis hangs on nothing
         return [0.0] * 3 + [scale] * (WIDTHS[name] - 3)
@@ -160,6 +181,7 @@ def _mirror_parts() -> dict[str, tuple[list[int], list[float]]]:
         return of, [1.0] * len(of)
 
     points, joints, placed = partners(INPUT_POINTS), partners(BODY), partners(BODY_POINTS)
+    accelerated = partners(ACCELERATED)
     return {
         "position": vectors(points),
         "has_position": plain(points),
@@ -171,6 +193,8 @@ def _mirror_parts() -> dict[str, tuple[list[int], list[float]]]:
         "bones": vectors(placed),
         "certainty": plain(placed),
         "interval": plain([0]),
+        "acceleration": vectors(accelerated),
+        "has_acceleration": plain(accelerated),
     }
 
 

@@ -40,6 +40,7 @@ from bodysense_lab.completion.fingers import (
 from bodysense_lab.completion.sequences import Draw, TrainingBody
 from bodysense_lab.fit import Task, played
 from bodysense_lab.options import Schedule
+from bodysense_lab.precision import layer_autocast
 
 _CARRIED_BY = [1 + above for above in PARENT_PLACES]  # among [wrist, joints]
 _PATH = torch.tensor(default_skeleton().path[np.ix_(HAND_POINTS[0], HAND_POINTS[0])], dtype=torch.float32)
@@ -130,7 +131,7 @@ class FingerTask(Task):
         before = self.network.begin(len(batch.begins)) if memory is None else memory
         begins = batch.begins.repeat_interleave(2)  # both hands
         before = torch.where(begins[None, :, None], 0.0, before.detach())
-        with torch.autocast(before.device.type, torch.bfloat16):
+        with layer_autocast(before.device):
             rotation, error, after = self.network(batch.signal, before)
         return finger_losses(rotation, error, batch, self.configuration.losses), after
 

@@ -192,6 +192,7 @@ class CompletionStep(nn.Module):
             inputs.certainty,
             inputs.has_position,
             inputs.accuracy,
+            answer.apart,
         )
         places = points.squeeze(1)
         outputs = Outputs(places[:, 0], quaternion_between(above, world), places, confidence, bound, contact)
@@ -247,6 +248,8 @@ class CompletionStep(nn.Module):
             accuracy=tracked.accuracy.index_select(1, self.accuracy_places),
             rest_offset=inputs.rest_offset.index_select(1, self.body_places).reshape(-1, 3 * self.body_places.shape[0]),
             certainty=inputs.certainty.index_select(1, self.body_places),
+            acceleration=inputs.acceleration.unsqueeze(1),
+            accelerated=inputs.has_acceleration.to(interval),
         )
         return reading, moving
 

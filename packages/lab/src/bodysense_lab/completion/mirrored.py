@@ -13,6 +13,7 @@ from bodysense_lab.completion.network import ERROR_BIAS, CompletionNetwork, adva
 from bodysense_lab.completion.points import BODY_POINTS, CONTACT, HEAD_HEIGHT, JOINTS, PLACED, partners
 
 PREDICTED = 6 * JOINTS + 3  # numbers of `MirroredPrediction.rows`
+LEAST_APART = 0.003  # answers differ by no less
 _COUNTS = [PREDICTED, len(CONTACT), PLACED]
 
 
@@ -22,6 +23,7 @@ class MirroredPrediction(NamedTuple):
     rows: Tensor  # (B, 1, 45, 3): x axes of the joints, not yet orthonormal, then y axes, then where the head is, m
     contact_logit: Tensor  # (B, 4) of `CONTACT`
     error: Tensor  # (B, 25), not yet positive
+    apart: Tensor  # (B, 22) by how much the two answers differ about each joint's axes: large where motion is unusual
     memory: Tensor  # (B, 2 · layers · hidden)
 
 
@@ -61,7 +63,10 @@ class MirroredNetwork(nn.Module):
         both = torch.cat([hidden, features], dim=-1)
         output = torch.cat([network.turn_branch(both), network.judge_branch(both)], dim=-1)
         output = output.reshape(-1, 2 * sum(_COUNTS)).index_select(1, self.places) * self.signs
-        mean = output.reshape(-1, 2, sum(_COUNTS)).sum(dim=1) + self.usual
+        halves = output.reshape(-1, 2, sum(_COUNTS))
+        mean = halves.sum(dim=1) + self.usual
+        half = (halves[:, 0] - halves[:, 1])[:, : 6 * JOINTS].reshape(-1, 2, JOINTS, 3)
+        apart = torch.sqrt((half * half).sum(dim=(1, 3)) + LEAST_APART**2)
         rows, contact, error = mean.split(_COUNTS, dim=-1)
         memory = torch.cat(after, dim=-1).reshape(-1, 2 * config.layers * config.hidden)
-        return MirroredPrediction(rows.reshape(-1, 1, PREDICTED // 3, 3), contact, error, memory)
+        return MirroredPrediction(rows.reshape(-1, 1, PREDICTED // 3, 3), contact, error, apart, memory)

@@ -60,6 +60,8 @@ class TrackedSignal(NamedTuple):
     rest_offset: Tensor  # (B, 25, 3) m, as far as known
     certainty: Tensor  # (B, 25) m, standard deviation of each of those lengths; 0 where told
     size: Tensor  # (B,) the wearer's stature beside the reference's
+    acceleration: Tensor  # (B, T, 12, 3) m/s², world, of `ACCELERATED`
+    has_acceleration: Tensor  # (B, T, 12) bool
 
 
 class Before(NamedTuple):
@@ -159,6 +161,8 @@ def reading_of(signal: TrackedSignal) -> Reading:
         accuracy=signal.accuracy,
         rest_offset=signal.rest_offset.flatten(-2)[:, None].expand(*frames, -1),
         certainty=signal.certainty[:, None].expand(*frames, -1),
+        acceleration=signal.acceleration[:, :, None],
+        accelerated=signal.has_acceleration.to(placed),
     )
     return Reading(*(part.flatten(0, 1) for part in parts))
 

@@ -19,7 +19,14 @@ from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS, SensorS
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
 from bodysense.tracker import Tracker
-from bodysense_lab.completion.error_map import CERTAINTY_SCALE, LOG_TRACKED, ErrorMap, unchanged_errors
+from bodysense_lab.completion.error_map import (
+    CERTAINTY_SCALE,
+    LOG_ALIKE,
+    LOG_TRACKED,
+    ErrorMap,
+    shown_apart,
+    unchanged_errors,
+)
 from bodysense_lab.completion.fingers import FingerNetwork
 from bodysense_lab.completion.graph import CompletionStep
 from bodysense_lab.completion.network import CompletionNetwork
@@ -27,6 +34,7 @@ from bodysense_lab.completion.options import BODIES, Body
 from bodysense_lab.completion.points import body_places
 from bodysense_lab.completion.rounding import round_weights, sample_moments
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of, stacked
+from bodysense_lab.completion.settled_clips import settled_clips
 from bodysense_lab.completion.task import WORN
 from bodysense_lab.completion.weights_file import write_weights
 from bodysense_lab.datasets import open_clips
@@ -41,24 +49,35 @@ _PULL = 1e-4  # toward errors as expected
 class ErrorSamples:
     """What was known, and what came of it, N frames."""
 
-    known: np.ndarray  # (N, 97) float32: log of errors expected by the network (25), what is tracked, certainty
+    known: np.ndarray  # (N, 119) float32: see `error_map.KNOWN`
     error: np.ndarray  # (N, 25) float32 m
     counts: np.ndarray  # (N, 25) bool: the point was not tracked
+    learned: np.ndarray  # (N,) bool: of people whose motion the network learned
+    group: np.ndarray  # (N,) which draw of sensors and body it is of
 
 
-def sample_errors(
-    scenes: Mapping[Truth, Sequence[Sequence[TrackedScene]]], model: CompletionModel, seed: int = 5
-) -> ErrorSamples:
-    """Run a step whose expected errors are the network's own over batches of scenes, 'own' and 'stranger'."""
+Scenes = Mapping[Truth, Sequence[Sequence[TrackedScene]]]
+
+
+def sample_errors(learned: Scenes, watched: Scenes, model: CompletionModel, seed: int = 5) -> ErrorSamples:
+    """Run a step over batches of scenes, 'own' and 'stranger', of people who were learned from, and of others.
+
+    The step's expected errors are the network's own, and in place of their bounds it gives how far apart the network's
+    two answers are (`unchanged_errors`, `shown_apart`).
+    """
     rng = np.random.default_rng(seed)
     draws: list[tuple[SensorSet, Body]] = [(SENSOR_SETS[name], body) for name in TABLE_SETS for body in BODIES]
     for edge in random_edges(12, rng):
         draws.append((edge.more, BODIES[int(rng.integers(len(BODIES)))]))
-    jobs: list[tuple[SensorSet, Body, Sequence[TrackedScene]]] = []
-    for sensors, body in draws:
-        for batch in scenes[TRUTH_OF[body]]:
-            jobs.append((sensors, body, batch))
-    parts = [_sampled(*job, model) for job in progress(jobs, "expected and true errors")]
+    jobs: list[tuple[SensorSet, Body, Sequence[TrackedScene], bool, int]] = []
+    for group, (sensors, body) in enumerate(draws):
+        for known, scenes in ((True, learned), (False, watched)):
+            jobs += [(sensors, body, batch, known, group) for batch in scenes[TRUTH_OF[body]]]
+    parts = []
+    for sensors, body, batch, known, group in progress(jobs, "expected and true errors"):
+        columns = _sampled(sensors, body, batch, model)
+        rows = len(columns[0])
+        parts.append((*columns, np.full(rows, known), np.full(rows, group)))
     return ErrorSamples(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
@@ -71,15 +90,17 @@ def _sampled(
     parts = []
     for t in range(len(whole.time)):
         estimate, state = tracker.step(whole[t : t + 1], state)
-        alike = (estimate.points[:, 0, places], estimate.confidence[:, 0, places], estimate.measured[:, 0, places])
         if t % _STRIDE == 0:
-            deviations = [state.person(k).bone_deviation[places] for k in range(len(batch))]
-            parts.append((t, *alike, np.array(deviations)))
+            known = (estimate.points, estimate.confidence, estimate.bound, estimate.measured)
+            deviations = np.array([state.person(k).bone_deviation[places] for k in range(len(batch))])
+            parts.append((t, *(each[:, 0, places] for each in known), deviations))
     rows = []
     for index, (scene, observation) in enumerate(zip(batch, seen, strict=True)):
         own = [part for part in parts if part[0] < len(scene)]
         frames = [part[0] for part in own]
-        position, expected, measured, deviation = (np.stack([part[k][index] for part in own]) for k in range(1, 5))
+        position, expected, apart, measured, deviation = (
+            np.stack([part[k][index] for part in own]) for k in range(1, 6)
+        )
         truth = scene.placed[0][frames][:, places]
         # The head is where it is measured: what is missed from it is missed in the world.
         position = position + (truth - position)[:, [BODY.index("head")]]
@@ -88,7 +109,8 @@ def _sampled(
             if name in BODY:
                 turned[:, BODY.index(name)] = observation.has_rotation[frames, k]
         log = np.where(measured, LOG_TRACKED, np.log(expected))
-        known = np.concatenate([log, measured, turned, CERTAINTY_SCALE * deviation], axis=1)
+        alike = np.where(measured, LOG_ALIKE, np.log(apart))[:, : len(BODY)]
+        known = np.concatenate([log, measured, turned, CERTAINTY_SCALE * deviation, alike], axis=1)
         error = np.linalg.norm(position - truth, axis=-1)
         rows.append((known.astype(np.float32), error.astype(np.float32), ~measured))
     columns = [np.concatenate(column) for column in zip(*rows, strict=True)]
@@ -96,13 +118,18 @@ def _sampled(
 
 
 def fit_error_map(samples: ErrorSamples, quantile: float | None = None, steps: int = 3000, seed: int = 6) -> ErrorMap:
-    """Fit the mean error, or a quantile of it, to samples, in so many steps of an optimiser."""
-    known = torch.from_numpy(samples.known.astype(np.float32))
+    """Fit the mean error, or a quantile of it, to samples, in so many steps of an optimiser.
+
+    Of people who were learned from there are many, and their errors are smaller: how errors spread is learned from all,
+    how large they are from the others. For that the fit is told who is who, and what is fitted knows only the others.
+    """
+    known = torch.from_numpy(np.column_stack([samples.known, samples.learned]).astype(np.float32))
     error = torch.from_numpy(samples.error.astype(np.float32)).clamp(min=1e-4)
     counts = torch.from_numpy(samples.counts.astype(np.float32))
     generator = torch.Generator().manual_seed(seed)
     start = unchanged_errors()
     parts = [torch.tensor(getattr(start, name), dtype=torch.float32) for name in vars(start)]
+    parts[:2] = [torch.cat([part, torch.zeros(1, part.shape[1])]) for part in parts[:2]]  # who was learned from
     parts[1] = torch.randn(parts[1].shape, generator=generator) * 0.1
     weight, inward, inward_offset, outward, offset = parts = [part.requires_grad_() for part in parts]
     optimizer = torch.optim.AdamW(parts, lr=_RATE, weight_decay=0.0)
@@ -119,7 +146,8 @@ def fit_error_map(samples: ErrorSamples, quantile: float | None = None, steps: i
         optimizer.zero_grad()
         (total + _PULL * pull).backward()
         optimizer.step()
-    return ErrorMap(*(part.detach().numpy().copy() for part in parts))
+    tables = [part.detach().numpy().copy() for part in parts]
+    return ErrorMap(tables[0][:-1], tables[1][:-1], *tables[2:])
 
 
 def _likelihood(log_expected: Tensor, error: Tensor) -> Tensor:
@@ -137,13 +165,14 @@ _LONGEST, _CLIPS = 9.0, 2  # s of a clip, and clips of a person who was learned 
 def publish(body: CompletionNetwork, fingers: FingerNetwork, data: Path, out: Path, card: dict[str, Any]) -> None:
     """Write the whole step, its weights rounded, with true errors; `card`: what it was trained on, and its licence."""
     body = copy.deepcopy(body)
-    start = unchanged_errors()
+    start, apart = unchanged_errors(), shown_apart()
     beside = out.with_name(f"{out.stem}.uncalibrated.safetensors")
     try:
         step = CompletionStep(body, fingers, start, start).eval()
         round_weights(body, sample_moments(step, _scenes(data, ("train",))))
-        _write(body, fingers, start, start, beside, {})
-        samples = sample_errors(_scenes(data, ("train", "val")), load_completion(beside))
+        _write(body, fingers, start, apart, beside, {})
+        learned, watched = (_scenes(data, (split,), settled=True) for split in ("train", "val"))
+        samples = sample_errors(learned, watched, load_completion(beside))
     finally:
         beside.unlink(missing_ok=True)
     mean, bound = fit_error_map(samples), fit_error_map(samples, QUANTILE)
@@ -162,11 +191,11 @@ def _write(
     write_weights(CompletionStep(body, fingers, mean, bound), out, {**configured, **card})
 
 
-def _scenes(data: Path, splits: tuple[Split, ...]) -> dict[Truth, list[list[TrackedScene]]]:
+def _scenes(data: Path, splits: tuple[Split, ...], settled: bool = False) -> dict[Truth, list[list[TrackedScene]]]:
     """Batches of scenes of what wearers do, on their own bodies and on strangers'.
 
     Of people that were watched all clips, and of people that were learned from a few each: the former are few, and how
-    far errors spread shows in many people only.
+    far errors spread shows in many people only. With `settled` clips of people who stand come in other postures too.
     """
     truths: tuple[Truth, ...] = ("own", "stranger")
     scenes: dict[Truth, list[list[TrackedScene]]] = {truth: [] for truth in truths}
@@ -174,6 +203,8 @@ def _scenes(data: Path, splits: tuple[Split, ...]) -> dict[Truth, list[list[Trac
         clips = [_piece(clip) for clip in open_clips(data, split) if clip.category in WORN]
         if split == "train":
             clips = _few_of_each_person(clips)
+        if settled:
+            clips += list(settled_clips(clips))
         for batch in batches(clips):
             for truth in truths:
                 scenes[truth].append([scene_of(clip, truth, split) for clip in batch])

@@ -137,4 +137,5 @@ def stacked(observations: Sequence[Observation]) -> Observation:
         has_rotation=stack("has_rotation"),
         accuracy=stack("accuracy"),
         time=longest.time,
+        acceleration=None if longest.acceleration is None else stack("acceleration"),
     )

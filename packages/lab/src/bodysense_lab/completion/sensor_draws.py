@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodysense.body.skeleton import BODY
-from bodysense_lab.completion.points import BODY_POINTS, INPUT_POINTS, KNUCKLES
+from bodysense_lab.completion.points import ACCELERATED_PLACES, BODY_POINTS, INPUT_POINTS, KNUCKLES
 
 HEAD, WRISTS = "head", ("left_wrist", "right_wrist")
 # Kinds of sequences and how often each is drawn.
@@ -21,9 +21,10 @@ KINDS = {
     "random": 0.04,  # any subset of points, each with a position, a rotation or both
     "headless": 0.03,  # recordings with holes, positions only, worn trackers without a headset
 }
-_GAPS = 0.35  # share of sequences with hands in which these are lost for 0.2-3 s, now and then
+_GAPS = 0.4  # share of sequences with hands in which these are lost now and then, as `lost_hand` says
 _ONE_HAND, _NO_TURN = 0.12, 0.04  # share of three-point sequences with one hand only, and with hands without rotation
 _CHANGES = 0.2  # share of sequences with other sensors in which those come and go
+_FELT = 0.8  # share of sequences whose rotation-only sensors give their acceleration
 _PAIRS = ("ankle", "knee", "elbow", "hip", "shoulder", "foot")
 _IMU_JOINTS = ("knee", "ankle", "hip", "elbow", "shoulder")
 _WHAT = ("both", "position", "rotation")
@@ -36,6 +37,7 @@ class DrawnSensors:
     has_position: np.ndarray  # (T, 27) bool
     has_rotation: np.ndarray  # (T, 22) bool
     head_known: np.ndarray  # (T,) bool: position and rotation of the head are tracked
+    has_acceleration: np.ndarray  # (T, 12) bool, of `ACCELERATED`
 
 
 def draw_tracked(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnSensors:
@@ -74,10 +76,10 @@ def draw_tracked(visible: np.ndarray, interval: float, rng: np.random.Generator)
     has_position, has_rotation = np.tile(position, (frames, 1)), np.tile(rotation, (frames, 1))
     if kind == "camera":
         has_position, has_rotation = _seen(visible)
-    elif rng.uniform() < _GAPS:
-        for wrist in WRISTS:
-            lost = spans(frames, interval, rng, 8.0)
-            has_position[lost, INPUT_POINTS.index(wrist)] = False
+    if rng.uniform() < _GAPS:
+        for wrist, knuckles in zip(WRISTS, KNUCKLES, strict=True):
+            lost = lost_hand(frames, interval, rng)
+            has_position[np.ix_(lost, [INPUT_POINTS.index(wrist), INPUT_POINTS.index(knuckles)])] = False
             has_rotation[lost, BODY.index(wrist)] = False
     if kind not in ("three_point", "head", "camera") and rng.uniform() < _CHANGES:
         for name in INPUT_POINTS:
@@ -92,7 +94,13 @@ def draw_tracked(visible: np.ndarray, interval: float, rng: np.random.Generator)
         has_position[lost, INPUT_POINTS.index(HEAD)] = False
         has_rotation[lost, BODY.index(HEAD)] = False
     head_known = has_position[:, INPUT_POINTS.index(HEAD)] & has_rotation[:, BODY.index(HEAD)]
-    return DrawnSensors(has_position, has_rotation, head_known)
+    felt = rotation_only(has_position, has_rotation) & (rng.uniform() < _FELT)
+    return DrawnSensors(has_position, has_rotation, head_known, felt)
+
+
+def rotation_only(has_position: np.ndarray, has_rotation: np.ndarray) -> np.ndarray:
+    """(T, 12) bool: which of `ACCELERATED` carry a sensor that knows its rotation and not its place."""
+    return has_rotation[:, ACCELERATED_PLACES] & ~has_position[:, ACCELERATED_PLACES]
 
 
 def _add_trackers(add, rng: np.random.Generator) -> None:
@@ -185,6 +193,30 @@ def _seen(visible: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _remove(position: np.ndarray, rotation: np.ndarray, name: str) -> None:
     position[INPUT_POINTS.index(name)] = False
     rotation[BODY.index(name)] = False
+
+
+# How long hand tracking loses a hand: shares, medians (s) and log deviations of two log-normal laws, and the longest.
+# Quest recordings: a tenth of the losses under 0.03 s, half under 0.1, 61 % under 0.2, 89 % under 1, 99 % under 6.7.
+_LOSSES, _LONGEST_LOSS = ((0.52, 0.06, 0.7), (0.48, 0.45, 1.25)), 17.0
+_LOSS_RATES = (3.0, 30.0)  # a minute, from and to, log-uniform
+
+
+def loss_durations(count: int, rng: np.random.Generator) -> np.ndarray:
+    """(N,) s for which hand tracking loses a hand."""
+    brief = rng.uniform(size=count) < _LOSSES[0][0]
+    median = np.where(brief, _LOSSES[0][1], _LOSSES[1][1])
+    spread = np.where(brief, _LOSSES[0][2], _LOSSES[1][2])
+    return np.minimum(median * np.exp(spread * rng.standard_normal(count)), _LONGEST_LOSS)
+
+
+def lost_hand(frames: int, interval: float, rng: np.random.Generator) -> np.ndarray:
+    """(T,) bool: when one hand is lost, by itself."""
+    lost = np.zeros(frames, dtype=bool)
+    low, high = np.log(_LOSS_RATES)
+    count = rng.poisson(np.exp(rng.uniform(low, high)) * frames * interval / 60)
+    for begin, seconds in zip(rng.uniform(0, frames, count), loss_durations(count, rng), strict=True):
+        lost[int(begin) : int(begin) + max(1, round(seconds / interval))] = True
+    return lost
 
 
 def spans(

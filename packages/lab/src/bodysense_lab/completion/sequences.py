@@ -16,8 +16,12 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.shape import Measured, shape_space
 from bodysense.body.skeleton import BODY, default_skeleton
+from bodysense.devices.simulated.headset_camera import see_points
+from bodysense.devices.simulated.inertial import ALONG as STRAPPED_ALONG
+from bodysense.devices.simulated.inertial import accelerations, strapped_places
 from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.points import (
+    ACCELERATED,
     BODY_POINTS,
     CONTACT,
     HEAD,
@@ -28,7 +32,9 @@ from bodysense_lab.completion.points import (
     path_from_head,
     stature,
 )
+from bodysense_lab.completion.postures import draw_kind, settled
 from bodysense_lab.completion.sensor_draws import DrawnSensors, draw_tracked
+from bodysense_lab.completion.wandering import wander
 
 _PLACES = body_places()
 _PARENTS = bone_parents()
@@ -44,7 +50,11 @@ _MIRROR, _MIRROR_65 = partners(BODY), default_skeleton().mirror
 # A foot is in contact while it is at most this far above where it stands at rest and at most this fast; feet of the
 # CMU recordings slide by 0.13 m/s where they stand.
 _LOW, _SLOW, _HALF_WINDOW = 0.05, 0.3, 0.04  # m, m/s, s
-_STIFF = np.radians(2.0)  # wrists that bend less were not recorded
+# Of wrists about the forearm, sideways and toward the palm, radians: how they are held, by how much they move, and the
+# farthest.
+_HELD = np.radians([40.0, 7.0, 17.0])
+_MOVING = np.radians([25.0, 10.0, 25.0])
+_FARTHEST = np.radians([100.0, 25.0, 60.0])
 # Distances that sensors measure while they run.
 LENGTHS = (
     ("left_shoulder", "left_elbow"),
@@ -56,7 +66,10 @@ LENGTHS = (
     ("left_hip", "right_hip"),
     ("pelvis", "head"),
 )
-LONGEST = 15.0  # s of a sequence
+LONGEST, LONGEST_SETTLED = 15.0, 30.0  # s of a sequence, and of one in a posture that lasts
+_BENT = 0.45  # share of sequences whose wrists turn freely
+_STRAPPED_ALONG = (0.3, 0.95)  # where along a bone a sensor is strapped
+_ACCELERATION_NOISE = (0.03, 0.5)  # m/s², from and to
 _OWN, _BETWEEN = 0.2, 0.3  # shares of sequences on the recording's own body, and on one between it and a family's
 
 
@@ -71,6 +84,8 @@ class Sequence:
     rotation: np.ndarray  # (T, 22, 4) float32 wxyz, as tracked
     has_position: np.ndarray  # (T, 27) bool
     has_rotation: np.ndarray  # (T, 22) bool
+    acceleration: np.ndarray  # (T, 12, 3) float32 m/s², world, of `ACCELERATED`
+    has_acceleration: np.ndarray  # (T, 12) bool
     anchor: np.ndarray  # (T, 4) float32: cosine and sine of the heading, x and z of the frame under the head
     accuracy: np.ndarray  # (27,) float32 m
     rest_offset: np.ndarray  # (25, 3) float32 m, as told
@@ -160,21 +175,33 @@ class Draw:
     begin: float = 0.0  # s
     longest: float = np.inf  # s
     mirrored: bool = False
-    bent: bool = False  # wrists bend at random
+    bent: bool = False  # wrists turn freely
+    posture: str | None = None  # one of `postures.KINDS` that somebody who stands takes
     noisy: bool = False
 
 
 def draw_sequence(corpus: Corpus, clip: int, rng: np.random.Generator) -> Sequence:
     """Draw everything that may differ about a clip of the corpus, and make its sequence."""
+    return _drawn(corpus, clip, None, rng)
+
+
+def draw_settled_sequence(corpus: Corpus, clip: int, rng: np.random.Generator) -> Sequence:
+    """The same of a clip whose person stands, and takes another posture."""
+    return _drawn(corpus, clip, draw_kind(rng), rng)
+
+
+def _drawn(corpus: Corpus, clip: int, posture: str | None, rng: np.random.Generator) -> Sequence:
+    longest = LONGEST if posture is None else LONGEST_SETTLED
     seconds = float(corpus.length[clip] / corpus.rate[clip])
     drawn = Draw(
         body=draw_body(corpus.rest_offset[clip].astype(float), rng),
         rate=30.0 if rng.uniform() < 0.5 else float(np.exp(rng.uniform(np.log(22), np.log(60)))),
         pace=float(np.exp(rng.uniform(-0.2, 0.2))) if rng.uniform() < 0.5 else 1.0,
-        begin=max(0.0, float(rng.uniform(-LONGEST / 2, seconds - LONGEST / 2))),
-        longest=LONGEST,
+        begin=max(0.0, float(rng.uniform(-longest / 2, seconds - longest / 2))),
+        longest=longest,
         mirrored=bool(rng.uniform() < 0.5),
-        bent=bool(rng.uniform() < 0.35),
+        bent=bool(rng.uniform() < _BENT),
+        posture=posture,
         noisy=bool(rng.uniform() < 0.6),
     )
     return make_sequence(corpus, clip, drawn, rng)
@@ -185,11 +212,14 @@ def make_sequence(corpus: Corpus, clip: int, draw: Draw, rng: np.random.Generato
     rate, body = draw.rate, draw.body
     rotation, root, visible = _resampled(corpus, clip, draw)
     own = corpus.rest_offset[clip].astype(float)
+    if draw.posture is not None:
+        rotation, root = settled(rotation, root, own, draw.posture, rate, rng)
+        visible = _seen(rotation, root, own)
     if draw.mirrored:
         rotation = rotation[:, _MIRROR] * np.array([1.0, 1.0, -1.0, -1.0])
         root, visible = root * [-1.0, 1.0, 1.0], visible[:, _MIRROR_65]
     if draw.bent:
-        rotation = _with_bent_wrists(rotation, rate, rng)
+        rotation = _with_turned_wrists(rotation, rate, rng)
     true_position, matrix = _retargeted(rotation, root, own, body.true)
     knuckles = np.stack(
         [
@@ -204,6 +234,7 @@ def make_sequence(corpus: Corpus, clip: int, draw: Draw, rng: np.random.Generato
     position, turned, accuracy = points, rotation, np.full(points.shape[1], 0.001)
     if draw.noisy:
         position, turned, accuracy = _disturbed(points, rotation, rate, rng)
+    felt, has_felt = _felt(true_position, rate, rng, draw.noisy)
     anchor = _anchor(turned[:, HEAD], position[:, HEAD], tracked.head_known, rng, rate)
     told = body.told[_PLACES]
     return Sequence(
@@ -214,6 +245,8 @@ def make_sequence(corpus: Corpus, clip: int, draw: Draw, rng: np.random.Generato
         rotation=turned.astype(np.float32),
         has_position=tracked.has_position,
         has_rotation=tracked.has_rotation,
+        acceleration=felt.astype(np.float32),
+        has_acceleration=tracked.has_acceleration & has_felt[:, None],
         anchor=anchor.astype(np.float32),
         accuracy=accuracy.astype(np.float32),
         rest_offset=told.astype(np.float32),
@@ -286,23 +319,43 @@ def in_contact(feet: np.ndarray, standing: np.ndarray, rate: float) -> np.ndarra
     return (feet[..., 1] < standing + _LOW) & (speed < _SLOW)
 
 
-def _with_bent_wrists(rotation: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
-    """Wrists bent at random about both axes across the arm, slowly; recorded bending stays."""
-    bend = wander(len(rotation), 2 * 3, rate, 0.6, rng).reshape(-1, 2, 3) * [0.1, 0.3, 0.45]
-    bent = rotation.copy()
-    bent[:, _WRISTS] = quaternion_multiply(rotation[:, _WRISTS], quaternion_exp(bend))
-    return bent
+def _with_turned_wrists(rotation: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
+    """Wrists that turn freely: about the forearm, as palms are held down, inward or up, and across it.
+
+    It is theirs alone: arms stay as they are. Recorded bending stays.
+    """
+    held = rng.normal(0, 1, (2, 3)) * _HELD
+    if rng.uniform() < 0.5:  # both hands alike
+        held[1] = held[0] * [1, -1, -1]
+    moving = wander(len(rotation), 2 * 3, rate, float(rng.uniform(0.4, 2.5)), rng).reshape(-1, 2, 3) * _MOVING
+    bend = np.clip(held + moving * rng.uniform(0.2, 1.0), -_FARTHEST, _FARTHEST)
+    twist = quaternion_exp(bend * [1.0, 0.0, 0.0])
+    turned = rotation.copy()
+    across = quaternion_exp(bend * [0.0, 1.0, 1.0])
+    turned[:, _WRISTS] = quaternion_multiply(quaternion_multiply(rotation[:, _WRISTS], twist), across)
+    return turned
 
 
-def wander(frames: int, count: int, rate: float, seconds: float, rng: np.random.Generator) -> np.ndarray:
-    """(T, count) smooth noise of standard deviation 1 that changes within `seconds`."""
-    knots = int(np.ceil(frames / (rate * seconds))) + 2
-    values = rng.standard_normal((knots, count)) * 1.2
-    place = np.arange(frames) / (rate * seconds) + rng.uniform(0, 1)
-    low = place.astype(int)
-    share = (place - low)[:, None]
-    share = share * share * (3 - 2 * share)
-    return values[low] * (1 - share) + values[np.minimum(low + 1, knots - 1)] * share
+def _seen(rotation: np.ndarray, root: np.ndarray, offset: np.ndarray) -> np.ndarray:
+    """(T, 65) bool: what a headset's cameras see of a body with straight fingers."""
+    skeleton = default_skeleton().with_offsets(offset)
+    count = len(skeleton.joints)
+    carriers = np.where(np.arange(count) < len(BODY), np.arange(count), skeleton.wrist_of[:count])
+    world = rotation[:, carriers]
+    bones = quaternion_rotate(world[:, [max(parent, 0) for parent in skeleton.parents]], offset)
+    bones[:, 0] = 0.0
+    return see_points(skeleton, skeleton.path @ bones + root[:, None], world).visible
+
+
+def _felt(points: np.ndarray, rate: float, rng: np.random.Generator, noisy: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Accelerations (T, 12, 3) m/s² of sensors strapped to a body of points (T, 25, 3), and from when (T,) bool."""
+    along = rng.uniform(*_STRAPPED_ALONG, len(ACCELERATED)) if noisy else np.full(len(ACCELERATED), STRAPPED_ALONG)
+    felt, known = accelerations(strapped_places(points, BODY_POINTS, along), 1 / rate)
+    if noisy:
+        shape = felt.shape
+        felt = felt + np.exp(rng.uniform(*np.log(_ACCELERATION_NOISE))) * rng.standard_normal(shape)
+        felt += 0.15 * rng.standard_normal(shape[1:])
+    return felt, known
 
 
 def _disturbed(

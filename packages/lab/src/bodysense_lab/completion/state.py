@@ -30,6 +30,8 @@ class Inputs(NamedTuple):
     certainty: Tensor  # (B, 65) m, standard deviation of each bone's length
     floor: Tensor  # (B,) m
     hold: Tensor  # (B,) 1: feet are held and kept above the floor; 0: not
+    acceleration: Tensor  # (B, 12, 3) m/s², world, without gravity, of `observation.STRAPPED`
+    has_acceleration: Tensor  # (B, 12) bool
 
 
 class Outputs(NamedTuple):

@@ -36,12 +36,19 @@ def read_networks(path: Path) -> tuple[CompletionNetwork, FingerNetwork]:
     fingers = FingerNetwork(_config(FingerConfig, card["fingers"]))
     for network, prefix in ((body, BODY), (fingers, FINGERS)):
         for name, parameter in network.named_parameters():
-            values = _stored(constants, prefix, name)
+            values = _widened(_stored(constants, prefix, name), parameter)
             if values is None or values.shape != parameter.shape:
                 raise BodysenseError(f"{path}: {prefix}{name} is not in the file; give one that this release wrote")
             with torch.no_grad():
                 parameter.copy_(torch.tensor(values))
     return body, fingers
+
+
+def _widened(values: np.ndarray | None, parameter: torch.Tensor) -> np.ndarray | None:
+    """A table of a release that read less, which is not heeded at first; others as they are."""
+    if values is None or values.ndim != 2:
+        return values
+    return np.pad(values, ((0, 0), (0, max(0, parameter.shape[1] - values.shape[1]))))
 
 
 def _config(kind: Any, text: str) -> Any:

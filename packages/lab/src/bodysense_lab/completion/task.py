@@ -31,26 +31,39 @@ from bodysense_lab.completion.network import (
     turn_about_up,
 )
 from bodysense_lab.completion.options import CompletionTraining
-from bodysense_lab.completion.points import CONTACT, HEAD, INPUT_POINTS, JOINTS, SPIN_PLACES
-from bodysense_lab.completion.sensor_draws import DrawnSensors
-from bodysense_lab.completion.sequences import Draw, Sequence, Track, TrainingBody, draw_sequence, make_sequence
+from bodysense_lab.completion.points import BODY_POINTS, CONTACT, HEAD, INPUT_POINTS, JOINTS, SPIN_PLACES
+from bodysense_lab.completion.postures import low_share, standing_share
+from bodysense_lab.completion.sensor_draws import DrawnSensors, rotation_only
+from bodysense_lab.completion.sequences import (
+    Draw,
+    Sequence,
+    Track,
+    TrainingBody,
+    draw_sequence,
+    draw_settled_sequence,
+    make_sequence,
+)
 from bodysense_lab.completion.stored import read_networks
 from bodysense_lab.completion.weights_file import read_weights
 from bodysense_lab.fit import Task, begin, fit, played
 from bodysense_lab.options import Schedule
+from bodysense_lab.precision import layer_autocast
 
 WORN = ("sit", "talk_gesture", "everyday", "locomotion", "")  # what wearers of a headset do; unknown motion counts
+_SETTLED = 0.15  # share of sequences in postures that recordings hardly show
 _FEET = [BODY.index(name) for name in CONTACT]
-# Recorded feet turn unreliably.
-_TURN_WEIGHT = {"ankle": 0.6, "foot": 0.3}
+# How much a joint's rotation counts beside the others', and its position. Recorded feet turn unreliably; elbows and
+# what carries them are what a wearer sees of themselves, and few points tell them.
+_TURN_WEIGHT = {"ankle": 0.6, "foot": 0.3, "collar": 1.5, "shoulder": 2.0, "elbow": 2.5}
+_PLACE_WEIGHT = {"shoulder": 1.5, "elbow": 2.0}
 
 
 @dataclass(frozen=True)
 class Losses:
     """Weights of the terms, each a mean over frames and joints at the reference stature."""
 
-    rotation: float = 1.0  # mean absolute difference of matrices, of rotations from the frame under the head
-    local: float = 0.3  # the same of rotations from the parent joint
+    rotation: float = 1.3  # mean absolute difference of matrices, of rotations from the frame under the head
+    local: float = 0.5  # the same of rotations from the parent joint
     position: float = 8.0  # per metre, mean absolute difference from the head
     velocity: float = 0.4  # per m/s
     skate: float = 0.1  # per m/s, of feet that truly stand
@@ -96,10 +109,14 @@ class CompletionTask(Task):
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[SequenceBatch]:
         """Streams that play whole sequences, side by side; drawn by the length of their clips."""
         chunk = self.configuration.chunk
-        weight = self.corpus.length / self.corpus.rate * np.where(np.isin(self.corpus.category, WORN), 1.0, 0.6)
-        weight = weight / weight.sum()
+        seconds = self.corpus.length / self.corpus.rate
+        weight = seconds * np.where(np.isin(self.corpus.category, WORN), 1.0, 0.6) * (1 + low_share(self.corpus))
+        still = seconds * standing_share(self.corpus) ** 2
+        weight, still = weight / weight.sum(), still / max(still.sum(), 1e-9)
 
         def draw() -> Sequence:
+            if still.any() and rng.uniform() < _SETTLED:
+                return draw_settled_sequence(self.corpus, int(rng.choice(len(still), p=still)), rng)
             return draw_sequence(self.corpus, int(rng.choice(len(weight), p=weight)), rng)
 
         for pieces, begins in played(draw, self.configuration.streams, chunk):
@@ -110,8 +127,7 @@ class CompletionTask(Task):
         before = self.network.begin(len(batch.begins)) if memory is None else memory
         before = torch.where(batch.begins[None, :, None], 0.0, before.detach().float())
         features = self.network.read(batch.signal)
-        # Half precision is for the layers alone: geometry needs the digits.
-        with torch.autocast(features.device.type, torch.bfloat16):
+        with layer_autocast(features.device):
             (turned, judged), after = self.network.predict(features, before)
         prediction = self.network.prediction(turned.float(), judged.float())
         return losses(self.network, prediction, batch, self.configuration.losses), after
@@ -166,6 +182,7 @@ def losses(
     wanted = signal.turn.mT[..., None, :, :] @ batch.true_rotation
     missed = position - truth
     turn_weight = torch.tensor([_TURN_WEIGHT.get(name.rpartition("_")[2], 1.0) for name in BODY])
+    place_weight = torch.tensor([_PLACE_WEIGHT.get(name.rpartition("_")[2], 1.0) for name in BODY_POINTS])
     angle = (rotation - wanted).abs().mean(dim=(-2, -1)) * turn_weight
     parents = network.bone_parents[: JOINTS - 1]
     local, true_local = (turned[..., parents, :, :].mT @ turned[..., 1:, :, :] for turned in (rotation, wanted))
@@ -173,7 +190,10 @@ def losses(
     terms = {
         "rotation": (angle * valid).sum() / count / JOINTS * weights.rotation,
         "local": (bent * valid).sum() / count / JOINTS * weights.local,
-        "position": (missed.abs().mean(dim=-1) * valid).sum() / count / missed.shape[-2] * weights.position,
+        "position": (missed.abs().mean(dim=-1) * place_weight * valid).sum()
+        / count
+        / missed.shape[-2]
+        * weights.position,
     }
     # Where the head is not tracked, the network says where it is.
     place = ((batch.true_position[..., HEAD : HEAD + 1, :] - signal.origin[..., None, :]) @ signal.turn / size)[
@@ -241,6 +261,8 @@ def collate(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) 
         rest_offset=each("rest_offset"),
         certainty=each("certainty"),
         size=each("size"),
+        acceleration=stack("acceleration"),
+        has_acceleration=stack("has_acceleration"),
     )
     return SequenceBatch(
         signal=signal,
@@ -252,14 +274,17 @@ def collate(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) 
     )
 
 
-SETS = ("three_point", "head", "six_point", "headset_camera")
+SETS = ("three_point", "head", "six_point", "headset_camera", "three_point_imu_feet")
 _HANDS = ("head", "left_wrist", "right_wrist")
 _SENSORS = {
     "three_point": _HANDS,
     "head": ("head",),
     "six_point": (*_HANDS, "pelvis", "left_ankle", "right_ankle"),
     "headset_camera": ("head",),
+    "three_point_imu_feet": _HANDS,
 }
+_TURNED = {"three_point_imu_feet": ("left_knee", "right_knee")}  # whose rotation alone is tracked
+
 _GROUP = 16  # sequences side by side
 
 
@@ -291,10 +316,13 @@ def _worn(name: str) -> Track:
 
     def track(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnSensors:
         del interval, rng
-        position, rotation = (np.isin(points, _SENSORS[name]) for points in (INPUT_POINTS, BODY))
+        position = np.isin(INPUT_POINTS, _SENSORS[name])
+        rotation = np.isin(BODY, (*_SENSORS[name], *_TURNED.get(name, ())))
         frames = len(visible)
         has_position = (visible | position) if name == "headset_camera" else np.tile(position, (frames, 1))
-        return DrawnSensors(has_position, np.tile(rotation, (frames, 1)), np.ones(frames, dtype=bool))
+        has_rotation = np.tile(rotation, (frames, 1))
+        felt = rotation_only(has_position, has_rotation)
+        return DrawnSensors(has_position, has_rotation, np.ones(frames, dtype=bool), felt)
 
     return track
 

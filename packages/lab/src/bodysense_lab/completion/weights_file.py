@@ -86,12 +86,20 @@ def read_weights(path: Path) -> tuple[CompletionNetwork, FingerNetwork]:
         for name, parameter in network.named_parameters():
             key = f"{prefix}.{name}"
             values = tensors.get(key)
+            if prefix == "body" and values is not None and values.ndim == parameter.ndim == 2:
+                values = _widened(values, parameter.shape[1])
             if values is None or values.shape != parameter.shape:
                 raise BodysenseError(f"{path}: {key} is missing or of another shape; train the network again")
             whole = values.astype(np.float32) * (tensors[f"{key}.step"][:, None] if values.dtype == np.int8 else 1)
             with torch.no_grad():
                 parameter.copy_(torch.from_numpy(whole))
     return body, fingers
+
+
+def _widened(values: np.ndarray, columns: int) -> np.ndarray:
+    """A table with columns of zeros for inputs that its network was not trained on; they come last."""
+    missing = max(columns - values.shape[1], 0)
+    return np.pad(values, ((0, 0), (0, missing)))
 
 
 def safetensors_bytes(tensors: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> bytes:

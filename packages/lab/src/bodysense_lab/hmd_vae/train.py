@@ -189,7 +189,7 @@ def train_network(
     network = BodyVae(run.config) if whole is None else pretrained(run.config, whole)
     begun, source, fabric = time.monotonic(), source_of(run, whole, data), launched(run.devices, run.nodes)
     task = VaeTask(network, run.schedule, data.frames, data.train, data.validation, source)
-    fit(task, weights.with_suffix(".ckpt"), report, fabric)
+    fit(task, weights.with_suffix(".ckpt"), report, fabric, report)
     network = network.cpu()
     error = joint_errors(network, *data.validation)
     card = {

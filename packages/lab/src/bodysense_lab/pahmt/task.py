@@ -21,6 +21,7 @@ from bodysense_lab.fit import Task
 from bodysense_lab.pahmt.features import ArmBatch, ArmRecordings, arm_positions, arms_alone, make_batch
 from bodysense_lab.pahmt.network import ArmNetwork
 from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule, Studio
+from bodysense_lab.precision import layer_autocast
 from bodysense_lab.windows import Windows
 
 _ARMS = [k for k, name in enumerate(ARM_JOINTS) if name.partition("_")[2] in ARM_PARTS]
@@ -117,8 +118,7 @@ class ArmTask(Task):
     def loss(self, batch: ArmBatch, memory: None) -> tuple[dict[str, Tensor], None]:
         """Of the network and, with 'gan', of the discriminator (eqs. 13, 14), in one sum: neither reaches the other."""
         pair, schedule = self.network, self.schedule
-        # Half precision is for the layers alone: geometry needs the digits.
-        with torch.autocast(batch.rotation.device.type, torch.bfloat16):
+        with layer_autocast(batch.rotation.device):
             said = pair.network(batch.window).float()
         terms = arm_loss(pair.network, said, batch, schedule)
         if "gan" in schedule.losses:

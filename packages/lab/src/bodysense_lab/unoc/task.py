@@ -25,6 +25,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.scoring import UNOC_EVAL_JOINTS
 from bodysense_lab.fit import Task, played, rate_at
+from bodysense_lab.precision import layer_autocast
 from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig, BodyPrediction, tracked_of
 
 
@@ -263,7 +264,7 @@ class BodyTask(Task):
         network = self.network
         if memory is None:
             memory = network.start(len(batch.begins)).memory
-        with torch.autocast(batch.features.device.type, torch.bfloat16):
+        with layer_autocast(batch.features.device):
             if network.config.window is None:
                 memory = torch.where(batch.begins[:, None], 0.0, memory.detach().float())
                 hidden, memory = network.recurrent(batch.features, memory)

@@ -163,7 +163,7 @@ def train_network(run: TablesTraining, name: str, report: Report, fabric: Fabric
     config, schedule, begun = VARIANTS[name].config, schedule_of(run, name), time.monotonic()
     network = BodyNetwork(config, default_skeleton())
     task = BodyTask(network, schedule, training_of(run, name), _few(episodes_of(run, config)["val"]))
-    scores = fit(task, run.out / f"{name}.ckpt", report, fabric)
+    scores = fit(task, run.out / f"{name}.ckpt", report, fabric, report)
     if fabric.is_global_zero:
         write_weights(network.cpu(), run.out / f"{name}.pt")
         with written_beside(run.out / f"{name}.json") as beside:

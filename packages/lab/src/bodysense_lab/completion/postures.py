@@ -1,0 +1,516 @@
+"""Postures that recordings hardly show: the upper body of somebody who stands, on a seat, on their knees or lying.
+
+People with a headset sit most of the time, and recorded people hardly do. Here the pelvis of somebody who stands is put
+at another height, their feet or knees on the floor below it, and the legs between them by the lengths of their bones;
+hands rest on thighs or hold still in front. It lasts for a whole sequence, or begins and ends within it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bodysense.body.rotation import matrix_to_quaternion, quaternion_exp, quaternion_to_matrix, slerp
+from bodysense.body.skeleton import BODY, default_skeleton
+from bodysense_lab.completion.corpus import Corpus
+from bodysense_lab.completion.wandering import wander
+
+# How often each is drawn. Somebody who stands moves their hands only.
+KINDS = {
+    "chair": 0.46,
+    "floor": 0.10,
+    "kneeling": 0.12,
+    "half kneeling": 0.10,
+    "lunge": 0.05,
+    "crouch": 0.09,
+    "lying": 0.03,
+    "standing": 0.05,
+}
+_LASTS = 0.55  # share of sequences that begin and end in the posture
+_RESTING, _HOLDING = 0.4, 0.25  # shares of sequences whose hands rest on the thighs, and are held still in front
+_TALL = 0.95  # m: how high the pelvis of the body rests for which the heights here are
+_SIDES = ("left", "right")
+_UPPER = [k for k, name in enumerate(BODY) if name.rpartition("_")[2] not in ("hip", "knee", "ankle", "foot")]
+# By how much of the lean, and of the pelvis's own tilt, each joint of the upper body turns.
+_LEANS = {"pelvis": 0.0, "spine1": 0.5, "spine2": 0.85, "neck": 0.6, "head": 0.25}
+_TILTS = {"pelvis": 1.0, "spine1": 0.5, "spine2": 0.1}
+_SWAY, _TURNING = 0.15, 0.3  # what is left of how somebody who stands moves about, and turns
+_LYING = [f"{side}_{part}" for side in _SIDES for part in ("shoulder", "hip", "knee", "ankle")]
+_KNEE, _SOLE = 0.06, 0.08  # m: how high a knee rests on the floor, and the ankle of a foot that stands
+_BACK = np.radians(120)  # feet that point down by more lie on their backs, toes too
+_CALM, _UPRIGHT = 0.3, 0.85  # m/s of the pelvis, and its share of its height at rest: whoever is calm stands
+
+
+@dataclass(frozen=True)
+class _Limb:
+    """Two bones, and the hinge between them."""
+
+    first: int  # the joint that carries the upper bone
+    second: int
+    end: int
+    upper: np.ndarray  # (3,) m, from the first to the second at rest
+    lower: np.ndarray  # (3,) m
+    hinge: np.ndarray  # (3,) about which the lower bone bends
+
+    @property
+    def front(self) -> np.ndarray:
+        """(3,) toward where the middle joint goes when the limb bends, at rest."""
+        return np.cross(self.upper, self.hinge) / np.linalg.norm(self.upper)
+
+
+def _limb(kind: str, side: str, offset: np.ndarray) -> _Limb:
+    """A leg or an arm of a body with offsets (65, 3)."""
+    names = ("hip", "knee", "ankle") if kind == "leg" else ("shoulder", "elbow", "wrist")
+    first, second, end = (BODY.index(f"{side}_{name}") for name in names)
+    upper, lower = offset[default_skeleton().indices([BODY[second], BODY[end]])]
+    # Knees bend about the axis to the left, elbows about one that is tilted by 30°.
+    hinge = np.array([1.0, 0, 0] if kind == "leg" else [0.0, -0.87, 0.5] if side == "left" else [0.0, 0.87, -0.5])
+    return _Limb(first, second, end, upper, lower, hinge)
+
+
+@dataclass(frozen=True, eq=False)
+class _Leg:
+    """Where a posture has an ankle and toward where its knee points, from the hip, forward being +Z and left +X."""
+
+    ankle: np.ndarray  # (3,) m; its height is over the floor
+    pole: np.ndarray  # (3,)
+    toes_down: float  # radians
+    toes_out: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Posture:
+    height: float  # m, of the hips over the floor
+    back: float  # m, of the pelvis behind where it stood
+    tilt: float  # radians, of the pelvis, forward
+    lean: float  # radians, of the trunk, forward
+    legs: tuple[_Leg, _Leg]
+
+
+def standing_share(corpus: Corpus) -> np.ndarray:
+    """(C,) the share of each clip in which its person stands and hardly walks."""
+    shares = np.zeros(len(corpus))
+    for clip in range(len(corpus)):
+        first, count = int(corpus.start[clip]), int(corpus.length[clip])
+        rest = float(corpus.rest_offset[clip, 0, 1])
+        shares[clip] = stands(corpus.root[first : first + count], rest, float(corpus.rate[clip])).mean()
+    return shares
+
+
+def stands(root: np.ndarray, rest: float, rate: float) -> np.ndarray:
+    """(T,) bool: whether a pelvis on a path (T, 3) m, which rests `rest` m high, is of somebody who stands."""
+    speed = np.linalg.norm(np.gradient(root[:, [0, 2]], axis=0), axis=-1) * rate
+    return (root[:, 1] > _UPRIGHT * rest) & (speed < _CALM)
+
+
+def low_share(corpus: Corpus) -> np.ndarray:
+    """(C,) the share of each clip in which the pelvis is below four fifths of its height at rest."""
+    return np.array(
+        [
+            (corpus.root[first : first + count, 1] < 0.8 * rest[0, 1]).mean()
+            for first, count, rest in zip(corpus.start, corpus.length, corpus.rest_offset, strict=True)
+        ]
+    )
+
+
+def draw_kind(rng: np.random.Generator) -> str:
+    """One of `KINDS`."""
+    return str(rng.choice(list(KINDS), p=list(KINDS.values())))
+
+
+def settled(
+    rotation: np.ndarray, root: np.ndarray, offset: np.ndarray, kind: str, rate: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """World rotations (T, 22, 4) wxyz and the pelvis's path (T, 3) m of somebody who stands, settled as one of `KINDS`.
+
+    `offset` (65, 3) m are their bones.
+    """
+    if kind == "lying":
+        return _laid(rotation, root, offset, rate, rng)
+    before = quaternion_to_matrix(rotation.astype(float))
+    frames = len(root)
+    share = np.zeros(frames) if kind == "standing" else _when(frames, rate, rng)
+    matrix, path = before.copy(), root.astype(float).copy()
+    if kind != "standing":
+        matrix, path = _lowered(before, path, offset, _DRAWN[kind](_bones_of(offset), rng), share, rate, rng)
+    drawn = rng.uniform()
+    if kind == "standing" or drawn < _HOLDING:
+        matrix = _with_held_hands(matrix, path, offset, rate, rng)
+    elif drawn < _HOLDING + _RESTING and kind in ("chair", "kneeling", "half kneeling", "floor"):
+        matrix = _with_resting_hands(matrix, path, offset, share, rate, rng)
+    return matrix_to_quaternion(matrix), path
+
+
+def _when(frames: int, rate: float, rng: np.random.Generator) -> np.ndarray:
+    """(T,) from 0, as recorded, to 1, in the posture."""
+    if rng.uniform() < _LASTS:
+        return np.ones(frames)
+    times, values, now = [0.0], [float(rng.uniform() < 0.5)], 0.0
+    while now < frames / rate:
+        now += rng.uniform(2.0, 9.0)
+        takes = rng.uniform(0.6, 2.2)
+        times += [now, now + takes]
+        values += [values[-1], 1 - values[-1]]
+        now += takes
+    share = np.interp(np.arange(frames) / rate, times, values)
+    return share * share * share * (share * (6 * share - 15) + 10)
+
+
+@dataclass(frozen=True)
+class _Bones:
+    """Lengths (m) that a posture is drawn by."""
+
+    scale: float  # beside the body for which heights are given here
+    thigh: float
+    shin: float
+
+    @property
+    def leg(self) -> float:
+        return self.thigh + self.shin
+
+
+def _bones_of(offset: np.ndarray) -> _Bones:
+    knee, ankle = offset[default_skeleton().indices(["left_knee", "left_ankle"])]
+    return _Bones(float(offset[0, 1]) / _TALL, float(np.linalg.norm(knee)), float(np.linalg.norm(ankle)))
+
+
+def _degrees(mean: float, deviation: float, rng: np.random.Generator) -> float:
+    """A normal angle, radians."""
+    return float(np.radians(rng.normal(mean, deviation)))
+
+
+def _planted(
+    bones: _Bones,
+    forward: float,
+    sideways: float,
+    rng: np.random.Generator,
+    *,
+    raised: bool = False,
+    knees_out: float = 0.0,
+) -> _Leg:
+    """A foot that stands, flat or on its ball."""
+    heel = float(rng.uniform(0.03, 0.1)) * bones.scale if raised else 0.0
+    toes_down = float(np.radians(rng.uniform(15, 45))) if raised else 0.0
+    ankle = np.array([sideways, _SOLE * bones.scale + heel, forward])
+    return _Leg(ankle, np.array([knees_out, 1.0, 0.7]), toes_down, float(np.radians(rng.uniform(-5, 28))))
+
+
+def _kneeled(bones: _Bones, height: float, sideways: float, rng: np.random.Generator) -> _Leg:
+    """A knee on the floor, and the shin behind it."""
+    down = min(height - _KNEE, 0.995 * bones.thigh)
+    behind = float(np.sqrt(bones.thigh**2 - down**2)) - 0.99 * bones.shin
+    tucked = rng.uniform() < 0.5  # toes on the floor, or the back of the foot
+    high, turned = (0.13, rng.uniform(70, 100)) if tucked else (0.06, rng.uniform(145, 175))
+    ankle = np.array([sideways, high * bones.scale, behind])
+    return _Leg(ankle, np.array([0.0, -0.6, 1.0]), float(np.radians(turned)), 0.0)
+
+
+def _apart(bones: _Bones, rng: np.random.Generator) -> float:
+    """How far a foot is outward of its hip, m."""
+    return float(rng.uniform(-0.05, 0.22)) * bones.scale
+
+
+def _either_first(front: _Leg, rear: _Leg, rng: np.random.Generator) -> tuple[_Leg, _Leg]:
+    return (front, rear) if rng.uniform() < 0.5 else (rear, front)
+
+
+def _on_a_chair(bones: _Bones, rng: np.random.Generator) -> _Posture:
+    height, out = float(rng.uniform(0.26, 0.72)) * bones.scale, _apart(bones, rng)
+    reach = float(np.sqrt(max(0.02, (0.97 * bones.leg) ** 2 - (height - _SOLE * bones.scale) ** 2)))
+    forward, spread = float(rng.uniform(0.12, max(0.2, reach))), float(rng.uniform(-0.1, 0.5))
+    unlike = 0.18 if rng.uniform() < 0.25 else 0.03
+
+    def leg() -> _Leg:
+        ahead = float(np.clip(forward + rng.normal(0, unlike), 0.05, reach))
+        raised = bool(rng.uniform() < 0.2)
+        return _planted(bones, ahead, out + float(rng.normal(0, 0.03)), rng, raised=raised, knees_out=spread)
+
+    back = float(rng.uniform(0.2, 0.5)) * bones.scale
+    return _Posture(height, back, _degrees(-8, 10, rng), _degrees(4, 9, rng), (leg(), leg()))
+
+
+def _on_the_floor(bones: _Bones, rng: np.random.Generator) -> _Posture:
+    """Cross-legged, or with legs in front."""
+    crossed, out = rng.uniform() < 0.55, _apart(bones, rng)
+    forward = float(rng.uniform(0.3, 0.96)) * bones.leg
+
+    def leg() -> _Leg:
+        if not crossed:
+            return _planted(bones, float(np.clip(forward + rng.normal(0, 0.1), 0.25, 0.97 * bones.leg)), out, rng)
+        ankle = np.array([rng.uniform(-0.22, -0.02), 0.07, rng.uniform(0.16, 0.34)]) * bones.scale
+        pole = np.array([1.0, rng.uniform(0.1, 0.5), 0.35])
+        return _Leg(ankle, pole, float(np.radians(rng.uniform(10, 50))), float(np.radians(rng.uniform(20, 60))))
+
+    height, back = float(rng.uniform(0.08, 0.2)) * bones.scale, float(rng.uniform(0, 0.4))
+    return _Posture(height, back, _degrees(-22, 10, rng), _degrees(12, 10, rng), (leg(), leg()))
+
+
+def _on_both_knees(bones: _Bones, rng: np.random.Generator) -> _Posture:
+    """From sitting on the heels to upright."""
+    height, out = float(rng.uniform(0.2 * bones.scale, bones.thigh + _KNEE)), _apart(bones, rng)
+    legs = _kneeled(bones, height, out, rng), _kneeled(bones, height + float(rng.normal(0, 0.01)), out, rng)
+    return _Posture(height, 0.0, _degrees(0, 8, rng), _degrees(5, 10, rng), legs)
+
+
+def _on_one_knee(bones: _Bones, rng: np.random.Generator) -> _Posture:
+    height = float(rng.uniform(0.32 * bones.scale, bones.thigh + _KNEE))
+    front = _planted(bones, float(rng.uniform(0.2, 0.5)) * bones.scale, _apart(bones, rng), rng)
+    legs = _either_first(front, _kneeled(bones, height, 0.02, rng), rng)
+    return _Posture(height, 0.0, _degrees(3, 8, rng), _degrees(8, 10, rng), legs)
+
+
+def _lunging(bones: _Bones, rng: np.random.Generator) -> _Posture:
+    height = float(rng.uniform(0.45, 0.75)) * bones.scale
+    front = _planted(bones, float(rng.uniform(0.25, 0.55)) * bones.scale, 0.02, rng)
+    ankle = np.array([0.02, 0.14 * bones.scale, -float(rng.uniform(0.3, 0.6)) * bones.scale])
+    rear = _Leg(ankle, np.array([0.0, -0.5, 1.0]), float(np.radians(rng.uniform(35, 65))), 0.0)
+    return _Posture(height, 0.0, _degrees(8, 8, rng), _degrees(8, 10, rng), _either_first(front, rear, rng))
+
+
+def _crouching(bones: _Bones, rng: np.random.Generator) -> _Posture:
+    height, back = float(rng.uniform(0.18, 0.72)) * bones.scale, float(rng.uniform(0.0, 0.2)) * bones.scale
+    raised, spread, out = bool(rng.uniform() < 0.5), float(rng.uniform(0.0, 0.8)), _apart(bones, rng)
+    forward = back + float(rng.uniform(-0.02, 0.1)) * bones.scale
+
+    def leg() -> _Leg:
+        return _planted(bones, forward + float(rng.normal(0, 0.04)), out, rng, raised=raised, knees_out=spread)
+
+    tilt, lean = np.radians(rng.uniform(5, 35)), np.radians(rng.uniform(10, 55))
+    return _Posture(height, back, float(tilt), float(lean), (leg(), leg()))
+
+
+_DRAWN = {
+    "chair": _on_a_chair,
+    "floor": _on_the_floor,
+    "kneeling": _on_both_knees,
+    "half kneeling": _on_one_knee,
+    "lunge": _lunging,
+    "crouch": _crouching,
+}
+
+
+def _lowered(
+    before: np.ndarray,
+    root: np.ndarray,
+    offset: np.ndarray,
+    posture: _Posture,
+    share: np.ndarray,
+    rate: float,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Matrices (T, 22, 3, 3) and the pelvis's path of a posture that is there as far as `share` (T,) says."""
+    facing = before[:, 0, :, 2]
+    yaw = np.unwrap(np.arctan2(facing[:, 0], facing[:, 2]))
+    kept = yaw.mean() + _TURNING * (yaw - yaw.mean())
+    turn, square = _about_up(kept - yaw), _about_up(kept)
+    slow = wander(len(root), 2, rate, 2.5, rng) * np.radians([2.0, 5.0])
+    tilt = posture.tilt + slow[:, 0]
+    # Whoever sits down or gets up leans forward.
+    lean = posture.lean + slow[:, 1] + 4 * share * (1 - share) * np.radians(rng.uniform(15, 45))
+    side = square[:, :, 0]
+    after = before.copy()
+    for joint in _UPPER:
+        name = BODY[joint]
+        angle = _LEANS.get(name, 1.0) * lean + _TILTS.get(name, 0.0) * tilt
+        after[:, joint] = quaternion_to_matrix(quaternion_exp(side * angle[:, None])) @ turn @ before[:, joint]
+
+    middle = np.median(root[:, [0, 2]], axis=0)
+    place = np.empty_like(root)
+    place[:, [0, 2]] = middle + _SWAY * (root[:, [0, 2]] - middle) - posture.back * square[:, [0, 2], 2]
+    hips = _hips(after[:, 0], offset)
+    place[:, 1] = posture.height - hips[..., 1].mean(axis=1) + _SWAY * (root[:, 1] - np.median(root[:, 1]))
+    # Feet stay where they are, although the pelvis moves: they are placed from where it is on average.
+    still = np.median(place, axis=0)
+    level = _about_up(np.full(1, np.median(kept)))[0]
+    path = root + share[:, None] * (place - root)
+    mixed = _mixed(before, after, share)
+    old = _hips(before[:, 0], offset)
+    now = _hips(mixed[:, 0], offset)
+    for k, (side_name, leg) in enumerate(zip(_SIDES, posture.legs, strict=True)):
+        limb = _limb("leg", side_name, offset)
+        mirror = np.array([1.0 if side_name == "left" else -1.0, 1.0, 1.0])
+        start = still + np.median(hips[:, k], axis=0)
+        target = start + level @ (leg.ankle * mirror)
+        target[1] = leg.ankle[1]
+        knee_before = before[:, limb.first] @ limb.upper
+        ankle_before = root + old[:, k] + knee_before + before[:, limb.second] @ limb.lower
+        lift = 4 * share * (1 - share) * np.minimum(0.12, 0.4 * np.linalg.norm(ankle_before - target, axis=-1))
+        ankle = ankle_before + share[:, None] * (target - ankle_before)
+        ankle[:, 1] += lift
+        pole = share[:, None] * (level @ (leg.pole * mirror))
+        pole += (1 - share)[:, None] * (before[:, limb.first] @ limb.front)
+        bent = _bent(limb, path + now[:, k], ankle, pole)
+        mixed[:, limb.first], mixed[:, limb.second] = bent[0], bent[1]
+        out = leg.toes_out * mirror[0]
+        foot = level @ quaternion_to_matrix(quaternion_exp(np.array([0.0, out, 0.0])))
+        ends = (limb.end, BODY.index(f"{side_name}_foot"))
+        toes = leg.toes_down if leg.toes_down > _BACK else min(leg.toes_down, 0.3)
+        for joint, down in zip(ends, (leg.toes_down, toes), strict=True):
+            pitched = foot @ quaternion_to_matrix(quaternion_exp(np.array([down, 0.0, 0.0])))
+            mixed[:, joint] = _mixed(before[:, joint], np.broadcast_to(pitched, before[:, joint].shape), share)
+    recorded = share == 0
+    mixed[recorded], path[recorded] = before[recorded], root[recorded]
+    return mixed, path
+
+
+def _laid(
+    rotation: np.ndarray, root: np.ndarray, offset: np.ndarray, rate: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Somebody who stands, laid down on their back, belly or side as they are."""
+    before = quaternion_to_matrix(rotation.astype(float))
+    facing = before[:, 0, :, 2]
+    yaw = np.arctan2(facing[:, 0], facing[:, 2])
+    level = _about_up(np.full(1, np.median(np.unwrap(yaw))))[0]
+    drawn = rng.uniform()
+    axis = level @ (np.array([-1.0, 0, 0]) if drawn < 0.6 else np.array([1.0, 0, 0]) if drawn < 0.75 else [0, 0, 1.0])
+    if drawn >= 0.87:
+        axis = -axis
+    angle = np.radians(rng.uniform(65, 92)) + wander(len(root), 1, rate, 3.0, rng)[:, 0] * np.radians(3)
+    turn = quaternion_to_matrix(quaternion_exp(axis * angle[:, None]))
+    middle = np.median(root, axis=0)
+    path = middle + np.einsum("tij,tj->ti", turn, (root - middle) * [_SWAY, 0.3, _SWAY])
+    after = turn[:, None] @ before
+    low = [_place_of(after, path, offset, name)[:, 1] for name in _LYING]
+    path[:, 1] += rng.uniform(0.06, 0.14) + rng.uniform(0, 0.5) * (rng.uniform() < 0.4) - np.quantile(low, 0.03)
+    return matrix_to_quaternion(after), path
+
+
+def _with_held_hands(
+    matrix: np.ndarray, root: np.ndarray, offset: np.ndarray, rate: float, rng: np.random.Generator
+) -> np.ndarray:
+    """Hands held in front, as those that hold controllers, now and then."""
+    facing = matrix[:, 0, :, 2]
+    square = _about_up(np.arctan2(facing[:, 0], facing[:, 2]))
+    both = _spells(len(root), rate, rng)
+    place = np.array([rng.uniform(0.04, 0.3), rng.uniform(-0.5, -0.05), rng.uniform(0.15, 0.5)]) * offset[0, 1]
+    after = matrix.copy()
+    for side in _SIDES:
+        mirror = np.array([1.0 if side == "left" else -1.0, 1.0, 1.0])
+        shoulder = _place_of(after, root, offset, f"{side}_shoulder")
+        chest = _place_of(after, root, offset, "neck")
+        moving = wander(len(root), 3, rate, 1.5, rng) * 0.03 + rng.normal(0, 0.03, 3)
+        target = chest + np.einsum("tij,tj->ti", square, (place + moving) * mirror)
+        pole = np.einsum("tij,j->ti", square, np.array([0.35, -1.0, -0.35]) * mirror)
+        after = _reached(after, root, offset, side, shoulder, target, pole, both, None)
+    return after
+
+
+def _with_resting_hands(
+    matrix: np.ndarray, root: np.ndarray, offset: np.ndarray, share: np.ndarray, rate: float, rng: np.random.Generator
+) -> np.ndarray:
+    """Hands that rest on the thighs, now and then, while these are level."""
+    after = matrix.copy()
+    along = float(rng.uniform(0.4, 1.0))
+    for side in _SIDES:
+        if rng.uniform() < 0.15:
+            continue
+        sign = 1.0 if side == "left" else -1.0
+        hip, knee = (_place_of(matrix, root, offset, f"{side}_{name}") for name in ("hip", "knee"))
+        thigh = knee - hip
+        level = np.linalg.norm(thigh[:, [0, 2]], axis=-1) / np.linalg.norm(thigh, axis=-1)
+        often = _spells(len(root), rate, rng) * share * np.clip((level - 0.5) * 4, 0, 1)
+        direction = thigh / np.linalg.norm(thigh, axis=-1, keepdims=True)
+        up = np.array([0.0, 1.0, 0.0]) - direction[:, 1:2] * direction
+        up /= np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 0.1)
+        across = np.cross(up, direction)
+        jitter = wander(len(root), 2, rate, 2.0, rng) * 0.015 + rng.normal(0, 0.03, 2)
+        target = hip + (along + float(rng.normal(0, 0.07)) + jitter[:, :1]) * thigh - 0.08 * direction
+        target += 0.09 * up + (jitter[:, 1:] + sign * 0.02) * across
+        shoulder = _place_of(after, root, offset, f"{side}_shoulder")
+        pole = sign * across * 0.6 + np.array([0.0, -0.5, 0.0]) - 0.4 * direction
+        inward = quaternion_to_matrix(quaternion_exp(up * -sign * np.radians(rng.uniform(-10, 35))))
+        pointing = np.einsum("tij,tj->ti", inward, direction) * sign
+        hand = np.stack([pointing, up, np.cross(pointing, up)], axis=-1)
+        after = _reached(after, root, offset, side, shoulder, target, pole, often, hand)
+    return after
+
+
+def _reached(
+    matrix: np.ndarray,
+    root: np.ndarray,
+    offset: np.ndarray,
+    side: str,
+    shoulder: np.ndarray,
+    target: np.ndarray,
+    pole: np.ndarray,
+    share: np.ndarray,
+    hand: np.ndarray | None,
+) -> np.ndarray:
+    """An arm that reaches a target as far as `share` (T,) says; the hand goes with the forearm if none is given."""
+    limb = _limb("arm", side, offset)
+    elbow = matrix[:, limb.first] @ limb.upper
+    wrist = shoulder + elbow + matrix[:, limb.second] @ limb.lower
+    end = wrist + share[:, None] * (target - wrist)
+    way = (1 - share)[:, None] * (matrix[:, limb.first] @ limb.front) + share[:, None] * pole
+    first, second = _bent(limb, shoulder, end, way)
+    after = matrix.copy()
+    if hand is None:
+        hand = second
+    moved = share > 0
+    after[moved, limb.first], after[moved, limb.second] = first[moved], second[moved]
+    after[:, limb.end] = _mixed(matrix[:, limb.end], hand, share)
+    return after
+
+
+def _bent(limb: _Limb, start: np.ndarray, end: np.ndarray, pole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Turns (T, 3, 3) of both bones of a limb from `start` to `end` (T, 3), the middle joint toward the `pole`."""
+    upper, lower = float(np.linalg.norm(limb.upper)), float(np.linalg.norm(limb.lower))
+    way = end - start
+    length = np.linalg.norm(way, axis=-1, keepdims=True)
+    along = way / np.maximum(length, 1e-6)
+    length = np.clip(length, abs(upper - lower) + 0.02, 0.999 * (upper + lower))
+    across = pole - (pole * along).sum(axis=-1, keepdims=True) * along
+    across = across / np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-6)
+    near = (upper**2 - lower**2 + length**2) / (2 * length)
+    high = np.sqrt(np.maximum(upper**2 - near**2, 0.0))
+    first = (near * along + high * across) / upper
+    second = ((length - near) * along - high * across) / lower
+    axis = np.cross(across, along)
+    return _turning(limb.upper, limb.hinge, first, axis), _turning(limb.lower, limb.hinge, second, axis)
+
+
+def _turning(bone: np.ndarray, hinge: np.ndarray, direction: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Turns (T, 3, 3) that take a bone and its hinge at rest to a direction and an axis at right angles to it."""
+    bone = bone / np.linalg.norm(bone)
+    hinge = hinge - (hinge @ bone) * bone
+    hinge = hinge / np.linalg.norm(hinge)
+    rest = np.stack([bone, hinge, np.cross(bone, hinge)], axis=-1)
+    return np.stack([direction, axis, np.cross(direction, axis)], axis=-1) @ rest.T
+
+
+def _spells(frames: int, rate: float, rng: np.random.Generator) -> np.ndarray:
+    """(T,) 0 to 1: always, or now and then."""
+    if rng.uniform() < 0.5:
+        return np.ones(frames)
+    wave = wander(frames, 1, rate, 3.0, rng)[:, 0]
+    smooth = np.clip(wave * 1.5 + 0.7, 0, 1)
+    return smooth * smooth * (3 - 2 * smooth)
+
+
+def _mixed(a: np.ndarray, b: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Matrices (T, ..., 3, 3) that are `share` (T,) of the way from a to b."""
+    begin, end = matrix_to_quaternion(a), matrix_to_quaternion(b)
+    weight = np.broadcast_to(share.reshape(-1, *(1,) * (begin.ndim - 2)), begin.shape[:-1])
+    return quaternion_to_matrix(slerp(begin, end, weight))
+
+
+def _about_up(angle: np.ndarray) -> np.ndarray:
+    """(T,) → (T, 3, 3)."""
+    return quaternion_to_matrix(quaternion_exp(np.array([0.0, 1.0, 0.0]) * angle[:, None]))
+
+
+def _hips(pelvis: np.ndarray, offset: np.ndarray) -> np.ndarray:
+    """(T, 2, 3) m: both hips from the pelvis, whose turn (T, 3, 3) is given."""
+    places = default_skeleton().indices(["left_hip", "right_hip"])
+    return np.einsum("tij,kj->tki", pelvis, offset[places])
+
+
+def _place_of(matrix: np.ndarray, root: np.ndarray, offset: np.ndarray, name: str) -> np.ndarray:
+    """(T, 3) m: a joint of a body whose joints are turned (T, 22, 3, 3)."""
+    skeleton = default_skeleton()
+    place, point = root.copy(), skeleton.index(name)
+    while skeleton.parents[point] >= 0:
+        place = place + matrix[:, skeleton.parents[point]] @ offset[point]
+        point = skeleton.parents[point]
+    return place

@@ -1,0 +1,46 @@
+"""Recorded clips of people who stand, settled in a posture that recordings hardly show (`postures`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply
+from bodysense.body.skeleton import BODY
+from bodysense.io.clip import Clip
+from bodysense_lab.completion.postures import KINDS, settled, stands
+
+_MOSTLY = 0.7  # share of a clip in which its person stands
+
+
+def settled_clips(clips: Iterable[Clip], seed: int = 9) -> Iterator[Clip]:
+    """Of clips whose person mostly stands one each, settled; kinds take turns."""
+    rng, kinds, turn = np.random.default_rng(seed), [kind for kind in KINDS if kind != "standing"], 0
+    for clip in clips:
+        root, rest = clip.pose.root_position, clip.pose.skeleton.rest_offset
+        if len(clip) < 2 or stands(root, float(rest[0, 1]), clip.frame_rate).mean() < _MOSTLY:
+            continue
+        kind, turn = kinds[turn % len(kinds)], turn + 1
+        yield settled_clip(clip, kind, rng)
+
+
+def settled_clip(clip: Clip, kind: str, rng: np.random.Generator) -> Clip:
+    """One clip, settled as one of `KINDS`; fingers move as they did."""
+    pose, joints = clip.pose, len(BODY)
+    world, root = settled(
+        np.asarray(forward_kinematics(pose)[1])[:, :joints],
+        np.asarray(pose.root_position),
+        pose.skeleton.rest_offset,
+        kind,
+        clip.frame_rate,
+        rng,
+    )
+    parents = list(pose.skeleton.parents[1:joints])
+    local = np.array(pose.rotation, dtype=float)
+    local[:, 0] = world[:, 0]
+    local[:, 1:joints] = quaternion_multiply(quaternion_conjugate(world[:, parents]), world[:, 1:])
+    name = f"{clip.name} ({kind})"
+    return replace(clip, name=name, category="sit", pose=Pose(pose.skeleton, root, local))

@@ -1,0 +1,16 @@
+"""Smooth noise: how sensors drift, hands turn and people sway."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def wander(frames: int, count: int, rate: float, seconds: float, rng: np.random.Generator) -> np.ndarray:
+    """(T, count) smooth noise of standard deviation 1 that changes within `seconds`."""
+    knots = int(np.ceil(frames / (rate * seconds))) + 2
+    values = rng.standard_normal((knots, count)) * 1.2
+    place = np.arange(frames) / (rate * seconds) + rng.uniform(0, 1)
+    low = place.astype(int)
+    share = (place - low)[:, None]
+    share = share * share * (3 - 2 * share)
+    return values[low] * (1 - share) + values[np.minimum(low + 1, knots - 1)] * share

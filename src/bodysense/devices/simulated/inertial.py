@@ -1,0 +1,42 @@
+"""What inertial sensors strapped along bones feel: accelerations without gravity, smoothed as sensors smooth them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bodysense.observation import STRAPPED, STRAPPED_TOWARD
+
+ALONG = 0.8  # of the bone from its joint: above the ankle, the wrist, the knee
+SMOOTHING = 0.066  # s: an acceleration is that of twice this time before it, and uses nothing that comes after
+
+
+def strapped_places(position: np.ndarray, points: Sequence[str], along: float | np.ndarray = ALONG) -> np.ndarray:
+    """Places (..., 12, 3) m of the sensors of `STRAPPED`, `along` their bones, of points (..., P, 3) m so named."""
+    begins = [points.index(name) for name in STRAPPED]
+    ends = [points.index(end or name) for name, end in STRAPPED_TOWARD.items()]
+    share = np.broadcast_to(np.asarray(along, dtype=float), len(begins))[:, None]
+    return position[..., begins, :] * (1 - share) + position[..., ends, :] * share
+
+
+def accelerations(place: np.ndarray, interval: float) -> tuple[np.ndarray, np.ndarray]:
+    """Accelerations (T, N, 3) m/s² of places (T, N, 3) m every `interval` s, and from when they are known (T,) bool."""
+    lag = max(1, round(SMOOTHING / interval))
+    felt, known = np.zeros(place.shape), np.arange(len(place)) >= 2 * lag
+    if known.any():
+        felt[2 * lag :] = (place[2 * lag :] - 2 * place[lag:-lag] + place[: -2 * lag]) / (lag * interval) ** 2
+    return felt, known
+
+
+def felt_by(position: np.ndarray, points: Sequence[str], sensors: Sequence[str], time: np.ndarray) -> np.ndarray:
+    """Accelerations (..., T, N, 3) m/s² of `sensors`, of `STRAPPED`, on points (..., T, P, 3); NaN until known.
+
+    Frames come at the median interval of `time` (T,).
+    """
+    place = strapped_places(position, points)[..., [STRAPPED.index(name) for name in sensors], :]
+    if len(time) < 2:
+        return np.full(place.shape, np.nan)
+    felt, known = accelerations(np.moveaxis(place, -3, 0), float(np.median(np.diff(time))))
+    felt[~known] = np.nan
+    return np.moveaxis(felt, 0, -3)

@@ -1,0 +1,44 @@
+"""The precision of layers in training: bfloat16 where the device has units for it, and nowhere else."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+import torch
+
+import bodysense_lab
+from bodysense_lab.fit import launched, machine_of
+from bodysense_lab.precision import layer_autocast, layer_precision
+
+
+@pytest.mark.parametrize(("has_units", "precision"), [(True, torch.bfloat16), (False, torch.float32)])
+def test_layers_run_in_bfloat16_only_where_the_processor_has_units_for_it(
+    has_units: bool, precision: torch.dtype, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(torch.ops.mkldnn, "_is_mkldnn_bf16_supported", lambda: has_units)
+    cpu = torch.device("cpu")
+    assert layer_precision(cpu) == precision
+    with layer_autocast(cpu):
+        assert torch.nn.Linear(3, 2)(torch.ones(1, 3)).dtype == precision
+    assert machine_of(launched()).endswith(f", {str(precision).removeprefix('torch.')} layers, 1 process")
+
+
+@pytest.mark.parametrize(("has_units", "precision"), [(True, torch.bfloat16), (False, torch.float32)])
+def test_emulated_bfloat16_of_an_accelerator_does_not_count(
+    has_units: bool, precision: torch.dtype, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(torch.cuda, "is_bf16_supported", lambda including_emulation=True: has_units)
+    assert layer_precision(torch.device("cuda")) == precision
+    assert layer_precision(torch.device("mps")) == torch.float32
+
+
+def test_no_training_chooses_a_precision_of_its_own() -> None:
+    places = [
+        path.name
+        for path in Path(bodysense_lab.__path__[0]).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute) and node.attr == "autocast"
+    ]
+    assert set(places) == {"precision.py"}
