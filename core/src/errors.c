@@ -5,6 +5,7 @@
 #include "network.h"
 
 #define TRACKED_ERROR 0.001F /* m: stands for the expected error of points that are tracked */
+#define TRACKED_UNLIKE 0.01F /* stands for how much predictions of tracked joints differ */
 #define NORMAL_BOUND 1.567F  /* 90 % quantile of the length of normal errors in space, by their mean */
 
 static const signed char WRIST[2] = {LEFT_WRIST, RIGHT_WRIST};
@@ -22,6 +23,8 @@ void expected_errors(const bs_model *model, const tracked *seen, const predictio
     for (int k = 0; k < PLACED_POINTS; k++) *to++ = seen->has_position[PLACED[k]] ? 1.0F : 0.0F;
     for (int joint = 0; joint < BODY_JOINTS; joint++) *to++ = seen->has_rotation[joint] ? 1.0F : 0.0F;
     for (int k = 0; k < PLACED_POINTS; k++) *to++ = seen->deviation[PLACED[k]];
+    for (int joint = 0; joint < BODY_JOINTS; joint++)
+        *to++ = logarithm(seen->has_position[joint] ? TRACKED_UNLIKE : predicted->unlike[joint]);
     memcpy(inside, model->error_inward_offset, sizeof inside);
     table_multiply_add(&model->error_inward, 1, known, 0, inside, 0);
     for (int k = 0; k < ERROR_HIDDEN; k++) *to++ = hyperbolic_tangent(inside[k]);

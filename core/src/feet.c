@@ -7,6 +7,7 @@ static const float FADE = 0.1F;   /* s in which half of what a released foot was
 static const float DRAG = 0.06F;  /* m: a foot that its leg drags farther slides along */
 static const float SETTLE = 0.06F; /* s in which half of a foot's height over the floor is taken away */
 static const float SOLE = 0.02F; /* m: a foot that is over its rest height by less stands: recorded feet do */
+static const float FLAT_FROM = 0.15F; /* s: a foot that stands on its heel for longer is flat on the floor */
 static const float REACH = 0.25F; /* m: a foot is moved no farther up or down to the floor */
 
 static float rest_height(const foot *f, int part) { return part == 1 ? f->ankle_rest : f->ball_rest; }
@@ -37,11 +38,10 @@ static int holding(const foot *f, int before) {
 void hold_feet(const foot foot[2], float floor, float interval, float upright, foot_state state[2], vec3 move[2]) {
     float fade = exp2f(-interval / FADE), settle = 1.0F - exp2f(-interval / SETTLE);
     float hovering = fmaxf(fminf(height_over(&foot[0], floor), height_over(&foot[1], floor)), 0.0F);
-    bool any_held = false;
     int part[2];
     for (int k = 0; k < 2; k++) {
         part[k] = holding(&foot[k], state[k].held);
-        any_held = any_held || part[k] != 0 || foot[k].seen;
+        if (foot[k].seen) hovering = 0.0F;
     }
     for (int k = 0; k < 2; k++) {
         const struct foot *f = &foot[k];
@@ -58,9 +58,9 @@ void hold_feet(const foot foot[2], float floor, float interval, float upright, f
             float contact = part[k] == 1 ? f->ankle_contact : f->ball_contact;
             drop = too_high(at.y, rest_height(f, part[k]), floor);
             drop *= clamp((contact - RELEASE) / (SURE - RELEASE), 0.0F, 1.0F);
-        } else if (!any_held) {
-            drop = upright * hovering; /* nobody who stands hovers */
         }
+        if (hovering > 0.0F) drop = fmaxf(drop, upright * hovering); /* nobody who stands hovers with both feet */
+        s->stood = part[k] == 1 ? s->stood + interval : 0.0F;
         s->held = (uint8_t)part[k];
         s->slide = slide;
         s->drop += settle * (clamp(drop, -REACH, REACH) - s->drop);
@@ -71,3 +71,5 @@ void hold_feet(const foot foot[2], float floor, float interval, float upright, f
         if (lowest < 0.0F) move[k].y += fminf(-lowest, 2.0F * REACH); /* never under the floor */
     }
 }
+
+float flatness(const foot_state *s) { return clamp((s->stood - FLAT_FROM) / FLAT_FROM, 0.0F, 1.0F); }

@@ -17,4 +17,7 @@ typedef struct foot {
  * `upright` is 1 if the body stands (then one foot at least is on the floor), 0 if it sits, lies or jumps. */
 void hold_feet(const foot foot[2], float floor, float interval, float upright, foot_state state[2], vec3 move[2]);
 
+/* How flat a foot that stands is on the floor, 0 to 1. */
+float flatness(const foot_state *s);
+
 #endif

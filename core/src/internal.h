@@ -49,7 +49,7 @@ typedef struct prediction {
     vec3 head;                   /* m, from base: where the head is if it is not tracked */
     float contact[BS_CONTACTS];  /* probability */
     float error[PLACED_POINTS];  /* m, expected position error, of `placed_points` */
-    float unlike[PLACED_POINTS]; /* m, how far this differs from the prediction for the mirror image, mirrored back */
+    float unlike[BODY_JOINTS];   /* how much the axes predicted for a body and for its mirror image differ */
 } prediction;
 
 /* A completed body. */

@@ -9,7 +9,7 @@
 
 #define MOST_LAYERS 4
 #define ERROR_HIDDEN 96                                 /* of the map that makes expected errors true */
-#define ERROR_KNOWN (3 * PLACED_POINTS + BODY_JOINTS)   /* what it reads */
+#define ERROR_KNOWN (3 * PLACED_POINTS + 2 * BODY_JOINTS) /* what it reads */
 #define HAND_OUTPUTS (6 * HAND_JOINTS + HAND_POINTS)    /* of the finger network, for each hand */
 #define TURNED (6 * BODY_JOINTS + 3)                    /* outputs of the branch that turns joints and places the head */
 #define JUDGED (BS_CONTACTS + PLACED_POINTS)            /* of the branch that judges contact and error */
@@ -41,7 +41,7 @@ struct bs_model {
     const float *relaxed;          /* (15, 3, 2) x and y axes of joints of a relaxed left hand, from the wrist */
     const double *shape_mean;      /* (65, 3) m: rest offsets of the likeliest adult */
     const double *shape_components; /* (16, 65, 3) m */
-    table error_inward, error_weight; /* (96, 97), (50, 97 + 96) */
+    table error_inward, error_weight; /* (96, 119), (50, 119 + 96) */
     const float *error_inward_offset, *error_offset;
 };
 

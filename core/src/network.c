@@ -6,6 +6,7 @@
 #include "features.h"
 #include "layers.h"
 
+#define LEAST_UNLIKE 0.003F /* two answers differ by no less */
 #define ADVANCE (1.0F / 65.0F) /* s: memories advance no sooner */
 #define SMALLEST_ERROR 0.002F  /* m at the reference stature */
 #define ERROR_BIAS (-3.0F)     /* of the expected error before it is made positive */
@@ -54,43 +55,29 @@ size_t network_scratch(const bs_model *model, int people) {
     return s.used > fingers ? s.used : fingers;
 }
 
-/* Rotations in the frame under the head, from outputs of a body and their mirror image with any shares. */
-static mat3 turned_joint(const bs_model *m, const float *own, const float *image, int joint, float share) {
+/* A joint's rotation in the frame under the head: the mean of the outputs for a body and for its mirror image. `unlike`
+ * is how much the axes of the two differ. */
+static mat3 turned_joint(const bs_model *m, const float *own, const float *image, int joint, float *unlike) {
+    static const float SIGN[6] = {1, -1, -1, 1, -1, 1};
     float part[6]; /* component by component: of the x axis, of the y axis */
+    float square = LEAST_UNLIKE * LEAST_UNLIKE;
     for (int k = 0; k < 6; k++) {
-        static const float SIGN[6] = {1, -1, -1, 1, -1, 1};
-        part[k] = m->standing[6 * joint + k] + (1.0F - share) * own[6 * joint + k] +
-                  share * SIGN[k] * image[6 * PARTNER[joint] + k];
+        const float mirrored = SIGN[k] * image[6 * PARTNER[joint] + k], half = 0.5F * (own[6 * joint + k] - mirrored);
+        part[k] = m->standing[6 * joint + k] + 0.5F * (own[6 * joint + k] + mirrored);
+        square += half * half;
     }
+    *unlike = sqrtf(square);
     return frame_of(vec(part[0], part[2], part[4]), vec(part[1], part[3], part[5]));
 }
 
-/* Places of points from the head, m. */
-static void place_from_head(const mat3 rotation[BODY_JOINTS], const vec3 rest_offset[BS_POINTS],
-                            vec3 place[PLACED_POINTS]) {
-    place[0] = vec(0, 0, 0);
-    for (int k = 1; k < PLACED_POINTS; k++) {
-        const int point = PLACED[k], parent = PARENT[point];
-        place[k] = add(place[parent], rotate(rotation[parent], rest_offset[point]));
-    }
-    const vec3 head = place[HEAD];
-    for (int k = 0; k < PLACED_POINTS; k++) place[k] = sub(place[k], head);
-}
-
 /* What the outputs for a body and for its mirror image mean together. */
-static void predict(const bs_model *m, const tracked *seen, const reading *read, head_frame frame, const float *turned,
+static void predict(const bs_model *m, const reading *read, head_frame frame, const float *turned,
                     const float *judged, prediction *out) {
     const float *image = turned + grouped(TURNED), *image_judged = judged + grouped(JUDGED);
-    mat3 own_joint[BODY_JOINTS], image_joint[BODY_JOINTS];
     for (int joint = 0; joint < BODY_JOINTS; joint++) {
-        const mat3 mean = turned_joint(m, turned, image, joint, 0.5F);
+        const mat3 mean = turned_joint(m, turned, image, joint, &out->unlike[joint]);
         out->rotation[joint] = (mat3){from_frame(frame, mean.x), from_frame(frame, mean.y), from_frame(frame, mean.z)};
-        own_joint[joint] = turned_joint(m, turned, image, joint, 0.0F);
-        image_joint[joint] = turned_joint(m, turned, image, joint, 1.0F);
     }
-    vec3 own_place[PLACED_POINTS], image_place[PLACED_POINTS];
-    place_from_head(own_joint, seen->rest_offset, own_place);
-    place_from_head(image_joint, seen->rest_offset, image_place);
 
     const float *head = turned + 6 * BODY_JOINTS, *image_head = image + 6 * BODY_JOINTS;
     const vec3 raised = vec(0.5F * (head[0] - image_head[0]), HEAD_HEIGHT + 0.5F * (head[1] + image_head[1]),
@@ -102,7 +89,6 @@ static void predict(const bs_model *m, const tracked *seen, const reading *read,
         const int partner = joint ? PARTNER[k] : k == PLACED_POINTS - 3 ? k : 2 * PLACED_POINTS - 3 - k; /* toes */
         const float raw = 0.5F * (judged[BS_CONTACTS + k] + image_judged[BS_CONTACTS + partner]);
         out->error[k] = (softplus(raw + ERROR_BIAS) + SMALLEST_ERROR) * read->size;
-        out->unlike[k] = distance(own_place[k], image_place[k]);
     }
 }
 
@@ -145,7 +131,7 @@ static void predict_together(const bs_model *m, int people, const tracked *seen,
     run_branch(m, &m->judge, columns, b.state_in, b.features_in, b.judged, b.work);
     for (int p = 0; p < people; p++) {
         remembered *own = (remembered *)(void *)memory[p];
-        predict(m, &seen[p], &b.read[p], frame[p], b.turned + 2 * p * grouped(TURNED),
+        predict(m, &b.read[p], frame[p], b.turned + 2 * p * grouped(TURNED),
                 b.judged + 2 * p * grouped(JUDGED), &out[p]);
         own->cosine = frame[p].cosine, own->sine = frame[p].sine;
         own->elapsed = b.read[p].interval;

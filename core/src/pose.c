@@ -377,6 +377,18 @@ static float lacking_height(vec3 hip, vec3 ankle, float longest) {
     return square > 0.0F ? fmaxf(hip.y - ankle.y - sqrtf(square), 0.0F) : 0.0F;
 }
 
+/* Turn a foot that stands so that its ball is as far below its ankle as at rest. */
+static void flatten_foot(body *b, const tracked *t, int ankle, int ball, float below, float share) {
+    if (share == 0.0F || known_rotation(t, ankle) || t->has_position[ball]) return;
+    vec3 bone = rotate(b->rotation[ankle], t->rest_offset[ball]);
+    vec3 level = unit(vec(bone.x, 0, bone.z));
+    float size = length(bone), forward = sqrtf(fmaxf(size * size - below * below, 0.0F));
+    mat3 flat = turned_onto(b->rotation[ankle], bone, mix(bone, along(scale(level, forward), UP, -below), share));
+    vec3 turn = turn_between(b->rotation[ankle], flat);
+    b->rotation[ankle] = turned_by(b->rotation[ankle], turn);
+    if (!known_rotation(t, ball)) b->rotation[ball] = turned_by(b->rotation[ball], turn);
+}
+
 static void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[BODY_JOINTS],
                       const bs_settings *settings, const bool changed[GROUPS], pose_state *s) {
     limb_task task[2];
@@ -392,10 +404,11 @@ static void move_legs(body *b, const tracked *t, const prediction *p, const mat3
         int ball = LEFT_FOOT + k, toe = LEFT_TOE + k;
         foot *f = &feet[k];
         f->ankle = add(b->point[j->start], to.end);
-        f->ball = add(f->ankle, rotate(b->rotation[j->end], t->rest_offset[ball]));
-        f->toe = add(f->ball, rotate(b->rotation[ball], t->rest_offset[toe]));
         f->ankle_rest = rest_height(t, j->end);
         f->ball_rest = rest_height(t, ball);
+        flatten_foot(b, t, j->end, ball, f->ankle_rest - f->ball_rest, flatness(&s->foot[k]));
+        f->ball = add(f->ankle, rotate(b->rotation[j->end], t->rest_offset[ball]));
+        f->toe = add(f->ball, rotate(b->rotation[ball], t->rest_offset[toe]));
         f->ankle_contact = p->contact[k];
         f->ball_contact = p->contact[2 + k];
         f->seen = t->has_position[j->end] || t->has_position[ball] || t->has_position[toe];

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bodysense.body.person import Person
     from bodysense.body.pose import Pose
     from bodysense.body.skeleton import Skeleton
-    from bodysense.convert import convert
+    from bodysense.conversion import convert
     from bodysense.io.clip import Clip
     from bodysense.observation import Estimate, Observation, observe
     from bodysense.reading import read, write
@@ -48,7 +48,7 @@ _HOMES = {
     "Skeleton": "body.skeleton",
     "Take": "take",
     "Tracker": "tracker",
-    "convert": "convert",
+    "convert": "conversion",
     "observe": "observation",
     "read": "reading",
     "track": "take",

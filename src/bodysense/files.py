@@ -49,6 +49,11 @@ def make_folder(path: str | Path) -> Path:
     return path
 
 
+def cache_folder() -> Path:
+    """Return the folder in the user's cache for files that can be made or fetched again."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bodysense"
+
+
 def _no_folder(path: Path, reason: str | None) -> BodysenseError:
     return BodysenseError(f"{path}: no folder can be made there ({reason}); choose another --out")
 

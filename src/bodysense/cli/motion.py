@@ -223,7 +223,7 @@ def convert(
         file_rate: frames a second of a file that does not say it.
         reading: what the file does not say of itself.
     """
-    from bodysense.convert import convert as converted
+    from bodysense.conversion import convert as converted
     from bodysense.io.motion_files import check_ending
     from bodysense.io.rigs.named import check_rig
 

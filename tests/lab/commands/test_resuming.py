@@ -79,8 +79,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_killed_training_goes_on(
     command: str, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     # How weights become the file, which takes minutes, is tested in tests/lab/completion/test_publish.py.
-    monkeypatch.setattr(publish, "publish", lambda body, fingers, data, out, card: out.write_bytes(b"trained"))
+    monkeypatch.setattr(publish, "publish", lambda body, fingers, data, out, card, limit: out.write_bytes(b"trained"))
     asked, log, written = TRAININGS[command]
     out = {name: tmp_path / name for name in ("whole", "killed")}
     arguments = {

@@ -21,7 +21,8 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense_lab.completion.corpus import FORMAT, Corpus
+from bodysense_lab.completion import train_fingers as finger_training
+from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.finger_sequences import (
     KINDS,
     FingerSequence,
@@ -54,6 +55,7 @@ from bodysense_lab.completion.train_fingers import (
     train_fingers,
     without,
 )
+from bodysense_lab.fit import launched
 from bodysense_lab.options import Schedule
 
 SMALL = FingerTaskConfig(network=FingerConfig(16, 16), streams=4, chunk=12, generated_hours=0.01)
@@ -277,13 +279,15 @@ def test_streams_play_sequences_to_their_end(corpus: Corpus) -> None:
         assert bool((~last.valid[:, -1] <= first.begins).all())
 
 
-def test_training_goes_on_and_its_network_comes_back(corpus: Corpus, tmp_path: Path) -> None:
-    for split in ("train", "val"):
-        np.savez(tmp_path / f"{split}.npz", format=FORMAT, **vars(corpus))
+def test_training_goes_on_and_its_network_comes_back(
+    corpus: Corpus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(finger_training, "read_corpus", lambda data, split, limit: corpus)
+    fabric = launched()
     checkpoint = tmp_path / "fingers.ckpt"
     schedule = Schedule(steps=4, warm_up=1, check_every=2)
     options = FingerTraining(data=tmp_path, out=checkpoint, schedule=schedule, generated_hours=0.01)
-    network = train_fingers(options, SMALL)
+    network = train_fingers(options, fabric, SMALL)
     again, task = load_finger_network(checkpoint)
     assert again.config == SMALL.network and task.generated_hours == SMALL.generated_hours
     for name, value in network.state_dict().items():
@@ -292,7 +296,7 @@ def test_training_goes_on_and_its_network_comes_back(corpus: Corpus, tmp_path: P
     figures = FingerTask(again, SMALL, Schedule(), corpus, validation).validate(again)
     assert figures["nothing_cm"] == pytest.approx(100 * validation["nothing"].baseline * figures["nothing_ratio"])
     with pytest.raises(BodysenseError, match=r"fingers\.ckpt.*another configuration"):
-        train_fingers(replace(options, schedule=replace(schedule, steps=5)), SMALL)
+        train_fingers(replace(options, schedule=replace(schedule, steps=5)), fabric, SMALL)
     with pytest.raises(BodysenseError, match="no such checkpoint"):
         load_finger_network(tmp_path / "none.ckpt")
 

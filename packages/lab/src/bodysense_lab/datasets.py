@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, fields, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
@@ -21,6 +21,7 @@ from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense_lab.spread import spread
 from bodysense_lab.store import read_store
 
+Item = TypeVar("Item")
 OPTIONS = tuple(field.name for field in fields(ReadingOptions))
 
 
@@ -39,9 +40,41 @@ def open_clips(
     first file that cannot be read (`prepare` skips such files and says why).
     """
     chosen, clip_at = _choose(directory, split, categories, layout, options)
-    if at_most is not None and at_most < len(chosen):
-        chosen = [chosen[(2 * k + 1) * len(chosen) // (2 * at_most)] for k in range(at_most)]
-    return map(clip_at, chosen)
+    return map(clip_at, spread_evenly(chosen, at_most))
+
+
+def spread_evenly(items: Sequence[Item], at_most: int | None) -> Sequence[Item]:
+    """Return at most so many items, spread evenly over all; None: all."""
+    if at_most is None or at_most >= len(items):
+        return items
+    return [items[(2 * k + 1) * len(items) // (2 * at_most)] for k in range(at_most)]
+
+
+def learned_clips(directory: str | Path, split: Split, limit: int | None = None) -> Iterator[Clip]:
+    """Return the clips of a split that a training reads: all, or `limit` of them for a trial.
+
+    A trial's are spread evenly, and half of them have fingers if there are any, for these are rare. Raises as
+    `open_clips` does.
+    """
+    if limit is None:
+        return open_clips(directory, split)
+    first = list(open_clips(directory, split, at_most=limit))
+    plain = [clip for clip in first if not clip.has_fingers]
+    known = {(clip.person, clip.name) for clip in first}
+    lacking = (limit + 1) // 2 - (len(first) - len(plain))
+    if lacking <= 0 or not plain:
+        return iter(first)
+    others = open_clips(directory, split, at_most=_LOOKED_THROUGH)
+    fingers = (clip for clip in others if clip.has_fingers and (clip.person, clip.name) not in known)
+    more = list(islice(fingers, lacking))
+    dropped = {id(clip) for clip in plain[len(plain) - len(more) :]}
+    return iter([clip for clip in first if id(clip) not in dropped] + more)
+
+
+def learned_count(directory: str | Path, split: Split, limit: int | None = None) -> int:
+    """Return how many clips `learned_clips` gives at most. Raises as it does."""
+    total = count_clips(directory, split)
+    return total if limit is None else min(limit, total)
 
 
 def count_clips(directory: str | Path, split: Split | Literal["all"] = "all") -> int:

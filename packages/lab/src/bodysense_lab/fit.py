@@ -65,6 +65,7 @@ class Task:
     schedule: Any  # learning_rate, average_decay, check_every, seed; a checkpoint must agree on it
     source: Any = None  # what is learned from, in plain values: likewise
     keeps_best: bool = True  # else the averaged weights of the end are kept
+    mixed: bool = False  # whether layers run in `precision.layer_autocast`
     clip: float = 1.0  # highest norm of the gradients of a group of parameters, unless it has a `clip` of its own
 
     def identity(self) -> str:
@@ -146,7 +147,7 @@ def fit(
     done, kept = load_checkpoint(checkpoint, run, network, optimizer, average)
     best = kept or {"score": math.inf, "step": 0, "since": 0, "factor": 1.0, "weights": network.state_dict()}
     batches = task.batches(np.random.default_rng([schedule.seed, done, fabric.global_rank]), done)
-    begun, memory, machine = time.monotonic(), None, machine_of(fabric)
+    begun, memory, machine = time.monotonic(), None, machine_of(fabric, task.mixed)
     recent: list[dict[str, float]] = []
 
     def progress(step: int, figures: dict[str, float]) -> Progress:
@@ -229,6 +230,11 @@ def _better(
     return best | {"since": since}
 
 
+def seed_of(seed: int, rank: int) -> int:
+    """Return the seed of one of the processes that share a training, whose batches are drawn by the step's number."""
+    return seed + 1_000_003 * rank
+
+
 def launched(devices: int = 1, nodes: int = 1) -> Fabric:
     """The devices of this process, and its place among those of a run on several, which share one folder."""
     fabric = Fabric(accelerator="auto", devices=devices, num_nodes=nodes, precision="32-true")
@@ -236,9 +242,9 @@ def launched(devices: int = 1, nodes: int = 1) -> Fabric:
     return fabric
 
 
-def machine_of(fabric: Fabric) -> str:
+def machine_of(fabric: Fabric, mixed: bool) -> str:
     """Return the device, the precision of the layers and the number of processes, in words."""
-    layers = str(layer_precision(fabric.device)).removeprefix("torch.")
+    layers = str(layer_precision(fabric.device) if mixed else torch.float32).removeprefix("torch.")
     processes = f"{fabric.world_size} processes" if fabric.world_size > 1 else "1 process"
     return f"{fabric.device.type}, {layers} layers, {processes}"
 

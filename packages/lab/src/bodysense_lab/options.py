@@ -48,8 +48,22 @@ class Run:
 
     out: Output
     """file or folder to write; checkpoint and log lie beside it, and training resumes from them"""
+    limit: int | None = None
+    """number of clips of each split, spread evenly, for a trial; all if omitted"""
     threads: int | None = None
     """PyTorch threads; its own choice if omitted"""
+    devices: int = 1
+    """accelerators that share the training, or processes on a machine without them"""
+    nodes: int = 1
+    """machines that share the training: start it on each with `torchrun`; they share the folder of --out"""
+
+    def __post_init__(self) -> None:
+        check_fields(self, "limit", "devices", "nodes")
+
+    @property
+    def limited(self) -> dict[str, int]:
+        """What a checkpoint must agree on of a trial; empty for a run on all clips."""
+        return {} if self.limit is None else {"limit": self.limit}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,16 +102,6 @@ class Paced:
 @dataclass(frozen=True, kw_only=True)
 class Training(MotionRun, Card, Paced):
     """A run that learns from motion, whose schedule is the method's own."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Machines:
-    """Where a training runs."""
-
-    devices: int = 1
-    """accelerators, where there are any"""
-    nodes: int = 1
-    """machines that share each network's training: start it on each with `torchrun`; they share the folder of --out"""
 
 
 @dataclass(frozen=True, kw_only=True)

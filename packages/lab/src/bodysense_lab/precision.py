@@ -18,6 +18,9 @@ def layer_precision(device: torch.device) -> torch.dtype:
     return torch.float32
 
 
-def layer_autocast(device: torch.device) -> torch.autocast:
-    """Return the context in which layers run in `layer_precision`; keep geometry outside, it needs the digits."""
-    return torch.autocast(device.type, torch.bfloat16, enabled=layer_precision(device) == torch.bfloat16)
+def layer_autocast(device: torch.device, precision: torch.dtype | None = None) -> torch.autocast:
+    """Return the context in which layers run in a precision, by default `layer_precision`.
+
+    Keep geometry outside: it needs the digits.
+    """
+    return torch.autocast(device.type, torch.bfloat16, enabled=(precision or layer_precision(device)) == torch.bfloat16)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
+from bodysense.files import cache_folder, written_beside
 
 POSE_LANDMARKER = "pose_landmarker_full.task"
 HAND_LANDMARKER = "hand_landmarker.task"
@@ -42,8 +42,7 @@ class LandmarkerFiles:
 
 def landmarker_folder() -> Path:
     """The folder in the user's cache where the files are kept."""
-    cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(cache) / "bodysense" / "landmarkers"
+    return cache_folder() / "landmarkers"
 
 
 def find_landmarkers(folder: Path | None = None) -> LandmarkerFiles:

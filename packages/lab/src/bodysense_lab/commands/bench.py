@@ -267,7 +267,7 @@ def import_time(runs: int = 9, json: Path | None = None) -> None:
 
 
 def training(steps: int = 6, threads: int = 1, json: Path | None = None) -> None:
-    """Time training of the same network on windows, as in the paper, and on whole sequences with carried state.
+    """Time steps of `train completion`, and UNOC's training on windows and on whole sequences with carried state.
 
     A window teaches one frame, its last; a sequence teaches every frame that it plays.
 
@@ -277,8 +277,10 @@ def training(steps: int = 6, threads: int = 1, json: Path | None = None) -> None
         json: Write the numbers here, as one flat object.
     """
     from bodysense.demo import packaged_performance
+    from bodysense_lab.completion.pace import training_pace
     from bodysense_lab.unoc.train import throughput
 
     if steps < 1:
         raise BodysenseError(f"--steps {steps}: give at least 1")
-    report("training", throughput(packaged_performance(), steps, threads), json)
+    clip = packaged_performance()
+    report("training", training_pace(clip, steps, threads) | throughput(clip, steps, threads), json)

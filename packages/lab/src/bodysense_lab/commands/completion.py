@@ -30,17 +30,22 @@ def completion(run: Flat[CompletionTraining]) -> None:
     from bodysense_lab.completion.publish import publish
     from bodysense_lab.completion.task import train_completion
     from bodysense_lab.completion.train_fingers import train_fingers
+    from bodysense_lab.fit import launched
 
     check_place(run.out)
-    body = train_completion(run)
+    fabric = launched(run.devices, run.nodes)
+    body = train_completion(run, fabric)
     fingers = FingerNetwork(FingerConfig()).relaxed_only()
     if run.finger_steps:
         schedule = replace(FINGER_SCHEDULE, steps=run.finger_steps, seed=run.schedule.seed)
-        checkpoint = run.folder / "fingers.ckpt"
-        fingers = train_fingers(FingerTraining(data=run.data, out=checkpoint, schedule=schedule, threads=run.threads))
+        shared = {name: getattr(run, name) for name in ("data", "limit", "threads", "devices", "nodes")}
+        training = FingerTraining(out=run.folder / "fingers.ckpt", schedule=schedule, **shared)
+        fingers = train_fingers(training, fabric)
+    if not fabric.is_global_zero:
+        return
     card = {"training_data": run.data_note or str(run.data.name), "licence": run.licence}
     card |= {"seed": run.schedule.seed, "steps": run.schedule.steps}
-    publish(body.eval(), fingers.eval(), run.data, run.out, card)
+    publish(body.eval(), fingers.eval(), run.data, run.out, card, run.limit)
     print(f"wrote {run.out}")
 
 
@@ -50,10 +55,12 @@ def completion_fingers(run: Flat[FingerTraining]) -> None:
     Training resumes from its checkpoint, the .ckpt that is written.
     """
     from bodysense_lab.completion.train_fingers import train_fingers
+    from bodysense_lab.fit import launched
 
     check_place(run.out)
-    train_fingers(run)
-    print(f"wrote {run.out}")
+    fabric = launched(run.devices, run.nodes)
+    train_fingers(run, fabric)
+    fabric.print(f"wrote {run.out}")
 
 
 def completion_table(run: Flat[CompletionEvaluation]) -> None:
@@ -160,10 +167,7 @@ def untracked_fingers(run: Flat[UntrackedFingerEvaluation]) -> None:
     if run.json is not None:
         check_place(run.json)
     loaded = {path.name: load_finger_network(path) for path in run.networks}
-    scored, learned = (
-        read_corpus(run.data, part, None if run.run is None else run.run / f"{part}.npz")
-        for part in (run.split, "train")
-    )
+    scored, learned = (read_corpus(run.data, part) for part in (run.split, "train"))
     for name, (_, task) in loaded.items():
         if not task.left_out or not len(person_clips(scored, task.left_out)[0]):
             raise BodysenseError(

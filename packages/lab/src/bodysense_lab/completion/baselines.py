@@ -6,7 +6,6 @@ Where cameras never saw a joint, its last known place is a standing dummy's; a m
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +16,7 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
+from bodysense.files import cache_folder, make_folder, written_beside
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense_lab.datasets import count_clips, open_clips
@@ -77,8 +76,7 @@ def cached_mean_body(data: Path, advance: Callable[[Clip], None] = lambda clip: 
     except BodysenseError:
         return None
     known = hashlib.sha256(f"{FORMAT} {data.resolve()} {count}".encode()).hexdigest()[:16]
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bodysense"
-    path = folder / f"mean-body-{known}.npz"
+    path = cache_folder() / f"mean-body-{known}.npz"
     if path.is_file():
         with np.load(path, allow_pickle=False) as kept:
             return MeanBody(kept["place"])
@@ -89,7 +87,7 @@ def cached_mean_body(data: Path, advance: Callable[[Clip], None] = lambda clip: 
             advance(clip)
 
     body = fit_mean_body(read())
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     with written_beside(path) as beside, beside.open("wb") as file:
         np.savez(file, place=body.place)
     return body

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,9 +15,12 @@ from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import BODY
 from bodysense.devices.simulated.headset_camera import see
 from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
+from bodysense.files import cache_folder, make_folder, written_beside
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.sources import list_sources
 from bodysense.io.datasets.splits import Split
-from bodysense_lab.datasets import count_clips, open_clips
+from bodysense_lab.datasets import learned_clips, learned_count
+from bodysense_lab.store import is_store
 
 FORMAT = "bodysense-corpus-1"
 _JOINTS = len(BODY)
@@ -51,21 +56,44 @@ class Corpus:
         return float((self.length / self.rate).sum() / 60)
 
 
-def read_corpus(data: Path, split: Split, cache: Path | None = None) -> Corpus:
-    """Read the clips of a split of the sets in `data` (folders of motion); `cache` keeps the result as one .npz.
+def read_corpus(data: Path, split: Split, limit: int | None = None) -> Corpus:
+    """Read the clips of a split of `data`, a folder of motion or a store, or `limit` of them for a trial.
 
-    Raises BodysenseError where there is no motion.
+    The result is kept in the user's cache until the data change. Raises BodysenseError where there is no motion.
     """
-    if cache is not None and cache.is_file():
-        with np.load(cache, allow_pickle=False) as saved:
-            if str(saved["format"]) != FORMAT:
-                raise BodysenseError(
-                    f"{cache}: not a corpus of this version ({FORMAT}); delete the file and start again"
-                )
-            return Corpus(**{name: saved[name] for name in saved.files if name != "format"})
+    asked = f"{data.resolve()} {split} {limit}"
+    kept = cache_folder() / f"corpus-{hashlib.sha256(asked.encode()).hexdigest()[:16]}.npz"
+    content = content_of(data)
+    if kept.is_file():
+        with np.load(kept, allow_pickle=False) as saved:
+            if str(saved["content"]) == content:
+                return Corpus(**{name: saved[name] for name in saved.files if name != "content"})
+    clips, total = learned_clips(data, split, limit), learned_count(data, split, limit)
+    corpus = corpus_of(track(clips, f"reading the {split} split", total=total))
+    make_folder(kept.parent)
+    with written_beside(kept) as beside, beside.open("wb") as file:
+        np.savez(file, content=content, **vars(corpus))
+    return corpus
+
+
+def content_of(data: Path) -> str:
+    """Return a digest that changes with the motion in a folder or a store, and with the form of a corpus."""
+    if is_store(data):
+        seen = [(data / "zarr.json").read_text(encoding="utf-8")]
+    else:
+        found = [(source, source.path.stat()) for source in list_sources(data)]
+        seen = [
+            f"{source.key(data)} {source.person} {source.split} {source.category} {file.st_size} {file.st_mtime_ns}"
+            for source, file in found
+        ]
+    return hashlib.sha256("\n".join([FORMAT, *seen]).encode()).hexdigest()
+
+
+def corpus_of(clips: Iterable[Clip]) -> Corpus:
+    """Return the clips as training reads them. Raises BodysenseError where there are none."""
     rows: list[dict[str, np.ndarray]] = []
     about: list[tuple[float, str, str]] = []
-    for clip in track(open_clips(data, split), f"reading {split}", total=count_clips(data, split)):
+    for clip in clips:
         pose = clip.pose
         world = forward_kinematics(pose)[1][:, :_JOINTS]
         fingers = pose.rotation[:, _JOINTS:] if clip.has_fingers else np.zeros((0, 30, 4))
@@ -79,10 +107,12 @@ def read_corpus(data: Path, split: Split, cache: Path | None = None) -> Corpus:
             }
         )
         about.append((clip.frame_rate, f"{clip.person}/{clip.name}", clip.category))
+    if not rows:
+        raise BodysenseError("there is no motion to learn from; give at least one clip")
     whole = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
     length = np.array([len(row["root"]) for row in rows])
     of_fingers = np.array([len(row["fingers"]) for row in rows])
-    corpus = Corpus(
+    return Corpus(
         **whole,
         start=np.cumsum(length) - length,
         length=length,
@@ -91,8 +121,3 @@ def read_corpus(data: Path, split: Split, cache: Path | None = None) -> Corpus:
         name=np.array([row[1] for row in about]),
         category=np.array([row[2] for row in about]),
     )
-    if cache is not None:
-        cache.parent.mkdir(parents=True, exist_ok=True)
-        with written_beside(cache) as beside, beside.open("wb") as file:
-            np.savez(file, format=FORMAT, **vars(corpus))
-    return corpus

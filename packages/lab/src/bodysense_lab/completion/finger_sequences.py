@@ -13,7 +13,7 @@ from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.fingers import FINGER_JOINTS, FINGER_POINTS, HAND_JOINTS, HAND_POINTS, SIDES
 from bodysense_lab.completion.generated_fingers import RATE
-from bodysense_lab.completion.points import HEAD, INPUT_POINTS, KNUCKLES, READ
+from bodysense_lab.completion.points import ACCELERATED, HEAD, INPUT_POINTS, KNUCKLES, READ
 from bodysense_lab.completion.sensor_draws import DrawnSensors, spans
 from bodysense_lab.completion.sequences import (
     LONGEST,
@@ -287,7 +287,8 @@ def _camera(visible: np.ndarray, interval: float, rng: np.random.Generator) -> D
     del interval, rng
     known = np.ones(len(visible), dtype=bool)
     assert visible.shape[1] == READ
-    return DrawnSensors(visible, np.zeros((len(visible), _BODY_JOINTS), dtype=bool), known)
+    turned, felt = (np.zeros((len(visible), count), dtype=bool) for count in (_BODY_JOINTS, len(ACCELERATED)))
+    return DrawnSensors(visible, turned, known, felt)
 
 
 def _resampled(corpus: Corpus, clip: int, draw: Draw) -> np.ndarray:

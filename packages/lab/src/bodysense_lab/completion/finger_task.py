@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -97,10 +97,12 @@ class FingerTask(Task):
     corpus: Corpus
     validation: Mapping[str, FingerValidation]
     generated: np.ndarray | None = None  # (N, 30, 4)
+    source: Mapping[str, Any] | None = None
+    mixed = True
 
     def identity(self) -> str:
         """What a checkpoint must agree on."""
-        return identity(self.configuration, self.schedule)
+        return identity(self.configuration, self.schedule, self.source)
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[FingerBatch]:
         """Streams that play whole sequences, side by side; drawn by the length of their clips."""

@@ -31,7 +31,7 @@ class CompletionTraining(MotionRun, Card):
     """Train the completion network and write the whole step as one .onnx file."""
 
     run: Path | None = None
-    """folder of checkpoints and of the motion as it was read; OUT without its ending if omitted"""
+    """folder of checkpoints; OUT without its ending if omitted"""
     schedule: Flat[Schedule] = Schedule(steps=6200)
     begin_with: Path | None = None
     """checkpoint of an earlier run, or a completion network (.onnx), with whose weights the body's network begins"""
@@ -46,6 +46,7 @@ class CompletionTraining(MotionRun, Card):
         return self.out.with_suffix("") if self.run is None else self.run
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_ending(self.out, ".onnx")
         if self.finger_steps < 0:
             raise BodysenseError(f"--finger-steps {self.finger_steps}: give 0 or more")
@@ -56,7 +57,7 @@ class FingerTraining(MotionRun):
     """Train the finger network of the completion network alone, as a checkpoint from which training resumes."""
 
     run: Path | None = None
-    """folder of the motion as it was read and of generated fingers; OUT's folder if omitted"""
+    """folder of generated fingers; OUT's folder if omitted"""
     schedule: Flat[Schedule] = FINGER_SCHEDULE
     leave_out: str = ""
     """person of whom nothing is learned"""
@@ -71,6 +72,7 @@ class FingerTraining(MotionRun):
         return self.out.parent if self.run is None else self.run
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.out.suffix != ".ckpt":
             raise BodysenseError(f"{self.out}: the run is kept as .ckpt; give a name that ends so")
         if not 0 <= self.generated_hours < 1000:
@@ -146,8 +148,6 @@ class UntrackedFingerEvaluation:
     """checkpoints of `bodysense train completion-fingers --leave-out NAME`"""
     split: Literal["train", "val", "test"] = "test"
     """which clips of these people"""
-    run: Path | None = None
-    """folder that keeps the motion as it was read; nothing is kept if omitted"""
     json: Path | None = None
     """file for the numbers, as one flat object"""
 

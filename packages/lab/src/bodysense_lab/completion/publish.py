@@ -37,7 +37,7 @@ from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batch
 from bodysense_lab.completion.settled_clips import settled_clips
 from bodysense_lab.completion.task import WORN
 from bodysense_lab.completion.weights_file import write_weights
-from bodysense_lab.datasets import open_clips
+from bodysense_lab.datasets import learned_clips
 
 QUANTILE = 0.9
 _STRIDE = 4  # frames: neighbours tell little more
@@ -162,16 +162,26 @@ def _pinball(log_bound: Tensor, error: Tensor, quantile: float) -> Tensor:
 _LONGEST, _CLIPS = 9.0, 2  # s of a clip, and clips of a person who was learned from, that errors are judged by
 
 
-def publish(body: CompletionNetwork, fingers: FingerNetwork, data: Path, out: Path, card: dict[str, Any]) -> None:
-    """Write the whole step, its weights rounded, with true errors; `card`: what it was trained on, and its licence."""
+def publish(
+    body: CompletionNetwork,
+    fingers: FingerNetwork,
+    data: Path,
+    out: Path,
+    card: dict[str, Any],
+    limit: int | None = None,
+) -> None:
+    """Write the whole step, its weights rounded, with true errors; `card`: what it was trained on, and its licence.
+
+    `limit` clips of each split suffice for a trial.
+    """
     body = copy.deepcopy(body)
     start, apart = unchanged_errors(), shown_apart()
     beside = out.with_name(f"{out.stem}.uncalibrated.safetensors")
     try:
         step = CompletionStep(body, fingers, start, start).eval()
-        round_weights(body, sample_moments(step, _scenes(data, ("train",))))
+        round_weights(body, sample_moments(step, _scenes(data, ("train",), limit)))
         _write(body, fingers, start, apart, beside, {})
-        learned, watched = (_scenes(data, (split,), settled=True) for split in ("train", "val"))
+        learned, watched = (_scenes(data, (split,), limit, settled=True) for split in ("train", "val"))
         samples = sample_errors(learned, watched, load_completion(beside))
     finally:
         beside.unlink(missing_ok=True)
@@ -191,7 +201,9 @@ def _write(
     write_weights(CompletionStep(body, fingers, mean, bound), out, {**configured, **card})
 
 
-def _scenes(data: Path, splits: tuple[Split, ...], settled: bool = False) -> dict[Truth, list[list[TrackedScene]]]:
+def _scenes(
+    data: Path, splits: tuple[Split, ...], limit: int | None, settled: bool = False
+) -> dict[Truth, list[list[TrackedScene]]]:
     """Batches of scenes of what wearers do, on their own bodies and on strangers'.
 
     Of people that were watched all clips, and of people that were learned from a few each: the former are few, and how
@@ -200,7 +212,7 @@ def _scenes(data: Path, splits: tuple[Split, ...], settled: bool = False) -> dic
     truths: tuple[Truth, ...] = ("own", "stranger")
     scenes: dict[Truth, list[list[TrackedScene]]] = {truth: [] for truth in truths}
     for split in splits:
-        clips = [_piece(clip) for clip in open_clips(data, split) if clip.category in WORN]
+        clips = [_piece(clip) for clip in learned_clips(data, split, limit) if clip.category in WORN]
         if split == "train":
             clips = _few_of_each_person(clips)
         if settled:

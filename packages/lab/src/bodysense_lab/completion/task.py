@@ -5,13 +5,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from lightning_fabric import Fabric
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
@@ -101,10 +102,13 @@ class CompletionTask(Task):
     schedule: Schedule
     corpus: Corpus
     validation: dict[str, list[SequenceBatch]]
+    source: Mapping[str, Any] | None = None
+    precision: torch.dtype | None = None  # of the layers; None: the device's own
+    mixed = True
 
     def identity(self) -> str:
         """What a checkpoint must agree on."""
-        return identity(self.configuration, self.schedule)
+        return identity(self.configuration, self.schedule, self.source)
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[SequenceBatch]:
         """Streams that play whole sequences, side by side; drawn by the length of their clips."""
@@ -127,7 +131,7 @@ class CompletionTask(Task):
         before = self.network.begin(len(batch.begins)) if memory is None else memory
         before = torch.where(batch.begins[None, :, None], 0.0, before.detach().float())
         features = self.network.read(batch.signal)
-        with layer_autocast(features.device):
+        with layer_autocast(features.device, self.precision):
             (turned, judged), after = self.network.predict(features, before)
         prediction = self.network.prediction(turned.float(), judged.float())
         return losses(self.network, prediction, batch, self.configuration.losses), after
@@ -330,18 +334,20 @@ def _worn(name: str) -> Track:
 _VALIDATION_STRIDE = 3  # of the validation clips every n-th is scored at a checkpoint
 
 
-def train_completion(options: CompletionTraining) -> CompletionNetwork:
+def train_completion(options: CompletionTraining, fabric: Fabric) -> CompletionNetwork:
     """Train, or resume, and return the network with the weights that did best on validation people."""
     begin(options.schedule.seed, options.threads)
-    train, val = (read_corpus(options.data, split, options.folder / f"{split}.npz") for split in ("train", "val"))
-    print(f"{train.minutes:.0f} minutes to learn from, {val.minutes:.0f} to validate")
+    with fabric.rank_zero_first():  # the others find what it read in the cache
+        train, val = (read_corpus(options.data, split, options.limit) for split in ("train", "val"))
+    fabric.print(f"{train.minutes:.0f} minutes to learn from, {val.minutes:.0f} to validate")
     config = CompletionTaskConfig()
     network = CompletionNetwork(config.network)
     if options.begin_with is not None:
         network.load_state_dict(_weights(options.begin_with, network))
-    task = CompletionTask(network, config, options.schedule, train, validation_batches(val, _VALIDATION_STRIDE))
-    fit(task, options.folder / "completion.ckpt")
-    return network
+    watched = validation_batches(val, _VALIDATION_STRIDE)
+    task = CompletionTask(network, config, options.schedule, train, watched, options.limited or None)
+    fit(task, options.folder / "completion.ckpt", fabric=fabric)
+    return network.cpu()
 
 
 def _weights(path: Path, network: CompletionNetwork) -> dict[str, Tensor]:

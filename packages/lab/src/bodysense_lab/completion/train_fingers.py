@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from lightning_fabric import Fabric
 
 from bodysense.errors import BodysenseError
 from bodysense_lab.checkpoint import best_weights, checkpoint_identity
@@ -37,20 +38,21 @@ from bodysense_lab.completion.options import FingerTraining
 from bodysense_lab.fit import begin, fit
 
 
-def train_fingers(options: FingerTraining, task: FingerTaskConfig = FingerTaskConfig()) -> FingerNetwork:
+def train_fingers(
+    options: FingerTraining, fabric: Fabric, task: FingerTaskConfig = FingerTaskConfig()
+) -> FingerNetwork:
     """Train, or resume, and return the network with the weights that did best on validation clips."""
     begin(options.schedule.seed, options.threads)
-    train, val = (read_corpus(options.data, split, options.folder / f"{split}.npz") for split in ("train", "val"))
+    with fabric.rank_zero_first():  # the others find what it read in the cache
+        train, val = (read_corpus(options.data, split, options.limit) for split in ("train", "val"))
+        generated = _generated(options) if options.generated_hours else None
     if options.leave_out:
         train, val = (without(corpus, options.leave_out) for corpus in (train, val))
-    generated = _generated(options) if options.generated_hours else None
     network = FingerNetwork(task.network)
     task = replace(task, generated_hours=options.generated_hours, left_out=options.leave_out)
-    fit(
-        FingerTask(network, task, options.schedule, train, finger_validation(val, train), generated),
-        options.out,
-    )
-    return network
+    watched, source = finger_validation(val, train), options.limited or None
+    fit(FingerTask(network, task, options.schedule, train, watched, generated, source), options.out, fabric=fabric)
+    return network.cpu()
 
 
 def without(corpus: Corpus, person: str) -> Corpus:

@@ -31,7 +31,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import list_sources, read_source
 from bodysense.io.resample import resample
-from bodysense_lab.datasets import open_clips
+from bodysense_lab.datasets import learned_clips, spread_evenly
 from bodysense_lab.hmd_vae.options import BodyVaeConfig, Origin
 from bodysense_lab.store import is_store, read_store
 from bodysense_lab.windows import Windows, find_windows
@@ -110,10 +110,15 @@ def held_out(person: Iterable[str], rng: np.random.Generator) -> np.ndarray:
     return chosen
 
 
-def split_clips(directory: Path, split: Literal["train", "test"], split_file: Path | None) -> Iterator[Clip]:
-    """The clips of a folder or store that belong to a split: by person, or as a list says (`read_split_file`)."""
+def split_clips(
+    directory: Path, split: Literal["train", "test"], split_file: Path | None, limit: int | None = None
+) -> Iterator[Clip]:
+    """The clips of a folder or store that belong to a split: by person, or as a list says (`read_split_file`).
+
+    `limit` takes so many for a trial.
+    """
     if split_file is None:
-        yield from open_clips(directory, split)
+        yield from learned_clips(directory, split, limit)
         return
     listed = read_split_file(split_file)
     if is_store(directory):
@@ -132,7 +137,7 @@ def split_clips(directory: Path, split: Literal["train", "test"], split_file: Pa
     chosen = [key for key, which in listed.items() if which == split]
     if not chosen:
         raise BodysenseError(f"{split_file}: no line of it ends in {split!r}; each is 'PATH train' or 'PATH test'")
-    yield from (clip_at[key]() for key in chosen)
+    yield from (clip_at[key]() for key in spread_evenly(chosen, limit))
 
 
 def read_split_file(path: Path) -> dict[str, Listed]:

@@ -12,7 +12,6 @@ from bodysense.errors import BodysenseError
 from bodysense_lab.options import (
     Card,
     Flat,
-    Machines,
     MotionEvaluation,
     MotionRun,
     TableOptions,
@@ -107,7 +106,7 @@ class VaeSchedule:
 
 
 @dataclass(frozen=True, kw_only=True)
-class VaeRun(MotionRun, Machines, Card):
+class VaeRun(MotionRun, Card):
     """A training of one network; of the learned sequences of each data set 5 % are held out."""
 
     config: Flat[BodyVaeConfig] = BodyVaeConfig()
@@ -130,7 +129,7 @@ class VaeTraining(VaeRun):
     latent 30, blocks 3 and 6: 20 networks. 'all': the paper's 30 settings, 150 networks"""
 
     def __post_init__(self) -> None:
-        check_fields(self, "devices", "nodes")
+        super().__post_init__()
         if not self.sweep:
             self._check_one()
             return

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from lightning_fabric import Fabric
 from rich.progress import track
 from torch import Tensor, nn
 
@@ -24,7 +25,7 @@ from bodysense.files import check_folder, check_place, make_folder, written_besi
 from bodysense.io.clip import Clip
 from bodysense.papers.hmd_vae import FORMAT
 from bodysense_lab.checkpoint import identity
-from bodysense_lab.datasets import count_clips, open_clips
+from bodysense_lab.datasets import learned_clips, learned_count
 from bodysense_lab.export import export, in_bytes
 from bodysense_lab.fit import Report, begin, fit, is_same, launched, sweep
 from bodysense_lab.hmd_vae.frames import (
@@ -137,8 +138,8 @@ class VaeData:
 
 def read_data(run: VaeRun) -> VaeData:
     """The training split, 5 % of its sequences held out, and the validation people."""
-    total = None if run.split_file is not None else count_clips(run.data, "train")
-    clips: Iterator[Clip] = split_clips(run.data, "train", run.split_file)
+    total = None if run.split_file is not None else learned_count(run.data, "train", run.limit)
+    clips: Iterator[Clip] = split_clips(run.data, "train", run.split_file, run.limit)
     frames = read_body_frames(track(clips, total=total, description="reading the train split"))
     kept_out = held_out(frames.person, np.random.default_rng(run.schedule.seed))
     within = frames.windows(TRAIN_LENGTH, clips=np.flatnonzero(kept_out))
@@ -147,7 +148,7 @@ def read_data(run: VaeRun) -> VaeData:
         if not len(within):
             raise BodysenseError(f"{run.split_file}: one training sequence cannot also be held out; list more")
         return VaeData(frames, learned, within, (frames, within))
-    others = read_body_frames(open_clips(run.data, "val"))
+    others = read_body_frames(learned_clips(run.data, "val", run.limit))
     return VaeData(frames, learned, within, (others, others.windows(TRAIN_LENGTH)))
 
 
@@ -155,10 +156,13 @@ def run_vae(run: VaeRun) -> None:
     """Train one network; the weights (.pt), log (.jsonl) and checkpoint (.ckpt) lie beside `run.out`."""
     check_place(run.out)
     weights, whole = run.out.with_suffix(".pt"), whole_body(run)
+    fabric = launched(run.devices, run.nodes)
     if not is_trained(run, weights, whole):
         data = read_data(run)
-        print(f"{data.note}; {len(data.train)} windows")
-        train_network(run, weights, whole, data)
+        fabric.print(f"{data.note}; {len(data.train)} windows")
+        train_network(run, weights, whole, data, fabric)
+    if not fabric.is_global_zero:
+        return
     network, card = read_vae(weights)
     if run.out.suffix == ".onnx":
         write_vae_onnx(network, run.out, card)
@@ -182,12 +186,12 @@ def whole_body(run: VaeRun) -> BodyVae | None:
 
 
 def train_network(
-    run: VaeRun, weights: Path, whole: BodyVae | None, data: VaeData, report: Report | None = None
+    run: VaeRun, weights: Path, whole: BodyVae | None, data: VaeData, fabric: Fabric, report: Report | None = None
 ) -> None:
     """Train one network and write its weights, with a card that says what they are."""
     begin(run.schedule.seed, run.threads)
     network = BodyVae(run.config) if whole is None else pretrained(run.config, whole)
-    begun, source, fabric = time.monotonic(), source_of(run, whole, data), launched(run.devices, run.nodes)
+    begun, source = time.monotonic(), source_of(run, whole, data)
     task = VaeTask(network, run.schedule, data.frames, data.train, data.validation, source)
     fit(task, weights.with_suffix(".ckpt"), report, fabric, report)
     network = network.cpu()
@@ -211,7 +215,7 @@ def train_network(
 
 def source_of(run: VaeRun, whole: BodyVae | None, data: VaeData | None = None) -> dict[str, Any]:
     """What a run learns from, for its identity; how much that is where its data have been read."""
-    source: dict[str, Any] = {"data": str(run.data.resolve()), "split_file": None, "decoder": None}
+    source: dict[str, Any] = {"data": str(run.data.resolve()), "split_file": None, "decoder": None, **run.limited}
     if run.split_file is not None:
         source["split_file"] = _digest(json.dumps(read_split_file(run.split_file)).encode())
     if whole is not None:
@@ -268,20 +272,23 @@ def run_sweep(run: VaeRun, configs: Sequence[BodyVaeConfig]) -> None:
     runs = {sweep_name(config): swept(run, config) for config in configs}
     paths = [one.out for one in runs.values()]
     check_folder(run.out)
+    fabric = launched(run.devices, run.nodes)
     if not all(is_swept(one) for one in runs.values()):
         data = read_data(run)
         make_folder(run.out)
 
         def train(name: str, report: Report) -> str:
             one = runs[name]
-            train_network(one, one.out, whole_body(one), data, report)
-            write_results(run.out / "results.csv", paths)
+            train_network(one, one.out, whole_body(one), data, fabric, report)
+            if fabric.is_global_zero:
+                write_results(run.out / "results.csv", paths)
             return f"trained {name}: validation {read_vae(one.out)[1]['validation_position_cm']:.2f} cm"
 
         steps = dict.fromkeys(runs, run.schedule.steps)
-        sweep(steps, train, lambda name: is_swept(runs[name], data), run.out)
-    write_results(run.out / "results.csv", paths)
-    print(f"{len(runs)} networks in {run.out}, results in {run.out / 'results.csv'}")
+        sweep(steps, train, lambda name: is_swept(runs[name], data), run.out, quiet=not fabric.is_global_zero)
+    if fabric.is_global_zero:
+        write_results(run.out / "results.csv", paths)
+    fabric.print(f"{len(runs)} networks in {run.out}, results in {run.out / 'results.csv'}")
 
 
 def is_swept(run: VaeRun, data: VaeData | None = None) -> bool:

@@ -122,6 +122,8 @@ class ArmSchedule:
 
     epochs: int = 300
     """times that every window is seen, each time by another camera"""
+    steps: int | None = None
+    """optimiser steps at most; all epochs if omitted"""
     batch: int = 128
     """windows a step"""
     learning_rate: float = 1e-3
@@ -157,7 +159,7 @@ class ArmSchedule:
     """random seed"""
 
     def __post_init__(self) -> None:
-        check_fields(self, "epochs", "batch", "halve_every", "check_every")
+        check_fields(self, "epochs", "steps", "batch", "halve_every", "check_every")
         if not 0 <= self.without_hands < 1:
             raise BodysenseError(f"--without-hands {self.without_hands:g}: give a share from 0 to below 1")
 
@@ -172,6 +174,7 @@ class ArmRun(MotionRun, Card):
     """copies of each clip; all but the first are augmented: other proportions, arms that wander, arms of other clips"""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_fields(self, "bodies")
 
 

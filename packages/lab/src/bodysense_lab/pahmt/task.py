@@ -17,7 +17,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from bodysense.body.arms import ARM_JOINTS, ARM_PARTS
 from bodysense.body.rotation import geodesic_angle
 from bodysense_lab.checkpoint import identity
-from bodysense_lab.fit import Task
+from bodysense_lab.fit import Task, seed_of
 from bodysense_lab.pahmt.features import ArmBatch, ArmRecordings, arm_positions, arms_alone, make_batch
 from bodysense_lab.pahmt.network import ArmNetwork
 from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule, Studio
@@ -80,6 +80,8 @@ class ArmTask(Task):
     frames: ArmRecordings
     validation: ArmRecordings
     source: Mapping[str, Any] | None = None
+    rank: int = 0  # place among the processes that share the training: each draws windows of its own
+    mixed = True
 
     def identity(self) -> str:
         """What a checkpoint must agree on."""
@@ -88,7 +90,7 @@ class ArmTask(Task):
     @property
     def steps(self) -> int:
         """Optimiser steps of the whole run."""
-        return self.schedule.epochs * self.epoch_steps
+        return step_count(self.frames, self.schedule)
 
     @cached_property
     def epoch_steps(self) -> int:
@@ -112,8 +114,8 @@ class ArmTask(Task):
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[ArmBatch]:
         """The batch of each step, whatever went before."""
-        windows = self.frames.windows()
-        return (batch_of(self.frames, windows, self.schedule, step) for step in itertools.count(done + 1))
+        windows, drawn = self.frames.windows(), replace(self.schedule, seed=seed_of(self.schedule.seed, self.rank))
+        return (batch_of(self.frames, windows, drawn, step) for step in itertools.count(done + 1))
 
     def loss(self, batch: ArmBatch, memory: None) -> tuple[dict[str, Tensor], None]:
         """Of the network and, with 'gan', of the discriminator (eqs. 13, 14), in one sum: neither reaches the other."""
@@ -139,6 +141,12 @@ class ArmTask(Task):
 def epoch_steps(frames: ArmRecordings, schedule: ArmSchedule) -> int:
     """Steps in which every window with hands is seen once."""
     return max(1, len(frames.windows()) // schedule.batch)
+
+
+def step_count(frames: ArmRecordings, schedule: ArmSchedule) -> int:
+    """Optimiser steps of a whole run."""
+    whole = schedule.epochs * epoch_steps(frames, schedule)
+    return whole if schedule.steps is None else min(schedule.steps, whole)
 
 
 def batch_of(frames: ArmRecordings, windows: Windows, schedule: ArmSchedule, step: int) -> ArmBatch:

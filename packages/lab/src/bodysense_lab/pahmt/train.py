@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from lightning_fabric import Fabric
 from numpy.random import default_rng
 from rich.progress import track
 from torch import Tensor, nn
@@ -19,14 +20,14 @@ from bodysense.devices.video.arms import FORMAT
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place, make_folder
 from bodysense_lab.checkpoint import identity
-from bodysense_lab.datasets import count_clips, open_clips
+from bodysense_lab.datasets import learned_clips, learned_count
 from bodysense_lab.export import export, in_bytes
-from bodysense_lab.fit import Report, begin, fit, is_same, sweep
+from bodysense_lab.fit import Report, begin, fit, is_same, launched, sweep
 from bodysense_lab.pahmt.features import RATE, ArmRecordings, Window, read_arm_recordings
 from bodysense_lab.pahmt.network import ArmNetwork, read_arms, write_arms
 from bodysense_lab.pahmt.options import ArmRun, ArmTableTraining, ArmTraining
 from bodysense_lab.pahmt.tables import TABLE_1
-from bodysense_lab.pahmt.task import ArmTask, Pair, epoch_steps
+from bodysense_lab.pahmt.task import ArmTask, Pair, epoch_steps, step_count
 
 _MOST = 63  # of each sign: 7 bits change arms by 0.19° in the mean, and their error by nothing
 
@@ -122,12 +123,13 @@ class ArmData:
 
 def read_data(run: ArmRun) -> ArmData:
     """The training split and the clips with hands of the validation split."""
-    clips = track(open_clips(run.data, "train"), "reading the train split", count_clips(run.data, "train"))
+    total = learned_count(run.data, "train", run.limit)
+    clips = track(learned_clips(run.data, "train", run.limit), "reading the train split", total)
     stiff = run.schedule.without_hands > 0
     learned = read_arm_recordings(
         (clip for clip in clips if clip.has_fingers or stiff), run.bodies, default_rng(run.schedule.seed)
     )
-    watched = read_arm_recordings(clip for clip in open_clips(run.data, "val") if clip.has_fingers)
+    watched = read_arm_recordings(clip for clip in learned_clips(run.data, "val", run.limit) if clip.has_fingers)
     return ArmData(learned, watched)
 
 
@@ -135,10 +137,13 @@ def run_arms(run: ArmTraining) -> None:
     """Train one network; the weights (.pt), log (.jsonl) and checkpoint (.ckpt) lie beside `run.out`."""
     check_place(run.out)
     weights = run.out.with_suffix(".pt")
+    fabric = launched(run.devices, run.nodes)
     if not is_trained(run, weights):
         data = read_data(run)
-        print(f"{data.note}; {epoch_steps(data.train, run.schedule)} steps an epoch")
-        train_network(run, weights, data)
+        fabric.print(f"{data.note}; {epoch_steps(data.train, run.schedule)} steps an epoch")
+        train_network(run, weights, data, fabric)
+    if not fabric.is_global_zero:
+        return
     network, card = read_arms(weights)
     if run.out.suffix == ".onnx":
         write_arms_onnx(network, run.out, card)
@@ -152,18 +157,20 @@ def run_table(run: ArmTableTraining) -> None:
     if unknown:
         raise BodysenseError(f"unknown network {unknown[0]!r}; valid are {', '.join(TABLE_1)}")
     make_folder(run.out)
+    fabric = launched(run.devices, run.nodes)
     runs = {name: row_run(run, name) for name in names}
     if not all(is_trained(one, one.out) for one in runs.values()):
         data = read_data(run)
 
         def train(name: str, report: Report) -> str:
-            train_network(runs[name], runs[name].out, data, report)
+            train_network(runs[name], runs[name].out, data, fabric, report)
             figures = read_arms(runs[name].out)[1]["validation"]
             return f"trained {name}: " + ", ".join(f"{key} {value}" for key, value in figures.items())
 
-        steps = dict.fromkeys(runs, run.schedule.epochs * epoch_steps(data.train, run.schedule))
-        sweep(steps, train, lambda name: is_trained(runs[name], runs[name].out), run.out)
-    print(f"{len(runs)} networks in {run.out}")
+        steps = dict.fromkeys(runs, step_count(data.train, run.schedule))
+        quiet = not fabric.is_global_zero
+        sweep(steps, train, lambda name: is_trained(runs[name], runs[name].out), run.out, quiet=quiet)
+    fabric.print(f"{len(runs)} networks in {run.out}")
 
 
 def row_run(run: ArmRun, name: str) -> ArmRun:
@@ -175,13 +182,12 @@ def row_run(run: ArmRun, name: str) -> ArmRun:
     return ArmRun(**plain | {"out": run.out / f"{name}.pt", "config": config, "schedule": schedule})
 
 
-def train_network(run: ArmRun, weights: Path, data: ArmData, report: Report | None = None) -> None:
+def train_network(run: ArmRun, weights: Path, data: ArmData, fabric: Fabric, report: Report | None = None) -> None:
     """Train one network and write its weights, with a card that says what they are."""
     begin(run.schedule.seed, run.threads)
     begun, source, pair = time.monotonic(), source_of(run), Pair(ArmNetwork(run.config))
-    figures = fit(
-        ArmTask(pair, run.schedule, data.train, data.validation, source), weights.with_suffix(".ckpt"), report
-    )
+    task = ArmTask(pair, run.schedule, data.train, data.validation, source, fabric.global_rank)
+    figures = fit(task, weights.with_suffix(".ckpt"), report, fabric, report)
     card = {
         "identity": identity(run.config, run.schedule, source),
         "licence": run.licence,
@@ -190,12 +196,14 @@ def train_network(run: ArmRun, weights: Path, data: ArmData, report: Report | No
         "seconds": round(time.monotonic() - begun, 1),
         "validation": {name: round(value, 4) for name, value in figures.items()},
     }
-    write_arms(pair.network, weights, card)
+    if fabric.is_global_zero:
+        write_arms(pair.network.cpu(), weights, card)
+    fabric.barrier()
 
 
 def source_of(run: ArmRun) -> dict[str, Any]:
     """What a run learns from, for its identity."""
-    return {"data": str(run.data.resolve()), "bodies": run.bodies}
+    return {"data": str(run.data.resolve()), "bodies": run.bodies, **run.limited}
 
 
 def is_trained(run: ArmRun, weights: Path) -> bool:

@@ -33,7 +33,7 @@ class GloveTraining(Run, Card, Paced):
     hand_minutes: float = 40.0
     """minutes of synthesised hands beside the recorded ones"""
     pair_minutes: float = 10.0
-    """minutes of synthesised pairs of hands that touch"""
+    """minutes of synthesised pairs of hands that touch; --limit takes as many half minutes of each at most"""
     leave_one_out: bool = False
     """train as often as there are people in the data, each time without one of them, in a folder `without-PERSON` each,
     for `bodysense evaluate gloves-table3 --left-out`"""
@@ -45,6 +45,7 @@ class GloveTraining(Run, Card, Paced):
         return ("markers", "joints") if self.network == "both" else (self.network,)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.out.suffix == ".onnx":
             raise BodysenseError(f"{self.out}: several networks are written; give a folder")
         check_fields(self, "steps", "check_every")

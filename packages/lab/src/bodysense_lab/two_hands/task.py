@@ -10,9 +10,10 @@ from typing import Any, Protocol
 
 import numpy as np
 import torch
+from lightning_fabric import Fabric
 from torch import Tensor, nn
 
-from bodysense_lab.fit import Report, Task, fit, rate_at
+from bodysense_lab.fit import Report, Task, fit, launched, rate_at, seed_of
 
 HIDDEN_SHARE = (0.70, 0.17, 0.08, 0.05)  # how often one to four markers are hidden (two-hands, Fig. 13)
 EVEN_SHARE = (0.4, 0.25, 0.2, 0.15)  # ours: so that four are learned, too
@@ -64,6 +65,7 @@ class GloveTask(Task):
     schedule: GloveSchedule
     lesson: Lesson
     source: Mapping[str, Any]
+    rank: int = 0  # place among the processes that share the training: each draws hands of its own
     clip = 5.0
 
     def optimizer(self) -> torch.optim.Optimizer:
@@ -77,7 +79,8 @@ class GloveTask(Task):
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[np.random.Generator]:
         """The generator of each step, so that a run that goes on is the run that it was."""
-        return (np.random.default_rng([self.schedule.seed, step]) for step in itertools.count(done + 1))
+        seed = seed_of(self.schedule.seed, self.rank)
+        return (np.random.default_rng([seed, step]) for step in itertools.count(done + 1))
 
     def loss(self, batch: np.random.Generator, memory: None) -> tuple[dict[str, Tensor], None]:
         """Of one batch."""
@@ -95,11 +98,14 @@ def train_glove(
     source: Mapping[str, Any],
     checkpoint: Path,
     report: Report | None = None,
+    fabric: Fabric | None = None,
 ) -> tuple[nn.Module, float]:
     """Train and return the network with the averaged weights that did best in validation, and their error, cm.
 
     `source` is what is learned from, in plain values. Raises BodysenseError when the checkpoint belongs to another
     configuration.
     """
-    figures = fit(GloveTask(network, schedule, lesson, source), checkpoint, report)
+    fabric = fabric or launched()
+    task = GloveTask(network, schedule, lesson, source, fabric.global_rank)
+    figures = fit(task, checkpoint, report, fabric, report)
     return network, figures["error_cm"]

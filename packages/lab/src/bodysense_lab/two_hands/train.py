@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 import torch
+from lightning_fabric import Fabric
 from rich.console import Console
 from torch import Tensor, nn
 
@@ -19,9 +20,9 @@ from bodysense.body.hand_family import draw_hand
 from bodysense.devices.gloves.networks import JOINT_FORMAT, MARKER_FORMAT
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder
-from bodysense_lab.datasets import open_clips
+from bodysense_lab.datasets import learned_clips, open_clips
 from bodysense_lab.export import export
-from bodysense_lab.fit import printed
+from bodysense_lab.fit import begin, launched, printed
 from bodysense_lab.synthesis.hands import HandMotion, hand_pairs, synthesize_hand
 from bodysense_lab.synthesis.pairs import synthesize_pair
 from bodysense_lab.two_hands.drawing import JointTask, MarkerTask
@@ -96,15 +97,15 @@ _TRAIN, _VALIDATION = 1, 2  # of the generators of synthesised hands
 def run_gloves(run: GloveTraining) -> None:
     """Train, export, and leave log (`.jsonl`) and checkpoint (`.ckpt`) of each network beside it in the folder."""
     make_folder(run.out)
-    if run.threads is not None:
-        torch.set_num_threads(run.threads)
-    console = Console()
+    fabric = launched(run.devices, run.nodes)
+    begin(run.seed, run.threads)
+    console = Console(quiet=not fabric.is_global_zero)
     console.print("preparing hands", highlight=False)
     frames, validation = prepare(run, "train"), prepare(run, "val")
     minutes = len(frames) / RATE / 60
     console.print(f"{len(frames.rest)} hands, {minutes:.0f} minutes at {RATE:g} Hz", highlight=False)
     for name in run.networks:
-        _train(run, name, frames, validation, console)
+        _train(run, name, frames, validation, console, fabric)
 
 
 def people_with_fingers(data: Path | None) -> tuple[str, ...]:
@@ -127,21 +128,27 @@ def _recorded(run: GloveTraining, split: Literal["train", "val"]) -> Iterator[Gl
     if run.data is None:
         return
     own, drawn = (1, 0) if run.form == "paper" else (_OWN, _DRAWN) if split == "train" else (1, 1)
-    clips = (clip for clip in open_clips(run.data, split) if clip.person not in run.without)
+    clips = (clip for clip in learned_clips(run.data, split, run.limit) if clip.person not in run.without)
     for index, (left, right) in enumerate(hand_pairs(clips, RATE)):
         yield from _both(left, right, own, drawn, [run.seed, index])
 
 
 def _synthesised(run: GloveTraining, split: Literal["train", "val"]) -> Iterator[GloveFrames]:
-    """Half-minute motions of hands of the family; those of validation are a tenth, and of another generator."""
+    """Half-minute motions of hands of the family; those of validation are a tenth, and of another generator.
+
+    A trial takes as many at most as clips.
+    """
     part, stream, drawn = (1.0, _TRAIN, _DRAWN_TOO) if split == "train" else (0.1, _VALIDATION, 1)
-    for number in range(math.ceil(2 * part * run.hand_minutes)):
+    hands, pairs = (math.ceil(2 * part * minutes) for minutes in (run.hand_minutes, run.pair_minutes))
+    if run.limit is not None:
+        hands, pairs = min(hands, run.limit), min(pairs, run.limit)
+    for number in range(hands):
         rng = np.random.default_rng([run.seed, stream, 0, number])
         motion = synthesize_hand(draw_hand(rng).skeleton, 30.0, rng, RATE)
         yield frames_of(motion)
         for _ in range(drawn):
             yield frames_of(motion, draw_hand(rng))
-    for number in range(math.ceil(2 * part * run.pair_minutes)):
+    for number in range(pairs):
         rng = np.random.default_rng([run.seed, stream, 1, number])
         left, right = synthesize_pair(draw_hand(rng).skeleton, 30.0, rng, RATE)
         yield from _both(left, right, 1, 1, [run.seed, stream, 2, number])
@@ -155,7 +162,14 @@ def _both(left: HandMotion, right: HandMotion, own: int, drawn: int, seed: list[
             yield frames_of(hand, worn)
 
 
-def _train(run: GloveTraining, name: Network, frames: GloveFrames, validation: GloveFrames, console: Console) -> None:
+def _train(
+    run: GloveTraining,
+    name: Network,
+    frames: GloveFrames,
+    validation: GloveFrames,
+    console: Console,
+    fabric: Fabric,
+) -> None:
     schedule = run.paced(SCHEDULES[name, run.form])
     if run.steps is not None:
         schedule = replace(schedule, steps=run.steps)
@@ -167,8 +181,11 @@ def _train(run: GloveTraining, name: Network, frames: GloveFrames, validation: G
         "without": list(run.without),
         "hands": len(frames.rest),
         "rate": RATE,
+        **run.limited,
     }
-    _, score = train_glove(network, task, schedule, source, out.with_suffix(".ckpt"), printed(name))
+    _, score = train_glove(network, task, schedule, source, out.with_suffix(".ckpt"), printed(name), fabric)
+    if not fabric.is_global_zero:
+        return
     made = f"{run.hand_minutes:g} minutes of synthesised hands and {run.pair_minutes:g} of pairs"
     recorded = "" if run.data is None else f"{run.data.name}, train split, left and right hands; "
     card = {
@@ -180,7 +197,7 @@ def _train(run: GloveTraining, name: Network, frames: GloveFrames, validation: G
         "without": list(run.without),
         "validation": {"error_cm": round(score, 3)},
     }
-    write_glove_network(network, out, card)
+    write_glove_network(network.cpu(), out, card)
     console.print(f"wrote {out} ({out.stat().st_size / 1e6:.2f} MB)")
 
 

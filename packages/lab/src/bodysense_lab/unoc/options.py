@@ -10,7 +10,6 @@ from bodysense.errors import BodysenseError
 from bodysense.papers.point_model import Task
 from bodysense_lab.options import (
     Flat,
-    Machines,
     MotionEvaluation,
     Split,
     TableOptions,
@@ -34,8 +33,8 @@ class BodyTraining(Training):
     form: Literal["shipped", "paper", "paper-world-axes"] = "shipped"
     """'shipped' carries its state and reads the headset's orientation and the mask; 'paper' sees windows of 27 frames
     of positions only, 'paper-world-axes' also in the paper's frame"""
-    steps: int = 20_000
-    """optimiser steps of the shipped form"""
+    steps: int | None = None
+    """optimiser steps; if omitted 20,000 of the shipped form, all epochs of the paper's"""
     epochs: int = EPOCHS
     """epochs of the paper's form"""
     window_stride: int = 1
@@ -52,19 +51,16 @@ class BodyTraining(Training):
     """size of the recurrent state"""
     finger_share: float = 0.3
     """share of drawn clips that have recorded fingers"""
-    devices: int = 1
-    """accelerators, where there are any"""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_ending(self.out, ".onnx")
-        check_fields(
-            self, "steps", "epochs", "window_stride", "passes", "lanes", "chunk", "hidden", "devices", "check_every"
-        )
+        check_fields(self, "steps", "epochs", "window_stride", "passes", "lanes", "chunk", "hidden", "check_every")
         _check_epochs(self.epochs)
 
 
 @dataclass(frozen=True, kw_only=True)
-class TablesTraining(Training, Machines):
+class TablesTraining(Training):
     """Train the networks of UNOC's Tables 2 to 4 into one folder, which `bodysense evaluate unoc-table2` … read.
 
     Training resumes after a stop. On several machines start it on each with `torchrun` and give --nodes.
@@ -74,6 +70,8 @@ class TablesTraining(Training, Machines):
     """whose networks: 2, 3, 4, smoothness"""
     networks: tuple[str, ...] = ()
     """single networks instead, by name"""
+    steps: int | None = None
+    """optimiser steps of each network at most; all epochs if omitted"""
     epochs: int = EPOCHS
     """the paper's schedule has 5"""
     window_stride: int = 1
@@ -84,7 +82,8 @@ class TablesTraining(Training, Machines):
     """networks trained side by side, each in a process of its own"""
 
     def __post_init__(self) -> None:
-        check_fields(self, "epochs", "window_stride", "jobs", "devices", "nodes", "check_every")
+        super().__post_init__()
+        check_fields(self, "steps", "epochs", "window_stride", "jobs", "check_every")
         _check_epochs(self.epochs)
         if not self.batch_scale > 0:
             raise BodysenseError(f"--batch-scale {self.batch_scale:g}: give a positive number; 1 is the paper's")
@@ -109,6 +108,7 @@ class PointTraining(Training):
         raise NotImplementedError
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_ending(self.out, ".onnx")
         check_fields(self, "steps", "check_every")
 

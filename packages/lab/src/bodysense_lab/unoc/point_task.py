@@ -6,9 +6,9 @@ Episodes for networks that place points: motion turned into what they read and s
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -220,6 +220,7 @@ class PointTask(Task):
     schedule: PointSchedule
     episodes: Sequence[PointEpisode]
     validation: Sequence[PointEpisode]
+    source: Mapping[str, Any] | None = None
     clip = 5.0
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[PointBatch]:

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -214,11 +214,14 @@ def windows(
         yield collate(pieces, window, np.ones(len(pieces), dtype=bool))
 
 
+CARRIED_STEPS = 20_000
+
+
 @dataclass(frozen=True)
 class BodySchedule:
     """How long and on what."""
 
-    steps: int = 20_000  # of carried training; windows train by epochs
+    steps: int | None = None  # at most; None: `CARRIED_STEPS` of carried training, all epochs of windows
     lanes: int = 256
     chunk: int = 12  # frames of truncated backpropagation
     learning_rate: float = 1e-3
@@ -241,7 +244,9 @@ class BodyTask(Task):
     schedule: BodySchedule
     episodes: Sequence[Episode]
     validation: Sequence[Episode]
+    source: Mapping[str, Any] | None = None
     keeps_best = False
+    mixed = True
     clip = 5.0
 
     @property
@@ -253,7 +258,7 @@ class BodyTask(Task):
         """Warm-up and cosine for carried training; constant for windows, as in the paper."""
         if self.network.config.window is not None:
             return self.schedule.learning_rate
-        return rate_at(self.schedule, step)
+        return rate_at(self.schedule, step, self.steps)
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[EpisodeBatch]:
         """See `make_batches`."""
@@ -283,10 +288,12 @@ class BodyTask(Task):
 
 def step_count(config: BodyNetworkConfig, schedule: BodySchedule, episodes: Sequence[Episode]) -> int:
     """Optimiser steps of a whole run."""
+    most = schedule.steps
     if config.window is None:
-        return schedule.steps
+        return CARRIED_STEPS if most is None else most
     fewest = sum(max(1, len(episode) // schedule.window_stride) for episode in episodes)  # windows of an epoch
-    return sum(max(1, fewest // batch) for batch in schedule.epoch_batches[: schedule.epochs])
+    whole = sum(max(1, fewest // batch) for batch in schedule.epoch_batches[: schedule.epochs])
+    return whole if most is None else min(most, whole)
 
 
 def make_batches(

@@ -28,7 +28,7 @@ from bodysense.files import check_place
 from bodysense.io.clip import Clip
 from bodysense.papers.point_model import FORMAT as POINT_FORMAT
 from bodysense.papers.point_model import Task
-from bodysense_lab.datasets import open_clips
+from bodysense_lab.datasets import learned_clips
 from bodysense_lab.export import export
 from bodysense_lab.fit import begin, fit, launched
 from bodysense_lab.unoc.learned import FORMAT
@@ -178,7 +178,7 @@ def train_body(run: BodyTraining) -> None:
     """Train the body network and export it."""
     check_place(run.out)
     begin(run.seed, run.threads)
-    fabric = launched(run.devices)
+    fabric = launched(run.devices, run.nodes)
     forms = {"shipped": BodyNetworkConfig(), "paper": PAPER, "paper-world-axes": replace(PAPER, frame="world")}
     network = BodyNetwork(replace(forms[run.form], hidden=run.hidden), default_skeleton())
     shipped = run.form == "shipped"
@@ -197,11 +197,12 @@ def train_body(run: BodyTraining) -> None:
     variations = tuple(variation_of(number, shipped) for number in range(run.passes + run.finger_passes))
     make = partial(_body_episodes, config=network.config, variations=variations, passes=run.passes, seed=run.seed)
     watched = partial(_body_episodes, config=network.config, variations=(Variation(),), passes=1, seed=run.seed)
-    episodes = _prepared(open_clips(run.data, "train"), make, "seeing the train split")
-    validation = _prepared(open_clips(run.data, "val"), watched, "seeing the val split")
+    episodes = _prepared(learned_clips(run.data, "train", run.limit), make, "seeing the train split")
+    validation = _prepared(learned_clips(run.data, "val", run.limit), watched, "seeing the val split")
     minutes = sum(len(episode) for episode in episodes) / 30 / 60
-    print(f"{len(episodes)} clips, {minutes:.0f} minutes, {network.features} features a frame")
-    scores = fit(BodyTask(network, schedule, episodes, validation), run.out.with_suffix(".ckpt"), fabric=fabric)
+    fabric.print(f"{len(episodes)} clips, {minutes:.0f} minutes, {network.features} features a frame")
+    task = BodyTask(network, schedule, episodes, validation, run.limited or None)
+    scores = fit(task, run.out.with_suffix(".ckpt"), fabric=fabric)
     if not fabric.is_global_zero:
         return
     card = {
@@ -220,6 +221,7 @@ def train_points(run: PointTraining) -> None:
     """Train a network that places points and export it."""
     check_place(run.out)
     begin(run.seed, run.threads)
+    fabric = launched(run.devices, run.nodes)
     config = CONFIGS[run.task, run.form]
     schedule = run.paced(replace(SCHEDULES[run.task, run.form], steps=run.steps))
     network = PointNetwork(config, default_skeleton())
@@ -227,8 +229,11 @@ def train_points(run: PointTraining) -> None:
     episodes = _point_episodes_in(run, config, "train", variations)
     validation = _point_episodes_in(run, config, "val", (PointVariation(),))
     minutes = sum(len(episode) for episode in episodes) / 1800
-    print(f"{len(episodes)} episodes, {minutes:.0f} minutes, {network.features} features a frame")
-    scores = fit(PointTask(network, schedule, episodes, validation), run.out.with_suffix(".ckpt"))
+    fabric.print(f"{len(episodes)} episodes, {minutes:.0f} minutes, {network.features} features a frame")
+    task = PointTask(network, schedule, episodes, validation, run.limited or None)
+    scores = fit(task, run.out.with_suffix(".ckpt"), fabric=fabric)
+    if not fabric.is_global_zero:
+        return
     card = {
         "licence": run.licence,
         "training_data": run.data_note or f"{len(episodes)} episodes, {minutes:.0f} minutes at 30 Hz",
@@ -236,7 +241,7 @@ def train_points(run: PointTraining) -> None:
         "seed": run.seed,
         "validation": {"rmsjpe_cm": round(scores["rmsjpe_cm"], 2)},
     }
-    write_point_network(network, run.out, run.task, card)
+    write_point_network(network.cpu(), run.out, run.task, card)
     print(f"wrote {run.out} ({run.out.stat().st_size / 1e6:.1f} MB)")
 
 
@@ -269,7 +274,7 @@ def _point_episodes_in(
 ) -> list[PointEpisode]:
     """The clips of a split as episodes, an episode a variation; for fingers, clips that have them."""
     make = partial(_point_episodes, config=config, variations=variations, passes=PASSES[run.task], seed=run.seed)
-    clips = (clip for clip in open_clips(run.data, split) if run.task != "fingers" or clip.has_fingers)
+    clips = (clip for clip in learned_clips(run.data, split, run.limit) if run.task != "fingers" or clip.has_fingers)
     episodes = _prepared(clips, make, f"preparing the {split} split", run.threads)
     if not episodes:
         raise BodysenseError(f"{run.data}: no clip of its {split} split has fingers; give motion with recorded fingers")

@@ -22,7 +22,7 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder, written_beside
 from bodysense_lab.checkpoint import identity
-from bodysense_lab.datasets import open_clips
+from bodysense_lab.datasets import learned_clips
 from bodysense_lab.fit import Report, begin, fit, is_same, launched, line_of, sweep
 from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig, write_weights
 from bodysense_lab.unoc.options import TablesTraining
@@ -143,6 +143,7 @@ def schedule_of(run: TablesTraining, name: str) -> BodySchedule:
     batches = tuple(max(1, round(batch * run.batch_scale)) for batch in BodySchedule().epoch_batches)
     return run.paced(
         BodySchedule(
+            steps=run.steps,
             epochs=run.epochs,
             epoch_batches=batches,
             window_stride=run.window_stride,
@@ -162,12 +163,14 @@ def train_network(run: TablesTraining, name: str, report: Report, fabric: Fabric
     begin(run.seed, run.threads)
     config, schedule, begun = VARIANTS[name].config, schedule_of(run, name), time.monotonic()
     network = BodyNetwork(config, default_skeleton())
-    task = BodyTask(network, schedule, training_of(run, name), _few(episodes_of(run, config)["val"]))
+    task = BodyTask(
+        network, schedule, training_of(run, name), _few(episodes_of(run, config)["val"]), run.limited or None
+    )
     scores = fit(task, run.out / f"{name}.ckpt", report, fabric, report)
     if fabric.is_global_zero:
         write_weights(network.cpu(), run.out / f"{name}.pt")
         with written_beside(run.out / f"{name}.json") as beside:
-            trained = {"identity": identity(config, schedule), "seconds": time.monotonic() - begun}
+            trained = {"identity": identity(config, schedule, run.limited or None), "seconds": time.monotonic() - begun}
             beside.write_text(json.dumps(trained), encoding="utf-8")
     fabric.barrier()
     return f"trained {VARIANTS[name].title}: {task.steps} steps; occluded RMSJPE, cm: {line_of(scores, 2)}"
@@ -179,7 +182,7 @@ def is_trained(run: TablesTraining, name: str) -> bool:
     if not path.is_file():
         return False
     before = json.loads(path.read_text(encoding="utf-8"))["identity"]
-    return is_same(path, before, identity(VARIANTS[name].config, schedule_of(run, name)))
+    return is_same(path, before, identity(VARIANTS[name].config, schedule_of(run, name), run.limited or None))
 
 
 def training_of(run: TablesTraining, name: str) -> list[Episode]:
@@ -193,7 +196,7 @@ def episodes_of(run: TablesTraining, config: BodyNetworkConfig) -> dict[str, lis
     folder = run.out / "episodes" / "-".join(reads.values())
     found = {}
     for split in ("train", "val"):
-        asked: dict[str, Any] = {**reads, "data": str(run.data.resolve()), "split": split}
+        asked: dict[str, Any] = {**reads, "data": str(run.data.resolve()), "split": split, **run.limited}
         found[split] = cached_episodes(folder / split, asked, partial(_make, run, config, split))
     return found
 
@@ -203,7 +206,7 @@ def _make(run: TablesTraining, config: BodyNetworkConfig, split: Any) -> Iterato
     reader = replace(config, cell="gru", hidden=1, branch=(1,), judge_branch=(1,))
     make = partial(_episode, config=reader)
     with ProcessPoolExecutor(max(1, run.jobs), initializer=torch.set_num_threads, initargs=(1,)) as pool:
-        clips = open_clips(run.data, split)
+        clips = learned_clips(run.data, split, run.limit)
         yield from track(pool.map(make, clips, chunksize=4), description=f"seeing the {split} split")
 
 

@@ -1,0 +1,53 @@
+"""How many steps a second the training of the completion network takes, in float32 and in bfloat16."""
+
+from __future__ import annotations
+
+import itertools
+import time
+
+import numpy as np
+import torch
+
+from bodysense.io.clip import Clip
+from bodysense_lab.completion.corpus import Corpus, corpus_of
+from bodysense_lab.completion.network import CompletionNetwork
+from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig
+from bodysense_lab.fit import launched, take_step
+from bodysense_lab.options import Schedule
+from bodysense_lab.precision import layer_precision
+
+
+def training_pace(
+    clip: Clip, steps: int, threads: int, config: CompletionTaskConfig = CompletionTaskConfig()
+) -> dict[str, float]:
+    """Return steps a second on sequences of a clip, drawing them included.
+
+    `steps_per_second` is in the precision in which `train completion` runs on this machine. Emulated bfloat16 is timed
+    on a single step.
+    """
+    fabric, corpus = launched(), corpus_of([clip])
+    torch.set_num_threads(threads)
+    own = layer_precision(fabric.device)
+    found = {
+        f"{name}_steps_per_second": _steps_per_second(
+            corpus, config, steps if precision in (torch.float32, own) else 1, precision
+        )
+        for name, precision in (("float32", torch.float32), ("bf16", torch.bfloat16))
+    }
+    chosen = "bf16" if own == torch.bfloat16 else "float32"
+    return {**found, "steps_per_second": found[f"{chosen}_steps_per_second"]}
+
+
+def _steps_per_second(corpus: Corpus, config: CompletionTaskConfig, steps: int, precision: torch.dtype) -> float:
+    """Time steps after one to warm up."""
+    fabric = launched()
+    torch.manual_seed(0)
+    network = CompletionNetwork(config.network).to(fabric.device)
+    task = CompletionTask(network, config, Schedule(), corpus, {}, precision=precision)
+    optimizer, memory, begun = task.optimizer(), None, 0.0
+    for step, batch in enumerate(itertools.islice(task.batches(np.random.default_rng(0)), steps + 1)):
+        if step == 1:
+            begun = time.perf_counter()
+        terms, memory = take_step(task, optimizer, batch, memory, fabric)
+        float(terms["loss"].detach())  # wait for the device
+    return steps / (time.perf_counter() - begun)

@@ -1,0 +1,112 @@
+"""Every `train` command: a trial of few clips and steps, and a training that two processes share."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bodysense.cli import main
+from bodysense.demo import packaged_performance
+from bodysense.io.bvh import write_bvh
+from bodysense.io.datasets.splits import split_of
+from bodysense_lab.commands import train
+
+# What each writes into the folder of --out, and its log; options that make its network small.
+COMMANDS = {
+    "completion": ("net.onnx", "net/completion.jsonl", "--finger-steps 2 --warm-up 1"),
+    "completion-fingers": ("net.ckpt", "net.jsonl", "--warm-up 1"),
+    "body-gru": ("net.onnx", "net.jsonl", "--lanes 4 --hidden 16"),
+    "unoc-tables": ("nets/window_9.pt", "nets/window_9.jsonl", "--networks window_9 --batch-scale 0.02"),
+    "fingers": ("net.onnx", "net.jsonl", ""),
+    "upper-body": ("net.onnx", "net.jsonl", ""),
+    "hmd-vae": ("net.onnx", "net.jsonl", "--batch 4"),
+    "arms": ("net.onnx", "net.jsonl", "--width 32 --layers 1 --spatial-layers 1 --batch 8"),
+    "arms-table": ("nets/cnn.pt", "nets/cnn.jsonl", "--networks cnn --width 32 --batch 8"),
+    "gloves": ("nets/glove_joints.onnx", "nets/glove_joints.jsonl", ""),
+}
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three clips of the packaged performance of a person in training, and three of one in validation."""
+    folder, clip = tmp_path_factory.mktemp("data"), packaged_performance()
+    for number, split in enumerate(("train", "val")):
+        person = next(name for name in map(str, range(99)) if split_of(name) == split)
+        (folder / person).mkdir()
+        for place in range(3):
+            first = 100 * (3 * number + place)
+            write_bvh(folder / person / f"moving{place}.bvh", replace(clip, pose=clip.pose[first : first + 90]))
+    return folder
+
+
+def asked(command: str, data: Path, out: Path, steps: int) -> list[str]:
+    written, _, small = COMMANDS[command]
+    place = out / written.split("/")[0]
+    trial = f"--limit 2 --steps {steps} --threads 1 {small}"
+    return ["train", command, "--data", str(data), "-o", str(place), *trial.split()]
+
+
+def test_no_train_command_is_left_out() -> None:
+    names = {name.replace("_", "-") for name in train.commands()._subcommands} - {"card"}
+    assert names == set(COMMANDS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_trial_takes_few_clips_and_steps(
+    command: str, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert main(asked(command, recorded, tmp_path, 2)) == 0
+    written, log, _ = COMMANDS[command]
+    assert (tmp_path / written).is_file()
+    (line,) = logged(tmp_path / log)
+    assert (line["step"], line["steps"]) == (2, 2) and line["steps_per_second"] > 0
+    assert line["machine"].endswith("layers, 1 process")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", ["--nodes 2", "--devices 2"])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_two_processes_share_a_training(command: str, share: str, recorded: Path, tmp_path: Path) -> None:
+    if command == "completion":
+        pytest.skip("how it is published takes minutes; completion-fingers shares the training in the same way")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    nodes = share == "--nodes 2"
+    started = [
+        subprocess.Popen(
+            [
+                *(sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "1" if nodes else "2"),
+                *(("--nnodes", "2", "--node-rank", str(rank)) if nodes else ()),
+                *("--master-addr", "127.0.0.1", "--master-port", str(port), "-m", "bodysense"),
+                *asked(command, recorded, tmp_path, 2),
+                *share.split(),
+            ],
+            env={**os.environ, "OMP_NUM_THREADS": "1", "XDG_CACHE_HOME": str(tmp_path / "cache")},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        for rank in range(2 if nodes else 1)
+    ]
+    said = [process.communicate(timeout=600)[0] for process in started]
+    assert [process.returncode for process in started] == [0] * len(started), said
+    written, log, _ = COMMANDS[command]
+    assert (tmp_path / written).is_file()
+    (line,) = logged(tmp_path / log)  # one of them keeps the log
+    assert line["machine"].endswith("layers, 2 processes")
+
+
+def logged(log: Path) -> list[dict[str, Any]]:
+    """The lines of a run's log."""
+    return [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]

@@ -1,0 +1,53 @@
+"""The pace of training, timed, and the motion that it reads, kept until the data change."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.splits import split_of
+from bodysense_lab.completion import corpus
+from bodysense_lab.completion.corpus import read_corpus
+from bodysense_lab.completion.network import CompletionConfig
+from bodysense_lab.completion.pace import training_pace
+from bodysense_lab.completion.task import CompletionTaskConfig
+
+
+@pytest.mark.parametrize(("has_units", "name"), [(True, "bf16"), (False, "float32")])
+def test_the_pace_is_that_of_the_precision_in_which_training_runs(
+    has_units: bool, name: str, waving_clip: Clip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(torch.ops.mkldnn, "_is_mkldnn_bf16_supported", lambda: has_units)
+    small = CompletionTaskConfig(CompletionConfig(hidden=24, branch=24, judge_branch=8), streams=4, chunk=8)
+    numbers = training_pace(waving_clip, 2, 1, small)
+    assert set(numbers) == {"float32_steps_per_second", "bf16_steps_per_second", "steps_per_second"}
+    assert min(numbers.values()) > 0
+    assert numbers["steps_per_second"] == numbers[f"{name}_steps_per_second"]
+
+
+def test_motion_is_read_once_until_it_changes(
+    tmp_path: Path, waving_clip: Clip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    person = next(name for name in map(str, range(99)) if split_of(name) == "train")
+    (tmp_path / "data" / person).mkdir(parents=True)
+    write_bvh(tmp_path / "data" / person / "a.bvh", waving_clip)
+    reads, learned = [], corpus.learned_clips
+
+    def counted(*asked: object):
+        reads.append(asked)
+        return learned(*asked)  # pyright: ignore[reportArgumentType]
+
+    monkeypatch.setattr(corpus, "learned_clips", counted)
+    first, again = (read_corpus(tmp_path / "data", "train") for _ in range(2))
+    assert len(reads) == 1 and len(again) == 1
+    np.testing.assert_array_equal(first.rotation, again.rotation)
+    write_bvh(tmp_path / "data" / person / "b.bvh", replace(waving_clip, pose=waving_clip.pose[:40]))
+    assert len(read_corpus(tmp_path / "data", "train")) == 2 and len(reads) == 2
+    assert len(read_corpus(tmp_path / "data", "train", 1)) == 1 and len(reads) == 3
