@@ -16,7 +16,16 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 LIBRARIES = {"win32": "_core.dll", "darwin": "_core.dylib"}  # by `sys.platform`; else _core.so
-_FLAGS = ("-std=c11", "-O3", "-DNDEBUG", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-shared")
+_FLAGS = (
+    "-std=c11",
+    "-O3",
+    "-DNDEBUG",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-fvisibility=hidden",
+    "-shared",
+)
 
 
 def system_compiler() -> list[str] | None:
