@@ -117,6 +117,10 @@ def test_a_wearer_sees_themselves_and_keeps_their_take(scenario: Scenario, site:
     assert picture_of(tmp_path / "vr.png").std() > 3  # something is drawn
 
 
+def test_vr_can_be_entered_again_and_again(scenario: Scenario, site: Path, tmp_path: Path) -> None:
+    assert scenario("again", site, tmp_path)["worn"] == [True, True, True]
+
+
 def test_a_headset_is_followed_at_its_own_rate_without_growth(scenario: Scenario, site: Path) -> None:
     facts = scenario("endurance", site, 20)
     assert facts["rate"] > 50  # Hz, of 72, on a busy machine; docs/page.md has ten minutes

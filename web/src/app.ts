@@ -189,7 +189,7 @@ export class App {
 
   private begin(source: Source): void {
     this.takes.end();
-    this.source?.stop();
+    if (this.source !== source) this.source?.stop(); // a headset that is worn again is the same source
     this.source = source;
     this.tree = this.body.skeleton;
     this.live.begin(this.settings.height === null ? NOBODY : personOf(this.settings.height));
