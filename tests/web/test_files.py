@@ -28,7 +28,9 @@ def fortran(path: Path) -> None:
     motion = performance()
     np.savez_compressed(
         path,
-        **{**motion, "poses": np.asfortranarray(motion["poses"])},
+        poses=np.asfortranarray(motion["poses"]),
+        trans=motion["trans"],
+        mocap_framerate=motion["mocap_framerate"],
         marker_labels=np.array([b"LFHD   ", b"RFHD"]),
         marker_data=np.zeros((3, 2), np.float16),
         labels_obs=np.array([["a", None]], dtype=object),
@@ -42,8 +44,8 @@ def texts(path: Path) -> None:
 
 def zeros(path: Path) -> None:
     """A quarter of a megabyte that unpacks to a quarter of a gigabyte of poses."""
-    motion = {"poses": np.zeros((400_000, 156), np.float32), "trans": np.zeros((400_000, 3), np.float32)}
-    np.savez_compressed(path, **motion, mocap_framerate=np.array(60.0))
+    poses, trans = np.zeros((400_000, 156), np.float32), np.zeros((400_000, 3), np.float32)
+    np.savez_compressed(path, poses=poses, trans=trans, mocap_framerate=np.array(60.0))
 
 
 def line(path: Path) -> None:
