@@ -4,7 +4,17 @@ import type { Quaternion, Vector } from "../core/math";
 import type { Point } from "../core/observation";
 import { place, type Body, type Skeleton } from "../core/skeleton";
 import type { History } from "../history";
-import type { PoseFrame, Resume, Settings, SignalFrame, SignalPoint, Source as Input, Welcome } from "../protocol";
+import type {
+  Calibrate,
+  PoseFrame,
+  Recentre,
+  Resume,
+  Settings,
+  SignalFrame,
+  SignalPoint,
+  Source as Input,
+  Welcome,
+} from "../protocol";
 import { Connection, socketAddress } from "../server/connection";
 import type { Source } from "./source";
 
@@ -91,6 +101,13 @@ export class ServerSource implements Source {
   tell(change: Partial<Settings>): void {
     if (this.watched && "follow" in this.watched) return;
     this.connection.tell({ type: "settings", ...change });
+  }
+
+  /** Ask something of the session that is watched; false if it is another client's. */
+  ask(message: Recentre | Calibrate): boolean {
+    if (this.watched && "follow" in this.watched) return false;
+    this.connection.tell(message);
+    return true;
   }
 
   private begin(message: Welcome): void {

@@ -3,7 +3,7 @@
 import { Group, type Object3D } from "three";
 import type { Skeleton } from "../core/skeleton";
 import { History } from "../history";
-import type { Resume, Settings } from "../protocol";
+import type { Calibrate, Recentre, Resume, Settings } from "../protocol";
 import { Bodies, type Shown } from "../view/bodies";
 import { ServerSource, type ServerEvents, type Watched } from "./server_source";
 import type { Source } from "./source";
@@ -112,6 +112,11 @@ export class Watching implements Source {
   /** Change settings of the session that is looked at. */
   tell(change: Partial<Settings>): void {
     this.first.tell(change);
+  }
+
+  /** Ask something of the session that is looked at; false if it is another client's. */
+  ask(message: Recentre | Calibrate): boolean {
+    return this.first.ask(message);
   }
 
   private invite(others: readonly Watched[]): void {
