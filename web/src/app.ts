@@ -1,13 +1,15 @@
 /** The page: sources, the engine and the person meet here. */
 
 import type { Clip, SensorSet } from "./core/clip";
-import { HEIGHTS, NOBODY, personOf } from "./core/person";
-import type { Skeleton } from "./core/skeleton";
+import type { Observation } from "./core/observation";
+import { HEIGHTS, NOBODY, personOf, type Person } from "./core/person";
+import { restHeight, withOffsets, type Skeleton } from "./core/skeleton";
 import type { Engine } from "./engine/engine";
 import { unpacked, type DefaultBody } from "./engine/files";
 import { FirstPicture, openPerformance, type FirstFiles } from "./first";
 import { HeadsetDoor } from "./headset_door";
 import { Live } from "./live";
+import { Measuring } from "./measuring";
 import { Notice, reasonOf } from "./notice";
 import { workOffline, type About } from "./offline";
 import { button, element } from "./page";
@@ -31,10 +33,14 @@ import { YouPanel } from "./ui/you_panel";
 import { Bodies } from "./view/bodies";
 import type { View } from "./view/scene";
 import { OWN } from "./view/wardrobe";
+import { measurementOf, personFrom } from "./wearer";
 
 const FILE_GUIDE =
   "A simulated headset sees this motion, and the rest is completed. Settings choose what it sees; Truth shows the motion itself.";
 const FACTS_EVERY = 150; // ms
+const STANDING = { least: 1.28, most: 1.95 } as const; // m: between them is the head joint of somebody who stands
+const GUESSED = 0.04; // m: standard deviation of a head in its first frame
+const GUESS_LASTS = 1.5; // s
 const OWN_AVATAR = "avatar.vrm.gz";
 
 export class App {
@@ -49,6 +55,8 @@ export class App {
   private shownAt = 0; // ms
   private toldAt = 0; // ms
   private readonly playback = new Playback();
+  private readonly measuring = new Measuring((text) => this.say(text));
+  private guess: { readonly person: Person; since: number | null } | null = null; // s, of the first body
   private readonly notice = new Notice();
   private readonly bodies: Bodies;
   private readonly live: Live;
@@ -96,29 +104,29 @@ export class App {
         if (this.source instanceof Watching) this.source.tell({ hidden: [...hidden] });
       },
     );
-    this.you = new YouPanel(this.settings.height, this.settings.holdFeet, {
+    this.you = new YouPanel(this.settings.height, this.settings.measured, this.settings.holdFeet, {
       height: (height) => this.attempt(async () => this.tellHeight(height)),
-      measured: (person) => this.live.tell(person),
-      recentre: () => this.headset.recentre(),
-      sit: (isSeated) => this.headset.sit(isSeated),
+      measure: () => this.attempt(async () => this.measure()),
+      forget: () => this.forget(),
+      recentre: () => this.recentre(),
+      sit: (isSeated) => this.sit(isSeated),
       holdFeet: (holdFeet) => {
         this.change({ holdFeet });
         this.live.change({ ...this.live.settings, holdFeet });
         if (this.source instanceof Watching) this.source.tell({ hold_feet: holdFeet });
       },
-      say: (text) => this.say(text),
-      fault: (error) => this.fault(error),
     });
     this.headset = new HeadsetDoor(view, this.live, body, {
       begin: (source) => this.begin(source),
-      tracked: (frame) => this.you.take(frame),
-      measure: () => this.you.measure(),
+      tracked: (frame) => this.attempt(async () => this.tracked(frame)),
+      measure: () => this.attempt(async () => this.measure()),
       taller: (by) => this.attempt(async () => this.tellHeight(this.tallerBy(by))),
       height: () => this.settings.height,
       record: () => this.takes.toggle(),
       isRecording: () => this.takes.take.isRecording,
       lookName: () => this.lookName ?? "figure",
       nextLook: () => this.showNext(),
+      seated: (isSeated) => this.you.showSeated(isSeated),
       left: (text, isFault) => this.afterHeadset(text, isFault),
     });
     this.bind();
@@ -154,7 +162,7 @@ export class App {
       ArrowRight: () => this.timeline.step(1),
       l: () => this.playback.goLive(),
       r: () => this.view.reset(),
-      c: () => this.headset.recentre(),
+      c: () => this.recentre(),
     });
   }
 
@@ -192,7 +200,9 @@ export class App {
     if (this.source !== source) this.source?.stop(); // a headset that is worn again is the same source
     this.source = source;
     this.tree = this.body.skeleton;
-    this.live.begin(this.settings.height === null ? NOBODY : personOf(this.settings.height));
+    this.live.begin(this.personOf(source));
+    this.guess = null;
+    this.measuring.forget();
     this.playback.goLive();
     element("lead").textContent = source.guide ?? this.welcome;
     this.sensors.offer(source.sensors, source instanceof ClipSource);
@@ -208,15 +218,89 @@ export class App {
     this.sensors.offer(this.source.sensors, true);
   }
 
+  /** What is known of the person that a source tracks: of whoever is at this page more than of others. */
+  private personOf({ isYou }: Source): Person {
+    return personFrom(this.settings.height, isYou ? this.settings.measured : null);
+  }
+
   private tellHeight(height: number | null): void {
-    this.live.tellHeight(height);
-    if (this.source instanceof Watching) this.source.tell({ height });
+    personOf(height); // refuses a height that no person has
     this.change({ height });
-    this.you.show(height);
+    if (this.source) this.live.tell(this.personOf(this.source));
+    if (this.source instanceof Watching) this.source.tell({ height });
+    this.you.show(height, this.settings.measured);
+  }
+
+  private measure(): void {
+    if (this.source instanceof Watching)
+      this.say(
+        this.source.ask({ type: "calibrate", arms_out: true })
+          ? "Stand upright, arms out to the sides, and hold still: the server measures."
+          : "You watch another wearer, whom only their own page measures.",
+      );
+    else if (this.headset.isSeated)
+      throw new Error("You are marked as sitting: switch that off, stand up, and measure.");
+    else {
+      this.measuring.start();
+      this.say("Stand upright, arms out to the sides. You are measured as soon as your head is tracked.");
+    }
+  }
+
+  private forget(): void {
+    this.change({ measured: null });
+    if (this.source) this.live.tell(this.personOf(this.source));
+    this.you.show(this.settings.height, null);
+  }
+
+  private recentre(): void {
+    if (this.source instanceof Watching) this.source.ask({ type: "recentre" });
+    else this.headset.recentre();
+  }
+
+  private sit(isSeated: boolean): void {
+    if (this.source instanceof Watching) this.source.tell({ posture: isSeated ? "seated" : "standing" });
+    this.headset.sit(isSeated);
+  }
+
+  /** One frame of the headset. */
+  private tracked(frame: Observation): void {
+    this.guessHeight(frame);
+    const person = this.measuring.take(frame);
+    if (!person) return;
+    this.guess = null;
+    this.change({ height: null, measured: measurementOf(person) });
+    this.live.tell(person);
+    this.you.show(null, this.settings.measured);
+    this.say("You are measured.");
+  }
+
+  /** The body of a wearer of whom nothing is known begins as tall as their head is high, until more is seen. */
+  private guessHeight({ time, points }: Observation): void {
+    const head = points.find(({ name }) => name === "head")?.position?.[1] ?? 0;
+    if (
+      this.live.person === NOBODY &&
+      !this.live.newest &&
+      !this.guess &&
+      head > STANDING.least &&
+      head < STANDING.most
+    ) {
+      this.guess = { person: { ...NOBODY, head: { value: head, deviation: GUESSED } }, since: null };
+      this.live.begin(this.guess.person);
+    }
+    if (this.guess && this.live.newest) this.guess.since ??= time;
+    if (!this.guess?.since || time - this.guess.since < GUESS_LASTS) return;
+    if (this.live.person === this.guess.person) this.live.tell(NOBODY);
+    this.guess = null;
+  }
+
+  /** The height of the body that is shown, m. */
+  private get bodyHeight(): number {
+    const { newest } = this.live;
+    return restHeight(newest ? withOffsets(this.body.skeleton, newest.restOffset) : this.body.skeleton);
   }
 
   private tallerBy(metres: number): number {
-    const height = Math.round(100 * ((this.settings.height ?? 1.7) + metres)) / 100;
+    const height = Math.round(100 * ((this.settings.height ?? this.bodyHeight) + metres)) / 100;
     return Math.min(Math.max(height, HEIGHTS.least), HEIGHTS.most);
   }
 

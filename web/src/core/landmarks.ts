@@ -79,7 +79,9 @@ export class LandmarkPoints {
     const rest = restOf(skeleton);
     const up = skeleton.restOffset[1]; // m: how high the pelvis stands over the floor at rest
     const soles = SIDES.flatMap((side) => ["ankle", "foot", "toe"].map((part) => `${side}_${part}`));
-    const lowest = Math.min(...soles.map((name) => (laid.position.get(name)?.[1] ?? 0) - (rest.get(name)?.[1] ?? 0) - up));
+    const lowest = Math.min(
+      ...soles.map((name) => (laid.position.get(name)?.[1] ?? 0) - (rest.get(name)?.[1] ?? 0) - up),
+    );
     const root: Vector = [this.place[0], -lowest, this.place[2] - this.begun];
     return pointsOf(laid, root);
   }

@@ -38,7 +38,8 @@ export async function readNpz(bytes: ArrayBuffer, names: ReadonlySet<string> | n
     if (names && !names.has(key)) continue;
     const start = local + 30 + view.getUint16(local + 26, true) + view.getUint16(local + 28, true);
     if (start + packed > bytes.byteLength) throw new Error(`its array ${title} is damaged`);
-    if (size > LARGEST) throw new Error(`its array ${title} has ${(size / 1e6).toFixed(0)} MB, more than this page reads`);
+    if (size > LARGEST)
+      throw new Error(`its array ${title} has ${(size / 1e6).toFixed(0)} MB, more than this page reads`);
     const content = bytes.slice(start, start + packed);
     const whole = method === 0 ? content : await inflated(content, "deflate-raw", size);
     found.set(key, readNpy(whole, title));

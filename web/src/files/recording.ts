@@ -49,7 +49,8 @@ export function recordingOfLines(text: string): Observation[] {
   const lines = text.split("\n");
   const long = lines.findIndex((line) => line.length > LONGEST_LINE);
   if (long >= 0) throw new Error(`its line ${long + 1} has ${lines[long].length} characters, more than any frame has`);
-  if (lines.length > MOST_FRAMES) throw new Error(`it has ${lines.length} frames; this page takes ${MOST_FRAMES}: cut it`);
+  if (lines.length > MOST_FRAMES)
+    throw new Error(`it has ${lines.length} frames; this page takes ${MOST_FRAMES}: cut it`);
   const rows = lines.flatMap((line, k) => (line.trim() ? [object(line, k + 1)] : []));
   if (rows[0]?.["format"] !== FORMAT) throw new Error(`its first line is no header with the format ${FORMAT}`);
   const told = record(rows[0]["accuracy"]);

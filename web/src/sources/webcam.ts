@@ -49,6 +49,7 @@ export async function openWebcam(
 
 class Webcam implements Source {
   readonly title = "You, by webcam";
+  readonly isYou = true;
   readonly guide =
     "Stand back until the picture holds you from head to hips, better to the feet. It stays in this browser.";
   sensors: readonly string[] = [];
