@@ -69,8 +69,12 @@ def test_space_ticks_a_box_and_stops_the_motion_elsewhere(used: Used) -> None:
 
 
 def test_what_cannot_be_used_is_said_in_one_line(used: Used) -> None:
-    for name in ("song", "film", "broken", "dog", "hound", "headset", "webcam"):
+    for name in ("song", "film", "broken", "dog", "hound", "headset"):
         assert used[1][name] and "\n" not in used[1][name]
+
+
+def test_the_webcam_is_offered_where_its_files_are(used: Used, site: Path) -> None:
+    assert used[1]["webcam"] == (site / "pose_landmarker_full.task").is_file()
 
 
 def test_no_legend_stays_when_colours_mean_nothing(used: Used) -> None:
@@ -158,6 +162,8 @@ def test_a_body_goes_by_a_bridge_to_an_avatar(scenario: Scenario, site: Path) ->
     assert said["watched"] == "Another wearer"
     assert said["after"] == {"hint": said["before"]["hint"], "button": "Send"}
     assert said["wrong"].startswith("“not an address” is no address of a bridge")
+    assert said["token"]["notice"].startswith("Something answers there, but not to this token: paste the address")
+    assert said["token"]["button"] == "Send"
     assert said["gone"] == "No bridge answers there; it is asked again and again."
 
 
@@ -214,3 +220,28 @@ def test_a_line_that_breaks_is_taken_up_again(scenario: Scenario, site: Path) ->
     assert len(asked) == 3 and asked[0] is None
     assert asked[1] == asked[2] == {"session": "s1", "token": "t1"}
     assert facts["source"] == "The server's own input"
+
+
+@pytest.fixture(scope="module")
+def behind_a_server(scenario: Scenario, site: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    return scenario("served", site, tmp_path_factory.mktemp("served"))
+
+
+def test_the_page_of_a_server_opens_on_the_performance_until_an_input_comes(behind_a_server: dict[str, Any]) -> None:
+    first = behind_a_server["without"]["first"]
+    assert first["lead"].startswith("This server has no input of its own") and not first["isNoticed"]
+    assert first["source"] == behind_a_server["before"]["source"] == "The page's own performance"
+    assert behind_a_server["after"]["source"] == "The server's own input"
+
+
+def test_a_notice_is_never_over_the_headline(behind_a_server: dict[str, Any]) -> None:
+    assert not behind_a_server["without"]["isOverHeadline"]
+
+
+def test_a_server_measures_recentres_and_raises_its_wearer(behind_a_server: dict[str, Any]) -> None:
+    assert behind_a_server["asked"] == [
+        {"type": "calibrate", "arms_out": True},
+        {"type": "recentre"},
+        {"type": "settings", "posture": "seated"},
+    ]
+    assert behind_a_server["notice"] == "Stand upright, arms out to the sides, and hold still: the server measures."

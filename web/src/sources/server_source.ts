@@ -26,6 +26,10 @@ export interface ServerEvents {
   skeleton(skeleton: Skeleton): void;
   /** The connection is there again. */
   connected(): void;
+  /** The first body of this input is there. */
+  came(): void;
+  /** The server has no input of its own. */
+  empty(): void;
   said(text: string): void;
   /** The server has more inputs than the one that is watched. */
   others(inputs: readonly Input[]): void;
@@ -34,6 +38,7 @@ export interface ServerEvents {
 }
 
 const WATCHING = "The server's own input";
+const SILENT = 5000; // ms without a body after which an input is silent
 const WAITING = 64; // signals and truths that wait for their pose
 
 /** One wearer of a server, watched. */
@@ -44,6 +49,7 @@ export class ServerSource implements Source {
   private readonly signals = new Map<number, SignalFrame>();
   private readonly truths = new Map<number, Body>();
   private skeleton: Skeleton | null = null;
+  private heard: number | null = null; // ms, of the page's clock: the last body
   private welcome: Welcome | null = null;
   private placement = { offset: [0, 0, 0] as readonly number[], heading: 0 };
 
@@ -89,6 +95,11 @@ export class ServerSource implements Source {
     // The server sends when it has something.
   }
 
+  /** Whether bodies came, and come no more. */
+  get isSilent(): boolean {
+    return this.heard !== null && performance.now() - this.heard > SILENT;
+  }
+
   stop(): void {
     this.connection.close();
   }
@@ -125,11 +136,7 @@ export class ServerSource implements Source {
     this.events.skeleton(this.skeleton);
     this.title = this.watched && "follow" in this.watched ? "Another wearer" : WATCHING;
     this.events.connected();
-    if (this.watched === null) {
-      this.events.said(
-        "The server has no input of its own; start it with --replay, --vmc-in or --markers-in, or take another door.",
-      );
-    }
+    if (this.watched === null) this.events.empty();
   }
 
   private grow(offset: Welcome["rest_offset"]): void {
@@ -139,6 +146,8 @@ export class ServerSource implements Source {
 
   private show(pose: PoseFrame): void {
     if (!this.skeleton) return;
+    if (this.heard === null) this.events.came();
+    this.heard = performance.now();
     this.history.add({
       sourceTime: pose.time,
       rootPosition: pose.rootPosition,

@@ -5,8 +5,12 @@ import type { Live } from "../live";
 import type { Moment } from "../history";
 import { element } from "../page";
 
-export function showStatus(live: Live, moment: Moment, skeleton: Skeleton, title: string): void {
+export function showStatus(live: Live, moment: Moment | null, skeleton: Skeleton, title: string): void {
   element("source").textContent = title;
+  if (!moment) {
+    element("shown").textContent = "";
+    return;
+  }
   const parts = [`${moment.signal.length} ${moment.signal.length === 1 ? "point" : "points"} tracked`];
   if (moment.truth) {
     const error = 100 * meanDistance(moment.body, moment.truth, Math.min(22, skeleton.joints));
