@@ -37,6 +37,8 @@ import { measurementOf, personFrom } from "./wearer";
 
 const FILE_GUIDE =
   "A simulated headset sees this motion, and the rest is completed. Settings choose what it sees; Truth shows the motion itself.";
+const NO_INPUT =
+  "This server has no input of its own: what you see is the page's performance. Start the server with --replay, --vmc-in or --vmt.";
 const FACTS_EVERY = 150; // ms
 const STANDING = { least: 1.28, most: 1.95 } as const; // m: between them is the head joint of somebody who stands
 const GUESSED = 0.04; // m: standard deviation of a head in its first frame
@@ -46,6 +48,7 @@ const OWN_AVATAR = "avatar.vrm.gz";
 export class App {
   private settings: Settings = loadSettings(() => localStorage);
   private source: Source | null = null;
+  private awaited: Watching | null = null; // a server whose first body is not there yet
   private tree: Skeleton; // of what is shown
   private performance: Clip | null;
   private readonly body: DefaultBody;
@@ -151,11 +154,12 @@ export class App {
       if (!panel.hidden) panel.scrollIntoView(); // on a phone it is below the doors
     };
     onFile((file) => this.attempt(() => this.open(file)));
-    button("door-performance").onclick = () => this.attempt(() => this.perform());
+    this.offer("door-performance", () => this.perform());
     button("door-server").hidden = !this.about.server;
-    button("door-server").onclick = () => this.attempt(() => this.watchServer());
-    button("door-headset").onclick = () => this.attempt(() => this.enterHeadset());
-    button("door-webcam").onclick = () => this.attempt(() => this.watchWebcam());
+    this.offer("door-server", () => this.watchServer());
+    this.offer("door-headset", () => this.enterHeadset());
+    button("door-webcam").hidden = !this.about.webcam;
+    this.offer("door-webcam", () => this.watchWebcam());
     onKeys({
       " ": () => this.playback.toggle(),
       ArrowLeft: () => this.timeline.step(-1),
@@ -166,6 +170,16 @@ export class App {
     });
   }
 
+  /** A button that opens a source; presses while it is being opened do nothing. */
+  private offer(id: string, open: () => Promise<void>): void {
+    const door = button(id);
+    door.onclick = () => {
+      if (door.ariaBusy === "true") return;
+      door.ariaBusy = "true";
+      this.attempt(() => open().finally(() => (door.ariaBusy = "false")));
+    };
+  }
+
   /** The packaged performance, seen by a simulated headset. */
   private async perform(): Promise<void> {
     this.performance ??= await openPerformance(this.base, this.body);
@@ -173,14 +187,32 @@ export class App {
   }
 
   private async watchServer(): Promise<void> {
+    let tree = this.body.skeleton;
     const events = {
-      skeleton: (skeleton: Skeleton) => (this.tree = skeleton),
+      skeleton: (skeleton: Skeleton) => {
+        tree = skeleton;
+        if (this.source === source) this.tree = tree;
+      },
+      came: () => {
+        if (this.awaited !== source) return; // the connection broke in between
+        this.begin(source);
+        this.tree = tree;
+      },
+      empty: () => {
+        if (isAsked) this.say(NO_INPUT);
+        else element("lead").textContent = `${NO_INPUT} Or come in here:`;
+      },
       connected: () => this.notice.clear(),
       said: (text: string) => this.say(text),
       lost: (reason: string, again: boolean) => this.notice.fault(reason, again ? () => source.open() : null),
     };
+    const isAsked = this.source !== null;
+    if (!isAsked)
+      await this.perform(); // until somebody comes
+    else this.say("The server is asked for its input …");
+    this.awaited?.stop();
     const source = new Watching(this.base, this.live.history, this.view.stage, events, followedBy(location.hash));
-    this.begin(source);
+    this.awaited = source;
   }
 
   private async enterHeadset(): Promise<void> {
@@ -190,19 +222,23 @@ export class App {
 
   private async watchWebcam(): Promise<void> {
     const { openWebcam } = await import("./sources/webcam"); // MediaPipe is fetched when it is wanted
-    this.begin(
-      await openWebcam(this.about, this.base, this.live, this.body.skeleton, (text) => this.notice.fault(text)),
-    );
+    const before = this.source;
+    const source = await openWebcam(this.base, this.live, this.body.skeleton, (text) => this.notice.fault(text));
+    if (this.source === before) this.begin(source);
+    else source.stop(); // something else was chosen in the meantime
   }
 
   private begin(source: Source): void {
     this.takes.end();
+    if (this.awaited !== source) this.awaited?.stop();
+    this.awaited = null;
     if (this.source !== source) this.source?.stop(); // a headset that is worn again is the same source
     this.source = source;
     this.tree = this.body.skeleton;
     this.live.begin(this.personOf(source));
     this.guess = null;
     this.measuring.forget();
+    this.bodies.clear(); // until the first body is there
     this.playback.goLive();
     element("lead").textContent = source.guide ?? this.welcome;
     this.sensors.offer(source.sensors, source instanceof ClipSource);
@@ -389,16 +425,18 @@ export class App {
     this.shownAt = milliseconds;
     this.source?.frame(milliseconds, frame);
     const moment = this.playback.step(this.live.history, seconds);
-    if (!moment || !this.source) return;
-    this.first.draw(moment);
-    this.bodies.show(moment, this.tree, this.settings, seconds);
-    if (!this.headset.isWorn) this.view.follow(moment.rootPosition[0], moment.rootPosition[2], seconds);
+    if (!this.source) return;
+    if (moment) {
+      this.first.draw(moment);
+      this.bodies.show(moment, this.tree, this.settings, seconds);
+      if (!this.headset.isWorn) this.view.follow(moment.rootPosition[0], moment.rootPosition[2], seconds);
+    }
     if (milliseconds - this.toldAt < FACTS_EVERY) return;
     this.toldAt = milliseconds;
     this.sensors.offer(this.source.sensors, this.source instanceof ClipSource);
     this.timeline.show();
     this.takes.show();
-    this.look.show(this.settings, this.bodies.wardrobe, moment.truth !== null);
+    this.look.show(this.settings, this.bodies.wardrobe, (moment?.truth ?? null) !== null);
     const title =
       this.live.isReady || this.source instanceof Watching ? this.source.title : "The network is on its way";
     showStatus(this.live, moment, this.tree, title);
