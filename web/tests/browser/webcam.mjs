@@ -49,7 +49,9 @@ await scenario(
     const shown = await seen.jsonValue();
     const [, points] = /(\d+) points/.exec(shown);
     const notice = await page.textContent("#notice-text");
-    await page.waitForTimeout(6000);
+    await page.dispatchEvent("#record", "click");
+    await page.waitForTimeout(12_000);
+    await page.dispatchEvent("#record", "click");
     await page.screenshot({ path: picture });
     const small = await page.evaluate(() => {
       const canvas = document.getElementById("camera-picture");
