@@ -245,3 +245,25 @@ def test_a_server_measures_recentres_and_raises_its_wearer(behind_a_server: dict
         {"type": "settings", "posture": "seated"},
     ]
     assert behind_a_server["notice"] == "Stand upright, arms out to the sides, and hold still: the server measures."
+
+
+@pytest.fixture(scope="module")
+def linked(
+    scenario: Scenario, site: Path, waving_clip: Clip, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, dict[str, Any]]:
+    folder = tmp_path_factory.mktemp("linked")
+    write_bvh(folder / "walk.bvh", waving_clip)
+    return folder, scenario("linked", site, folder / "walk.bvh", folder / "clear.png")
+
+
+def test_an_address_names_motion_avatar_and_a_background_that_is_none(linked: Used) -> None:
+    assert linked[1]["avatar"] == "other.vrm" and linked[1]["isBare"]
+    alpha = np.asarray(Image.open(linked[0] / "clear.png").convert("RGBA"))[..., 3]
+    assert alpha[:, :100].max() == 0  # nothing beside the body
+    assert alpha.max() == 255
+    assert linked[1]["missing"]["notice"].startswith("nowhere.bvh cannot be fetched: ")
+
+
+def test_settings_take_the_focus_and_escape_gives_it_back(linked: Used) -> None:
+    assert linked[1]["missing"]["keys"] == [True, "panel", False, "settings"]
+    assert re.fullmatch(r"[\d.]+ of [\d.]+ seconds", linked[1]["missing"]["slider"])

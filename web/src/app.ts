@@ -136,7 +136,10 @@ export class App {
     this.repaint();
     onSystemChange(() => this.repaint());
     engine.opened.catch((error: unknown) => this.fault(error));
-    this.attempt(() => (about.server ? this.watchServer() : this.perform()));
+    this.attempt(async () => {
+      await (about.server ? this.watchServer() : this.perform());
+      await this.openNamed();
+    });
     workOffline(about, base);
     view.run((milliseconds, frame) => this.draw(milliseconds, frame));
   }
@@ -147,12 +150,18 @@ export class App {
       this.repaint();
     };
     const settings = button("settings");
-    settings.onclick = () => {
-      const panel = element("panel");
-      panel.hidden = !panel.hidden;
-      settings.setAttribute("aria-expanded", String(!panel.hidden));
-      if (!panel.hidden) panel.scrollIntoView(); // on a phone it is below the doors
+    const panel = element("panel");
+    const open = (isOpen: boolean): void => {
+      panel.hidden = !isOpen;
+      settings.setAttribute("aria-expanded", String(isOpen));
+      if (!isOpen) return settings.focus();
+      panel.scrollIntoView(); // on a phone it is below the doors
+      panel.focus({ preventScroll: true });
     };
+    settings.onclick = () => open(panel.hidden === true);
+    addEventListener("keydown", ({ key }) => {
+      if (key === "Escape" && !panel.hidden) open(false);
+    });
     onFile((file) => this.attempt(() => this.open(file)));
     this.offer("door-performance", () => this.perform());
     button("door-server").hidden = !this.about.server;
@@ -338,6 +347,18 @@ export class App {
   private tallerBy(metres: number): number {
     const height = Math.round(100 * ((this.settings.height ?? this.bodyHeight) + metres)) / 100;
     return Math.min(Math.max(height, HEIGHTS.least), HEIGHTS.most);
+  }
+
+  /** Avatar and motion that the page's address names: `?motion=URL&avatar=URL`. */
+  private async openNamed(): Promise<void> {
+    const named = new URLSearchParams(location.search);
+    for (const address of ["avatar", "motion"].flatMap((kind) => named.get(kind) ?? [])) {
+      const answer = await fetch(new URL(address, this.base)).catch(() => null);
+      if (!answer?.ok)
+        throw new Error(`${address} cannot be fetched: it is not there, or its host allows no other page to read it.`);
+      const name = decodeURIComponent(new URL(answer.url).pathname.split("/").at(-1) ?? address);
+      await this.open(new File([await answer.blob()], name));
+    }
   }
 
   private async open(file: File): Promise<void> {
