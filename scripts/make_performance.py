@@ -1,4 +1,4 @@
-"""Write the demonstration's motion, the project's own: a performer who crosses the arms, thinks, sits, walks.
+"""Write the demonstration's motion, the project's own: a headset's wearer who walks, turns, waves, sits, gestures.
 
 Nothing in it was recorded. `scripts/performance/choreography.py` says what happens when; one optimisation finds the
 smoothest motion of the default body that meets it. Run it with the packages of the tests (SciPy) installed::
@@ -48,7 +48,7 @@ def main() -> None:
     """Solve the choreography and write the file."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--output", type=Path, default=OUTPUT)
-    parser.add_argument("--iterations", type=int, default=40)
+    parser.add_argument("--iterations", type=int, default=20)
     arguments = parser.parse_args()
     body = machine()
     motion = perform(body, arguments.iterations)

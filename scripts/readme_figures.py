@@ -11,6 +11,7 @@
     bodysense bench step --json FIGURES/step.json        (and ik, occlusion, bvh, import, training)
     bodysense data info DIR --occlusion --split test --json FIGURES/hidden.json
     … the same with --camera.solid-scale 0.8, with --camera.nose-distance 0, with both, into FIGURES/hidden_….json
+    bodysense demo --out FIGURES/demo
     python scripts/readme_figures.py FIGURES
 
 VAES comes from `bodysense train hmd-vae --sweep --grid one`, NETWORKS from `bodysense train unoc-tables
@@ -20,6 +21,7 @@ VAES comes from `bodysense train hmd-vae --sweep --grid one`, NETWORKS from `bod
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,6 +36,7 @@ from bodysense_lab.unoc.variants import TABLES, VARIANTS
 ROOT = Path(__file__).parents[1]
 README, OCCLUSION = ROOT / "README.md", ROOT / "docs" / "occlusion.md"
 COMPLETION = ROOT / "docs" / "completion.md"
+DEMO = ROOT / "docs" / "figures" / "demo.webp"
 CARD = ROOT / "src" / "bodysense" / "weights" / "completion.md"
 BODIES = ("own", "stranger", "height", "nothing")
 EVALUATION, VAE = ROOT / "docs" / "evaluation.md", ROOT / "docs" / "hmd-vae.md"
@@ -54,6 +57,8 @@ PARTS = {"body": "body", "finger": "fingers, from the wrist", "body_and_finger":
 def main(folder: Path) -> None:
     """Replace the text between every pair of markers whose figures are in `folder`."""
     read = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")}
+    if (folder / "demo" / "demo.webp").is_file():
+        shutil.copyfile(folder / "demo" / "demo.webp", DEMO)
     text = README.read_text(encoding="utf-8")
     if "completion" in read:
         text = put(text, "completion", completion(read["completion"]))
@@ -65,6 +70,8 @@ def main(folder: Path) -> None:
         CARD.write_text(put(card, "completion", completion(read["completion"])), encoding="utf-8")
     README.write_text(text, encoding="utf-8")
     tables = EVALUATION.read_text(encoding="utf-8")
+    if "completion" in read:
+        tables = put(tables, "sight", sight(read["completion"]))
     if {"step", "ik", "occlusion", "bvh", "import"} <= set(read):
         tables = put(tables, "speed", speed(read))
     if "headset" in read:
@@ -200,6 +207,43 @@ def completion_measures(numbers: dict[str, float]) -> str:
 def _between(numbers: dict[str, float], key: str, signed: bool = False) -> str:
     sign = "+" if signed else ""
     return f"{numbers[f'{key}_low_cm']:{sign}.2f} to {numbers[f'{key}_high_cm']:{sign}.2f}"
+
+
+SIGHT = {  # measures of sight: column, and the factor of its figures
+    "jumps_per_minute": ("jumps/min", 1),
+    "jumps_at_change_per_minute": ("at a change", 1),
+    "extra_jumps_per_minute": ("by a blink", 1),
+    "frozen_share": ("frozen %", 100),
+    "float_share": ("float %", 100),
+    "knee_excess_deg": ("knee over °", 1),
+    "false_steps_per_minute": ("false steps/min", 1),
+    "missed_steps_share": ("missed %", 100),
+    "wrong_foot_share": ("wrong %", 100),
+    "reentry_speed_m_s": ("re-entry m/s", 1),
+    "pj_ratio": ("PJ", 1),
+    "measured_p95_cm": ("seen p95 cm", 1),
+    "measured_covered": ("in its bound %", 100),
+}
+
+
+def sight(numbers: dict[str, float]) -> str:
+    """What a wearer sees, of every set that was scored, with known proportions."""
+    rows = [
+        [
+            _sensors(sensors),
+            *(_scaled(numbers, f"{sensors}_own_{name}", factor) for name, (_, factor) in SIGHT.items()),
+        ]
+        for sensors in TABLE_SETS
+        if f"{sensors}_own_jumps_per_minute" in numbers
+    ]
+    head = ("sensors", *(name for name, _ in SIGHT.values()))
+    return (
+        f"{markdown(head, rows)}\n\nThe recording's own body, known; main categories of {numbers['clips']:.0f} clips."
+    )
+
+
+def _scaled(numbers: dict[str, float], key: str, factor: float) -> str:
+    return f"{factor * numbers[key]:.2f}" if key in numbers else "–"
 
 
 def published(numbers: dict[str, float]) -> str:

@@ -1,20 +1,21 @@
-"""What the performer does and when: postures, contacts, steps, glances.
+"""What the wearer of a headset does and when: postures, contacts, steps, glances.
 
-World: +Y up, metres; the performer starts at the origin and faces +Z. Angles in degrees.
+World: +Y up, metres; the wearer starts at the origin and faces +Z. Angles in degrees.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from .figure import FINGERS
 from .spacetime import Spot
+from .walking import Walk, footfalls
 
 FRAME_RATE = 30.0
-SECONDS = 28.8
+SECONDS = 25.0
 SEAT = 0.45  # m, height of the virtual seat
 Posture = Mapping[str, float]
 Vector = tuple[float, float, float]
@@ -45,18 +46,6 @@ class Action:
     posture: Posture
     meetings: Sequence[Meeting] = field(default=())
     gaze: Vector = (0.0, 0.0, 1.0)  # direction of the face
-
-
-@dataclass(frozen=True)
-class Footfall:
-    """A foot that stands."""
-
-    side: str
-    start: float  # s: the sole comes down
-    end: float  # s: the heel goes up
-    x: float  # m, place of the ankle
-    z: float
-    heading: float  # degrees, of the foot
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,50 +109,24 @@ def reaching(side: str, to: Spot, share: float = 0.0005) -> Meeting:
     return Meeting(on(f"{side}_wrist", 1 if side == "left" else -1, 0, 0), to, share, direction=True)
 
 
-CROSS = {
+WALKS = (
+    Walk(0.5, 0.0, 0.0, 0.0, ((1.6, 0.0), (1.6, 130.0), (0.75, 0.0)), 8),
+    Walk(20.6, 0.0, 0.0, 0.0, ((0.7, -20.0), (0.9, -60.0)), 4),  # from where the first ends
+)
+_STAND_AT = WALKS[0].at(np.array([WALKS[0].end]))[0]  # x, z, degrees: where the wearer stands between the walks
+WALKS = (WALKS[0], replace(WALKS[1], x=_STAND_AT[0], z=_STAND_AT[1], heading=_STAND_AT[2]))
+STEPS = footfalls(WALKS, SECONDS)
+
+WAVE = {
     **STAND,
-    **both(arm_raise=-68, arm_forward=30, arm_twist=62, elbow=112, collar_forward=8, wrist_flex=8),
-    **hand("right", 22, 22, 2, thumb_close=0, thumb_curl=10),
-    **hand("left", 12, 16, 2, thumb_close=0, thumb_curl=10),
-    "bend": 1.0, "roll": 2.0, "x": 0.015, "left_pronation": 30.0, "right_pronation": 40.0,
+    **hand("right", 4, 8, 1, thumb_close=-18, thumb_down=5, thumb_curl=4),
+    "right_arm_raise": -6.0, "right_arm_forward": 28.0, "right_arm_twist": -72.0, "right_elbow": 104.0,
+    "right_pronation": 30.0, "right_collar_raise": 8.0, "head_side": 3.0, "x": 0.015,
 }  # fmt: skip
-CHIN = {
-    **STAND,
-    **hand("left", 72, 88, 3, thumb_close=30, thumb_down=12, thumb_curl=42),
-    **hand("right", 18, 24, 3, thumb_close=0, thumb_curl=10),
-    "left_arm_raise": -70.0, "left_arm_forward": 45.0, "left_arm_twist": 20.0, "left_elbow": 135.0,
-    "left_pronation": -20.0,
-    "right_arm_raise": -70.0, "right_arm_forward": 30.0, "right_arm_twist": 62.0, "right_elbow": 88.0,
-    "right_pronation": -50.0,
-    "head_nod": 8.0, "head_turn": 6.0, "head_side": -4.0, "x": 0.02, "bend": 4.0,
-}  # fmt: skip
-CLASP = {
-    **STAND,
-    **both(arm_raise=-70, arm_forward=26, arm_twist=42, elbow=82, pronation=0, wrist_flex=5),
-    **hand("right", 62, 50, 0, thumb_close=15, thumb_down=10, thumb_curl=25),
-    **hand("left", 62, 50, 0, thumb_close=15, thumb_down=10, thumb_curl=25),
-    "x": 0.01, "head_nod": 3.0,
-}  # fmt: skip
-SCRATCH = {
-    **STAND,
-    **hand("right", 35, 45, 2, thumb_close=-5, thumb_down=10, thumb_curl=15),
-    "right_arm_raise": 10.0, "right_arm_forward": 55.0, "right_arm_twist": -62.0, "right_elbow": 128.0,
-    "right_pronation": 10.0, "right_collar_raise": 16.0, "head_side": 6.0, "head_turn": 10.0, "x": 0.015, "side": -3.0,
-}  # fmt: skip
-HIPS = {
-    **STAND,
-    **both(arm_raise=-52, arm_forward=-14, arm_twist=48, elbow=92, pronation=20, wrist_flex=-20),
-    **hand("right", 30, 22, 2, thumb_close=-25, thumb_down=15, thumb_curl=5),
-    **hand("left", 30, 22, 2, thumb_close=-25, thumb_down=15, thumb_curl=5),
-    "bend": -3.0, "left_hip_out": 4.0, "right_hip_out": 4.0, "x": -0.015,
-}  # fmt: skip
-TARGET = np.array([-2.6, 2.1, 3.4])  # m: what is pointed at, ahead to the right
-POINT = {
-    **STAND,
-    **hand("right", 75, 88, 3, thumb_close=30, thumb_down=10, thumb_curl=42),
-    "right_index_knuckle": 2.0, "right_index_curl": 4.0,
-    "right_arm_raise": 14.0, "right_arm_forward": 52.0, "right_arm_twist": 10.0, "right_elbow": 8.0,
-    "right_pronation": 10.0, "right_collar_raise": 6.0, "turn": -12.0, "heading": -8.0, "head_turn": -12.0, "x": 0.01,
+TALK = {
+    **both(arm_raise=-70, arm_forward=26, arm_twist=4, elbow=78, pronation=-38, wrist_flex=-8),
+    **hand("right", 14, 18, 4, thumb_close=-12, thumb_down=8, thumb_curl=8),
+    **hand("left", 18, 22, 4, thumb_close=-10, thumb_down=8, thumb_curl=8),
 }  # fmt: skip
 SIT = {
     **STAND,
@@ -171,114 +134,105 @@ SIT = {
     **both(arm_raise=-72, arm_forward=28, arm_twist=18, elbow=58, pronation=42, wrist_flex=8),
     "y": 0.632, "z": -0.40, "tilt": -6.0, "bend": 8.0,
 }  # fmt: skip
-OPEN = both(**{f"{finger}_{part}": -28 for finger in FINGERS for part in ("knuckle", "curl")}, arm_twist=-12)
+SIT_TALK = {**SIT, **TALK, "head_nod": 3.0}
+HIGH = {
+    **STAND,
+    **hand("left", 20, 26, 2, thumb_close=-15, thumb_down=10, thumb_curl=12),
+    "left_arm_raise": 30.0, "left_arm_forward": 70.0, "left_arm_twist": -20.0, "left_elbow": 22.0,
+    "left_collar_raise": 18.0, "left_pronation": 20.0, "head_nod": -14.0, "side": -4.0, "x": 0.02,
+}  # fmt: skip
+LOW = {
+    **STAND,
+    **both(hip_flex=34, knee=34, ankle=14),
+    **hand("right", 28, 34, 2, thumb_close=-8, thumb_down=14, thumb_curl=14),
+    "right_arm_raise": -50.0, "right_arm_forward": 62.0, "right_arm_twist": 10.0, "right_elbow": 24.0,
+    "right_pronation": 30.0, "y": 0.90, "z": -0.10, "tilt": 18.0, "bend": 22.0, "head_nod": 6.0,
+}  # fmt: skip
+POINT = {
+    **STAND,
+    **hand("right", 75, 88, 3, thumb_close=30, thumb_down=10, thumb_curl=42),
+    "right_index_knuckle": 2.0, "right_index_curl": 4.0,
+    "right_arm_raise": 4.0, "right_arm_forward": 62.0, "right_arm_twist": 10.0, "right_elbow": 10.0,
+    "right_pronation": 10.0, "right_collar_raise": 6.0, "turn": -8.0, "head_turn": -10.0, "x": 0.01,
+}  # fmt: skip
 PASSING = (
-    Passing(
-        7.6,
-        0.45,
-        {"left_arm_forward": 12, "left_elbow": 6, "right_elbow": -12, "right_arm_twist": -15, "right_wrist_flex": 12},
-    ),
-    Passing(7.9, 0.4, OPEN),  # the fingers open before they interlace, and to let go
-    Passing(10.1, 0.4, OPEN),
-    Passing(18.85, 0.95, {"tilt": 26, "bend": 14, "head_nod": -22}),  # the trunk goes forward to sit down and get up
-    Passing(21.85, 0.75, {"tilt": 30, "bend": 14, "head_nod": -22, **both(arm_forward=10, elbow=10)}),
+    Passing(8.95, 0.95, {"tilt": 26, "bend": 14, "head_nod": -22}),  # the trunk goes forward to sit down and get up
+    Passing(14.3, 0.75, {"tilt": 30, "bend": 14, "head_nod": -22, **both(arm_forward=10, elbow=10)}),
 )
-END = {**STAND, "heading": 70.0}
+
+
+def here(x: float, y: float, z: float) -> Vector:
+    """A place in the world, from one seen by the wearer between the walks: left, up, ahead of the feet."""
+    ahead = turned(x, y, z)
+    return (ahead[0] + float(_STAND_AT[0]), y, ahead[2] + float(_STAND_AT[1]))
+
+
+def turned(x: float, y: float, z: float) -> Vector:
+    """A direction in the world, from one seen by the wearer between the walks: left, up, ahead."""
+    way = np.deg2rad(_STAND_AT[2])
+    return (float(x * np.cos(way) + z * np.sin(way)), y, float(z * np.cos(way) - x * np.sin(way)))
+
+
+def stood(posture: Posture) -> dict[str, float]:
+    """A posture whose place is along the world's axes, from one along the wearer's between the walks."""
+    x, _, z = turned(posture.get("x", 0.0), 0.0, posture.get("z", 0.0))
+    return {**posture, "x": x, "z": z}
 
 
 def actions() -> list[Action]:
     """The performance, in order."""
-    chin = on("head", 0.0, -0.072, 0.084)
-    cross = [
-        Meeting(pad("right", "middle"), on("left_shoulder", 0.185, 0.034, -0.024)),
-        Meeting(pad("right", "ring"), on("left_shoulder", 0.207, 0.034, -0.022), 0.3),
-        Meeting(pad("right", "index"), on("left_shoulder", 0.163, 0.034, -0.022), 0.3),
-        Meeting(palm("left"), on("spine3", -0.06, -0.05, 0.168), 0.5),
-        facing("right", on("spine3", 0.0, -0.2, -1)),
-        reaching("right", on("spine3", 0.95, 0.2, -0.1)),
-        facing("left", on("spine3", 0.0, -0.1, -1)),
-        reaching("left", on("spine3", -0.95, 0.2, -0.15)),
-        Meeting(on("right_elbow", -0.15, 0, 0), on("spine2", 0.0, 0.06, 0.24), 0.02),
-        Meeting(on("left_elbow", 0.15, 0, 0), on("spine2", 0.0, 0.02, 0.20), 0.02),
+    time = frame_times()
+    tilt = np.deg2rad(17) * np.sin(2 * np.pi * 1.5 * time)
+    up = np.stack([turned(float(-0.1 - np.sin(a)), float(np.cos(a)), 0.25) for a in tilt])
+    wave = [
+        Meeting(on("right_elbow", -1, 0, 0), Spot("world", up), 0.002, direction=True),
+        facing("right", Spot("world", turned(0.1, 0.0, 1.0)), 0.001),
     ]
-    think = [
-        Meeting(on("left_index2", 0.012, 0.011, 0.0), chin),
-        Meeting(palm("right"), on("left_elbow", 0.01, 0.0, -0.040)),
-        facing("left", on("spine3", -0.5, -0.1, -0.8)),
-    ]
-    clasp = []
-    for side, other, between in (
-        ("left", "right", (0.014, -0.009, -0.029, -0.047)),
-        ("right", "left", (0.037, 0.014, -0.009, -0.029)),
-    ):
-        sign = 1.0 if other == "left" else -1.0
-        clasp += [
-            Meeting(pad(side, f), on(f"{other}_wrist", 0.083 * sign, 0.013, z))
-            for f, z in zip(FINGERS, between, strict=True)
-        ]
-    clasp += [
-        Meeting(palm("left"), palm("right"), 0.05),
-        Meeting(on("left_wrist", 0.06, 0, 0), Spot("spine1", (0.0, 0.02, 0.34)), 0.05),
-        Meeting(on("left_wrist", 0, 0, 1), Spot("spine1", (0, 0.8, 0.6)), 0.0005, direction=True),
-    ]
-    scalp = on("head", -0.068, 0.105, -0.020)
-    rub = frame_times() * 2 * np.pi * 2.4
-    moving = Spot("head", np.asarray(scalp.offset) + 0.011 * np.sin(rub)[:, None] * np.array([0.35, 0.25, 0.9]))
-    scratch = []
-    for finger, dz, share in (("middle", 0.0, 1.0), ("index", 0.024, 0.3), ("ring", -0.022, 0.3)):
-        shifted = Spot("head", np.asarray(moving.offset) + np.array([0.08 * abs(dz), -0.15 * abs(dz), dz]))
-        scratch.append(Meeting(on(f"right_{finger}3", -0.022, -0.005, 0.0), shifted, share))
-    hips = []
+    sit = [Meeting(on("pelvis", 0, -0.087 - 0.1, 0), Spot("world", here(0, SEAT, -0.4)))]
+    laps = []
     for side, sign in (("left", 1.0), ("right", -1.0)):
-        hips += [
-            Meeting(palm(side), on("pelvis", 0.142 * sign, 0.045, 0.035), 0.5),
-            facing(side, on("pelvis", -0.95 * sign, -0.1, -0.25)),
-            reaching(side, on("pelvis", -0.2 * sign, -0.6, 0.75)),
+        laps += [
+            Meeting(palm(side), on(f"{side}_hip", -0.006 * sign, -0.285, 0.081)),
+            reaching(side, on(f"{side}_hip", -0.15 * sign, -1, 0)),
+            facing(side, on(f"{side}_hip", 0, 0, -1)),
         ]
-    aim = TARGET - np.array([-0.16, 1.42, 0.0])
-    aim /= np.linalg.norm(aim)
+    beat = 0.05 * np.sin(2 * np.pi * 1.1 * time)
+    talk = []
+    for side, sign, phase in (("left", 1.0, 1.0), ("right", -1.0, 0.6)):
+        places = np.array([0.17 * sign, 0.05, 0.36]) + np.stack([0.5 * sign * beat, phase * beat, 0.3 * beat], axis=-1)
+        talk += [
+            Meeting(on(f"{side}_wrist", 0, 0, 0), Spot("spine1", places), 0.02),
+            facing(side, on("spine1", -0.6 * sign, 0.8, 0)),
+        ]
+    high = [
+        Meeting(palm("left"), Spot("world", here(0.22, 1.78, 0.42)), 0.3),
+        facing("left", Spot("world", turned(0, -0.3, 1.0))),
+    ]
+    low = [
+        Meeting(palm("right"), Spot("world", here(-0.14, 0.62, 0.52)), 0.3),
+        facing("right", Spot("world", turned(0, -1, 0.2))),
+    ]
+    target = np.array(here(-1.6, 1.7, 3.0)) - np.array(here(-0.17, 1.4, 0.0))
+    aim = target / np.linalg.norm(target)
     point = [
         reaching("right", Spot("world", aim), 0.002),
         Meeting(on("right_shoulder", -1, 0, 0), Spot("world", aim), 0.0005, direction=True),
         Meeting(on("right_index2", -1, 0, 0), Spot("world", aim), 0.002, direction=True),
     ]
-    sit = [Meeting(on("pelvis", 0, -0.087 - 0.1, 0), Spot("world", (0, SEAT, -0.4)))]
-    for side, sign in (("left", 1.0), ("right", -1.0)):
-        sit += [
-            Meeting(palm(side), on(f"{side}_hip", -0.006 * sign, -0.285, 0.081)),
-            reaching(side, on(f"{side}_hip", -0.15 * sign, -1, 0)),
-            facing(side, on(f"{side}_hip", 0, 0, -1)),
-        ]
-    look = tuple(aim * [1, 0.75, 1])
+    last = WALKS[1].at(np.array([WALKS[1].end]))[0, 2]
+    away = (float(np.sin(np.deg2rad(last))), -0.02, float(np.cos(np.deg2rad(last))))
     return [
-        Action("stands", 0.0, 1.1, STAND),
-        Action("crosses the arms", 2.3, 4.1, CROSS, cross, (0.1, -0.03, 1.0)),
-        Action("chin on hand", 5.3, 7.1, CHIN, think, (0.12, -0.16, 1.0)),
-        Action("clasps the hands", 8.2, 9.8, CLASP, clasp, (0.0, -0.08, 1.0)),
-        Action("scratches the head", 11.1, 12.8, SCRATCH, scratch, (0.25, 0.0, 1.0)),
-        Action("hands on hips", 14.1, 15.5, HIPS, hips, (-0.05, 0.02, 1.0)),
-        Action("points", 16.8, 18.2, POINT, point, look),
-        Action("sits", 19.9, 21.4, SIT, sit, (0.0, -0.05, 1.0)),
-        Action("gets up", 22.8, 22.9, {**STAND, "z": 0.0}, (), (0.1, -0.05, 1.0)),
-        Action("ends", 26.8, SECONDS, END, (), (0.94, 0.0, 0.34)),
+        Action("stands", 0.0, 0.5, STAND, (), (0.0, -0.03, 1.0)),
+        Action("walks", 1.6, 2.0, {**STAND, "z": 0.0}, (), (0.1, -0.08, 1.0)),
+        Action("turns", 3.4, 3.6, stood({**STAND, "z": 0.0}), (), (1.0, -0.08, 0.15)),
+        Action("stops", 5.3, 5.7, stood(STAND), (), turned(0.05, -0.03, 1.0)),
+        Action("waves", 6.8, 8.1, stood(WAVE), wave, turned(0.05, 0.0, 1.0)),
+        Action("sits", 9.9, 10.9, stood(SIT), [*sit, *laps], turned(0.0, -0.08, 1.0)),
+        Action("talks seated", 11.6, 13.1, stood(SIT_TALK), [*sit, *talk], turned(0.2, -0.02, 1.0)),
+        Action("gets up", 15.2, 15.3, stood({**STAND, "z": 0.0}), (), turned(0.1, -0.05, 1.0)),
+        Action("reaches up", 16.4, 16.8, stood(HIGH), high, turned(0.15, 0.25, 1.0)),
+        Action("reaches down", 18.1, 18.5, stood(LOW), low, turned(-0.1, -0.6, 1.0)),
+        Action("points", 19.7, 20.1, stood(POINT), point, (float(aim[0]), float(aim[1]) * 0.7, float(aim[2]))),
+        Action("walks on", 21.6, 22.4, {**stood(STAND), "x": 0.0, "z": 0.0}, (), away),
+        Action("ends", 24.2, SECONDS, STAND, (), away),
     ]
-
-
-STEPS = (
-    Footfall("left", -1.0, 23.65, 0.105, 0.0, 8),
-    Footfall("right", -1.0, 22.95, -0.105, 0.0, -8),
-    Footfall("right", 23.6, 24.35, -0.09, 0.49, 4),
-    Footfall("left", 24.3, 25.05, 0.205, 0.92, 24),
-    Footfall("right", 25.0, 25.75, 0.356, 1.344, 44),
-    Footfall("left", 25.7, SECONDS + 1, 0.838, 1.398, 78),
-    Footfall("right", 26.35, SECONDS + 1, 0.77, 1.586, 62),
-)
-PATH = (  # s, then the pelvis: m, m, degrees of heading
-    (22.9, 0.0, 0.0, 0.0),
-    (23.6, -0.01, 0.22, 4.0),
-    (24.3, 0.05, 0.70, 15.0),
-    (25.0, 0.25, 1.12, 35.0),
-    (25.7, 0.58, 1.39, 57.0),
-    (26.35, 0.785, 1.487, 69.0),
-    (26.8, 0.804, 1.492, 70.0),
-)

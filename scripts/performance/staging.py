@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from bodysense.body.skeleton import default_body
 
-from .choreography import FRAME_RATE, PASSING, PATH, STEPS, Action, actions, frame_times, on
+from .choreography import FRAME_RATE, PASSING, STEPS, WALKS, Action, actions, frame_times, on
 from .figure import FINGERS, Machine
 from .spacetime import Aim, Probe, Problem, Solid, Spot, Touch, at_frame, solve
+from .walking import sway
 
 CONTACT = 2e5  # 1/m²: about 2 mm weigh as much as a posture's spread
 _SPREAD = {
@@ -102,21 +102,23 @@ def _reference(machine: Machine, plan: Sequence[Action], postures: np.ndarray) -
 
 
 def _walk(machine: Machine) -> np.ndarray:
-    """(T, N) what the walk adds: the pelvis over the feet, swinging arms."""
+    """(T, N) what the walks add: the pelvis over the feet, swinging arms."""
     time = frame_times()
     value = np.zeros((len(time), len(machine.names)))
-    knots = np.array(PATH)
-    start, stop = knots[[0, -1], 0]
-    path = CubicSpline(knots[:, 0], knots[:, 1:], bc_type="clamped")(np.clip(time, start, stop))
+    path = WALKS[0].at(time)
+    for walk in WALKS[1:]:
+        path += walk.at(time) - [walk.x, walk.z, walk.heading]
     names = machine.names
     value[:, names.index("x")], value[:, names.index("z")] = path[:, 0], path[:, 1]
-    # The last posture's own heading comes to the same in the end.
-    value[:, names.index("heading")] = np.deg2rad(path[:, 2] - path[-1, 2] * ease((time - start) / (stop - start)))
-    swing = -np.cos((time - start) / 1.4 * 2 * np.pi) * window(time, start + 0.6, stop - 1.0, 0.7) ** (1 / 3)
-    for name, sign in (("left", 1.0), ("right", -1.0)):
-        value[:, names.index(f"{name}_arm_forward")] += 0.30 * sign * swing
-        value[:, names.index(f"{name}_elbow")] += 0.16 * (sign * swing + 0.6 * np.abs(swing))
-    value[:, names.index("turn")] -= 0.10 * swing
+    value[:, names.index("heading")] = np.deg2rad(path[:, 2])
+    for name, added in sway(WALKS, time).items():
+        value[:, names.index(name)] += added
+    for side in ("left", "right"):
+        for before, after in pairwise([fall for fall in STEPS if fall.side == side]):
+            share = np.clip((time - before.end) / (after.start - before.end), 0, 1)
+            swing = np.sin(np.pi * share**0.8) ** 2  # the knee bends most before the foot passes the other
+            value[:, names.index(f"{side}_knee")] += 1.05 * swing
+            value[:, names.index(f"{side}_hip_flex")] += 0.45 * swing
     return value
 
 
@@ -170,9 +172,9 @@ def _feet(machine: Machine) -> list[Touch | Aim]:
         for before, after in pairwise(falls):
             share = ease((time - before.end - 0.05) / (after.start - before.end - 0.02))[:, None]
             place = np.array([before.x, 0.0746, before.z]) * (1 - share) + np.array([after.x, 0.0746, after.z]) * share
-            place[:, 1] += 0.07 * 16 * (share * (1 - share))[:, 0] ** 2 + 0.03 * np.sin(np.pi * share[:, 0])
+            place[:, 1] += 0.08 * 16 * (share * (1 - share))[:, 0] ** 2 + 0.03 * np.sin(np.pi * share[:, 0])
             held = window(time, before.end + 0.2, after.start - 0.1, 0.1)
-            terms.append(Touch(on(f"{side}_ankle", 0, 0, 0), Spot("world", place), 0.02 * CONTACT * held))
+            terms.append(Touch(on(f"{side}_ankle", 0, 0, 0), Spot("world", place), 0.008 * CONTACT * held))
     return terms
 
 

@@ -135,17 +135,21 @@ def test_data_sources(run) -> None:
 
 
 def test_demo_of_ones_own_motion(tmp_path: Path, motion: Path, run) -> None:
-    assert "frames/s, one thread" in run("demo", motion, "-o", tmp_path / "demo")
+    said = run("demo", motion, "-o", tmp_path / "demo")
+    assert "cm from head and hands" in said and "cm from headset cameras" in said
     names = sorted(path.name for path in (tmp_path / "demo").iterdir())
-    assert names == ["demo.png", "demo.webp", "result.bvh", "truth.bvh"]
+    assert names == ["demo.png", "demo.webp", "hands.bvh", "result.bvh", "truth.bvh"]
     truth, result = (read_bvh(tmp_path / "demo" / f"{name}.bvh") for name in ("truth", "result"))
     assert len(truth) == len(result) == 20
 
 
 @pytest.mark.slow
 def test_demo(tmp_path: Path, run) -> None:
-    assert "stranger" in run("demo", "-o", tmp_path / "demo")
-    assert (tmp_path / "demo" / "demo.webp").stat().st_size > 100_000
+    said = run("demo", "-o", tmp_path / "demo")
+    assert "stranger" in said
+    assert 100_000 < (tmp_path / "demo" / "demo.webp").stat().st_size < 1_500_000
+    rows = [line.split() for line in said.splitlines() if "the " in line and line.startswith(("head", "headset"))]
+    assert len(rows) == 4 and all(float(row[-1]) < float(row[-2]) for row in rows)  # better than doing nothing
 
 
 def test_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:

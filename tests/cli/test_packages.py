@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 
 import pytest
 from tyro.extras import SubcommandApp
@@ -44,6 +45,13 @@ def test_a_command_of_a_package_that_is_not_installed(command: str, package: str
 def test_the_library_alone(run: Command) -> None:
     assert "CMU" in run("data", "sources")
     assert set(application()._subcommands) == {"demo", "track", "simulate", "generate", "data"}
+
+
+@pytest.mark.usefixtures("alone")
+def test_a_store_needs_the_laboratory(tmp_path: Path, refused: Refused) -> None:
+    (tmp_path / "zarr.json").write_text("{}")
+    line = refused("data", "info", tmp_path)
+    assert "a prepared store of motion, which packages/lab reads; in a clone of the repository: pip install" in line
 
 
 @pytest.mark.usefixtures("alone")

@@ -1,4 +1,4 @@
-"""The packaged performance: a plausible body that touches what it should, and the script that made it."""
+"""The packaged performance: a plausible body that does what a wearer does, and the script that made it."""
 
 import subprocess
 import sys
@@ -83,10 +83,10 @@ def test_bones_are_rigid():
 
 def test_no_frame_jumps():
     step = np.linalg.norm(np.diff(POSITION, axis=0), axis=-1)
-    assert step.max() < 0.12  # 3.6 m/s: a fast hand
+    assert step.max() < 0.16  # 4.8 m/s: a toe that swings, a fast hand
     assert geodesic_angle(CLIP.pose.rotation[:-1], CLIP.pose.rotation[1:]).max() < np.deg2rad(20)
     acceleration = np.linalg.norm(np.diff(POSITION[:, : len(SKELETON.joints)], 2, axis=0), axis=-1) * CLIP.frame_rate**2
-    assert (acceleration > 9).mean() < 0.01
+    assert (acceleration > 15).mean() < 0.01  # feet that swing
 
 
 def test_joints_turn_as_a_persons_do():
@@ -102,62 +102,70 @@ def test_joints_turn_as_a_persons_do():
             assert (turn[:, 3] * inward).min() > -0.02  # curls toward the palm
 
 
-def test_arms_are_crossed():
-    when = during(2.4, 4.0)
-    assert to_bone(at("right_middle_tip"), "left_shoulder", "left_elbow", when) < 0.07
-    assert gap(at("left_wrist", (0.0529, -0.0222, -0.003)), at("spine3", (-0.06, -0.05, 0.168)), when) < 0.02
-    right = quaternion_rotate(ROTATION[:, 0] * [1, -1, -1, -1], at("right_wrist") - at("left_wrist"))
-    assert right[when, 0].min() > 0.05  # the right wrist is left of the left one
+def ahead(when: slice) -> np.ndarray:
+    """(T, 3) where the pelvis faces, along the floor."""
+    forward = quaternion_rotate(ROTATION[when, 0], np.array([0.0, 0.0, 1.0])) * [1.0, 0.0, 1.0]
+    return forward / np.linalg.norm(forward, axis=-1, keepdims=True)
 
 
-def test_chin_rests_on_a_fist_and_the_elbow_on_a_palm():
-    when = during(5.4, 7.0)
-    assert gap(at("left_index2", (0.012, 0.011, 0)), at("head", (0, -0.072, 0.084)), when) < 0.01
-    assert gap(at("right_wrist", (-0.0529, -0.0222, -0.003)), at("left_elbow", (0.01, 0, -0.04)), when) < 0.01
+def test_walks_first_with_arms_against_legs_and_a_bobbing_pelvis():
+    when = during(1.5, 4.5)
+    pelvis = at("pelvis")[when]
+    way = np.linalg.norm(np.diff(pelvis[:, [0, 2]], axis=0), axis=-1).sum()
+    assert way > 2.5
+    stride = ((at("left_ankle") - at("right_ankle"))[when] * ahead(when)).sum(-1)
+    swing = ((at("left_wrist") - at("right_wrist"))[when] * ahead(when)).sum(-1)
+    assert np.ptp(stride) > 0.8 and np.ptp(swing) > 0.4
+    assert np.corrcoef(stride, swing)[0, 1] < -0.7
+    assert 0.015 < np.ptp(pelvis[:, 1]) < 0.07
+    assert len(np.flatnonzero(np.diff(np.sign(stride)))) >= 4  # steps
+    for side in ("left", "right"):
+        thigh = at(f"{side}_knee") - at(f"{side}_hip")
+        shin = at(f"{side}_ankle") - at(f"{side}_knee")
+        cosine = (thigh * shin).sum(-1) / np.linalg.norm(thigh, axis=-1) / np.linalg.norm(shin, axis=-1)
+        bent = np.degrees(np.arccos(np.clip(cosine, -1, 1)))[when]
+        assert bent.max() > 35 and bent.min() < 12
 
 
-def test_hands_are_clasped():
-    when = during(8.3, 9.7)
-    for finger in ("index", "middle", "ring", "pinky"):
-        for side, other in (("left", "right"), ("right", "left")):
-            back = at(f"{other}_wrist", (0.083 if other == "left" else -0.083, 0.013, 0))
-            assert gap(at(f"{side}_{finger}_tip"), back, when) < 0.065
+def test_turns_on_the_way():
+    before, after = (ahead(during(*span))[0] for span in ((0.0, 0.4), (6.0, 6.4)))
+    assert 120 < np.rad2deg(np.arccos(before @ after)) < 140
 
 
-def test_fingers_scratch_the_scalp():
-    when = during(11.2, 12.7)
-    head = ROTATION[:, SKELETON.index("head")] * [1, -1, -1, -1]
-    tip = quaternion_rotate(head, at("right_middle_tip") - at("head"))[when]
-    scalp = np.linalg.norm(tip - [0, 0.0707, -0.0141], axis=-1)
-    assert scalp.min() > 0.06 and scalp.max() < 0.10
-    strokes = np.flatnonzero(np.diff(np.sign(np.diff(tip[:, 2]))))
-    assert len(strokes) >= 5 and np.ptp(tip[:, 2]) > 0.01
+def test_waves_with_the_hand_over_the_shoulder():
+    when = during(6.9, 8.0)
+    assert (at("right_wrist")[when, 1] > at("right_shoulder")[when, 1] + 0.05).all()
+    right = np.cross(ahead(when), [0.0, 1.0, 0.0])
+    tip = ((at("right_middle_tip") - at("head"))[when] * right).sum(-1)
+    assert len(np.flatnonzero(np.diff(np.sign(np.diff(tip))))) >= 3 and np.ptp(tip) > 0.08
 
 
-def test_hands_on_hips_and_on_thighs():
+def test_sits_on_the_seat_with_hands_on_the_thighs_and_talks_with_them():
+    seat = POSITION[during(10.0, 13.0), SKELETON.index("pelvis"), 1]
+    assert np.abs(seat - 0.45 - 0.187).max() < 0.015
     for side, sign in (("left", 1), ("right", -1)):
         palm = at(f"{side}_wrist", (0.0529 * sign, -0.0222, -0.003))
-        assert gap(palm, at("pelvis", (0.142 * sign, 0.045, 0.035)), during(14.2, 15.4)) < 0.015
-        assert to_bone(palm, f"{side}_hip", f"{side}_knee", during(20.0, 21.3)) < 0.11
+        assert to_bone(palm, f"{side}_hip", f"{side}_knee", during(10.0, 10.8)) < 0.11
+        when = during(11.7, 13.0)
+        assert (at(f"{side}_wrist")[when, 1] > at(f"{side}_knee")[when, 1] + 0.1).all()
+        assert np.ptp(at(f"{side}_wrist")[when, 1]) > 0.03
+
+
+def test_reaches_up_and_down():
+    when = during(16.5, 16.7)
+    assert (at("left_wrist")[when, 1] > at("head")[when, 1] + 0.05).all()
+    assert (at("right_wrist")[during(18.2, 18.4), 1] < 0.75).all()
 
 
 def test_points_where_it_looks():
-    when = during(16.9, 18.1)
+    when = during(19.8, 20.0)
     pointing = at("right_index_tip") - at("right_index1")
     pointing /= np.linalg.norm(pointing, axis=-1, keepdims=True)
     arm = at("right_index1") - at("right_shoulder")
     arm /= np.linalg.norm(arm, axis=-1, keepdims=True)
     face = quaternion_rotate(ROTATION[:, SKELETON.index("head")], np.array([0.0, 0.0, 1.0]))
     assert (pointing * arm).sum(-1)[when].min() > np.cos(np.deg2rad(15))
-    assert (pointing * face).sum(-1)[when].min() > np.cos(np.deg2rad(20))
-
-
-def test_sits_on_the_seat_and_turns_at_the_end():
-    seat = POSITION[during(20.0, 21.3), SKELETON.index("pelvis"), 1]
-    assert np.abs(seat - 0.45 - 0.187).max() < 0.01
-    forward = quaternion_rotate(ROTATION[-1, 0], np.array([0.0, 0.0, 1.0]))
-    assert 60 < np.rad2deg(np.arctan2(forward[0], forward[2])) < 80
-    assert np.linalg.norm(POSITION[-1, 0, [0, 2]]) > 1.2
+    assert (pointing * face).sum(-1)[when].min() > np.cos(np.deg2rad(25))
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
@@ -169,7 +177,7 @@ def test_feet_stand_still_while_they_stand_and_stay_above_the_floor(side: str):
     assert len(spans) >= 3
     for span in spans:
         assert np.ptp(foot[span], axis=0).max() < 0.01
-    assert foot[:, 1].min() > 0.025 and ankle[:, 1].min() > 0.07 and toe[:, 1].min() > 0.005
+    assert foot[:, 1].min() > 0.022 and ankle[:, 1].min() > 0.07 and toe[:, 1].min() > 0.005
 
 
 @pytest.mark.parametrize("solid", ["pelvis", "abdomen", "waist", "chest", "chest_upper", "cranium", "face"])
@@ -183,7 +191,7 @@ def test_hands_stay_out_of_trunk_and_head(solid: str):
 
 
 def test_holds_are_alive():
-    for start, end in ((0.1, 1.0), (2.4, 4.0), (5.4, 7.0), (14.2, 15.4), (20.0, 21.3)):
+    for start, end in ((6.9, 8.0), (10.0, 10.8), (11.7, 13.0), (24.3, 25.0)):
         when = during(start, end)
         assert np.ptp(at("head_top")[when], axis=0).max() > 0.002
         fingers = [index for index, name in enumerate(SKELETON.joints) if is_finger(name)]

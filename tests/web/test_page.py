@@ -69,8 +69,12 @@ def test_space_ticks_a_box_and_stops_the_motion_elsewhere(used: Used) -> None:
 
 
 def test_what_cannot_be_used_is_said_in_one_line(used: Used) -> None:
-    for name in ("song", "film", "broken", "dog", "hound", "headset", "webcam"):
+    for name in ("song", "film", "broken", "dog", "hound", "headset"):
         assert used[1][name] and "\n" not in used[1][name]
+
+
+def test_the_webcam_is_offered_where_its_files_are(used: Used, site: Path) -> None:
+    assert used[1]["webcam"] == (site / "pose_landmarker_full.task").is_file()
 
 
 def test_no_legend_stays_when_colours_mean_nothing(used: Used) -> None:
@@ -117,6 +121,10 @@ def test_a_wearer_sees_themselves_and_keeps_their_take(scenario: Scenario, site:
     assert picture_of(tmp_path / "vr.png").std() > 3  # something is drawn
 
 
+def test_vr_can_be_entered_again_and_again(scenario: Scenario, site: Path, tmp_path: Path) -> None:
+    assert scenario("again", site, tmp_path)["worn"] == [True, True, True]
+
+
 def test_a_headset_is_followed_at_its_own_rate_without_growth(scenario: Scenario, site: Path) -> None:
     facts = scenario("endurance", site, 20)
     assert facts["rate"] > 50  # Hz, of 72, on a busy machine; docs/page.md has ten minutes
@@ -154,6 +162,8 @@ def test_a_body_goes_by_a_bridge_to_an_avatar(scenario: Scenario, site: Path) ->
     assert said["watched"] == "Another wearer"
     assert said["after"] == {"hint": said["before"]["hint"], "button": "Send"}
     assert said["wrong"].startswith("“not an address” is no address of a bridge")
+    assert said["token"]["notice"].startswith("Something answers there, but not to this token: paste the address")
+    assert said["token"]["button"] == "Send"
     assert said["gone"] == "No bridge answers there; it is asked again and again."
 
 
@@ -210,3 +220,50 @@ def test_a_line_that_breaks_is_taken_up_again(scenario: Scenario, site: Path) ->
     assert len(asked) == 3 and asked[0] is None
     assert asked[1] == asked[2] == {"session": "s1", "token": "t1"}
     assert facts["source"] == "The server's own input"
+
+
+@pytest.fixture(scope="module")
+def behind_a_server(scenario: Scenario, site: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    return scenario("served", site, tmp_path_factory.mktemp("served"))
+
+
+def test_the_page_of_a_server_opens_on_the_performance_until_an_input_comes(behind_a_server: dict[str, Any]) -> None:
+    first = behind_a_server["without"]["first"]
+    assert first["lead"].startswith("This server has no input of its own") and not first["isNoticed"]
+    assert first["source"] == behind_a_server["before"]["source"] == "The page's own performance"
+    assert behind_a_server["after"]["source"] == "The server's own input"
+
+
+def test_a_notice_is_never_over_the_headline(behind_a_server: dict[str, Any]) -> None:
+    assert not behind_a_server["without"]["isOverHeadline"]
+
+
+def test_a_server_measures_recentres_and_raises_its_wearer(behind_a_server: dict[str, Any]) -> None:
+    assert behind_a_server["asked"] == [
+        {"type": "calibrate", "arms_out": True},
+        {"type": "recentre"},
+        {"type": "settings", "posture": "seated"},
+    ]
+    assert behind_a_server["notice"] == "Stand upright, arms out to the sides, and hold still: the server measures."
+
+
+@pytest.fixture(scope="module")
+def linked(
+    scenario: Scenario, site: Path, waving_clip: Clip, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, dict[str, Any]]:
+    folder = tmp_path_factory.mktemp("linked")
+    write_bvh(folder / "walk.bvh", waving_clip)
+    return folder, scenario("linked", site, folder / "walk.bvh", folder / "clear.png")
+
+
+def test_an_address_names_motion_avatar_and_a_background_that_is_none(linked: Used) -> None:
+    assert linked[1]["avatar"] == "other.vrm" and linked[1]["isBare"]
+    alpha = np.asarray(Image.open(linked[0] / "clear.png").convert("RGBA"))[..., 3]
+    assert alpha[:, :100].max() == 0  # nothing beside the body
+    assert alpha.max() == 255
+    assert linked[1]["missing"]["notice"].startswith("nowhere.bvh cannot be fetched: ")
+
+
+def test_settings_take_the_focus_and_escape_gives_it_back(linked: Used) -> None:
+    assert linked[1]["missing"]["keys"] == [True, "panel", False, "settings"]
+    assert re.fullmatch(r"[\d.]+ of [\d.]+ seconds", linked[1]["missing"]["slider"])

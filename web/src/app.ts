@@ -1,13 +1,15 @@
 /** The page: sources, the engine and the person meet here. */
 
 import type { Clip, SensorSet } from "./core/clip";
-import { HEIGHTS, NOBODY, personOf } from "./core/person";
-import type { Skeleton } from "./core/skeleton";
+import type { Observation } from "./core/observation";
+import { HEIGHTS, NOBODY, personOf, type Person } from "./core/person";
+import { restHeight, withOffsets, type Skeleton } from "./core/skeleton";
 import type { Engine } from "./engine/engine";
 import { unpacked, type DefaultBody } from "./engine/files";
 import { FirstPicture, openPerformance, type FirstFiles } from "./first";
 import { HeadsetDoor } from "./headset_door";
 import { Live } from "./live";
+import { Measuring } from "./measuring";
 import { Notice, reasonOf } from "./notice";
 import { workOffline, type About } from "./offline";
 import { button, element } from "./page";
@@ -31,15 +33,22 @@ import { YouPanel } from "./ui/you_panel";
 import { Bodies } from "./view/bodies";
 import type { View } from "./view/scene";
 import { OWN } from "./view/wardrobe";
+import { measurementOf, personFrom } from "./wearer";
 
 const FILE_GUIDE =
   "A simulated headset sees this motion, and the rest is completed. Settings choose what it sees; Truth shows the motion itself.";
+const NO_INPUT =
+  "This server has no input of its own: what you see is the page's performance. Start the server with --replay, --vmc-in or --vmt.";
 const FACTS_EVERY = 150; // ms
+const STANDING = { least: 1.28, most: 1.95 } as const; // m: between them is the head joint of somebody who stands
+const GUESSED = 0.04; // m: standard deviation of a head in its first frame
+const GUESS_LASTS = 1.5; // s
 const OWN_AVATAR = "avatar.vrm.gz";
 
 export class App {
   private settings: Settings = loadSettings(() => localStorage);
   private source: Source | null = null;
+  private awaited: Watching | null = null; // a server whose first body is not there yet
   private tree: Skeleton; // of what is shown
   private performance: Clip | null;
   private readonly body: DefaultBody;
@@ -49,6 +58,8 @@ export class App {
   private shownAt = 0; // ms
   private toldAt = 0; // ms
   private readonly playback = new Playback();
+  private readonly measuring = new Measuring((text) => this.say(text));
+  private guess: { readonly person: Person; since: number | null } | null = null; // s, of the first body
   private readonly notice = new Notice();
   private readonly bodies: Bodies;
   private readonly live: Live;
@@ -96,36 +107,39 @@ export class App {
         if (this.source instanceof Watching) this.source.tell({ hidden: [...hidden] });
       },
     );
-    this.you = new YouPanel(this.settings.height, this.settings.holdFeet, {
+    this.you = new YouPanel(this.settings.height, this.settings.measured, this.settings.holdFeet, {
       height: (height) => this.attempt(async () => this.tellHeight(height)),
-      measured: (person) => this.live.tell(person),
-      recentre: () => this.headset.recentre(),
-      sit: (isSeated) => this.headset.sit(isSeated),
+      measure: () => this.attempt(async () => this.measure()),
+      forget: () => this.forget(),
+      recentre: () => this.recentre(),
+      sit: (isSeated) => this.sit(isSeated),
       holdFeet: (holdFeet) => {
         this.change({ holdFeet });
         this.live.change({ ...this.live.settings, holdFeet });
         if (this.source instanceof Watching) this.source.tell({ hold_feet: holdFeet });
       },
-      say: (text) => this.say(text),
-      fault: (error) => this.fault(error),
     });
     this.headset = new HeadsetDoor(view, this.live, body, {
       begin: (source) => this.begin(source),
-      tracked: (frame) => this.you.take(frame),
-      measure: () => this.you.measure(),
+      tracked: (frame) => this.attempt(async () => this.tracked(frame)),
+      measure: () => this.attempt(async () => this.measure()),
       taller: (by) => this.attempt(async () => this.tellHeight(this.tallerBy(by))),
       height: () => this.settings.height,
       record: () => this.takes.toggle(),
       isRecording: () => this.takes.take.isRecording,
       lookName: () => this.lookName ?? "figure",
       nextLook: () => this.showNext(),
+      seated: (isSeated) => this.you.showSeated(isSeated),
       left: (text, isFault) => this.afterHeadset(text, isFault),
     });
     this.bind();
     this.repaint();
     onSystemChange(() => this.repaint());
     engine.opened.catch((error: unknown) => this.fault(error));
-    this.attempt(() => (about.server ? this.watchServer() : this.perform()));
+    this.attempt(async () => {
+      await (about.server ? this.watchServer() : this.perform());
+      await this.openNamed();
+    });
     workOffline(about, base);
     view.run((milliseconds, frame) => this.draw(milliseconds, frame));
   }
@@ -136,26 +150,43 @@ export class App {
       this.repaint();
     };
     const settings = button("settings");
-    settings.onclick = () => {
-      const panel = element("panel");
-      panel.hidden = !panel.hidden;
-      settings.setAttribute("aria-expanded", String(!panel.hidden));
-      if (!panel.hidden) panel.scrollIntoView(); // on a phone it is below the doors
+    const panel = element("panel");
+    const open = (isOpen: boolean): void => {
+      panel.hidden = !isOpen;
+      settings.setAttribute("aria-expanded", String(isOpen));
+      if (!isOpen) return settings.focus();
+      panel.scrollIntoView(); // on a phone it is below the doors
+      panel.focus({ preventScroll: true });
     };
+    settings.onclick = () => open(panel.hidden === true);
+    addEventListener("keydown", ({ key }) => {
+      if (key === "Escape" && !panel.hidden) open(false);
+    });
     onFile((file) => this.attempt(() => this.open(file)));
-    button("door-performance").onclick = () => this.attempt(() => this.perform());
+    this.offer("door-performance", () => this.perform());
     button("door-server").hidden = !this.about.server;
-    button("door-server").onclick = () => this.attempt(() => this.watchServer());
-    button("door-headset").onclick = () => this.attempt(() => this.enterHeadset());
-    button("door-webcam").onclick = () => this.attempt(() => this.watchWebcam());
+    this.offer("door-server", () => this.watchServer());
+    this.offer("door-headset", () => this.enterHeadset());
+    button("door-webcam").hidden = !this.about.webcam;
+    this.offer("door-webcam", () => this.watchWebcam());
     onKeys({
       " ": () => this.playback.toggle(),
       ArrowLeft: () => this.timeline.step(-1),
       ArrowRight: () => this.timeline.step(1),
       l: () => this.playback.goLive(),
       r: () => this.view.reset(),
-      c: () => this.headset.recentre(),
+      c: () => this.recentre(),
     });
+  }
+
+  /** A button that opens a source; presses while it is being opened do nothing. */
+  private offer(id: string, open: () => Promise<void>): void {
+    const door = button(id);
+    door.onclick = () => {
+      if (door.ariaBusy === "true") return;
+      door.ariaBusy = "true";
+      this.attempt(() => open().finally(() => (door.ariaBusy = "false")));
+    };
   }
 
   /** The packaged performance, seen by a simulated headset. */
@@ -165,14 +196,32 @@ export class App {
   }
 
   private async watchServer(): Promise<void> {
+    let tree = this.body.skeleton;
     const events = {
-      skeleton: (skeleton: Skeleton) => (this.tree = skeleton),
+      skeleton: (skeleton: Skeleton) => {
+        tree = skeleton;
+        if (this.source === source) this.tree = tree;
+      },
+      came: () => {
+        if (this.awaited !== source) return; // the connection broke in between
+        this.begin(source);
+        this.tree = tree;
+      },
+      empty: () => {
+        if (isAsked) this.say(NO_INPUT);
+        else element("lead").textContent = `${NO_INPUT} Or come in here:`;
+      },
       connected: () => this.notice.clear(),
       said: (text: string) => this.say(text),
       lost: (reason: string, again: boolean) => this.notice.fault(reason, again ? () => source.open() : null),
     };
+    const isAsked = this.source !== null;
+    if (!isAsked)
+      await this.perform(); // until somebody comes
+    else this.say("The server is asked for its input …");
+    this.awaited?.stop();
     const source = new Watching(this.base, this.live.history, this.view.stage, events, followedBy(location.hash));
-    this.begin(source);
+    this.awaited = source;
   }
 
   private async enterHeadset(): Promise<void> {
@@ -182,17 +231,23 @@ export class App {
 
   private async watchWebcam(): Promise<void> {
     const { openWebcam } = await import("./sources/webcam"); // MediaPipe is fetched when it is wanted
-    this.begin(
-      await openWebcam(this.about, this.base, this.live, this.body.skeleton, (text) => this.notice.fault(text)),
-    );
+    const before = this.source;
+    const source = await openWebcam(this.base, this.live, this.body.skeleton, (text) => this.notice.fault(text));
+    if (this.source === before) this.begin(source);
+    else source.stop(); // something else was chosen in the meantime
   }
 
   private begin(source: Source): void {
     this.takes.end();
-    this.source?.stop();
+    if (this.awaited !== source) this.awaited?.stop();
+    this.awaited = null;
+    if (this.source !== source) this.source?.stop(); // a headset that is worn again is the same source
     this.source = source;
     this.tree = this.body.skeleton;
-    this.live.begin(this.settings.height === null ? NOBODY : personOf(this.settings.height));
+    this.live.begin(this.personOf(source));
+    this.guess = null;
+    this.measuring.forget();
+    this.bodies.clear(); // until the first body is there
     this.playback.goLive();
     element("lead").textContent = source.guide ?? this.welcome;
     this.sensors.offer(source.sensors, source instanceof ClipSource);
@@ -208,16 +263,102 @@ export class App {
     this.sensors.offer(this.source.sensors, true);
   }
 
+  /** What is known of the person that a source tracks: of whoever is at this page more than of others. */
+  private personOf({ isYou }: Source): Person {
+    return personFrom(this.settings.height, isYou ? this.settings.measured : null);
+  }
+
   private tellHeight(height: number | null): void {
-    this.live.tellHeight(height);
-    if (this.source instanceof Watching) this.source.tell({ height });
+    personOf(height); // refuses a height that no person has
     this.change({ height });
-    this.you.show(height);
+    if (this.source) this.live.tell(this.personOf(this.source));
+    if (this.source instanceof Watching) this.source.tell({ height });
+    this.you.show(height, this.settings.measured);
+  }
+
+  private measure(): void {
+    if (this.source instanceof Watching)
+      this.say(
+        this.source.ask({ type: "calibrate", arms_out: true })
+          ? "Stand upright, arms out to the sides, and hold still: the server measures."
+          : "You watch another wearer, whom only their own page measures.",
+      );
+    else if (this.headset.isSeated)
+      throw new Error("You are marked as sitting: switch that off, stand up, and measure.");
+    else {
+      this.measuring.start();
+      this.say("Stand upright, arms out to the sides. You are measured as soon as your head is tracked.");
+    }
+  }
+
+  private forget(): void {
+    this.change({ measured: null });
+    if (this.source) this.live.tell(this.personOf(this.source));
+    this.you.show(this.settings.height, null);
+  }
+
+  private recentre(): void {
+    if (this.source instanceof Watching) this.source.ask({ type: "recentre" });
+    else this.headset.recentre();
+  }
+
+  private sit(isSeated: boolean): void {
+    if (this.source instanceof Watching) this.source.tell({ posture: isSeated ? "seated" : "standing" });
+    this.headset.sit(isSeated);
+  }
+
+  /** One frame of the headset. */
+  private tracked(frame: Observation): void {
+    this.guessHeight(frame);
+    const person = this.measuring.take(frame);
+    if (!person) return;
+    this.guess = null;
+    this.change({ height: null, measured: measurementOf(person) });
+    this.live.tell(person);
+    this.you.show(null, this.settings.measured);
+    this.say("You are measured.");
+  }
+
+  /** The body of a wearer of whom nothing is known begins as tall as their head is high, until more is seen. */
+  private guessHeight({ time, points }: Observation): void {
+    const head = points.find(({ name }) => name === "head")?.position?.[1] ?? 0;
+    if (
+      this.live.person === NOBODY &&
+      !this.live.newest &&
+      !this.guess &&
+      head > STANDING.least &&
+      head < STANDING.most
+    ) {
+      this.guess = { person: { ...NOBODY, head: { value: head, deviation: GUESSED } }, since: null };
+      this.live.begin(this.guess.person);
+    }
+    if (this.guess && this.live.newest) this.guess.since ??= time;
+    if (!this.guess?.since || time - this.guess.since < GUESS_LASTS) return;
+    if (this.live.person === this.guess.person) this.live.tell(NOBODY);
+    this.guess = null;
+  }
+
+  /** The height of the body that is shown, m. */
+  private get bodyHeight(): number {
+    const { newest } = this.live;
+    return restHeight(newest ? withOffsets(this.body.skeleton, newest.restOffset) : this.body.skeleton);
   }
 
   private tallerBy(metres: number): number {
-    const height = Math.round(100 * ((this.settings.height ?? 1.7) + metres)) / 100;
+    const height = Math.round(100 * ((this.settings.height ?? this.bodyHeight) + metres)) / 100;
     return Math.min(Math.max(height, HEIGHTS.least), HEIGHTS.most);
+  }
+
+  /** Avatar and motion that the page's address names: `?motion=URL&avatar=URL`. */
+  private async openNamed(): Promise<void> {
+    const named = new URLSearchParams(location.search);
+    for (const address of ["avatar", "motion"].flatMap((kind) => named.get(kind) ?? [])) {
+      const answer = await fetch(new URL(address, this.base)).catch(() => null);
+      if (!answer?.ok)
+        throw new Error(`${address} cannot be fetched: it is not there, or its host allows no other page to read it.`);
+      const name = decodeURIComponent(new URL(answer.url).pathname.split("/").at(-1) ?? address);
+      await this.open(new File([await answer.blob()], name));
+    }
   }
 
   private async open(file: File): Promise<void> {
@@ -305,16 +446,18 @@ export class App {
     this.shownAt = milliseconds;
     this.source?.frame(milliseconds, frame);
     const moment = this.playback.step(this.live.history, seconds);
-    if (!moment || !this.source) return;
-    this.first.draw(moment);
-    this.bodies.show(moment, this.tree, this.settings, seconds);
-    if (!this.headset.isWorn) this.view.follow(moment.rootPosition[0], moment.rootPosition[2], seconds);
+    if (!this.source) return;
+    if (moment) {
+      this.first.draw(moment);
+      this.bodies.show(moment, this.tree, this.settings, seconds);
+      if (!this.headset.isWorn) this.view.follow(moment.rootPosition[0], moment.rootPosition[2], seconds);
+    }
     if (milliseconds - this.toldAt < FACTS_EVERY) return;
     this.toldAt = milliseconds;
     this.sensors.offer(this.source.sensors, this.source instanceof ClipSource);
     this.timeline.show();
     this.takes.show();
-    this.look.show(this.settings, this.bodies.wardrobe, moment.truth !== null);
+    this.look.show(this.settings, this.bodies.wardrobe, (moment?.truth ?? null) !== null);
     const title =
       this.live.isReady || this.source instanceof Watching ? this.source.title : "The network is on its way";
     showStatus(this.live, moment, this.tree, title);

@@ -18,12 +18,13 @@ export interface DoorEvents {
   isRecording(): boolean;
   lookName(): string;
   nextLook(): void;
+  seated(isSeated: boolean): void;
   left(text: string, isFault: boolean): void;
 }
 
 export class HeadsetDoor {
   isWorn = false;
-  private isSeated = false;
+  isSeated = false;
   private readonly headset: Headset;
   private readonly menu: VrMenu;
 
@@ -66,6 +67,7 @@ export class HeadsetDoor {
 
   /** From a click. Throws an Error of one line that says what is missing. */
   async enter(): Promise<void> {
+    if (this.isWorn) return;
     const missing = await missingForHeadset();
     if (missing) throw new Error(missing);
     await this.headset.enter();
@@ -85,6 +87,7 @@ export class HeadsetDoor {
   sit(isSeated: boolean): void {
     this.isSeated = isSeated;
     this.headset.sit(isSeated);
+    this.events.seated(isSeated);
   }
 
   private heightText(): string {

@@ -1,7 +1,7 @@
 /** The live body: what a source tracks goes to the worker, what comes back goes to the history. */
 
 import type { Observation } from "./core/observation";
-import { NOBODY, personOf, type Person } from "./core/person";
+import { NOBODY, type Person } from "./core/person";
 import type { Body, Skeleton } from "./core/skeleton";
 import { TRACKER_SETTINGS, type TrackerSettings } from "./core/tracker";
 import type { Engine, Step } from "./engine/engine";
@@ -51,11 +51,6 @@ export class Live implements Sink {
   tell(person: Person): void {
     this.person = person;
     this.engine.person(person);
-  }
-
-  /** Throws an Error of one line for a height that no person has. */
-  tellHeight(height: number | null): void {
-    this.tell({ ...personOf(height), lengths: height === null ? [] : this.person.lengths });
   }
 
   change(settings: TrackerSettings): void {

@@ -13,7 +13,9 @@ function fault(text: string): void {
 
 function viewOf(canvas: HTMLCanvasElement): View | null {
   try {
-    return new View(canvas, element("transport"));
+    const isClear = new URLSearchParams(location.search).get("background") === "transparent";
+    if (isClear) document.documentElement.dataset["background"] = "transparent";
+    return new View(canvas, element("transport"), isClear);
   } catch (error) {
     fault(
       `This page cannot draw in 3-D: ${String(error)}. Use a browser with WebGL 2, and switch its hardware acceleration on.`,

@@ -4,12 +4,14 @@ import { SENSOR_SETS, type SensorSet } from "./core/clip";
 import { HEIGHTS } from "./core/person";
 import { COLOURINGS } from "./view/colours";
 import type { Shown } from "./view/bodies";
+import { measurementFrom, type Measurement } from "./wearer";
 
 export const THEMES = ["auto", "light", "dark"] as const;
 export type Theme = (typeof THEMES)[number];
 
 export interface Settings extends Shown {
   readonly height: number | null; // m
+  readonly measured: Measurement | null; // the wearer, by Measure me
   readonly sensors: SensorSet; // of the simulated headset
   readonly holdFeet: boolean;
   readonly theme: Theme;
@@ -17,6 +19,7 @@ export interface Settings extends Shown {
 
 export const DEFAULT_SETTINGS: Settings = {
   height: null,
+  measured: null,
   sensors: "hands",
   holdFeet: true,
   figure: "avatar",
@@ -35,6 +38,7 @@ export function settingsFrom(text: string | null): Settings {
   const { height } = saved;
   return {
     height: typeof height === "number" && height >= HEIGHTS.least && height <= HEIGHTS.most ? height : fallback.height,
+    measured: measurementFrom(saved["measured"]),
     sensors: oneOf(Object.keys(SENSOR_SETS) as SensorSet[], saved["sensors"]) ?? fallback.sensors,
     holdFeet: flag(saved["holdFeet"], fallback.holdFeet),
     figure: oneOf(["avatar", "figure"] as const, saved["figure"]) ?? fallback.figure,

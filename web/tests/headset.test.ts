@@ -101,6 +101,23 @@ describe("a headset", () => {
     expect(headOf(tracked[2])?.position?.[1]).toBeLessThan(1.2);
   });
 
+  it("raises somebody who said so before the first frame, and lets them stand up", async () => {
+    const { tracked, headset, frame } = await worn();
+    headset.sit(true);
+    for (const [k, height] of [1.15, 1.3, 1.5, 1.6, 1.1].entries()) frame(1000 + 14 * k, [0, height, 0], [1, 0, 0, 0]);
+    const heights = tracked.map((observation) => headOf(observation)?.position?.[1] ?? 0);
+    for (const height of heights.slice(0, 4)) expect(height).toBeCloseTo(heights[0], 1); // standing all the while
+    expect(heights[0]).toBeGreaterThan(1.4);
+    expect(heights[4]).toBeCloseTo(heights[0] - 0.05, 2); // bowed in the seat
+  });
+
+  it("takes no hand from a transient pointer", async () => {
+    const { tracked, frame, session } = await worn();
+    Object.assign(session.inputSources[0] ?? {}, { targetRayMode: "transient-pointer" });
+    frame(1000, [0, 1.6, 0], [1, 0, 0, 0]);
+    expect(tracked[0].points.map(({ name }) => name)).toEqual(["head"]);
+  });
+
   it("gives the camera and the stage back when it goes, and tells whether it was asked to", async () => {
     const asked = await worn();
     asked.frame(1000, [0, 1.6, 0], [1, 0, 0, 0]);

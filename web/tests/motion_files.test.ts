@@ -72,6 +72,17 @@ function namedDog(): string {
 }
 
 describe("a BVH", () => {
+  it("whose person lies, and whose rest pose stands, is not stood upright", () => {
+    const history = new History();
+    [0, 0.05, 0.1].forEach((time, k) => {
+      const lying = moment(k, time, 0.1);
+      lying.rotation.set([Math.SQRT1_2, -Math.SQRT1_2, 0, 0]);
+      history.add(lying);
+    });
+    const text = bvhText(skeleton, resample(history.moments, skeleton.joints));
+    expect(() => clipOf(readBvh(text, "sleeper.bvh"), skeleton)).toThrow(/^sleeper\.bvh lies down [^\n]*$/);
+  });
+
   it("of our own comes back as it was", () => {
     const clip = clipOf(readBvh(ownBvh(), "own.bvh"), skeleton);
     expect([clip.frames, Math.round(clip.rate)]).toEqual([4, 20]);
@@ -157,6 +168,20 @@ describe("a recording", () => {
 });
 
 describe("anything else that is dropped", () => {
+  it("says of Draco that it is not unpacked here", async () => {
+    const json = JSON.stringify({
+      asset: { version: "2.0" },
+      extensionsRequired: ["KHR_draco_mesh_compression"],
+      extensionsUsed: ["KHR_draco_mesh_compression"],
+    });
+    const text = new TextEncoder().encode(json.padEnd(Math.ceil(json.length / 4) * 4));
+    const head = Uint32Array.of(0x46546c67, 2, 20 + text.length, text.length, 0x4e4f534a);
+    const bytes = new Uint8Array(20 + text.length);
+    bytes.set(new Uint8Array(head.buffer));
+    bytes.set(text, 20);
+    await expect(openFile(file("packed.glb", bytes), skeleton)).rejects.toThrow(/^packed\.glb is packed by Draco/);
+  });
+
   it.each([
     ["song.mp3", "la la la", /^song\.mp3 is nothing that this page reads; drop a motion[^\n]*$/],
     ["cut.npz", Uint8Array.from([0x50, 0x4b, 3, 4, 0, 0]), /^cut\.npz cannot be used: it is no \.npz archive[^\n]*$/],

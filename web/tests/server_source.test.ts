@@ -60,7 +60,15 @@ afterEach(() => {
   vi.useRealTimers();
 });
 
-const silent = () => ({ skeleton: vi.fn(), connected: vi.fn(), said: vi.fn(), lost: vi.fn(), others: vi.fn() });
+const silent = () => ({
+  skeleton: vi.fn(),
+  connected: vi.fn(),
+  came: vi.fn(),
+  empty: vi.fn(),
+  said: vi.fn(),
+  lost: vi.fn(),
+  others: vi.fn(),
+});
 
 describe("several wearers", () => {
   it("are named by a link", () => {
@@ -90,7 +98,15 @@ describe("several wearers", () => {
     watching.frame();
     expect(watching.title).toBe("The server's own input, and 1 more");
     expect(stage.children).toHaveLength(1);
-    const other = FakeSocket.all[asked.indexOf("markers") + 1];
+    expect(events.came).toHaveBeenCalled();
+    const [watched, other] = ["vmc", "markers"].map((name) => FakeSocket.all[asked.indexOf(name) + 1]);
+    vi.advanceTimersByTime(6000);
+    watched?.say(poseBytes(6));
+    expect(watching.title).toBe("The server's own input"); // the other one is silent
+    watching.frame();
+    expect(stage.children[0]?.visible).toBe(false);
+    other?.say(poseBytes(6));
+    expect(watching.title).toBe("The server's own input, and 1 more");
     other?.onclose?.({ code: 1008, reason: "the session that was watched is over" });
     expect(events.said).toHaveBeenCalledWith("One wearer is gone: the session that was watched is over.");
     expect([watching.title, stage.children.length]).toEqual(["The server's own input", 0]);
@@ -138,13 +154,11 @@ describe("a server", () => {
     source.stop();
   });
 
-  it("without an input says which doors there are", () => {
-    const said = vi.fn();
-    const source = new ServerSource("http://here:1/", new History(), null, { ...silent(), said });
+  it("without an input says so, and nobody comes", () => {
+    const events = silent();
+    const source = new ServerSource("http://here:1/", new History(), null, events);
     FakeSocket.all.at(-1)?.say(JSON.stringify({ ...WELCOME, sources: [] }));
-    expect(said).toHaveBeenCalledWith(
-      expect.stringMatching(/^The server has no input of its own; start it with[^\n]*$/),
-    );
+    expect([events.empty.mock.calls.length, events.came.mock.calls.length]).toEqual([1, 0]);
     source.stop();
   });
 });

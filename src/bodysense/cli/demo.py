@@ -1,9 +1,9 @@
-"""`bodysense demo`: a motion, seen through a headset's cameras and completed."""
+"""`bodysense demo`: a motion, completed from head and hands, and from what a headset's cameras see."""
 
 from __future__ import annotations
 
-import time
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,11 +16,23 @@ from bodysense.io.rigs.options import AS_FOUND
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from bodysense.body.pose import Pose
     from bodysense.io.clip import Clip
-    from bodysense.scoring import Tallies
+    from bodysense.observation import Observation
 
-PICTURES = 10.0  # Hz of the animation, about
-LONGEST = 10.0  # s of it, from the middle of the motion
+PICTURES = 15.0  # Hz of the animation, about
+LONGEST = 8.0  # s of it, from the beginning of the motion
+DEVICES = {"three_point": "head and hands", "headset_camera": "headset cameras"}
+
+
+@dataclass(frozen=True)
+class DemoRow:
+    """Mean error of some joints that a device does not track."""
+
+    device: str
+    joints: str
+    last_known: float  # cm, of the best of three ways to keep the last known place
+    completed: float  # cm
 
 
 def demo(
@@ -28,28 +40,26 @@ def demo(
     out: Annotated[Path, tyro.conf.arg(aliases=("-o",))] = Path("bodysense-demo"),
     reading: Reading = AS_FOUND,
 ) -> None:
-    """Complete a motion from what a headset's cameras see of it; write BVH files and pictures.
+    """Complete a motion from head and hands, and from what a headset's cameras see; write BVH files and pictures.
 
     Args:
-        file: motion of your own, .bvh or AMASS .npz; without one, the packaged performance, by a stranger: a body that
-            no network was trained on.
-        out: folder for truth.bvh, result.bvh, demo.webp and demo.png.
+        file: motion of your own, .bvh or AMASS .npz; without one, the packaged performance, on a body that no network
+            was trained on.
+        out: folder for truth.bvh, hands.bvh, result.bvh, demo.webp and demo.png.
         reading: what the file does not say of itself.
     """
-    import numpy as np
     from rich.console import Console
 
     from bodysense.body.person import Person
-    from bodysense.body.pose import forward_kinematics
     from bodysense.cli.recordings import load_clip
-    from bodysense.cli.show import processor
     from bodysense.demo import performance_of_stranger
     from bodysense.devices.simulated.device import simulate
     from bodysense.io.bvh import write_bvh
     from bodysense.io.recording import Recording
     from bodysense.io.resample import resample
     from bodysense.pictures.comparison import View, write_comparison, write_moments
-    from bodysense.scoring import RATE, TrackedClip, last_known, score
+    from bodysense.pictures.sheet import Lens
+    from bodysense.scoring import RATE
     from bodysense.take import track
 
     console = Console()
@@ -58,65 +68,78 @@ def demo(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BodysenseError(f"{out}: no folder can be made there ({error.strerror}); choose another --out") from None
-    skeleton = clip.pose.skeleton
+    skeleton, rows, poses = clip.pose.skeleton, list[DemoRow](), list["Pose"]()
+    frames = shown_frames(clip)
+    views = [View("the wearer", clip.pose[frames])]
     with console.status("completing the body …"):
-        seen = simulate(clip, "headset_camera")
-        begun = time.perf_counter()
-        take = track(Recording(seen, skeleton), person=Person(skeleton))
-        taken = time.perf_counter() - begun
-    pose = take.clip.pose
-    positions = {"bodysense": np.asarray(forward_kinematics(pose)[0])} | last_known(seen, skeleton)
-    tallies = score(TrackedClip(clip, seen, pose, positions))
-    hidden = 1 - seen.has_position.mean()
-    console.print(demo_table(tallies, f"{clip.name}: {clip.seconds:.0f} s, {hidden:.0%} of points hidden"))
-    console.print(f"{len(clip) / taken:.0f} frames/s, one thread, {processor()}", highlight=False)
+        for device, name in DEVICES.items():
+            seen = simulate(clip, device)
+            pose = track(Recording(seen, skeleton), person=Person(skeleton)).clip.pose
+            poses.append(pose)
+            rows += demo_rows(clip, seen, pose, name)
+            views.append(View(f"from {name}", pose[frames]))
+    console.print(sentence(clip, rows), highlight=False, soft_wrap=True)
+    console.print(demo_table(rows))
     with console.status("drawing …"):
         write_bvh(out / "truth.bvh", clip)
-        write_bvh(out / "result.bvh", replace(take.clip, name="result"))
-        frames = shown_frames(clip)
-        views = [
-            View("the wearer; red: unseen by the headset", clip.pose[frames], seen.has_position[frames]),
-            View("bodysense, from what the headset sees", pose[frames]),
-        ]
-        write_comparison(out / "demo.webp", views, clip.frame_rate / frames.step)
-        write_moments(out / "demo.png", views, clip.frame_rate / frames.step)
-    for name in ("truth.bvh", "result.bvh", "demo.webp", "demo.png"):
+        for name, pose in zip(("hands", "result"), poses, strict=True):
+            write_bvh(out / f"{name}.bvh", replace(clip, name=name, pose=pose))
+        lens = Lens(width=220, height=290, aim=0.86, shown=2.25)
+        write_comparison(out / "demo.webp", views, clip.frame_rate / frames.step, lens)
+        write_moments(out / "demo.png", views, clip.frame_rate / frames.step, lens=lens)
+    for name in ("truth.bvh", "hands.bvh", "result.bvh", "demo.webp", "demo.png"):
         console.print(f"wrote {out / name}", highlight=False)
 
 
-def demo_table(tallies: Tallies, title: str) -> Table:
-    """RMSJPE / MPJPE in cm of the best last known and of the tracker, and the ratio."""
+def demo_rows(clip: Clip, seen: Observation, pose: Pose, device: str) -> list[DemoRow]:
+    """Errors, in the world, of the joints of the body that a device does not track, and of the legs among them."""
+    import numpy as np
+
+    from bodysense.body.pose import forward_kinematics
+    from bodysense.body.skeleton import BODY, LOWER_BODY
+    from bodysense.metrics import joint_error
+    from bodysense.observation import observed_points
+    from bodysense.scoring import last_known
+
+    skeleton = clip.pose.skeleton
+    truth = np.asarray(forward_kinematics(clip.pose)[0])
+    hidden = ~observed_points(seen, skeleton)[2]
+    kept, rows = last_known(seen, skeleton), []
+    for joints, names in (("the whole body", BODY), ("the legs", LOWER_BODY)):
+        points = skeleton.indices(names)
+        counted = hidden[:, points]
+        if not counted.any():
+            continue
+
+        def error(position: np.ndarray, points: np.ndarray = points, counted: np.ndarray = counted) -> float:
+            return float(joint_error(position[:, points], truth[:, points])[counted].mean())
+
+        best = min(error(position) for position in kept.values())
+        rows.append(DemoRow(device, joints, best, error(np.asarray(forward_kinematics(pose)[0]))))
+    return rows
+
+
+def sentence(clip: Clip, rows: Sequence[DemoRow]) -> str:
+    """The result in one sentence."""
+    whole = [row for row in rows if row.joints == "the whole body"]
+    errors = ", and ".join(f"{row.completed:.1f} cm from {row.device}" for row in whole)
+    return f"In {clip.name} ({clip.seconds:.0f} s) joints that are not tracked are off by {errors}."
+
+
+def demo_table(rows: Sequence[DemoRow]) -> Table:
+    """Mean errors in cm, and those of the best last known place."""
     from rich import box
     from rich.table import Table
 
-    from bodysense.cli.show import PARTS, SHARES
-    from bodysense.scoring import KNOWN
-
-    caption = "RMSJPE / MPJPE, cm. Last known: the best of three ways to keep it."
-    shown = Table(title=title, caption=caption, box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    for column in ("part", "joints", "last known", "bodysense", "ratio"):
-        shown.add_column(column, justify="left" if column in ("part", "joints") else "right", no_wrap=True)
-    groups = {group for group, *_ in tallies}
-    for group, part, share in (
-        (group, part, share)
-        for group in groups
-        for part in ("body", "finger", "body_and_finger")
-        for share in ("occluded", "all")
-    ):
-        ours = tallies.get((group, part, share, "bodysense"))
-        if ours is None or not ours.count:
-            continue
-        known = [tallies[group, part, share, frame] for frame in KNOWN]
-        best = [min(getattr(one, measure) for one in known) for measure in ("rmsjpe", "mpjpe")]
-        cells = [best, (ours.rmsjpe, ours.mpjpe)]
-        ratio = " / ".join(f"{mine / theirs:.2f}" for mine, theirs in zip(cells[1], best, strict=True))
-        shown.add_row(PARTS[part], SHARES[share], *(f"{a:.1f} / {b:.1f}" for a, b in cells), ratio)
+    shown = Table(caption="mean error of hidden joints, cm", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    for column in ("completed from", "joints", "last known place", "bodysense"):
+        shown.add_column(column, justify="left" if column in ("completed from", "joints") else "right", no_wrap=True)
+    for row in rows:
+        shown.add_row(row.device, row.joints, f"{row.last_known:.1f}", f"{row.completed:.1f}")
     return shown
 
 
 def shown_frames(clip: Clip) -> slice:
-    """The frames of the animation: `LONGEST` seconds of the middle, about `PICTURES` a second."""
+    """The frames of the animation: the first `LONGEST` seconds, about `PICTURES` a second."""
     step = max(1, round(clip.frame_rate / PICTURES))
-    count = min(len(clip), round(LONGEST * clip.frame_rate))
-    start = (len(clip) - count) // 2
-    return slice(start, start + count, step)
+    return slice(0, min(len(clip), round(LONGEST * clip.frame_rate)), step)

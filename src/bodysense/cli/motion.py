@@ -258,6 +258,8 @@ def _say(take: Take, out: Path) -> None:
 
     if take.holed is not None:
         print(holes_line(take.holed))
+    for line in take.remarks:
+        print(f"WARNING: {line}")
     if take.markers is not None and is_marker_file(out):
         for line in marker_lines(take.filled_markers, take.markers):
             print(line)

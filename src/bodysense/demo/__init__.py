@@ -13,7 +13,7 @@ STRANGER = 0  # which of the shape space's test bodies performs
 
 
 def packaged_performance() -> Clip:
-    """The project's own motion: arms crossed, chin on hand, sitting down, a few steps."""
+    """The project's own motion: a wearer who walks, turns, waves, sits, gestures, reaches and points."""
     from bodysense.io.amass import read_amass
 
     with as_file(files("bodysense.demo").joinpath("performance.npz")) as path:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from virtual import BASELINE, PLUG_IN_GAIT, RIZZOLI, worn
+from virtual import BASELINE, LEGS, OPENCAP, OPENSIM, PAIRS, PLUG_IN_GAIT, QUALISYS, RAJAGOPAL, RIZZOLI, worn
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle, quaternion_multiply
@@ -23,6 +23,13 @@ from bodysense.io.markers.recording import read_markers
 from bodysense.take import track
 
 SETS = {"Plug-in Gait": PLUG_IN_GAIT, "Rizzoli (IOR)": RIZZOLI, "OptiTrack Baseline": BASELINE}
+LABORATORIES = {
+    "OpenSim gait2354 and Hamner": OPENSIM,
+    "Rajagopal": RAJAGOPAL,
+    "OpenCap": OPENCAP,
+    "anatomical pairs": PAIRS,
+    "Rizzoli (IOR)": QUALISYS,
+}
 HARDEST = {"foot": 0.03, "neck": 0.03, "elbow": 0.025}  # m; other joints 1.5 cm
 Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # our axes → those of most laboratories
 
@@ -64,6 +71,20 @@ def test_joints_are_where_they_are(stranger: Clip, name: str) -> None:
     assert wanted | {"left_elbow", "right_wrist", "head", "neck", "pelvis"} <= set(far)
     for joint, error in far.items():
         assert error < HARDEST.get(joint.rpartition("_")[2], 0.018), joint
+
+
+@pytest.mark.parametrize("name", LABORATORIES)
+def test_sets_of_laboratories(stranger: Clip, name: str) -> None:
+    """Every joint of the limbs follows, within 2 cm; balls of feet and necks within 3."""
+    raw = raw_of(stranger, LABORATORIES[name])
+    known = recognised(raw.names)
+    assert known is not None and known.markers.name == name and len(known.columns) == len(raw.names)
+    far = errors(raw, stranger)
+    parts = ("hip", "knee", "ankle", "foot", "shoulder", "elbow", "wrist")
+    assert {"pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in parts)} <= set(far)
+    for joint, error in far.items():
+        of_top = joint == "head" and name.startswith("OpenSim")  # from the top of the head alone
+        assert error < (0.06 if of_top else {**HARDEST, "head": 0.02}.get(joint.rpartition("_")[2], 0.02)), joint
 
 
 @pytest.mark.parametrize("name", SETS)
@@ -236,7 +257,7 @@ def test_a_table_names_joints(tmp_path: Path, stranger: Clip) -> None:
 
 def test_the_sets_hold_together() -> None:
     points = set().union(*({recipe.name for recipe in one.points} for one in marker_sets()))
-    assert len(marker_sets()) == 4 and {"left_hip", "right_wrist", "head"} <= points
+    assert len(marker_sets()) == 8 and {"left_hip", "right_wrist", "head"} <= points
     for one in marker_sets():
         labels = set(one.labels.values())
         made = {recipe.name for recipe in one.points}
@@ -264,3 +285,35 @@ def test_a_body_is_tracked_from_markers(tmp_path: Path, name: str) -> None:
     far = np.linalg.norm(take.estimate.points[:, clip.pose.skeleton.indices(BODY)] - truth, axis=-1)[20:]
     assert far.mean() < 0.03
     assert take.person.skeleton.height == pytest.approx(clip.pose.skeleton.height, abs=0.06)
+
+
+def test_limbs_whose_labels_are_unknown_are_named(stranger: Clip) -> None:
+    """Arms under labels of nobody's, beside legs that are known: a warning with their names."""
+    arms = {"acromion", "elbow", "elbow_in", "wrist_thumb", "wrist_pinky", "head_front", "head_back", "c7", "sternum"}
+    odd = {spot: f"Lzz{k}" if spot in arms else label for k, (spot, label) in enumerate(PAIRS.items())}
+    odd |= {spot: f"Lyy{spot}" for spot in ("upper_arm", "forearm", "hand", "head_side", "thigh", "shin")}
+    (line,) = (line for line in found(raw_of(stranger, odd)).remarks if line.startswith("WARNING"))
+    assert "no known marker is on the left arm and the right arm" in line and "'Lzz" in line and "--names" in line
+    assert not any(line.startswith("WARNING") for line in found(raw_of(stranger, PAIRS)).remarks)
+    few = {"asis": "LASI", "psis": "LPSI", "knee": "LKNE", "ankle": "LANK"}
+    few |= {spot: f"Lzz{spot}" for spot in ("heel", "thigh", "shin", "elbow")}
+    with pytest.raises(BodysenseError, match=r"too few to be sure; 8 are unknown: 'Lzzheel'"):
+        found(raw_of(stranger, few))
+
+
+def test_legs_alone_hang_the_arms(stranger: Clip, tmp_path: Path) -> None:
+    raw = raw_of(stranger, LEGS)
+    write_c3d(tmp_path / "legs.c3d", points_alone(raw.names, raw.position, raw.time), raw.frame_rate)
+    take = track(tmp_path / "legs.c3d")
+    assert "arms hang at the sides, guessed" in take.remarks[0] and "±" in take.remarks[0]
+    place, skeleton = np.asarray(forward_kinematics(take.clip.pose)[0]), take.clip.pose.skeleton
+    for side in ("left", "right"):
+        wrist, shoulder = (place[:, skeleton.index(f"{side}_{part}")] for part in ("wrist", "shoulder"))
+        assert np.median(shoulder[:, 1] - wrist[:, 1]) > 0.3
+
+
+def test_a_set_of_fingers_is_no_body() -> None:
+    names = ["hand_left", *(f"{finger}{k}_left" for finger in ("index", "middle", "ring") for k in (1, 2, 3))]
+    assert recognised(names) is None
+    dots = recognised([f"{side}.{part}" for side in "LR" for part in ("Bicep", "Hip", "Wrist", "Elbow", "Hand")])
+    assert dots is None or not {"left_shoulder", "right_shoulder"} & set(dots.columns)

@@ -71,7 +71,37 @@ BASELINE = {
     "head_top": "HeadTop", "forehead": "HeadFront", "head_side": "HeadSide", "c7": "BackTop", "clavicle": "Chest",
     "back_side": "BackLeft",
 }  # fmt: skip
-MIDDLE = ("c7", "t10", "clavicle", "sternum", "head_top", "forehead")
+OPENSIM = {
+    "asis": "L.ASIS", "sacrum": "V.Sacral", "thigh": "L.Thigh.Front", "knee": "L.Knee.Lat", "knee_in": "L.Knee.Med",
+    "shin": "L.Shank.Front", "ankle": "L.Ankle.Lat", "ankle_in": "L.Ankle.Med", "heel": "L.Heel",
+    "toe_tip": "L.Toe.Tip", "fifth_metatarsal": "L.Toe.Lat", "first_metatarsal": "L.Toe.Med", "acromion": "L.Acromium",
+    "upper_arm": "L.Bicep", "elbow": "L.Elbow", "wrist_thumb": "L.Wrist.Lat", "wrist_pinky": "L.Wrist.Med",
+    "clavicle": "Sternum", "head_top": "Top.Head",
+}  # fmt: skip
+RAJAGOPAL = {
+    "asis": "LASI", "psis": "LPSI", "thigh": "LTH1", "knee": "LLFC", "knee_in": "LMFC", "shin": "LTB1",
+    "ankle": "LLMAL", "ankle_in": "LMMAL", "heel": "LCAL", "first_metatarsal": "LTOE", "fifth_metatarsal": "LMT5",
+    "acromion": "LACR", "upper_arm": "LUA1", "elbow": "LLEL", "elbow_in": "LMEL", "wrist_thumb": "LFAradius",
+    "wrist_pinky": "LFAulna", "c7": "C7", "clavicle": "CLAV",
+}  # fmt: skip
+OPENCAP = {
+    "asis": "L.ASIS_study", "psis": "L.PSIS_study", "thigh": "L_thigh1_study", "knee": "L_knee_study",
+    "knee_in": "L_mknee_study", "shin": "L_sh1_study", "ankle": "L_ankle_study", "ankle_in": "L_mankle_study",
+    "heel": "L_calc_study", "first_metatarsal": "L_toe_study", "fifth_metatarsal": "L_5meta_study",
+    "acromion": "L_shoulder_study", "elbow": "L_lelbow_study", "elbow_in": "L_melbow_study",
+    "wrist_thumb": "L_lwrist_study", "wrist_pinky": "L_mwrist_study", "c7": "C7_study",
+}  # fmt: skip
+PAIRS = {
+    "asis": "LASI", "psis": "LPSI", "knee": "LLKN", "knee_in": "LMKN", "ankle": "LLAK", "ankle_in": "LMAK",
+    "heel": "LHEE", "first_metatarsal": "LMT1", "fifth_metatarsal": "LMT5", "acromion": "LSHO", "elbow": "LLEL",
+    "elbow_in": "LMEL", "wrist_thumb": "LLWR", "wrist_pinky": "LMWR", "c7": "C7", "clavicle": "CLAV", "sternum": "STRN",
+    "t10": "T10", "head_front": "LFHD", "head_back": "LBHD",
+}  # fmt: skip
+QUALISYS = {**RIZZOLI, "wrist_pinky": "L_UHE"}
+LEGS = {
+    spot: label for spot, label in PAIRS.items() if spot[:4] in ("asis", "psis", "knee", "ankl", "heel", "firs", "fift")
+}
+MIDDLE = ("sacrum", "c7", "t10", "clavicle", "sternum", "head_top", "forehead")
 ONE_SIDE = ("head_side",)
 
 
@@ -81,6 +111,7 @@ WIDTH = 2 * 0.1056 / (1 - 2 * 0.14)
 BONES = {
     "asis": ("pelvis", "left_hip", (0.14 * WIDTH, 0.30 * WIDTH, 0.22 * WIDTH)),
     "psis": ("pelvis", "left_hip", (0.045 - 0.1056, 0.30 * WIDTH + 0.027, 0.22 * WIDTH - 0.153)),
+    "sacrum": ("pelvis", "left_hip", (-0.1056, 0.30 * WIDTH + 0.027, 0.22 * WIDTH - 0.153)),
 }
 
 

@@ -7,7 +7,7 @@ import type { Person } from "./person";
 export const LASTS = 2; // s
 const STILL = 0.05; // m: whose head moves farther does not stand still
 const SPAN = { least: 0.9, most: 2.0 } as const; // m between wrists of arms that are out
-const DEVIATION = 0.02; // m
+export const DEVIATION = 0.02; // m
 const FEWEST = 3; // frames: a device that can hardly keep up is measured, too
 
 /** The person after standing still. Throws an Error of one line for whoever did not. */

@@ -77,8 +77,13 @@ export class LandmarkPoints {
     ];
     this.begun ??= this.place[2];
     const rest = restOf(skeleton);
-    const soles = SIDES.flatMap((side) => ["ankle", "foot", "toe"].map((part) => `${side}_${part}`));
-    const lowest = Math.min(...soles.map((name) => (laid.position.get(name)?.[1] ?? 0) - (rest.get(name)?.[1] ?? 0)));
+    const up = skeleton.restOffset[1]; // m: how high the pelvis stands over the floor at rest
+    // By the ankles alone: how far toes point down is the least sure of all, and would lift the whole body.
+    const lowest = Math.min(
+      ...SIDES.map(
+        (side) => (laid.position.get(`${side}_ankle`)?.[1] ?? 0) - (rest.get(`${side}_ankle`)?.[1] ?? 0) - up,
+      ),
+    );
     const root: Vector = [this.place[0], -lowest, this.place[2] - this.begun];
     return pointsOf(laid, root);
   }

@@ -9,10 +9,15 @@ export type Archive = ReadonlyMap<string, NumpyArray | readonly string[]>;
 
 const END = 0x06054b50;
 const ENTRY = 0x02014b50;
-const LARGEST = 2 ** 30; // bytes of one array
+const LARGEST = 2 ** 28; // bytes of one array
+const MOST_NUMBERS = 40_000_000; // of one array: an hour of a whole body
+const MOST_LETTERS = 100_000; // of one array of texts
 
-/** The arrays of an archive. Throws an Error of a few words where it is none. */
-export async function readNpz(bytes: ArrayBuffer): Promise<Archive> {
+/** The arrays of an archive, those of these names where some are given. Others are not even unpacked.
+ *
+ * Throws an Error of a few words if it is damaged, or if an array holds more than a page should read.
+ */
+export async function readNpz(bytes: ArrayBuffer, names: ReadonlySet<string> | null = null): Promise<Archive> {
   const view = new DataView(bytes);
   const found = new Map<string, NumpyArray | readonly string[]>();
   let end = bytes.byteLength - 22;
@@ -28,20 +33,32 @@ export async function readNpz(bytes: ArrayBuffer): Promise<Archive> {
     const [name, extra, comment] = [28, 30, 32].map((field) => view.getUint16(at + field, true));
     const local = view.getUint32(at + 42, true);
     const title = new TextDecoder().decode(new Uint8Array(bytes, at + 46, name));
-    const start = local + 30 + view.getUint16(local + 26, true) + view.getUint16(local + 28, true);
-    if (size > LARGEST || start + packed > bytes.byteLength) throw new Error(`its array ${title} is damaged`);
-    const content = bytes.slice(start, start + packed);
-    found.set(
-      title.replace(/\.npy$/, ""),
-      readNpy(method === 0 ? content : await inflated(content, "deflate-raw"), title),
-    );
     at += 46 + name + extra + comment;
+    const key = title.replace(/\.npy$/, "");
+    if (names && !names.has(key)) continue;
+    const start = local + 30 + view.getUint16(local + 26, true) + view.getUint16(local + 28, true);
+    if (start + packed > bytes.byteLength) throw new Error(`its array ${title} is damaged`);
+    if (size > LARGEST)
+      throw new Error(`its array ${title} has ${(size / 1e6).toFixed(0)} MB, more than this page reads`);
+    const content = bytes.slice(start, start + packed);
+    const whole = method === 0 ? content : await inflated(content, "deflate-raw", size);
+    found.set(key, readNpy(whole, title));
   }
   return found;
 }
 
-export async function inflated(bytes: ArrayBuffer, format: CompressionFormat): Promise<ArrayBuffer> {
-  return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream(format))).arrayBuffer();
+/** Unpack. Throws an Error for more than `most` bytes, before they are there. */
+export async function inflated(bytes: ArrayBuffer, format: CompressionFormat, most = LARGEST): Promise<ArrayBuffer> {
+  let size = 0;
+  const counted = new TransformStream<Uint8Array, Uint8Array>({
+    transform: (chunk, out) => {
+      size += chunk.byteLength;
+      if (size > most) out.error(new Error("it holds more than it says"));
+      else out.enqueue(chunk);
+    },
+  });
+  const unpacked = new Blob([bytes]).stream().pipeThrough(new DecompressionStream(format)).pipeThrough(counted);
+  return new Response(unpacked).arrayBuffer();
 }
 
 /** An array of numbers by name. Throws an Error of a few words where there is none, or its shape is another. */
@@ -71,19 +88,39 @@ function readNpy(bytes: ArrayBuffer, title: string): NumpyArray | readonly strin
   const shape = (/'shape':\s*\(([^)]*)\)/.exec(header)?.[1] ?? "")
     .split(",")
     .flatMap((n) => (n.trim() ? [Number(n)] : []));
-  if (header.includes("'fortran_order': True")) throw new Error(`its ${title} is in Fortran's order`);
   const count = shape.reduce((product, n) => product * n, 1);
   const data = begin + length;
-  const letters = /^<U(\d+)$/.exec(kind)?.[1];
-  if (letters !== undefined) {
+  const text = /^(?:<U|\|S)(\d+)$/.exec(kind);
+  if (text) {
+    const [letters, bytesOfOne] = [Number(text[1]), kind.startsWith("<U") ? 4 : 1];
+    if (letters * count > MOST_LETTERS) throw new Error(`its ${title} holds more text than this page reads`);
+    if (data + bytesOfOne * letters * count > bytes.byteLength) throw new Error(`its ${title} was cut short`);
     const codes = (k: number) =>
-      Array.from({ length: Number(letters) }, (_, c) => view.getUint32(data + 4 * (k * Number(letters) + c), true));
+      Array.from({ length: letters }, (_, c) => {
+        const at = data + bytesOfOne * (k * letters + c);
+        return bytesOfOne === 4 ? view.getUint32(at, true) : view.getUint8(at);
+      });
     return Array.from({ length: count }, (_, k) => String.fromCodePoint(...codes(k).filter((code) => code > 0)));
   }
+  if (count > MOST_NUMBERS) throw new Error(`its ${title} holds ${count} numbers, more than this page reads`);
   const [width, read] = READERS[kind] ?? [];
   if (!width || !read) throw new Error(`its ${title} holds ${kind || "what is unknown"}`);
   if (data + width * count > bytes.byteLength) throw new Error(`its ${title} was cut short`);
-  return { shape, values: Float64Array.from({ length: count }, (_, k) => read(view, data + width * k)) };
+  const values = Float64Array.from({ length: count }, (_, k) => read(view, data + width * k));
+  return { shape, values: header.includes("'fortran_order': True") ? inRows(values, shape) : values };
+}
+
+/** Values in the order of C, the last index fastest, of some whose first index is fastest. */
+function inRows(values: Float64Array, shape: readonly number[]): Float64Array {
+  const turned = new Float64Array(values.length);
+  const at = shape.map(() => 0);
+  for (let k = 0; k < values.length; k++) {
+    let place = 0;
+    for (let axis = 0; axis < shape.length; axis++) place = place * shape[axis] + at[axis];
+    turned[place] = values[k];
+    for (let axis = 0; axis < shape.length && ++at[axis] === shape[axis]; axis++) at[axis] = 0;
+  }
+  return turned;
 }
 
 const READERS: Readonly<Record<string, readonly [number, (view: DataView, at: number) => number]>> = {

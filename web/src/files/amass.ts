@@ -7,6 +7,8 @@ import type { Skeleton } from "../core/skeleton";
 
 const Z_UP_TO_Y_UP: Quaternion = [Math.SQRT1_2, -Math.SQRT1_2, 0, 0];
 const JOINTS = 52;
+const MOST_FRAMES = 60_000;
+export const AMASS_ARRAYS: readonly string[] = ["poses", "trans", "mocap_framerate", "mocap_frame_rate"]; // what is read of a file
 
 export function isAmass(archive: Archive): boolean {
   return archive.has("poses") && archive.has("trans");
@@ -18,6 +20,7 @@ export function amassClip(archive: Archive, name: string, skeleton: Skeleton): C
   const [frames, width] = poses.shape;
   if (width !== 156 && width !== 165)
     throw new Error(`its poses have ${width} numbers, not the 156 of SMPL-H or the 165 of SMPL-X`);
+  if (frames > MOST_FRAMES) throw new Error(`it has ${frames} frames; this page takes ${MOST_FRAMES}: cut it`);
   if (frames < 2) throw new Error("it has less than two frames");
   const trans = numbers(archive, "trans", [frames, 3]).values;
   const rateKey = ["mocap_framerate", "mocap_frame_rate"].find((key) => archive.has(key));

@@ -5,9 +5,9 @@ import { readNpz } from "../core/npz";
 import type { Observation } from "../core/observation";
 import type { Skeleton } from "../core/skeleton";
 import type { Avatar } from "../view/avatar";
-import { amassClip, isAmass } from "./amass";
+import { AMASS_ARRAYS, amassClip, isAmass } from "./amass";
 import { readBvh } from "./bvh_read";
-import { recordingOf, recordingOfLines } from "./recording";
+import { RECORDING_ARRAYS, recordingOf, recordingOfLines } from "./recording";
 import { clipOf } from "./rig";
 
 export type Opened =
@@ -18,6 +18,7 @@ export type Opened =
 const LARGEST = 200; // MB
 const GLB_MAGIC = 0x46546c67; // "glTF", little-endian
 const ZIP_MAGIC = 0x04034b50;
+const READ: ReadonlySet<string> = new Set([...AMASS_ARRAYS, ...RECORDING_ARRAYS]);
 
 /** Throws an Error of one line for what the page cannot use. */
 export async function openFile(
@@ -36,7 +37,7 @@ export async function openFile(
   const bytes = await file.arrayBuffer();
   const magic = bytes.byteLength >= 4 ? new DataView(bytes).getUint32(0, true) : 0;
   if (magic === ZIP_MAGIC) {
-    const archive = await about(name, () => readNpz(bytes));
+    const archive = await about(name, () => readNpz(bytes, READ));
     if (isAmass(archive))
       return { kind: "motion", clip: await about(name, async () => amassClip(archive, name, tree)) };
     return { kind: "recording", frames: await about(name, async () => recordingOf(archive)) };

@@ -5,6 +5,11 @@ import { numbers, texts, type Archive } from "../core/npz";
 import { ACCURACY, type Observation, type Point } from "../core/observation";
 
 const FORMAT = "bodysense recording 1";
+// What is read of a .npz recording.
+export const RECORDING_ARRAYS: readonly string[] =
+  "format points time position rotation has_position has_rotation accuracy".split(" ");
+const LONGEST_LINE = 65_536; // characters: a frame of a hundred points has a fifth of it
+const MOST_FRAMES = 200_000;
 const WORN: ReadonlySet<string> = new Set(["head", "left_wrist", "right_wrist"]);
 
 /** The frames of a .npz recording. Throws an Error of a few words where it is none. */
@@ -14,6 +19,7 @@ export function recordingOf(archive: Archive): Observation[] {
   const points = texts(archive, "points");
   const time = numbers(archive, "time", [null]).values;
   const [T, P] = [time.length, points.length];
+  if (T > MOST_FRAMES) throw new Error(`it has ${T} frames; this page takes ${MOST_FRAMES}: cut it`);
   const position = numbers(archive, "position", [T, P, 3]).values;
   const rotation = numbers(archive, "rotation", [T, P, 4]).values;
   const placed = numbers(archive, "has_position", [T, P]).values;
@@ -40,7 +46,12 @@ export function recordingOf(archive: Archive): Observation[] {
 
 /** The frames of a .jsonl recording. Throws an Error of a few words where it is none. */
 export function recordingOfLines(text: string): Observation[] {
-  const rows = text.split("\n").flatMap((line, k) => (line.trim() ? [object(line, k + 1)] : []));
+  const lines = text.split("\n");
+  const long = lines.findIndex((line) => line.length > LONGEST_LINE);
+  if (long >= 0) throw new Error(`its line ${long + 1} has ${lines[long].length} characters, more than any frame has`);
+  if (lines.length > MOST_FRAMES)
+    throw new Error(`it has ${lines.length} frames; this page takes ${MOST_FRAMES}: cut it`);
+  const rows = lines.flatMap((line, k) => (line.trim() ? [object(line, k + 1)] : []));
   if (rows[0]?.["format"] !== FORMAT) throw new Error(`its first line is no header with the format ${FORMAT}`);
   const told = record(rows[0]["accuracy"]);
   return checked(

@@ -62,6 +62,7 @@ const NEEDED = [
 const UNITS = [1, 0.01, 0.001, 0.0254, 0.3048, 0.0564] as const; // m
 const LEG = { least: 0.55, usual: 0.82, most: 1.1 } as const; // m
 const UPRIGHT_SHARE = 0.15; // of the frames in which a person is upright, at least
+const [STANDING, LYING] = [0.8, 0.4]; // how far up a spine points
 const [ALONG, ACROSS] = [0.7, 0.6]; // cosines of what points the same way, and of what stands across
 const LEVEL = 0.35; // of a leg's length: what stands on one floor
 const SOLE = 0.05; // m: the share of the frames in which the feet are that low does not matter
@@ -126,6 +127,10 @@ export function clipOf(rig: RigMotion, tree: Skeleton): Clip {
   if (rig.frames.filter((pose) => isOnFours(pose, joints)).length > rig.frames.length / 2)
     throw new Error(
       `${rig.name} goes on four legs: it may be an animal; drop a motion of a person who stands, walks or sits.`,
+    );
+  if (isLying(rig, joints))
+    throw new Error(
+      `${rig.name} lies down in most of its frames, or its axes are exchanged: its rest pose stands along another axis than its motion; drop a motion of a person who stands, walks or sits.`,
     );
   const level = levelled(rig, joints);
   const at = ({ position }: RigPose, joint: string): Vector => position[joints.get(joint) ?? 0];
@@ -257,6 +262,13 @@ function frameOf(across: Vector, up: Vector): Quaternion {
   const y = unit(up);
   const z = unit(cross(unit(across), y));
   return fromAxes(cross(y, z), y, z);
+}
+
+/** Whether a rest pose stands along +Y, and most frames do not. */
+function isLying({ rest, frames }: RigMotion, joints: ReadonlyMap<string, number>): boolean {
+  const [head, pelvis] = ["head", "pelvis"].map((name) => joints.get(name) ?? 0);
+  const up = ({ position }: RigPose): number => unit(subtract(position[head], position[pelvis]))[1];
+  return up(rest) > STANDING && frames.filter((pose) => Math.abs(up(pose)) < LYING).length > frames.length / 2;
 }
 
 /** With +Y up: a rig with +Z up is turned. */

@@ -27,16 +27,16 @@ const [JSON_CHUNK, BIN_CHUNK, MAGIC] = [0x4e4f534a, 0x004e4942, 0x46546c67];
 const FLOAT = 5126;
 
 export async function glbBytes(skeleton: Skeleton, motion: Motion): Promise<ArrayBuffer> {
-  const body = new Group();
-  body.name = "body";
-  body.add(figure(skeleton));
-  const result = await new GLTFExporter().parseAsync(body, { binary: true, animations: [animation(skeleton, motion)] });
+  const { body, mesh } = figure(skeleton);
+  const animations = [[animation(skeleton, motion)], []] as unknown as AnimationClip[]; // of each root, which types lack
+  // The mesh is a root of its own: where a skin is, its node's place counts for nothing, and validators warn.
+  const result = await new GLTFExporter().parseAsync([body, mesh], { binary: true, animations });
   if (!(result instanceof ArrayBuffer)) throw new Error("The glTF exporter returned no bytes; report this.");
   return result;
 }
 
-/** A skinned mesh whose bones are the skeleton's joints and end sites, in their rest pose. */
-function figure(skeleton: Skeleton): SkinnedMesh {
+/** A skinned mesh, and the bones that move it: the skeleton's joints and end sites in their rest pose. */
+function figure(skeleton: Skeleton): { readonly body: Group; readonly mesh: SkinnedMesh } {
   const bones = skeleton.points.map((name, point) => {
     const bone = new Bone();
     bone.name = name;
@@ -57,10 +57,12 @@ function figure(skeleton: Skeleton): SkinnedMesh {
     new MeshStandardMaterial({ color: "#8fa9bd", roughness: 0.75, metalness: 0 }),
   );
   mesh.name = "figure";
-  mesh.add(bones[0]);
-  mesh.updateMatrixWorld(true);
+  const body = new Group();
+  body.name = "body";
+  body.add(bones[0]);
+  body.updateMatrixWorld(true);
   mesh.bind(new Armature(bones));
-  return mesh;
+  return { body, mesh };
 }
 
 /** A capsule from a place along an offset, which follows one bone. */

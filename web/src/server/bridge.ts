@@ -4,6 +4,7 @@ import type { Body, Skeleton } from "../core/skeleton";
 import type { Resume, SignalPoint } from "../protocol";
 import { Connection, socketAddress } from "./connection";
 
+const PATIENCE = 3000; // ms
 const EXAMPLE = "ws://127.0.0.1:8765/?token=…";
 
 export interface BridgeEvents {
@@ -32,13 +33,15 @@ export function bridgeAddress(text: string, page: Pick<Location, "protocol">): s
 
 export class Bridge {
   private sequence = 0;
+  private isOpen = true;
+  private wasWelcome = false;
   private readonly connection: Connection;
 
   /** `address`: of the server's WebSocket; bodies are those of a skeleton with these joints. */
   constructor(
-    address: string,
+    private readonly address: string,
     private readonly skeleton: Pick<Skeleton, "points" | "joints">,
-    events: BridgeEvents,
+    private readonly events: BridgeEvents,
   ) {
     const points = skeleton.points.slice(0, skeleton.joints);
     this.connection = new Connection(
@@ -46,18 +49,21 @@ export class Bridge {
       // Feet were held here already.
       () => ({ name: "page", points, settings: { hold_feet: false }, watch: null, resume: null }),
       {
-        welcome: ({ session, watch_token }) => events.opened({ session, token: watch_token }),
+        welcome: ({ session, watch_token }) => {
+          this.wasWelcome = true;
+          events.opened({ session, token: watch_token });
+        },
         signal: () => undefined,
         pose: () => undefined,
         truth: () => undefined,
         message: () => undefined,
-        lost: (reason, retryIn) =>
-          events.lost(
-            retryIn === null
-              ? `The bridge refused: ${reason}`
-              : "No bridge answers there; it is asked again and again.",
-            retryIn === null,
-          ),
+        lost: (reason, retryIn) => {
+          if (retryIn === null) events.lost(`The bridge refused: ${reason}`, true);
+          else {
+            events.lost("No bridge answers there; it is asked again and again.", false);
+            if (!this.wasWelcome) void this.askWhy();
+          }
+        },
       },
     );
     this.connection.open();
@@ -74,6 +80,24 @@ export class Bridge {
   }
 
   close(): void {
+    this.isOpen = false;
     this.connection.close();
+  }
+
+  /** A browser does not tell a wrong token from a bridge that is not there; a plain request does. */
+  private async askWhy(): Promise<void> {
+    const place = new URL(this.address.replace(/^ws/, "http"));
+    place.search = "";
+    const signal = AbortSignal.timeout(PATIENCE);
+    const answers = await fetch(place, { mode: "no-cors", cache: "no-store", signal }).then(
+      () => true,
+      () => false,
+    );
+    if (!answers || this.wasWelcome || !this.isOpen) return;
+    this.close();
+    this.events.lost(
+      "Something answers there, but not to this token: paste the address that `bodysense serve --bridge` prints now.",
+      true,
+    );
   }
 }

@@ -3,7 +3,7 @@
 import { Matrix4, Quaternion, Vector3 } from "three";
 import { AS_IT_IS, placed, placedBy, type Placement } from "../core/placement";
 import type { Quaternion as Turn, Vector } from "../core/math";
-import type { Observation, Point } from "../core/observation";
+import type { Observation } from "../core/observation";
 import { restHeight, withOffsets, type Skeleton } from "../core/skeleton";
 import type { Live } from "../live";
 import type { SignalPoint } from "../protocol";
@@ -36,6 +36,7 @@ const MOVED = 2; // s that a new place takes on the clock, so that motion starts
 
 export class Headset implements Source {
   readonly title = "You, by headset";
+  readonly isYou = true;
   readonly guide =
     "Put the headset on: a menu stands beside the mirror. Measure me comes first; a take stays when you leave.";
   readonly sensors: readonly string[];
@@ -50,8 +51,9 @@ export class Headset implements Source {
   private moves = 0; // how often the wearer was placed anew
   private session: XRSession | null = null;
   private wasAsked = false;
-  private lift = 0; // m: somebody who sits is raised to standing
-  private lastHead: Point | null = null; // in the device's world
+  private isSeated = false;
+  private seat = 0; // m: how far somebody who sits is raised to standing
+  private lift = 0; // m: how far they are raised now, less when they get up
 
   constructor(
     private readonly view: View,
@@ -93,10 +95,9 @@ export class Headset implements Source {
     this.isPlaced = false;
   }
 
-  /** Raise somebody who sits to where their head stands; false: as they are. */
+  /** Raise somebody who sits to where their head stands, from the next frame on; false: leave them where they are. */
   sit(isSeated: boolean): void {
-    const head = this.lastHead?.position?.[1];
-    this.lift = isSeated && head !== undefined ? Math.max(this.standingHead() - head, 0) : 0;
+    this.isSeated = isSeated;
     this.recentre();
   }
 
@@ -112,8 +113,8 @@ export class Headset implements Source {
     const points = this.points.read(signal, this.sizeOfWearer());
     const head = points.find(({ name }) => name === "head");
     if (head?.position && head.rotation) {
-      this.lastHead = head;
       if (!this.isPlaced) this.place(head.position, head.rotation, signal);
+      this.raise(Math.min(this.seat, Math.max(this.standingHead() - head.position[1], 0)));
     }
     const time = milliseconds / 1000 + this.moves * MOVED;
     if (points.length > 0) this.events.tracked({ time, points: placed(points, this.placement) });
@@ -127,6 +128,8 @@ export class Headset implements Source {
   }
 
   private place(position: Vector, rotation: Turn, signal: readonly SignalPoint[]): void {
+    this.seat = this.isSeated ? Math.max(this.standingHead() - position[1], 0) : 0;
+    this.lift = this.seat;
     this.placement = placedBy(position, rotation, this.lift);
     const viewer = signal.find(({ point }) => XR_POINTS[point] === "headset");
     if (viewer?.position && viewer.rotation) {
@@ -135,6 +138,22 @@ export class Headset implements Source {
       this.view.lightAt(across, along);
     }
     this.menu.standBeside(this.mirror.frame);
+    this.mirrorStage();
+    this.isPlaced = true;
+    this.moves += 1;
+  }
+
+  /** Raise the wearer by `lift` m. */
+  private raise(lift: number): void {
+    if (Math.abs(lift - this.lift) < 1e-4) return;
+    const [x, , z] = this.placement.offset;
+    this.lift = lift;
+    this.placement = { ...this.placement, offset: [x, lift, z] };
+    this.mirrorStage();
+  }
+
+  /** The stage behind the mirror, by where the wearer was placed. */
+  private mirrorStage(): void {
     const [w, x, y, z] = this.placement.turn;
     const toBody = new Matrix4().compose(
       new Vector3(...this.placement.offset),
@@ -143,8 +162,6 @@ export class Headset implements Source {
     );
     this.view.stage.matrix.multiplyMatrices(this.mirror.reflection(), toBody.invert());
     this.view.stage.matrixWorldNeedsUpdate = true;
-    this.isPlaced = true;
-    this.moves += 1;
   }
 
   private rays(frame: XRFrame, space: XRReferenceSpace): Matrix4[] {

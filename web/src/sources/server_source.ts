@@ -4,7 +4,17 @@ import type { Quaternion, Vector } from "../core/math";
 import type { Point } from "../core/observation";
 import { place, type Body, type Skeleton } from "../core/skeleton";
 import type { History } from "../history";
-import type { PoseFrame, Resume, Settings, SignalFrame, SignalPoint, Source as Input, Welcome } from "../protocol";
+import type {
+  Calibrate,
+  PoseFrame,
+  Recentre,
+  Resume,
+  Settings,
+  SignalFrame,
+  SignalPoint,
+  Source as Input,
+  Welcome,
+} from "../protocol";
 import { Connection, socketAddress } from "../server/connection";
 import type { Source } from "./source";
 
@@ -16,6 +26,10 @@ export interface ServerEvents {
   skeleton(skeleton: Skeleton): void;
   /** The connection is there again. */
   connected(): void;
+  /** The first body of this input is there. */
+  came(): void;
+  /** The server has no input of its own. */
+  empty(): void;
   said(text: string): void;
   /** The server has more inputs than the one that is watched. */
   others(inputs: readonly Input[]): void;
@@ -24,6 +38,7 @@ export interface ServerEvents {
 }
 
 const WATCHING = "The server's own input";
+const SILENT = 5000; // ms without a body after which an input is silent
 const WAITING = 64; // signals and truths that wait for their pose
 
 /** One wearer of a server, watched. */
@@ -34,6 +49,7 @@ export class ServerSource implements Source {
   private readonly signals = new Map<number, SignalFrame>();
   private readonly truths = new Map<number, Body>();
   private skeleton: Skeleton | null = null;
+  private heard: number | null = null; // ms, of the page's clock: the last body
   private welcome: Welcome | null = null;
   private placement = { offset: [0, 0, 0] as readonly number[], heading: 0 };
 
@@ -79,6 +95,11 @@ export class ServerSource implements Source {
     // The server sends when it has something.
   }
 
+  /** Whether bodies came, and come no more. */
+  get isSilent(): boolean {
+    return this.heard !== null && performance.now() - this.heard > SILENT;
+  }
+
   stop(): void {
     this.connection.close();
   }
@@ -91,6 +112,13 @@ export class ServerSource implements Source {
   tell(change: Partial<Settings>): void {
     if (this.watched && "follow" in this.watched) return;
     this.connection.tell({ type: "settings", ...change });
+  }
+
+  /** Ask something of the session that is watched; false if it is another client's. */
+  ask(message: Recentre | Calibrate): boolean {
+    if (this.watched && "follow" in this.watched) return false;
+    this.connection.tell(message);
+    return true;
   }
 
   private begin(message: Welcome): void {
@@ -108,11 +136,7 @@ export class ServerSource implements Source {
     this.events.skeleton(this.skeleton);
     this.title = this.watched && "follow" in this.watched ? "Another wearer" : WATCHING;
     this.events.connected();
-    if (this.watched === null) {
-      this.events.said(
-        "The server has no input of its own; start it with --replay, --vmc-in or --markers-in, or take another door.",
-      );
-    }
+    if (this.watched === null) this.events.empty();
   }
 
   private grow(offset: Welcome["rest_offset"]): void {
@@ -122,6 +146,8 @@ export class ServerSource implements Source {
 
   private show(pose: PoseFrame): void {
     if (!this.skeleton) return;
+    if (this.heard === null) this.events.came();
+    this.heard = performance.now();
     this.history.add({
       sourceTime: pose.time,
       rootPosition: pose.rootPosition,

@@ -3,7 +3,7 @@
 import { Group, type Object3D } from "three";
 import type { Skeleton } from "../core/skeleton";
 import { History } from "../history";
-import type { Resume, Settings } from "../protocol";
+import type { Calibrate, Recentre, Resume, Settings } from "../protocol";
 import { Bodies, type Shown } from "../view/bodies";
 import { ServerSource, type ServerEvents, type Watched } from "./server_source";
 import type { Source } from "./source";
@@ -37,6 +37,7 @@ class Companion {
     watched: Watched,
     number: number,
     stage: Object3D,
+    came: () => void,
     over: (companion: Companion, reason: string) => void,
   ) {
     this.place.position.x = APART * Math.ceil(number / 2) * (number % 2 === 1 ? 1 : -1); // left, right, left …
@@ -45,6 +46,8 @@ class Companion {
     this.source = new ServerSource(address, this.history, watched, {
       skeleton: (skeleton) => (this.tree = skeleton),
       connected: nothing,
+      came,
+      empty: nothing,
       said: nothing,
       others: nothing,
       lost: (reason, again) => again && over(this, reason),
@@ -52,12 +55,13 @@ class Companion {
   }
 
   get isThere(): boolean {
-    return this.history.moments.length > 0;
+    return this.history.moments.length > 0 && !this.source.isSilent;
   }
 
   draw(): void {
     const moment = this.history.moments.at(-1);
-    if (moment && this.tree) this.bodies.show(moment, this.tree, LOOK, 0);
+    this.place.visible = this.isThere;
+    if (moment && this.tree && this.isThere) this.bodies.show(moment, this.tree, LOOK, 0);
   }
 
   stop(): void {
@@ -89,7 +93,8 @@ export class Watching implements Source {
 
   get title(): string {
     const count = this.companions.filter(({ isThere }) => isThere).length;
-    return count > 0 ? `${this.first.title}, and ${count} more` : this.first.title;
+    const title = this.first.isSilent ? `${this.first.title}, silent now` : this.first.title;
+    return count > 0 ? `${title}, and ${count} more` : title;
   }
 
   get sensors(): readonly string[] {
@@ -114,11 +119,16 @@ export class Watching implements Source {
     this.first.tell(change);
   }
 
+  /** Ask something of the session that is looked at; false if it is another client's. */
+  ask(message: Recentre | Calibrate): boolean {
+    return this.first.ask(message);
+  }
+
   private invite(others: readonly Watched[]): void {
     for (const watched of others) {
       const number = this.companions.length + 1;
       this.companions.push(
-        new Companion(this.address, watched, number, this.stage, (companion, reason) => {
+        new Companion(this.address, watched, number, this.stage, this.events.came, (companion, reason) => {
           companion.stop();
           this.companions = this.companions.filter((other) => other !== companion);
           this.events.said(`One wearer is gone: ${reason}.`);

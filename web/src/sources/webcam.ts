@@ -5,12 +5,14 @@ import type { Vector } from "../core/math";
 import { withOffsets, type Skeleton } from "../core/skeleton";
 import type { FromCamera, ToCamera } from "../engine/camera_worker";
 import type { Live } from "../live";
-import type { About } from "../offline";
+import { CameraPicture, type Marks } from "../ui/camera_picture";
 import type { Source } from "./source";
 
 const FIELD_OF_VIEW = 60; // degrees over the longer side of the picture, as webcams usually have it
 const CALM = 0.05; // s: half-life of the smoothing of landmarks
 const LONELY = 4; // s without a person after which the page says so
+const LOADING = "Loading what finds people: 23 MB, once …";
+const NOBODY = "Looking for you …";
 const REFUSALS: Readonly<Record<string, string>> = {
   NotAllowedError:
     "The webcam was refused: allow it for this page in the browser's address bar, and press Webcam again.",
@@ -20,21 +22,19 @@ const REFUSALS: Readonly<Record<string, string>> = {
 
 /** Open the webcam. Throws an Error of one line that says what is missing. */
 export async function openWebcam(
-  about: About,
   base: string,
   live: Live,
   skeleton: Skeleton,
   say: (text: string) => void,
 ): Promise<Source> {
-  if (!about.webcam)
-    throw new Error(
-      "A webcam needs MediaPipe, which finds people in pictures, and this copy of the page has none: write the page anew with `bodysense page` after scripts/build_landmarkers.py.",
-    );
   if (!navigator.mediaDevices)
     throw new Error("A webcam needs a safe address: open this page by https, or at http://localhost.");
+  const small = new CameraPicture();
+  small.say("The browser asks for the webcam …");
   const stream = await navigator.mediaDevices
     .getUserMedia({ video: { width: 640, height: 480, facingMode: "user" } })
     .catch((error: unknown) => {
+      small.hide();
       const name = error instanceof DOMException ? error.name : "";
       throw new Error(
         REFUSALS[name] ?? `The webcam does not answer (${name || String(error)}): plug it in again, and press Webcam.`,
@@ -44,11 +44,11 @@ export async function openWebcam(
   video.srcObject = stream;
   video.muted = video.playsInline = true;
   await video.play();
-  return new Webcam(stream, video, base, live, skeleton, say);
+  return new Webcam(stream, video, small, base, live, skeleton, say);
 }
 
 class Webcam implements Source {
-  readonly title = "You, by webcam";
+  readonly isYou = true;
   readonly guide =
     "Stand back until the picture holds you from head to hips, better to the feet. It stays in this browser.";
   sensors: readonly string[] = [];
@@ -58,6 +58,8 @@ class Webcam implements Source {
   });
   private readonly points: LandmarkPoints;
   private calm: Landmarks | null = null;
+  private marks: Marks = [];
+  private isSeen = false;
   private isOpen = false;
   private isLooking = false;
   private shown = -1; // s, of the video: the picture that was looked at last
@@ -68,6 +70,7 @@ class Webcam implements Source {
   constructor(
     private readonly stream: MediaStream,
     private readonly video: HTMLVideoElement,
+    private readonly small: CameraPicture,
     base: string,
     private readonly live: Live,
     private readonly skeleton: Skeleton,
@@ -78,12 +81,19 @@ class Webcam implements Source {
     this.worker.onmessage = ({ data }: MessageEvent<FromCamera>) => this.hear(data);
     this.worker.onerror = () => say("This browser cannot run MediaPipe; use a newer one.");
     this.ask({ type: "open", base });
+    small.say(LOADING);
     for (const track of stream.getTracks())
       track.onended = () =>
         say("The webcam was unplugged: plug it in, and press Webcam again. What the timeline holds is kept.");
   }
 
+  get title(): string {
+    if (this.isSeen) return "You, by webcam";
+    return `You, by webcam: ${this.isOpen ? "looking for you" : "loading"}`;
+  }
+
   frame(milliseconds: number): void {
+    this.small.draw(this.video, this.marks);
     if (!this.isOpen || this.isLooking || this.video.currentTime === this.shown) return;
     this.shown = this.video.currentTime;
     this.isLooking = true;
@@ -94,6 +104,7 @@ class Webcam implements Source {
   }
 
   stop(): void {
+    this.small.hide();
     for (const track of this.stream.getTracks()) {
       track.onended = null;
       track.stop();
@@ -104,6 +115,7 @@ class Webcam implements Source {
   private hear(message: FromCamera): void {
     if (message.type === "opened") {
       this.isOpen = true;
+      this.small.say(NOBODY);
       this.lonely = performance.now();
     } else if (message.type === "failed")
       this.say(`MediaPipe stopped (${message.reason.split("\n")[0]}): press Webcam again.`);
@@ -112,6 +124,7 @@ class Webcam implements Source {
 
   private see({ world, picture, milliseconds }: Extract<FromCamera, { type: "seen" }>): void {
     this.isLooking = false;
+    this.marks = picture;
     const aspect = this.video.videoWidth / Math.max(this.video.videoHeight, 1);
     const found: Landmarks | null =
       world.length === 0
@@ -125,6 +138,8 @@ class Webcam implements Source {
     this.calm = found && this.calm ? smoothed(this.calm, found, 1 - 2 ** (-passed / CALM)) : found;
     const body = withOffsets(this.skeleton, this.live.newest?.restOffset ?? this.skeleton.restOffset);
     const points = this.calm && this.points.read(this.calm, body, passed);
+    this.small.say(points ? seenOf(points.map(({ name }) => name)) : NOBODY);
+    this.isSeen = points !== null;
     if (!points) {
       if (milliseconds - this.lonely > 1000 * LONELY && !this.hasSaid) {
         this.hasSaid = true;
@@ -141,6 +156,11 @@ class Webcam implements Source {
   private ask(message: ToCamera): void {
     this.worker.postMessage(message);
   }
+}
+
+/** How much of a person is seen. */
+function seenOf(points: readonly string[]): string {
+  return points.some((name) => name.endsWith("_ankle")) ? "You are seen" : "You are seen, without your feet";
 }
 
 function smoothed(before: Landmarks, now: Landmarks, share: number): Landmarks {

@@ -40,8 +40,9 @@ export class HeadsetReader {
       points.push({ point, ...transformOf(pose.transform) });
     };
     add("headset", frame.getViewerPose(space));
-    for (const { handedness, hand, gripSpace } of sources) {
-      if (handedness === "none") continue;
+    for (const { handedness, hand, gripSpace, targetRayMode } of sources) {
+      // A transient pointer is where somebody looks while they pinch, not where a hand is.
+      if (handedness === "none" || targetRayMode === "transient-pointer") continue;
       if (hand) {
         for (const joint of hand.values()) add(`${handedness}:${joint.jointName}`, frame.getJointPose?.(joint, space));
       } else if (gripSpace) {

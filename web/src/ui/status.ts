@@ -5,8 +5,14 @@ import type { Live } from "../live";
 import type { Moment } from "../history";
 import { element } from "../page";
 
-export function showStatus(live: Live, moment: Moment, skeleton: Skeleton, title: string): void {
+const [SMOOTH, FLUENT] = [14, 33]; // ms: a picture at 72 and at 30 Hz
+
+export function showStatus(live: Live, moment: Moment | null, skeleton: Skeleton, title: string): void {
   element("source").textContent = title;
+  if (!moment) {
+    element("shown").textContent = "";
+    return;
+  }
   const parts = [`${moment.signal.length} ${moment.signal.length === 1 ? "point" : "points"} tracked`];
   if (moment.truth) {
     const error = 100 * meanDistance(moment.body, moment.truth, Math.min(22, skeleton.joints));
@@ -18,5 +24,12 @@ export function showStatus(live: Live, moment: Moment, skeleton: Skeleton, title
   element("shown").textContent = parts.join(" · ");
   if (live.times.length === 0) return;
   const [middle, slow] = [live.quantile(0.5), live.quantile(0.99)];
-  element("rate").textContent = `completed here in ${middle.toFixed(1)} ms, p99 ${slow.toFixed(1)} ms`;
+  element("rate").textContent = `completed here, ${paceOf(slow)}`;
+  element("rate").title = `${middle.toFixed(1)} ms in the middle, ${slow.toFixed(1)} ms in the slowest percent`;
+}
+
+/** How a body moves whose slowest steps take so long, ms. */
+export function paceOf(milliseconds: number): string {
+  if (milliseconds <= SMOOTH) return "smoothly";
+  return milliseconds <= FLUENT ? "nearly smoothly" : "slowly on this device";
 }

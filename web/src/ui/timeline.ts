@@ -34,9 +34,9 @@ export class Timeline {
     scrub.min = String(history.first);
     scrub.max = String(history.last);
     if (!this.isHeld) scrub.value = String(playback.time);
-    const text = `${(playback.time - history.first).toFixed(1)} / ${(history.last - history.first).toFixed(1)} s`;
-    scrub.setAttribute("aria-valuetext", text);
-    element("clock").textContent = text;
+    const [time, length] = [playback.time, history.last].map((until) => (until - history.first).toFixed(1));
+    scrub.setAttribute("aria-valuetext", `${time} of ${length} seconds`);
+    element("clock").textContent = `${time} / ${length} s`;
     const play = button("play");
     play.dataset["state"] = playback.playing ? "playing" : "paused";
     play.setAttribute("aria-label", playback.playing ? "Pause" : "Play");

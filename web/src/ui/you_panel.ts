@@ -1,32 +1,26 @@
 /** The wearer: height, measuring, sitting, the floor. */
 
-import { calibrated, LASTS } from "../core/calibration";
-import type { Observation } from "../core/observation";
-import type { Person } from "../core/person";
-import { button, input } from "../page";
+import type { Measurement } from "../wearer";
+import { button, element, input } from "../page";
+
+const HINT = element("calibrate-hint").textContent;
 
 export interface YouEvents {
   height(metres: number | null): void;
-  measured(person: Person): void;
+  measure(): void;
+  forget(): void;
   recentre(): void;
   sit(isSeated: boolean): void;
   holdFeet(isHeld: boolean): void;
-  say(text: string): void;
-  fault(error: unknown): void;
 }
 
 export class YouPanel {
-  private frames: Observation[] | null = null; // while somebody is measured
-
-  constructor(
-    height: number | null,
-    holdFeet: boolean,
-    private readonly events: YouEvents,
-  ) {
+  constructor(height: number | null, measured: Measurement | null, holdFeet: boolean, events: YouEvents) {
     const field = input("height");
-    field.value = height === null ? "" : height.toFixed(2);
+    this.show(height, measured);
     field.onchange = () => events.height(field.value.trim() === "" ? null : Number(field.value));
-    button("calibrate").onclick = () => this.measure();
+    button("calibrate").onclick = () => events.measure();
+    button("forget").onclick = () => events.forget();
     button("recentre").onclick = () => events.recentre();
     const seated = input("seated");
     seated.onchange = () => events.sit(seated.checked);
@@ -35,28 +29,16 @@ export class YouPanel {
     hold.onchange = () => events.holdFeet(hold.checked);
   }
 
-  show(height: number | null): void {
+  show(height: number | null, measured: Measurement | null): void {
     input("height").value = height === null ? "" : height.toFixed(2);
+    button("forget").hidden = measured === null;
+    const reach = measured?.reach ? `, arms ${measured.reach.toFixed(2)} m from wrist to wrist` : "";
+    element("calibrate-hint").textContent = measured
+      ? `You are measured: head ${measured.head.toFixed(2)} m high${reach}. Kept in this browser.`
+      : HINT;
   }
 
-  /** Measure the wearer as soon as their head is tracked. */
-  measure(): void {
-    this.frames = [];
-    this.events.say("Stand upright, arms out to the sides. You are measured as soon as your head is tracked.");
-  }
-
-  /** One frame of the headset. */
-  take(frame: Observation): void {
-    const { frames } = this;
-    if (!frames || !frame.points.some(({ name, position }) => name === "head" && position)) return;
-    frames.push(frame);
-    if (frame.time - (frames[0]?.time ?? 0) < LASTS) return;
-    this.frames = null;
-    try {
-      this.events.measured(calibrated(frames));
-      this.events.say("You are measured.");
-    } catch (error) {
-      this.events.fault(error);
-    }
+  showSeated(isSeated: boolean): void {
+    input("seated").checked = isSeated;
   }
 }

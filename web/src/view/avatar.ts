@@ -2,15 +2,20 @@
 
 import { VRMLoaderPlugin, VRMUtils, type VRM, type VRMHumanBoneName } from "@pixiv/three-vrm";
 import type { Group } from "three";
+import { MeshoptDecoder } from "three/addons/libs/meshopt_decoder.module.js";
 import { GLTFLoader, type GLTF } from "three/addons/loaders/GLTFLoader.js";
 import { drivenJoints, localRotation, type Driven } from "./retarget";
 import { rootHeight, type Body, type Skeleton } from "../core/skeleton";
 
 /** Read the bytes of a .vrm or .glb file. Throws an Error of one line for what is none. */
 export async function readGlb(bytes: ArrayBuffer, name: string): Promise<GLTF> {
-  const loader = new GLTFLoader().register((parser) => new VRMLoaderPlugin(parser));
+  const loader = new GLTFLoader().setMeshoptDecoder(MeshoptDecoder).register((parser) => new VRMLoaderPlugin(parser));
   return loader.parseAsync(bytes, "").catch((error: unknown) => {
     const reason = error instanceof Error ? error.message : "it cannot be read";
+    if (/draco/i.test(reason))
+      throw new Error(
+        `${name} is packed by Draco, which this page does not unpack: export it without compression, or with meshopt.`,
+      );
     throw new Error(`${name} is damaged (${reason.split("\n")[0]}); export it again.`);
   });
 }

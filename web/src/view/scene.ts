@@ -49,13 +49,22 @@ export class View {
   private readonly finest: number; // anisotropy of textures
   private isPortrait = false;
 
-  /** `over` lies over the bottom of the canvas where it is fixed: the body stands above it. */
+  /** `over` lies over the bottom of the canvas where it is fixed: the body stands above it.
+   *
+   * `isClear`: nothing but the body and its shadow is drawn, as recording programs overlay it.
+   */
   constructor(
     canvas: HTMLCanvasElement,
     private readonly over: HTMLElement,
+    private readonly isClear = false,
   ) {
     const isFast = hasGraphicsCard();
-    this.renderer = new WebGLRenderer({ canvas, antialias: isFast, powerPreference: "high-performance" });
+    this.renderer = new WebGLRenderer({
+      canvas,
+      alpha: isClear,
+      antialias: isFast,
+      powerPreference: "high-performance",
+    });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.renderer.shadowMap.type = VSMShadowMap;
     this.renderer.xr.enabled = true;
@@ -122,8 +131,9 @@ export class View {
   }
 
   paint(look: Look): void {
-    this.scene.background = new Color(PAPER[look]);
-    this.scene.fog = new Fog(PAPER[look], 7, 14);
+    this.scene.background = this.isClear ? null : new Color(PAPER[look]);
+    this.scene.fog = this.isClear ? null : new Fog(PAPER[look], 7, 14);
+    this.paint_.visible = !this.isClear;
     this.paint_.map?.dispose();
     this.paint_.map = floorTexture(FLOOR[look][0], FLOOR[look][1]);
     this.paint_.map.anisotropy = this.finest;

@@ -34,8 +34,12 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
   await send();
   await until("#notice-text", "no address");
   const wrong = await page.textContent("#notice-text");
-  await page.fill("#bridge", "ws://127.0.0.1:8765/?token=nobody");
+  await page.fill("#bridge", address.replace(/token=.*/, "token=wrong"));
+  await send();
+  await until("#notice-text", "token");
+  const token = { notice: await page.textContent("#notice-text"), button: await page.textContent("#bridge-send") };
+  await page.fill("#bridge", "ws://127.0.0.1:59999/?token=nobody");
   await send();
   await until("#bridge-hint", "asked again");
-  return { before, sending, watched, after, wrong, gone: await hint() };
+  return { before, sending, watched, after, wrong, token, gone: await hint() };
 }).finally(() => site.close());

@@ -16,7 +16,7 @@ await scenario({ viewport: { width: 500, height: 400 } }, async (page) => {
     return true;
   });
   await page.goto(site.address);
-  await page.waitForFunction(() => document.querySelector("#shown").textContent.includes("from the truth"), null, {
+  await page.waitForFunction(() => document.querySelector("#source").textContent.includes("server's own input"), null, {
     polling: 100,
   });
   const hellos = heard.filter(({ type }) => type === "hello").map(({ watch, resume }) => ({ watch, resume }));

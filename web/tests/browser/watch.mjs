@@ -10,6 +10,7 @@ await scenario({ viewport: { width: 520, height: 420 } }, async (page) => {
       polling: 100,
     });
   const text = (id) => page.textContent(id);
+  await until("#source", "server's own input");
   await until("#shown", "from the truth");
   await until("#shown", "3 points");
   await page.waitForTimeout(1500);

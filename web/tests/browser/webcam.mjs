@@ -29,7 +29,13 @@ await scenario(
   async (page) => {
     await slow(page);
     await page.goto(site.address);
-    await page.dispatchEvent("#door-webcam", "click");
+    await until(page, "#source", "performance");
+    await page.evaluate(() => {
+      window.said = [];
+      const line = document.getElementById("camera-says");
+      new MutationObserver(() => said.push(line.textContent)).observe(line, { childList: true });
+    });
+    for (let press = 0; press < 2; press++) await page.dispatchEvent("#door-webcam", "click"); // twice, as people do
     await until(page, "#source", "webcam");
     // The performance has 3 points: from 8 on they are the webcam's.
     const seen = await page.waitForFunction(
@@ -43,9 +49,21 @@ await scenario(
     const shown = await seen.jsonValue();
     const [, points] = /(\d+) points/.exec(shown);
     const notice = await page.textContent("#notice-text");
-    await page.waitForTimeout(2000);
+    await page.dispatchEvent("#record", "click");
+    await page.waitForTimeout(12_000);
+    await page.dispatchEvent("#record", "click");
     await page.screenshot({ path: picture });
-    return { nobody, points, shown, notice, rate: await page.textContent("#rate") };
+    const small = await page.evaluate(() => {
+      const canvas = document.getElementById("camera-picture");
+      const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+      return { said, isShown: canvas.checkVisibility(), colours: new Set(new Uint32Array(data.buffer)).size };
+    });
+    const [download] = await Promise.all([page.waitForEvent("download"), page.dispatchEvent("#save-bvh", "click")]);
+    await download.saveAs(`${picture}.bvh`);
+    await page.dispatchEvent("#door-performance", "click");
+    await until(page, "#source", "performance");
+    const isGone = await page.isHidden("#camera");
+    return { nobody, points, shown, notice, small, isGone, rate: await page.textContent("#rate") };
   },
   [...FAKE, `--use-file-for-fake-video-capture=${film}`],
 );

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +29,9 @@ SIZES = (0.55, 1.45)  # of an adult: what a person's may be
 SEEN = 0.1  # share of the frames in which a marker must be seen
 CLEAR = 0.7  # cosine to an axis of the world from which on a body stands along it
 FLOOR = 0.08  # m: a floor that is nearer to 0 is 0
+UNKNOWN = 0.5  # share of labels from which on it is doubtful that a set was understood
+SURE = 8  # joints that follow where so many labels are unknown
+_UNNAMED = re.compile(r"(\*|unlabel|u_?\d|new \d|uname)", re.IGNORECASE)  # labels that programs give to unnamed points
 _LIMBS = (  # a bone's name, what lies at its end, where it points at rest; in Motive's words, then in ours
     ("UArm", "FArm", (1.0, 0.0, 0.0)),
     ("Thigh", "Shin", (0.0, -1.0, 0.0)),
@@ -48,8 +52,13 @@ class Found:
     world: FileWorld  # between the file's markers and our world
 
 
-def body_of(raw: RawMarkers, form: MarkerFormat, known: Recognised, place: str) -> Found:
-    """The points of the body that wears the markers of a set. Raises BodysenseError, naming `place`, for no body."""
+def body_of(
+    raw: RawMarkers, form: MarkerFormat, known: Recognised, place: str, of_gloves: Collection[str] = ()
+) -> Found:
+    """The points of the body that wears the markers of a set; `of_gloves` are labels of gloves in the same file.
+
+    Raises BodysenseError, naming `place`, for no body.
+    """
     markers, columns = known.markers, known.columns
     share = np.isfinite(raw.position[..., 0]).mean(axis=0)
     here = {name: k for name, k in columns.items() if share[k] >= SEEN}
@@ -72,6 +81,7 @@ def body_of(raw: RawMarkers, form: MarkerFormat, known: Recognised, place: str) 
         for frame in markers.frames:
             if frame.joint is not None and frame.name in frames and frame.joint not in rotations:
                 rotations[frame.joint] = turns_of(frames[frame.name])
+    remarks += _unmarked(raw, known, accuracy, place, of_gloves)
     return Found(_observed(raw, places, rotations, accuracy), tuple(remarks), world_of(raw, form, floor))
 
 
@@ -82,6 +92,35 @@ def _recognised(raw: RawMarkers, known: Recognised, here: Mapping[str, int]) -> 
     text = f"{known.markers.name}: {len(here)} markers at {raw.frame_rate:g} Hz"
     text += f"; hardly seen: {listed(rarely)}" if rarely else ""
     return text + (f"; left out: {listed(others)}" if others else "")
+
+
+def _unmarked(
+    raw: RawMarkers, known: Recognised, accuracy: Mapping[str, float], place: str, of_gloves: Collection[str]
+) -> list[str]:
+    """Warn of limbs without markers in a file of whose labels many are unknown: some of these may be the limbs'.
+
+    Raises BodysenseError if so little follows that the set itself is doubtful.
+    """
+    used = {raw.names[k] for k in known.columns.values()} | set(of_gloves)
+    others = [name for name in raw.names if name not in used and not _UNNAMED.match(name)]
+    if len(others) < UNKNOWN * (len(others) + len(known.columns)):
+        return []
+    if len(accuracy) < SURE:
+        raise BodysenseError(
+            f"{place}: {len(known.columns)} labels are of {known.markers.name}, too few to be sure; {len(others)} are "
+            f"unknown: {listed(others)}; say what they are in a table of names, --names (docs/markers.md)"
+        )
+    sides = ("left", "right")
+    limbs = {f"{side} arm": (f"{side}_elbow", f"{side}_wrist") for side in sides}
+    limbs |= {f"{side} leg": (f"{side}_knee", f"{side}_ankle") for side in sides}
+    bare = [limb for limb, joints in limbs.items() if not any(joint in accuracy for joint in joints)]
+    if not bare:
+        return []
+    return [
+        f"WARNING: no known marker is on the {' and the '.join(bare)}, which the network guesses, though {len(others)} "
+        f"of {len(raw.names)} labels are unknown: {listed(others)}; name those that are there with --names "
+        "(docs/markers.md)"
+    ]
 
 
 def _unit(

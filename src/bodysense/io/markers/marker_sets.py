@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any
 
+from bodysense.body.hand import FINGERS
 from bodysense.body.skeleton import default_skeleton
+from bodysense.io.rigs import words
 from bodysense.io.rigs.names import joints_of
 
 FEWEST = 4  # points that a body of markers has at least
@@ -89,15 +91,21 @@ def recognised(names: Sequence[str], table: Mapping[str, str] | None = None) -> 
             if joints
             else None
         )
-    best, most = None, FEWEST - 1
+    best, most = None, (FEWEST - 1, len(names))
     for one in (*marker_sets(), None):
         found = _joints(names) if one is None else _columns(one, names)
         chosen = _named(tuple(found)) if one is None else one
-        count = len({recipe.name for recipe in chosen.points if follows(recipe, chosen, found)})
+        points = {recipe.name for recipe in chosen.points if follows(recipe, chosen, found)}
+        count = len(points) if one is not None else len([name for name in points if not _of_hand(name)])
         sure = one is not None or best is None or len(found) > len(best.columns)  # a set goes before names alone
-        if count > most and sure:
-            best, most = Recognised(chosen, found), count
+        if (count, len(found)) > most and sure:
+            best, most = Recognised(chosen, found), (count, len(found))
     return best
+
+
+def _of_hand(name: str) -> bool:
+    """Whether a point is of a hand: a set of fingers has a wrist as well, and is no body."""
+    return name.partition("_")[2].startswith(("wrist", *FINGERS))
 
 
 def follows(recipe: Recipe, markers: MarkerSet, found: Mapping[str, int]) -> bool:
@@ -136,9 +144,12 @@ def _columns(one: MarkerSet, names: Sequence[str]) -> dict[str, int]:
 _TURNED = ("pelvis", "spine3", "head", *(f"{side}_{part}" for side in _SIDES for part in ("wrist", "ankle")))
 
 
+_ON_MUSCLES = frozenset(("bicep", "biceps"))  # bones of rigs, but markers in the middle of a limb
+
+
 def _joints(names: Sequence[str]) -> dict[str, int]:
     """Markers that are named as joints: 'LeftElbow', 'l_knee', 'RHJC', or as a program's skeleton has them."""
-    ours = joints_of(names)
+    ours = joints_of([name for name in names if not _ON_MUSCLES & set(words.words(name))])
     return {ours[name]: k for k, name in enumerate(names) if name in ours}
 
 
@@ -158,8 +169,13 @@ def _named(points: tuple[str, ...]) -> MarkerSet:
 
 
 def _parsed(stored: dict[str, Any]) -> MarkerSet:
-    """A set's file, its sides written out."""
-    labels = {plain(label): label for written in stored["labels"] for label in _both(written)}
+    """A set's file, its sides written out; of a set of `landmarks`, its labels are names of those."""
+    named = stored["labels"]
+    if "landmarks" in stored:
+        folder = files("bodysense.io.markers.landmarks")
+        stored = tomllib.loads(folder.joinpath(f"{stored['landmarks']}.toml").read_text(encoding="utf-8")) | stored
+        stored["other_labels"], named = named, stored.get("others", ())
+    labels = {plain(label): label for written in named for label in _both(written)}
     for theirs, ours in stored.get("other_labels", {}).items():
         for label, own in zip(_both(theirs), _both(ours), strict=True):
             labels.setdefault(plain(label), own)
@@ -195,7 +211,7 @@ def _parsed(stored: dict[str, Any]) -> MarkerSet:
         for row in stored["point"]
         for side in _sides_of(row["name"])
     ]
-    return MarkerSet(
+    whole = MarkerSet(
         name=stored["name"],
         labels=labels,
         frames=tuple(frames),
@@ -213,6 +229,30 @@ def _parsed(stored: dict[str, Any]) -> MarkerSet:
             for name, joint in stored.get("bones", {}).items()
             for side in _sides_of(name)
         },
+    )
+    return _of_its_labels(whole) if "landmarks" in stored else whole
+
+
+def _of_its_labels(whole: MarkerSet) -> MarkerSet:
+    """A set of landmarks without what needs those that it does not have."""
+    has = set(whole.labels.values())
+    frames = tuple(
+        frame for frame in whole.frames if has >= {name for _, start, end in frame.axes for name in (*start, *end)}
+    )
+    named = {frame.name for frame in frames}
+    points = tuple(
+        replace(recipe, frames=tuple(name for name in recipe.frames if name in named))
+        for recipe in whole.points
+        if follows(recipe, whole, dict.fromkeys(has, 0)) and (recipe.how == "hinge" or named >= set(recipe.frames))
+    )
+    return replace(
+        whole,
+        frames=frames,
+        points=points,
+        spans=tuple(span for span in whole.spans if has >= {*span[:2]}),
+        low=tuple(name for name in whole.low if name in has),
+        high=tuple(name for name in whole.high if name in has),
+        floor=tuple((name, high) for name, high in whole.floor if name in has),
     )
 
 

@@ -117,9 +117,9 @@ def read_names(path: str | Path) -> dict[str, str]:
     return dict(pairs)
 
 
-def has_glove(raw: RawMarkers, form: MarkerFormat) -> bool:
-    """Whether any marker of a file is one of a glove by its name."""
-    return any(name is not None for name in _named(raw.names, form))
+def glove_labels(raw: RawMarkers, form: MarkerFormat) -> frozenset[str]:
+    """Return the names of a file that are markers of gloves."""
+    return frozenset(name for name, ours in zip(raw.names, _named(raw.names, form), strict=True) if ours is not None)
 
 
 def observed_markers(raw: RawMarkers, form: MarkerFormat, place: str) -> tuple[Observation, list[str]]:

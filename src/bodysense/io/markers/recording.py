@@ -19,7 +19,7 @@ from bodysense.io.markers.raw_markers import (
     MarkerFormat,
     RawMarkers,
     Unit,
-    has_glove,
+    glove_labels,
     listed,
     observed_markers,
     world_of,
@@ -48,7 +48,8 @@ def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> Marke
     path = Path(path)
     raw = read_raw(path, form.rate)
     _check_table(raw, form, str(path))
-    gloves = _gloves(raw, form, str(path)) if has_glove(raw, form) else None
+    of_gloves = glove_labels(raw, form)
+    gloves = _gloves(raw, form, str(path)) if of_gloves else None
     known = recognised(raw.names, form.names)
     if known is None:
         if gloves is None:
@@ -57,7 +58,7 @@ def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> Marke
                 f"{nearest(raw.names)}; give a table of names with --names (docs/markers.md), or a glove's --marker-set"
             )
         return gloves
-    found = body_of(raw, form, known, str(path))
+    found = body_of(raw, form, known, str(path), of_gloves)
     if not found.observation.points:
         raise BodysenseError(f"{path}: no joint follows from what is seen of {known.markers.name}; label more markers")
     check_observation(found.observation, str(path))

@@ -1,0 +1,1 @@
+"""Landmarks of the body that several marker sets share."""

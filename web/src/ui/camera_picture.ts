@@ -1,0 +1,60 @@
+/** The webcam's picture, small beside the body, with the landmarks that were found, and a line on how it goes. */
+
+import { element, find } from "../page";
+
+/** Landmarks in the picture, 0 … 1 from its top left corner, and how sure each is. */
+export type Marks = readonly { readonly x: number; readonly y: number; readonly visibility?: number }[];
+
+const WIDTH = 320; // pixels
+const VISIBLE = 0.5; // probability from which a landmark is drawn
+const FIRST = 11; // shoulders; before them are landmarks of the face
+const BONES = "11-12 11-13 13-15 12-14 14-16 11-23 12-24 23-24 23-25 25-27 27-31 24-26 26-28 28-32"
+  .split(" ")
+  .map((pair) => pair.split("-").map(Number));
+const COLOUR = "#35d0ba";
+
+export class CameraPicture {
+  private readonly frame = element("camera");
+  private readonly canvas = find("camera-picture", HTMLCanvasElement);
+  private readonly context = this.canvas.getContext("2d");
+
+  /** Draw a picture as a mirror shows it. */
+  draw(video: HTMLVideoElement, marks: Marks): void {
+    const { videoWidth, videoHeight } = video;
+    if (!this.context || videoWidth === 0) return;
+    const height = Math.round((WIDTH * videoHeight) / videoWidth);
+    if (this.canvas.height !== height) [this.canvas.width, this.canvas.height] = [WIDTH, height];
+    const { context } = this;
+    context.setTransform(-1, 0, 0, 1, WIDTH, 0);
+    context.drawImage(video, 0, 0, WIDTH, height);
+    context.strokeStyle = context.fillStyle = COLOUR;
+    context.lineWidth = 3;
+    const isSeen = (mark: number): boolean => (marks[mark]?.visibility ?? 0) >= VISIBLE;
+    const place = (mark: number): [number, number] => [marks[mark].x * WIDTH, marks[mark].y * height];
+    context.beginPath();
+    for (const [start, end] of BONES)
+      if (isSeen(start) && isSeen(end)) {
+        context.moveTo(...place(start));
+        context.lineTo(...place(end));
+      }
+    context.stroke();
+    for (let mark = 0; mark < marks.length; mark++)
+      if (isSeen(mark) && (mark === 0 || mark >= FIRST)) {
+        context.beginPath();
+        context.arc(...place(mark), 4, 0, 2 * Math.PI);
+        context.fill();
+      }
+  }
+
+  /** Show the picture's frame with one line below. */
+  say(text: string): void {
+    this.frame.hidden = false;
+    const line = element("camera-says");
+    if (line.textContent !== text) line.textContent = text; // what is said twice is read aloud twice
+  }
+
+  hide(): void {
+    this.frame.hidden = true;
+    this.context?.clearRect(0, 0, this.canvas.width, this.canvas.height);
+  }
+}

@@ -1,0 +1,36 @@
+/** What is known of the wearer from one source to the next, and from one visit to the next. */
+
+import { DEVIATION } from "./core/calibration";
+import { NOBODY, personOf, type Person } from "./core/person";
+
+/** What measuring found. */
+export interface Measurement {
+  readonly head: number; // m: height of the head joint
+  readonly reach: number | null; // m, from wrist to wrist
+}
+
+const HEADS = { least: 0.8, most: 2.2 } as const; // m
+const REACHES = { least: 0.9, most: 2.0 } as const; // m
+
+/** A person for the engine. A known height counts more than the measured head. */
+export function personFrom(height: number | null, measured: Measurement | null): Person {
+  const { head, reach } = measured ?? { head: null, reach: null };
+  const lengths =
+    reach === null ? [] : [{ start: "left_wrist", end: "right_wrist", value: reach, deviation: DEVIATION }];
+  if (height !== null) return { ...personOf(height), lengths };
+  return head === null ? NOBODY : { height: null, head: { value: head, deviation: DEVIATION }, lengths };
+}
+
+/** What calibration found, as it is kept. */
+export function measurementOf({ head, lengths }: Person): Measurement | null {
+  return head ? { head: head.value, reach: lengths[0]?.value ?? null } : null;
+}
+
+/** A measurement that was kept; null if it is none, or nobody's. */
+export function measurementFrom(value: unknown): Measurement | null {
+  if (typeof value !== "object" || value === null) return null;
+  const { head, reach } = value as Record<string, unknown>;
+  if (typeof head !== "number" || !(head >= HEADS.least && head <= HEADS.most)) return null;
+  const isReach = typeof reach === "number" && reach >= REACHES.least && reach <= REACHES.most;
+  return { head, reach: isReach ? reach : null };
+}

@@ -1,0 +1,40 @@
+/** A headset that is worn, taken off and worn again, with other sources in between: node again.mjs FOLDER PICTURES */
+
+import { wearEmulated } from "./emulated_headset.mjs";
+import { scenario, serveFolder } from "./page.mjs";
+
+const [folder, pictures] = process.argv.slice(2);
+const site = await serveFolder(folder);
+
+await scenario({ colorScheme: "light", viewport: { width: 480, height: 320 } }, async (page) => {
+  await wearEmulated(page);
+  await page.goto(site.address);
+  const text = (id) => page.textContent(id);
+  const says = (id, part) =>
+    page.waitForFunction(([where, what]) => document.querySelector(where).textContent.includes(what), [id, part], {
+      polling: 100,
+    });
+  const enter = async () => {
+    await page.dispatchEvent("#door-headset", "click");
+    await says("#source", "headset");
+    await says("#shown", "3 points");
+    await page.waitForTimeout(1500);
+    return page.evaluate(() => Boolean(device.activeSession));
+  };
+  const leave = async () => {
+    await page.evaluate(() => device.activeSession.end());
+    await page.waitForTimeout(500);
+  };
+  await says("#rate", "completed here");
+  const worn = [await enter()];
+  await leave();
+  worn.push(await enter()); // at once
+  await page.screenshot({ path: `${pictures}/again.png` });
+  await leave();
+  await page.dispatchEvent("#door-performance", "click");
+  await says("#source", "performance");
+  worn.push(await enter()); // after another source
+  await leave();
+  return { worn, notice: await text("#notice-text") };
+});
+site.close();
