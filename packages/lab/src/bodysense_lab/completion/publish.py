@@ -72,7 +72,8 @@ def sample_errors(learned: Scenes, watched: Scenes, model: CompletionModel, seed
     jobs: list[tuple[SensorSet, Body, Sequence[TrackedScene], bool, int]] = []
     for group, (sensors, body) in enumerate(draws):
         for known, scenes in ((True, learned), (False, watched)):
-            jobs += [(sensors, body, batch, known, group) for batch in scenes[TRUTH_OF[body]]]
+            for batch in scenes[TRUTH_OF[body]]:
+                jobs.append((sensors, body, batch, known, group))
     parts = []
     for sensors, body, batch, known, group in progress(jobs, "expected and true errors"):
         columns = _sampled(sensors, body, batch, model)
