@@ -94,7 +94,12 @@ def _sampled(
     return columns[0], columns[1], columns[2]
 
 
-def fit_error_map(samples: ErrorSamples, quantile: float | None = None, steps: int = 3000, seed: int = 6) -> ErrorMap:
+_FIT_STEPS, _TRIAL_STEPS = 3000, 100  # optimiser steps of an error map, and of one in a trial
+
+
+def fit_error_map(
+    samples: ErrorSamples, quantile: float | None = None, steps: int = _FIT_STEPS, seed: int = 6
+) -> ErrorMap:
     """Fit the mean error, or a quantile of it, to samples, in so many steps of an optimiser."""
     known = torch.from_numpy(samples.known.astype(np.float32))
     error = torch.from_numpy(samples.error.astype(np.float32)).clamp(min=1e-4)
@@ -156,7 +161,8 @@ def publish(
         samples = sample_errors(_scenes(data, ("train", "val"), limit), load_completion(beside))
     finally:
         beside.unlink(missing_ok=True)
-    mean, bound = fit_error_map(samples), fit_error_map(samples, QUANTILE)
+    steps = _FIT_STEPS if limit is None else _TRIAL_STEPS
+    mean, bound = fit_error_map(samples, steps=steps), fit_error_map(samples, QUANTILE, steps)
     _write(body, fingers, mean, bound, out, card)
 
 
