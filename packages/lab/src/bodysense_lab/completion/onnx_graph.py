@@ -11,12 +11,12 @@ from bodysense.body.person import Person
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.network import Network, NetworkFormat
 from bodysense.observation import STRAPPED, Observation
-from bodysense_lab.completion.stored import FORMAT
 
 POINTS, JOINTS = len(default_skeleton().points), len(default_skeleton().joints)
 _FIRST, _LONGEST = 1 / 30, 0.1  # s, the interval that a first frame counts as, and the longest one
 _ABSENT = 0.001  # m, accuracy of points that are not tracked: any positive number
 
+FORMAT = "bodysense-completion-1"
 GRAPH = NetworkFormat(
     name=FORMAT, kind="completion graph", command="bodysense train completion", packaged="completion.onnx"
 )
