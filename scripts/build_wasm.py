@@ -35,7 +35,7 @@ _FLAGS = (
 
 
 def compiler() -> list[str]:
-    """The command of a C compiler for WebAssembly. Ends the program if there is none."""
+    """Return the command of a C compiler for WebAssembly. Ends the program if it is missing."""
     if os.environ.get("CC"):
         return shlex.split(os.environ["CC"])
     if find_spec("ziglang") is not None:
@@ -44,7 +44,7 @@ def compiler() -> list[str]:
 
 
 def interface() -> list[str]:
-    """The names of the header's functions."""
+    """Return the names of the header's functions."""
     header = (ROOT / "core" / "include" / "bodysense.h").read_text(encoding="utf-8")
     code = re.sub(r"/\*.*?\*/", "", header, flags=re.DOTALL)
     return sorted(set(re.findall(r"\b(bs_\w+)\(", code)))
