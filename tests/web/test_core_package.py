@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import runpy
 import shutil
 import subprocess
@@ -16,9 +17,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodysense.body.person import Measured, Person
+from bodysense.body.person import Person
 from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import geodesic_angle
+from bodysense.body.shape import Measured
 from bodysense.demo import performance_of_stranger
 from bodysense.devices.simulated.device import simulate
 from bodysense.observation import Estimate, Observation
@@ -197,6 +199,14 @@ def test_what_is_refused_is_named(project: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_readme_s_example_runs(project: Path) -> None:
+    code = re.findall(r"```js\n(.*?)```", (PACKAGE / "README.md").read_text("utf-8"), re.DOTALL)
+    (project / "example.js").write_text("\n".join(code))
+    printed = run_in(project, "node", "example.js")
+    assert printed.startswith("Float64Array(3)")
+
+
+@pytest.mark.slow
 def test_the_package_has_types(project: Path, web: Path) -> None:
     options = ["--strict", "--noEmit", "--target", "es2022", "--module", "nodenext", "--types", ""]
     run_in(project, str(web / "node_modules" / ".bin" / "tsc"), *options, "typed.ts")
@@ -228,7 +238,8 @@ def test_the_core_is_what_its_source_says(project: Path, web: Path, tmp_path: Pa
     for wasm in (built, WASM):
         run_in(project, "node", "node.mjs", str(tmp_path / "recording.json"), str(tmp_path / "result.json"), str(wasm))
         done.append(json.loads((tmp_path / "result.json").read_text()))
-    for name in done[0]["bodies"][0]:
+    rebuilt, kept = done
+    for name in kept["bodies"][0]:
         np.testing.assert_allclose(
-            *(bodies(one, name) for one in done), atol=1e-9, err_msg=f"{name}: run `python scripts/build_wasm.py`"
+            bodies(kept, name), bodies(rebuilt, name), atol=1e-9, err_msg=f"{name}: run `python scripts/build_wasm.py`"
         )
