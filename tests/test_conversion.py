@@ -47,7 +47,7 @@ def test_the_motion_is_the_same_under_other_names(
     take: Path, tmp_path: Path, waving_clip: Clip, ending: str, rig: str, names: dict[str, str]
 ) -> None:
     out = tmp_path / f"out{ending}"
-    bodysense.conversion(take, out, rig=rig)
+    bodysense.convert(take, out, rig=rig)
     assert {names[joint] for joint in waving_clip.pose.skeleton.joints} <= names_in(out)
     back = bodysense.read(out)
     assert isinstance(back, Clip) and back.frame_rate == pytest.approx(30)
@@ -55,7 +55,7 @@ def test_the_motion_is_the_same_under_other_names(
 
 
 def test_another_rate_keeps_the_time(take: Path, tmp_path: Path, waving_clip: Clip) -> None:
-    done = bodysense.conversion(take, tmp_path / "out.glb", rate=60)
+    done = bodysense.convert(take, tmp_path / "out.glb", rate=60)
     assert done.frame_rate == 60 and len(done) == 2 * len(waving_clip) - 1
     back = bodysense.read(tmp_path / "out.glb")
     assert isinstance(back, Clip) and back.frame_rate == pytest.approx(60)
@@ -63,8 +63,8 @@ def test_another_rate_keeps_the_time(take: Path, tmp_path: Path, waving_clip: Cl
 
 
 def test_the_rig_of_the_file_is_kept(tmp_path: Path, take: Path, waving_clip: Clip) -> None:
-    bodysense.conversion(take, tmp_path / "mixamo.bvh", rig="mixamo")
-    bodysense.conversion(tmp_path / "mixamo.bvh", tmp_path / "slow.bvh", rig="source", rate=15)
+    bodysense.convert(take, tmp_path / "mixamo.bvh", rig="mixamo")
+    bodysense.convert(tmp_path / "mixamo.bvh", tmp_path / "slow.bvh", rig="source", rate=15)
     assert names_in(tmp_path / "slow.bvh") == names_in(tmp_path / "mixamo.bvh")
     back = bodysense.read(tmp_path / "slow.bvh")
     assert isinstance(back, Clip)
@@ -83,7 +83,7 @@ def test_what_cannot_be_converted(tmp_path: Path, take: Path, waving_clip: Clip)
     )
     for given, options, said in cases:
         with pytest.raises(BodysenseError, match=said):
-            bodysense.conversion(given, out, **options)
+            bodysense.convert(given, out, **options)
     with pytest.raises(BodysenseError, match=r"give a name that ends in \.bvh, \.glb"):
-        bodysense.conversion(take, tmp_path / "out.fbx")
+        bodysense.convert(take, tmp_path / "out.fbx")
     assert not out.exists()

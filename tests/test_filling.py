@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -189,3 +191,27 @@ def test_a_whole_motion_is_written_unchanged(take: Path, steps: Clip, tmp_path: 
     assert done.holed is not None and done.holed.is_whole
     in_memory = track(steps)
     np.testing.assert_array_equal(in_memory.clip.pose.rotation, steps.pose.rotation)
+
+
+def test_a_range_holds_for_the_names_before_it() -> None:
+    items = {item.name: item.frames for item in missing_items("left_elbow,left_wrist:10-20,head,neck:1-2,pelvis")}
+    assert items == {
+        "left_elbow": (10, 20), "left_wrist": (10, 20), "head": (1, 2), "neck": (1, 2), "pelvis": None
+    }  # fmt: skip
+    assert missing_items(("head", "neck:1-2"))[0].frames is None
+
+
+def test_frames_are_counted_per_joint(take: Path) -> None:
+    from bodysense.cli.motion import holes_line
+
+    holed = open_holed(take, missing_items("left_elbow,left_wrist:10-20,head:5-6"))
+    assert holes_line(holed) == "filled frames, of 80: left_wrist 11, left_elbow 11, head 2"
+
+
+@pytest.mark.parametrize(("change", "said"), [(lambda text: text.encode("utf-16"), "UTF-16"), (gzip.compress, "gzip")])
+def test_bvh_files_that_are_no_text(take: Path, tmp_path: Path, change: Callable[..., bytes], said: str) -> None:
+    text = take.read_text()
+    data = change(text.encode()) if said == "gzip" else change(text)
+    (tmp_path / "odd.bvh").write_bytes(data)
+    with pytest.raises(BodysenseError, match=rf"odd\.bvh: .*{said}"):
+        track(tmp_path / "odd.bvh")

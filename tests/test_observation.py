@@ -20,6 +20,7 @@ from bodysense.observation import (
     accuracy_like,
     check_observation,
     check_order,
+    chosen_points,
     observe,
     observed_points,
     usual_accuracy,
@@ -211,3 +212,28 @@ def test_a_frame_of_named_poses_is_an_observation() -> None:
 def test_what_is_no_pose_is_refused(pose: tuple, said: str) -> None:
     with pytest.raises(BodysenseError, match=said):
         observe(0.0, {"head": pose})
+
+
+@pytest.mark.parametrize("batch", [(), (2,)])
+def test_accelerations_go_with_their_points_and_frames(batch: tuple[int, ...]) -> None:
+    good = example(batch)
+    felt = np.random.default_rng(1).normal(size=good.position.shape)
+    felt[..., 0, 1, :] = np.nan
+    told = replace(good, acceleration=felt)
+    assert check_observation(told) is told
+    part = told[1:3].acceleration
+    assert part is not None and np.array_equal(part, felt[..., 1:3, :, :])
+    chosen = chosen_points(told, [1]).acceleration
+    assert chosen is not None and np.array_equal(chosen, felt[..., 1:, :], equal_nan=True)
+    assert good[1:].acceleration is None and chosen_points(good, [0]).acceleration is None
+
+
+def test_accelerations_that_no_body_has_are_refused() -> None:
+    good = example()
+    for broken, text in ((np.inf, "inf m/s²"), (-2000.0, "2000 m/s², but at most 1000")):
+        felt = np.zeros(good.position.shape)
+        felt[2, 1, 0] = broken
+        with pytest.raises(BodysenseError, match=f"acceleration of 'left_wrist' at frame 2 is {text}"):
+            check_observation(replace(good, acceleration=felt))
+    with pytest.raises(BodysenseError, match="acceleration has shape"):
+        check_observation(replace(good, acceleration=np.zeros((4, 2))))

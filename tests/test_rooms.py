@@ -40,7 +40,7 @@ FLOORS: dict[str, float] = {
     "filling": 4.5,
     "open": 4.8,
     "signals": 5.5,
-    "convert": 6,
+    "conversion": 6,
     "take": 6,
     "cli": 8,
     "__main__": 9,

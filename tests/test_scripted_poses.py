@@ -11,7 +11,7 @@ from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_m
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
-from bodysense.tracker import Tracker
+from bodysense.tracker import Tracker, TrackerSettings
 
 RATE, SECONDS = 30, 6
 FEET = ("left_ankle", "left_foot", "left_toe", "right_ankle", "right_foot", "right_toe")
@@ -131,8 +131,11 @@ def test_a_point_that_is_seen_again_is_where_it_is_seen() -> None:
     ankle = observation.points.index("left_ankle")
     has[40:80, ankle] = False
     lost = replace(observation, has_position=has, has_rotation=observation.has_rotation & has)
-    tracker = Tracker(Person(pose.skeleton))
-    estimate, _ = tracker.step(lost, tracker.start())
     truth = forward_kinematics(pose)[0][:, pose.skeleton.index("left_ankle")]
-    off = np.linalg.norm(estimate.points[:, pose.skeleton.index("left_ankle")] - truth, axis=-1)
-    assert off[has[:, ankle]].max() < 5e-3
+    for ease, settled in ((0.0, 0), (0.25, 8)):  # s, and the frames that they last
+        tracker = Tracker(Person(pose.skeleton), settings=TrackerSettings(ease=ease))
+        estimate, _ = tracker.step(lost, tracker.start())
+        off = np.linalg.norm(estimate.points[:, pose.skeleton.index("left_ankle")] - truth, axis=-1)
+        assert off[:40].max() < 5e-3 and off[80 + settled :].max() < 5e-3
+        path = np.linalg.norm(np.diff(estimate.points[79:90, pose.skeleton.index("left_ankle")], axis=0), axis=-1)
+        assert ease == 0.0 or path.max() * RATE < 10.5  # m/s: it is eased in

@@ -14,6 +14,9 @@ typedef struct ease {
     float span; /* s after which it is zero */
 } ease;
 
+/* A vector no longer than `most`. */
+vec3 limited(vec3 v, float most);
+
 /* Start with an offset that is gone after `span` seconds; 0 is over at once. */
 ease ease_begin(vec3 offset, float span);
 
@@ -22,7 +25,14 @@ vec3 ease_offset(const ease *e);
 
 void ease_advance(ease *e, float interval);
 
-/* The span (s) over which an offset (m) decays at a speed (m/s) that is never exceeded. */
-float ease_span(float offset, float fastest);
+/* Ease a vector (m) toward its goal and return what to output.
+ *
+ * If its motion breaks, what is output goes on with its speed (m/s) for a frame, and the difference to the goal decays
+ * over `span` seconds from then on, or longer if it would move faster than FASTEST. */
+#define FASTEST 10.0F /* m/s */
+vec3 eased(ease *e, vec3 goal, vec3 output_before, vec3 speed, float interval, bool breaks, float span);
+
+/* The same for a rotation, with its spin in rad/s. */
+mat3 eased_turn(ease *e, mat3 goal, mat3 output_before, vec3 spin, float interval, bool breaks, float span);
 
 #endif

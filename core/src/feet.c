@@ -8,6 +8,7 @@ static const float DRAG = 0.06F;  /* m: a foot that its leg drags farther slides
 static const float SETTLE = 0.06F; /* s in which half of a foot's height over the floor is taken away */
 static const float SOLE = 0.02F; /* m: a foot that is over its rest height by less stands: recorded feet do */
 static const float FLAT_FROM = 0.15F; /* s: a foot that stands on its heel for longer is flat on the floor */
+static const float STILL = 0.8F;  /* of SOLE: what is left out for those who stand still */
 static const float REACH = 0.25F; /* m: a foot is moved no farther up or down to the floor */
 
 static float rest_height(const foot *f, int part) { return part == 1 ? f->ankle_rest : f->ball_rest; }
@@ -15,16 +16,18 @@ static vec3 place(const foot *f, int part) { return part == 1 ? f->ankle : f->ba
 
 static float clamp(float value, float least, float most) { return fminf(fmaxf(value, least), most); }
 
-/* How far a part of a foot is too high to stand, or too low: below 0 (m). */
-static float too_high(float height, float rest, float floor) {
+/* How far a part of a foot is too high to stand, or too low: below 0 (m). `sole` is how high it may be. */
+static float too_high(float height, float rest, float floor, float sole) {
     float over = height - rest - floor;
-    return over - clamp(over, 0.0F, SOLE);
+    return over - clamp(over, 0.0F, sole);
 }
 
 /* How far the lower part of a foot is too high to stand (m). */
-static float height_over(const foot *f, float floor) {
-    return fminf(too_high(f->ankle.y, f->ankle_rest, floor), too_high(f->ball.y, f->ball_rest, floor));
+static float height_over(const foot *f, float floor, float sole) {
+    return fminf(too_high(f->ankle.y, f->ankle_rest, floor, sole), too_high(f->ball.y, f->ball_rest, floor, sole));
 }
+
+float flatness(const foot_state *s) { return clamp((s->stood - FLAT_FROM) / FLAT_FROM, 0.0F, 1.0F); }
 
 /* Which part holds now: the one that held stays as long as it may, then the surer one. */
 static int holding(const foot *f, int before) {
@@ -37,7 +40,9 @@ static int holding(const foot *f, int before) {
 
 void hold_feet(const foot foot[2], float floor, float interval, float upright, foot_state state[2], vec3 move[2]) {
     float fade = exp2f(-interval / FADE), settle = 1.0F - exp2f(-interval / SETTLE);
-    float hovering = fmaxf(fminf(height_over(&foot[0], floor), height_over(&foot[1], floor)), 0.0F);
+    /* Those who stand still on both feet stand lower. */
+    float sole = SOLE * (1.0F - STILL * fminf(flatness(&state[0]), flatness(&state[1])));
+    float hovering = fmaxf(fminf(height_over(&foot[0], floor, sole), height_over(&foot[1], floor, sole)), 0.0F);
     int part[2];
     for (int k = 0; k < 2; k++) {
         part[k] = holding(&foot[k], state[k].held);
@@ -56,7 +61,7 @@ void hold_feet(const foot foot[2], float floor, float interval, float upright, f
             if (size > DRAG) slide = scale(slide, DRAG / size);
             s->anchor = add(at, slide);
             float contact = part[k] == 1 ? f->ankle_contact : f->ball_contact;
-            drop = too_high(at.y, rest_height(f, part[k]), floor);
+            drop = too_high(at.y, rest_height(f, part[k]), floor, sole);
             drop *= clamp((contact - RELEASE) / (SURE - RELEASE), 0.0F, 1.0F);
         }
         if (hovering > 0.0F) drop = fmaxf(drop, upright * hovering); /* nobody who stands hovers with both feet */
@@ -71,5 +76,3 @@ void hold_feet(const foot foot[2], float floor, float interval, float upright, f
         if (lowest < 0.0F) move[k].y += fminf(-lowest, 2.0F * REACH); /* never under the floor */
     }
 }
-
-float flatness(const foot_state *s) { return clamp((s->stood - FLAT_FROM) / FLAT_FROM, 0.0F, 1.0F); }

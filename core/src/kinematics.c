@@ -1,7 +1,6 @@
 /* Placing bones, turning them onto directions, and two bones that reach a place. */
 #include "kinematics.h"
 
-static const float STRAIGHT = 0.9995F; /* of a limb's length: a limb is never quite straight */
 
 /* Some unit vector across a unit vector. */
 static vec3 any_across(vec3 u) {

@@ -96,3 +96,11 @@ two_bones solve_limb(const limb_task *task) {
     two_bones result = {middle, add(middle, direction)};
     return result;
 }
+
+void turn_limb(body *b, const tracked *t, int limb, two_bones to) {
+    const limb_joints *j = &LIMB[limb];
+    vec3 upper = rotate(b->rotation[j->start], t->rest_offset[j->middle]);
+    vec3 lower = rotate(b->rotation[j->middle], t->rest_offset[j->end]);
+    b->rotation[j->start] = turned_onto(b->rotation[j->start], upper, to.middle);
+    b->rotation[j->middle] = turned_onto(b->rotation[j->middle], lower, sub(to.end, to.middle));
+}

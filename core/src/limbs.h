@@ -31,4 +31,7 @@ limb_task limb_goal(const tracked *t, int limb, const mat3 rotation[BODY_JOINTS]
 /* Middle and end from the start, as far as bones reach. */
 two_bones solve_limb(const limb_task *task);
 
+/* Turn the bones of a limb as solved. */
+void turn_limb(body *b, const tracked *t, int limb, two_bones to);
+
 #endif

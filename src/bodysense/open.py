@@ -8,7 +8,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
-from bodysense.arrays import conversion
+import numpy as np
+
+from bodysense.arrays import array_shapes, conversion
 from bodysense.body.hand import Side, hand_skeleton
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.device import has_gloves
@@ -22,13 +24,16 @@ from bodysense.io.datasets.sources import Source as MotionEntry
 from bodysense.io.datasets.sources import as_told, read_with_rig
 from bodysense.io.gltf import motion as io_gltf
 from bodysense.io.holes import Missing
+from bodysense.io.markers.body import body_of
 from bodysense.io.markers.files import ENDINGS as MARKER_ENDINGS
 from bodysense.io.markers.files import is_marker_file, read_unlabelled
+from bodysense.io.markers.marker_sets import recognised
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
+from bodysense.io.markers.raw_markers import RawMarkers
 from bodysense.io.markers.recording import MarkerRecording, read_markers, with_hands_of
 from bodysense.io.recording import Recording, is_recording, read_recording
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
-from bodysense.io.smpl import PICKLES, is_smpl, read_smpl
+from bodysense.io.smpl import PICKLES, USUAL_RATE, is_smpl, joint_places, read_smpl
 from bodysense.observation import Observation
 
 MOTION_ENDINGS = (".bvh", ".npz", ".npy", *io_gltf.ENDINGS)
@@ -135,6 +140,8 @@ def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: Mar
         return _open_markers(path, reading, markers)
     if kind == "recording":
         return _open_recording(path, reading, markers)
+    if (joints := joint_places(path)) is not None:
+        return _open_places(path, joints, reading, markers)
     if replace(markers, rate=None) != NO_OPTIONS:
         kinds = ", ".join(MARKER_ENDINGS)
         raise BodysenseError(f"{path}: a motion; --names, --unlabelled and their like are for markers, {kinds}")
@@ -162,7 +169,7 @@ def kind_of(source: str | Path) -> Kind:
 
 
 def check_kind(path: str | Path) -> None:
-    """Raise BodysenseError, with what to do, for kinds of files that are never read: FBX, gzip, pickles."""
+    """Raise BodysenseError, with what to do, for kinds of files that are never read: FBX, gzip, pickles, MVNX …"""
     path = Path(path)
     ending = path.suffix.lower()
     if ending == ".gz":
@@ -175,6 +182,25 @@ def check_kind(path: str | Path) -> None:
             f"{path}: FBX is not read; convert it with Blender: "
             f"blender -b --python-expr \"{load}; bpy.ops.export_scene.gltf(filepath='{path.stem}.glb')\""
         )
+
+    if ending in _ELSEWHERE:
+        raise BodysenseError(f"{path}: {_ELSEWHERE[ending]}")
+    if ending == ".npz" and "results" in array_shapes(path):
+        raise BodysenseError(
+            f"{path}: results of ROMP or BEV, a pickle within an archive, which may run any code when it is read; "
+            "save a person's 'smpl_thetas' (T, 72) as 'poses' and 'cam_trans' (T, 3) as 'trans' with numpy.savez"
+        )
+
+
+# Files that are often brought and never read, and what to do.
+_ELSEWHERE = {
+    ".mvnx": "MVNX is not read; export the take from Xsens as .bvh (or .c3d): File, Export, in MVN",
+    ".mvn": "Xsens's own format is not read; export the take as .bvh (or .c3d): File, Export, in MVN",
+    ".vmd": "VMD, a motion of MikuMikuDance, is not read; import model and motion in Blender with MMD Tools, and "
+    "export them as .glb or .bvh",
+    ".json": "JSON of key points (OpenPose, AlphaPose …) is not read: it is flat, in pixels; give the video itself, or "
+    "make places in space of it, as a .trc (Pose2Sim, OpenCap)",
+}
 
 
 def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tuple[Clip, tuple[str, ...]]:
@@ -236,6 +262,22 @@ def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -
         worn=markers.worn(),
     )
     return MarkerSource(str(path), path, recording, (*(f"note: {line}" for line in found.remarks), *sized), found)
+
+
+def _open_places(path: Path, joints: np.ndarray, reading: ReadingOptions, markers: MarkerOptions) -> MarkerSource:
+    """Open an array of joint places (T, 22, 3) as markers in the joints: the tracker finds how they turn."""
+    form = markers.form(reading)
+    names = default_skeleton().joints[: joints.shape[1]]
+    rate = form.rate or USUAL_RATE
+    known = recognised(names)
+    assert known is not None
+    raw = RawMarkers(names, joints, np.arange(len(joints)) / rate, rate)
+    found = body_of(raw, form, known, str(path))
+    lines = [f"an array of joint places {joints.shape}, not of rotations: the body is completed from them"]
+    if form.rate is None:
+        lines.append(f"no frame rate in it: {rate:g} Hz is taken (--rate)")
+    remarks = tuple(f"note: {line}" for line in (*lines, *found.remarks[1:]))
+    return MarkerSource(str(path), path, Recording(found.observation, default_skeleton(), told=False), remarks)
 
 
 def _labelled(path: Path, options: MarkerOptions, reading: ReadingOptions) -> Observation:

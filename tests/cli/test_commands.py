@@ -83,8 +83,9 @@ def test_noise_feet_and_floor(tmp_path: Path, motion: Path, run) -> None:
 
 
 def test_a_network_of_ones_own(tmp_path: Path, motion: Path, run) -> None:
-    (tmp_path / "own.onnx").write_bytes((files("bodysense.weights") / "completion.onnx").read_bytes())
-    run("track", motion, "--device", "head", "-o", tmp_path / "a.bvh", "--model", tmp_path / "own.onnx")
+    packaged = files("bodysense.weights") / "completion.safetensors"
+    (tmp_path / "own.safetensors").write_bytes(packaged.read_bytes())
+    run("track", motion, "--device", "head", "-o", tmp_path / "a.bvh", "--model", tmp_path / "own.safetensors")
 
 
 def test_irregular_frames_come_out_regular(tmp_path: Path, motion: Path, run) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 import pytest
 
 from bodysense.cli import main
@@ -61,11 +60,10 @@ def broken(tmp_path: Path, motion: Path, short_clip: Clip) -> Path:
     (tmp_path / "backwards.jsonl").write_text(header + '{"time": 1}\n{"time": 0.5}\n')
     (tmp_path / "cut.jsonl").write_text(header + '{"time": 1, "posi')
 
-    value = [onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [1]) for name in ("x", "y")]
-    graph = onnx.helper.make_graph([onnx.helper.make_node("Identity", ["x"], ["y"])], "g", value[:1], value[1:])
-    foreign = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=9)
-    onnx.save(foreign, str(tmp_path / "foreign.onnx"))
-    (tmp_path / "text.onnx").write_text("hello")
+    header = b'{"__metadata__": {"format": "another"}}'
+    (tmp_path / "foreign.safetensors").write_bytes(len(header).to_bytes(8, "little") + header)
+    (tmp_path / "text.safetensors").write_text("hello")
+    (tmp_path / "old.onnx").write_text("hello")
     (tmp_path / "nothing").mkdir()
     return tmp_path
 
@@ -113,9 +111,14 @@ WRONG = {
     "a recording's own rig": ((*TRACK, "--rig", "source"), "seen.npz", r"only a \.bvh file has a rig of its own"),
     "a missing recording": (TRACK, "missing.npz", "no such file"),
     "missing lines": (TRACK, "missing.jsonl", "no such file"),
-    "a foreign network": (MODEL, "foreign.onnx", r"not a bodysense completion network \(format 'not given', wanted"),
-    "text for a network": (MODEL, "text.onnx", "not a readable ONNX model"),
-    "a missing network": (MODEL, "missing.onnx", "no such model file"),
+    "a foreign network": (MODEL, "foreign.safetensors", "the weights are not bodysense-completion's"),
+    "text for a network": (MODEL, "text.safetensors", "truncated or not a safetensors file"),
+    "a network of an older version": (
+        MODEL,
+        "old.onnx",
+        r"of an older version; give the \.safetensors",
+    ),
+    "a missing network": (MODEL, "missing.safetensors", "no such model file"),
     "a recording that is recorded": (
         SIMULATE,
         "seen.npz",

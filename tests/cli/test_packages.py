@@ -44,7 +44,7 @@ def test_a_command_of_a_package_that_is_not_installed(command: str, package: str
 @pytest.mark.usefixtures("alone")
 def test_the_library_alone(run: Command) -> None:
     assert "CMU" in run("data", "sources")
-    assert set(application()._subcommands) == {"demo", "track", "simulate", "generate", "data"}
+    assert set(application()._subcommands) == {"demo", "track", "simulate", "convert", "generate", "data"}
 
 
 @pytest.mark.usefixtures("alone")

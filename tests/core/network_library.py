@@ -42,7 +42,7 @@ PREDICTION = np.dtype(
         ("head", "<f4", 3),
         ("contact", "<f4", 4),
         ("error", "<f4", PLACED),
-        ("unlike", "<f4", PLACED),
+        ("unlike", "<f4", JOINTS),
     ],
     align=True,
 )

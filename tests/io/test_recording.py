@@ -416,3 +416,17 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.
         write_recording(path, example(4))
     assert [found.name for found in tmp_path.iterdir()] == [path.name]
     assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("ending", [".npz", ".jsonl"])
+def test_accelerations_come_back(tmp_path: Path, ending: str) -> None:
+    recording = example()
+    felt = np.round(np.random.default_rng(2).normal(size=recording.observation.position.shape), 3)
+    felt[1:3, 0] = np.nan
+    path = tmp_path / f"felt{ending}"
+    write_recording(path, replace(recording, observation=replace(recording.observation, acceleration=felt)))
+    back = read_recording(path).observation.acceleration
+    assert back is not None
+    np.testing.assert_allclose(back, felt, atol=1e-3)
+    write_recording(path, recording)
+    assert read_recording(path).observation.acceleration is None

@@ -157,7 +157,9 @@ def test_a_recording_is_made_where_it_is_allowed(server_of: Serving, connect: Co
     assert file.name in said and "/" not in said
     clip = read_bvh(file)
     assert len(clip) == pytest.approx(90, abs=2) and clip.frame_rate == pytest.approx(60)
-    np.testing.assert_allclose(clip.pose.root_position[0], poses[0].root_position, atol=1e-4)
+    # The file is on the proportions believed at the end, of which the pelvis is as high as they are.
+    np.testing.assert_allclose(clip.pose.root_position[0], poses[0].root_position, atol=0.03)
+    np.testing.assert_allclose(clip.pose.root_position[0, [0, 2]], poses[0].root_position[[0, 2]], atol=1e-4)
 
 
 def test_no_recording_is_made_where_it_is_not_allowed(server: Address, connect: Connecting) -> None:

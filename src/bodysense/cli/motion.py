@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from bodysense.open import MarkerSource, MotionSource
     from bodysense.take import Take
 
-_LISTED = 12  # markers that a line lists
+_LISTED = 12  # joints or markers that a line lists
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 MotionFile = Annotated[Path, tyro.conf.Positional]
 
@@ -102,8 +102,8 @@ def track(  # noqa: PLR0915
         device: what watches the body, where the file is a motion. Without it the motion's holes are filled, and what is
             there stays as it is.
         missing: joints of a motion that are missing, by its names or ours: left_forearm,left_hand. LeftForeArm+ is with
-            all that hangs on it, left_hand:100-240 in these frames (from 0, both included). If omitted: what has no
-            number, and limbs that are held still to the last digit while the body moves.
+            all that hangs on it; left_forearm,left_hand:100-240 are both in these frames (from 0, both included). If
+            omitted: what has no number, and limbs that are held still to the last digit while the body moves.
         rig: joints to write on: 'bodysense' and 'smplh' are our 52 joints, 'mixamo', 'unreal', 'rigify' and 'vrm' the
             same under these names; 'source' is the rig of FILE, with its holes filled if it has any, and NAME.bvh that
             of another BVH file, to whose body the motion is fitted. If omitted, 'source' where a .bvh with holes is
@@ -288,10 +288,11 @@ def holes_line(holed: Holed) -> str:
         )
     if holed.clip.lacks and not holed.holes.any():
         return f"completed {' and '.join(holed.clip.lacks)}, which the motion lacks"
-    count, share = int(holed.holes.any(axis=1).sum()), holed.holes.sum(axis=0)
-    names = [holed.rig.joints[joint] for joint in share.argsort(kind="stable")[::-1] if share[joint]]
-    shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more joints" if len(names) > 6 else "")
-    return f"filled {shown}, in {count} of {len(holed.holes)} frames"
+    count = holed.holes.sum(axis=0)
+    order = [joint for joint in count.argsort(kind="stable")[::-1].tolist() if count[joint]]
+    named = ", ".join(f"{holed.rig.joints[joint]} {count[joint]}" for joint in order[:_LISTED])
+    more = f" and {len(order) - _LISTED} more joints" if len(order) > _LISTED else ""
+    return f"filled frames, of {len(holed.holes)}: {named}{more}"
 
 
 def marker_lines(done: FilledMarkers, markers: MarkerSource) -> list[str]:

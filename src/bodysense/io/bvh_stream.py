@@ -24,7 +24,7 @@ from bodysense.body.pose import Pose
 from bodysense.body.rotation import euler_to_quaternion, quaternion_canonical, quaternion_to_euler, slerp, swing_twist
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
+from bodysense.files import check_plain, written_beside
 from bodysense.io.bvh import hierarchy_text, motion_text
 from bodysense.io.bvh_text import parse_bvh, with_plain_nan
 
@@ -246,6 +246,7 @@ def open_bvh(path: str | Path) -> BvhLines:
         data = path.read_bytes()
     except OSError as error:
         raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
+    check_plain(data[:64], path)
     timing = _TIMING.search(data)
     frames = int(timing[1]) if timing else 0
     begin = timing.end() if timing else 0

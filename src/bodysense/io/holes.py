@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,9 +33,16 @@ class Missing:
 
 
 def missing_items(given: str | Sequence[str]) -> tuple[Missing, ...]:
-    """The items of 'left_forearm,LeftHand+:100-240', or of several such texts."""
-    texts = [text.strip() for part in ([given] if isinstance(given, str) else given) for text in part.split(",")]
-    items = []
+    """Return the items of 'left_forearm,LeftHand+:100-240', or of several such texts.
+
+    A range holds for the names before it in its text, back to the range before: here for both.
+    """
+    return tuple(item for text in ([given] if isinstance(given, str) else given) for item in _items_of(text))
+
+
+def _items_of(given: str) -> list[Missing]:
+    texts = [text.strip() for text in given.split(",")]
+    items: list[Missing] = []
     for text in texts:
         found = _ITEM.fullmatch(text)
         if found is None:
@@ -43,8 +50,13 @@ def missing_items(given: str | Sequence[str]) -> tuple[Missing, ...]:
         frames = None if found["first"] is None else (int(found["first"]), int(found["last"]))
         if frames is not None and frames[1] < frames[0]:
             raise BodysenseError(f"missing {text!r}: the range ends before it begins; give FIRST-LAST")
+        if frames is not None:
+            for k in range(len(items) - 1, -1, -1):
+                if items[k].frames is not None:
+                    break
+                items[k] = replace(items[k], frames=frames)
         items.append(Missing(found["name"], bool(found["below"]), frames))
-    return tuple(items)
+    return items
 
 
 def told_missing(

@@ -64,6 +64,48 @@ def is_smpl(path: str | Path) -> bool:
     return not (rated and (whole or {"root_orient", "pose_body", "pose_hand"} <= names))
 
 
+_BONES = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
+_RIGID = 0.05  # share by which a bone of joint places may stray, or differ from the other side's
+
+
+def joint_places(path: str | Path) -> np.ndarray | None:
+    """Return the places (T, 22, 3) of joints if that is what an .npy or .npz file holds, in SMPL's order; else None.
+
+    An array (T, joints, 3) may be of rotations (axis-angle) or of places. Places have limbs of constant lengths, the
+    same on both sides, with thighs about as long as shins; rotation vectors do not.
+    """
+    path = Path(path)
+    if not is_smpl(path):
+        return None
+    try:
+        arrays = {"poses": read_array(path)} if path.suffix.lower() == ".npy" else read_arrays(path, WHOLE)
+    except BodysenseError:
+        return None  # reading it says what is wrong
+    found = _first(arrays, WHOLE)
+    if found is None or found[1].ndim != 3 or found[1].shape[1:] not in {(count, 3) for count in (22, 24, 52, 55)}:
+        return None
+    if found[1].dtype.kind != "f" or not len(found[1]) or not sound(found[1]).all():
+        return None
+    place, joints = found[1][:, :22].astype(np.float64), default_skeleton().joints
+    lengths = np.stack(
+        [
+            [
+                np.linalg.norm(place[:, joints.index(f"{side}_{a}")] - place[:, joints.index(f"{side}_{b}")], axis=-1)
+                for a, b in _BONES
+            ]
+            for side in ("left", "right")
+        ]
+    )  # (2, 4, T)
+    mean = lengths.mean(axis=-1)
+    if not (mean > 0.01 * mean.max()).all():
+        return None
+    rigid = (lengths.std(axis=-1) < _RIGID * mean).all()
+    even = (np.abs(mean[0] - mean[1]) < _RIGID * mean.mean(axis=0)).all()
+    legs, arms = mean.mean(axis=0)[:2], mean.mean(axis=0)[2:]
+    like = all(0.6 < pair[0] / pair[1] < 1.6 for pair in (legs, arms)) and 1.0 < legs.sum() / arms.sum() < 2.5
+    return place if rigid and even and like else None
+
+
 def read_smpl(path: str | Path, rate: float | None = None) -> tuple[Clip, tuple[str, ...]]:
     """The motion of a file in canonical form, and remarks; `rate` Hz where it does not say.
 

@@ -9,6 +9,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated import headset_camera, three_point
+from bodysense.devices.simulated.inertial import ALONG, SMOOTHING
 from bodysense.devices.simulated.sensors import (
     LATTICE_PARTS,
     SENSOR_SETS,
@@ -97,3 +98,23 @@ def test_the_same_edges_are_drawn_again() -> None:
     assert random_edges(20) == random_edges(20)
     assert random_edges(20) == random_edges(200)[:20]
     assert random_edges(20, np.random.default_rng(5)) != random_edges(20)
+
+
+def test_sensors_of_rotation_alone_feel_how_they_speed_up(waving_clip: Clip) -> None:
+    """Known only from what was before: cutting off what comes after changes nothing."""
+    pose, time = waving_clip.pose, waving_clip.time
+    sensors = SensorSet(("head", "left_elbow"), ("head", "left_elbow", "right_elbow", "pelvis"))
+    felt = observe(pose, time, sensors).acceleration
+    assert felt is not None
+    names = sensors.points
+    assert np.isnan(felt[:, [names.index("head"), names.index("left_elbow")]]).all()
+    position = forward_kinematics(pose)[0]
+    elbow, wrist = (position[:, SKELETON.index(f"right_{name}")] for name in ("elbow", "wrist"))
+    place, lag = elbow + ALONG * (wrist - elbow), round(SMOOTHING * waving_clip.frame_rate)
+    wanted = np.diff(np.diff(place[::lag], axis=0), axis=0) * (waving_clip.frame_rate / lag) ** 2
+    np.testing.assert_allclose(felt[2 * lag :: lag, names.index("right_elbow")], wanted, atol=1e-6)
+    assert np.isnan(felt[: 2 * lag]).all() and np.abs(wanted).max() > 1
+    part = observe(pose[:40], time[:40], sensors).acceleration
+    assert part is not None
+    np.testing.assert_allclose(part, felt[:40], atol=1e-9)
+    assert observe(pose, time, SENSOR_SETS["six_point"]).acceleration is None

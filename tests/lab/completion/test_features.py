@@ -1,18 +1,13 @@
-"""Features against what they mean, spelled out; of sequences and of single frames; weights as a file stores them."""
+"""Features against what they mean, spelled out; of sequences and of single frames."""
 
-import numpy as np
-import onnx
-import onnx.reference
 import pytest
 import torch
-from onnx import TensorProto, helper, numpy_helper
 from torch import Tensor
 
 from bodysense.observation import STRAPPED
 from bodysense_lab.completion.features import WIDTHS, mirror_places, mirror_signs
 from bodysense_lab.completion.network import Before, CompletionConfig, CompletionNetwork, TrackedSignal, reading_of
 from bodysense_lab.completion.points import SPIN_PLACES, reference_offsets
-from bodysense_lab.completion.rewriting import row_step, shortened, stored_small
 
 PEOPLE, FRAMES = 3, 5
 
@@ -89,36 +84,3 @@ def test_the_mirror_image_is_read_beside(signal: TrackedSignal) -> None:
     image = features[..., mirror_places()] * torch.tensor(mirror_signs())
     assert torch.allclose(both[..., network.features :], image, atol=1e-6)
     assert torch.allclose(image[..., mirror_places()] * torch.tensor(mirror_signs()), features)
-
-
-def test_a_constant_is_stored_as_small_as_is_exact() -> None:
-    rng = np.random.default_rng(0)
-    drawn = rng.normal(size=(40, 30)).astype(np.float32)
-    step = row_step(drawn)
-    constants = {
-        "whole": np.round(drawn * 20),
-        "bytes": np.round(drawn / step) * step,
-        "half": drawn.astype(np.float16).astype(np.float32),
-        "full": drawn,
-    }
-    nodes = [helper.make_node("Add", ["x", name], [f"y_{name}"]) for name in constants]
-    value = helper.make_tensor_value_info
-    graph = helper.make_graph(
-        nodes,
-        "constants",
-        [value("x", TensorProto.FLOAT, [40, 30])],
-        [value(f"y_{name}", TensorProto.FLOAT, [40, 30]) for name in constants],
-        [numpy_helper.from_array(values.astype(np.float32), name) for name, values in constants.items()],
-    )
-    model = stored_small(shortened(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)])))
-    onnx.checker.check_model(model)
-    sizes = {each.name: len(each.raw_data) for each in model.graph.initializer}
-    assert {name: sizes[stored] for name, stored in (("whole", "whole_small"), ("bytes", "bytes_small"))} == {
-        "whole": 1200,
-        "bytes": 1200,
-    }
-    assert sizes["half_small"] == 2400
-    assert sizes["full"] == 4800
-    got = onnx.reference.ReferenceEvaluator(model).run(None, {"x": np.zeros((40, 30), dtype=np.float32)})
-    for output, values in zip(got, constants.values(), strict=True):
-        assert np.array_equal(np.asarray(output), values.astype(np.float32))

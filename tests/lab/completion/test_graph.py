@@ -2,10 +2,8 @@
 
 import math
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
-import onnx
 import pytest
 import torch
 from hypothesis import given, settings
@@ -14,16 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion.network import Network, NetworkFormat
 from bodysense.demo import packaged_performance
 from bodysense_lab.completion.blending import BLEND
-from bodysense_lab.completion.error_map import ErrorMap, unchanged_errors
-from bodysense_lab.completion.export import as_stored, example_inputs, write_completion
+from bodysense_lab.completion.error_map import unchanged_errors
 from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
 from bodysense_lab.completion.graph import CompletionStep
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
-from bodysense_lab.completion.state import Inputs, Outputs, State
-from bodysense_lab.completion.stored import FORMAT
+from bodysense_lab.completion.state import Inputs, Outputs, untracked
 
 FRAMES = 40
 SKELETON = default_skeleton()
@@ -79,7 +74,7 @@ def seen_as(
     for t, (has, turned) in enumerate(zip(has_position, has_rotation, strict=True)):
         frame = t if frames is None else frames[t]
         made.append(
-            example_inputs(people)._replace(
+            untracked(people)._replace(
                 position=position[frame] * has[..., None],
                 rotation=torch.where(turned[..., None], rotation[frame], UPRIGHT),
                 has_position=has,
@@ -380,42 +375,3 @@ def test_a_doubtful_shoulder_is_followed_less(step: CompletionStep, motion: Moti
         ]
         off.append(float((points_of(run(step, told))[:, 0] - position)[:, AT("left_shoulder")].norm(dim=-1).mean()))
     assert off[0] < off[1] < off[2]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("large", [2**18, 500])
-def test_the_file_equals_pytorch(tmp_path: Path, motion: Motion, large: int) -> None:
-    path = tmp_path / "step.onnx"
-    write_completion(small_step(), path, {"licence": "none"}, large)
-    network = Network.open(path, NetworkFormat(FORMAT, "completion network", "bodysense train completion"))
-    bounds = {"points": 1e-4, "confidence": 1e-4, "local_rotation": 2e-4, "contact": 1e-5}
-    if large == 500:  # in whole numbers even the smallest products
-        bounds |= {"local_rotation": 5e-4, "contact": 1e-4}
-    stored = as_stored(small_step())
-    for people in (1, 2, 5, 64):
-        of = seen_as(motion, *changing_masks(people))[: FRAMES if people < 10 else 12]
-        state = network.start(people)
-        for inputs, wanted in zip(of, run(stored, of), strict=True):
-            got, state = network.step({name: value.numpy() for name, value in inputs._asdict().items()}, state)
-            for name, atol in bounds.items():
-                assert np.abs(got[name] - getattr(wanted, name).numpy()).max() < atol
-        assert set(state) == {f"state_{name}" for name in State._fields}
-    model = onnx.load(path)
-    assert {node.domain for node in model.graph.node} == {""}
-    assert [opset.version for opset in model.opset_import] == [18]
-    kinds = [node.op_type for node in model.graph.node]
-    # The body's two layers and the fingers', or every product with 500 weights or more in whole numbers.
-    assert (kinds.count("GRU"), kinds.count("MatMulInteger")) == ((3, 0) if large > 500 else (0, 10))
-    if large > 500:
-        assert len([kind for kind in kinds if kind != "Cast"]) < 675  # those unpack tables when a file is opened
-
-
-@pytest.mark.slow
-def test_the_file_is_small(tmp_path: Path) -> None:
-    path = tmp_path / "step.onnx"
-    rng = np.random.default_rng(0)
-    start = unchanged_errors()
-    errors = ErrorMap(*(rng.normal(size=table.shape) for table in vars(start).values()))
-    step = CompletionStep(CompletionNetwork(CompletionConfig()), FingerNetwork(FingerConfig()), errors, errors)
-    write_completion(step, path, {"training": "x" * 1000})
-    assert path.stat().st_size < 4.6e6

@@ -10,14 +10,13 @@ from hypothesis import strategies as st
 
 from bodysense.io.clip import Clip
 from bodysense_lab.completion.error_map import unchanged_errors
-from bodysense_lab.completion.export import as_stored, example_inputs
 from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
 from bodysense_lab.completion.graph import CompletionStep
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
-from bodysense_lab.completion.rewriting import row_step
 from bodysense_lab.completion.rounding import moments_of, round_weights, rounded, sample_moments
 from bodysense_lab.completion.scenes import scene_of
-from bodysense_lab.completion.stored import read_networks
+from bodysense_lab.completion.state import untracked
+from bodysense_lab.completion.weights_file import as_stored, read_weights, row_step
 
 
 def read_by(seed: int, inputs: int) -> tuple[np.ndarray, np.ndarray]:
@@ -54,8 +53,8 @@ def test_a_network_is_rounded_as_it_will_be_stored() -> None:
     step = CompletionStep(body, FingerNetwork(FingerConfig(hidden=8, branch=8)), *[unchanged_errors()] * 2).eval()
     state = step.start(4)
     with torch.no_grad():
-        _, state = step(example_inputs(4), state)
-    moments = moments_of(step, example_inputs(4), state)
+        _, state = step(untracked(4), state)
+    moments = moments_of(step, untracked(4), state)
     of = dict(body.named_parameters())
     assert {name: of[name].shape[1] for name in moments} == {name: len(moment) for name, moment in moments.items()}
     assert all(np.linalg.eigvalsh(moment).min() > -1e-9 for moment in moments.values())
@@ -66,8 +65,8 @@ def test_a_network_is_rounded_as_it_will_be_stored() -> None:
 
 
 def test_moments_are_of_what_a_tracker_asks(waving_clip: Clip) -> None:
-    with as_file(files("bodysense.weights") / "completion.onnx") as path:
-        body, fingers = read_networks(path)
+    with as_file(files("bodysense.weights") / "completion.safetensors") as path:
+        body, fingers = read_weights(path)
     step = CompletionStep(body, fingers, *[unchanged_errors()] * 2).eval()
     clip = replace(waving_clip, pose=waving_clip.pose[:20])
     batch = [scene_of(clip, "own", "train")]

@@ -174,7 +174,8 @@ def test_hands_are_lost_as_measured() -> None:
 
 
 def test_wrists_turn_and_arms_do_not(corpus: Corpus) -> None:
-    body = TrainingBody(*(corpus.rest_offset[0].astype(float),) * 2, np.zeros(65))
+    offset = corpus.rest_offset[0].astype(float)
+    body = TrainingBody(offset, offset, np.zeros(65))
     still, turned = (
         make_sequence(corpus, 0, Draw(body, bent=bent), np.random.default_rng(seed))
         for bent, seed in ((False, 1), (True, 1))

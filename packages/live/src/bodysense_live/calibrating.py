@@ -56,5 +56,6 @@ def calibration(
 
 def joined(frames: Sequence[Observation]) -> Observation:
     """Observations of the same points, one after the other."""
-    names = [each.name for each in fields(Observation) if each.name != "points"]
-    return replace(frames[0], **{name: np.concatenate([getattr(one, name) for one in frames]) for name in names})
+    names = [each.name for each in fields(Observation) if each.name not in ("points", "acceleration")]
+    arrays = {name: np.concatenate([getattr(one, name) for one in frames]) for name in names}
+    return replace(frames[0], **arrays, acceleration=None)

@@ -31,6 +31,7 @@ from bodysense.body.rotation import (
     shortest_arc,
 )
 from bodysense.body.skeleton import Skeleton
+from bodysense.io.fingers import is_finger
 
 LIMB_TOLERANCE = np.deg2rad(15.0)
 OTHER_TOLERANCE = np.deg2rad(45.0)
@@ -63,7 +64,7 @@ def alignment(ours: Skeleton, place: Vectors, parents: Mapping[str, str]) -> tup
             bone = quaternion_rotate(turn, place[children[0]] - place[name])
             wanted = default_place[children[0]] - default_place[name]
             angle = angle_between(bone, wanted)
-            if is_limb and angle > TWIST_UNKNOWN:
+            if is_limb and angle > TWIST_UNKNOWN and not is_finger(name):  # a finger's twist spoils no body
                 unknown = unknown or name
             if angle > tolerance:
                 turn = quaternion_multiply(shortest_arc(bone, wanted), turn)

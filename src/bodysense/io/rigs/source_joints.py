@@ -105,7 +105,7 @@ def joints_of_file(file: BvhLines, rigged: Rigged) -> SourceJoints:
     world = rig.turned_to_world(world_rotation(file.rotation, file.parents))
     for name, given in rig.joints.items():
         point = index[given]
-        if name in pose.skeleton.end_sites:
+        if name in pose.skeleton.end_sites or figure.nodes[point] not in place:  # an end site cannot turn
             sites[name] = place[figure.nodes[figure.parents[point]]]
             continue
         joint = ours[name] = place[figure.nodes[point]]

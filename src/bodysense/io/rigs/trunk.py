@@ -54,9 +54,11 @@ def head_of(tree: Tree, leg: Limb, arm: Limb) -> Head | None:
         for child in figure.children[hub]:
             if child not in limbs and child not in way_up and leg.hub not in _below_few(tree, child, leg.hub):
                 chain = _upward(tree, child, height, beside)
-                named = any(words.parts(figure.points[k]) & {"neck", "head"} for k in chain)
+                of_head = [k for k in chain if words.parts(figure.points[k]) & {"neck", "head"}]
+                named = bool(of_head)
                 tip = max(height(k) for k in chain)
-                if (named or tip > 0.12) and beside(chain[-1]) < _BESIDE:
+                # An end site behind a named head may point anywhere.
+                if (named or tip > 0.12) and beside((of_head or chain)[-1]) < _BESIDE:
                     found.append((3.0 * named + min(tip, 1.0) - 0.3 * rank, chain))
         if found:
             break

@@ -96,7 +96,7 @@ class ExpectedErrors(nn.Module):
             certainty: (B, 65) m, standard deviation of each bone's length.
             has: (B, 65) bool, what is tracked of positions.
             accuracy: (B, 65) m.
-            apart: (B, 22) by how much the network's two answers differ about each joint.
+            apart: (B, 22) how far the network's two answers are apart about each joint.
         """
         expected = torch.log((nn.functional.softplus(body) + SMALLEST_ERROR) * size)
         expected = replaced(expected, self.log_tracked, masks.index_select(1, self.points))

@@ -23,7 +23,7 @@ class MirroredPrediction(NamedTuple):
     rows: Tensor  # (B, 1, 45, 3): x axes of the joints, not yet orthonormal, then y axes, then where the head is, m
     contact_logit: Tensor  # (B, 4) of `CONTACT`
     error: Tensor  # (B, 25), not yet positive
-    apart: Tensor  # (B, 22) by how much the two answers differ about each joint's axes: large where motion is unusual
+    apart: Tensor  # (B, 22) how far the two answers are apart about each joint (`_apart`): far where motion is unusual
     memory: Tensor  # (B, 2 · layers · hidden)
 
 
@@ -65,8 +65,18 @@ class MirroredNetwork(nn.Module):
         output = output.reshape(-1, 2 * sum(_COUNTS)).index_select(1, self.places) * self.signs
         halves = output.reshape(-1, 2, sum(_COUNTS))
         mean = halves.sum(dim=1) + self.usual
-        half = (halves[:, 0] - halves[:, 1])[:, : 6 * JOINTS].reshape(-1, 2, JOINTS, 3)
-        apart = torch.sqrt((half * half).sum(dim=(1, 3)) + LEAST_APART**2)
+        half, middle = (of[:, : 6 * JOINTS].reshape(-1, 2, JOINTS, 3) for of in (halves[:, 0] - halves[:, 1], mean))
+        apart = _apart(middle, half)
         rows, contact, error = mean.split(_COUNTS, dim=-1)
         memory = torch.cat(after, dim=-1).reshape(-1, 2 * config.layers * config.hidden)
         return MirroredPrediction(rows.reshape(-1, 1, PREDICTED // 3, 3), contact, error, apart, memory)
+
+
+def _apart(middle: Tensor, half: Tensor) -> Tensor:
+    """(B, 22): how far two answers, middle ± half (B, 2, 22, 3), are apart in direction about each joint's two axes.
+
+    It is the root of the sum of 1 − cosine over both: their lengths mean nothing.
+    """
+    long, short, both = ((x * y).sum(dim=-1) for x, y in ((middle, middle), (half, half), (middle, half)))
+    lengths = torch.sqrt(((long + short) ** 2 - 4 * both * both).clamp(min=1e-8))
+    return torch.sqrt((1 - (long - short) / lengths).sum(dim=1).clamp(min=0) + LEAST_APART**2)

@@ -10,13 +10,13 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.network import Network, NetworkFormat
-from bodysense.observation import Observation
-from bodysense_lab.completion.stored import FORMAT
+from bodysense.observation import STRAPPED, Observation
 
 POINTS, JOINTS = len(default_skeleton().points), len(default_skeleton().joints)
 _FIRST, _LONGEST = 1 / 30, 0.1  # s, the interval that a first frame counts as, and the longest one
 _ABSENT = 0.001  # m, accuracy of points that are not tracked: any positive number
 
+FORMAT = "bodysense-completion-1"
 GRAPH = NetworkFormat(
     name=FORMAT, kind="completion graph", command="bodysense train completion", packaged="completion.onnx"
 )
@@ -49,7 +49,17 @@ def graph_inputs(observation: Observation, people: Sequence[Person]) -> Iterator
         rotation[:, place[joint]] = np.where(turned[..., None], observation.rotation[:, t][:, joint], [1.0, 0, 0, 0])
         has_position[:, place], has_rotation[:, place[joint]] = seen, turned
         accuracy[:, place] = np.where(seen, observation.accuracy[:, t], _ABSENT)
+        strapped = [observation.points.index(name) for name in STRAPPED if name in observation.points]
+        worn = [STRAPPED.index(observation.points[point]) for point in strapped]
+        acceleration = np.zeros((count, len(STRAPPED), 3), np.float32)
+        has_acceleration = np.zeros((count, len(STRAPPED)), bool)
+        if observation.acceleration is not None and strapped:
+            felt = observation.acceleration[:, t][:, strapped]
+            has_acceleration[:, worn] = np.isfinite(felt).all(axis=-1)
+            acceleration[:, worn] = np.nan_to_num(felt)
         yield {
+            "acceleration": acceleration,
+            "has_acceleration": has_acceleration,
             "position": position,
             "rotation": rotation,
             "has_position": has_position,

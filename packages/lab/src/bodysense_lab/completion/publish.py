@@ -72,7 +72,8 @@ def sample_errors(learned: Scenes, watched: Scenes, model: CompletionModel, seed
     jobs: list[tuple[SensorSet, Body, Sequence[TrackedScene], bool, int]] = []
     for group, (sensors, body) in enumerate(draws):
         for known, scenes in ((True, learned), (False, watched)):
-            jobs += [(sensors, body, batch, known, group) for batch in scenes[TRUTH_OF[body]]]
+            for batch in scenes[TRUTH_OF[body]]:
+                jobs.append((sensors, body, batch, known, group))
     parts = []
     for sensors, body, batch, known, group in progress(jobs, "expected and true errors"):
         columns = _sampled(sensors, body, batch, model)
@@ -117,7 +118,12 @@ def _sampled(
     return columns[0], columns[1], columns[2]
 
 
-def fit_error_map(samples: ErrorSamples, quantile: float | None = None, steps: int = 3000, seed: int = 6) -> ErrorMap:
+_FIT_STEPS, _TRIAL_STEPS = 3000, 100  # optimiser steps of an error map, and of one in a trial
+
+
+def fit_error_map(
+    samples: ErrorSamples, quantile: float | None = None, steps: int = _FIT_STEPS, seed: int = 6
+) -> ErrorMap:
     """Fit the mean error, or a quantile of it, to samples, in so many steps of an optimiser.
 
     Of people who were learned from there are many, and their errors are smaller: how errors spread is learned from all,
@@ -185,7 +191,8 @@ def publish(
         samples = sample_errors(learned, watched, load_completion(beside))
     finally:
         beside.unlink(missing_ok=True)
-    mean, bound = fit_error_map(samples), fit_error_map(samples, QUANTILE)
+    steps = _FIT_STEPS if limit is None else _TRIAL_STEPS
+    mean, bound = fit_error_map(samples, steps=steps), fit_error_map(samples, QUANTILE, steps)
     _write(body, fingers, mean, bound, out, card)
 
 

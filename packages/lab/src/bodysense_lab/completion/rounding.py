@@ -18,9 +18,9 @@ from bodysense_lab.completion.graph import CompletionStep
 from bodysense_lab.completion.network import CompletionNetwork
 from bodysense_lab.completion.onnx_graph import graph_inputs
 from bodysense_lab.completion.options import BODIES
-from bodysense_lab.completion.rewriting import row_step
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, person_of, stacked
 from bodysense_lab.completion.state import Inputs, State
+from bodysense_lab.completion.weights_file import row_step
 
 _DAMPING = 0.01  # of the mean square of what is read: what was never read must not be made up for
 _MOST = 127

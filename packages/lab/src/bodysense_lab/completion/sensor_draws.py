@@ -79,7 +79,8 @@ def draw_tracked(visible: np.ndarray, interval: float, rng: np.random.Generator)
     if rng.uniform() < _GAPS:
         for wrist, knuckles in zip(WRISTS, KNUCKLES, strict=True):
             lost = lost_hand(frames, interval, rng)
-            has_position[np.ix_(lost, [INPUT_POINTS.index(wrist), INPUT_POINTS.index(knuckles)])] = False
+            for name in (wrist, knuckles):
+                has_position[lost, INPUT_POINTS.index(name)] = False
             has_rotation[lost, BODY.index(wrist)] = False
     if kind not in ("three_point", "head", "camera") and rng.uniform() < _CHANGES:
         for name in INPUT_POINTS:

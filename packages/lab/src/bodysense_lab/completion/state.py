@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from bodysense.body.skeleton import default_skeleton
+from bodysense.observation import STRAPPED
 from bodysense_lab.completion.features import MOVING
 from bodysense_lab.completion.fingers import FingerConfig
 from bodysense_lab.completion.network import CompletionConfig
@@ -82,6 +83,24 @@ class Numbers(NamedTuple):
     age: Tensor  # (B, 3) s since sensors last came or went; since the rotations of the left and right wrist did
     elapsed: Tensor  # (B, 1) s since the memory last advanced
     begun: Tensor  # (B, 1) 0 before the first frame
+
+
+def untracked(batch: int) -> Inputs:
+    """Inputs of `batch` people of whom nothing is tracked, on the default body."""
+    return Inputs(
+        position=torch.zeros(batch, POINT_COUNT, 3),
+        rotation=torch.tensor([1.0, 0, 0, 0]).expand(batch, JOINT_COUNT, 4).clone(),
+        has_position=torch.zeros(batch, POINT_COUNT, dtype=torch.bool),
+        has_rotation=torch.zeros(batch, JOINT_COUNT, dtype=torch.bool),
+        accuracy=torch.full((batch, POINT_COUNT), 0.001),
+        interval=torch.full((batch,), 1 / 30),
+        rest_offset=torch.tensor(_SKELETON.rest_offset.copy(), dtype=torch.float32).expand(batch, -1, -1).clone(),
+        certainty=torch.zeros(batch, POINT_COUNT),
+        floor=torch.zeros(batch),
+        hold=torch.ones(batch),
+        acceleration=torch.zeros(batch, len(STRAPPED), 3),
+        has_acceleration=torch.zeros(batch, len(STRAPPED), dtype=torch.bool),
+    )
 
 
 _ROWS = (POINT_COUNT, 2 * JOINTS, 2 * JOINTS + 1, 4, 2, 2)

@@ -44,7 +44,6 @@ from bodysense_lab.completion.sequences import (
     draw_settled_sequence,
     make_sequence,
 )
-from bodysense_lab.completion.stored import read_networks
 from bodysense_lab.completion.weights_file import read_weights
 from bodysense_lab.fit import Task, begin, fit, played
 from bodysense_lab.options import Schedule
@@ -352,10 +351,9 @@ def train_completion(options: CompletionTraining, fabric: Fabric) -> CompletionN
 
 def _weights(path: Path, network: CompletionNetwork) -> dict[str, Tensor]:
     """Weights to begin with: the best of a checkpoint, or those of a published file."""
-    readers = {".onnx": read_networks, ".safetensors": read_weights}
-    if path.suffix not in readers:
+    if path.suffix != ".safetensors":
         return best_weights(path, network)
-    published, _ = readers[path.suffix](path)
+    published, _ = read_weights(path)
     if published.config != network.config:
         raise BodysenseError(f"{path}: built as {published.config}, wanted {network.config}; give another --begin-with")
     return published.state_dict()

@@ -6,6 +6,7 @@ network is, every other field is JSON. Large tables are bytes that count in a `.
 
 from __future__ import annotations
 
+import copy
 import json
 import struct
 from collections.abc import Mapping
@@ -14,20 +15,21 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from bodysense.body.shape import shape_space
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
-from bodysense_lab.completion.export import as_stored
 from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
 from bodysense_lab.completion.graph import CompletionStep
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
 from bodysense_lab.completion.points import reference_offsets
-from bodysense_lab.completion.rewriting import row_step
 
 FORMAT = "bodysense-completion-2"
 _IN_BYTES = ("body.recurrent.weight", "body.turn_branch.0.weight", "body.judge_branch", "fingers", "errors.inward")
+# Of a step: what it multiplies most; what turns the body's joints in the end keeps half precision.
+_ROUNDED = ("body.recurrent", "body.turn_branch.0", "body.judge_branch", "finger_network")
 _TYPES = {"I8": np.int8, "F16": np.float16, "F32": np.float32, "F64": np.float64}
 _ALIGNMENT = 64  # bytes, of the header with its length: numbers begin where a memory map can use them
 _MOST_HEADER = 100_000_000  # bytes; safetensors' own limit
@@ -100,6 +102,39 @@ def _widened(values: np.ndarray, columns: int) -> np.ndarray:
     """A table with columns of zeros for inputs that its network was not trained on; they come last."""
     missing = max(columns - values.shape[1], 0)
     return np.pad(values, ((0, 0), (0, missing)))
+
+
+def as_stored(step: CompletionStep) -> CompletionStep:
+    """A copy of a step with its weights rounded as a file stores them: what the file computes is what this computes."""
+    step = copy.deepcopy(step).eval()
+    with torch.no_grad():
+        for name, parameter in step.named_parameters():
+            if name.startswith(_ROUNDED) and parameter.ndim > 1:
+                parameter.copy_(_in_bytes(parameter))
+            else:
+                parameter.copy_(parameter.half())
+        table = step.expected_errors.weight
+        table.copy_(table.half())
+        table = step.expected_errors.inward
+        table.copy_(_in_bytes(table))
+    return step
+
+
+def _in_bytes(table: Tensor) -> Tensor:
+    """A table whose rows are whole multiples of what each counts in."""
+    values = table.detach().numpy()
+    unit = row_step(values)
+    return torch.from_numpy(np.round(values / unit) * unit)
+
+
+def row_step(values: np.ndarray) -> np.ndarray:
+    """(..., 1) float32: in what each row of values counts in bytes.
+
+    It has few digits, so that its multiples are exact: rounding rounded values again changes nothing.
+    """
+    largest = np.abs(values).max(axis=-1, keepdims=True, initial=0.0).astype(np.float64)
+    digits, exponent = np.frexp(np.where(largest > 0, largest, 1.0) / 127)
+    return np.ldexp(np.ceil(digits * 2048) / 2048, exponent).astype(np.float32)
 
 
 def safetensors_bytes(tensors: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> bytes:

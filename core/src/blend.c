@@ -1,0 +1,97 @@
+/* Blending a limb at a time: see blend.h. */
+#include "blend.h"
+
+/* A lost wrist or ankle goes on with its velocity, which fades in LEAVING s, and gives way to the prediction. Half of
+ * the way is left after KEPT s; of an arm that was raised after KEPT_RAISED s. Chosen on validation people. */
+static const float LEAVING = 0.08F, KEPT_LEG = 0.12F, KEPT_ARM = 0.35F, KEPT_RAISED = 3.0F;
+
+/* The group of each joint of the body. */
+const signed char GROUP[BODY_JOINTS] = {
+    TRUNK, LEFT_LEG, RIGHT_LEG, TRUNK, LEFT_LEG, RIGHT_LEG, TRUNK, LEFT_LEG, RIGHT_LEG, TRUNK, LEFT_LEG, RIGHT_LEG,
+    TRUNK, TRUNK, TRUNK, TRUNK, LEFT_ARM, RIGHT_ARM, LEFT_ARM, RIGHT_ARM, LEFT_ARM, RIGHT_ARM,
+};
+
+void find_changes(const tracked *t, const pose_state *s, bool changed[GROUPS]) {
+    for (int g = 0; g < GROUPS; g++) changed[g] = false;
+    if (!s->begun) return;
+    for (int j = 0; j < BODY_JOINTS; j++) {
+        bool came = t->has_position[j] != (s->had_position[j] != 0);
+        bool turned = known_rotation(t, j) != (s->had_rotation[j] != 0) && j != LEFT_WRIST && j != RIGHT_WRIST;
+        if (came || turned) changed[GROUP[j]] = true;
+    }
+    if (t->has_position[LEFT_TOE] != (s->had_position[LEFT_TOE] != 0)) changed[LEFT_LEG] = true;
+    if (t->has_position[RIGHT_TOE] != (s->had_position[RIGHT_TOE] != 0)) changed[RIGHT_LEG] = true;
+    if (t->has_position[HEAD_TOP] != (s->had_position[HEAD_TOP] != 0)) changed[TRUNK] = true;
+    if (changed[TRUNK])
+        for (int k = 0; k < LIMBS; k++) changed[k] = true;
+}
+
+void limb_heading(const body *b, int limb, float *c, float *s) {
+    heading_of(b->rotation[is_leg(limb) ? PELVIS : SPINE3], c, s);
+}
+
+static uint8_t seen_by(const tracked *t, int limb) {
+    if (t->has_position[LIMB[limb].end]) return 2;
+    for (int k = 0; k < 5 && LIMB[limb].stand_in[k] >= 0; k++)
+        if (t->has_position[LIMB[limb].stand_in[k]]) return 1;
+    return 0;
+}
+
+/* The share of where a lost end was last seen, `lost` seconds later. */
+static float kept_share(const limb_task *task, int limb, const limb_state *l) {
+    float half = KEPT_LEG;
+    if (!is_leg(limb)) {
+        float raised = l->end_kept.y / (length(task->upper) + length(task->lower));
+        float share = fminf(fmaxf((raised + 0.1F) / 0.4F, 0.0F), 1.0F);
+        half = KEPT_ARM + (KEPT_RAISED - KEPT_ARM) * share;
+    }
+    float u = l->lost / half;
+    return exp2f(-u * u / (1.0F + u) * 2.0F);
+}
+
+void ease_limb(limb_task *task, const tracked *t, const bs_settings *settings, int limb, bool changed,
+                      float c, float sine, bool begun, limb_state *l) {
+    uint8_t seen = seen_by(t, limb);
+    bool middle_seen = t->has_position[LIMB[limb].middle];
+    vec3 end = into_heading(task->end, c, sine), middle = into_heading(task->middle, c, sine);
+    bool found = begun && seen > l->seen, went = begun && seen < l->seen;
+    if (went && seen == 0 && !middle_seen) {
+        l->end_kept = l->end_output;
+        l->middle_kept = l->middle_output;
+        l->end_leaving = limited(l->end_speed, FASTEST);
+        l->lost = 0.0F;
+        l->end = l->middle = ease_begin(vec(0, 0, 0), 0.0F); /* what is kept is what was output, eased or not */
+    }
+    if (seen > 0 || middle_seen || !begun) l->lost = -1.0F;
+    if (l->lost >= 0.0F) {
+        l->lost += t->interval;
+        float share = kept_share(task, limb, l);
+        float gone = LEAVING * (1.0F - expf(-l->lost / LEAVING));
+        end = mix(end, along(l->end_kept, l->end_leaving, gone), share);
+        middle = mix(middle, along(l->middle_kept, l->end_leaving, 0.5F * gone), share);
+    }
+    float ease_seen = (float)settings->ease;
+    bool end_breaks = found || (begun && seen != l->seen && l->lost < 0.0F) || (changed && seen == 0 && l->lost < 0.0F);
+    bool middle_breaks = begun && (middle_seen != (l->middle_seen != 0) || (changed && !middle_seen && l->lost < 0.0F) || found);
+    end = eased(&l->end, end, l->end_output, l->end_speed, t->interval, end_breaks,
+                seen == 2 ? ease_seen : BLEND);
+    middle = eased(&l->middle, middle, l->middle_output, l->middle_speed, t->interval, middle_breaks,
+                   middle_seen ? ease_seen : BLEND);
+    task->end = from_heading(end, c, sine);
+    task->middle = from_heading(middle, c, sine);
+    l->seen = seen;
+    l->middle_seen = middle_seen;
+}
+
+void remember_limb(const body *b, int limb, float interval, bool begun, limb_state *l) {
+    float c, s;
+    limb_heading(b, limb, &c, &s);
+    const limb_joints *j = &LIMB[limb];
+    vec3 end = into_heading(sub(b->point[j->end], b->point[j->start]), c, s);
+    vec3 middle = into_heading(sub(b->point[j->middle], b->point[j->start]), c, s);
+    float rate = begun ? 1.0F / interval : 0.0F;
+    l->end_speed = scale(sub(end, l->end_output), rate);
+    l->middle_speed = scale(sub(middle, l->middle_output), rate);
+    l->end_output = end;
+    l->middle_output = middle;
+}

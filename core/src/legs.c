@@ -1,0 +1,151 @@
+/* Legs: see legs.h. */
+#include "legs.h"
+
+#include "feet.h"
+#include "kinematics.h"
+#include "trunk.h"
+
+#define PULLS 6 /* times that measured legs pull a pelvis */
+static const float MOST_MOVED = 0.15F; /* m that a pelvis is moved for legs that do not reach */
+static const float MOST_DRAWN = 0.1F;  /* m that a standing foot is drawn in below its hip */
+static const float SETTLE = 0.06F;     /* s in which half of what a standing pelvis lacks is made up */
+static const float STEADY = 0.7F;      /* m/s: a head that moves faster up or down jumps, sits down or rises */
+
+/* How far the pelvis has to move for a leg whose measured knee or ankle it does not reach. */
+static vec3 leg_lack(const limb_task *task) {
+    float upper = length(task->upper), lower = length(task->lower);
+    if (task->middle_seen) return sub(task->middle, scale(unit(task->middle), upper));
+    float lacking = length(task->end) - STRAIGHT * (upper + lower);
+    return task->end_seen && lacking > 0.0F ? scale(unit(task->end), lacking) : vec(0, 0, 0);
+}
+
+/* Move the pelvis by bending the spine. Measured joints of the legs stay where they are. */
+static void move_pelvis(body *b, const tracked *t, limb_task task[2], vec3 move) {
+    vec3 before = b->point[PELVIS];
+    bend_spine(b, t, move);
+    vec3 moved = sub(b->point[PELVIS], before);
+    for (int k = 0; k < 2; k++) {
+        if (task[k].end_seen) task[k].end = sub(task[k].end, moved);
+        if (task[k].middle_seen) task[k].middle = sub(task[k].middle, moved);
+    }
+}
+
+/* Move a pelvis that is not measured so that legs reach their measured joints. */
+static void pull_pelvis(body *b, const tracked *t, pose_state *s, limb_task task[2]) {
+    vec3 before = b->point[PELVIS];
+    uint8_t pulling = 0;
+    for (int k = 0; k < 2; k++)
+        if (!pelvis_seen(t)) pulling |= (uint8_t)((task[k].middle_seen ? 1 : 0) + (task[k].end_seen ? 2 : 0)) << 2 * k;
+    for (int round = 0; round < PULLS && pulling != 0; round++) {
+        vec3 lack = vec(0, 0, 0);
+        float count = 0.0F;
+        for (int k = 0; k < 2; k++) {
+            if (!task[k].middle_seen && !task[k].end_seen) continue;
+            lack = add(lack, leg_lack(&task[k]));
+            count += 1.0F;
+        }
+        vec3 moved = sub(b->point[PELVIS], before);
+        move_pelvis(b, t, task, sub(limited(along(moved, lack, 1.0F / count), MOST_MOVED), moved));
+    }
+    vec3 moved = sub(b->point[PELVIS], before);
+    bool breaks = s->begun && pulling != s->pulling;
+    vec3 shown = eased(&s->pull, moved, s->pulled, vec(0, 0, 0), t->interval, breaks, BLEND);
+    move_pelvis(b, t, task, sub(shown, moved));
+    s->pulling = pulling;
+    s->pulled = sub(b->point[PELVIS], before);
+}
+
+static float rest_height(const tracked *t, int point) {
+    float height = 0.0F;
+    for (int p = point; p >= 0; p = PARENT[p]) height += t->rest_offset[p].y;
+    return height;
+}
+
+/* 1 if the body stands or walks, 0 if it sits, lies or jumps. */
+static float uprightness(const body *b, const tracked *t, const pose_state *s) {
+    float tall = rest_height(t, HEAD), high = b->point[HEAD].y - t->floor;
+    float risen = fminf(fmaxf((high / tall - 0.75F) / 0.1F, 0.0F), 1.0F);
+    float calm = fminf(fmaxf((STEADY - fabsf(s->head_speed.y)) / (0.5F * STEADY), 0.0F), 1.0F);
+    return high > tall + 0.03F ? 0.0F : risen * calm;
+}
+
+/* Draw a foot that stands, and that its leg does not reach, in below its hip, so that it stays on the floor. */
+static vec3 drawn_in(vec3 hip, vec3 ankle, float longest) {
+    vec3 away = vec(ankle.x - hip.x, 0, ankle.z - hip.z);
+    float high = hip.y - ankle.y, far = length(away);
+    float square = longest * longest - high * high;
+    if (square >= far * far) return vec(0, 0, 0);
+    float nearest = sqrtf(fmaxf(square, 0.0F));
+    return limited(scale(away, nearest / fmaxf(far, 1e-6F) - 1.0F), MOST_DRAWN);
+}
+
+/* How much lower the pelvis must be for a leg to reach its ankle (m). */
+static float lacking_height(vec3 hip, vec3 ankle, float longest) {
+    float away = (ankle.x - hip.x) * (ankle.x - hip.x) + (ankle.z - hip.z) * (ankle.z - hip.z);
+    float square = longest * longest - away;
+    return square > 0.0F ? fmaxf(hip.y - ankle.y - sqrtf(square), 0.0F) : 0.0F;
+}
+
+/* Turn a foot that stands so that its ball is as far below its ankle as at rest. */
+static void flatten_foot(body *b, const tracked *t, int ankle, int ball, float below, float share) {
+    if (share == 0.0F || known_rotation(t, ankle) || t->has_position[ball]) return;
+    vec3 bone = rotate(b->rotation[ankle], t->rest_offset[ball]);
+    vec3 level = unit(vec(bone.x, 0, bone.z));
+    float size = length(bone), forward = sqrtf(fmaxf(size * size - below * below, 0.0F));
+    mat3 flat = turned_onto(b->rotation[ankle], bone, mix(bone, along(scale(level, forward), UP, -below), share));
+    vec3 turn = turn_between(b->rotation[ankle], flat);
+    b->rotation[ankle] = turned_by(b->rotation[ankle], turn);
+    if (!known_rotation(t, ball)) b->rotation[ball] = turned_by(b->rotation[ball], turn);
+}
+
+void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[BODY_JOINTS],
+                      const bs_settings *settings, const bool changed[GROUPS], pose_state *s) {
+    limb_task task[2];
+    float c, sine;
+    for (int k = 0; k < 2; k++) task[k] = limb_goal(t, LEFT_LEG + k, goal, b->point[LEFT_HIP + k]);
+    pull_pelvis(b, t, s, task);
+    limb_heading(b, LEFT_LEG, &c, &sine);
+    foot feet[2];
+    for (int k = 0; k < 2; k++) {
+        const limb_joints *j = &LIMB[LEFT_LEG + k];
+        ease_limb(&task[k], t, settings, LEFT_LEG + k, changed[LEFT_LEG + k], c, sine, s->begun, &s->limb[LEFT_LEG + k]);
+        two_bones to = solve_limb(&task[k]);
+        int ball = LEFT_FOOT + k, toe = LEFT_TOE + k;
+        foot *f = &feet[k];
+        f->ankle = add(b->point[j->start], to.end);
+        f->ankle_rest = rest_height(t, j->end);
+        f->ball_rest = rest_height(t, ball);
+        flatten_foot(b, t, j->end, ball, f->ankle_rest - f->ball_rest, flatness(&s->foot[k]));
+        f->ball = add(f->ankle, rotate(b->rotation[j->end], t->rest_offset[ball]));
+        f->toe = add(f->ball, rotate(b->rotation[ball], t->rest_offset[toe]));
+        f->ankle_contact = p->contact[k];
+        f->ball_contact = p->contact[2 + k];
+        f->seen = t->has_position[j->end] || t->has_position[ball] || t->has_position[toe];
+    }
+    vec3 move[2] = {{0, 0, 0}, {0, 0, 0}};
+    if (settings->hold_feet) hold_feet(feet, t->floor, t->interval, uprightness(b, t, s), s->foot, move);
+    float lacking = 0.0F, settle = 1.0F - exp2f(-t->interval / SETTLE);
+    for (int k = 0; k < 2; k++) {
+        if (s->foot[k].held == 0) continue;
+        float longest = STRAIGHT * (length(task[k].upper) + length(task[k].lower));
+        vec3 ankle = add(feet[k].ankle, move[k]);
+        vec3 drawn = scale(drawn_in(b->point[LEFT_HIP + k], ankle, longest), settle);
+        s->foot[k].anchor = add(s->foot[k].anchor, drawn); /* it stays there */
+        s->foot[k].slide = add(s->foot[k].slide, drawn);
+        move[k] = add(move[k], drawn);
+        ankle = add(ankle, drawn);
+        lacking = fmaxf(lacking, lacking_height(b->point[LEFT_HIP + k], ankle, longest));
+    }
+    if (pelvis_seen(t)) lacking = 0.0F;
+    s->standing_drop += settle * (fminf(lacking, MOST_MOVED) - s->standing_drop);
+    vec3 pelvis = b->point[PELVIS];
+    bend_spine(b, t, vec(0, -s->standing_drop, 0));
+    vec3 moved = sub(b->point[PELVIS], pelvis);
+    for (int k = 0; k < 2; k++) {
+        /* Feet stay where they are when the pelvis is lowered for them. */
+        vec3 shift = sub(move[k], moved);
+        task[k].end = add(task[k].end, shift);
+        if (task[k].middle_seen) task[k].middle = sub(task[k].middle, moved);
+        turn_limb(b, t, LEFT_LEG + k, solve_limb(&task[k]));
+    }
+}

@@ -1,0 +1,85 @@
+"""Files of weights: what is read back is what was rounded, and the core opens them."""
+
+import json
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from bodysense.completion.model import load_completion
+from bodysense.errors import BodysenseError
+from bodysense_lab.completion.error_map import ErrorMap, unchanged_errors
+from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
+from bodysense_lab.completion.graph import CompletionStep
+from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
+from bodysense_lab.completion.weights_file import (
+    as_stored,
+    read_safetensors,
+    read_weights,
+    row_step,
+    safetensors_bytes,
+    write_weights,
+)
+
+WEIGHTS = Path(str(files("bodysense.weights") / "completion.safetensors"))
+SMALL = {"network": {"hidden": 16, "branch": 16, "judge_branch": 8}, "fingers": {"hidden": 8, "branch": 8}}
+
+
+def small_step() -> CompletionStep:
+    torch.manual_seed(5)
+    rng = np.random.default_rng(5)
+    errors = ErrorMap(*(rng.normal(size=table.shape) for table in vars(unchanged_errors()).values()))
+    body, fingers = CompletionConfig(**SMALL["network"]), FingerConfig(**SMALL["fingers"])
+    return CompletionStep(CompletionNetwork(body), FingerNetwork(fingers), errors, errors).eval()
+
+
+def test_networks_are_read_back_as_rounded(tmp_path: Path) -> None:
+    step, path = small_step(), tmp_path / "own.safetensors"
+    write_weights(step, path, {"licence": "none", **SMALL})
+    stored, (body, fingers) = as_stored(step), read_weights(path)
+    for wanted, got in ((stored.body, body), (stored.finger_network, fingers)):
+        for (name, a), (_, b) in zip(wanted.named_parameters(), got.named_parameters(), strict=True):
+            assert (a == b).all(), name
+    assert load_completion(path).card["licence"] == "none"
+
+
+def test_rounding_twice_is_rounding_once() -> None:
+    values = np.random.default_rng(1).normal(size=(20, 50)).astype(np.float32)
+    rounded = np.round(values / row_step(values)) * row_step(values)
+    assert (row_step(rounded) == row_step(values)).all()
+    assert np.abs(rounded - values).max() <= row_step(values).max() / 2
+
+
+def test_the_packaged_networks_are_read() -> None:
+    body, fingers = read_weights(WEIGHTS)
+    assert sum(parameter.numel() for parameter in fingers.parameters()) > 280_000
+    hidden = torch.zeros(body.config.layers, 1, body.config.hidden)
+    (turned, _), _ = body.predict(torch.zeros(1, 1, body.features), hidden)
+    assert turned.isfinite().all()
+    assert WEIGHTS.stat().st_size <= 4.5e6
+
+
+def test_numbers_are_where_their_type_wants_them() -> None:
+    """The numbers of a file that is mapped into memory are aligned."""
+    data = safetensors_bytes({"a": np.zeros(3, np.int8), "b": np.zeros(2), "c": np.zeros(5, np.float16)}, {"x": "ü"})
+    size = int.from_bytes(data[:8], "little")
+    assert (8 + size) % 64 == 0
+    header = json.loads(data[8 : 8 + size])
+    assert header.pop("__metadata__") == {"x": "ü"}
+    for name, width in (("a", 1), ("b", 8), ("c", 2)):
+        assert header[name]["data_offsets"][0] % width == 0
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(BodysenseError, match="no such file"):
+        read_weights(tmp_path / "none.safetensors")
+    other = tmp_path / "other.safetensors"
+    other.write_bytes(safetensors_bytes({"a": np.zeros(3, np.float32)}, {"format": "pt"}))
+    with pytest.raises(BodysenseError, match="bodysense-completion-2"):
+        read_weights(other)
+    for damaged in (b"", b"\xff" * 20, WEIGHTS.read_bytes()[:5000], WEIGHTS.read_bytes()[:-1]):
+        other.write_bytes(damaged)
+        with pytest.raises(BodysenseError, match="safetensors"):
+            read_safetensors(other)

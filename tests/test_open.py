@@ -1,0 +1,92 @@
+"""Sources are asked once what they are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.rotation import quaternion_log
+from bodysense.demo import packaged_performance
+from bodysense.devices.simulated.device import simulate
+from bodysense.errors import BodysenseError
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.markers.options import MarkerOptions
+from bodysense.io.recording import Recording, write_recording
+from bodysense.io.rigs.options import ReadingOptions
+from bodysense.open import MarkerSource, MotionSource, RecordingSource, VideoSource, joint_places, kind_of, open_source
+from bodysense.take import track
+
+
+def test_every_kind_is_opened_as_what_it_is(tmp_path: Path, waving_clip: Clip) -> None:
+    seen = simulate(waving_clip, "three_point", None)
+    write_bvh(tmp_path / "a.bvh", waving_clip)
+    write_recording(tmp_path / "a.npz", Recording(seen, waving_clip.pose.skeleton))
+    (tmp_path / "a.mp4").write_bytes(b"")
+    motion = open_source(tmp_path / "a.bvh")
+    assert isinstance(motion, MotionSource) and motion.bvh == tmp_path / "a.bvh" and len(motion.clip) == 90
+    assert open_source(motion) is motion and "read " in motion.remarks[0]
+    assert isinstance(open_source(tmp_path / "a.npz"), RecordingSource)
+    assert isinstance(open_source(str(tmp_path / "a.mp4")), VideoSource) and kind_of(tmp_path) == "video"
+    in_memory = open_source(waving_clip)
+    assert isinstance(in_memory, MotionSource) and in_memory.clip is waving_clip and in_memory.bvh is None
+    frames = open_source(seen)
+    assert isinstance(frames, RecordingSource) and not frames.recording.told
+
+
+def test_options_are_those_of_the_kind(tmp_path: Path, waving_clip: Clip) -> None:
+    write_bvh(tmp_path / "a.bvh", waving_clip)
+    (tmp_path / "a.mp4").write_bytes(b"")
+    with pytest.raises(BodysenseError, match="are for markers"):
+        open_source(tmp_path / "a.bvh", markers=MarkerOptions(left_handed=True))
+    with pytest.raises(BodysenseError, match="a video; of --unit"):
+        open_source(tmp_path / "a.mp4", ReadingOptions(unit="mm"))
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("take.fbx", "convert it with Blender"),
+        ("take.mvnx", r"export the take from Xsens as \.bvh"),
+        ("take.vmd", "MikuMikuDance, is not read; import model and motion in Blender"),
+        ("keypoints.json", "OpenPose, .* give the video itself"),
+        ("take.bvh.gz", "gunzip"),
+        ("take.pkl", "a pickle may run any code"),
+        ("take.txt", "unknown kind of file"),
+    ],
+)
+def test_what_is_never_read_is_refused_with_the_way_on(tmp_path: Path, name: str, said: str) -> None:
+    (tmp_path / name).write_bytes(b"{}")
+    with pytest.raises(BodysenseError, match=rf"{name}: .*{said}"):
+        kind_of(tmp_path / name)
+
+
+def test_results_of_romp_are_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", results=np.array({"smpl_thetas": 1}, dtype=object))
+    with pytest.raises(BodysenseError, match="results of ROMP or BEV, a pickle within an archive"):
+        track(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("ending", ["npy", "npz"])
+def test_joint_places_are_places(tmp_path: Path, ending: str) -> None:
+    """In the axes of most laboratories, as an array (T, 22, 3), which rotation vectors may be, too."""
+    clip = packaged_performance()
+    truth = np.asarray(forward_kinematics(clip.pose)[0])[200:230, :22]
+    path, up = tmp_path / f"a.{ending}", truth[:, :, [0, 2, 1]] * [1, -1, 1]
+    np.save(path, up) if ending == "npy" else np.savez(path, poses=up)
+    opened = open_source(path)
+    assert isinstance(opened, MarkerSource) and "of joint places (30, 22, 3), not of rotations" in opened.remarks[0]
+    found = np.asarray(forward_kinematics(track(opened).clip.pose)[0])[:, :22]
+    heights = (found - found[:, :1])[..., 1] - (truth - truth[:, :1])[..., 1]
+    assert np.abs(heights).mean() < 0.02
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_rotation_vectors_are_no_places(tmp_path: Path, held: bool) -> None:
+    turns = np.asarray(quaternion_log(packaged_performance().pose.rotation[200:230, :22]))
+    np.save(tmp_path / "a.npy", np.tile(turns[:1], (30, 1, 1)) if held else turns)
+    assert joint_places(tmp_path / "a.npy") is None
+    assert isinstance(open_source(tmp_path / "a.npy"), MotionSource)
