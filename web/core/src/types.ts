@@ -1,0 +1,78 @@
+/** Plain objects that go in and come out. World frame, +Y up, metres, seconds; quaternions w, x, y, z. */
+
+export type Vector = readonly [number, number, number];
+export type Quaternion = readonly [number, number, number, number];
+
+/** A tracked point: a name of `Model.points`, and where it is, how it is turned, or both. */
+export interface Point {
+  readonly name: string;
+  readonly position?: Vector | null; // m
+  readonly rotation?: Quaternion | null; // world ← joint
+  readonly accuracy?: number; // m, expected error of the position; required with one
+  readonly acceleration?: Vector | null; // m/s², without gravity
+}
+
+export interface Observation {
+  readonly time: number; // s, increasing
+  readonly points: readonly Point[];
+}
+
+/** A completed body. Arrays are flat. */
+export interface Estimate {
+  readonly rootPosition: Float64Array; // (3) m
+  readonly rotation: Float64Array; // (52 × 4) parent ← joint; the root's is world ← root
+  readonly points: Float64Array; // (65 × 3) m
+  readonly measured: Uint8Array; // (65) 1 if a position was tracked
+  readonly confidence: Float64Array; // (65) m, expected error
+  readonly bound: Float64Array; // (65) m, within which nine of ten errors are
+  readonly contact: Float64Array; // (4) probability that left ankle, right ankle, left ball and right ball stand
+  readonly restOffset: Float64Array; // (65 × 3) m, the proportions in use
+}
+
+export interface Settings {
+  readonly floor: number; // m, height of the floor; 0
+  readonly ease: number; // s in which a point that is seen again is reached; 0.25; 0: at once
+  readonly longestGap: number; // s without frames after which motion starts anew; 1
+  readonly first: number; // s, interval of a first frame; 1/30
+  readonly longest: number; // s, a longer interval that is no gap counts as this; 0.1
+  readonly holdFeet: boolean; // standing feet are held, and none is under the floor; true
+  readonly infer: boolean; // unknown proportions, and how trackers are worn, are inferred; true
+}
+
+/** A known distance (m, with its standard deviation) between two points of the T-pose. */
+export type Length = Readonly<{ start: string; end: string; value: number; deviation: number }>;
+
+/** How a tracker is worn: T_joint_tracker. Of an inertial sensor (`rotationOnly`) only the rotation is known. */
+export type Mount = Readonly<{ joint: string; translation: Vector; rotation: Quaternion; rotationOnly?: boolean }>;
+
+/** What is known of a person. An empty object is the likeliest adult. */
+export interface Person {
+  readonly height?: number | null; // m, floor to crown
+  readonly heightDeviation?: number; // m, standard deviation; 0.001
+  readonly lengths?: readonly Length[];
+  readonly mounts?: readonly Mount[];
+  readonly restOffset?: ArrayLike<number>; // (65 × 3) m, from the parent in the T-pose; the likeliest if omitted
+  readonly deviation?: ArrayLike<number>; // (65) m, standard deviation of bones; 0 if only offsets are given
+}
+
+/** The weights, opened. A model and its states belong to one thread. */
+export interface Model {
+  readonly points: readonly string[]; // names, in the order of an estimate's arrays
+  readonly kernel: string; // name of the matrix kernel in use
+  /** The state before the first frame of a person. */
+  start(person?: Person, settings?: Partial<Settings>): State;
+}
+
+/** Everything that one person's next frame depends on. */
+export interface State {
+  /** Complete the next frame. Throws an Error with the core's message for a frame that it refuses. */
+  step(observation: Observation): Estimate;
+  /** The person as believed now. */
+  person(): Person;
+  /** Go on with the same evidence after more became known of the person. */
+  update(person: Person): void;
+  /** Whether the head was higher for 2 s than the known height allows; the height is inferred since. */
+  contradictsHeight(): boolean;
+  /** Give its memory back to the model. */
+  close(): void;
+}
