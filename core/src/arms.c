@@ -40,7 +40,15 @@ void move_arm(body *b, const tracked *t, const mat3 goal[BODY_JOINTS], const bs_
     limb_heading(b, limb, &c, &sine);
     ease_limb(&task, t, settings, limb, changed, c, sine, s->begun, &s->limb[limb]);
     vec3 pulled = add(collar, pulled_shoulder(t, limb, collar, shoulder, &task));
-    vec3 given = sub(pulled, shoulder);
+    /* A collar that is no longer pulled, or begins to be, goes there slowly. */
+    limb_state *l = &s->limb[limb];
+    uint8_t pulling = (uint8_t)((task.middle_seen ? 1 : 0) + (task.end_seen ? 2 : 0));
+    vec3 given = eased(&l->pull, sub(pulled, shoulder), l->pulled, vec(0, 0, 0), t->interval,
+                       s->begun && pulling != l->pulling, task.middle_seen || task.end_seen ? (float)settings->ease : BLEND);
+    pulled = add(collar, scale(unit(sub(add(shoulder, given), collar)), length(before)));
+    given = sub(pulled, shoulder);
+    l->pulled = given;
+    l->pulling = pulling;
     task.end = sub(task.end, given);
     task.middle = sub(task.middle, given);
     b->rotation[j->carrier] = turned_onto(b->rotation[j->carrier], before, sub(pulled, collar));

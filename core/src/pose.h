@@ -16,6 +16,9 @@ typedef struct limb_state {
     float lost;                         /* s since the end was last seen; below 0: never, or not kept */
     uint8_t seen;                       /* 2: the end, 1: points that stand in for it, 0: neither */
     uint8_t middle_seen;
+    ease pull;       /* m, easing of a shoulder that its collar gives */
+    vec3 pulled;     /* m, how far it was given */
+    uint8_t pulling; /* which measured joints of the arm pulled it */
 } limb_state;
 
 typedef struct foot_state {
