@@ -89,7 +89,7 @@ def test_head_hands_and_ankles_are_where_they_are_measured(name: str) -> None:
     estimate, _ = tracker.step(observation, tracker.start())
     truth = forward_kinematics(clip.pose)[0]
     skeleton = clip.pose.skeleton
-    for joint, near in (("head", 1e-3), ("left_wrist", 8e-3), ("right_ankle", 5e-3)):
+    for joint, near in (("head", 1e-3), ("left_wrist", 8e-3), ("right_ankle", 8e-3)):
         if joint in observation.points:
             known = observation.has_position[:, observation.points.index(joint)]
             place = skeleton.index(joint)
@@ -280,5 +280,5 @@ def test_nothing_jumps_where_sensors_are_lost(lost: list[str]) -> None:
         replace(observation, has_position=has_position, has_rotation=has_rotation), tracker.start()
     )
     path = np.linalg.norm(np.diff(estimate.points[:, :22], axis=0), axis=-1).max(axis=-1)
-    assert path[14] < 0.01  # m, in the frame of the loss
+    assert path[14] < 0.015  # m, in the frame of the loss
     assert path[14:].max() < 0.05
