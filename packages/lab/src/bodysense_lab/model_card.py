@@ -17,7 +17,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.papers import hmd_vae as body_vae
 from bodysense.papers import point_model
-from bodysense_lab.completion import stored, weights_file
+from bodysense_lab.completion import onnx_graph, weights_file
 from bodysense_lab.unoc import learned
 
 Numbers = Mapping[str, float]
@@ -271,7 +271,7 @@ KINDS = {
         _upper_rows,
         f"legs, of which it knows nothing; floors that are not at y = 0; {_NOBODY}",
     ),
-    **dict.fromkeys([(weights_file.FORMAT, ""), (stored.FORMAT, "")], _COMPLETION),
+    **dict.fromkeys([(weights_file.FORMAT, ""), (onnx_graph.FORMAT, "")], _COMPLETION),
     (glove.MARKER_FORMAT, ""): Kind(
         "Fills hidden markers of a glove from those that are seen (Pavllo et al. 2019, section 3.2.2).",
         "bodysense evaluate gloves-table3",
