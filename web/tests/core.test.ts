@@ -1,4 +1,4 @@
-/** The core: what of a step is outside the network's graph. The golden sequence (tests/web) compares whole steps. */
+/** The core: what of a step is outside the network's graph. */
 
 import { readFileSync } from "node:fs";
 import { describe, expect, it } from "vitest";
