@@ -192,12 +192,18 @@ def landmarkers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPat
 @pytest.fixture(scope="session")
 def filmed() -> tuple[np.ndarray, Clip]:
     """Eight pictures (8, 320, 320, 3) at 15 Hz of the packaged performance, drawn, and its motion; both hands show."""
+    from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
     from bodysense.demo import packaged_performance
     from bodysense.pictures.animation import draw_pose
     from bodysense.pictures.sheet import Lens, frame_shot
 
     clip = packaged_performance()
-    clip = replace(clip, pose=clip.pose[600:624:3], frame_rate=15.0)  # here it is not taken for somebody's back
+    pose = clip.pose[440:464:3]  # the performer stands, and was turned by 2.28 rad: turn it to the camera
+    turn = quaternion_exp(np.array([0.0, -2.28, 0.0]))
+    rotation = np.array(pose.rotation)
+    rotation[:, 0] = quaternion_multiply(np.broadcast_to(turn, rotation[:, 0].shape), rotation[:, 0])
+    root = quaternion_rotate(np.broadcast_to(turn, rotation[:, 0].shape), pose.root_position)
+    clip = replace(clip, pose=replace(pose, rotation=rotation, root_position=np.asarray(root)), frame_rate=15.0)
     lens = Lens(width=320, height=320, distance=3.0, eye=1.35, aim=1.15, shown=1.5, azimuth=0.15)
     return np.stack(list(draw_pose(clip.pose, frame_shot(clip.pose, 15.0, lens)))), clip
 
