@@ -11,7 +11,8 @@ from bodysense.body.hand_capsules import GIVE, NAMES, hand_capsules, mutual_dept
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.gloves.contact import Contact, ContactSettings
+from bodysense.devices.gloves.contact import Contact
+from bodysense.devices.gloves.contact_rows import ContactSettings
 from bodysense.devices.gloves.joints import HandPoses
 from bodysense.errors import BodysenseError
 

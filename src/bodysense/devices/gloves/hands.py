@@ -33,7 +33,8 @@ from bodysense.body.pose import Pose
 from bodysense.body.rotation import quaternion_canonical, quaternion_conjugate
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
-from bodysense.devices.gloves.contact import Contact, ContactSettings, ContactState
+from bodysense.devices.gloves.contact import Contact, ContactState
+from bodysense.devices.gloves.contact_rows import ContactSettings
 from bodysense.devices.gloves.continuity import FADING, Remembered
 from bodysense.devices.gloves.expectation import Influence, expected_error, influence
 from bodysense.devices.gloves.fillers import Filler, LastShape, NetworkFiller, Stack, any_of, missing
