@@ -21,7 +21,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.blender]
 FRAMES = 10
 
 SCRIPT = """
-import bpy, json, sys
+import bpy, json, numpy, sys
+numpy.bool = bool  # Debian's Blender 3.4 asks its newer NumPy for a name that is gone
 path, out, frames = sys.argv[sys.argv.index("--") + 1 :]
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.context.scene.render.fps = 30
