@@ -1,6 +1,6 @@
 /** A bridge: whole bodies go to a server of bodysense, which hands them to programs that a page cannot reach. */
 
-import type { Body, Skeleton } from "../core/skeleton";
+import type { Body, Skeleton } from "../body/skeleton";
 import type { Resume, SignalPoint } from "../protocol";
 import { Connection, socketAddress } from "./connection";
 

@@ -1,8 +1,8 @@
 /** A webcam: a person's landmarks, found in a worker, become points of the body. Nothing leaves this browser. */
 
-import { LandmarkPoints, type Landmarks } from "../core/landmarks";
-import type { Vector } from "../core/math";
-import { withOffsets, type Skeleton } from "../core/skeleton";
+import { LandmarkPoints, type Landmarks } from "./landmarks";
+import type { Vector } from "../body/math";
+import { withOffsets, type Skeleton } from "../body/skeleton";
 import type { FromCamera, ToCamera } from "../engine/camera_worker";
 import type { Live } from "../live";
 import { CameraPicture, type Marks } from "../ui/camera_picture";
