@@ -6,7 +6,10 @@ import { scenario, serveFolder } from "./page.mjs";
 const [folder, recording, result] = process.argv.slice(2);
 const site = await serveFolder(folder);
 await scenario({ serviceWorkers: "block" }, async (page) => {
-  await page.goto(`${site.address}licenses.md`); // the page's address without the page
+  const blank = `${site.address}blank.html`; // of the page's host, without the page
+  const body = '<link rel="icon" href="data:," />';
+  await page.route(blank, (route) => route.fulfill({ body, contentType: "text/html" }));
+  await page.goto(blank);
   const bodies = await page.evaluate(complete, JSON.parse(readFileSync(recording, "utf8")));
   writeFileSync(result, JSON.stringify({ bodies }));
   const sorted = bodies.map(({ milliseconds }) => milliseconds).sort((a, b) => a - b);
