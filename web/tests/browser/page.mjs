@@ -51,7 +51,7 @@ export async function launched(more, { isCalm = true, ...options }, run) {
   try {
     const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, ...options });
     const page = await context.newPage();
-    page.setDefaultTimeout(60_000); // software rendering on a busy machine
+    page.setDefaultTimeout(240_000); // ends a wait for what never comes; no test waits for a machine to be quick
     if (process.env.TRACE) trace(page);
     if (isCalm) await page.addInitScript(calm);
     return await run(page);

@@ -20,10 +20,9 @@ from bodysense.files import written_beside
 ABOUT = "page.json"  # says of a folder whether a server is behind it, and which files it has
 _OF_THE_LIBRARY = {
     "default_body.json": ("bodysense.body", "default_body.json"),
-    "shape_space.npz": ("bodysense.body", "shape_space.npz"),
     "performance.npz": ("bodysense.demo", "performance.npz"),
 }
-_NETWORK = "completion.onnx"
+_NETWORK = "completion.safetensors"
 LIBRARY_FILES = (f"{_NETWORK}.gz", *_OF_THE_LIBRARY)  # by the names that the page asks for
 # What MediaPipe needs to see a person in a webcam, where somebody put it.
 WEBCAM = (

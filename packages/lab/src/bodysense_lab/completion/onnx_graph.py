@@ -1,9 +1,8 @@
-"""The step as a graph: what it reads of observations, and the last packaged ONNX file, to time the core against."""
+"""The step as a graph: what it reads of observations, and the last ONNX file, to time the core against."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -11,20 +10,18 @@ from bodysense.body.person import Person
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.network import Network, NetworkFormat
 from bodysense.observation import STRAPPED, Observation
+from bodysense_lab.weights import packaged
 
 POINTS, JOINTS = len(default_skeleton().points), len(default_skeleton().joints)
 _FIRST, _LONGEST = 1 / 30, 0.1  # s, the interval that a first frame counts as, and the longest one
 _ABSENT = 0.001  # m, accuracy of points that are not tracked: any positive number
 
-FORMAT = "bodysense-completion-1"
-GRAPH = NetworkFormat(
-    name=FORMAT, kind="completion graph", command="bodysense train completion", packaged="completion.onnx"
-)
+_GRAPH = NetworkFormat(name="bodysense-completion-1", kind="completion graph", command="bodysense train completion")
 
 
-def open_graph(path: Path | None = None) -> Network:
-    """The graph of a file, or the last one that was packaged."""
-    return Network.open(path, GRAPH)
+def open_graph() -> Network:
+    """Open the last graph that was made of the step."""
+    return Network.open(packaged("completion.onnx"), _GRAPH)
 
 
 def graph_inputs(observation: Observation, people: Sequence[Person]) -> Iterator[dict[str, np.ndarray]]:
