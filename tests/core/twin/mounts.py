@@ -107,7 +107,7 @@ def apply(person: Person, seen: Tracked) -> None:
     for joint, (translation, rotation) in worn_by(person).items():
         if seen.has_rotation[joint] and seen.has_position[joint]:
             seen.rotation[joint] = seen.rotation[joint] @ rotation.T
-            seen.position[joint] = np.float32(seen.position[joint] - seen.rotation[joint] @ translation)
+            seen.position[joint] = seen.position[joint] - seen.rotation[joint] @ translation
 
 
 def _take_in(one: Distance, offset: np.ndarray, seen: Tracked, own: Mounts) -> None:

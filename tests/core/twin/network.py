@@ -46,13 +46,13 @@ def first_memory(of: Mapping[str, np.ndarray]) -> Memory:
     """The memory before the first frame."""
     sizes = [of[f"body.recurrent.weight_hh_l{k}"].shape[1] for k in range(LAYERS)]
     hands = of["fingers.recurrent.weight_hh_l0"].shape[1]
-    return Memory(np.eye(3), [np.zeros((size, 2)) for size in sizes], np.zeros((hands, 2)))
+    return Memory(np.eye(3, dtype=np.float32), [np.zeros((size, 2)) for size in sizes], np.zeros((hands, 2)))
 
 
 def predict(of: Mapping[str, np.ndarray], seen: Tracked, memory: Memory) -> tuple[Prediction, Head]:
     """Predict a body and find the frame under its head. The memory advances at most 65 times a second."""
     head = find_head(seen, memory.turn)
-    interval = memory.elapsed + seen.interval
+    interval = np.float32(memory.elapsed) + np.float32(seen.interval)
     reading = read(seen, head, memory.before, interval, of["body.usual_bones"])
     x = rounded(np.stack([features(reading), features(mirrored(reading))], axis=1))
     above, after = x, []
@@ -62,10 +62,10 @@ def predict(of: Mapping[str, np.ndarray], seen: Tracked, memory: Memory) -> tupl
     turned = branch_of(of, "body.turn_branch").outputs(above, x)
     judged = branch_of(of, "body.judge_branch").outputs(above, x)
     memory.advances = memory.before is None or interval >= ADVANCE
-    memory.turn, memory.elapsed = head.turn, interval
+    memory.turn, memory.elapsed = head.turn, float(interval)
     if memory.advances:
         memory.hidden, memory.before = after, remember(seen)
-    return _meaning(of, turned, judged, head, stature(seen.rest_offset)), head
+    return _meaning(of, turned, judged, head, float(stature(seen.rest_offset))), head
 
 
 def _meaning(

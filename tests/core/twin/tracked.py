@@ -28,7 +28,7 @@ BRANCHES = {
 
 @dataclass
 class Tracked:
-    """Joints in place of the trackers that they carry. Places count from `base`, in single precision, as in the core."""
+    """Joints in place of the trackers that they carry. Places count from `base`. Arrays are of single precision."""
 
     base: np.ndarray  # (3,) m, world
     interval: float  # s since the frame before
@@ -66,10 +66,10 @@ def gather(observation: Observation, t: int, base: np.ndarray, interval: float, 
         has_position=np.zeros(POINTS, bool),
         has_rotation=np.zeros(JOINTS, bool),
         implied=np.zeros(JOINTS, bool),
-        position=np.zeros((POINTS, 3)),
-        rotation=np.tile(np.eye(3), (JOINTS, 1, 1)),
-        accuracy=np.full(POINTS, UNTRACKED),
-        acceleration=np.zeros((BODY, 3)),
+        position=np.zeros((POINTS, 3), np.float32),
+        rotation=np.tile(np.eye(3, dtype=np.float32), (JOINTS, 1, 1)),
+        accuracy=np.full(POINTS, UNTRACKED, np.float32),
+        acceleration=np.zeros((BODY, 3), np.float32),
         has_acceleration=np.zeros(BODY, bool),
         rest_offset=np.zeros((POINTS, 3)),
         deviation=np.zeros(POINTS),
@@ -78,7 +78,7 @@ def gather(observation: Observation, t: int, base: np.ndarray, interval: float, 
         point = at(name)
         if observation.has_position[t, k]:
             seen.has_position[point] = True
-            seen.position[point] = np.float32(observation.position[t, k] - base)
+            seen.position[point] = observation.position[t, k] - base
             seen.accuracy[point] = max(observation.accuracy[t, k], FINEST)
         if observation.has_rotation[t, k] and point < JOINTS:
             seen.has_rotation[point] = True
