@@ -93,7 +93,9 @@ def observation_of(case: Case) -> Observation:
     rng = np.random.default_rng(case.seed + 1)
     sensors = random_edges(1, rng)[0].more if case.device == "lattice" else SENSOR_SETS[case.device]
     time = 100 + np.cumsum(rng.uniform(0.8, 1.2, case.frames)) / case.rate
-    seen = observe(motion(case), time + np.where(case.gap & (np.arange(case.frames) > case.frames // 2), 1.5, 0), sensors)
+    seen = observe(
+        motion(case), time + np.where(case.gap & (np.arange(case.frames) > case.frames // 2), 1.5, 0), sensors
+    )
     lost = np.cumsum(rng.random(seen.has_position.shape) < case.loss, axis=0) % 2 == 1
     worn = {joint: mount for joint, mount in mounts_of(case).items() if joint in seen.points}
     seen = strapped(seen, worn)

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .points import HEAD, HIPS, PARENT, PARTNER, PELVIS, PLACED, PLACED_PARTNER, SIDES, WRISTS, at
 from .points import BODY as JOINTS
+from .points import HEAD, HIPS, PARENT, PARTNER, PELVIS, PLACED, PLACED_PARTNER, SIDES, WRISTS, at
 from .tracked import Tracked
 
 HEAD_HEIGHT = 1.5  # m, of the head joint of the reference stature above the soles
@@ -74,9 +74,9 @@ def single(value: float) -> np.float32:
 
 def stature(rest_offset: np.ndarray) -> np.float32:
     """How high the head of a skeleton rests above its soles, as a share of the reference's."""
-    height, up = dict.fromkeys([PELVIS], single(0)), rest_offset[:, 1].astype(np.float32)
-    for point in PLACED[1:]:
-        height[point] = height[PARENT[point]] + up[point]
+    height, up = {PELVIS: single(0)}, rest_offset[:, 1].astype(np.float32)
+    for point in PLACED[1:].tolist():
+        height[point] = single(height[int(PARENT[point])] + up[point])
     return (height[HEAD] - min(height.values())) / single(HEAD_HEIGHT) + single(FLATTEST)
 
 

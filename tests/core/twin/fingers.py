@@ -62,9 +62,7 @@ def place_hand(of: Mapping[str, np.ndarray], seen: Tracked, hand: int, output: n
     return softplus(output[90:] + ERROR_BIAS) + SMALLEST_ERROR
 
 
-def complete_fingers(
-    of: Mapping[str, np.ndarray], seen: Tracked, head: Head, body: Body, memory: Memory
-) -> np.ndarray:
+def complete_fingers(of: Mapping[str, np.ndarray], seen: Tracked, head: Head, body: Body, memory: Memory) -> np.ndarray:
     """Complete the fingers of a body in place. Returns expected errors (2, 20) m without the wrist's own."""
     x = rounded(np.stack([hand_features(of, seen, head, body, memory, hand) for hand in (0, 1)], axis=1))
     after = recurrent_of(of, "fingers", 0).step(x, memory.hands)

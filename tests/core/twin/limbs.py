@@ -25,17 +25,17 @@ class Limb:
     stand_in: tuple[int, ...]
 
 
-def _arm(side: str) -> Limb:
-    names = ("collar", "shoulder", "elbow", "wrist")
-    fingers = ("index1", "middle1", "ring1", "pinky1", "thumb1")
-    return Limb("arm", *(at(f"{side}_{name}") for name in names), tuple(at(f"{side}_{name}") for name in fingers))
+def _limb(side: str, kind: str) -> Limb:
+    if kind == "leg":
+        carrier, joints, stand_in = PELVIS, ("hip", "knee", "ankle"), ("foot",)
+    else:
+        carrier, joints = at(f"{side}_collar"), ("shoulder", "elbow", "wrist")
+        stand_in = ("index1", "middle1", "ring1", "pinky1", "thumb1")
+    start, middle, end = (at(f"{side}_{name}") for name in joints)
+    return Limb(kind, carrier, start, middle, end, tuple(at(f"{side}_{name}") for name in stand_in))
 
 
-def _leg(side: str) -> Limb:
-    return Limb("leg", PELVIS, *(at(f"{side}_{name}") for name in ("hip", "knee", "ankle")), (at(f"{side}_foot"),))
-
-
-LIMBS = {f"{side}_{kind}": of(side) for kind, of in (("arm", _arm), ("leg", _leg)) for side in SIDES}
+LIMBS = {f"{side}_{kind}": _limb(side, kind) for kind in ("arm", "leg") for side in SIDES}
 
 
 @dataclass

@@ -61,7 +61,7 @@ def predict(of: Mapping[str, np.ndarray], seen: Tracked, memory: Memory) -> tupl
         above = rounded(after[-1])
     turned = branch_of(of, "body.turn_branch").outputs(above, x)
     judged = branch_of(of, "body.judge_branch").outputs(above, x)
-    memory.advances = memory.before is None or interval >= ADVANCE
+    memory.advances = memory.before is None or bool(interval >= ADVANCE)
     memory.turn, memory.elapsed = head.turn, float(interval)
     if memory.advances:
         memory.hidden, memory.before = after, remember(seen)

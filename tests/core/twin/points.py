@@ -8,7 +8,9 @@ SKELETON = default_skeleton()
 at = SKELETON.index
 POINTS, JOINTS, BODY = 65, 52, 22
 PARENT, PARTNER, PATH = np.array(SKELETON.parents), SKELETON.mirror, SKELETON.path
-PLACED = np.array([*range(BODY), at("head_top"), at("left_toe"), at("right_toe")])  # that the network predicts errors of
+PLACED = np.array(
+    [*range(BODY), at("head_top"), at("left_toe"), at("right_toe")]
+)  # that the network predicts errors of
 PLACED_PARTNER = np.array([list(PLACED).index(PARTNER[p]) for p in PLACED])
 SIDES = ("left", "right")
 WRISTS = tuple(at(f"{side}_wrist") for side in SIDES)

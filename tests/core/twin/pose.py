@@ -1,7 +1,7 @@
 """From what the network predicts to a body that meets what is measured and moves without jumps.
 
-    rotations: measured, implied or predicted → eased where sensors came or went → the body hung on its head →
-    spine bent to the pelvis → legs, feet held and on the floor → arms → places
+rotations: measured, implied or predicted → eased where sensors came or went → the body hung on its head →
+spine bent to the pelvis → legs, feet held and on the floor → arms → places
 """
 
 import numpy as np
@@ -93,9 +93,7 @@ def pose_body(settings: TrackerSettings, seen: Tracked, predicted: Prediction, s
 
     # The spine bends to a measured pelvis.
     had_pelvis = state.had_position[[PELVIS, *HIPS]].any()
-    breaks = begun and bool(
-        pelvis_seen(seen) != had_pelvis or seen.has_position[PELVIS] != state.had_position[PELVIS]
-    )
+    breaks = begun and bool(pelvis_seen(seen) != had_pelvis or seen.has_position[PELVIS] != state.had_position[PELVIS])
     pelvis, span = body.point[PELVIS], settings.ease if pelvis_seen(seen) else BLEND
     wanted = pelvis + pelvis_off(body, seen)
     wanted = state.pelvis.vector(wanted, state.point[PELVIS], state.pelvis_speed, interval, breaks, span)

@@ -271,5 +271,3 @@ def step(person: Person, seen: Tracked, interval: float, own: Proportions) -> No
     arrived = stature < rest_height(own.believed, HEAD_TOP) + MOST_SHRINKING
     if own.elapsed >= SETTLING and (own.tallest >= 0 or arrived):
         own.tallest = max(own.tallest, stature)
-
-

@@ -94,5 +94,3 @@ def bend_spine(body: Body, seen: Tracked, move: np.ndarray) -> None:
         body.rotation[joint] = turned_onto(body.rotation[joint], upper, middle)
     body.rotation[SPINE1] = turned_onto(body.rotation[SPINE1], lower, end - middle)
     place(body, seen, body.point[HEAD])
-
-
