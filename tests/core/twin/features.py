@@ -67,7 +67,7 @@ class Reading:
     has_acceleration: np.ndarray  # (12,) bool
 
 
-def single(value: float) -> np.float32:
+def single(value: float | np.floating) -> np.float32:
     """A number in single precision."""
     return np.float32(value)
 
@@ -76,7 +76,7 @@ def stature(rest_offset: np.ndarray) -> np.float32:
     """How high the head of a skeleton rests above its soles, as a share of the reference's."""
     height, up = {PELVIS: single(0)}, rest_offset[:, 1].astype(np.float32)
     for point in PLACED[1:].tolist():
-        height[point] = single(height[int(PARENT[point])] + up[point])
+        height[point] = height[int(PARENT[point])] + single(float(up[point]))
     return (height[HEAD] - min(height.values())) / single(HEAD_HEIGHT) + single(FLATTEST)
 
 

@@ -66,7 +66,7 @@ def uprightness(body: Body, seen: Tracked, state: PoseState) -> float:
 
 
 def drawn_in(hip: np.ndarray, ankle: np.ndarray, longest: float) -> np.ndarray:
-    """By how much to draw a standing foot that its leg does not reach in below its hip, so that it stays on the floor."""
+    """By how much to draw a standing foot that its leg does not reach in below its hip: it stays on the floor."""
     away = (ankle - hip) * [1, 0, 1]
     square, far = longest**2 - (hip[1] - ankle[1]) ** 2, length(away)
     if square >= far * far:
