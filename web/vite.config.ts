@@ -2,6 +2,7 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { defineConfig, type Plugin } from "vite";
+import { PACKED, packedThree } from "./packed";
 
 /** What the workers are made of; the license plugin of the build sees the page's own modules only. */
 function workerLicenses(): Plugin {
@@ -52,7 +53,7 @@ const core = (path: string): string => fileURLToPath(new URL(`core/${path}`, imp
 // The built page is package data of bodysense_live: names without hashes, so that a rebuild changes files in place.
 export default defineConfig({
   base: "./",
-  plugins: [workerLicenses(), marked()],
+  plugins: [workerLicenses(), packedThree(), marked()],
   resolve: {
     alias: [
       { find: /^@bodysense\/core$/, replacement: core("src/index.ts") },
@@ -64,10 +65,16 @@ export default defineConfig({
     outDir: "../packages/live/src/bodysense_live/page",
     emptyOutDir: true,
     target: "es2022",
-    modulePreload: { polyfill: false },
+    modulePreload: {
+      polyfill: false,
+      resolveDependencies: (_, names) => names.filter((name) => name !== `${PACKED.name}.js`),
+    },
     license: { fileName: "licenses.md" },
     chunkSizeWarningLimit: 800,
-    rolldownOptions: { input: ["index.html", "src/sw.js"], output: names }, // sw.js: the service worker imports nothing
+    rolldownOptions: {
+      input: ["index.html", "src/sw.js"], // sw.js: the service worker imports nothing
+      output: { ...names, codeSplitting: { groups: [PACKED] } },
+    },
   },
   server: { proxy: { "/ws": { target: "ws://127.0.0.1:8765", ws: true } } },
 });

@@ -55,6 +55,7 @@ await scenario({ viewport: { width: 320, height: 700 }, colorScheme: "light" }, 
   facts.axe = {};
   for (const colorScheme of ["light", "dark"]) {
     await page.emulateMedia({ colorScheme });
+    await page.waitForFunction(() => document.getAnimations().length === 0, null, { polling: 100 }); // colours have changed
     facts.axe[colorScheme] = await page.evaluate(async () => {
       const { violations } = await axe.run();
       return violations.map(({ id, impact, nodes }) => `${id} (${impact}): ${nodes[0].html}`);

@@ -30,6 +30,7 @@ WEBCAM = (
     "vision_wasm_module_internal.js",
     "vision_wasm_module_internal.wasm",
 )
+_WHEN_SEEN = frozenset({*WEBCAM, "webcam.js", "camera_worker.js"})  # kept for later visits once they were used
 
 
 def built() -> Path:
@@ -75,7 +76,7 @@ def page_files(webcam: Path | None = None) -> Iterator[tuple[str, bytes]]:
         names.append(name)
         digest.update(name.encode() + content)
         yield name, content
-    needed = [name for name in names if name not in WEBCAM]
+    needed = [name for name in names if name not in _WHEN_SEEN]
     about = {"server": False, "webcam": seen, "version": digest.hexdigest()[:16], "files": needed}
     yield ABOUT, (json.dumps(about, indent=1) + "\n").encode()
 
