@@ -56,6 +56,18 @@ def test_a_short_gap_goes_on_as_it_was() -> None:
     assert geodesic_angle(filled(spoilt, missing, 1 / RATE), truth).max() < np.deg2rad(0.5)
 
 
+def test_an_accelerating_joint_keeps_its_speed_at_both_edges_of_a_gap() -> None:
+    """From 0.5 to 4 rad/s: the speed on each side goes on into the gap, not the mean speed between the sides."""
+    time = np.arange(90)[:, None] / RATE
+    truth = np.asarray(quaternion_exp((0.5 * time + 1.2 * time**2) * [0.0, 0.6, 0.8]))
+    missing = np.zeros(90, dtype=bool)
+    missing[30:60] = True
+    found = speed(filled(np.where(missing[:, None], [0.0, 0.0, 1.0, 0.0], truth), missing, 1 / RATE))
+    wanted = speed(truth)
+    for inside, beside in ((29, 28), (59, 60)):
+        assert abs(found[inside] - wanted[beside]) < 0.15 * wanted[beside]
+
+
 def test_a_gap_with_one_side_or_none() -> None:
     truth, guess = swing(60, 4), swing(60, 5)
     missing = np.zeros(60, dtype=bool)
