@@ -53,6 +53,12 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
         (("--workers", 2, "--solarxr"), "UDP goes with one process only"),
         (("--workers", 2, "--slimevr"), "UDP goes with one process only"),
         (("--bridge",), "--bridge has nowhere to send to; give --vmc-out"),
+        (
+            ("--vrchat-trackers", "hips"),
+            "--vrchat-trackers hips: 'hips' is not a tracker of VRChat; give a list of hip",
+        ),
+        (("--smoothing", 1), "--smoothing 1: give seconds, 0 to 0.5"),
+        (("--smoothing", "nan"), "--smoothing nan: give seconds, 0 to 0.5"),
         (("--vmt", "--vmt-first", 60), "give 0 to 48"),
     ],
 )
