@@ -1,7 +1,7 @@
 """Our VMC packets, replayed into small models of how three receivers use them.
 
-From the code of EVMC4U (Unity), VRM4U (Unreal) and Godot XR VMC Tracker. A pose is late if a receiver still shows the one
-before after all packets of a frame, and torn if bones of two frames are shown together.
+From the code of EVMC4U (Unity), VRM4U (Unreal) and Godot XR VMC Tracker. A pose is late if a receiver still shows
+the one before after all packets of a frame, and torn if bones of two frames are shown together.
 """
 
 from __future__ import annotations

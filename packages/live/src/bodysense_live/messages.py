@@ -178,7 +178,7 @@ class Placed:
 
 
 @dataclass(frozen=True)
-class Said:
+class Notice:
     """Something for the person to read."""
 
     text: str
@@ -199,7 +199,7 @@ class Pong:
 
 
 ClientMessage = Hello | Change | Recentre | RecordSwitch | Calibrate | Ping | Replay
-ServerMessage = Welcome | ProportionsChanged | Placed | Said | Refused | Pong
+ServerMessage = Welcome | ProportionsChanged | Placed | Notice | Refused | Pong
 CLIENT: dict[str, type] = {
     "hello": Hello,
     "settings": Change,
@@ -213,7 +213,7 @@ SERVER: dict[str, type] = {
     "welcome": Welcome,
     "proportions": ProportionsChanged,
     "placed": Placed,
-    "said": Said,
+    "said": Notice,
     "error": Refused,
     "pong": Pong,
 }

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from bodysense.errors import BodysenseError
 from bodysense_live.answer import Answer
-from bodysense_live.messages import Said, ServerMessage, Source, Welcome
+from bodysense_live.messages import Notice, ServerMessage, Source, Welcome
 from bodysense_live.outbox import Outbox
 from bodysense_live.recorder import Recorder
 from bodysense_live.replay import Player
@@ -113,4 +113,4 @@ class WearerFile:
         try:
             wearer.save(self._path)
         except (OSError, BodysenseError) as error:
-            seat.tell(Said(f"your file cannot be written: {error}"))
+            seat.tell(Notice(f"your file cannot be written: {error}"))

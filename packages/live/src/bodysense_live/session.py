@@ -28,10 +28,10 @@ from bodysense_live.message_text import changed
 from bodysense_live.messages import (
     Calibrate,
     Change,
+    Notice,
     Placed,
     ProportionsChanged,
     Recentre,
-    Said,
     ServerMessage,
     Settings,
 )
@@ -185,6 +185,8 @@ class Session:
         self._state = state if ours else self._pipeline.continued(job.pipeline, state)
         moment = float(job.observation.time[0])
         self._follow(estimate.rest_offset[0], moment)
+        if ours and state.tracker.contradicts_height():
+            self._release_height()
         pose, sent, points = self._showing.shown(self.skeleton, job.observation, estimate, job.frame)
         return Answer(job.frame, sent, pose, moment, job.received, points, job.placement)
 
@@ -216,11 +218,11 @@ class Session:
             return
         if isinstance(message, Calibrate):
             if self.settings.posture == "seated":
-                self._notes.append(Said("to take your height, stand up and choose the posture 'standing' first"))
+                self._notes.append(Notice("to take your height, stand up and choose the posture 'standing' first"))
                 return
             self._stood, self._arms_out = [], message.arms_out
             arms = ", arms out to the sides," if self._arms_out else ""
-            self._notes.append(Said(f"stand upright{arms} and look ahead for one second"))
+            self._notes.append(Notice(f"stand upright{arms} and look ahead for one second"))
             return
         before, self.settings = self.settings, changed(self.settings, message.settings)
         if self.settings.height != before.height or self._tracking != self._pipeline.tracker.settings:
@@ -241,6 +243,21 @@ class Session:
 
     def _track(self, wearer: Person) -> None:
         self._pass_on(Pipeline(Tracker(wearer, settings=self._tracking), self._pipeline.device))
+
+    def _release_height(self) -> None:
+        """Infer the height from now on, because the head was too high for the known one, and tell the wearer."""
+        known, base = self._pipeline.tracker.people[0].height, self._base
+        assert known is not None  # or it could not be contradicted
+        self._notes.append(
+            Notice(
+                f"your head is higher than a height of {known.value:.2f} m allows; your height is inferred from now on"
+            )
+        )
+        self.settings = replace(self.settings, height=None)
+        if base.height is not None:
+            self._base = Person(lengths=base.lengths, mounts=base.mounts, hands=base.hands)
+        self._track(self._wearer())
+        self.revision += 1
 
     def kept(self) -> tuple[Person, Placement, dict[str, str]]:
         """What another process needs to go on: the wearer, as tall as inferred; the placement; what is worn where."""
@@ -311,11 +328,11 @@ class Session:
                 height = round(float(stature(wearer.skeleton.rest_offset)), 3)
                 self.settings = replace(self.settings, height=height)
         except BodysenseError as error:
-            self._notes.append(Said(str(error)))
+            self._notes.append(Notice(str(error)))
             return
         self._inertial = found.inertial
         self._showing.lead_over()
-        self._notes += [Said(text) for text in found.said]
+        self._notes += [Notice(text) for text in found.said]
         self._base = self.calibrated = wearer or self._base.wearing(found.inertial.mounts)
         if wearer is None:
             return
