@@ -75,7 +75,7 @@ class Live:
     def start(self) -> None:
         """Begin; needs a running loop."""
         self._loop = asyncio.get_running_loop()
-        self._scheduler: Scheduler[Seat] = Scheduler(self._deliver)
+        self._scheduler: Scheduler[Seat] = Scheduler(self._deliver, self._refuse)
         self._tasks = [self._loop.create_task(self._scheduler.run()), self._loop.create_task(self._sweep())]
         if self._playable is not None and self._show is not None:
             self._inputs["replay"] = self._play(self._playable, "replay", Settings())
@@ -124,9 +124,16 @@ class Live:
         if not seat.is_driven and seat.left is None:
             seat.left = self._loop.time()
 
-    def receive(self, seat: Seat, frame: SignalFrame) -> None:
-        """A frame of a session came in."""
-        self.metrics.frames.inc()
+    async def may_read(self, seat: Seat) -> None:
+        """Wait until another frame of a session is of use: at once, unless one waits while others are stepped."""
+        if seat.session.has_waiting:
+            await self._scheduler.reading.wait()
+
+    def receive(self, seat: Seat, frame: SignalFrame | bytes, skipped: int = 0) -> None:
+        """Take a frame of a session, before which a client's connection skipped some."""
+        self.metrics.frames.inc(1 + skipped)
+        for _ in range(skipped):
+            self.metrics.dropped("replaced")
         dropped = seat.session.receive(frame, monotonic())
         if dropped is not None:
             self.metrics.dropped(dropped)
@@ -272,6 +279,13 @@ class Live:
         own = seat in self._inputs.values()
         if self._show is not None and self._leader.leads(seat, answer, own, self._loop.time()):
             self._show(answer)
+
+    def _refuse(self, seat: Seat, error: ProtocolError) -> None:
+        """Close the connection that sent a frame with an impossible value."""
+        for outbox in seat.outboxes:
+            if not outbox.watches:
+                self.metrics.closed(error.code)
+                outbox.end(str(error), error.code)
 
     def _truth(self, seat: Seat, answer: Answer) -> list[bytes]:
         truth = None if seat.player is None else seat.player.playable.truth

@@ -17,7 +17,7 @@ from bodysense.body.person import Person
 from bodysense.body.shape import Measured, stature
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.protocol import SignalFrame
+from bodysense.io.protocol import SignalFrame, read_signal, signal_time
 from bodysense.observation import Estimate, Observation, chosen_points
 from bodysense.tracker import Tracker, TrackerSettings
 from bodysense_live.answer import Answer, CompletionJob
@@ -68,7 +68,7 @@ class Session:
         self._notes: list[ServerMessage] = []
         self._told = self._base = person  # by whoever made the session; as calibrated
         self._moments = Moments()
-        self._waiting: tuple[SignalFrame, float, float] | None = None  # frame, moment, received
+        self._waiting: tuple[SignalFrame | bytes, float, float] | None = None  # frame, moment, time received (s)
         self._busy = False
         self._placement = placement
         self._recentres = False  # with the next headset
@@ -137,9 +137,18 @@ class Session:
         """Whether there is a frame to be completed."""
         return self._waiting is not None and not self._busy
 
-    def receive(self, frame: SignalFrame, now: float) -> str | None:
-        """Take a frame that came at `now` s of the server's clock; says why a frame was dropped, this or another."""
-        moment = self._moments.of(frame.time)
+    @property
+    def has_waiting(self) -> bool:
+        """Whether a frame waits, to be completed or replaced by a newer one."""
+        return self._waiting is not None
+
+    def receive(self, frame: SignalFrame | bytes, now: float) -> str | None:
+        """Take a frame that came at `now` s of the server's clock. Returns why this or another frame was dropped.
+
+        A frame as bytes is decoded when it is its turn, so that frames that are replaced cost little. Raises
+        ProtocolError for bytes of another length or kind.
+        """
+        moment = self._moments.of(signal_time(frame) if isinstance(frame, bytes) else frame.time)
         if moment is None:
             return "late"
         replaced = self._waiting is not None
@@ -147,11 +156,16 @@ class Session:
         return "replaced" if replaced else None
 
     def job(self) -> CompletionJob | None:
-        """The next job, if there is a frame and no other job is under way."""
+        """Return the next job, if a frame waits and no other job is under way.
+
+        Raises ProtocolError for a frame with a value that no tracker gives; the frame is dropped.
+        """
         if self._waiting is None or self._busy:
             return None
-        frame, moment, received = self._waiting
-        self._waiting, self._busy = None, True
+        data, moment, received = self._waiting
+        self._waiting = None
+        frame = read_signal(data, len(self.points)) if isinstance(data, bytes) else data
+        self._busy = True
         if self._stood and is_over(self._stood):
             self._calibrate(self._stood)
         observation = through(self._door, frame, self._seen, self._placement, moment)
