@@ -14,7 +14,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.markers.raw_markers import MarkerFormat
 from bodysense.io.protocol import SignalFrame
 from bodysense_live.answer import Answer
-from bodysense_live.links import MOST_PACKETS, Command, signal_of
+from bodysense_live.links import MOST_PACKETS, Command, DeviceInput, signal_of
 from bodysense_live.live import Live
 from bodysense_live.marker_stream import read_frame
 from bodysense_live.messages import Source
@@ -133,9 +133,11 @@ class InputLink:
         play = partial(live.receive, seat)
         do = partial(live.change, seat)
         loop = asyncio.get_running_loop()
-        self._transport, _ = await loop.create_datagram_endpoint(
+        self._transport, found = await loop.create_datagram_endpoint(
             lambda: self._protocol(play=play, do=do), sock=self._bound
         )
+        if isinstance(found, DeviceInput):
+            seat.serials = found.serials
 
     def show(self, answer: Answer) -> None:
         """It sends nothing back."""

@@ -21,7 +21,7 @@ from bodysense.io.protocol import SignalFrame, read_signal, signal_time
 from bodysense.observation import Estimate, Observation, chosen_points
 from bodysense.tracker import Tracker, TrackerSettings
 from bodysense_live.answer import Answer, CompletionJob
-from bodysense_live.calibrating import calibration, is_over
+from bodysense_live.calibrating import calibration, is_over, worn_text
 from bodysense_live.estimation import Pipeline, PipelineState, device_of, step_many
 from bodysense_live.inertial import Inertial
 from bodysense_live.message_text import changed
@@ -38,6 +38,7 @@ from bodysense_live.messages import (
 from bodysense_live.moments import Moments
 from bodysense_live.showing import Showing
 from bodysense_live.webxr import UNDECIDED, Placement, door, raised, recentred, through
+from bodysense_live.worn_trackers import PlaceMatch
 
 NOTICED = 0.001  # m that a point of the T-pose must have moved for the skeleton to be told again
 TOLD_EVERY = 0.1  # s between two skeletons that are told
@@ -75,7 +76,8 @@ class Session:
         self._reseats = settings.posture == "seated"  # with the next headset
         self._stood: list[Observation] | None = None  # of a wearer who stands to be calibrated
         self._arms_out = False  # in which pose
-        self._worn = dict(worn)  # undecided trackers → the joints that they are on
+        self._worn = dict(worn)  # nameless trackers → the joints that they are on
+        self._match = PlaceMatch()  # of nameless trackers to joints
         self._inertial = Inertial.of(person)
         self._told_at = -math.inf  # the moment at which the skeleton was told last
         wearer = self._wearer()
@@ -172,9 +174,35 @@ class Session:
         if self._recentres or self._reseats:
             observation = self._set_up(frame, moment, observation)
         if self._stood is not None:
-            self._stood.append(observation)
+            # Trackers may be worn elsewhere than before, so nameless ones come in by their own names.
+            bare = door(self.points, self.skeleton)
+            self._stood.append(through(bare, frame, self._seen, self._placement, float(observation.time[0])))
+        elif self._base.mounts and not set(UNDECIDED).isdisjoint(observation.points):
+            observation = self._matched(frame, observation)
         self._inertial = self._inertial.headed(observation, self.skeleton)
         return CompletionJob(self._pipeline, self._as_worn(observation), self._state, frame, received, self._placement)
+
+    def wear(self, trackers: Mapping[str, str]) -> None:
+        """Take nameless trackers, by their names in the signal, to be worn on joints."""
+        if trackers.items() - self._worn.items():
+            self._worn |= trackers
+            self._door = door(self.points, self.skeleton, self._worn)
+
+    @property
+    def worn(self) -> Mapping[str, str]:
+        """The joints that nameless trackers are on, by their names in the signal."""
+        return self._worn
+
+    def _matched(self, frame: SignalFrame, observation: Observation) -> Observation:
+        """Match nameless trackers by place; return the frame with those found."""
+        wearer = self._pipeline.tracker.people[0]
+        self._match, found = self._match.step(observation, wearer, self._head_height())
+        if not found:
+            return observation
+        self.wear(found)
+        self.calibrated = self._base  # so that the person's file gets their serials
+        self._notes.append(Notice(worn_text(found)))
+        return through(self._door, frame, self._seen, self._placement, float(observation.time[0]))
 
     def _as_worn(self, observation: Observation) -> Observation:
         """The same without the rotations of what nobody knows how it is strapped on."""
@@ -351,7 +379,8 @@ class Session:
         if wearer is None:
             return
         if found.worn:
-            self._worn |= found.worn
+            before = {name: joint for name, joint in self._worn.items() if joint not in found.worn.values()}
+            self._worn = {**before, **found.worn}
             self._door = door(self.points, self.skeleton, self._worn)
         self._track(wearer)
         self.revision += 1

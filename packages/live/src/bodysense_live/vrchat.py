@@ -160,8 +160,12 @@ class VrchatReader:
         return bool(fresh) and max(fresh) == 0
 
     def commands(self, packet: bytes) -> list[Calibrate | Recentre]:
-        """What a packet asks for."""
+        """Return what a packet asks for."""
         return commands_of(packet)
+
+    def serials(self, state: VrchatState) -> Mapping[str, str]:
+        """VRChat sends no trackers."""
+        return {}
 
 
 def _pose(message: Message, now: float) -> _SeenDevice | str:

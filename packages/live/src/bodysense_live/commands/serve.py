@@ -131,6 +131,7 @@ def serve(
     from bodysense_live.vmt_link import VmtSettings
     from bodysense_live.vrchat_link import VrchatSettings
     from bodysense_live.workers import serve_in_workers
+    from bodysense_live.worn_trackers import read_trackers
 
     if save_person is not None:
         check_place(save_person)
@@ -149,6 +150,8 @@ def serve(
     parts = trackers_of(vrchat_trackers)
     origin = (*origin, ANY_ORIGIN) if bridge else origin
     access = access_of(host, token, origin, lan, certificate, key)
+    if person is not None and person == save_person and not person.exists():
+        person = None  # written after the first calibration
     wearer = person_of(person, reading.height) or Person(height=reading.height)
     settings = ServerSettings(
         access=access,
@@ -159,6 +162,7 @@ def serve(
         wearer=Settings(floor=reading.floor or 0.0, posture="seated" if seated else "standing", smoothing=smoothing),
         recentre=recentre,
         save_person=save_person,
+        trackers={} if person is None else read_trackers(person),
         shared=None if shared is None else writable_folder("--shared", shared),
         vmc_in=vmc_in,
         vmc_trackers=VmcTrackers(devices),
