@@ -60,10 +60,9 @@ def vmc_subject(packets: Sequence[Packet], name: str) -> Subject:
         if isinstance(found, str):
             malformed += 1
             continue
+        clock = _clock(found, clock)  # of all bones in the packet: senders put it before or after them
         for message in found:
             bone = _bone(message)
-            if message.address == "/VMC/Ext/T" and message.arguments and isinstance(message.arguments[0], (int, float)):
-                clock = float(message.arguments[0])
             if bone is None:
                 continue
             joint, values = bone
@@ -81,6 +80,14 @@ def vmc_subject(packets: Sequence[Packet], name: str) -> Subject:
             f"{name}: {len(packets)} packets with {len(frames)} frames of bones; send VMC's bones to it"
         )
     return _placed(frames, np.array(times), names, name, Transport(messages=messages, malformed=malformed))
+
+
+def _clock(messages: Sequence[Message], before: float | None) -> float | None:
+    """Return the sender's time (s) in a packet, or the time before if the packet has none."""
+    for message in messages:
+        if message.address == "/VMC/Ext/T" and message.arguments and isinstance(message.arguments[0], (int, float)):
+            return float(message.arguments[0])
+    return before
 
 
 def _bone(message: Message) -> tuple[str, np.ndarray] | None:
