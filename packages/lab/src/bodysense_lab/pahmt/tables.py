@@ -108,7 +108,8 @@ def arm_errors(said: np.ndarray, truth: np.ndarray, skeleton: Skeleton) -> dict[
 
     `overall_cm` (T, P) of all joints of both arms and hands, from the torso; `hands_cm` (T, P') of finger joints and
     tips, from their wrist and in its axes; `arms_deg` (T, 8) the geodesic angle of collars, upper arms, forearms and
-    hands; and the twists. Both bodies have the skeleton's lengths, so that rotations alone are compared.
+    hands, `arms_rad` (T, 8) their `component_error`; and the twists. Both bodies have the skeleton's lengths, so that
+    rotations alone are compared.
     """
     arms = arm_skeleton(skeleton)
     fingers = arms.wrist_of >= 0
@@ -123,7 +124,14 @@ def arm_errors(said: np.ndarray, truth: np.ndarray, skeleton: Skeleton) -> dict[
         "overall_cm": 100 * np.linalg.norm(overall[0] - overall[1], axis=-1),
         "hands_cm": 100 * np.linalg.norm(hands[0] - hands[1], axis=-1),
         "arms_deg": np.degrees(np.asarray(geodesic_angle(said[:, ARMS], truth[:, ARMS]))),
+        "arms_rad": component_error(said[:, ARMS], truth[:, ARMS]),
     } | twist_errors(said, truth, skeleton)
+
+
+def component_error(said: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Mean absolute difference of axis-angle components (...), radians, of rotations (..., 4): the paper's MPJRE."""
+    ours, true = (quaternion_log(np.asarray(quaternion_canonical(one))) for one in (said, truth))
+    return np.abs(np.asarray(ours) - np.asarray(true)).mean(axis=-1)
 
 
 def solved_from_positions(truth: Pose) -> np.ndarray:
@@ -270,8 +278,7 @@ def measures(said: torch.Tensor, truth: torch.Tensor, joints: tuple[int, ...]) -
         return result
     everywhere = [arm_positions(one, joints).numpy() for one in (said, wanted)]
     result["overall_m"] = np.linalg.norm(everywhere[0] - everywhere[1], axis=-1)[..., 1:]
-    ours, true = (np.asarray(quaternion_log(quaternion_canonical(one[..., ARMS, :]))) for one in (said, wanted))
-    result["arms"] = np.abs(ours - true).mean(axis=-1)
+    result["arms"] = component_error(*(one[..., ARMS, :].numpy() for one in (said, wanted)))
     result["arms_deg"] = angle[..., ARMS]
     return result | twist_errors(said.numpy(), truth.numpy(), skeleton)
 

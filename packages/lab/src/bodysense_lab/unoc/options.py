@@ -76,6 +76,8 @@ class TablesTraining(Training):
     """the paper's schedule has 5"""
     window_stride: int = 1
     """learn from every n-th window; 1 is the paper's"""
+    loss_sum: bool = False
+    """losses of bones and of occlusion as sums over joints, as the paper prints them; means if omitted"""
     batch_scale: float = 1.0
     """factor on the paper's batch sizes; with fewer windows, smaller batches keep the number of steps"""
     jobs: int = 1

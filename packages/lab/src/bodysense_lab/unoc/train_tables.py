@@ -149,7 +149,7 @@ def schedule_of(run: TablesTraining, name: str) -> BodySchedule:
             window_stride=run.window_stride,
             average_decay=0.0,
             check_every=100,
-            loss=replace(PAPER_LOSS, **VARIANTS[name].loss),
+            loss=replace(PAPER_LOSS, sums=run.loss_sum, **VARIANTS[name].loss),
         )
     )
 

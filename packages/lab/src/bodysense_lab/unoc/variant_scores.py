@@ -33,6 +33,7 @@ from bodysense.scoring import (
 )
 from bodysense_lab.datasets import Census, DataSet, census_of
 from bodysense_lab.spread import spread
+from bodysense_lab.unoc.constant_velocity import constant_velocity
 from bodysense_lab.unoc.learned import PACKAGED, track_clip
 from bodysense_lab.unoc.network import BodyNetwork, TrackedBody, read_weights, tracked_of
 from bodysense_lab.unoc.tables import Parts, Scores, identity_of, read_scores, scores_path, write_scores
@@ -128,6 +129,7 @@ def score_clip(clip: Clip, work: Work) -> dict[str, Parts]:
     shipped = {"best": "network", "tracker": "bodysense"}
     methods = {name: position.pop(key)[frames] for name, key in shipped.items() if key in position}
     methods |= {f"last_known_{frame}": values[frames] for frame, values in position.items()}
+    methods["constant_velocity"] = constant_velocity(observation, skeleton)[frames]
     methods |= positions_of(work.networks, observation, skeleton, frames)
     truth = np.asarray(forward_kinematics(clip.pose)[0])[frames]
     hidden = ~observation.has_position[frames]
@@ -223,7 +225,11 @@ def networks_in(folder: Path, names: Sequence[str]) -> dict[str, Path]:
 
 def _files(work: Work) -> dict[str, Path | None]:
     """Every method that is to be scored, and the file it depends on."""
-    result: dict[str, Path | None] = {**work.networks, **{f"last_known_{frame}": None for frame in KNOWN}}
+    result: dict[str, Path | None] = {
+        **work.networks,
+        **{f"last_known_{frame}": None for frame in KNOWN},
+        "constant_velocity": None,
+    }
     if work.shipped is not None:
         result |= dict.fromkeys(("best", "tracker"), work.shipped.model or packaged(PACKAGED))
     return result
