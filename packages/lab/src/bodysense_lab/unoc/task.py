@@ -46,7 +46,7 @@ class LossWeights:
 
 @dataclass(frozen=True)
 class Truth:
-    """What the network should have said, in its own frame."""
+    """True offsets and masks, in the network's own frame."""
 
     offset: Tensor  # (B, T, P, 3)
     visible: Tensor  # (B, T, P) bool
@@ -63,7 +63,7 @@ def body_loss(model: BodyNetwork, answer: BodyPrediction, truth: Truth, weights:
     counted[model.head] = False
     mask = truth.valid[..., None] & counted & (~is_finger | truth.fingers[:, None, None])
     count = mask.sum().clamp(min=1)
-    # Of sums over points the mean is over frames.
+    # Sums over points are averaged over frames.
     frames = truth.valid.sum().clamp(min=1) if weights.sums else count
 
     emphasis = 1 + (weights.occluded - 1) * (~truth.visible).float()
@@ -241,7 +241,7 @@ class BodySchedule:
 
 @dataclass(frozen=True, eq=False)
 class BodyTask(Task):
-    """What the body network learns: whole sequences with carried state, or windows as in the paper."""
+    """Training of the body network on whole sequences with carried state, or on windows as in the paper."""
 
     network: BodyNetwork
     schedule: BodySchedule

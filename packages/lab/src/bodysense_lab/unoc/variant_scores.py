@@ -52,7 +52,7 @@ class Shipped:
 
 @dataclass(frozen=True)
 class Work:
-    """What is scored: networks by name, at every `stride`-th frame, and the shipped predictor, if any."""
+    """Scored methods: networks by name at every `stride`-th frame, and the shipped predictor, if any."""
 
     networks: Mapping[str, Path]
     shipped: Shipped | None = None
@@ -71,7 +71,7 @@ class ClipReading:
 
 
 def read_observation(model: BodyNetwork, observation: Observation, skeleton: Skeleton) -> ClipReading:
-    """What a network reads of an observation of a wearer with `skeleton`."""
+    """Return the inputs of a network for an observation of a wearer with `skeleton`."""
     tracked = tracked_of(observation, skeleton)
     with torch.no_grad():
         features, known, into, _ = model.prepare(tracked, model.start(1))
@@ -163,7 +163,7 @@ def errors_of(position: np.ndarray, truth: np.ndarray, hidden: np.ndarray, clip:
 def score(data: DataSet, folder: Path, work: Work, jobs: int, advance: Callable[[Clip], None]) -> dict[str, Scores]:
     """Scores of every method of `score_clip` on a data set: read from `folder` where they are kept, else counted.
 
-    `advance` is told of every clip that is done.
+    `advance` is called after every clip.
     """
     files = _files(work)
     settings = {name: repr(work.shipped) for name in ("best", "tracker") if work.shipped is not None}
