@@ -16,7 +16,7 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.completion.model import CompletionModel
-from bodysense.completion.two_way import TwoWayTracker, concatenated, found_person
+from bodysense.completion.two_way import completed_both_ways, concatenated
 from bodysense.devices.gloves.device import check_calibrated, glove_device, gloved_sides, has_gloves
 from bodysense.errors import BodysenseError
 from bodysense.filling import Holed, filled, observed, on_feet, pose_of, with_parts
@@ -273,20 +273,7 @@ def _completed(
 ) -> tuple[Estimate, Person]:
     """The body with past and future, and the person as believed after all frames."""
     points = concatenated_frames(list(_body_points(observation, person)))
-    frames, done = len(observation), 0
-    infers = settings.infer and bool(person.bone_deviation.any() or person.mounts)
-    passes = 3 if infers else 2
-
-    def advance_by(more: int) -> None:
-        nonlocal done
-        done += more
-        advance(min(frames, done // passes), frames)
-
-    if infers:
-        person = found_person(points, person, network, settings, advance_by)
-    tracker = TwoWayTracker(person, network, settings)
-    estimate = tracker.complete(points, interval, lambda more: advance_by(2 * more))
-    return estimate, person
+    return completed_both_ways(points, person, network, settings, interval, advance)
 
 
 def _body_points(observation: Observation, person: Person) -> Iterator[Observation]:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from bodysense.body.skeleton import Skeleton
     from bodysense.completion.two_way import TwoWayTracker
     from bodysense.devices.video.device import VideoDevice
+    from bodysense.devices.video.person import PersonSettings
     from bodysense.devices.video.watching import Seen, Watched
     from bodysense.io.bvh_stream import BvhStream
     from bodysense.observation import Observation
@@ -76,7 +77,6 @@ def track_video(
     from bodysense.completion.two_way import TwoWayTracker
     from bodysense.devices.video.landmarker_files import find_landmarkers
     from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
-    from bodysense.devices.video.person import PersonSettings
     from bodysense.devices.video.pictures import VideoBrokenError, open_video
     from bodysense.devices.video.watching import Seen, watch
     from bodysense.io.motion_files import motion_stream
@@ -84,7 +84,7 @@ def track_video(
     from bodysense.pictures.overlay import Overlay
     from bodysense.tracker import Tracker
 
-    _check(options)
+    people = _checked(options)
     person = Person() if wearer is None else wearer
     look_ahead = _look_ahead(source, options)
     maker = _maker(person.skeleton, options, model, look_ahead)
@@ -105,7 +105,7 @@ def track_video(
         progress = stack.enter_context(Progress(SpinnerColumn(), *Progress.get_default_columns()))
         bar = progress.add_task(f"tracking {video.name}, look-ahead {look_ahead:g} s", total=_known(expected))
         try:
-            for done in watch(pictures, landmarker, maker, PersonSettings(number=options.follow)):
+            for done in watch(pictures, landmarker, maker, people):
                 begun = clock.perf_counter()
                 if len(done.frames):
                     estimate, state = tracker.step(done.frames.observation, state)
@@ -141,12 +141,15 @@ def _report(text: str, warning: str | None, overlay: Path | None) -> None:
         console.print(f"wrote {overlay}")
 
 
-def _check(options: VideoOptions) -> None:
-    """Refuse what cannot be, before anything is opened."""
+def _checked(options: VideoOptions) -> PersonSettings:
+    """Whom to follow. Refuses what cannot be, before anything is opened."""
+    from bodysense.devices.video.person import PersonSettings
+
     if options.overlay is not None:
         check_place(options.overlay)
     if options.seconds is not None and not options.seconds > 0:
         raise BodysenseError(f"--seconds {options.seconds:g}: give more than 0")
+    return PersonSettings(number=options.follow)
 
 
 def _look_ahead(source: str, options: VideoOptions) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.completion.holding import bent_to, on_floor
-from bodysense.completion.joining import led, mean_rotation
+from bodysense.completion.joining import future_share, led, mean_rotation
 from bodysense.completion.model import CompletionModel
 from bodysense.observation import Estimate, Observation
 from bodysense.tracker import Tracker, TrackerSettings, TrackerState
@@ -89,16 +89,17 @@ class TwoWayTracker:
         skeleton, measured = forward.pose.skeleton, forward.measured
         head, pelvis = skeleton.index("head"), skeleton.index("pelvis")
         past = _placed(skeleton, *led(forward.pose.rotation, forward.points[:, head], measured, seconds))
+        share = future_share(forward.confidence, backward.confidence, seconds)[:, None, None]
         turned, place = led(backward.pose.rotation[::-1], backward.points[::-1, head], measured[::-1], seconds)
         future = _placed(skeleton, turned[::-1], place[::-1])
-        between = (past[1] + future[1]) / 2
+        between = (1 - share) * past[1] + share * future[1]
         points = np.where(measured[..., None], (forward.points + backward.points) / 2, between)
-        rotation = mean_rotation(past[0].rotation, future[0].rotation)
+        rotation = mean_rotation(past[0].rotation, future[0].rotation, share)
         pose, position = _placed(skeleton, rotation, points[:, head])
         by_pelvis = measured[:, [pelvis]] & ~measured[:, [head]]
         off = np.where(by_pelvis, points[:, pelvis] - position[:, pelvis], 0.0)
         pose = bent_to(replace(pose, root_position=pose.root_position + off), points, measured)
-        contact = (forward.contact + backward.contact) / 2
+        contact = (1 - share[..., 0]) * forward.contact + share[..., 0] * backward.contact
         if self.settings.hold_feet:
             pose = on_floor(pose, contact, measured, self.settings.floor, seconds)
         return Estimate(
@@ -110,6 +111,39 @@ class TwoWayTracker:
             contact=contact,
             rest_offset=forward.rest_offset,
         )
+
+
+def completed_both_ways(
+    observation: Observation,
+    person: Person,
+    network: CompletionModel | None,
+    settings: TrackerSettings,
+    seconds: float,
+    advance: Callable[[int, int], None] = lambda done, frames: None,
+) -> tuple[Estimate, Person]:
+    """A recording (T, P) completed with past and future, and the person as believed after all of it.
+
+    Args:
+        observation: points of the body, without gloves.
+        person: what is known of the wearer.
+        network: a completion network; the packaged one if omitted.
+        settings: the floor, whether feet are held, whether proportions are inferred.
+        seconds: between frames.
+        advance: is told how many frames are done, of how many.
+    """
+    frames, done = len(observation), 0
+    infers = settings.infer and bool(person.bone_deviation.any() or person.mounts)
+    passes = 3 if infers else 2
+
+    def advance_by(more: int) -> None:
+        nonlocal done
+        done += more
+        advance(done // passes, frames)
+
+    if infers:
+        person = found_person(observation, person, network, settings, advance_by)
+    tracker = TwoWayTracker(person, network, settings)
+    return tracker.complete(observation, seconds, lambda more: advance_by(2 * more)), person
 
 
 def found_person(

@@ -74,7 +74,7 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
     from bodysense_lab.completion.reliability import draw_reliability
     from bodysense_lab.completion.scoring import evaluate_completion, work_of
     from bodysense_lab.completion.tables import CompletionSettings, completion_reports
-    from bodysense_lab.completion.tracking import TrackedBy, step_times
+    from bodysense_lab.completion.tracking import TakenBy, TrackedBy, step_times
     from bodysense_lab.completion.worst import draw_worst
     from bodysense_lab.datasets import Census, census_of, named_data, open_clips
     from bodysense_lab.spread import spread
@@ -84,7 +84,7 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
         check_place(path)
     track = TrackedBy(run.model)
     chosen, census = named_data(run.data, run.split), Census()
-    settings = CompletionSettings(run.split, run.sets, run.bodies, 200 if run.lattice else 0)
+    settings = CompletionSettings(run.split, run.sets, run.bodies, 200 if run.lattice else 0, run.takes)
     network = "packaged" if run.model is None else str(run.model.resolve())
     kept = None if run.keep is None else KeptClips.open(run.keep, settings, network)
     count = min(chosen.count(), run.limit or chosen.count())
@@ -109,6 +109,7 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
             clips,
             settings,
             track=track,
+            takes=TakenBy(run.model) if run.takes else None,
             times=partial(step_times, network=track.network),
             spread=partial(spread, jobs=run.jobs, scheduler=run.scheduler),
             mean_body=mean_body,
