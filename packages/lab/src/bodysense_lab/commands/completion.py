@@ -189,7 +189,7 @@ def untracked_fingers(run: Flat[UntrackedFingerEvaluation]) -> None:
 
 
 def holes(run: Flat[HoleEvaluation]) -> None:
-    """Score filled holes beside interpolation: an arm, a leg, a hand missing for 1 to 3 seconds."""
+    """Score filled holes of 0.1 to 10 s, of limbs, upper body or fingers, against slerp, splines and live tracking."""
     from bodysense_lab.holes import report_of, score_holes
 
     source = open_data(run.data, run.table)
