@@ -1,4 +1,4 @@
-"""Write the tables of docs/gloves.md, and README's sentence, from the numbers that the commands wrote.
+"""Write the tables of docs/gloves.md and docs/papers/two-hands.md, and README's sentence, from numbers of commands.
 
     bodysense evaluate gloves-table3 --data DIR --left-out NETWORKS --json FIGURES/gloves-table3.json
     bodysense evaluate gloves-table4 --data DIR --left-out NETWORKS --json FIGURES/gloves-table4.json
@@ -31,6 +31,7 @@ from bodysense_lab.two_hands.trials import DURATIONS, HIDDEN
 
 ROOT = Path(__file__).parents[1]
 PAGE, README = ROOT / "docs" / "gloves.md", ROOT / "README.md"
+PAPER = ROOT / "docs" / "papers" / "two-hands.md"
 METHODS = {"lk": "last known", "ls": "last shape of the hand", "ma": "moving average", "ac": "affine", "nn": "network"}
 PLACES = {"": "recorded", "_synthesised": "synthesised"}
 Numbers = dict[str, float]
@@ -38,7 +39,7 @@ Numbers = dict[str, float]
 
 def main(folder: Path) -> None:
     """Replace the text between every pair of markers whose figures are in `folder`."""
-    text = PAGE.read_text(encoding="utf-8")
+    pages = {path: path.read_text(encoding="utf-8") for path in (PAGE, PAPER)}
     read = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("gloves-*.json")}
     tables: dict[str, Callable[[Numbers], str]] = {
         "gloves-table3": markers,
@@ -50,13 +51,15 @@ def main(folder: Path) -> None:
     }
     for name, table in tables.items():
         if name in read:
-            text = put(text, name, table(read[name]))
+            page = next(path for path, text in pages.items() if f"<!-- begin {name} -->" in text)
+            pages[page] = put(pages[page], name, table(read[name]))
     if {"gloves-table3", "gloves-table4", "gloves-speed"} <= set(read):
-        text = put(text, "gloves", summary(read))
+        pages[PAGE] = put(pages[PAGE], "gloves", summary(read))
     if {"gloves-table3", "gloves-table4"} <= set(read):
         front = put(README.read_text(encoding="utf-8"), "gloves", sentence(read))
         README.write_text(front, encoding="utf-8")
-    PAGE.write_text(text, encoding="utf-8")
+    for path, text in pages.items():
+        path.write_text(text, encoding="utf-8")
 
 
 def sentence(read: dict[str, Numbers]) -> str:

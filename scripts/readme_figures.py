@@ -30,7 +30,8 @@ from bodysense.cli.show import processor
 from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
 from bodysense_lab.hmd_vae.tables import PUBLISHED as THREE_POINT
 from bodysense_lab.unoc.occlusion import PUBLISHED
-from bodysense_lab.unoc.tables import KEYS
+from bodysense_lab.unoc.smoothness import PUBLISHED as STRONG
+from bodysense_lab.unoc.tables import KEYS, TABLE_3, TABLE_4, NetworkTable
 from bodysense_lab.unoc.variants import TABLES, VARIANTS
 
 ROOT = Path(__file__).parents[1]
@@ -39,7 +40,8 @@ COMPLETION = ROOT / "docs" / "completion.md"
 DEMO = ROOT / "docs" / "figures" / "demo.webp"
 CARD = ROOT / "src" / "bodysense" / "weights" / "completion.md"
 BODIES = ("own", "stranger", "height", "nothing")
-EVALUATION, VAE = ROOT / "docs" / "evaluation.md", ROOT / "docs" / "hmd-vae.md"
+EVALUATION, PAPERS = ROOT / "docs" / "evaluation.md", ROOT / "docs" / "papers"
+UNOC, VAE = PAPERS / "unoc.md", PAPERS / "hmd-vae.md"
 GROUPS = {"": "main", "_sport": "sport", "_dance": "dance", "_other": "other"}
 CATEGORIES = ("talk_gesture", "sit", "everyday", "locomotion", "all")
 CAMERAS = {
@@ -74,6 +76,8 @@ def main(folder: Path) -> None:
         tables = put(tables, "sight", sight(read["completion"]))
     if {"step", "ik", "occlusion", "bvh", "import"} <= set(read):
         tables = put(tables, "speed", speed(read))
+    EVALUATION.write_text(tables, encoding="utf-8")
+    tables = UNOC.read_text(encoding="utf-8")
     if "headset" in read:
         tables = put(tables, "headset", headset(read["headset"]))
     if "unoc-table2" in read:
@@ -82,17 +86,17 @@ def main(folder: Path) -> None:
         tables = put(tables, "applications", applications(read["unoc-table6"], read["finger-synthesis"]))
     if "unoc-table3" in read:
         places = {"body, hidden": "body_occluded", "body, all": "body_all", "fingers, hidden": "finger_occluded"}
-        tables = put(tables, "table3", ablations(read["unoc-table3"], TABLES["3"], places))
+        tables = put(tables, "table3", ablations(read["unoc-table3"], TABLES["3"], places, TABLE_3))
     if "unoc-table5" in read:
         tables = put(tables, "table5", crossed(read["unoc-table5"]))
     if "unoc-smoothness" in read:
         tables = put(tables, "smoothness", smoothness(read["unoc-smoothness"]))
     if "unoc-table4" in read:
         bones = {"body, hidden": "body_occluded", "bones, body": "parent_body", "bone lengths, body": "bone_body"}
-        tables = put(tables, "table4", ablations(read["unoc-table4"], TABLES["4"], bones))
+        tables = put(tables, "table4", ablations(read["unoc-table4"], TABLES["4"], bones, TABLE_4))
     if {"transitions", "reliability", "training"} <= set(read):
         tables = put(tables, "beyond", beyond(read["transitions"], read["reliability"], read["training"]))
-    EVALUATION.write_text(tables, encoding="utf-8")
+    UNOC.write_text(tables, encoding="utf-8")
     if "hmd-vae" in read:
         VAE.write_text(put(VAE.read_text(encoding="utf-8"), "hmd-vae", vaes(read["hmd-vae"])), encoding="utf-8")
     rates = OCCLUSION.read_text(encoding="utf-8")
@@ -346,16 +350,30 @@ def applications(upper: dict[str, float], fingers: dict[str, float]) -> str:
     return f"{first}\n\n{second}\n\nRMSJPE / MPJPE, cm. The paper's fingers: 1.5 / 0.8 on its own data."
 
 
-def ablations(numbers: dict[str, float], names: Sequence[str], parts: dict[str, str]) -> str:
-    """UNOC's Tables 3 and 4: RMSJPE in cm of other forms of the network, and how much more that is than the GRU's."""
+def ablations(numbers: dict[str, float], names: Sequence[str], parts: dict[str, str], paper: NetworkTable) -> str:
+    """UNOC's Tables 3 and 4: RMSJPE in cm of other forms of the network, the change from the GRU, published figures."""
     rows = []
     for name in names:
         cells = []
         for key in parts.values():
             ours, gru = numbers[f"{name}_{key}_rmsjpe_cm"], numbers[f"gru_{key}_rmsjpe_cm"]
             cells.append(f"{ours:.2f}" + ("" if name == "gru" else f" ({100 * (ours / gru - 1):+.0f} %)"))
+            cells += published_cells(paper, name, key)
         rows.append([VARIANTS[name].title, *cells])
-    return markdown(["network", *parts], rows)
+    heads = [
+        head for part, key in parts.items() for head in (part, *["published"] * len(published_cells(paper, "gru", key)))
+    ]
+    return markdown(["network", *heads], rows)
+
+
+def published_cells(paper: NetworkTable, name: str, key: str) -> list[str]:
+    """The published RMSJPE of a cell in a list; empty where the paper has no such cell."""
+    places = {
+        **{f"{KEYS[part]}_{share}": (part, share) for part, share in paper.places},
+        "parent_body": ("parent_body", "all"),
+    }
+    figures = paper.published[name].get(places.get(key, ("", "")))
+    return [] if figures is None else [f"{figures[0]:.2f}"]
 
 
 def crossed(numbers: dict[str, float]) -> str:
@@ -380,12 +398,19 @@ def smoothness(numbers: dict[str, float]) -> str:
     labels = {"gru": "GRU, mask predicted", "mask_given": "GRU, mask given", "best": "packaged"}
     after = {"gru": "gru_tracker", "mask_given": "mask_given_tracker", "best": "tracker"}
     rows = [
-        [label, *(f"{numbers[f'{who}_strong_acceleration_percent']:.1f} %" for who in (name, after[name]))]
+        [
+            label,
+            *(f"{numbers[f'{who}_strong_acceleration_percent']:.1f} %" for who in (name, after[name])),
+            f"{STRONG[name]:.1f} %" if name in STRONG else "–",
+        ]
         for name, label in labels.items()
     ]
-    rows.append(["truth", f"{numbers['truth_strong_acceleration_percent']:.1f} %", ""])
+    rows.append(["truth", f"{numbers['truth_strong_acceleration_percent']:.1f} %", "", f"{STRONG['truth']:.1f} %"])
     amount = f"{numbers['clips']:.0f} clips, {numbers['minutes']:.1f} min"
-    return markdown(["stronger than 9 m/s²", "network", "after the tracker"], rows) + f"\n\nOf {amount}."
+    return (
+        markdown(["stronger than 9 m/s²", "network", "after the tracker", "published, network"], rows)
+        + f"\n\nOf {amount}."
+    )
 
 
 def beyond(jerk: dict[str, float], trust: dict[str, float], training: dict[str, float]) -> str:

@@ -90,7 +90,7 @@ bs_result check_person(const bs_person *person) {
         double square = 0.0;
         if (!mount->worn) continue;
         for (int c = 0; c < 3; ++c)
-            if (!isfinite(mount->translation[c])) return BS_PERSON_IMPOSSIBLE;
+            if (!(fabs(mount->translation[c]) < TALLEST)) return BS_PERSON_IMPOSSIBLE;
         for (int c = 0; c < 4; ++c) square += mount->rotation[c] * mount->rotation[c];
         if (!(fabs(square - 1.0) < 0.02)) return BS_PERSON_IMPOSSIBLE;
     }
@@ -198,10 +198,10 @@ static enum stance infer_height(proportions *own, double head, double total, dou
 
 /* Add a length; one of the right side is averaged with the left one's, for bodies are symmetric. */
 static void add_length(measurements *known, bs_length length) {
-    bs_length *last = &known->length[known->lengths - 1];
+    bs_length *last = known->lengths > 0 ? &known->length[known->lengths - 1] : NULL;
     bool right = PARTNER[length.start] < length.start;
     if (right) length = (bs_length){PARTNER[length.start], PARTNER[length.end], length.value, length.deviation};
-    if (right && known->lengths > 0 && last->start == length.start && last->end == length.end) {
+    if (right && last && last->start == length.start && last->end == length.end) {
         last->value = (last->value + length.value) / 2;
         last->deviation = (last->deviation + length.deviation) / 2;
     } else {

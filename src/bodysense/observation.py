@@ -8,7 +8,7 @@ from math import isfinite, isnan
 
 import numpy as np
 
-from bodysense.body.glove import glove_marker
+from bodysense.body.hand import glove_marker
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
@@ -283,6 +283,17 @@ def _usual_accuracy(name: str) -> float:
     if name in _HEADSET_POINTS:
         return HEADSET_ACCURACY
     return OPTICAL_ACCURACY if glove_marker(name) else TRACKER_ACCURACY
+
+
+def concatenated_frames(parts: Sequence[Observation]) -> Observation:
+    """Consecutive observations (T, P) of the same points as one."""
+
+    def whole(name: str) -> np.ndarray:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    names = ("position", "rotation", "has_position", "has_rotation", "accuracy", "time")
+    acceleration = None if parts[0].acceleration is None else whole("acceleration")
+    return replace(parts[0], **{name: whole(name) for name in names}, acceleration=acceleration)
 
 
 def without_gloves(observation: Observation) -> Observation:

@@ -128,6 +128,7 @@ def resumed(address: str, resume: Resume | None) -> dict[str, Any] | None:
         return None
 
 
+@pytest.mark.alone
 @pytest.mark.slow
 def test_a_killed_worker_is_replaced_and_its_wearers_resume() -> None:
     command = [sys.executable, "-m", "bodysense", "serve", "--port", "0", "--workers", "2"]

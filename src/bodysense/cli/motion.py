@@ -81,6 +81,7 @@ def track(  # noqa: PLR0915
     person: Path | None = None,
     save_person: Path | None = None,
     hold_feet: bool = True,
+    causal: bool = False,
     noise: bool = False,
     model: Path | None = None,
     fingers: Literal["tracked", "synthesize"] = "tracked",
@@ -111,6 +112,7 @@ def track(  # noqa: PLR0915
         person: wearer's file, written by --save-person.
         save_person: JSON file for the wearer, as believed at the end.
         hold_feet: hold feet that stand, and keep them over the floor.
+        causal: complete each frame from the frames before it alone, as live tracking does; else with past and future.
         noise: errors of a simulated device as real ones have them.
         model: completion network of your own; the packaged one if omitted. With --samples, a video, or fingers of a
             motion: the network of that.
@@ -144,7 +146,7 @@ def track(  # noqa: PLR0915
         if missing is not None or noise or save_person is not None:
             raise BodysenseError(f"{file}: --missing, --noise and --save-person are not for videos")
         settings = TrackerSettings(hold_feet=hold_feet)
-        track_video(opened.name, out, video, model, wearer, rig, settings)
+        track_video(opened.name, out, video, model, wearer, rig, settings, causal)
         return
     if video != NO_VIDEO:
         raise BodysenseError(f"{file}: not a video; --overlay, --people and their like are for videos")
@@ -189,6 +191,7 @@ def track(  # noqa: PLR0915
             noise=seeded,
             settings=settings,
             network=network,
+            causal=causal,
             advance=lambda done, frames: progress.update(bar, completed=done, total=frames),
         )
     rate = len(take.time) / (time.perf_counter() - begun)

@@ -1,8 +1,9 @@
-"""The step as a graph: what it reads of observations, and the last ONNX file, to time the core against."""
+"""The step as an ONNX graph of an earlier version: what it reads of observations, to time the core against."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -10,18 +11,22 @@ from bodysense.body.person import Person
 from bodysense.body.skeleton import default_skeleton
 from bodysense.completion.network import Network, NetworkFormat
 from bodysense.observation import STRAPPED, Observation
-from bodysense_lab.weights import packaged
 
 POINTS, JOINTS = len(default_skeleton().points), len(default_skeleton().joints)
 _FIRST, _LONGEST = 1 / 30, 0.1  # s, the interval that a first frame counts as, and the longest one
 _ABSENT = 0.001  # m, accuracy of points that are not tracked: any positive number
 
-_GRAPH = NetworkFormat(name="bodysense-completion-1", kind="completion graph", command="bodysense train completion")
+FORMAT = "bodysense-completion-1"
+GRAPH = NetworkFormat(
+    name=FORMAT,
+    kind="completion graph",
+    command="git show 1d879b8:src/bodysense/weights/completion.onnx > completion.onnx",
+)
 
 
-def open_graph() -> Network:
-    """Open the last graph that was made of the step."""
-    return Network.open(packaged("completion.onnx"), _GRAPH)
+def open_graph(path: Path) -> Network:
+    """Open the graph of a file. Raises BodysenseError for any other file."""
+    return Network.open(path, GRAPH)
 
 
 def graph_inputs(observation: Observation, people: Sequence[Person]) -> Iterator[dict[str, np.ndarray]]:

@@ -1,4 +1,4 @@
-"""What the trainings and tables of UNOC are asked; read by the command line, so without PyTorch."""
+"""Options of UNOC's trainings and tables; read by the command line, so without PyTorch."""
 
 from __future__ import annotations
 
@@ -76,6 +76,8 @@ class TablesTraining(Training):
     """the paper's schedule has 5"""
     window_stride: int = 1
     """learn from every n-th window; 1 is the paper's"""
+    loss_sum: bool = False
+    """losses of bones and of occlusion as sums over joints, as the paper prints them; means if omitted"""
     batch_scale: float = 1.0
     """factor on the paper's batch sizes; with fewer windows, smaller batches keep the number of steps"""
     jobs: int = 1
@@ -95,7 +97,7 @@ class TablesTraining(Training):
 
 @dataclass(frozen=True, kw_only=True)
 class PointTraining(Training):
-    """What the networks that place some points from others are asked."""
+    """Options of networks that place some points from others."""
 
     form: Literal["shipped", "paper"] = "shipped"
     """'shipped' carries its state and knows more of the wearer; 'paper' sees windows of 27 frames"""
@@ -156,7 +158,7 @@ class OcclusionEvaluation:
 
 @dataclass(frozen=True, kw_only=True)
 class StridedEvaluation:
-    """A table of which frames may be left out."""
+    """A table that may skip frames."""
 
     stride: int = 1
     """score every n-th frame"""
@@ -171,7 +173,7 @@ class PredictorEvaluation(StridedEvaluation, MotionEvaluation):
     """UNOC, Table 2: predictors of hidden joints."""
 
     networks: Path | None = None
-    """folder that `bodysense train unoc-tables` wrote; the predictor beside the last known position if omitted"""
+    """folder that `bodysense train unoc-tables` wrote; if omitted, only the predictor and the baselines are scored"""
     model: Path | None = None
     """predictor of your own, written by `bodysense train body-gru`; the packaged one if omitted"""
 
@@ -220,7 +222,7 @@ class SmoothnessEvaluation(MotionEvaluation):
 
 @dataclass(frozen=True, kw_only=True)
 class ReliabilityEvaluation(MotionEvaluation):
-    """Expected errors beside true ones."""
+    """Expected and true errors."""
 
     model: Path | None = None
     """predictor of your own, written by `bodysense train body-gru`; the packaged one if omitted"""
