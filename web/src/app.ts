@@ -50,7 +50,7 @@ export class App {
   private readonly body: DefaultBody;
   private readonly about: About;
   private readonly welcome = element("lead").textContent;
-  private readonly first = new FirstPicture(() => this.goOn());
+  private readonly first = new FirstPicture(() => this.attempt(() => this.wearOwn()));
   private shownAt = 0; // ms
   private toldAt = 0; // ms
   private readonly playback = new Playback();
@@ -130,6 +130,7 @@ export class App {
     this.bind();
     this.repaint();
     onSystemChange(() => this.repaint());
+    engine.open(); // in a worker, while the first picture is drawn
     engine.opened.catch((error: unknown) => this.fault(error));
     this.attempt(async () => {
       await (about.server ? this.watchServer() : this.perform());
@@ -247,7 +248,6 @@ export class App {
     this.sensors.offer(source.sensors, source instanceof ClipSource);
     button("door-performance").hidden = source instanceof ClipSource && source.clip === this.performance;
     this.view.reset();
-    if (!(source instanceof ClipSource)) this.engine.open();
   }
 
   private simulate(sensors: SensorSet): void {
@@ -361,7 +361,9 @@ export class App {
     this.change({ figure: next === null ? "figure" : "avatar" });
   }
 
+  /** Wear the page's own avatar; not before bodies are completed, which it would hold up. */
   private async wearOwn(): Promise<void> {
+    await Promise.allSettled([this.engine.opened]);
     const { Avatar, readGlb } = await import("./view/avatar"); // three-vrm is fetched when it is wanted
     const avatar = Avatar.of(await readGlb(await unpacked(this.base, OWN_AVATAR), OWN_AVATAR), OWN_AVATAR);
     if (!avatar) return;
@@ -406,12 +408,6 @@ export class App {
   /** Whatever goes wrong is said in one line. */
   private attempt(what: () => Promise<void>): void {
     void what().catch((error: unknown) => this.fault(error));
-  }
-
-  /** What would hold up the first picture. */
-  private goOn(): void {
-    this.engine.open();
-    this.attempt(() => this.wearOwn());
   }
 
   private draw(milliseconds: number, frame: XRFrame | undefined): void {

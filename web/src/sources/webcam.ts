@@ -6,12 +6,12 @@ import { withOffsets, type Skeleton } from "../body/skeleton";
 import type { FromCamera, ToCamera } from "../engine/camera_worker";
 import type { Live } from "../live";
 import { CameraPicture, type Marks } from "../ui/camera_picture";
+import { Presence } from "./presence";
 import type { Source } from "./source";
 
 const FIELD_OF_VIEW = 60; // degrees over the longer side of the picture, as webcams usually have it
 const CALM = 0.05; // s: half-life of the smoothing of landmarks
 const LONELY = 4; // s without a person after which the page says so
-const LOST = { pictures: 3, seconds: 1.5 } as const; // without a person, after which they are looked for anew
 const LOADING = "Loading what finds people: 23 MB, once …";
 const NOBODY = "Looking for you …";
 const REFUSALS: Readonly<Record<string, string>> = {
@@ -60,8 +60,7 @@ class Webcam implements Source {
   private readonly points: LandmarkPoints;
   private calm: Landmarks | null = null;
   private marks: Marks = [];
-  private isSeen = false;
-  private missed = 0; // pictures without a person since the last one with
+  private readonly presence = new Presence();
   private isOpen = false;
   private isLooking = false;
   private shown = -1; // s, of the video: the picture that was looked at last
@@ -90,7 +89,7 @@ class Webcam implements Source {
   }
 
   get title(): string {
-    if (this.isSeen) return "You, by webcam";
+    if (this.presence.isThere) return "You, by webcam";
     return `You, by webcam: ${this.isOpen ? "looking for you" : "loading"}`;
   }
 
@@ -140,20 +139,14 @@ class Webcam implements Source {
     this.calm = found && this.calm ? smoothed(this.calm, found, 1 - 2 ** (-passed / CALM)) : found;
     const body = withOffsets(this.skeleton, this.live.newest?.restOffset ?? this.skeleton.restOffset);
     const points = this.calm && this.points.read(this.calm, body, passed);
+    if (!this.presence.look(points !== null, milliseconds)) this.small.say(NOBODY);
     if (!points) {
-      this.missed += 1;
-      if (this.missed >= LOST.pictures && milliseconds - this.before > 1000 * LOST.seconds) {
-        this.isSeen = false;
-        this.small.say(NOBODY);
-      }
       if (milliseconds - this.lonely > 1000 * LONELY && !this.hasSaid) {
         this.hasSaid = true;
         this.say("Nobody is seen yet: step back until the picture holds you from head to hips, better to the feet.");
       }
       return;
     }
-    this.isSeen = true;
-    this.missed = 0;
     this.small.say(seenOf(points.map(({ name }) => name)));
     this.before = this.lonely = milliseconds;
     this.hasSaid = false;

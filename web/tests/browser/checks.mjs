@@ -9,7 +9,8 @@ const site = await serveFolder(folder);
 
 await scenario({ viewport: { width: 320, height: 700 }, colorScheme: "light" }, async (page) => {
   const elsewhere = [];
-  page.on("request", (request) => request.url().startsWith(site.address) || elsewhere.push(request.url()));
+  const isOwn = (url) => url.startsWith(site.address) || url.startsWith(`blob:${site.address}`); // a blob is unpacked here
+  page.on("request", (request) => isOwn(request.url()) || elsewhere.push(request.url()));
   await page.addInitScript(() => {
     window.shift = 0;
     const sum = (list) => list.getEntries().forEach(({ value, hadRecentInput }) => !hadRecentInput && (shift += value));
@@ -55,7 +56,8 @@ await scenario({ viewport: { width: 320, height: 700 }, colorScheme: "light" }, 
   facts.axe = {};
   for (const colorScheme of ["light", "dark"]) {
     await page.emulateMedia({ colorScheme });
-    await page.waitForFunction(() => document.getAnimations().length === 0, null, { polling: 100 }); // colours have changed
+    const isPainted = (look) => document.documentElement.dataset.look === look && document.getAnimations().length === 0;
+    await page.waitForFunction(isPainted, colorScheme, { polling: 100 });
     facts.axe[colorScheme] = await page.evaluate(async () => {
       const { violations } = await axe.run();
       return violations.map(({ id, impact, nodes }) => `${id} (${impact}): ${nodes[0].html}`);
@@ -75,8 +77,8 @@ await scenario({ viewport: { width: 320, height: 700 }, colorScheme: "light" }, 
   await page.waitForFunction(() => navigator.serviceWorker.controller !== null, null, { polling: 100 });
   facts.fetchedAgain = [];
   page.on("response", (response) => {
-    const name = new URL(response.url()).pathname;
-    if (!response.fromServiceWorker()) facts.fetchedAgain.push(name);
+    const { protocol, pathname } = new URL(response.url());
+    if (!response.fromServiceWorker() && protocol !== "blob:") facts.fetchedAgain.push(pathname);
   });
   await page.reload();
   await completed();
