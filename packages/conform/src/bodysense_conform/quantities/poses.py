@@ -43,7 +43,7 @@ def thigh(subject: Subject, sides: tuple[str, ...]) -> Series:
 
 def both_raised(subject: Subject) -> Series:
     """Whether both thighs are raised by 25°."""
-    return series((thigh(subject, SIDES).values > 25).all(axis=1))
+    return series(thigh(subject, SIDES).values.min(axis=1) > 25)
 
 
 def lift_interval(subject: Subject) -> Series:
@@ -108,10 +108,12 @@ def place(subject: Subject, names: tuple[str, ...]) -> Series:
     """Place of joints on the floor, cm, a column each way."""
     if not subject.has(*names):
         raise NotEnough(f"no {' or '.join(names)}")
-    return stacked({f"{name} {way}": 100 * subject.at(name)[:, k] for name in names for way, k in (("x", 0), ("z", 2))}, "")
+    return stacked(
+        {f"{name} {way}": 100 * subject.at(name)[:, k] for name in names for way, k in (("x", 0), ("z", 2))}, ""
+    )
 
 
 def _check(subject: Subject, *parts: str) -> None:
     """Raise NotEnough if the trunk or these parts of either side are missing."""
     if not subject.has("head", "pelvis", *(f"{side}_{part}" for side in SIDES for part in parts)):
-        raise NotEnough(f"no head, no pelvis or no {', '.join(parts)}".rstrip(" or no"))
+        raise NotEnough(f"some of head, pelvis{''.join(f', {part}' for part in parts)} do not come")

@@ -70,7 +70,9 @@ def asymmetry(subject: Subject) -> Series:
 def distance(subject: Subject) -> Series:
     """Difference of each length from the likeliest human body's, cm at the default size."""
     size = _USUAL / subject.height
-    lengths = {(a, b): size * float(np.nanmedian(subject.length(a, b))) for a, b in (*CORE, *_ACROSS) if subject.has(a, b)}
+    lengths = {
+        (a, b): size * float(np.nanmedian(subject.length(a, b))) for a, b in (*CORE, *_ACROSS) if subject.has(a, b)
+    }
     if len(lengths) < 6 or not np.isfinite(list(lengths.values())).all():
         raise NotEnough("fewer than six bones")
     body = shape_space().likeliest({pair: Measured(max(v, 1e-3), _TRUSTED) for pair, v in lengths.items()}).skeleton

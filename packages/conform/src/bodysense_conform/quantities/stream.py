@@ -168,7 +168,7 @@ def present(subject: Subject) -> Series:
 
 def validity(subject: Subject) -> Series:
     """Whether a needed joint is valid, in frames with any point."""
-    here = subject.valid.any(axis=1)
+    here = np.asarray(subject.valid.any(axis=1))
     columns = subject.columns([name for name in NEEDED if name in subject.points])
     return Series(np.where(here[:, None], subject.valid[:, columns], np.nan), tuple(subject.points[k] for k in columns))
 
@@ -202,7 +202,9 @@ def stuck_joint(subject: Subject) -> Series:
     for parent, child in subject.bones:
         if child not in FOOT_POINTS and not child.endswith("_knee") and not is_finger(child):
             still = (np.diff(subject.at(child), axis=0, prepend=np.nan) == 0).all(axis=-1)
-            columns[child] = still & (np.linalg.norm(np.diff(subject.at(parent), axis=0, prepend=np.nan), axis=-1) > 1e-3)
+            columns[child] = still & (
+                np.linalg.norm(np.diff(subject.at(parent), axis=0, prepend=np.nan), axis=-1) > 1e-3
+            )
     return stacked(columns, "no bones")
 
 

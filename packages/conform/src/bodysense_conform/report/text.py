@@ -15,7 +15,7 @@ import numpy as np
 from bodysense import __version__
 from bodysense.files import written_beside
 from bodysense_conform.evaluate import OUTCOMES, Finding, Verdict
-from bodysense_conform.table import Table, table
+from bodysense_conform.table import CheckTable, table
 
 FORMAT = "bodysense conform 2"
 
@@ -50,7 +50,7 @@ def shortened(ids: Sequence[str]) -> list[str]:
     return found
 
 
-def versions(checks: Table) -> dict[str, str]:
+def versions(checks: CheckTable) -> dict[str, str]:
     """Return versions of the package, of the table of checks and of what it ran on."""
     return {
         "bodysense": __version__,
