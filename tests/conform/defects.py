@@ -259,7 +259,7 @@ def _rotated(subject: Subject, change: Callable[[np.ndarray], np.ndarray]) -> Su
 
 
 def _timed(subject: Subject, time: np.ndarray) -> Subject:
-    """The same frames at other times; all clocks follow."""
+    """Return the frames at other times; all clocks follow."""
     clocks = replace(subject.transport, log_time=time + 0.02, available=time + 0.02, device_time=time + 7)
     return replace(subject, time=time, steps=(), transport=clocks)
 
@@ -310,12 +310,6 @@ OTHERS: dict[str, Callable[[Performance], Subject]] = {
         p.subject, position=p.subject.position * (np.arange(len(p.subject.points)) % 9 > 0)[:, None]
     ),
     "data.unit_quaternions": lambda p: _rotated(p.subject, lambda turn: 1.01 * turn),
-    "data.stuck": lambda p: moved(
-        p.subject,
-        ["left_wrist"],
-        np.nan_to_num(p.subject.at("left_wrist")[1210] - p.subject.at("left_wrist"))
-        * (np.abs(p.subject.time - 60.5) < 1)[:, None],
-    ),
     "size.height": lambda p: replace(p.subject, position=100 * p.subject.position),
     "axes.up": lambda p: replace(
         p.subject,

@@ -129,11 +129,10 @@ def _windows(window: str, subject: Subject) -> list[np.ndarray]:
 
 def _excess(check: Check, value: float) -> float:
     """How far a value is beyond the limits; the value itself if it has no limits."""
-    beyond = [
-        *([value - check.most] if check.most is not None else []),
-        *([check.least - value] if check.least is not None else []),
-    ]
-    return max(beyond, default=value)
+    if check.least is None and check.most is None:
+        return value
+    low, high = (-np.inf if check.least is None else check.least), (np.inf if check.most is None else check.most)
+    return max(low - value, value - high)
 
 
 def reduced(statistic: str, values: np.ndarray, second: int, interval: float) -> float:
@@ -143,10 +142,15 @@ def reduced(statistic: str, values: np.ndarray, second: int, interval: float) ->
         statistic: 'max', 'min', 'mean', 'median', 'sum', percentiles as 'p25', 'share' (of true values, %), 'longest'
             (run of true values, s), 'per minute', 'spread' (p5 to p95), 'variation' (coefficient of, %), 'scatter'
             (mean departure from the median, % of it), 'change' (greatest difference of the medians of two seconds).
+            With '> 1' or '< 1' at its end it is of whether the values are so.
         values: the quantity in the window.
         second: frames of a second.
         interval: s between frames.
     """
+    if statistic.split()[-2:-1] in (["<"], [">"]):
+        statistic, sign, limit = statistic.rsplit(maxsplit=2)
+        beyond = values > float(limit) if sign == ">" else values < float(limit)
+        values = np.where(np.isfinite(values), beyond, np.nan)
     known = values[np.isfinite(values)]
     if statistic.startswith("p") and statistic[1:].isdigit():
         return float(np.percentile(known, int(statistic[1:])))

@@ -81,7 +81,7 @@ def skate(subject: Subject) -> Series:
     left, right = (((subject.at(f"{s}_knee") - subject.at(f"{s}_hip")) * ahead).sum(-1)[counted] for s in _SIDES)
     if counted.sum() * subject.interval < 2 or not np.corrcoef(left, right)[0, 1] < -0.3:
         raise NotEnough("the body walks for less than two seconds")
-    return series(np.array(np.clip(along, 0, moved)[counted].sum() / moved[counted].sum()))
+    return series(np.clip(along, 0, moved)[counted].sum() / moved[counted].sum())
 
 
 def idle_steps(subject: Subject) -> Series:

@@ -13,7 +13,6 @@ from bodysense_conform.subject import Subject
 _KICK = 0.6  # weight of ankles in spikes: kicks are fast, and takes by markers flip feet
 _MOVING = 0.15  # m/s; a body whose points move slower on average is too slow for stutter to be judged
 _STEADY = 0.75  # of the mean of both neighbours' steps: shorter mean steps turn, and predict nothing
-_SKIPPED, _REPEATED = 1.6, 0.4  # paces beyond which a frame was skipped or repeated; 1 is even
 _STALLED, _REPEATS = 0.02, 1e-6  # m/s of the faster joints in a stall, and in one that repeats a frame
 _ABRUPT = 0.15  # m/s of the faster joints in the frames beside a stall
 _SLOW, _SLOW_TURN = 0.1, 20.0  # m/s and °/s; joints that are slower over a quarter of a second rest
@@ -42,18 +41,6 @@ def spike(subject: Subject) -> Series:
         beside[2:-2] = np.linalg.norm(place[3:-1] - place[1:-3], axis=-1) / 2
         columns[name] = counted * (off - beside)
     return stacked(columns, "no joint")
-
-
-def skips(subject: Subject) -> Series:
-    """Whether a frame's step is as long as two, in frames that are judged by `pace`."""
-    found = pace(subject).values
-    return series(np.where(np.isfinite(found), found > _SKIPPED, np.nan))
-
-
-def repeats(subject: Subject) -> Series:
-    """Whether a frame is at the place of the one before, in frames that are judged by `pace`."""
-    found = pace(subject).values
-    return series(np.where(np.isfinite(found), found < _REPEATED, np.nan))
 
 
 def pace(subject: Subject) -> Series:

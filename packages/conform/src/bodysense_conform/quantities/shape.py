@@ -24,7 +24,7 @@ def height(subject: Subject) -> Series:
     """Length from ankle to head along the bones, m."""
     if not np.isfinite(subject.height):
         raise NotEnough("no chain of bones from ankle to head")
-    return series(np.array(subject.height))
+    return series(subject.height)
 
 
 def bone_length(subject: Subject) -> Series:
@@ -85,17 +85,6 @@ def distance(subject: Subject) -> Series:
         },
         "no bones",
     )
-
-
-def folded(subject: Subject) -> Series:
-    """Whether the second bone of a limb points straight back along its first, like joints out of order."""
-    columns = {}
-    for side in SIDES:
-        for names in (("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist")):
-            a, b, c = (f"{side}_{name}" for name in names)
-            if subject.has(a, b, c):
-                columns[b] = (unit(subject.at(b) - subject.at(a)) * unit(subject.at(c) - subject.at(b))).sum(-1) < -0.97
-    return stacked(columns, "no whole limb")
 
 
 def unit(vector: np.ndarray) -> np.ndarray:
