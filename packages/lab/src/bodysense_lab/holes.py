@@ -25,7 +25,7 @@ from bodysense_lab.table import Report, cell, finite
 
 RATE, LONGEST, LEAD = 30.0, 12.0, 1.0  # Hz; s of a clip that are used; s before a gap
 SECONDS = (1.0, 2.0, 3.0)
-# What is taken away with all that hangs on it, and the points that are scored.
+# Joints that are removed with all their children, and the points that are scored.
 LIMBS = {
     "left arm": (("left_shoulder",), ("left_elbow", "left_wrist")),
     "left leg": (("left_hip",), ("left_knee", "left_ankle", "left_foot")),
@@ -201,7 +201,7 @@ def _slerped(holed: Holed) -> np.ndarray:
 
 
 def _mean(values: list[float]) -> float:
-    """The mean of those that are numbers; NaN where none is."""
+    """Return the mean of finite values; NaN without any."""
     there = [value for value in values if np.isfinite(value)]
     return float(np.mean(there)) if there else float("nan")
 

@@ -1,4 +1,4 @@
-"""`bodysense evaluate unoc-table1 …`: UNOC's tables, ours beside the published figures."""
+"""`bodysense evaluate unoc-table1 …`: UNOC's tables, next to the published figures."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def unoc_table1(run: Flat[OcclusionEvaluation]) -> None:
-    """UNOC, Table 1: how much a headset does not see, for how long, and how often the body touches itself."""
+    """UNOC, Table 1: share and duration of occlusion, and share of self-contact."""
     from bodysense_lab.datasets import named_data
     from bodysense_lab.unoc.occlusion import count_clips, occlusion_report
 
@@ -129,7 +129,7 @@ def unoc_smoothness(run: Flat[SmoothnessEvaluation]) -> None:
 
 
 def reliability(run: Flat[ReliabilityEvaluation]) -> None:
-    """The error that the predictor expects of hidden joints beside the true one, in ten bins of equal count."""
+    """Expected against true errors of hidden joints, in ten bins of equal count."""
     from bodysense_lab.unoc.reliability import measure_reliability, reliability_report
 
     chosen = open_data(run.data, run.table)
@@ -149,7 +149,7 @@ def transitions(run: Flat[TransitionEvaluation]) -> None:
 
 
 def finger_synthesis(run: Flat[FingerSynthesisEvaluation]) -> None:
-    """Score finger synthesis (UNOC, Table 5, right) beside the mean hand and the hand of the nearest body."""
+    """Score finger synthesis (UNOC, Table 5, right) against the mean hand and the hand of the nearest body."""
     from rich.console import Console
     from rich.progress import Progress
     from rich.table import Table
