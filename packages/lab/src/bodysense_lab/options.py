@@ -128,6 +128,13 @@ class TableOptions:
         check_fields(self, "jobs")
 
 
+Table = Flat[TableOptions]
+Data = Annotated[
+    str, tyro.conf.arg(help="folder of motion files or a prepared store; NAME=FOLDER names it in the table")
+]
+Stride = Annotated[int, tyro.conf.arg(help="score every n-th frame")]
+
+
 @dataclass(frozen=True, kw_only=True)
 class MotionEvaluation:
     """A table of recorded motion."""
