@@ -5,8 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import re
-import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -26,6 +24,8 @@ def check_place(path: str | Path) -> Path:
         raise BodysenseError(f"{path}: the folder {path.parent} does not exist; create it or choose another")
     if path.is_dir():
         raise BodysenseError(f"{path} is a folder; give the name of a file in it")
+    import tempfile
+
     try:
         with tempfile.TemporaryFile(dir=path.parent):
             return path
