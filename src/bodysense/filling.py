@@ -36,8 +36,9 @@ from bodysense.observation import CONTACT_POINTS, EXACT_ACCURACY, Observation
 Array = np.ndarray
 # s away from known frames where the tracker's guess counts as much as the turn between them: legs follow from the
 # rest of a body and its floor, arms little, hands least. Fitted on validation people of CMU and Rocketbox.
-TRUSTED = {**dict.fromkeys(("hip", "knee", "ankle", "foot"), 0.3), "wrist": 4.0, "hand": 4.0, "body": 1.5}
+TRUSTED = {**dict.fromkeys(("hip", "knee", "ankle", "foot"), 0.3), "wrist": 4.0, "hand": 3.5, "body": 1.5}
 TRUNK, TRUSTED_WITHOUT = ("spine1", "spine2", "spine3"), 30.0  # s, of what hangs on a trunk that is missing, too
+FINGERS_COAST = 1.2  # s in which the speed of fingers beside a gap fades; they go on for longer than limbs
 SHORT = 0.3  # s: in shorter gaps a leg is moved for no floor; the turn between the sides is nearer to the truth
 
 
@@ -143,7 +144,8 @@ def filled(holed: Holed, estimate: Pose) -> Array:
             guess = np.asarray(quaternion_multiply(quaternion_conjugate(above), guessed[:, joint]))
             given = guess if np.isfinite(guess).all() else None
             trusted = _trusted_after(rig.ours, joint, missing)
-            local[:, joint] = gaps.filled(local[:, joint], missing[:, joint], seconds, given, trusted)
+            coasting = FINGERS_COAST if is_finger(_our_name(rig.ours, joint)) else gaps.COASTING
+            local[:, joint] = gaps.filled(local[:, joint], missing[:, joint], seconds, given, trusted, coasting)
         world[:, joint] = quaternion_multiply(above, local[:, joint])
     return local
 
@@ -191,9 +193,14 @@ def _turned_to(rig: SourceJoints, rotation: Array, wanted: Array, where: Array) 
     return local
 
 
+def _our_name(ours: Mapping[str, int], joint: int) -> str:
+    """Our name of a rig's joint; empty if it is none of ours."""
+    return next((name for name, place in ours.items() if place == joint), "")
+
+
 def _trusted_after(ours: Mapping[str, int], joint: int, missing: Array) -> float:
     """The time in `TRUSTED` of a joint; of one that we do not have, any."""
-    name = next((name for name, place in ours.items() if place == joint), "")
+    name = _our_name(ours, joint)
     part = name.rpartition("_")[2]
     trunk = [ours[name] for name in TRUNK if name in ours]
     if part not in ("hip", "knee", "ankle", "foot") and missing[missing[:, joint]][:, trunk].any(axis=1).mean() > 0.5:
