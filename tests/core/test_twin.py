@@ -68,4 +68,4 @@ def test_core_equals_its_twin(device: str, data: st.DataObject) -> None:
 @given(data=st.data())
 @settings(max_examples=12, derandomize=True)
 def test_core_equals_its_twin_for_longer(device: str, data: st.DataObject) -> None:
-    check(data.draw(cases(device, 80)))
+    check(data.draw(cases(device, 50)))

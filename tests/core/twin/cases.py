@@ -1,4 +1,8 @@
-"""Motion, devices and people to compare the core with its twin on: made up, so that no recording is needed."""
+"""Motion, devices and people to compare the core with its twin on: made up, so that no recording is needed.
+
+Draws stay away from ties, where a difference in the last bit decides: bones that turn by half a turn, a head that is
+lost for long and moves with a body as it was output, rates at which a memory may advance or not.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -27,10 +31,10 @@ class Case:
 
     device: str
     known: str  # one of `KNOWN`
-    rate: float  # 1/s; no multiple of 65, at which it would be a tie whether memories advance
+    rate: float  # 1/s
     frames: int
     loss: float  # probability of each sensor to come or go in a frame
-    noise: float  # m, of positions: small beside finger bones, which could else turn by half a turn
+    noise: float  # m, of positions; small compared with bones of fingers
     gap: bool  # a second is missing
     seed: int
     settings: TrackerSettings
@@ -56,7 +60,7 @@ def cases(device: str, frames: int) -> st.SearchStrategy[Case]:
         known=st.sampled_from(KNOWN),
         rate=st.sampled_from((11.0, 24.0, 37.0, 72.0, 111.0, 240.0)),
         frames=st.just(frames),
-        loss=st.sampled_from((0.0, 0.01, 0.05)),
+        loss=st.sampled_from((0.0, 0.01, 0.03)),
         noise=st.sampled_from((0.0, 0.002)),
         gap=st.booleans(),
         seed=st.integers(0, 10**6),
@@ -69,7 +73,7 @@ def motion(case: Case) -> Pose:
     rng, skeleton = np.random.default_rng(case.seed), case.skeleton
     time = np.arange(case.frames) / case.rate
     phase = np.sin(2 * np.pi * (rng.uniform(0.1, 1.5, (52, 1)) * time[:, None, None] + rng.random((52, 1))))
-    swung = quaternion_exp(rng.normal(size=(52, 3)) * 0.27 * phase)
+    swung = quaternion_exp(rng.normal(size=(52, 3)) * 0.2 * phase)
     rotation = quaternion_multiply(standing_pose(skeleton).rotation, swung)
     turn = quaternion_exp(np.array([0.0, 1, 0]) * (rng.normal() * 3 + rng.normal() * time[:, None]))
     rotation[:, 0] = quaternion_multiply(turn, rotation[:, 0])
@@ -97,6 +101,8 @@ def observation_of(case: Case) -> Observation:
         motion(case), time + np.where(case.gap & (np.arange(case.frames) > case.frames // 2), 1.5, 0), sensors
     )
     lost = np.cumsum(rng.random(seen.has_position.shape) < case.loss, axis=0) % 2 == 1
+    head = seen.points.index("head")
+    lost[:, head] &= np.arange(case.frames) % 10 < 3
     worn = {joint: mount for joint, mount in mounts_of(case).items() if joint in seen.points}
     seen = strapped(seen, worn)
     return replace(
