@@ -58,5 +58,14 @@ def build(library: Path | None = None, command: list[str] | None = None) -> Path
     return library
 
 
+def build_program(source: Path, program: Path) -> Path:
+    """Compile a program of core/bench with core/src."""
+    flags = [flag for flag in _FLAGS if flag != "-shared"]
+    sources = [source, *sorted((ROOT / "core" / "src").glob("*.c"))]
+    command = [*compiler(), *flags, f"-I{ROOT / 'core' / 'include'}", *map(str, sources), "-o", str(program), "-lm"]
+    subprocess.run(command, check=True)
+    return program
+
+
 if __name__ == "__main__":
     print(f"wrote {build()}")

@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 import shlex
 import socket
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -93,6 +95,15 @@ def in_completion(_: pytest.MonkeyPatch) -> dict[str, Any]:
     return {}
 
 
+def in_engines(patch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """A recording, and as much of Blender as the page uses."""
+    seen_by_headset(60)
+    Path("seen.npz").rename("take.npz")
+    imported = SimpleNamespace(bvh=lambda filepath, **_: bs.read(filepath))
+    patch.setitem(sys.modules, "bpy", SimpleNamespace(ops=SimpleNamespace(import_anim=imported)))  # pyright: ignore[reportArgumentType]
+    return {}
+
+
 def in_files(_: pytest.MonkeyPatch) -> dict[str, Any]:
     """A take on a rig with names of its own."""
     seen_by_headset(260)
@@ -129,6 +140,7 @@ CONTEXTS: dict[str, Callable[[pytest.MonkeyPatch], dict[str, Any]]] = {
     "api": in_api,
     "arms": in_arms,
     "completion": in_completion,
+    "engines": in_engines,
     "files": in_files,
     "gloves": in_gloves,
 }

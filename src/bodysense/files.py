@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-import platform
 import re
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -13,8 +11,6 @@ from pathlib import Path
 from bodysense.errors import BodysenseError
 
 LARGEST_TEXT = 1 << 30  # bytes of a text that is read whole
-_MACHINE = re.sub(r"[^A-Za-z0-9]", "-", platform.node())
-_PART = re.compile(rf"\..*\.{_MACHINE}\.(?P<process>\d+)\.bodysense-part(\.[^.]*)?")
 _GZIP = b"\x1f\x8b"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 _ZIP = b"PK\x03\x04"
@@ -63,8 +59,13 @@ def part_beside(path: Path) -> Path:
 
     What killed processes of this machine left in the folder is removed.
     """
+    import platform
+    import shutil
+
+    machine = re.sub(r"[^A-Za-z0-9]", "-", platform.node())
+    part = re.compile(rf"\..*\.{machine}\.(?P<process>\d+)\.bodysense-part(\.[^.]*)?")
     for left in path.parent.glob(".*.bodysense-part*"):
-        match = _PART.fullmatch(left.name)
+        match = part.fullmatch(left.name)
         if match and not _is_running(int(match["process"])):
             with suppress(OSError):  # somebody else's, or open
                 if left.is_dir():
@@ -72,7 +73,7 @@ def part_beside(path: Path) -> Path:
                 else:
                     left.unlink()
     # The ending stays last: writers choose their format by it.
-    return path.with_name(f".{path.stem}.{_MACHINE}.{os.getpid()}.bodysense-part{path.suffix}")
+    return path.with_name(f".{path.stem}.{machine}.{os.getpid()}.bodysense-part{path.suffix}")
 
 
 @contextmanager

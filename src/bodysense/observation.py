@@ -8,7 +8,7 @@ from math import isfinite, isnan
 
 import numpy as np
 
-from bodysense.body.glove import glove_marker
+from bodysense.body.hand import glove_marker
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError

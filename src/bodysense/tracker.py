@@ -7,7 +7,7 @@ does everything between an observation and an estimate.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -102,7 +102,7 @@ class Tracker:
     likeliest adult is taken, and proportions are inferred while the tracker runs.
     """
 
-    person: Person | Sequence[Person] = Person()
+    person: Person | Sequence[Person] = field(default_factory=Person)
     network: CompletionModel | None = None  # None: the packaged one
     settings: TrackerSettings = TrackerSettings()
 

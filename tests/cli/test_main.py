@@ -13,7 +13,7 @@ import pytest
 import bodysense as bs
 from bodysense.cli import main
 from bodysense.demo import packaged_performance
-from bodysense.errors import SOURCES, missing_package
+from bodysense.errors import SOURCES, how_to_install, missing_package
 
 # Python without the packages that a part of the repository brings, then the command.
 WITHOUT = """
@@ -42,6 +42,9 @@ def without(source: str, folder: Path, *arguments: str) -> subprocess.CompletedP
         ("packages/lab", "train hmd-vae --data one -o a.onnx --model 0"),
         ("packages/lab", "data prepare one -o one.zarr"),
         ("packages/live", "serve --port 0"),
+        (".[networks]", "generate -o bodies.png"),
+        (".[mcap]", "track one/a.bvh -o a.mcap"),
+        (".[mcap]", "convert one/a.bvh -o a.mcap"),
     ],
 )
 def test_one_line_says_what_to_install(source: str, command: str, tmp_path: Path) -> None:
@@ -49,7 +52,7 @@ def test_one_line_says_what_to_install(source: str, command: str, tmp_path: Path
     bs.write(tmp_path / "one" / "a.bvh", packaged_performance())
     done = without(source, tmp_path, *command.split())
     assert done.returncode == 2
-    assert f"pip install -c constraints.txt -e {source}" in done.stderr and "Traceback" not in done.stderr
+    assert how_to_install(source) in done.stderr and "Traceback" not in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["one"]
 
 

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from bodysense.body.glove_set import GloveSet, standard_set
-from bodysense.body.hand import Side, hand_skeleton, joint_bases
+from bodysense.body.hand import Side, glove_marker, hand_skeleton, joint_bases
 from bodysense.body.pose import Pose, as_like, forward_kinematics
 from bodysense.body.rotation import Array, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
@@ -106,13 +106,6 @@ def glove_points(hand: str) -> tuple[str, ...]:
     """Names of a hand's markers as points of an observation: 'left_glove_pinky_base' … for the hand 'left'."""
     side_of(hand)
     return tuple(f"{hand}_glove_{marker}" for marker in MARKERS)
-
-
-@lru_cache(maxsize=4096)
-def glove_marker(point: str) -> tuple[str, str] | None:
-    """The hand and the marker, of any set, that a point's name says; None for a point that is no marker of a glove."""
-    hand, _, marker = point.partition("_glove_")
-    return (hand, marker) if marker and hand.startswith(("left", "right")) else None
 
 
 @lru_cache(maxsize=4096)

@@ -179,3 +179,10 @@ def _parent(name: str) -> str:
 
 def _flip(side: Side) -> np.ndarray:
     return np.array([-1.0, 1, 1]) if side == "right" else np.ones(3)
+
+
+@lru_cache(maxsize=4096)
+def glove_marker(point: str) -> tuple[str, str] | None:
+    """The hand and the marker, of any set, that a point's name says; None for a point that is no marker of a glove."""
+    hand, _, marker = point.partition("_glove_")
+    return (hand, marker) if marker and hand.startswith(("left", "right")) else None

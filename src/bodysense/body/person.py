@@ -8,11 +8,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from reprlib import repr as brief
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bodysense.body.hand_family import GlovedHand, body_with, hand_from_rows, rows_of, sitting_of
 from bodysense.body.rigid import RigidTransform
 from bodysense.body.shape import SHORTEST as SHORTEST_ADULT
 from bodysense.body.shape import TALLEST as TALLEST_ADULT
@@ -20,6 +19,9 @@ from bodysense.body.shape import Measured, ShapeEstimate, shape_space
 from bodysense.body.skeleton import Skeleton, skeleton_from_table
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
+
+if TYPE_CHECKING:
+    from bodysense.body.hand_family import GlovedHand
 
 FORMAT = "bodysense-person-1"
 SHORTEST, TALLEST = 1.0, 2.3  # m: heights of a person
@@ -85,6 +87,8 @@ class Person:
         for side, hand in (hands or {}).items():
             if side not in ("left", "right"):
                 raise BodysenseError(f"person: the hand {side!r}; it is 'left' or 'right'")
+            from bodysense.body.hand_family import body_with
+
             skeleton = body_with(skeleton, side, hand)
         if not SHORTEST - SOLE <= skeleton.height <= TALLEST:
             raise BodysenseError(
@@ -168,12 +172,7 @@ class Person:
             known.append(
                 {"start": CROWN, "end": FLOOR, "length": self.height.value, "deviation": self.height.deviation}
             )
-        hands = [
-            {"side": side}
-            | {name: values.ravel().tolist() for name, values in rows_of(hand).items()}
-            | ({"sitting": sitting_of(hand)} if sitting_of(hand) else {})
-            for side, hand in self.hands.items()
-        ]
+        hands = [_hand_row(side, hand) for side, hand in self.hands.items()]
         tables = {"joints": rows[:joints], "end_sites": rows[joints:], "known": known, "mounts": mounts}
         tables |= {"hands": hands} if hands else {}
         parts = [f'"format": "{FORMAT}"', '"units": "metres; quaternions w, x, y, z"']
@@ -221,6 +220,8 @@ class Person:
         skeleton = skeleton_from_table(joints, end_sites)
         hands: dict[str, GlovedHand] = {}
         for row in _hand_rows(stored) if "hands" in stored else []:
+            from bodysense.body.hand_family import hand_from_rows
+
             points, axes, markers = (
                 np.array(row[name]).reshape(-1, size) for name, size in (("points", 3), ("axes", 4), ("markers", 3))
             )
@@ -257,6 +258,15 @@ def _estimate(lengths: Mapping[tuple[str, str], Measured], height: Measured | No
 def _scaled(estimate: ShapeEstimate, scale: float) -> Skeleton:
     skeleton = estimate.skeleton
     return skeleton if scale == 1.0 else skeleton.with_offsets(scale * skeleton.rest_offset)
+
+
+def _hand_row(side: str, hand: GlovedHand) -> dict[str, Any]:
+    """A row of 'hands' of a person's file."""
+    from bodysense.body.hand_family import rows_of, sitting_of
+
+    row: dict[str, Any] = {name: values.ravel().tolist() for name, values in rows_of(hand).items()}
+    sitting = sitting_of(hand)
+    return {"side": side, **row} | ({"sitting": sitting} if sitting else {})
 
 
 def _one_row_a_line(table: Iterable[dict]) -> str:

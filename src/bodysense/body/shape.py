@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from importlib.resources import files
 from typing import Literal
 
 import numpy as np
@@ -194,6 +193,8 @@ def stature_of_head(head: float, deviation: float) -> Measured:
 @lru_cache(maxsize=1)
 def shape_space() -> ShapeSpace:
     """The packaged shape space of adults."""
+    from importlib.resources import files
+
     with (files("bodysense.body") / "shape_space.npz").open("rb") as file, np.load(file, allow_pickle=False) as stored:
         return ShapeSpace(stored["mean"], stored["components"], stored["share"])
 

@@ -6,7 +6,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from importlib.resources import files
 
 import numpy as np
 
@@ -168,6 +167,8 @@ class Skeleton:
 
 def default_body() -> dict:
     """The packaged description of an average adult: joints, end sites, landmarks, primitives (see docs/credits.md)."""
+    from importlib.resources import files
+
     return json.loads(files("bodysense.body").joinpath("default_body.json").read_text(encoding="utf-8"))
 
 

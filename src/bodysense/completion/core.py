@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from functools import lru_cache
-from importlib.resources import as_file, files
 from typing import Any
 
 import numpy as np
@@ -131,6 +130,7 @@ _FUNCTIONS: dict[str, tuple[Any, Sequence[Any]]] = {
 def library() -> ctypes.CDLL:
     """The compiled core, loaded once. Raises BodysenseError if it was not built or is of another version."""
     import sys
+    from importlib.resources import as_file, files
 
     name = LIBRARIES.get(sys.platform, "_core.so")
     try:

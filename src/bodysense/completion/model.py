@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from importlib.resources import files
-from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bodysense.completion.core import Model
 from bodysense.errors import BodysenseError
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
 
 PACKAGED = "completion.safetensors"
 _COMMAND = "bodysense train completion"
@@ -39,6 +40,8 @@ def load_completion(path: str | Path) -> CompletionModel:
 @lru_cache(maxsize=1)
 def packaged_model() -> CompletionModel:
     """The network that comes with the package, loaded once."""
+    from importlib.resources import files
+
     return _opened(files("bodysense.weights").joinpath(PACKAGED))
 
 

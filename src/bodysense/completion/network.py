@@ -18,7 +18,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, missing_package
 
 STATE, NEXT = "state_", "next_"  # how inputs and outputs begin that carry the state
 _TYPES = {"tensor(float)": np.float32, "tensor(bool)": np.bool_, "tensor(int64)": np.int64}
@@ -52,8 +52,10 @@ class Network:
 
         Raises BodysenseError for a file that is not there, is no ONNX model, or is not of the format.
         """
-        import onnxruntime
-
+        try:
+            import onnxruntime
+        except ImportError as error:
+            raise missing_package(error) from None
         if path is None:
             assert format.packaged is not None, f"no {format.kind} is packaged"
             source: Traversable = files("bodysense.weights").joinpath(format.packaged)

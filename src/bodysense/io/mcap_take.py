@@ -15,6 +15,7 @@ import numpy as np
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import matrix_to_quaternion, quaternion_multiply
 from bodysense.body.skeleton import BODY, Skeleton
+from bodysense.errors import missing_package
 from bodysense.files import written_beside
 from bodysense.io.clip import Clip
 from bodysense.io.gltf.written import check_motion
@@ -38,13 +39,21 @@ _EPOCH = 1_000_000_000  # ns: the first sample, on the common clock
 _DEVICE = 7_000_000_000  # ns later on the device's own clock, which counts from elsewhere
 
 
+def load_writer() -> Any:
+    """Return the module `mcap.writer`. Raises BodysenseError if it is not installed."""
+    try:
+        from mcap import writer
+    except ImportError as error:
+        raise missing_package(error) from None
+    return writer
+
+
 def write_mcap(path: str | Path, clip: Clip) -> None:
     """Write a clip's body, and its hands where it has fingers; the file appears whole or not at all.
 
     Raises BodysenseError for a clip that is not one finite motion, and for a folder that cannot be written.
     """
-    from mcap.writer import CompressionType, Writer
-
+    mcap = load_writer()
     check_motion(path, clip)
     position, rotation = forward_kinematics(clip.pose)
     turned = np.full((*position.shape[:-1], 4), np.nan)
@@ -56,7 +65,7 @@ def write_mcap(path: str | Path, clip: Clip) -> None:
         for side in ("left", "right"):
             topics.append((f"hands/{side}_hand", HAND_SCHEMA, _hand(skeleton, side, position, turned)))
     with written_beside(path) as beside, beside.open("wb") as file:
-        writer = Writer(file, compression=CompressionType.ZSTD)
+        writer = mcap.Writer(file, compression=mcap.CompressionType.ZSTD)
         writer.start(profile="teleop", library="bodysense")
         schemas = {name: writer.register_schema(name, "flatbuffer", b"") for name in (BODY_SCHEMA, HAND_SCHEMA)}
         channels = [writer.register_channel(topic, "flatbuffer", schemas[schema]) for topic, schema, _ in topics]

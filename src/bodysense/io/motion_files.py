@@ -15,7 +15,7 @@ from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.bvh_stream import BvhStream
 from bodysense.io.clip import Clip
 from bodysense.io.gltf.written import write_glb, write_vrma
-from bodysense.io.mcap_take import write_mcap
+from bodysense.io.mcap_take import load_writer, write_mcap
 from bodysense.io.rigs.named import OWN, check_rig, is_rig_file, on_rig, renamed
 from bodysense.io.rigs.rig_file import write_on_rig_of
 
@@ -30,6 +30,8 @@ def check_ending(path: Path) -> Path:
             f"{path}: the output ends in {path.suffix or 'nothing'!r}; give a name that ends in .bvh, .glb, "
             ".vrma or .mcap"
         )
+    if path.suffix.lower() == ".mcap":
+        load_writer()
     return path
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,66 +19,59 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 
-INK, MUTED = "#22303c", "#b8c2cc"
+if TYPE_CHECKING:
+    from PIL.ImageDraw import ImageDraw
+
+INK, MUTED, _WHITE = "#22303c", "#b8c2cc", "#ffffff"
+_PIXELS, _FINE = 90, 3  # pixels a metre; samples a pixel, across and down
+_WIDTH, _HEIGHT, _MARGIN = 1.6, 2.3, 0.15  # m: a body's cell, and the edge of the sheet
+_BONE, _FINGER, _GROUND = 0.05, 0.017, 0.012  # m, widths of lines
+_HEAD = 0.1  # m, radius
 
 
 def draw_sheet(path: str | Path, skeleton: Skeleton, position: np.ndarray, columns: int = 6) -> None:
-    """A PNG of bodies (N, P, 3) m in rows."""
-    pyplot = load_pyplot()
-    width, height = 1.6, 2.3
+    """Write a PNG of bodies (N, P, 3) m in rows."""
+    from PIL import Image, ImageDraw
+
     columns = min(columns, len(position))
     rows = -(-len(position) // columns)
-    figure, axis = pyplot.subplots(figsize=(1.6 * columns, 2.3 * rows))
-    for body in range(len(position)):
+    width, height = (
+        round(_PIXELS * (count * length + 2 * _MARGIN)) for count, length in ((columns, _WIDTH), (rows, _HEIGHT))
+    )
+    fine = Image.new("RGB", (_FINE * width, _FINE * height), _WHITE)
+    pen = ImageDraw.Draw(fine)
+    for body, points in enumerate(position):
         row, column = divmod(body, columns)
-        _draw(axis, skeleton, position[body], (column * width, (rows - 1 - row) * height))
-    axis.set_xlim(-0.55 * width, (columns - 0.45) * width)
-    axis.set_ylim(-0.1, rows * height)
-    _bare(axis)
+        _draw(pen, skeleton, points, (_MARGIN + (column + 0.5) * _WIDTH, (row + 1) * _HEIGHT))
     with written_beside(path) as beside:
-        figure.savefig(beside, dpi=100, bbox_inches="tight", pad_inches=0.1)
-    pyplot.close(figure)
+        fine.resize((width, height), Image.Resampling.LANCZOS).save(beside)
 
 
-def load_pyplot() -> Any:
-    """Matplotlib's pyplot, drawing into files. Raises BodysenseError where it is not installed."""
-    try:
-        import matplotlib
-    except ImportError:
-        raise BodysenseError("pictures need matplotlib: pip install matplotlib") from None
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    return pyplot
-
-
-def _bare(axis: Any) -> None:
-    """Nothing but the figures."""
-    axis.set_aspect("equal")
-    axis.axis("off")
-
-
-def _draw(axis: Any, skeleton: Skeleton, position: np.ndarray, place: tuple[float, float]) -> None:
-    """One body (P, 3) m at a place of the picture, seen from its front left, a little from above."""
-    from matplotlib.collections import LineCollection
-    from matplotlib.patches import Circle
-
+def _draw(pen: ImageDraw, skeleton: Skeleton, position: np.ndarray, place: tuple[float, float]) -> None:
+    """Draw one body (P, 3) m that stands at a place (m) of the sheet, from its front left, a little from above."""
     center = position[0] * np.array([1.0, 0.0, 1.0])
     across, up, near = _view(position - center, _facing(skeleton, position))
-    drawn = np.stack([across, up], axis=-1) + np.array(place)
-    bones = sorted(range(1, len(position)), key=lambda point: near[point])
-    axis.add_collection(
-        LineCollection(
-            [drawn[[point, skeleton.parents[point]]] for point in bones],
-            colors=INK,
-            linewidths=[1.0 if skeleton.wrist_of[point] >= 0 else 3.0 for point in bones],
-            capstyle="round",
-        )
-    )
-    head, top = skeleton.index("head"), skeleton.index("head_top")
-    middle = (drawn[head] + drawn[top]) / 2
-    axis.add_patch(Circle(tuple(middle), 0.1, facecolor="white", edgecolor=INK, linewidth=2.2, zorder=5))
-    axis.plot([place[0] - 0.5, place[0] + 0.5], [place[1]] * 2, color=MUTED, linewidth=0.8, zorder=0)
+    drawn = np.stack([place[0] + across, place[1] - up], axis=-1)
+    _line(pen, np.add(place, [[-0.5, 0.0], [0.5, 0.0]]), _GROUND, MUTED)
+    for point in sorted(range(1, len(position)), key=lambda point: near[point]):
+        width = _FINGER if skeleton.wrist_of[point] >= 0 else _BONE
+        _line(pen, drawn[[point, skeleton.parents[point]]], width, INK)
+    middle = drawn[[skeleton.index("head"), skeleton.index("head_top")]].mean(axis=0)
+    _disc(pen, middle, _HEAD + _BONE / 3, INK)
+    _disc(pen, middle, _HEAD - _BONE / 3, _WHITE)
+
+
+def _line(pen: ImageDraw, ends: np.ndarray, width: float, color: str) -> None:
+    """Draw a line between two places (2, 2), its ends round; all in m."""
+    scale = _PIXELS * _FINE
+    pen.line((scale * ends).ravel().tolist(), fill=color, width=round(scale * width))
+    for end in ends:
+        _disc(pen, end, width / 2, color)
+
+
+def _disc(pen: ImageDraw, middle: np.ndarray, radius: float, color: str) -> None:
+    scale = _PIXELS * _FINE
+    pen.ellipse((scale * np.concatenate([middle - radius, middle + radius])).tolist(), fill=color)
 
 
 def _facing(skeleton: Skeleton, position: np.ndarray) -> float:

@@ -1,5 +1,6 @@
 """Arms: from a shoulder that may be pulled by its collar to a measured or predicted wrist."""
 
+from dataclasses import replace
 from math import exp
 
 import numpy as np
@@ -44,20 +45,24 @@ def move_arm(
         off = (seen.position[limb.start] - shoulder) * _trust(seen.accuracy[limb.start])
         shoulder = collar + length(before) * unit(before + off)
     task = limb_goal(seen, limb, goal, shoulder)
+    measured = replace(task)  # a wrist that is still on its way does not pull its shoulder along
     ease_limb(task, seen, ease, limb, changed, limb_heading(body, limb), begun, state)
-    pulled = collar + pulled_shoulder(seen, limb, shoulder - collar, task)
+    pulled = collar + pulled_shoulder(seen, limb, shoulder - collar, measured)
     # A collar that is no longer pulled, or begins to be, goes there slowly.
     pulling = (task.middle_seen, task.end_seen)
     given = state.pull.vector(
         pulled - shoulder,
         state.pulled,
-        np.zeros(3),
+        state.pulled_speed,
         seen.interval,
         begun and pulling != state.pulling,
         ease if any(pulling) else BLEND,
     )
     pulled = collar + length(before) * unit(shoulder + given - collar)
-    state.pulled, state.pulling = pulled - shoulder, pulling
+    given = pulled - shoulder
+    state.pulled_speed = (given - state.pulled) / seen.interval if begun else np.zeros(3)
+    state.pulled, state.pulling = given, pulling
+    state.end_shift = state.middle_shift = -given
     task.end, task.middle = task.end - state.pulled, task.middle - state.pulled
     body.rotation[limb.carrier] = turned_onto(body.rotation[limb.carrier], before, pulled - collar)
     turn_limb(body.rotation, seen, limb, *solve_limb(task))

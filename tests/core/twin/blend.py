@@ -17,6 +17,7 @@ BLEND = 0.25  # s in which predicted joints are eased after sensors of their gro
 # A lost wrist or ankle goes on with its velocity, which fades in LEAVING s, and gives way to the prediction. Half of
 # the way remains after KEPT s; of an arm that was raised after KEPT_RAISED s.
 LEAVING, KEPT_LEG, KEPT_ARM, KEPT_RAISED = 0.08, 0.12, 0.35, 3.0
+STEEPEST_ARM = 3.0  # m/s: how much faster or slower than its goal a hand may be as it is found or lost
 
 # The group of each joint of the body: its limb, else the trunk. A hip is of its leg, a collar of the trunk.
 GROUP = ["trunk"] * BODY
@@ -42,6 +43,11 @@ class LimbState:
     end_speed: np.ndarray = field(default_factory=_zeros)  # m/s
     middle_output: np.ndarray = field(default_factory=_zeros)
     middle_speed: np.ndarray = field(default_factory=_zeros)
+    # m, world: how floor, pelvis and collar moved them, from their start and in place.
+    end_shift: np.ndarray = field(default_factory=_zeros)
+    middle_shift: np.ndarray = field(default_factory=_zeros)
+    end_held: np.ndarray = field(default_factory=_zeros)
+    middle_held: np.ndarray = field(default_factory=_zeros)
     end_kept: np.ndarray = field(default_factory=_zeros)  # m: where the end was last seen
     end_leaving: np.ndarray = field(default_factory=_zeros)  # m/s: how fast it then moved
     middle_kept: np.ndarray = field(default_factory=_zeros)
@@ -50,6 +56,7 @@ class LimbState:
     middle_seen: bool = False
     pull: Ease = field(default_factory=Ease)  # m, of a shoulder that its collar gives
     pulled: np.ndarray = field(default_factory=_zeros)  # m, how far it was given
+    pulled_speed: np.ndarray = field(default_factory=_zeros)  # m/s
     pulling: tuple[bool, bool] = (False, False)  # which measured joints of the arm pulled it
 
 
@@ -102,21 +109,28 @@ def ease_limb(
         middle = mix(middle, state.middle_kept + state.end_leaving * gone / 2, share)
     free = state.lost is None
     end_breaks = found or (begun and free and now != state.seen) or (changed and free and now == 0)
+    middle_found = begun and task.middle_seen and not state.middle_seen
     middle_breaks = begun and (
-        task.middle_seen != state.middle_seen or (changed and free and not task.middle_seen) or found
+        task.middle_seen != state.middle_seen or (not task.middle_seen and (found or (changed and free)))
     )
+    # What held or pulled a joint that was guessed stays where it is measured.
+    end_before = state.end_output + found * (turn.T @ state.end_held)
+    middle_before = state.middle_output + middle_found * (turn.T @ state.middle_held)
+    steepest = STEEPEST_ARM if limb.kind == "arm" else 0.0
     span = ease if now == 2 else BLEND
-    end = state.end.vector(end, state.end_output, state.end_speed, seen.interval, end_breaks, span)
+    end = state.end.vector(end, end_before, state.end_speed, seen.interval, end_breaks, span, steepest)
     span = ease if task.middle_seen else BLEND
-    middle = state.middle.vector(middle, state.middle_output, state.middle_speed, seen.interval, middle_breaks, span)
+    speed = state.middle_speed
+    middle = state.middle.vector(middle, middle_before, speed, seen.interval, middle_breaks, span, steepest)
     task.end, task.middle = turn @ end, turn @ middle
     state.seen, state.middle_seen = now, task.middle_seen
 
 
 def remember_limb(body: Body, limb: Limb, interval: float, begun: bool, state: LimbState) -> None:
-    """Remember what a limb output."""
-    back = limb_heading(body, limb).T
-    end, middle = (back @ (body.point[joint] - body.point[limb.start]) for joint in (limb.end, limb.middle))
+    """Remember what a limb output, but for what floor, pelvis and collar added."""
+    back, start = limb_heading(body, limb).T, body.point[limb.start]
+    end = back @ (body.point[limb.end] - start - state.end_shift)
+    middle = back @ (body.point[limb.middle] - start - state.middle_shift)
     rate = 1 / interval if begun else 0.0
     state.end_speed, state.middle_speed = (end - state.end_output) * rate, (middle - state.middle_output) * rate
     state.end_output, state.middle_output = end, middle

@@ -105,7 +105,9 @@ def hold_feet(
         state.held, state.slide = part, slide
         state.drop += settle * (float(np.clip(drop, -REACH, REACH)) - state.drop)
         move = np.zeros(3)
-        if not foot.seen:
+        if foot.seen:
+            state.slide, state.drop = np.zeros(3), 0.0
+        else:
             lowest = min(foot.ankle[1], foot.ball[1], foot.toe[1]) - state.drop - floor
             under = min(-lowest, 2 * REACH) if lowest < 0 else 0.0
             move = np.array([slide[0], under - state.drop, slide[2]])

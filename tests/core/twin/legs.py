@@ -52,9 +52,11 @@ def pull_pelvis(body: Body, seen: Tracked, state: PoseState, tasks: list[Task]) 
             move_pelvis(body, seen, tasks, limited(moved + lack, MOST_MOVED) - moved)
     moved = body.point[PELVIS] - before
     breaks = state.begun and pulling != state.pulling
-    shown = state.pull.vector(moved, state.pulled, np.zeros(3), seen.interval, breaks, BLEND)
+    shown = state.pull.vector(moved, state.pulled, state.pulled_speed, seen.interval, breaks, BLEND)
     move_pelvis(body, seen, tasks, shown - moved)
-    state.pulling, state.pulled = pulling, body.point[PELVIS] - before
+    pulled = body.point[PELVIS] - before
+    state.pulled_speed = (pulled - state.pulled) / seen.interval if state.begun else np.zeros(3)
+    state.pulling, state.pulled = pulling, pulled
 
 
 def uprightness(body: Body, seen: Tracked, state: PoseState) -> float:
@@ -107,11 +109,12 @@ def move_legs(
     """Bend both legs, and move a pelvis that is not measured so far that they reach."""
     tasks = [limb_goal(seen, leg, goal, body.point[leg.start]) for leg in LEGS]
     pull_pelvis(body, seen, state, tasks)
-    turn, feet = limb_heading(body, LEGS[0]), []
+    turn, feet, free = limb_heading(body, LEGS[0]), [], []
     for k, (side, leg, task) in enumerate(zip(SIDES, LEGS, tasks, strict=True)):
         name = f"{side}_leg"
         ease_limb(task, seen, settings.ease, leg, name in changed, turn, state.begun, state.limb[name])
-        _, end = solve_limb(task)
+        free.append(solve_limb(task))
+        end = free[k][1]
         ball, toe = at(f"{side}_foot"), at(f"{side}_toe")
         ankle_rest, ball_rest = (rest_height(seen.rest_offset, point) for point in (leg.end, ball))
         flatten_foot(body, seen, leg.end, ball, ankle_rest - ball_rest, state.foot[k].flatness)
@@ -139,7 +142,18 @@ def move_legs(
     pelvis = body.point[PELVIS]
     bend_spine(body, seen, -state.standing_drop * UP)
     moved = body.point[PELVIS] - pelvis
-    for leg, task, move in zip(LEGS, tasks, moves, strict=True):
+    for side, leg, task, move, foot, (free_middle, free_end) in zip(
+        SIDES, LEGS, tasks, moves, state.foot, free, strict=True
+    ):
         task.end = task.end + move - moved  # feet stay where they are when the pelvis is lowered for them
         task.middle = task.middle - moved * task.middle_seen
-        turn_limb(body.rotation, seen, leg, *solve_limb(task))
+        middle, end = solve_limb(task)
+        turn_limb(body.rotation, seen, leg, middle, end)
+        own, refused = state.limb[f"{side}_leg"], np.zeros(3)
+        own.end_shift, own.middle_shift = end - free_end, middle - free_middle
+        if task.middle_seen or task.start_turned or task.middle_turned:
+            # Measured bones do not give way: what they refuse is not held.
+            refused = own.end_shift - (move - moved)
+            foot.anchor, foot.slide = foot.anchor + refused, foot.slide + refused * [1, 0, 1]
+            foot.drop -= refused[1]
+        own.end_held, own.middle_held = move + refused, own.middle_shift + moved

@@ -14,6 +14,7 @@ from .legs import move_legs
 from .limbs import LIMBS
 from .network import Prediction
 from .points import BODY, HEAD, HIPS, PELVIS, POINTS, SPINE3, WRISTS, at
+from .settle import settle
 from .state import PoseState
 from .tracked import Tracked
 from .trunk import Body, bend_spine, empty_body, pelvis_off, pelvis_seen, place, place_points, placement, turn_neck
@@ -65,15 +66,23 @@ def rotation_goals(seen: Tracked, predicted: Prediction) -> np.ndarray:
     return goal
 
 
+def redirected(seen: Tracked, state: PoseState, joint: int) -> bool:
+    """Whether measured points turn a joint now that did not before, or no longer do."""
+    pairs = [list(HIPS)] if joint == PELVIS else [[j, child] for j, child in DIRECTED if j == joint]
+    return any(seen.has_position[pair].all() != state.had_position[pair].all() for pair in pairs)
+
+
 def pose_body(settings: TrackerSettings, seen: Tracked, predicted: Prediction, state: PoseState) -> Body:
     """The body without its fingers: rotations of the body's joints, and all points of a body with flat hands."""
     body, begun, interval = empty_body(), state.begun, seen.interval
+    settle(seen, predicted, state)
     changed = find_changes(seen, state.had_position, state.had_rotation) if begun else set()
     goal = rotation_goals(seen, predicted)
     for j in range(BODY):
         known = seen.turned(j)
         came = begun and known != state.had_rotation[j]
         breaks = came and known if j in WRISTS else came or (GROUP[j] in changed and not known)
+        breaks |= begun and not known and redirected(seen, state, j)
         span = settings.ease if known else BLEND
         body.rotation[j] = state.turn[j].rotation(goal[j], state.rotation[j], state.spin[j], interval, breaks, span)
 
@@ -96,8 +105,10 @@ def pose_body(settings: TrackerSettings, seen: Tracked, predicted: Prediction, s
     breaks = begun and bool(pelvis_seen(seen) != had_pelvis or seen.has_position[PELVIS] != state.had_position[PELVIS])
     pelvis, span = body.point[PELVIS], settings.ease if pelvis_seen(seen) else BLEND
     wanted = pelvis + pelvis_off(body, seen)
-    wanted = state.pelvis.vector(wanted, state.point[PELVIS], state.pelvis_speed, interval, breaks, span)
+    wanted = state.pelvis.vector(wanted, state.pelvis_bent, state.pelvis_speed, interval, breaks, span)
     bend_spine(body, seen, wanted - pelvis)
+    state.pelvis_speed = (body.point[PELVIS] - state.pelvis_bent) / interval if begun else np.zeros(3)
+    state.pelvis_bent = body.point[PELVIS]
 
     # Legs first: the pelvis may be moved for them, and the chest with it.
     move_legs(body, seen, predicted.contact, goal, settings, changed, state)
@@ -125,7 +136,6 @@ def pose_finish(seen: Tracked, state: PoseState, body: Body) -> np.ndarray:
     place_points(body, seen.rest_offset, body.point[HEAD])
     rate = 1 / seen.interval if state.begun else 0.0
     state.head_speed = (body.point[HEAD] - state.point[HEAD]) * rate
-    state.pelvis_speed = (body.point[PELVIS] - state.point[PELVIS]) * rate
     for name, limb in LIMBS.items():
         remember_limb(body, limb, seen.interval, state.begun, state.limb[name])
     for j in range(BODY):

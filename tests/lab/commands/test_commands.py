@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from importlib.resources import files
 from pathlib import Path
 
@@ -53,7 +54,7 @@ def test_data_info_with_occlusion(two_people: Path, tmp_path: Path, run) -> None
         (("ik", "--frames", 10, "--noise", 0.02), {"p50_ms", "p95_ms", "p99_ms"}),
         (("occlusion", "--frames", 200), {"frames_per_second"}),
         (("bvh", "--megabytes", 1), {"mb_per_second", "bare_parse_mb_per_second", "ratio"}),
-        (("import", "--runs", 1), {"package_seconds", "seconds", "torch_imported"}),
+        (("import", "--runs", 1), {"package_seconds", "seconds", "numpy_seconds", "torch_imported"}),
     ],
     ids=lambda value: "_".join(map(str, value)) if isinstance(value, tuple) else "",
 )
@@ -67,11 +68,29 @@ def test_benchmarks(tmp_path: Path, run, command: tuple[object, ...], keys: set[
 
 @pytest.mark.parametrize("sensors", ["three_point", "headset_camera"])
 def test_benchmark_of_a_step(tmp_path: Path, run, sensors: str) -> None:
-    run("bench", "step", "--frames", 8, "--sensors", sensors, "--json", tmp_path / "a.json")
+    run("bench", "step", "--frames", 8, "--device", sensors, "--json", tmp_path / "a.json")
     numbers = json.loads((tmp_path / "a.json").read_text())
-    times = {"p50_ms", "p99_ms", "batch16_ms", "batch16_p99_ms", "onnx_p50_ms", "onnx_batch16_ms", "reference_ms"}
+    times = {"p50_ms", "p99_ms", "batch16_ms", "batch16_p99_ms", "floor_ms", "reference_ms"}
     assert set(numbers) == times | {"mflop", "rss_mb", "file_mb"}
     assert 0 < numbers["p50_ms"] <= numbers["p99_ms"] and numbers["rss_mb"] > 10 and numbers["file_mb"] > 0.1
+    assert 0 < numbers["floor_ms"] < numbers["p50_ms"] and numbers["mflop"] > 10
+
+
+def test_an_older_step_to_compare_with(tmp_path: Path, refused) -> None:
+    line = refused("bench", "step", "--frames", 8, "--onnx", tmp_path / "completion.onnx")
+    assert "no such model file; give the .onnx that `git show" in line
+
+
+@pytest.mark.slow
+def test_the_last_step_that_was_a_graph_is_slower(tmp_path: Path, run) -> None:
+    show = ["git", "show", "1d879b8:src/bodysense/weights/completion.onnx"]
+    done = subprocess.run(show, cwd=Path(__file__).parent, capture_output=True, check=False)
+    if done.returncode:
+        pytest.skip("this copy of the repository has no history")
+    (tmp_path / "old.onnx").write_bytes(done.stdout)
+    run("bench", "step", "--frames", 40, "--people", 2, "--onnx", tmp_path / "old.onnx", "--json", tmp_path / "a.json")
+    numbers = json.loads((tmp_path / "a.json").read_text())
+    assert numbers["onnx_p50_ms"] > numbers["p50_ms"] and numbers["onnx_batch2_ms"] > numbers["batch2_ms"]
 
 
 def test_the_packaged_network_is_better_than_the_last_known_place(tmp_path: Path, run) -> None:

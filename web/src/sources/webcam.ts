@@ -1,8 +1,8 @@
 /** A webcam: a person's landmarks, found in a worker, become points of the body. Nothing leaves this browser. */
 
-import { LandmarkPoints, type Landmarks } from "../core/landmarks";
-import type { Vector } from "../core/math";
-import { withOffsets, type Skeleton } from "../core/skeleton";
+import { LandmarkPoints, type Landmarks } from "./landmarks";
+import type { Vector } from "../body/math";
+import { withOffsets, type Skeleton } from "../body/skeleton";
 import type { FromCamera, ToCamera } from "../engine/camera_worker";
 import type { Live } from "../live";
 import { CameraPicture, type Marks } from "../ui/camera_picture";
@@ -11,6 +11,7 @@ import type { Source } from "./source";
 const FIELD_OF_VIEW = 60; // degrees over the longer side of the picture, as webcams usually have it
 const CALM = 0.05; // s: half-life of the smoothing of landmarks
 const LONELY = 4; // s without a person after which the page says so
+const LOST = { pictures: 3, seconds: 1.5 } as const; // without a person, after which they are looked for anew
 const LOADING = "Loading what finds people: 23 MB, once …";
 const NOBODY = "Looking for you …";
 const REFUSALS: Readonly<Record<string, string>> = {
@@ -60,6 +61,7 @@ class Webcam implements Source {
   private calm: Landmarks | null = null;
   private marks: Marks = [];
   private isSeen = false;
+  private missed = 0; // pictures without a person since the last one with
   private isOpen = false;
   private isLooking = false;
   private shown = -1; // s, of the video: the picture that was looked at last
@@ -138,15 +140,21 @@ class Webcam implements Source {
     this.calm = found && this.calm ? smoothed(this.calm, found, 1 - 2 ** (-passed / CALM)) : found;
     const body = withOffsets(this.skeleton, this.live.newest?.restOffset ?? this.skeleton.restOffset);
     const points = this.calm && this.points.read(this.calm, body, passed);
-    this.small.say(points ? seenOf(points.map(({ name }) => name)) : NOBODY);
-    this.isSeen = points !== null;
     if (!points) {
+      this.missed += 1;
+      if (this.missed >= LOST.pictures && milliseconds - this.before > 1000 * LOST.seconds) {
+        this.isSeen = false;
+        this.small.say(NOBODY);
+      }
       if (milliseconds - this.lonely > 1000 * LONELY && !this.hasSaid) {
         this.hasSaid = true;
         this.say("Nobody is seen yet: step back until the picture holds you from head to hips, better to the feet.");
       }
       return;
     }
+    this.isSeen = true;
+    this.missed = 0;
+    this.small.say(seenOf(points.map(({ name }) => name)));
     this.before = this.lonely = milliseconds;
     this.hasSaid = false;
     this.sensors = points.map(({ name }) => name);

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from bodysense.errors import missing_package
 from bodysense.files import written_beside
-from bodysense.pictures.sheet import INK, MUTED, load_pyplot
 
+INK, MUTED = "#22303c", "#b8c2cc"
 COLORS = ("#5b7fa6", "#1b7f79", "#c98a2b")
 
 
@@ -61,6 +62,18 @@ def plain_bars(label: str, heights: Sequence[float | None]) -> Bars:
     """Bars without errors and marks; None draws none."""
     height = np.array([np.nan if one is None else one for one in heights], dtype=float)
     return Bars(label, height, np.full(len(height), np.nan), ("",) * len(height))
+
+
+def load_pyplot() -> Any:
+    """Matplotlib's pyplot, drawing into files. Raises BodysenseError if it is not installed."""
+    try:
+        import matplotlib
+    except ImportError as error:
+        raise missing_package(error) from None
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    return pyplot
 
 
 def draw_bars(path: str | Path, groups: Sequence[str], series: Sequence[Bars], title: str, note: str) -> None:

@@ -19,7 +19,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from bodysense.body.glove import glove_marker, glove_points
+from bodysense.body.glove import glove_points
+from bodysense.body.hand import glove_marker
 from bodysense.errors import BodysenseError
 from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers, in_our_world, points_alone
 from bodysense.io.osc import message_bytes, read_packet

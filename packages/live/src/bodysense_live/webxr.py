@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.glove import glove_marker
+from bodysense.body.hand import glove_marker
 from bodysense.body.products import CONJUGATE, multiply, rotate
 from bodysense.body.rotation import matrix_to_quaternion
 from bodysense.body.skeleton import Skeleton, default_body, default_skeleton

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bodysense.body.glove import glove_marker
+from bodysense.body.hand import glove_marker
 from bodysense.errors import BodysenseError
 from bodysense.files import check_plain
 from bodysense.io.markers.c3d import read_c3d, write_c3d

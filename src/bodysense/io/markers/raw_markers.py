@@ -11,8 +11,9 @@ from typing import Literal
 
 import numpy as np
 
-from bodysense.body.glove import MARKERS, glove_marker, side_of, standard_marker
+from bodysense.body.glove import MARKERS, side_of, standard_marker
 from bodysense.body.glove_set import GloveSet, packaged_sets, standard_set
+from bodysense.body.hand import glove_marker
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text

@@ -7,27 +7,20 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from tyro.extras import SubcommandApp
 
-from bodysense.body.person import Person
-from bodysense.devices.simulated.device import SensorSetName
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation
-from bodysense_lab.commands import arms, bench_live, bench_outputs, live_checks
-from bodysense_lab.commands.timing import percentiles, report, resident_memory
+from bodysense_lab.commands import arms, bench_live, bench_outputs, bench_step, live_checks
+from bodysense_lab.commands.timing import percentiles, report, resident_memory, streamed
 
 
 def commands() -> SubcommandApp:
     """The group's commands."""
     group = SubcommandApp()
-    group.command(step)
+    group.command(name="step")(bench_step.bench_step)
     group.command(gloves)
     group.command(ik)
     group.command(occlusion)
@@ -42,87 +35,6 @@ def commands() -> SubcommandApp:
     group.command(live_checks.packet_decoders)
     group.command(live_checks.live_soak)
     return group
-
-
-def step(
-    sensors: SensorSetName = "three_point",
-    frames: int = 3000,
-    people: int = 16,
-    model: Path | None = None,
-    json: Path | None = None,
-) -> None:
-    """Time the tracker's whole step, a frame at a time: one wearer, and several in a batch.
-
-    onnx_p50_ms and onnx_batch16_ms are the same step as the last ONNX graph; reference_ms are the step's matrix
-    products of one wearer in NumPy, float32, of the body and its mirror image; mflop are their multiplications and
-    additions a frame.
-
-    Args:
-        sensors: sensor set that is tracked.
-        frames: frames to time of one wearer, after 100 to warm up; of the batch a quarter as many.
-        people: wearers in the batch; its figure, ms a wearer, is called batch16_ms with 16.
-        model: completion network of your own; the packaged one if omitted.
-        json: write the numbers here, as one flat object.
-    """
-    from bodysense.completion.model import PACKAGED, load_completion
-    from bodysense.demo import performance_of_stranger
-    from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
-    from bodysense.tracker import Tracker, step_together
-    from bodysense_lab.completion.weights_file import read_safetensors
-
-    if people < 1:
-        raise BodysenseError(f"--people {people}: give at least 1")
-    clip = performance_of_stranger()
-    observation = observe(clip.pose, clip.time, SENSOR_SETS[sensors])
-    network = None if model is None else load_completion(model)
-    tracker = Tracker(Person(clip.pose.skeleton), network=network)
-    one = percentiles(_streamed(tracker, observation), frames)
-    single = [observation[place : place + 1] for place in range(len(observation))]
-    states = [tracker.start() for _ in range(people)]
-
-    def together(frame: int) -> None:
-        nonlocal states
-        place = frame % len(single)
-        begun = [tracker.start() for _ in range(people)] if place == 0 else states
-        done = step_together([(tracker, single[place], state) for state in begun])
-        states = [state for _, state in done]
-
-    batch = percentiles(together, max(1, frames // 4))
-    numbers = {name: one[name] for name in ("p50_ms", "p99_ms")}
-    numbers |= {f"batch{people}_ms": batch["p50_ms"] / people, f"batch{people}_p99_ms": batch["p99_ms"] / people}
-    graph, graphs = (_graph(observation, tracker.people * count) for count in (1, people))
-    numbers["onnx_p50_ms"] = percentiles(graph, max(1, frames // 4))["p50_ms"]
-    numbers[f"onnx_batch{people}_ms"] = percentiles(graphs, max(1, frames // 16))["p50_ms"] / people
-    with as_file(files("bodysense.weights") / PACKAGED) as packaged:
-        path = packaged if model is None else model
-        size, tables = path.stat().st_size, [t for t in read_safetensors(path)[0].values() if t.dtype == np.int8]
-    wide = [np.ones(table.shape, np.float32) for table in tables]
-    columns = [np.ones((table.shape[1], 2), np.float32) for table in tables]
-
-    def products(_: int) -> None:
-        for table, column in zip(wide, columns, strict=True):
-            np.matmul(table, column)
-
-    numbers["reference_ms"] = percentiles(products, max(1, frames // 4))["p50_ms"]
-    numbers["mflop"] = sum(4e-6 * table.size for table in tables)
-    report(f"step, {sensors}", numbers | {"rss_mb": resident_memory(), "file_mb": size / 1e6}, json)
-
-
-def _graph(observation: Observation, people: Sequence[Person]) -> Callable[[int], None]:
-    """Run the n-th frame of an observation, of several people alike, through the last ONNX graph."""
-    from bodysense_lab.completion.onnx_graph import graph_inputs, open_graph
-
-    network, names = open_graph(), ("position", "rotation", "has_position", "has_rotation", "accuracy")
-    together = {name: np.repeat(getattr(observation, name)[None], len(people), axis=0) for name in names}
-    frames = list(graph_inputs(replace(observation[:300], **{n: v[:, :300] for n, v in together.items()}), people))
-    state = network.start(len(people))
-
-    def one(frame: int) -> None:
-        nonlocal state
-        place = frame % len(frames)
-        _, state = network.step(frames[place], network.start(len(people)) if place == 0 else state)
-
-    return one
 
 
 def gloves(frames: int = 3000, json: Path | None = None) -> None:
@@ -147,22 +59,9 @@ def gloves(frames: int = 3000, json: Path | None = None) -> None:
             ("_all", whole, HandsSettings(contact=None)),
             ("_contact", hidden, HandsSettings()),
         ):
-            taken = percentiles(_streamed(Hands(skeletons, models, settings), observation), frames)
+            taken = percentiles(streamed(Hands(skeletons, models, settings), observation), frames)
             numbers |= {f"{name}{label}_{key}": value for key, value in taken.items()}
     report("gloves", numbers | {"rss_mb": resident_memory()}, json)
-
-
-def _streamed(method: Any, observation: Observation) -> Callable[[int], None]:
-    """Takes the n-th frame of an observation that begins again whenever it ends: by an estimator, a tracker, hands."""
-    state = method.start()
-    single = [observation[place : place + 1] for place in range(len(observation))]
-
-    def one(frame: int) -> None:
-        nonlocal state
-        place = frame % len(single)
-        state = method.step(single[place], method.start() if place == 0 else state)[-1]
-
-    return one
 
 
 def ik(frames: int = 3000, noise: float = 0.0, json: Path | None = None) -> None:
@@ -244,12 +143,15 @@ def bvh(megabytes: int = 60, json: Path | None = None) -> None:
 def import_time(runs: int = 9, json: Path | None = None) -> None:
     """Time `import bodysense`, alone and with the tracker, in fresh processes; PyTorch must not be among it.
 
+    numpy_seconds is `import numpy` alone, which is part of what the tracker takes.
+
     Args:
         runs: Processes; the median is told.
         json: Write the numbers here, as one flat object.
     """
     import subprocess
 
+    numpy = "import time; begun = time.perf_counter(); import numpy; print(time.perf_counter() - begun)"
     code = (
         "import time; begun = time.perf_counter(); import bodysense; alone = time.perf_counter() - begun; "
         "bodysense.Tracker; import sys; print(alone, time.perf_counter() - begun, int('torch' in sys.modules))"
@@ -261,8 +163,14 @@ def import_time(runs: int = 9, json: Path | None = None) -> None:
         ]
         for _ in range(runs)
     ]
+    bare = [float(subprocess.run([sys.executable, "-c", numpy], capture_output=True, check=True).stdout) for _ in rows]
     alone, seconds = (float(np.median([row[k] for row in rows])) for k in (0, 1))
-    numbers = {"package_seconds": alone, "seconds": seconds, "torch_imported": max(row[2] for row in rows)}
+    numbers = {
+        "package_seconds": alone,
+        "seconds": seconds,
+        "numpy_seconds": float(np.median(bare)),
+        "torch_imported": max(row[2] for row in rows),
+    }
     report("import", numbers, json)
 
 

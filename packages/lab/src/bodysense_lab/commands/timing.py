@@ -6,10 +6,12 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from bodysense.errors import BodysenseError
+from bodysense.observation import Observation
 
 
 def percentiles(one: Callable[[int], None], frames: int) -> dict[str, float]:
@@ -24,6 +26,19 @@ def percentiles(one: Callable[[int], None], frames: int) -> dict[str, float]:
         one(frame + 100)
         taken[frame] = time.perf_counter() - begun
     return {f"p{q}_ms": float(1000 * np.percentile(taken, q)) for q in (50, 95, 99)}
+
+
+def streamed(method: Any, observation: Observation) -> Callable[[int], None]:
+    """Take the n-th frame of an observation, which begins again when it ends, by a tracker, an estimator or hands."""
+    state = method.start()
+    single = [observation[place : place + 1] for place in range(len(observation))]
+
+    def one(frame: int) -> None:
+        nonlocal state
+        place = frame % len(single)
+        state = method.step(single[place], method.start() if place == 0 else state)[-1]
+
+    return one
 
 
 def resident_memory() -> float:

@@ -1,4 +1,4 @@
-"""The step as a graph: what it reads of observations, and the last packaged ONNX file, to time the core against."""
+"""The step as an ONNX graph of an earlier version: what it reads of observations, to time the core against."""
 
 from __future__ import annotations
 
@@ -18,12 +18,14 @@ _ABSENT = 0.001  # m, accuracy of points that are not tracked: any positive numb
 
 FORMAT = "bodysense-completion-1"
 GRAPH = NetworkFormat(
-    name=FORMAT, kind="completion graph", command="bodysense train completion", packaged="completion.onnx"
+    name=FORMAT,
+    kind="completion graph",
+    command="git show 1d879b8:src/bodysense/weights/completion.onnx > completion.onnx",
 )
 
 
-def open_graph(path: Path | None = None) -> Network:
-    """The graph of a file, or the last one that was packaged."""
+def open_graph(path: Path) -> Network:
+    """Open the graph of a file. Raises BodysenseError for any other file."""
     return Network.open(path, GRAPH)
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bodysense.files import written_beside
-from bodysense.pictures.sheet import INK, MUTED, load_pyplot
-from bodysense_lab.chart import COLORS
+from bodysense_lab.chart import COLORS, INK, MUTED, load_pyplot
 from bodysense_lab.completion.measures import REGIONS
 from bodysense_lab.completion.tables import CompletionTable
 

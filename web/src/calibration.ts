@@ -1,8 +1,8 @@
-/** Calibration: two seconds upright with the arms out tell height and reach (bodysense.completion.calibration). */
+/** Calibration: two seconds upright with the arms out tell the head's height and the reach of the arms. */
 
-import { distance, type Vector } from "./math";
-import type { Observation } from "./observation";
-import type { Person } from "./person";
+import { distance, type Vector } from "./body/math";
+import type { Observation } from "./body/observation";
+import type { Person } from "./wearer";
 
 export const LASTS = 2; // s
 const STILL = 0.05; // m: whose head moves farther does not stand still
@@ -31,8 +31,7 @@ export function calibrated(frames: readonly Observation[]): Person {
   const span = spans.length > 0 ? median(spans) : 0;
   const isOut = span > SPAN.least && span < SPAN.most;
   return {
-    height: null,
-    head: { value: middle[1], deviation: DEVIATION },
+    head: middle[1],
     lengths: isOut ? [{ start: "left_wrist", end: "right_wrist", value: span, deviation: DEVIATION }] : [],
   };
 }

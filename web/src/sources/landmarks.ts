@@ -16,9 +16,9 @@ import {
   unit,
   type Quaternion,
   type Vector,
-} from "./math";
-import { ACCURACY, type Point } from "./observation";
-import type { Skeleton } from "./skeleton";
+} from "../body/math";
+import { ACCURACY, type Point } from "../body/observation";
+import type { Skeleton } from "../body/skeleton";
 
 /** MediaPipe's 33 landmarks of one frame; axes of the camera: x to the right of the picture, y up, z to the camera. */
 export interface Landmarks {

@@ -1,7 +1,8 @@
 /** Vectors and wxyz quaternions of one body: small arrays, double precision. */
 
-export type Vector = readonly [number, number, number];
-export type Quaternion = readonly [number, number, number, number]; // w, x, y, z
+import type { Quaternion, Vector } from "@bodysense/core";
+
+export type { Quaternion, Vector } from "@bodysense/core";
 
 export const UPRIGHT: Quaternion = [1, 0, 0, 0];
 
@@ -98,28 +99,6 @@ export function solve(matrix: Float64Array[], values: Float64Array): Float64Arra
   for (let row = n - 1; row >= 0; row--) {
     for (let k = row + 1; k < n; k++) values[row] -= matrix[row][k] * values[k];
     values[row] /= matrix[row][row];
-  }
-  return values;
-}
-
-/** The lower triangle L of a positive definite matrix L L'. */
-export function cholesky(matrix: readonly Float64Array[]): Float64Array[] {
-  const lower = matrix.map((row) => new Float64Array(row.length));
-  matrix.forEach((values, row) => {
-    for (let column = 0; column <= row; column++) {
-      let rest = values[column];
-      for (let k = 0; k < column; k++) rest -= lower[row][k] * lower[column][k];
-      lower[row][column] = row === column ? Math.sqrt(rest) : rest / lower[column][column];
-    }
-  });
-  return lower;
-}
-
-/** Solve L x = values in place, L a lower triangle. */
-export function forward(lower: readonly Float64Array[], values: Float64Array): Float64Array {
-  for (let row = 0; row < values.length; row++) {
-    for (let k = 0; k < row; k++) values[row] -= lower[row][k] * values[k];
-    values[row] /= lower[row][row];
   }
   return values;
 }

@@ -1,7 +1,7 @@
 /** How the world of a device is moved into the body's: body = Ry(heading) · device + offset. */
 
-import { add, conjugate, heading, multiply, rotate, type Quaternion, type Vector } from "./math";
-import type { Point } from "./observation";
+import { add, conjugate, heading, multiply, rotate, type Quaternion, type Vector } from "../body/math";
+import type { Point } from "../body/observation";
 
 export interface Placement {
   readonly turn: Quaternion; // about +Y
@@ -20,7 +20,7 @@ export function placedBy(position: Vector, rotation: Quaternion, lift = 0): Plac
 export function placed(points: readonly Point[], { turn, offset }: Placement): Point[] {
   return points.map((point) => ({
     ...point,
-    position: point.position && add(rotate(turn, point.position), offset),
-    rotation: point.rotation && multiply(turn, point.rotation),
+    position: point.position ? add(rotate(turn, point.position), offset) : null,
+    rotation: point.rotation ? multiply(turn, point.rotation) : null,
   }));
 }

@@ -84,6 +84,14 @@ function restRange(skeleton: Skeleton): [number, number] {
   return [Math.min(...heights), Math.max(...heights)];
 }
 
+/** Where a point of the rest pose is over the floor, metres. */
+export function restPoint({ points, parents, restOffset }: Skeleton, name: string): [number, number, number] {
+  const place: [number, number, number] = [0, 0, 0];
+  for (let point = points.indexOf(name); point >= 0; point = parents[point])
+    for (let k = 0; k < 3; k++) place[k] += restOffset[3 * point + k];
+  return place;
+}
+
 /** Mean distance of the joints of two placed bodies, metres. */
 export function meanDistance(a: Body, b: Body, joints: number): number {
   let sum = 0;

@@ -1,0 +1,140 @@
+"""`bodysense bench step`: the whole step, its matrix products alone, and the step of earlier versions."""
+
+from __future__ import annotations
+
+import runpy
+import subprocess
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from importlib.resources import as_file, files
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.devices.simulated.device import SensorSetName
+from bodysense.errors import BodysenseError
+from bodysense.observation import Observation
+from bodysense_lab.commands.timing import percentiles, report, resident_memory, streamed
+
+if TYPE_CHECKING:
+    from bodysense.tracker import Tracker
+
+_ROOT = Path(__file__).parents[5]  # of the repository
+_ROUNDS = 1000  # of the products
+
+
+def bench_step(
+    device: SensorSetName = "three_point",
+    frames: int = 3000,
+    people: int = 16,
+    model: Path | None = None,
+    onnx: Path | None = None,
+    json: Path | None = None,
+) -> None:
+    """Time the tracker's whole step, a frame at a time: one wearer, and several in a batch.
+
+    floor_ms are the step's matrix products of one wearer alone, in C, of the body and its mirror image; reference_ms
+    the same products in NumPy, float32; mflop their multiplications and additions a frame. With --onnx, onnx_p50_ms and
+    onnx_batch16_ms are the step of an ONNX file of an earlier version.
+
+    Args:
+        device: sensor set that is tracked.
+        frames: frames to time of one wearer, after 100 to warm up; of the batch a quarter as many.
+        people: wearers in the batch; its figure, ms a wearer, is called batch16_ms with 16.
+        model: completion network of your own; the packaged one if omitted.
+        onnx: completion.onnx of an earlier version (docs/completion.md says how to get it).
+        json: write the numbers here, as one flat object.
+    """
+    from bodysense.completion.model import PACKAGED, load_completion
+    from bodysense.demo import performance_of_stranger
+    from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+    from bodysense.tracker import Tracker
+
+    if people < 1:
+        raise BodysenseError(f"--people {people}: give at least 1")
+    clip = performance_of_stranger()
+    observation = observe(clip.pose, clip.time, SENSOR_SETS[device])
+    tracker = Tracker(Person(clip.pose.skeleton), network=None if model is None else load_completion(model))
+    graphs = None if onnx is None else [_graph(onnx, observation, tracker.people * count) for count in (1, people)]
+    one = percentiles(streamed(tracker, observation), frames)
+    batch = percentiles(_together(tracker, observation, people), max(1, frames // 4))
+    numbers = {name: one[name] for name in ("p50_ms", "p99_ms")}
+    numbers |= {f"batch{people}_ms": batch["p50_ms"] / people, f"batch{people}_p99_ms": batch["p99_ms"] / people}
+    with ExitStack() as stack:
+        packaged = files("bodysense.weights") / PACKAGED
+        weights = stack.enter_context(as_file(packaged)) if model is None else model
+        numbers |= {"floor_ms": _floor(weights)} | _reference(weights, max(1, frames // 4))
+        size = weights.stat().st_size
+    if graphs is not None:
+        numbers["onnx_p50_ms"] = percentiles(graphs[0], max(1, frames // 4))["p50_ms"]
+        numbers[f"onnx_batch{people}_ms"] = percentiles(graphs[1], max(1, frames // 16))["p50_ms"] / people
+    report(f"step, {device}", numbers | {"rss_mb": resident_memory(), "file_mb": size / 1e6}, json)
+
+
+def _together(tracker: Tracker, observation: Observation, people: int) -> Callable[[int], None]:
+    """Complete the n-th frame of several people alike, in one batch."""
+    from bodysense.tracker import step_together
+
+    single = [observation[place : place + 1] for place in range(len(observation))]
+    states = [tracker.start() for _ in range(people)]
+
+    def one(frame: int) -> None:
+        nonlocal states
+        place = frame % len(single)
+        begun = [tracker.start() for _ in range(people)] if place == 0 else states
+        states = [state for _, state in step_together([(tracker, single[place], state) for state in begun])]
+
+    return one
+
+
+def _floor(weights: Path) -> float:
+    """Median ms of the matrix products of one wearer in C: core/bench/products.c, compiled for this."""
+    source = _ROOT / "core" / "bench" / "products.c"
+    if not source.is_file():
+        raise BodysenseError(
+            f"bench step compiles {source}, which does not exist; in a clone of the repository: "
+            "pip install -c constraints.txt -e packages/lab"
+        )
+    with TemporaryDirectory(prefix="bodysense-") as folder:
+        program = runpy.run_path(str(_ROOT / "scripts" / "build_core.py"))["build_program"](source, Path(folder) / "a")
+        command = [str(program), str(weights), str(_ROUNDS), "1"]
+        return float(subprocess.run(command, capture_output=True, check=True).stdout)
+
+
+def _reference(weights: Path, frames: int) -> dict[str, float]:
+    """Median ms of the same products in NumPy, and their millions of multiplications and additions."""
+    from bodysense_lab.completion.weights_file import read_safetensors
+
+    tables = [table for table in read_safetensors(weights)[0].values() if table.dtype == np.int8]
+    wide = [np.ones(table.shape, np.float32) for table in tables]
+    columns = [np.ones((table.shape[1], 2), np.float32) for table in tables]
+
+    def products(_: int) -> None:
+        for table, column in zip(wide, columns, strict=True):
+            np.matmul(table, column)
+
+    return {
+        "reference_ms": percentiles(products, frames)["p50_ms"],
+        "mflop": sum(4e-6 * table.size for table in tables),
+    }
+
+
+def _graph(path: Path, observation: Observation, people: Sequence[Person]) -> Callable[[int], None]:
+    """Run the n-th frame of an observation, of several people alike, through an ONNX graph."""
+    from bodysense_lab.completion.onnx_graph import graph_inputs, open_graph
+
+    network, names = open_graph(path), ("position", "rotation", "has_position", "has_rotation", "accuracy")
+    together = {name: np.repeat(getattr(observation, name)[None], len(people), axis=0) for name in names}
+    frames = list(graph_inputs(replace(observation[:300], **{n: v[:, :300] for n, v in together.items()}), people))
+    state = network.start(len(people))
+
+    def one(frame: int) -> None:
+        nonlocal state
+        place = frame % len(frames)
+        _, state = network.step(frames[place], network.start(len(people)) if place == 0 else state)
+
+    return one
