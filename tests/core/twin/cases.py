@@ -58,7 +58,7 @@ def cases(device: str, frames: int) -> st.SearchStrategy[Case]:
         Case,
         device=st.just(device),
         known=st.sampled_from(KNOWN),
-        rate=st.sampled_from((11.0, 24.0, 37.0, 72.0, 111.0, 240.0)),
+        rate=st.sampled_from((11.0, 24.0, 37.0, 72.0, 111.0, 144.0)),
         frames=st.just(frames),
         loss=st.sampled_from((0.0, 0.01, 0.03)),
         noise=st.sampled_from((0.0, 0.002)),
@@ -103,7 +103,8 @@ def observation_of(case: Case) -> Observation:
     lost = np.cumsum(rng.random(seen.has_position.shape) < case.loss, axis=0) % 2 == 1
     head = seen.points.index("head")
     lost[:, head] &= np.arange(case.frames) % 10 < 3
-    worn = {joint: mount for joint, mount in mounts_of(case).items() if joint in seen.points}
+    whole = [name for k, name in enumerate(seen.points) if (seen.has_position & seen.has_rotation)[:, k].all()]
+    worn = {joint: mount for joint, mount in mounts_of(case).items() if joint in whole}
     seen = strapped(seen, worn)
     return replace(
         seen,
