@@ -15,11 +15,13 @@ from bodysense.body.rigid import RigidTransform
 from bodysense.body.rotation import normalize, quaternion_exp, quaternion_multiply
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe, random_edges, strapped
+from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe, random_edges, strapped
 from bodysense.observation import Observation
 from bodysense.tracker import TrackerSettings
 
-DEVICES = (*SENSOR_SETS, "lattice")  # "lattice": any set of sensors, each of any kind
+_JOINTS = ("pelvis", "spine3", *(f"{side}_{name}" for side in ("left", "right") for name in ("hip", "knee", "elbow")))
+SETS = {**SENSOR_SETS, "inertial": SensorSet((), _JOINTS)}
+DEVICES = (*SETS, "lattice")  # "lattice": any set of sensors, each of any kind
 KNOWN = ("proportions", "height", "lengths", "mounts", "nothing")
 BODIES = sample_bodies("test", 8)
 STRAPS = ("pelvis", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_elbow", "right_elbow")
@@ -95,14 +97,14 @@ def mounts_of(case: Case) -> dict[str, RigidTransform]:
 def observation_of(case: Case) -> Observation:
     """What the device tracks: with noise, and sensors that come and go."""
     rng = np.random.default_rng(case.seed + 1)
-    sensors = random_edges(1, rng)[0].more if case.device == "lattice" else SENSOR_SETS[case.device]
+    sensors = random_edges(1, rng)[0].more if case.device == "lattice" else SETS[case.device]
     time = 100 + np.cumsum(rng.uniform(0.8, 1.2, case.frames)) / case.rate
     seen = observe(
         motion(case), time + np.where(case.gap & (np.arange(case.frames) > case.frames // 2), 1.5, 0), sensors
     )
     lost = np.cumsum(rng.random(seen.has_position.shape) < case.loss, axis=0) % 2 == 1
-    head = seen.points.index("head")
-    lost[:, head] &= np.arange(case.frames) % 10 < 3
+    head = [k for k, name in enumerate(seen.points) if name == "head"]
+    lost[:, head] &= (np.arange(case.frames) % 10 < 3)[:, None]
     whole = [name for k, name in enumerate(seen.points) if (seen.has_position & seen.has_rotation)[:, k].all()]
     worn = {joint: mount for joint, mount in mounts_of(case).items() if joint in whole}
     seen = strapped(seen, worn)
