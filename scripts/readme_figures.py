@@ -65,17 +65,8 @@ def main(folder: Path) -> None:
     read = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")}
     if (folder / "demo" / "demo.webp").is_file():
         shutil.copyfile(folder / "demo" / "demo.webp", DEMO)
-    text = README.read_text(encoding="utf-8")
     if "completion" in read:
-        text = put(text, "completion", completion(read["completion"]))
-        whole = COMPLETION.read_text(encoding="utf-8")
-        whole = put(whole, "completion", completion_measures(read["completion"]))
-        whole = put(whole, "published", published(read["completion"]))
-        whole = put(whole, "takes", takes(read["completion"]))
-        COMPLETION.write_text(whole, encoding="utf-8")
-        card = CARD.read_text(encoding="utf-8")
-        CARD.write_text(put(card, "completion", completion(read["completion"])), encoding="utf-8")
-    README.write_text(text, encoding="utf-8")
+        write_completion(read["completion"])
     if "holes" in read:
         FILES.write_text(put(FILES.read_text(encoding="utf-8"), "holes", holes(read["holes"])), encoding="utf-8")
     tables = EVALUATION.read_text(encoding="utf-8")
@@ -112,6 +103,17 @@ def main(folder: Path) -> None:
     if set(CAMERAS) <= set(read):
         rates = put(rates, "cameras", cameras(read))
     OCCLUSION.write_text(rates, encoding="utf-8")
+
+
+def write_completion(numbers: dict[str, float]) -> None:
+    """Replace the tables of `evaluate completion` in the README, the page of completion and the network's card."""
+    for path in (README, CARD):
+        path.write_text(put(path.read_text(encoding="utf-8"), "completion", completion(numbers)), encoding="utf-8")
+    text = COMPLETION.read_text(encoding="utf-8")
+    tables = {"completion": completion_measures, "published": published, "takes": takes}
+    for name, table in tables.items():
+        text = put(text, name, table(numbers))
+    COMPLETION.write_text(text, encoding="utf-8")
 
 
 def takes(numbers: dict[str, float]) -> str:
