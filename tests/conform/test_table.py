@@ -107,6 +107,13 @@ def test_hands_that_are_honestly_missing_do_not_fail(clean: Subject, garbage: fl
     assert "hands.size" in verdict.unanswered["no hand comes with all its fingers"]
 
 
+@pytest.mark.parametrize("frames", [1, 2, 3, 5, 12, 25])
+def test_a_short_take_is_judged_without_an_error(clean: Subject, frames: int) -> None:
+    short = kept(clean, np.arange(frames))
+    for subject in (short, replace(short, valid=np.zeros_like(short.valid)), replace(short, reference=short, steps=())):
+        assert judge(subject).judgement != "pass" or frames > 20
+
+
 def test_a_failed_gate_skips_its_group_and_those_that_need_it(clean: Subject) -> None:
     verdict = judge(replace(clean, position=100 * clean.position))
     assert set(_faults(verdict)) == {"size.height"}

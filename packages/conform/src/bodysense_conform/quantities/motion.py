@@ -167,7 +167,7 @@ def speed(subject: Subject) -> Series:
 def fastest(subject: Subject) -> Series:
     """Speed of the fastest joint in a script that asks for motion, m/s."""
     _check_motion_asked(subject)
-    return series(np.nan_to_num(subject.speed[:, subject.columns(subject.body)]).max(axis=1))
+    return series(np.nan_to_num(speed(subject).values).max(axis=1))
 
 
 def sway(subject: Subject) -> Series:
@@ -198,4 +198,7 @@ def flip(subject: Subject) -> Series:
 
 def _without_feet(subject: Subject) -> list[str]:
     """Points of the body without feet and toes, which takes by markers spin."""
-    return [name for name in subject.body if not name.endswith(("_foot", "_toe"))]
+    found = [name for name in subject.body if not name.endswith(("_foot", "_toe"))]
+    if not found:
+        raise NotEnough("no point of the body is known")
+    return found

@@ -84,6 +84,8 @@ def lag(subject: Subject) -> Series:
     if other is None:
         raise NotEnough("no reference of the same performance (--reference)")
     names = [name for name in ("head", "left_wrist", "right_wrist") if subject.has(name) and other.has(name)]
+    if not names or min(len(subject), len(other)) < 2:
+        raise NotEnough("the reference has neither head nor wrists in common, or no two frames")
     every = 0.01
     grid = np.arange(max(subject.time[0], other.time[0]), min(subject.time[-1], other.time[-1]), every)
     reach, window = round(_SEARCHED / every), round(_COMPARED / every)

@@ -14,7 +14,7 @@ _WATCHED = 2.0  # s after a return in which jumps belong to it
 
 
 def jump(subject: Subject, moment: tuple[str, ...]) -> Series:
-    """Jump of a point in the frame in which its signal is lost ('loss') or comes back ('return'), cm beyond its velocity."""
+    """Jump of a point, cm beyond its velocity, in the frame of its signal's 'loss' or 'return'."""
     if subject.measured is None:
         raise NotEnough("no mark of which points are measured")
     change = np.diff(subject.measured.astype(np.int8), axis=0, prepend=0) == (-1 if moment == ("loss",) else 1)
@@ -39,11 +39,12 @@ def wait(subject: Subject) -> Series:
 
 def unsettled(subject: Subject) -> Series:
     """Time since the device's return in frames in which a joint still jumps by 10 cm, s."""
+    returns = _returns(subject)
     steps = np.diff(subject.places[:, subject.columns(subject.body)], axis=0, prepend=np.nan)
     jump = np.nan_to_num(np.linalg.norm(steps - np.roll(steps, 1, axis=0), axis=-1)).max(axis=1)
     jump *= min(1.0, (1 / 30 / subject.interval) ** 2)  # curvature grows with the interval
     found = np.zeros(len(subject))
-    for back in _returns(subject):
+    for back in returns:
         since = subject.time - subject.time[back]
         late = (since > 0) & (since <= _WATCHED) & (jump > 0.1)
         found[late] = since[late]
