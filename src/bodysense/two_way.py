@@ -13,6 +13,7 @@ import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.skeleton import Skeleton
 from bodysense.completion.holding import bent_to, on_floor
 from bodysense.completion.joining import future_share, led, mean_rotation
 from bodysense.completion.model import CompletionModel
@@ -218,7 +219,7 @@ def faded(before: Estimate, after: Estimate, frames: int) -> Estimate:
     return replace(after, pose=pose, points=points)
 
 
-def _placed(skeleton, rotation: Array, head: Array) -> tuple[Pose, Array]:
+def _placed(skeleton: Skeleton, rotation: Array, head: Array) -> tuple[Pose, Array]:
     """The pose of local rotations (T, J, 4) with its head at a place (T, 3) m, and its points (T, P, 3) m."""
     origin = Pose(skeleton, np.zeros_like(head), rotation)
     position = np.asarray(forward_kinematics(origin)[0])

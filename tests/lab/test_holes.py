@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from bodysense.body.rotation import quaternion_exp
 from bodysense.demo import packaged_performance
 from bodysense.io.clip import Clip
 from bodysense_lab import holes
+from bodysense_lab.chart import draw_panels
 
 
 def clip_of(seconds: float) -> Clip:
@@ -26,13 +28,15 @@ def test_every_part_is_taken_away_from_clips_that_are_long_enough() -> None:
     assert all(0 <= gap.error < 1 for gap in gaps)
 
 
-def test_the_numbers_name_part_and_seconds_and_the_best_of_the_others() -> None:
+def test_the_numbers_name_part_and_seconds_and_the_best_of_the_others(tmp_path: Path) -> None:
     errors = {"bodysense": 0.01, "slerp": 0.03, "cubic spline": 0.02, "causal": 0.04}
     gaps = [holes.Gap(part, 0.5, method, error) for part in holes.PARTS for method, error in errors.items()]
     report = holes.report_of(gaps, "made up")
     assert [row[:3] for row in report.rows] == [(part.replace("_", " "), "0.5 s", 1) for part in holes.PARTS]
     assert report.numbers["upper_body_0.5_cm"] == pytest.approx(1.0)
     assert report.numbers["upper_body_0.5_best_other_cm"] == pytest.approx(2.0)
+    draw_panels(tmp_path / "holes.png", report.panels, report.title)
+    assert (tmp_path / "holes.png").stat().st_size > 1000
 
 
 @pytest.mark.parametrize(("fill", "power"), [(holes.slerped, 1), (holes.splined, 3)])

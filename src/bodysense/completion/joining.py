@@ -70,9 +70,8 @@ def led(rotation: Array, head: Array, seen: Array, seconds: float) -> tuple[Arra
         for frame, came in _returns(seen[:, points]):
             around = rotation[max(frame - 2, 0) : frame + 2, joints]
             turn = _leap(around, min(frame, 2), FASTEST_TURN * seconds)
-            hidden = _hidden_before(seen[:, points], frame, came)
             wanted = max(LEAD, LEAD_PER_TURN * float(np.linalg.norm(turn, axis=-1).max())) / seconds
-            count = min(hidden, max(1, round(wanted)))
+            count = _hidden_before(seen[:, points], frame, came, max(1, round(wanted)))
             share = np.arange(1, count + 1) / count
             share = share**2 * (3 - 2 * share)
             span = slice(frame - count, frame)
@@ -90,9 +89,9 @@ def _returns(seen: Array) -> Iterator[tuple[int, Array]]:
         yield frame + 1, np.flatnonzero(again[frame])
 
 
-def _hidden_before(seen: Array, frame: int, came: Array) -> int:
-    """For how many frames before `frame` none of the points `came` was seen."""
-    before = np.asarray(seen[:frame, came].any(axis=1))[::-1]
+def _hidden_before(seen: Array, frame: int, came: Array, most: int) -> int:
+    """For how many frames before `frame`, at most `most`, none of the points `came` was seen."""
+    before = np.asarray(seen[max(frame - most, 0) : frame, came].any(axis=1))[::-1]
     return int(before.argmax()) if before.any() else len(before)
 
 
