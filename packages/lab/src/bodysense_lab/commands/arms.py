@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from bodysense_lab.commands.reporting import finish, open_data, progress_over
-from bodysense_lab.options import Flat
-from bodysense_lab.pahmt.options import ArmEvaluation, ArmTableTraining, ArmTraining
+from bodysense_lab.options import Data, Flat, Table, TableOptions, check_positive
+from bodysense_lab.pahmt.options import ArmTableTraining, ArmTraining, Studio
 
 
 def arms(run: Flat[ArmTraining]) -> None:
@@ -30,14 +30,32 @@ def arms_table(run: Flat[ArmTableTraining]) -> None:
     run_table(run)
 
 
-def pahmt_table1(run: Flat[ArmEvaluation]) -> None:
-    """PAHMT, Table 1: CNN, AHMT and PAHMT; hands alone; with and without each loss. One process does it."""
+def pahmt_table1(
+    data: Data,
+    networks: Path,
+    model: Path | None = None,
+    studio: Flat[Studio] = Studio(),
+    stride: int = 5,
+    seed: int = 1,
+    table: Table = TableOptions(),
+) -> None:
+    """PAHMT, Table 1: CNN, AHMT and PAHMT; hands alone; with and without each loss.
+
+    The clips with fingers are scored, in one process.
+
+    Args:
+        networks: folder that `bodysense train arms-table` wrote.
+        model: the .pt of a network with other settings, written by `bodysense train arms`, for one more row.
+        stride: frames from one window to the next.
+        seed: random seed of cameras and of the detector's errors.
+    """
     from bodysense_lab.pahmt.tables import arm_report, rows_in, score_arms
 
-    chosen, rows = open_data(run.data, run.table), rows_in(run.networks, run.model)
+    check_positive(stride=stride)
+    chosen, rows = open_data(data, table), rows_in(networks, model)
     with progress_over([chosen]) as advance:
-        scored = score_arms(rows, chosen, run.stride, run.seed, advance, run.studio)
-    finish(arm_report(scored, chosen, run.studio.keypoints == "perfect"), run.table)
+        scored = score_arms(rows, chosen, stride, seed, advance, studio)
+    finish(arm_report(scored, chosen, studio.keypoints == "perfect"), table)
 
 
 def bench_arms(frames: int = 2000, model: Path | None = None, json: Path | None = None) -> None:
@@ -50,17 +68,13 @@ def bench_arms(frames: int = 2000, model: Path | None = None, json: Path | None 
     """
     import numpy as np
 
-    from bodysense.body.keypoints import ArmKeypoints
     from bodysense.demo import packaged_performance
-    from bodysense.devices.simulated.camera_view import FRONT, sample_cameras, view, view_points
     from bodysense.devices.video.arms import Arms, ArmSettings, load_arms
     from bodysense_lab.commands.timing import percentiles, report
+    from bodysense_lab.pahmt.system import seen_from_front
 
     clip, network = packaged_performance(), load_arms(model)
-    points = view_points(clip.pose)
-    camera = sample_cameras(points[:1], np.random.default_rng(0), FRONT)
-    seen = view(points[None], clip.time, camera)
-    keypoints = ArmKeypoints(seen.time, *(getattr(seen, name)[0] for name in list(vars(seen))[1:]))
+    keypoints = seen_from_front(clip)
     count = int(network.card["frames"])
     window = {name: np.nan_to_num(value[:count]) for name, value in vars(keypoints).items() if name != "time"}
     window = {name: value if value.dtype == bool else value.astype(np.float32) for name, value in window.items()}

@@ -5,25 +5,39 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
 
 from bodysense.errors import BodysenseError
 from bodysense_lab.commands.reporting import check_outputs, finish, open_data, progress_over
-from bodysense_lab.options import Flat
-from bodysense_lab.two_hands.options import (
-    GloveLimitsEvaluation,
-    GloveOcclusionEvaluation,
-    GloveTraining,
-    JointEvaluation,
-    LayoutEvaluation,
-    MarkerEvaluation,
-)
+from bodysense_lab.options import Flat, Table, TableOptions, check_positive
+from bodysense_lab.two_hands.options import GloveTraining
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bodysense_lab.datasets import DataSet
-    from bodysense_lab.options import TableOptions
+
+Hands = Annotated[
+    str | None,
+    tyro.conf.arg(
+        help="folder of motion with fingers or prepared store; NAME=FOLDER names it; synthesised hands alone if omitted"
+    ),
+]
+Cameras = Annotated[int, tyro.conf.arg(help="cameras in the ring; two must see a marker")]
+Seed = Annotated[int, tyro.conf.arg(help="random seed of the synthesised motion")]
+Network = Annotated[
+    Path | None, tyro.conf.arg(help="network written by `bodysense train gloves`; the packaged one if omitted")
+]
+LeftOut = Annotated[
+    Path | None,
+    tyro.conf.arg(
+        help="folder that `bodysense train gloves --leave-one-out` wrote, to score people by networks that "
+        "never saw them"
+    ),
+]
 
 
 def gloves(run: Flat[GloveTraining]) -> None:
@@ -40,10 +54,11 @@ def gloves(run: Flat[GloveTraining]) -> None:
         run_gloves(replace(run, out=run.out / f"without-{person}", without=(person,)))
 
 
-def gloves_occlusion(run: Flat[GloveOcclusionEvaluation]) -> None:
+def gloves_occlusion(data: Hands = None, cameras: Cameras = 12, seed: Seed = 1, table: Table = TableOptions()) -> None:
     """Two hands, Figs 13 and 14: how many markers of a glove are hidden at once, and for how long.
 
-    A ring of cameras looks at the hands; one hand, two hands, and which of the paper's statements hold.
+    A ring of cameras looks at the hands; one hand, two hands, and the paper's statements that hold. With --data only
+    recorded hands are counted.
     """
     from rich.progress import Progress
 
@@ -56,24 +71,31 @@ def gloves_occlusion(run: Flat[GloveOcclusionEvaluation]) -> None:
         occlusion_report,
     )
 
-    table, ring = run.table, CameraRing(count=run.cameras)
-    if run.data is not None:
-        chosen = open_data(run.data, table)
+    ring = CameraRing(count=cameras)
+    if data is not None:
+        chosen = open_data(data, table)
         with progress_over([chosen]) as advance:
             counted, census = count_clips(chosen.clips(), ring, table.processes, advance)
         if not counted:
-            raise BodysenseError(f"{run.data}: no clip has fingers; give motion with fingers, or leave --data out")
+            raise BodysenseError(f"{data}: no clip has fingers; give motion with fingers, or leave --data out")
         finish(occlusion_report(counted, ring, chosen, census), table)
         return
     check_outputs(table)
     pieces = 1 if table.quick else SYNTHESISED_PIECES
     with Progress() as progress:
         bar = progress.add_task("synthesised hands", total=pieces)
-        counted = count_synthesised(ring, run.seed, table.processes, lambda: progress.update(bar, advance=1), pieces)
+        counted = count_synthesised(ring, seed, table.processes, lambda: progress.update(bar, advance=1), pieces)
     finish(occlusion_report(counted, ring, None, Census()), table)
 
 
-def gloves_limits(run: Flat[GloveLimitsEvaluation]) -> None:
+def gloves_limits(
+    data: Hands = None,
+    cameras: Cameras = 12,
+    seed: Seed = 1,
+    markers: Network = None,
+    joints: Network = None,
+    table: Table = TableOptions(),
+) -> None:
     """Two hands, section 7: hands in each other, pinches, wrong markers, markers without names, jumps.
 
     Two hands are watched by a ring of cameras and completed with and without the contact step; wrong samples are
@@ -93,8 +115,7 @@ def gloves_limits(run: Flat[GloveLimitsEvaluation]) -> None:
     )
     from bodysense_lab.two_hands.limits_report import SYNTHESISED, limits_report
 
-    table, data, jobs = run.table, run.data, run.table.processes
-    ring, networks = CameraRing(count=run.cameras), Networks(run.markers, run.joints)
+    jobs, ring, networks = table.processes, CameraRing(count=cameras), Networks(markers, joints)
     check_outputs(table)
     found: dict[str, Findings] = {}
     chosen, census = None, Census()
@@ -104,46 +125,59 @@ def gloves_limits(run: Flat[GloveLimitsEvaluation]) -> None:
             found, census = measure_clips(chosen.clips(), networks, ring, jobs, advance)
         if not found:
             raise BodysenseError(f"{data}: no clip has fingers; give motion with fingers, or leave --data out")
-    seeds = [(run.seed, piece) for piece in range(1 if table.quick else SYNTHESISED_PIECES)]
+    seeds = [(seed, piece) for piece in range(1 if table.quick else SYNTHESISED_PIECES)]
     with Progress() as progress:
         bar = progress.add_task("synthesised hands", total=len(seeds))
         found[SYNTHESISED] = measure_synthesised(seeds, networks, ring, jobs, lambda: progress.update(bar, advance=1))
     finish(limits_report(found, ring, chosen, census, len(seeds) * SYNTHESISED_SECONDS), table)
 
 
-def gloves_table3(run: Flat[MarkerEvaluation]) -> None:
+def gloves_table3(
+    data: Hands = None, model: Network = None, left_out: LeftOut = None, table: Table = TableOptions()
+) -> None:
     """Two hands, Table 3: hidden markers filled by the last known position, mean velocity, affine weights, the network.
 
     One to four markers are hidden for 0.1 to 2 s.
     """
     from bodysense_lab.two_hands.tables import table3
 
-    with _hands(run.data, run.table) as (chosen, synthesised, advance):
-        report = table3(chosen, synthesised, run.model, run.table.processes, advance, run.left_out)
-    finish(report, run.table)
+    with _hands(data, table) as (chosen, synthesised, advance):
+        report = table3(chosen, synthesised, model, table.processes, advance, left_out)
+    finish(report, table)
 
 
-def gloves_table4(run: Flat[JointEvaluation]) -> None:
+def gloves_table4(
+    data: Hands = None,
+    markers: Network = None,
+    joints: Network = None,
+    left_out: LeftOut = None,
+    table: Table = TableOptions(),
+) -> None:
     """Two hands, Table 4: finger joints by cyclic coordinate descent, and by the run time with hidden markers."""
     from bodysense_lab.two_hands.tables import table4
 
-    with _hands(run.data, run.table) as (chosen, synthesised, advance):
-        report = table4(chosen, synthesised, run.markers, run.joints, run.table.processes, advance, run.left_out)
-    finish(report, run.table)
+    with _hands(data, table) as (chosen, synthesised, advance):
+        report = table4(chosen, synthesised, markers, joints, table.processes, advance, left_out)
+    finish(report, table)
 
 
-def gloves_layouts(run: Flat[LayoutEvaluation]) -> None:
-    """Gloves of other marker sets: finger joints of known hands and of calibrated hands."""
+def gloves_layouts(hands: int | None = None, table: Table = TableOptions()) -> None:
+    """Gloves of other marker sets: finger joints of known hands and of calibrated hands.
+
+    Args:
+        hands: number of drawn hands; 20 if omitted, 1 with --quick.
+    """
     from rich.progress import Progress
 
     from bodysense_lab.two_hands.layouts import layout_table, layouts
 
-    check_outputs(run.table)
-    count = run.hands or (1 if run.table.quick else 20)
+    check_positive(hands=hands)
+    check_outputs(table)
+    count = hands or (1 if table.quick else 20)
     with Progress() as progress:
         bar = progress.add_task("scoring gloves", total=count * len(layouts()))
         report = layout_table(count, lambda: progress.update(bar, advance=1))
-    finish(report, run.table)
+    finish(report, table)
 
 
 @contextmanager

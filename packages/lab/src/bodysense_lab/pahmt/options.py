@@ -1,9 +1,8 @@
-"""Options of networks of arms and hands, training and tables; read by the command line, so without PyTorch."""
+"""Options of networks of arms and hands, and their training; read by the command line, so without PyTorch."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Literal
 
 from tyro.conf import Suppress, arg
@@ -11,7 +10,7 @@ from tyro.conf import Suppress, arg
 from bodysense.body.arms import ARM_JOINTS, HAND_POINTS
 from bodysense.devices.simulated.camera_view import CameraRange
 from bodysense.errors import BodysenseError
-from bodysense_lab.options import Card, Flat, MotionEvaluation, MotionRun, TableOptions, check_ending, check_fields
+from bodysense_lab.options import Card, Flat, MotionRun, check_ending, check_fields
 from bodysense_lab.pahmt.keypoint_noise import DetectorNoise
 
 Kind = Literal["cnn", "ahmt", "pahmt"]
@@ -208,22 +207,3 @@ class ArmTableTraining(ArmRun):
             raise BodysenseError("--model and --input are each network's own in the table; leave them out")
         if self.schedule.losses != PAPER_LOSSES:
             raise BodysenseError("--losses are each network's own in the table; leave them out")
-
-
-@dataclass(frozen=True, kw_only=True)
-class ArmEvaluation(MotionEvaluation):
-    """PAHMT, Table 1. The clips with fingers are scored."""
-
-    networks: Path
-    """folder that `bodysense train arms-table` wrote"""
-    model: Path | None = None
-    """the .pt of a network with other settings, written by `bodysense train arms`, for a row beside"""
-    studio: Flat[Studio] = Studio()
-    stride: int = 5
-    """frames from one window to the next"""
-    seed: int = 1
-    """random seed of cameras and of the detector's errors"""
-    table: Flat[TableOptions] = TableOptions()
-
-    def __post_init__(self) -> None:
-        check_fields(self, "stride")

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.special import stdtr
+from scipy import stats
 
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
@@ -28,7 +28,7 @@ class Preference:
 
     mean: float
     standard_error: float  # NaN for fewer than two votes
-    t: float  # Student's, n − 1 degrees of freedom; infinite where all agree, NaN where nothing can be tested
+    t: float  # Student's, n − 1 degrees of freedom; infinite if all agree, NaN without a test
     p: float  # two-sided
     n: int
 
@@ -47,7 +47,7 @@ class StudyResult:
 
     @property
     def raters(self) -> int:
-        """How many."""
+        """Number of raters."""
         return self.preferences[None][0].n
 
     def numbers(self) -> dict[str, float]:
@@ -84,19 +84,17 @@ def votes(key: StudyKey, answers: Sequence[Answers]) -> np.ndarray:
 
 
 def preference(values: np.ndarray) -> Preference:
-    """The mean of values (n,) and Student's one-sample t-test of it against zero.
+    """Return the mean of values (n,) and Student's one-sample t-test of it against zero.
 
-    Where all values are equal the test has no variance to go by: p is 0 if they differ from zero, and 1 if not.
+    Equal values have no variance: p is 0 if they differ from zero, and 1 if not.
     """
-    n = len(values)
-    mean = float(values.mean())
+    n, mean = len(values), float(values.mean())
     if n < 2:
         return Preference(mean, math.nan, math.nan, math.nan, n)
-    error = float(values.std(ddof=1)) / math.sqrt(n)
     if values.min() == values.max():
         return Preference(mean, 0.0, math.copysign(math.inf, mean) if mean else math.nan, 0.0 if mean else 1.0, n)
-    t = mean / error
-    return Preference(mean, error, t, float(2 * stdtr(n - 1, -abs(t))), n)
+    t, p = map(float, stats.ttest_1samp(values, 0.0))
+    return Preference(mean, float(stats.sem(values)), t, p, n)
 
 
 def write_csv(path: str | Path, result: StudyResult) -> None:
@@ -148,7 +146,7 @@ def simulate_answers(
 
 
 def _comparison(first: Condition, second: Condition) -> tuple[int, int]:
-    """Which of `COMPARISONS` two conditions make, and +1, or −1 where they stand the other way round."""
+    """Return the index in `COMPARISONS` of two conditions, and +1, or −1 if they are in reverse order."""
     for which, pair in enumerate(COMPARISONS):
         if pair == (first, second):
             return which, 1

@@ -1,4 +1,4 @@
-"""Options of the training and the tables of gloves; read by the command line, so without PyTorch."""
+"""Options of the training of gloves; read by the command line, so without PyTorch."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Literal
 from tyro.conf import Suppress
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.options import Card, Flat, Paced, Run, TableOptions, check_fields
+from bodysense_lab.options import Card, Paced, Run, check_fields
 
 Network = Literal["markers", "joints"]
 Form = Literal["shipped", "paper"]
@@ -53,75 +53,3 @@ class GloveTraining(Run, Card, Paced):
             if not 0 <= getattr(self, name) < inf:
                 option = name.replace("_", "-")
                 raise BodysenseError(f"--{option} {getattr(self, name):g}: give 0 or more")
-
-
-@dataclass(frozen=True, kw_only=True)
-class GloveEvaluation:
-    """A table of gloves with hidden markers."""
-
-    data: str | None = None
-    """folder of motion with fingers or prepared store; NAME=FOLDER names it; synthesised hands alone if omitted"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RingEvaluation(GloveEvaluation):
-    """A table of gloves in a ring of cameras."""
-
-    cameras: int = 12
-    """cameras in the ring; two must see a marker"""
-    seed: int = 1
-    """random seed of the synthesised motion"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class GloveOcclusionEvaluation(RingEvaluation):
-    """Two hands, Figs 13 and 14: hidden markers. With --data the recorded hands alone are counted."""
-
-    table: Flat[TableOptions] = TableOptions()
-
-
-@dataclass(frozen=True, kw_only=True)
-class GloveLimitsEvaluation(RingEvaluation):
-    """Two hands, section 7: limits."""
-
-    markers: Path | None = None
-    """network for hidden markers, written by `bodysense train gloves`; the packaged one if omitted"""
-    joints: Path | None = None
-    """network for angles, written by `bodysense train gloves`; the packaged one if omitted"""
-    table: Flat[TableOptions] = TableOptions()
-
-
-@dataclass(frozen=True, kw_only=True)
-class MarkerEvaluation(GloveEvaluation):
-    """Two hands, Table 3: hidden markers."""
-
-    model: Path | None = None
-    """network written by `bodysense train gloves`; the packaged one if omitted"""
-    left_out: Path | None = None
-    """folder that `bodysense train gloves --leave-one-out` wrote, to score people by networks that never saw them"""
-    table: Flat[TableOptions] = TableOptions()
-
-
-@dataclass(frozen=True, kw_only=True)
-class JointEvaluation(GloveEvaluation):
-    """Two hands, Table 4: joints of fingers."""
-
-    markers: Path | None = None
-    """network for hidden markers, written by `bodysense train gloves`; the packaged one if omitted"""
-    joints: Path | None = None
-    """network for angles, written by `bodysense train gloves`; the packaged one if omitted"""
-    left_out: Path | None = None
-    """folder that `bodysense train gloves --leave-one-out` wrote, to score people by networks that never saw them"""
-    table: Flat[TableOptions] = TableOptions()
-
-
-@dataclass(frozen=True, kw_only=True)
-class LayoutEvaluation:
-    """Gloves of other marker sets than ours."""
-
-    hands: int | None = None
-    """how many hands are drawn; 20 if omitted, 1 with --quick"""
-    table: Flat[TableOptions] = TableOptions()
-
-    def __post_init__(self) -> None:
-        check_fields(self, "hands")
