@@ -5,9 +5,11 @@
     bodysense evaluate gloves-layouts --hands 3 --json FIGURES/gloves-layouts.json
     bodysense evaluate gloves-occlusion --data DIR --json FIGURES/gloves-occlusion.json
     bodysense evaluate gloves-limits --data DIR --json FIGURES/gloves-limits.json
+    bodysense evaluate gloves-table3 --data DIR --model GLOVES/glove_markers.onnx --json FIGURES/gloves-paper.json
     bodysense bench gloves --json FIGURES/gloves-speed.json
     python scripts/glove_figures.py FIGURES
 
+GLOVES is packaged for the laboratory (`glove_markers_paper.onnx`), or comes from `bodysense train gloves --form paper`.
 Files that are not there leave their table as it is.
 """
 
@@ -43,6 +45,7 @@ def main(folder: Path) -> None:
     read = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("gloves-*.json")}
     tables: dict[str, Callable[[Numbers], str]] = {
         "gloves-table3": markers,
+        "gloves-paper": paper,
         "gloves-table4": points,
         "gloves-layouts": other_sets,
         "gloves-occlusion": occlusion,
@@ -60,6 +63,16 @@ def main(folder: Path) -> None:
         README.write_text(front, encoding="utf-8")
     for path, text in pages.items():
         path.write_text(text, encoding="utf-8")
+
+
+def paper(numbers: Numbers) -> str:
+    """The paper's form of the marker network, next to the published figures."""
+    rows = []
+    for hidden in HIDDEN:
+        ours = (f"{numbers[f'nn_{hidden}_{duration:.1f}_cm']:.2f}" for duration in DURATIONS)
+        rows.append([str(hidden), "here", *ours])
+        rows.append([str(hidden), "published", *(f"{value:.2f}" for value in PUBLISHED_MARKERS["nn", hidden])])
+    return markdown(["hidden", "", *(f"{duration:g} s" for duration in DURATIONS)], rows)
 
 
 def sentence(read: dict[str, Numbers]) -> str:

@@ -115,11 +115,11 @@ def main() -> None:
             status, output = run_tests(sorted({test for one in mutants for test in one.tests}), copy)
         if status != PASSED:
             sys.exit(f"the tests do not pass without a mutant:\n{output[-3000:]}")
+    killed = 0
     with ThreadPoolExecutor(arguments.jobs) as pool:
-        found = dict(zip((one.name for one in mutants), pool.map(outcome, mutants), strict=True))
-    for name, result in found.items():
-        print(f"{name:44} {result}")
-    killed = sum(result == "killed" for result in found.values())
+        for mutant, result in zip(mutants, pool.map(outcome, mutants), strict=True):
+            print(f"{mutant.name:32} {result}", flush=True)
+            killed += result == "killed"
     minutes = (time.monotonic() - begun) / 60
     print(f"{killed} of {len(mutants)} killed ({killed / len(mutants):.0%}), {minutes:.1f} minutes")
     sys.exit(killed < SHARE * len(mutants))

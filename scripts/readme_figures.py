@@ -4,6 +4,7 @@
     bodysense evaluate unoc-table2 --data DIR --networks NETWORKS --stride 8 --json FIGURES/unoc-table2.json
     … unoc-table3, unoc-table4, unoc-smoothness likewise, unoc-table5 with a folder of networks for each set
     bodysense evaluate completion --data DIR --json FIGURES/completion.json
+    bodysense evaluate holes --data DIR --json FIGURES/holes.json
     bodysense evaluate hmd-vae --data DIR --networks VAES --json FIGURES/hmd-vae.json
     bodysense evaluate unoc-table6 --data DIR --json FIGURES/unoc-table6.json
     bodysense evaluate finger-synthesis --data DIR --json FIGURES/finger-synthesis.json
@@ -29,6 +30,8 @@ from pathlib import Path
 from bodysense.cli.show import processor
 from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
 from bodysense_lab.hmd_vae.tables import PUBLISHED as THREE_POINT
+from bodysense_lab.holes import PARTS as HOLES
+from bodysense_lab.holes import SECONDS
 from bodysense_lab.unoc.occlusion import PUBLISHED
 from bodysense_lab.unoc.smoothness import PUBLISHED as STRONG
 from bodysense_lab.unoc.tables import KEYS, TABLE_3, TABLE_4, NetworkTable
@@ -37,6 +40,7 @@ from bodysense_lab.unoc.variants import TABLES, VARIANTS
 ROOT = Path(__file__).parents[1]
 README, OCCLUSION = ROOT / "README.md", ROOT / "docs" / "occlusion.md"
 COMPLETION = ROOT / "docs" / "completion.md"
+FILES = ROOT / "docs" / "files.md"
 DEMO = ROOT / "docs" / "figures" / "demo.webp"
 CARD = ROOT / "src" / "bodysense" / "weights" / "completion.md"
 BODIES = ("own", "stranger", "height", "nothing")
@@ -61,16 +65,10 @@ def main(folder: Path) -> None:
     read = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")}
     if (folder / "demo" / "demo.webp").is_file():
         shutil.copyfile(folder / "demo" / "demo.webp", DEMO)
-    text = README.read_text(encoding="utf-8")
     if "completion" in read:
-        text = put(text, "completion", completion(read["completion"]))
-        whole = COMPLETION.read_text(encoding="utf-8")
-        whole = put(whole, "completion", completion_measures(read["completion"]))
-        whole = put(whole, "published", published(read["completion"]))
-        COMPLETION.write_text(whole, encoding="utf-8")
-        card = CARD.read_text(encoding="utf-8")
-        CARD.write_text(put(card, "completion", completion(read["completion"])), encoding="utf-8")
-    README.write_text(text, encoding="utf-8")
+        write_completion(read["completion"])
+    if "holes" in read:
+        FILES.write_text(put(FILES.read_text(encoding="utf-8"), "holes", holes(read["holes"])), encoding="utf-8")
     tables = EVALUATION.read_text(encoding="utf-8")
     if "completion" in read:
         tables = put(tables, "sight", sight(read["completion"]))
@@ -105,6 +103,48 @@ def main(folder: Path) -> None:
     if set(CAMERAS) <= set(read):
         rates = put(rates, "cameras", cameras(read))
     OCCLUSION.write_text(rates, encoding="utf-8")
+
+
+def write_completion(numbers: dict[str, float]) -> None:
+    """Replace the tables of `evaluate completion` in the README, the page of completion and the network's card."""
+    for path in (README, CARD):
+        path.write_text(put(path.read_text(encoding="utf-8"), "completion", completion(numbers)), encoding="utf-8")
+    text = COMPLETION.read_text(encoding="utf-8")
+    tables = {"completion": completion_measures, "published": published, "takes": takes}
+    for name, table in tables.items():
+        text = put(text, name, table(numbers))
+    COMPLETION.write_text(text, encoding="utf-8")
+
+
+def takes(numbers: dict[str, float]) -> str:
+    """Live and with past and future, by sensors; of a headset's cameras the hidden joints."""
+    rows = []
+    for name in TABLE_SETS:
+        error = "occluded_mpjpe_cm" if name == "headset_camera" else "mpjpe_cm"
+        keys = [
+            f"{name}_own_{error}",
+            f"{name}_own_take_{error}",
+            f"{name}_nothing_{error}",
+            f"{name}_nothing_take_{error}",
+        ]
+        keys += [f"{name}_own_take_rotation_deg", f"{name}_own_take_jumps_per_minute"]
+        if keys[1] in numbers:
+            rows.append([name.replace("_", " "), *(f"{numbers[key]:.2f}" if key in numbers else "–" for key in keys)])
+    head = ["sensors", "known body, live cm", "take cm", "unknown body, live cm", "take cm", "take rotation °"]
+    return markdown([*head, "take jumps/min"], rows)
+
+
+def holes(numbers: dict[str, float]) -> str:
+    """Errors of filled holes by part and length, and those of the best other method."""
+    rows = []
+    for part in HOLES:
+        cells = []
+        for seconds in SECONDS:
+            key = f"{part}_{seconds:g}"
+            found = f"{key}_cm" in numbers
+            cells.append(f"{numbers[f'{key}_cm']:.2f} ({numbers[f'{key}_best_other_cm']:.2f})" if found else "–")
+        rows.append([part.replace("_", " "), *cells])
+    return markdown(["part", *(f"{seconds:g} s" for seconds in SECONDS)], rows)
 
 
 def headset(numbers: dict[str, float]) -> str:

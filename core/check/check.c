@@ -112,8 +112,9 @@ static void run(source *from) {
         }
         size_t size = bs_state_size(model);
         place[k] = memory(size);
-        if (bs_state_start(model, &person, place[k], size, &state[k]) != BS_OK) {
-            memset(person.mount, 0, sizeof person.mount);
+        if (bs_state_start(model, &person, place[k], size, &state[k]) != BS_OK) { /* mounts, or a body too small */
+            person = (bs_person){.height = NAN};
+            if (bs_person_likeliest(model, &person) != BS_OK) abort();
             if (bs_state_start(model, &person, place[k], size, &state[k]) != BS_OK) abort();
         }
     }

@@ -87,7 +87,25 @@ static void plain_multiply(const matrix *m, int columns, const int16_t *value, c
 }
 
 #if defined(__x86_64__) || defined(__i386__)
+#include <cpuid.h>
 #include <immintrin.h>
+
+/* What the processor has and the system saves. `__builtin_cpu_supports` is always 0 where zig links. */
+#define AVX_SAVED 0x06U    /* bits of XCR0 */
+#define AVX512_SAVED 0xE6U
+
+static int has(unsigned saved, unsigned wanted_b, unsigned wanted_c) {
+    unsigned a, b, c, d, low, high;
+    if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & bit_OSXSAVE)) return 0;
+    __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
+    if ((low & saved) != saved || !__get_cpuid_count(7, 0, &a, &b, &c, &d)) return 0;
+    return (b & wanted_b) == wanted_b && (c & wanted_c) == wanted_c;
+}
+
+static int has_avx2(void) { return has(AVX_SAVED, bit_AVX2, 0); }
+static int has_avx512vnni(void) {
+    return has(AVX512_SAVED, bit_AVX512F | bit_AVX512BW, bit_AVX512VNNI);
+}
 
 static inline int32_t pair_at(const int16_t *p) {
     int32_t pair;
@@ -208,9 +226,8 @@ kernel kernel_at(int place) {
     kernel all[KERNELS] = {{"avx512vnni", NULL}, {"avx2", NULL}, {"neon", NULL}, {"simd128", NULL},
                            {"plain", plain_multiply}};
 #if defined(__x86_64__) || defined(__i386__)
-    __builtin_cpu_init();
-    if (__builtin_cpu_supports("avx512vnni") && __builtin_cpu_supports("avx512bw")) all[0].run = avx512_multiply;
-    if (__builtin_cpu_supports("avx2")) all[1].run = avx2_multiply;
+    if (has_avx512vnni()) all[0].run = avx512_multiply;
+    if (has_avx2()) all[1].run = avx2_multiply;
 #elif defined(__aarch64__)
     all[2].run = neon_multiply;
 #elif defined(__wasm_simd128__)

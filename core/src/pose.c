@@ -85,7 +85,9 @@ void pose_body(const bs_settings *settings, const tracked *t, prediction *p, pos
 
     /* The body hangs on its head, or on its pelvis, or on what is seen. */
     place(out, t, p->head);
-    vec3 head = add(p->head, placement(out, t, p));
+    for (int q = 0; q < BS_POINTS; q++)
+        if (t->has_position[q]) s->placed = 1;
+    vec3 head = add(p->head, s->placed ? placement(out, t, p) : onto_floor(out, t));
     bool head_breaks = begun && (t->has_position[HEAD] != (s->had_position[HEAD] != 0) ||
                                  (!t->has_position[HEAD] && (changed[TRUNK] || changed[LEFT_ARM] || changed[RIGHT_ARM])));
     head = eased(&s->head, head, s->point[HEAD], s->head_speed, interval, head_breaks,

@@ -39,6 +39,7 @@ typedef struct settling {
 
 typedef struct pose_state {
     uint8_t begun;
+    uint8_t placed;                /* a position was measured since motion started */
     uint8_t had_position[BS_POINTS];
     uint8_t had_rotation[BODY_JOINTS];
     vec3 point[BS_POINTS];         /* m, from base, as output */

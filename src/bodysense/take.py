@@ -16,7 +16,6 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.completion.model import CompletionModel
-from bodysense.completion.two_way import completed_both_ways, concatenated
 from bodysense.devices.gloves.device import check_calibrated, glove_device, gloved_sides, has_gloves
 from bodysense.errors import BodysenseError
 from bodysense.filling import Holed, filled, observed, on_feet, pose_of, with_parts
@@ -35,6 +34,7 @@ from bodysense.observation import Estimate, Observation, concatenated_frames
 from bodysense.open import MarkerSource, MotionSource, Source, open_source
 from bodysense.signals import Signal, refuse, signal_from
 from bodysense.tracker import Tracker, TrackerSettings
+from bodysense.two_way import completed_both_ways, concatenated
 
 ANCHORS = ("head", "pelvis")  # what stays where it was measured, on whatever proportions; else what is measured most
 ARM, LEG = ("collar", "shoulder", "elbow", "wrist"), ("hip", "knee", "ankle", "foot", "toe")

@@ -105,6 +105,17 @@ def test_an_accelerating_joint_keeps_its_speed_at_both_edges_of_a_gap() -> None:
         assert abs(found[inside] - wanted[beside]) < 0.15 * wanted[beside]
 
 
+def test_far_from_both_sides_the_guess_counts() -> None:
+    truth = swing(1500, 6)
+    missing = np.zeros(1500, dtype=bool)
+    missing[150:1350] = True
+    middle = slice(700, 800)
+    with_guess, without = (
+        geodesic_angle(filled(truth, missing, 1 / RATE, guess), truth)[middle].mean() for guess in (truth, None)
+    )
+    assert with_guess < 0.15 * without
+
+
 def test_a_gap_with_one_side_or_none() -> None:
     truth, guess = swing(60, 4), swing(60, 5)
     missing = np.zeros(60, dtype=bool)

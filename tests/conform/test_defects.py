@@ -30,9 +30,7 @@ def test_a_named_defect_fails_the_take(defect: Defect, performance: Performance)
 
 
 @pytest.mark.parametrize("defect", NAMED, ids=lambda defect: defect.name)
-def test_the_smallest_size_found_is_bounded(
-    defect: Defect, performance: Performance, record_property: pytest.RecordProperty
-) -> None:
+def test_the_smallest_size_found_is_bounded(defect: Defect, performance: Performance) -> None:
     checks = [_check(name) for name in defect.checks]
 
     def found(size: float) -> bool:
@@ -44,7 +42,6 @@ def test_the_smallest_size_found_is_bounded(
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
         low, high = (low, middle) if found(middle) else (middle, high)
-    record_property(f"smallest {defect.name}", high)
     print(f"{defect.name}: found from {high:.3g} of {defect.size:g}")
     assert high <= defect.bound
 
@@ -62,4 +59,4 @@ def test_most_checks_have_a_defect() -> None:
     reached = set(OTHERS).union(*(defect.checks for defect in NAMED))
     blamed = {check.id for check in table().checks if check.blame == "device"}
     assert reached <= {check.id for check in table().checks}
-    assert len(blamed & reached) > 0.7 * len(blamed)
+    assert len(blamed & reached) > 0.6 * len(blamed)

@@ -45,7 +45,8 @@ def test_every_format_gives_the_same_body(ending: str, clip: Clip, tmp_path: Pat
     write_motion(path, clip)
     subject, truth = read_subject(path), clip_subject(clip, "")
     same = [truth.points.index(name) for name in subject.points]
-    assert np.abs(subject.position - truth.position[:, same]).max() < 1e-5
+    off = np.abs(subject.position - truth.position[:, same])
+    assert off[:, subject.rotated].max() < 1e-5  # not every format has end sites, which are made of usual lengths
     turned = [k for k, name in enumerate(subject.points) if subject.rotated[k] and "thumb" not in name]
     cosine = np.abs((subject.rotation * truth.rotation[:, same]).sum(axis=-1))[:, turned]
     assert cosine.min() > 1 - 1e-5
@@ -124,7 +125,7 @@ def test_the_command_says_by_its_status_what_was_found(clip: Clip, tmp_path: Pat
         ("a.mcap", b"no container", "not a whole MCAP file"),
         ("a.glb", b"glTF\x02", "a .glb file without its JSON"),
         ("a.gltf", b"[]", "not glTF 2.0"),
-        ("a.gltf", b'{"asset": {"version": "2.0"}}', "no animated glTF 2.0 .KeyError"),
+        ("a.gltf", b'{"asset": {"version": "2.0"}}', "nothing in it is animated"),
         ("a.xyz", b"", "unknown kind of file"),
         ("a.bvh", b"nothing", "is not a BVH file"),
     ],

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from bodysense.body.rotation import geodesic_angle
@@ -10,6 +10,7 @@ from bodysense.tracker import Tracker, TrackerState
 
 from .twin.cases import DEVICES, Case, cases, observation_of, person_of
 from .twin.step import Twin
+from .twin.vectors import Tie
 
 DISTANCE, ANGLE = 1e-4, 0.01  # m, degrees
 REMEMBERED = 140  # numbers of a memory before those of the recurrent layers
@@ -31,13 +32,18 @@ def check(case: Case) -> None:
 
     Products round their inputs to 16 bits, where differences in the last bit grow to that rounding. So that they stay
     small, what the recurrent layers remember is compared in each frame as well, and the twin goes on with the core's.
+    Comparison ends at a tie, which hardly any draw has.
     """
     observation, person = observation_of(case), person_of(case)
     tracker, twin = Tracker(person, settings=case.settings), Twin(person, case.settings)
     state = tracker.start()
     for t in range(case.frames):
         estimate, state = tracker.step(observation[t : t + 1], state)
-        own = twin.step(observation, t)
+        try:
+            own = twin.step(observation, t)
+        except Tie:
+            assume(t > case.frames // 4)
+            return
         body, hands = hidden_of(state, twin)
         what = f"frame {t} of {case}"
         for mine, layer in zip([*twin.memory.hidden, twin.memory.hands], [*body, hands], strict=True):
@@ -68,4 +74,4 @@ def test_core_equals_its_twin(device: str, data: st.DataObject) -> None:
 @given(data=st.data())
 @settings(max_examples=12, derandomize=True)
 def test_core_equals_its_twin_for_longer(device: str, data: st.DataObject) -> None:
-    check(data.draw(cases(device, 80)))
+    check(data.draw(cases(device, 50)))

@@ -30,7 +30,7 @@ from bodysense_lab.hmd_vae.train import write_vae_onnx
 from bodysense_lab.pahmt.network import ArmNetwork
 from bodysense_lab.pahmt.options import ArmNetworkConfig
 from bodysense_lab.pahmt.train import write_arms_onnx
-from bodysense_lab.paper_options import Method, PaperOptions
+from bodysense_lab.paper_options import Method, PaperOptions, Variant
 from bodysense_lab.paper_systems import SYSTEMS
 from bodysense_lab.two_hands.system import calibrate
 from bodysense_lab.unoc.learned import Learned, load_model
@@ -113,8 +113,9 @@ def test_the_transformers_run_once_they_are_trained(short_clip: Clip, tmp_path: 
         completed(short_clip, "pahmt", PaperOptions(networks=tmp_path / f"{kind}.onnx", variant="cnn"))
 
 
-def test_two_hands_reads_nine_markers(short_clip: Clip) -> None:
-    found = completed(short_clip, "two_hands", PaperOptions(variant="shipped"))
+@pytest.mark.parametrize("form", ["paper", "shipped"])
+def test_two_hands_reads_nine_markers(short_clip: Clip, form: Variant) -> None:
+    found = completed(short_clip, "two_hands", PaperOptions(variant=form))
     skeleton = short_clip.pose.skeleton
     fingers = np.flatnonzero(skeleton.wrist_of >= 0)
     wrists = skeleton.wrist_of[fingers]

@@ -20,6 +20,7 @@ from bodysense.body.rotation import (
 )
 
 COASTING = 0.8  # s in which the speed beside a gap fades; gaps shorter than that are cubics. Validation people
+BRIEF = 0.25  # s: in a gap no longer than this, known on both sides, a guess tells nothing more
 SMOOTH = 0.07  # s, deviation of the bell that takes the tremble from the tracker's guess
 
 
@@ -30,7 +31,12 @@ def runs(present: np.ndarray) -> list[tuple[int, int]]:
 
 
 def filled(
-    rotation: np.ndarray, missing: np.ndarray, seconds: float, guess: np.ndarray | None = None, trusted: float = 1.0
+    rotation: np.ndarray,
+    missing: np.ndarray,
+    seconds: float,
+    guess: np.ndarray | None = None,
+    trusted: float = 1.0,
+    coasting: float = COASTING,
 ) -> np.ndarray:
     """Rotations (T, 4) of one joint, filled where `missing` (T,).
 
@@ -40,34 +46,36 @@ def filled(
         seconds: between frames.
         guess: (T, 4) of all frames; None turns the joint from one side of every gap to the other.
         trusted: s away from known frames where the guess counts half.
+        coasting: s in which the speed beside a gap fades.
     """
     result = np.array(rotation)
     for first, end in runs(missing):
         sided = first > 0 or end < len(missing)
-        if guess is not None and (not sided or end - first > 1):
+        brief = first > 0 and end < len(missing) and (end - first) * seconds <= BRIEF
+        if guess is not None and not brief and (not sided or end - first > 1):
             inside = guess[first:end]
             if sided:
                 away = _away(first, end, len(missing)) * seconds
                 share = away**2 / (away**2 + trusted**2)
                 bent = _bent(result, inside, first, end, seconds)
-                inside = slerp(_turn(result, missing, first, end, seconds), bent, share)
+                inside = slerp(_turn(result, missing, first, end, coasting / seconds), bent, share)
         else:
-            inside = _turn(result, missing, first, end, seconds) if sided else result[first:end]
+            inside = _turn(result, missing, first, end, coasting / seconds) if sided else result[first:end]
         result[first:end] = quaternion_canonical(inside)
     return result
 
 
-def _turn(rotation: np.ndarray, missing: np.ndarray, first: int, end: int, seconds: float) -> np.ndarray:
+def _turn(rotation: np.ndarray, missing: np.ndarray, first: int, end: int, fading: float) -> np.ndarray:
     """Rotations (N, 4) from one side of a gap to the other; held where there is one side.
 
-    The speed on either side goes on and fades within `COASTING`; between, the turn is at constant speed. A gap shorter
-    than that is the cubic through the two known frames on either side.
+    The speed on either side goes on and fades within `fading` frames; between, the turn is at constant speed. A gap
+    shorter than that is the cubic through the two known frames on either side.
     """
     frames, count = len(rotation), end - first
     before, after = rotation[first - 1 if first else end], rotation[end if end < frames else first - 1]
     whole = _difference(before, after)
     span = count + 1
-    step, coasting = whole / span, min(COASTING / seconds, span)
+    step, coasting = whole / span, min(fading, span)
     led, left = np.zeros(3), np.zeros(3)  # how much faster than `step` the known frames on either side turn
     if first > 1 and not missing[first - 2]:
         led = _difference(rotation[first - 2], before) - step

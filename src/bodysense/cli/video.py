@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from bodysense.body.person import Person
     from bodysense.body.pose import Pose
     from bodysense.body.skeleton import Skeleton
-    from bodysense.completion.two_way import TwoWayTracker
     from bodysense.devices.video.device import VideoDevice
     from bodysense.devices.video.person import PersonSettings
     from bodysense.devices.video.watching import Seen, Watched
     from bodysense.io.bvh_stream import BvhStream
     from bodysense.observation import Observation
     from bodysense.tracker import TrackerSettings
+    from bodysense.two_way import TwoWayTracker
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,6 @@ def track_video(
     from rich.progress import Progress, SpinnerColumn
 
     from bodysense.body.person import Person
-    from bodysense.completion.two_way import TwoWayTracker
     from bodysense.devices.video.landmarker_files import find_landmarkers
     from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
     from bodysense.devices.video.pictures import VideoBrokenError, open_video
@@ -83,6 +82,7 @@ def track_video(
     from bodysense.io.rigs.named import OWN
     from bodysense.pictures.overlay import Overlay
     from bodysense.tracker import Tracker
+    from bodysense.two_way import TwoWayTracker
 
     people = _checked(options)
     person = Person() if wearer is None else wearer

@@ -17,7 +17,18 @@ from .points import BODY, HEAD, HIPS, PELVIS, POINTS, SPINE3, WRISTS, at
 from .settle import settle
 from .state import PoseState
 from .tracked import Tracked
-from .trunk import Body, bend_spine, empty_body, pelvis_off, pelvis_seen, place, place_points, placement, turn_neck
+from .trunk import (
+    Body,
+    bend_spine,
+    empty_body,
+    onto_floor,
+    pelvis_off,
+    pelvis_seen,
+    place,
+    place_points,
+    placement,
+    turn_neck,
+)
 from .vectors import heading, mix, turn_between, turned_onto
 
 LEAST_DOUBT = 1e-6  # m
@@ -88,7 +99,8 @@ def pose_body(settings: TrackerSettings, seen: Tracked, predicted: Prediction, s
 
     # The body hangs on its head, or on its pelvis, or on what is seen.
     place(body, seen, predicted.head)
-    head = predicted.head + placement(body, seen)
+    state.placed = state.placed or bool(seen.has_position.any())
+    head = predicted.head + (placement(body, seen) if state.placed else onto_floor(body, seen))
     has_head = bool(seen.has_position[HEAD])
     breaks = begun and (
         has_head != state.had_position[HEAD]

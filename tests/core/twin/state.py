@@ -21,6 +21,7 @@ class PoseState:
     """Of the frame before, as output; places count from base."""
 
     begun: bool = False
+    placed: bool = False  # a position was measured since motion started
     had_position: np.ndarray = field(default_factory=lambda: np.zeros(POINTS, bool))
     had_rotation: np.ndarray = field(default_factory=lambda: np.zeros(BODY, bool))
     point: np.ndarray = field(default_factory=lambda: np.zeros((POINTS, 3)))  # m

@@ -57,6 +57,12 @@ def placement(body: Body, seen: Tracked) -> np.ndarray:
     return _mean_off(body, seen, np.arange(POINTS))
 
 
+def onto_floor(body: Body, seen: Tracked) -> np.ndarray:
+    """By how much a body of which no place was ever measured has to move so that it is on the floor."""
+    off = seen.position[HEAD] - body.point[HEAD]
+    return np.array([off[0], seen.floor - body.point[:, 1].min(), off[2]])
+
+
 def pelvis_seen(seen: Tracked) -> bool:
     """Whether the pelvis or a hip is measured."""
     return bool(seen.has_position[[PELVIS, *HIPS]].any())

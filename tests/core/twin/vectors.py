@@ -1,11 +1,17 @@
 """Vectors (3,) and rotations (3, 3) as matrices a ← b, whose columns are the axes of b in a."""
 
-from math import acos, cos, sin, sqrt
+from math import cos, sin, sqrt
 
 import numpy as np
 
 UP = np.array([0.0, 1.0, 0.0])
 STRAIGHT = 0.9995  # of a limb's length: a limb is never quite straight
+HALF_TURN = -0.95  # cosine of a turn whose axis is hardly known
+UNKNOWN_SIDE = 6.0  # an elbow this many times farther aside than the length of what says where aside is
+
+
+class Tie(Exception):
+    """Where a difference in the last bits of the core and of its twin decides what follows."""
 
 
 def length(v: np.ndarray) -> float:
@@ -75,18 +81,13 @@ def turn_between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return angle * unit(max(columns, key=lambda column: float(column @ column)))
 
 
-def any_across(u: np.ndarray) -> np.ndarray:
-    """Some unit vector across a unit vector."""
-    return unit(across(np.eye(3)[0 if abs(u[0]) < 0.6 else 1], u))
-
-
 def turned_onto(rotation: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """The turn that takes direction `before` onto `after` by the shortest way, applied to a rotation."""
     u, w = unit(before), unit(after)
     if not u.any() or not w.any():
         return rotation
-    if u @ w < -0.9999:
-        return turned_by(rotation, acos(-1) * any_across(u))
+    if u @ w < HALF_TURN:
+        raise Tie(f"a turn by nearly half a turn, of cosine {u @ w:.4f}")
     k = skew(cross(u, w))
     return (np.eye(3) + k + k @ k / (1 + u @ w)) @ rotation
 
@@ -114,5 +115,6 @@ def reach(end: np.ndarray, upper: float, lower: float, side: np.ndarray) -> tupl
     forward = (distance + (upper**2 - lower**2) / distance) / 2
     aside = sqrt(max(upper**2 - forward**2, 0.0))
     pole = across(side, direction)
-    pole = unit(pole) if pole @ pole > 1e-12 else any_across(direction)
-    return forward * direction + aside * pole, distance * direction
+    if aside > UNKNOWN_SIDE * length(pole):
+        raise Tie(f"a middle {aside:.3f} m aside, where a vector of {length(pole):.1e} m says")
+    return forward * direction + aside * unit(pole), distance * direction

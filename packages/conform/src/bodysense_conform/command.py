@@ -152,5 +152,4 @@ def _judge_folder(folder: Path, floor: float | None, splits: tuple[Split, ...], 
         document = {"format": "bodysense conform folder 2", "versions": versions(table()), "counts": counts}
         write_json(json, document | {"rows": rows})
         print(f"wrote {json}")
-    order: tuple[Judgement, ...] = ("fail", "retake", "not enough", "pass")
-    return EXIT_STATUS[next(name for name in order if name in counts)]
+    return EXIT_STATUS["fail"] if counts["fail"] else max(EXIT_STATUS[name] for name in counts)

@@ -12,7 +12,7 @@ import numpy as np
 from bodysense.body.gaps import runs
 from bodysense_conform.series import NotEnough
 from bodysense_conform.subject import Subject
-from bodysense_conform.table import Check, Table, table
+from bodysense_conform.table import Check, CheckTable, table
 
 Outcome = Literal["pass", "fail", "retake", "measured", "not enough"]
 Judgement = Literal["pass", "fail", "retake", "not enough"]
@@ -38,7 +38,7 @@ class Verdict:
     """All findings of a subject."""
 
     subject: Subject
-    table: Table
+    table: CheckTable
     findings: tuple[Finding, ...]
 
     def of(self, *outcomes: Outcome) -> list[Finding]:
@@ -63,7 +63,7 @@ class Verdict:
         return reasons
 
 
-def judge(subject: Subject, checks: Table | None = None) -> Verdict:
+def judge(subject: Subject, checks: CheckTable | None = None) -> Verdict:
     """Put all checks to a subject, in order. A group is skipped after a gate of it, or of a group it needs, failed."""
     checks = checks or table()
     findings: list[Finding] = []
@@ -129,11 +129,10 @@ def _windows(window: str, subject: Subject) -> list[np.ndarray]:
 
 def _excess(check: Check, value: float) -> float:
     """How far a value is beyond the limits; the value itself if it has no limits."""
-    beyond = [
-        *([value - check.most] if check.most is not None else []),
-        *([check.least - value] if check.least is not None else []),
-    ]
-    return max(beyond, default=value)
+    if check.least is None and check.most is None:
+        return value
+    low, high = (-np.inf if check.least is None else check.least), (np.inf if check.most is None else check.most)
+    return max(low - value, value - high)
 
 
 def reduced(statistic: str, values: np.ndarray, second: int, interval: float) -> float:
@@ -142,33 +141,32 @@ def reduced(statistic: str, values: np.ndarray, second: int, interval: float) ->
     Args:
         statistic: 'max', 'min', 'mean', 'median', 'sum', percentiles as 'p25', 'share' (of true values, %), 'longest'
             (run of true values, s), 'per minute', 'spread' (p5 to p95), 'variation' (coefficient of, %), 'scatter'
-            (mean departure from the median, % of it), 'calm seconds' (the lower quartile of the root mean squares of seconds),
-            'change' (greatest difference between the medians of two seconds).
+            (mean departure from the median, % of it), 'change' (greatest difference of the medians of two seconds).
+            With '> 1' or '< 1' at its end it is of whether the values are so.
         values: the quantity in the window.
         second: frames of a second.
         interval: s between frames.
     """
+    if statistic.split()[-2:-1] in (["<"], [">"]):
+        statistic, sign, limit = statistic.rsplit(maxsplit=2)
+        beyond = values > float(limit) if sign == ">" else values < float(limit)
+        values = np.where(np.isfinite(values), beyond, np.nan)
     known = values[np.isfinite(values)]
     if statistic.startswith("p") and statistic[1:].isdigit():
         return float(np.percentile(known, int(statistic[1:])))
     if statistic == "longest":
         return interval * max((end - start for start, end in runs(np.nan_to_num(values) > 0)), default=0)
-    if statistic in ("calm seconds", "change"):
-        if len(values) < second:
-            return float("nan")
-        rolling = np.lib.stride_tricks.sliding_window_view(values, second)
-        if statistic == "calm seconds":
-            return float(np.sqrt(np.nanpercentile(np.square(rolling).mean(axis=1), 25)))
-        medians = np.nanmedian(rolling[::second], axis=1)
+    if statistic == "change":
+        medians = [np.nanmedian(values[k : k + second]) for k in range(0, max(len(values) - second, 1), second)]
         return float(np.nanmax(medians) - np.nanmin(medians))
     low, high = np.percentile(known, [2.5, 97.5])
     middle = float(np.median(known))
     figure = {
-        "max": lambda: known.max(),
-        "min": lambda: known.min(),
-        "mean": lambda: known.mean(),
+        "max": known.max,
+        "min": known.min,
+        "mean": known.mean,
         "median": lambda: middle,
-        "sum": lambda: known.sum(),
+        "sum": known.sum,
         "share": lambda: 100 * known.mean(),
         "per minute": lambda: 60 * known.sum() / max(len(known) * interval, 1e-9),
         "spread": lambda: np.subtract(*np.percentile(known, [95, 5])),

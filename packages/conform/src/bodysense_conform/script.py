@@ -35,7 +35,7 @@ _ALSO = {
 
 
 def read_script(path: Path) -> tuple[Step, ...]:
-    """Read the steps of a script: JSON with `steps`, each a `label` and `start` and `end` (s), or `start_ns` and `end_ns`.
+    """Read the steps of a script: JSON with `steps` of `label`, `start` and `end` (s), or `start_ns` and `end_ns`.
 
     Raises BodysenseError, naming the step and what would be valid, for other files.
     """

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
 class NotEnough(Exception):
@@ -20,7 +21,7 @@ class Series:
     names: tuple[str, ...]  # (K,) of the columns: joints, bones, sides
 
 
-def series(values: np.ndarray, names: Sequence[str] = ("",)) -> Series:
+def series(values: ArrayLike, names: Sequence[str] = ("",)) -> Series:
     """Return values (T,) or (T, K), or a number, as a series."""
     values = np.asarray(values, dtype=float)
     return Series(values.reshape(-1 if values.ndim else 1, len(names)), tuple(names))

@@ -128,9 +128,10 @@ class Subject:
     def velocity(self) -> np.ndarray:
         """(T, P, 3) m/s from the frame before; NaN in the first frame and over intervals that are too short."""
         step = np.diff(self.time, prepend=np.nan)
-        return np.diff(self.places, axis=0, prepend=np.nan) / np.where(step >= SHORTEST_INTERVAL, step, np.nan)[
-            :, None, None
-        ]
+        return (
+            np.diff(self.places, axis=0, prepend=np.nan)
+            / np.where(step >= SHORTEST_INTERVAL, step, np.nan)[:, None, None]
+        )
 
     @cached_property
     def speed(self) -> np.ndarray:

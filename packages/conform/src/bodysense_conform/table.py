@@ -66,7 +66,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Table:
+class CheckTable:
     """All groups and checks, in the order in which they are asked."""
 
     groups: tuple[Group, ...]
@@ -80,13 +80,13 @@ class Table:
 
 
 @lru_cache(maxsize=1)
-def table() -> Table:
+def table() -> CheckTable:
     """Return the packaged table."""
     data = files("bodysense_conform").joinpath("checks.toml").read_bytes()
     document = tomllib.loads(data.decode("utf-8"))
     groups = tuple(Group(**_tuples(row)) for row in document["group"])
     checks = tuple(Check(**_tuples(row)) for row in document["check"])
-    return Table(groups, checks, hashlib.sha256(data).hexdigest())
+    return CheckTable(groups, checks, hashlib.sha256(data).hexdigest())
 
 
 def _tuples(row: dict[str, Any]) -> dict[str, Any]:

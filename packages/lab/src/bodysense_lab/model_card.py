@@ -1,4 +1,4 @@
-"""Model cards: test figures put into a network file, and what it says of itself as Markdown beside it."""
+"""Model cards: test figures in a network file, and a Markdown description next to it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Numbers = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Kind:
-    """What the card of a kind of network says."""
+    """Text and tables of the card of a kind of network."""
 
     what: str
     measured_by: str  # the command whose --json gives the figures
@@ -36,7 +36,7 @@ class Kind:
 
 
 def describe(path: Path, figures: Numbers) -> Path:
-    """Put test figures into a network file and write its model card beside it as Markdown. Returns the card's path.
+    """Put test figures into a network file and write its model card next to it as Markdown. Returns the card's path.
 
     `figures` is what the command that measures such networks wrote with --json; those of the card's table are kept.
     Raises BodysenseError for a file of no kind that has a card, and for figures of another command.
@@ -119,7 +119,7 @@ def fields_read(fields: Mapping[str, str]) -> dict[str, Any]:
 
 
 def form(card: Mapping[str, Any]) -> str:
-    """What kind of network it is, and how large."""
+    """Return the kind and size of a network."""
     network = card.get("network")
     if network is None:
         return "a network"

@@ -75,17 +75,14 @@ def left_right(subject: Subject) -> Series:
 
 def mismatch(subject: Subject) -> Series:
     """Median over the bones of how far a child wanders in its parent's frame, % of the bone."""
-    return series(np.array(100 * np.median(_spreads(subject, lambda turn: turn))))
+    return series(100 * np.median(_spreads(subject, lambda turn: turn)))
 
 
-def as_xyzw(subject: Subject) -> Series:
-    """How many times better the places fit if quaternions are read as x y z w."""
-    return _better(subject, lambda turn: np.roll(turn, 1, axis=-1))
-
-
-def as_inverse(subject: Subject) -> Series:
-    """How many times better the places fit if rotations are inverted."""
-    return _better(subject, quaternion_conjugate)
+def misread(subject: Subject, reading: tuple[str, ...]) -> Series:
+    """How many times better the places fit if quaternions are read as 'xyzw', or as 'inverse' rotations."""
+    other = quaternion_conjugate if reading == ("inverse",) else lambda turn: np.roll(turn, 1, axis=-1)
+    usual, better = (np.median(_spreads(subject, way)) for way in (lambda turn: turn, other))
+    return series(usual / max(better, 0.02))
 
 
 def rest_axes(subject: Subject) -> Series:
@@ -96,11 +93,6 @@ def rest_axes(subject: Subject) -> Series:
             mean = np.nanmean(_local_bone(subject, parent, child, lambda turn: turn), axis=0)
             columns[parent] = angle(mean, ours.rest_offset[ours.index(child)])[None]
     return stacked(columns, "no rotations of limbs")
-
-
-def _better(subject: Subject, reading: Reading) -> Series:
-    usual, other = (np.median(_spreads(subject, way)) for way in (lambda turn: turn, reading))
-    return series(np.array(usual / max(other, 0.02)))
 
 
 def _spreads(subject: Subject, reading: Reading) -> list[float]:

@@ -17,7 +17,7 @@ _IDLE, _STEP = 0.06, 0.35  # m/s; a slower head stands still; a faster foot step
 
 
 def glide(subject: Subject) -> Series:
-    """Distance, in cm within a second, that a foot moves along the floor without being lifted, while the body stands."""
+    """Way of a foot along the floor within a second, cm, if it is not lifted and the body stands."""
     if not subject.has("pelvis", "head") or not subject.feet:
         raise NotEnough("no feet, no pelvis or no head")
     frames, spare = subject.frames(_GLIDE), subject.frames(_SPARE)
@@ -81,7 +81,7 @@ def skate(subject: Subject) -> Series:
     left, right = (((subject.at(f"{s}_knee") - subject.at(f"{s}_hip")) * ahead).sum(-1)[counted] for s in _SIDES)
     if counted.sum() * subject.interval < 2 or not np.corrcoef(left, right)[0, 1] < -0.3:
         raise NotEnough("the body walks for less than two seconds")
-    return series(np.array(np.clip(along, 0, moved)[counted].sum() / moved[counted].sum()))
+    return series(np.clip(along, 0, moved)[counted].sum() / moved[counted].sum())
 
 
 def idle_steps(subject: Subject) -> Series:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -42,159 +41,145 @@ def missing(subject: Subject) -> Series:
 
 def size(subject: Subject) -> Series:
     """Length from wrist to the end of the middle finger along the bones, cm; 15 % more without its tip."""
-
-    def of(side: str) -> np.ndarray:
+    columns = {}
+    for side in _hands(subject):
         chain = [f"{side}_wrist", *_chain(subject, side, "middle")]
-        total = sum(float(np.nanmedian(subject.length(a, b))) for a, b in pairwise(chain))
-        return np.array([100 * total * (1 if chain[-1].endswith("tip") else 1.15)])
-
-    return _hands(subject, of)
+        columns[chain[0]] = 100 * _along(subject, chain) * (1 if chain[-1].endswith("tip") else 1.15)
+    return stacked(columns, "")
 
 
 def finger_share(subject: Subject) -> Series:
     """Length of the middle finger's first two bones, as a share of the palm."""
-
-    def of(side: str) -> np.ndarray:
-        finger = sum(np.nanmedian(subject.length(f"{side}_middle{k}", f"{side}_middle{k + 1}")) for k in (1, 2))
-        return np.array([finger / max(np.nanmedian(subject.length(f"{side}_wrist", f"{side}_middle1")), 1e-4)])
-
-    return _hands(subject, of)
+    names = {
+        side: [f"{side}_{part}" for part in ("wrist", "middle1", "middle2", "middle3")] for side in _hands(subject)
+    }
+    return stacked({name[0]: _along(subject, name[1:]) / _along(subject, name[:2]) for name in names.values()}, "")
 
 
 def order_wrong(subject: Subject) -> Series:
     """Whether the knuckles do not follow each other from index to little finger."""
-
-    def of(side: str) -> np.ndarray:
+    columns = {}
+    for side in _hands(subject):
         knuckles = np.stack([subject.at(f"{side}_{finger}1") for finger in _FINGERS])
         along = ((knuckles - knuckles[0]) * (knuckles[-1] - knuckles[0])).sum(axis=-1)
-        return (np.diff(along, axis=0) <= 0).any(axis=0)
+        columns[f"{side}_wrist"] = (np.diff(along, axis=0) <= 0).any(axis=0)
+    return stacked(columns, "")
 
-    return _hands(subject, of)
 
-
-def thumb_wrong(subject: Subject) -> Series:
-    """Whether the thumb is nearer to the little finger's knuckle than to the index finger's."""
-
-    def of(side: str) -> np.ndarray:
+def thumb_way(subject: Subject) -> Series:
+    """Distance of the thumb from the index finger's knuckle less that from the little finger's, cm."""
+    columns = {}
+    for side in _hands(subject):
         near, far = (subject.length(f"{side}_thumb2", f"{side}_{finger}1") for finger in ("index", "pinky"))
-        return near > far
+        columns[f"{side}_wrist"] = 100 * (near - far)
+    return stacked(columns, "")
 
-    return _hands(subject, of)
 
-
-def curls_back(subject: Subject) -> Series:
-    """Whether curled fingers are on the back of the hand: the hand is the other side's."""
-
-    def of(side: str) -> np.ndarray:
+def curl(subject: Subject) -> Series:
+    """Way of curled fingers' ends to the palm times its area, m³: negative on the back of the hand."""
+    columns = {}
+    for side in _hands(subject):
         along = subject.at(f"{side}_middle1") - subject.at(f"{side}_wrist")
-        across = subject.at(f"{side}_index1") - subject.at(f"{side}_pinky1")
-        palm = np.cross(along, across) * (-1 if side == "right" else 1)
-        tips = np.mean([subject.at(f"{side}_{f}3") - subject.at(f"{side}_{f}1") for f in _FINGERS], axis=0)
-        return np.where(_straight(subject, side) < _CURLED, (tips * palm).sum(axis=-1) < 0, np.nan)
-
-    return _hands(subject, of)
+        palm = np.cross(along, _across(subject, side)) * (-1 if side == "right" else 1)
+        ends = np.mean([subject.at(f"{side}_{f}3") - subject.at(f"{side}_{f}1") for f in _FINGERS], axis=0)
+        columns[f"{side}_wrist"] = np.where(_straight(subject, side) < _CURLED, (ends * palm).sum(axis=-1), np.nan)
+    return stacked(columns, "")
 
 
 def wrist_axes(subject: Subject) -> Series:
-    """Angles between the hand's direction and knuckles and those of the wrist's rotation, degrees: the greater."""
-
-    def of(side: str) -> np.ndarray:
+    """Angle between the hand and its wrist's rotation, degrees: of its direction, or half of its knuckles' twist."""
+    columns = {}
+    for side in _hands(subject):
         wrist = f"{side}_wrist"
         if not subject.has_rotation(wrist):
             raise NotEnough("no rotations of the wrists")
-        back = quaternion_conjugate(subject.turn(wrist))
-        along, across = (
-            quaternion_rotate(back, subject.at(f"{side}_{a}") - subject.at(f"{side}_{b}"))
-            for a, b in (("middle1", "wrist"), ("index1", "pinky1"))
-        )
-        outward = 1 if side == "left" else -1
-        # A palm may be narrow and skewed, so its twist counts half.
-        return np.maximum(angle(along, np.array([outward, 0.0, 0.0])), angle(across, np.array([0.0, 0.0, 1.0])) / 2)
-
-    return _hands(subject, of)
+        back, along = quaternion_conjugate(subject.turn(wrist)), subject.at(f"{side}_middle1") - subject.at(wrist)
+        outward, ahead = np.array([1.0 if side == "left" else -1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+        twist = angle(quaternion_rotate(back, _across(subject, side)), ahead) / 2  # knuckles may be skewed
+        columns[wrist] = np.maximum(angle(quaternion_rotate(back, along), outward), twist)
+    return stacked(columns, "")
 
 
 def tremor(subject: Subject) -> Series:
     """Noise of the fingertips at rest, seen from the wrist, mm."""
-    return _tips(subject, lambda place: 1000 * noise(place, subject, 0.1))
+    return stacked({tip: 1000 * noise(place, subject, 0.1) for tip, place in _tips(subject).items()}, "")
 
 
 def leap(subject: Subject) -> Series:
     """Way of a fingertip, seen from the wrist, within a frame, cm."""
-    near = np.diff(subject.time, prepend=np.nan) <= 0.1
-    return _tips(
-        subject,
-        lambda place: np.where(near, 100 * np.linalg.norm(np.diff(place, axis=0, prepend=np.nan), axis=-1), np.nan),
-    )
+    near = np.diff(subject.time, prepend=np.nan)[:, None] <= 0.1
+    ways = {
+        tip: np.where(near, np.diff(place, axis=0, prepend=np.nan), np.nan) for tip, place in _tips(subject).items()
+    }
+    return stacked({tip: 100 * np.linalg.norm(way, axis=-1) for tip, way in ways.items()}, "")
 
 
 def straightness(subject: Subject) -> Series:
     """Distance from root to tip of the fingers, as a share of their bones: 1 is straight."""
-    return _hands(subject, lambda side: _straight(subject, side))
+    return stacked({f"{side}_wrist": _straight(subject, side) for side in _hands(subject)}, "")
 
 
 def touch(subject: Subject) -> Series:
     """Distance from the thumb's tip to the nearest fingertip, cm."""
-    return _hands(subject, lambda side: 100 * _apart(subject, side).min(axis=0))
+    return stacked({f"{side}_wrist": 100 * _apart(subject, side).min(axis=0) for side in _hands(subject)}, "")
 
 
 def touches_other(subject: Subject, fingers: tuple[str, ...]) -> Series:
     """Whether the thumb touches another finger than this, in frames in which it touches one."""
-
-    def of(side: str) -> np.ndarray:
+    columns = {}
+    for side in _hands(subject):
         apart = _apart(subject, side)
         wrong = np.argmin(np.nan_to_num(apart, nan=9.0), axis=0) != _FINGERS.index(fingers[0])
-        return np.where(apart.min(axis=0) < _TOUCH, wrong, np.nan)
-
-    return _hands(subject, of)
+        columns[f"{side}_wrist"] = np.where(apart.min(axis=0) < _TOUCH, wrong, np.nan)
+    return stacked(columns, "")
 
 
 def turned(subject: Subject) -> Series:
     """Turn of the knuckles since the first frame of a step 'wrist_rotate', degrees."""
-    firsts = [int(np.argmax(subject.during(step))) for step in subject.labelled("wrist_rotate")]
-
-    def of(side: str) -> np.ndarray:
-        across = subject.at(f"{side}_index1") - subject.at(f"{side}_pinky1")
-        since = np.searchsorted(firsts, np.arange(len(subject)), side="right") - 1
-        return angle(across, across[np.array(firsts or [0])[np.maximum(since, 0)]])
-
-    return _hands(subject, of)
+    starts = [int(np.argmax(subject.during(step))) for step in subject.labelled("wrist_rotate")] or [0]
+    since = np.array(starts)[np.maximum(np.searchsorted(starts, np.arange(len(subject)), side="right") - 1, 0)]
+    across = {f"{side}_wrist": _across(subject, side) for side in _hands(subject)}
+    return stacked({wrist: angle(line, line[since]) for wrist, line in across.items()}, "")
 
 
-def _hands(subject: Subject, of: Callable[[str], np.ndarray]) -> Series:
-    found = {f"{side}_wrist": of(side) for side in SIDES if _whole(subject, side)}
-    return stacked(found, "no hand comes with all its fingers")
+def _hands(subject: Subject) -> list[str]:
+    """Sides of the hands that come with all their joints."""
+    names = [*(f"{finger}{k}" for finger in _ALL for k in (1, 2, 3)), "wrist"]
+    found = [side for side in SIDES if subject.has(*(f"{side}_{name}" for name in names))]
+    if not found:
+        raise NotEnough("no hand comes with all its fingers")
+    return found
 
 
-def _tips(subject: Subject, of: Callable[[np.ndarray], np.ndarray]) -> Series:
-    """A measure of every fingertip's place (T, 3) in the frame of its wrist."""
-    columns = {}
-    for side in (side for side in SIDES if _whole(subject, side)):
+def _tips(subject: Subject) -> dict[str, np.ndarray]:
+    """Place (T, 3) of every fingertip in the frame of its wrist, m."""
+    places = {}
+    for side in _hands(subject):
         wrist = f"{side}_wrist"
         for tip in (_chain(subject, side, finger)[-1] for finger in _ALL):
-            place = subject.at(tip) - subject.at(wrist)
+            places[tip] = subject.at(tip) - subject.at(wrist)
             if subject.has_rotation(wrist):
-                place = quaternion_rotate(quaternion_conjugate(subject.turn(wrist)), place)
-            columns[tip] = of(place)
-    return stacked(columns, "no hand comes with all its fingers")
-
-
-def _whole(subject: Subject, side: str) -> bool:
-    return subject.has(f"{side}_wrist", *(f"{side}_{finger}{k}" for finger in _ALL for k in (1, 2, 3)))
+                places[tip] = quaternion_rotate(quaternion_conjugate(subject.turn(wrist)), places[tip])
+    return places
 
 
 def _chain(subject: Subject, side: str, finger: str) -> list[str]:
     """Joints of a finger, with its tip if it comes."""
-    tip = f"{side}_{finger}_tip"
-    return [*(f"{side}_{finger}{k}" for k in (1, 2, 3)), *([tip] if subject.has(tip) else [])]
+    names = [f"{side}_{finger}{k}" for k in ("1", "2", "3", "_tip")]
+    return names if subject.has(names[-1]) else names[:-1]
+
+
+def _along(subject: Subject, chain: list[str]) -> np.ndarray:
+    return np.array([sum(np.nanmedian(subject.length(a, b)) for a, b in pairwise(chain))])
+
+
+def _across(subject: Subject, side: str) -> np.ndarray:
+    return subject.at(f"{side}_index1") - subject.at(f"{side}_pinky1")
 
 
 def _straight(subject: Subject, side: str) -> np.ndarray:
-    shares = []
-    for chain in (_chain(subject, side, finger) for finger in _FINGERS):
-        total = sum(np.nanmedian(subject.length(a, b)) for a, b in pairwise(chain))
-        shares.append(subject.length(chain[0], chain[-1]) / total)
-    return np.mean(shares, axis=0)
+    chains = [_chain(subject, side, finger) for finger in _FINGERS]
+    return np.mean([subject.length(chain[0], chain[-1]) / _along(subject, chain) for chain in chains], axis=0)
 
 
 def _apart(subject: Subject, side: str) -> np.ndarray:

@@ -13,13 +13,12 @@ from bodysense_conform.subject import Subject
 _KICK = 0.6  # weight of ankles in spikes: kicks are fast, and takes by markers flip feet
 _MOVING = 0.15  # m/s; a body whose points move slower on average is too slow for stutter to be judged
 _STEADY = 0.75  # of the mean of both neighbours' steps: shorter mean steps turn, and predict nothing
-_SKIPPED, _REPEATED = 1.6, 0.4  # paces beyond which a frame was skipped or repeated; 1 is even
 _STALLED, _REPEATS = 0.02, 1e-6  # m/s of the faster joints in a stall, and in one that repeats a frame
 _ABRUPT = 0.15  # m/s of the faster joints in the frames beside a stall
 _SLOW, _SLOW_TURN = 0.1, 20.0  # m/s and °/s; joints that are slower over a quarter of a second rest
 _BASE = 0.25  # s over which slowness is measured, so that noise is no speed
 _SLOWEST = 1 / 15  # s between frames; over longer intervals third differences contain motion
-_THIRD = np.sqrt(20.0)  # size of the third difference of white noise of size 1
+_THIRD = 6.88  # median length of the third difference of white noise of size 1 in each of three directions
 _KEPT, _POSE = 2.0, 0.03  # s, and m/s: a pose is kept while no joint moves faster than that among the others
 _TRAVEL = 0.2  # m/s; a body that keeps its pose and is faster is carried
 _NEAR = 0.15  # s; over longer intervals any joint may turn about
@@ -42,18 +41,6 @@ def spike(subject: Subject) -> Series:
         beside[2:-2] = np.linalg.norm(place[3:-1] - place[1:-3], axis=-1) / 2
         columns[name] = counted * (off - beside)
     return stacked(columns, "no joint")
-
-
-def skips(subject: Subject) -> Series:
-    """Whether a frame's step is as long as two, in frames that are judged by `pace`."""
-    found = pace(subject).values
-    return series(np.where(np.isfinite(found), found > _SKIPPED, np.nan))
-
-
-def repeats(subject: Subject) -> Series:
-    """Whether a frame is at the place of the one before, in frames that are judged by `pace`."""
-    found = pace(subject).values
-    return series(np.where(np.isfinite(found), found < _REPEATED, np.nan))
 
 
 def pace(subject: Subject) -> Series:
@@ -82,7 +69,7 @@ def pace(subject: Subject) -> Series:
 def stalled(subject: Subject) -> Series:
     """Whether the body is in a stall: it stops within a frame and goes on within a frame."""
     speed = subject.speed[:, subject.columns(_without_feet(subject))]
-    known = np.isfinite(speed).all(axis=1)
+    known = np.asarray(np.isfinite(speed).all(axis=1))
     fast = np.percentile(np.where(known[:, None], speed, 0), 90, axis=1)
     stops = np.zeros(len(subject), dtype=bool)
     for first, end in runs(known & (fast < _STALLED)):
@@ -104,7 +91,9 @@ def drift(subject: Subject) -> Series:
     moved = place[frames:] - place[:-frames]
     seconds = (subject.time[frames:] - subject.time[:-frames])[:, None]
     own = np.linalg.norm(moved - np.nanmedian(moved, axis=1, keepdims=True), axis=-1) / seconds
-    half = place[frames // 2 : len(place) - frames + frames // 2] - place[:-frames]  # a stride may repeat after two seconds
+    half = (
+        place[frames // 2 : len(place) - frames + frames // 2] - place[:-frames]
+    )  # a stride may repeat after two seconds
     own = np.maximum(own, np.linalg.norm(half - np.nanmedian(half, axis=1, keepdims=True), axis=-1) / seconds)
     least = np.nanmin(np.linalg.norm(moved, axis=-1) / seconds, axis=1)
     found = np.full(len(subject), np.nan)
@@ -132,7 +121,7 @@ def rotation_tremor(subject: Subject) -> Series:
 
 
 def noise(values: np.ndarray, subject: Subject, slow: float) -> np.ndarray:
-    """Size (T,) of the noise of a signal (T, n) in frames in which it rests; NaN in all others."""
+    """Return noise (T,) of a signal (T, n) in each direction, in frames in which it rests; its median counts."""
     if not 0 < subject.interval <= _SLOWEST:
         raise NotEnough("fewer than 15 frames a second")
     base, found = subject.frames(_BASE), np.full(len(values), np.nan)
@@ -141,7 +130,7 @@ def noise(values: np.ndarray, subject: Subject, slow: float) -> np.ndarray:
     whole = np.cumsum(np.concatenate([np.zeros_like(values[:1]), values]), axis=0)
     smooth = (whole[base:] - whole[:-base]) / base
     moved = np.linalg.norm(smooth[base:] - smooth[:-base], axis=-1)  # at frame `base` and after
-    third = np.linalg.norm(np.diff(values, 3, axis=0), axis=-1) / _THIRD / np.sqrt(values.shape[1])
+    third = np.linalg.norm(np.diff(values, 3, axis=0), axis=-1) / _THIRD
     rests = moved < slow * _BASE
     inside = slice(base, base + len(rests))
     found[3:] = third

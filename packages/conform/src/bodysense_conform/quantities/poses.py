@@ -12,6 +12,7 @@ from bodysense_conform.series import NotEnough, Series, series, stacked
 from bodysense_conform.subject import Subject
 
 _UP = np.array([0.0, 1.0, 0.0])
+_THIGHS = ("left_hip>left_knee", "right_hip>right_knee")
 _BOW = 0.5  # of the trunk's length: way of the head down if the trunk bends forward by 60°
 _BEAT = 4.0  # s; a longer time between two lifts is a pause
 _DEEP = 0.9  # of the deepest position of the head: frames of a squat that are judged
@@ -27,28 +28,22 @@ def bend(subject: Subject, parts: tuple[str, ...]) -> Series:
     return stacked(columns, "")
 
 
-def elevation(subject: Subject, sides: tuple[str, ...]) -> Series:
-    """Angle of the line from shoulder to wrist over the horizon, degrees."""
-    _check(subject, "shoulder", "wrist")
-    arms = {f"{side}_wrist": subject.at(f"{side}_wrist") - subject.at(f"{side}_shoulder") for side in sides}
-    return stacked({name: 90 - angle(arm, np.broadcast_to(_UP, arm.shape)) for name, arm in arms.items()}, "")
-
-
-def thigh(subject: Subject, sides: tuple[str, ...]) -> Series:
-    """Angle of a thigh from straight down, degrees."""
-    _check(subject, "hip", "knee")
-    thighs = {f"{side}_hip": subject.at(f"{side}_knee") - subject.at(f"{side}_hip") for side in sides}
-    return stacked({name: angle(leg, np.broadcast_to(-_UP, leg.shape)) for name, leg in thighs.items()}, "")
+def from_down(subject: Subject, limbs: tuple[str, ...]) -> Series:
+    """Angle of the lines between pairs of joints from straight down, degrees."""
+    names = [name.split(">") for name in limbs]
+    _check(subject, *(name.partition("_")[2] for pair in names for name in pair))
+    lines = {end: subject.at(end) - subject.at(start) for start, end in names}
+    return stacked({name: angle(line, np.broadcast_to(-_UP, line.shape)) for name, line in lines.items()}, "")
 
 
 def both_raised(subject: Subject) -> Series:
     """Whether both thighs are raised by 25°."""
-    return series((thigh(subject, SIDES).values > 25).all(axis=1))
+    return series(from_down(subject, _THIGHS).values.min(axis=1) > 25)
 
 
 def lift_interval(subject: Subject) -> Series:
     """Time from one lift of the left thigh to the next, s, in frames in which it is lifted."""
-    raised = np.nan_to_num(thigh(subject, ("left",)).values[:, 0]) > 25
+    raised = np.nan_to_num(from_down(subject, _THIGHS[:1]).values[:, 0]) > 25
     lifts = np.flatnonzero(raised[1:] & ~raised[:-1]) + 1
     found = np.full(len(subject), np.nan)
     found[lifts[1:]] = np.diff(subject.time[lifts])
@@ -108,10 +103,12 @@ def place(subject: Subject, names: tuple[str, ...]) -> Series:
     """Place of joints on the floor, cm, a column each way."""
     if not subject.has(*names):
         raise NotEnough(f"no {' or '.join(names)}")
-    return stacked({f"{name} {way}": 100 * subject.at(name)[:, k] for name in names for way, k in (("x", 0), ("z", 2))}, "")
+    return stacked(
+        {f"{name} {way}": 100 * subject.at(name)[:, k] for name in names for way, k in (("x", 0), ("z", 2))}, ""
+    )
 
 
 def _check(subject: Subject, *parts: str) -> None:
     """Raise NotEnough if the trunk or these parts of either side are missing."""
     if not subject.has("head", "pelvis", *(f"{side}_{part}" for side in SIDES for part in parts)):
-        raise NotEnough(f"no head, no pelvis or no {', '.join(parts)}".rstrip(" or no"))
+        raise NotEnough(f"some of head, pelvis{''.join(f', {part}' for part in parts)} do not come")

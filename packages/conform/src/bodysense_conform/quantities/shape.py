@@ -24,7 +24,7 @@ def height(subject: Subject) -> Series:
     """Length from ankle to head along the bones, m."""
     if not np.isfinite(subject.height):
         raise NotEnough("no chain of bones from ankle to head")
-    return series(np.array(subject.height))
+    return series(subject.height)
 
 
 def bone_length(subject: Subject) -> Series:
@@ -70,7 +70,9 @@ def asymmetry(subject: Subject) -> Series:
 def distance(subject: Subject) -> Series:
     """Difference of each length from the likeliest human body's, cm at the default size."""
     size = _USUAL / subject.height
-    lengths = {(a, b): size * float(np.nanmedian(subject.length(a, b))) for a, b in (*CORE, *_ACROSS) if subject.has(a, b)}
+    lengths = {
+        (a, b): size * float(np.nanmedian(subject.length(a, b))) for a, b in (*CORE, *_ACROSS) if subject.has(a, b)
+    }
     if len(lengths) < 6 or not np.isfinite(list(lengths.values())).all():
         raise NotEnough("fewer than six bones")
     body = shape_space().likeliest({pair: Measured(max(v, 1e-3), _TRUSTED) for pair, v in lengths.items()}).skeleton
@@ -83,17 +85,6 @@ def distance(subject: Subject) -> Series:
         },
         "no bones",
     )
-
-
-def folded(subject: Subject) -> Series:
-    """Whether the second bone of a limb points straight back along its first, like joints out of order."""
-    columns = {}
-    for side in SIDES:
-        for names in (("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist")):
-            a, b, c = (f"{side}_{name}" for name in names)
-            if subject.has(a, b, c):
-                columns[b] = (unit(subject.at(b) - subject.at(a)) * unit(subject.at(c) - subject.at(b))).sum(-1) < -0.97
-    return stacked(columns, "no whole limb")
 
 
 def unit(vector: np.ndarray) -> np.ndarray:

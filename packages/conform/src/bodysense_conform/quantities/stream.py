@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 
 from bodysense.body.skeleton import BODY
-from bodysense_conform.series import NotEnough, Series, series, stacked
-from bodysense_conform.subject import FOOT_POINTS, Subject, is_finger
+from bodysense_conform.series import NotEnough, Series, series
+from bodysense_conform.subject import Subject
 
 _LIMBS = ("shoulder", "elbow", "hip", "knee", "ankle")
 NEEDED = ("pelvis", "head", *(f"{side}_{part}" for side in ("left", "right") for part in _LIMBS))
@@ -28,26 +28,16 @@ def interval(subject: Subject) -> Series:
     return series(np.diff(subject.time, prepend=np.nan))
 
 
-def backward(subject: Subject) -> Series:
-    """Whether a frame is earlier than the one before."""
-    return series(np.diff(subject.time, prepend=-np.inf) < 0)
-
-
-def same_time(subject: Subject) -> Series:
-    """Whether a frame has the time of the one before."""
-    return series(np.diff(subject.time, prepend=-np.inf) == 0)
-
-
 def rate(subject: Subject) -> Series:
     """Frames a second."""
-    return series(np.array(1 / subject.interval if subject.interval > 0 else np.nan))
+    return series(1 / subject.interval if subject.interval > 0 else np.nan)
 
 
 def seconds(subject: Subject) -> Series:
     """Length of the take, s."""
     if len(subject) < 10 or subject.seconds < 1:
         raise NotEnough(f"{len(subject)} frames in {subject.seconds:.2f} s; judgement needs 10 frames and 1 s")
-    return series(np.array(subject.seconds))
+    return series(subject.seconds)
 
 
 def intervals_away(subject: Subject) -> Series:
@@ -62,7 +52,7 @@ def intervals_away(subject: Subject) -> Series:
 def absent(subject: Subject) -> Series:
     """Share of frames that the times miss, %, outside of steps that take the device off."""
     missing = np.maximum(np.round(intervals_away(subject).values[1:, 0]) - 1, 0)
-    return series(np.array(100 * np.nansum(missing) / max(np.nansum(missing) + len(subject), 1)))
+    return series(100 * np.nansum(missing) / max(np.nansum(missing) + len(subject), 1))
 
 
 def latency(subject: Subject) -> Series:
@@ -85,7 +75,7 @@ def clock_drift(subject: Subject) -> Series:
     if device is None or subject.seconds < 5:
         raise NotEnough("no clock of the device over 5 s")
     slope = np.polyfit(subject.time - subject.time[0], device - device[0], 1)[0]
-    return series(np.array(1e6 * abs(slope - 1)))
+    return series(1e6 * abs(slope - 1))
 
 
 def lag(subject: Subject) -> Series:
@@ -114,19 +104,12 @@ def lag(subject: Subject) -> Series:
     return series(found)
 
 
-def malformed(subject: Subject) -> Series:
-    """Share of messages that cannot be read, %."""
+def bad_messages(subject: Subject, kind: tuple[str, ...]) -> Series:
+    """Share of messages that are 'malformed' or 'lost', which the sequence numbers miss, %."""
     if not subject.transport.messages:
         raise NotEnough("no messages in a file of motion")
-    return series(np.array(100 * subject.transport.malformed / subject.transport.messages))
-
-
-def lost(subject: Subject) -> Series:
-    """Share of messages that the sequence numbers miss, %."""
-    if not subject.transport.messages:
-        raise NotEnough("no messages in a file of motion")
-    count = subject.transport.lost
-    return series(np.array(100 * count / (subject.transport.messages + count)))
+    count = getattr(subject.transport, kind[0])
+    return series(100 * count / (subject.transport.messages + (count if kind == ("lost",) else 0)))
 
 
 def missing_joints(subject: Subject) -> Series:
@@ -168,7 +151,7 @@ def present(subject: Subject) -> Series:
 
 def validity(subject: Subject) -> Series:
     """Whether a needed joint is valid, in frames with any point."""
-    here = subject.valid.any(axis=1)
+    here = np.asarray(subject.valid.any(axis=1))
     columns = subject.columns([name for name in NEEDED if name in subject.points])
     return Series(np.where(here[:, None], subject.valid[:, columns], np.nan), tuple(subject.points[k] for k in columns))
 
@@ -178,7 +161,7 @@ def validity_trend(subject: Subject) -> Series:
     if len(subject) < 2 * _TREND:
         raise NotEnough(f"{len(subject)} frames; {2 * _TREND} are needed")
     share = np.nanmean(validity(subject).values, axis=1)
-    return series(np.array(100 * (np.nanmean(share[:_TREND]) - np.nanmean(share[-_TREND:]))))
+    return series(100 * (np.nanmean(share[:_TREND]) - np.nanmean(share[-_TREND:])))
 
 
 def flag_wrong(subject: Subject) -> Series:
@@ -189,29 +172,12 @@ def flag_wrong(subject: Subject) -> Series:
     return series(flag != subject.valid[:, [name in BODY for name in subject.points]].all(axis=1))
 
 
-def same_place(subject: Subject) -> Series:
-    """Whether two needed joints are within a millimetre of each other."""
-    here = [name for name in NEEDED if subject.has(name)]
-    pairs = [(one, other) for k, one in enumerate(here) for other in here[k + 1 :]]
-    return stacked({f"{a}, {b}": subject.length(a, b) < 1e-3 for a, b in pairs}, "fewer than two joints")
-
-
-def stuck_joint(subject: Subject) -> Series:
-    """Whether a joint repeats bit for bit while the bone that carries it moves; held feet may."""
-    columns = {}
-    for parent, child in subject.bones:
-        if child not in FOOT_POINTS and not child.endswith("_knee") and not is_finger(child):
-            still = (np.diff(subject.at(child), axis=0, prepend=np.nan) == 0).all(axis=-1)
-            columns[child] = still & (np.linalg.norm(np.diff(subject.at(parent), axis=0, prepend=np.nan), axis=-1) > 1e-3)
-    return stacked(columns, "no bones")
-
-
 def wrong_steps(subject: Subject) -> Series:
     """Steps of the script that end before they begin, or overlap the one before."""
     if not subject.steps:
         raise NotEnough("no script")
     overlap = sum(b.start < a.end - 1e-9 for a, b in pairwise(subject.steps))
-    return series(np.array(overlap + sum(not step.end > step.start for step in subject.steps)))
+    return series(overlap + sum(not step.end > step.start for step in subject.steps))
 
 
 def empty_steps(subject: Subject) -> Series:
@@ -223,4 +189,4 @@ def empty_steps(subject: Subject) -> Series:
         edges = np.diff(np.concatenate([[step.start], subject.time[subject.during(step)], [step.end]]))
         missing = float(edges[edges > 3 * subject.interval].sum())
         count += step.label != "remount" and missing > 0.02 * (step.end - step.start) + 3 * subject.interval
-    return series(np.array(count))
+    return series(count)

@@ -13,35 +13,18 @@ _SETTLED = 0.5  # s after its return the body must be whole
 _WATCHED = 2.0  # s after a return in which jumps belong to it
 
 
-def loss_step(subject: Subject) -> Series:
-    """Jump of a point in the frame in which its signal is lost, cm beyond its velocity."""
-    return _steps(subject, -1)
-
-
-def return_step(subject: Subject) -> Series:
-    """Jump of a point in the frame in which its signal returns, cm beyond its velocity."""
-    return _steps(subject, 1)
-
-
-def guessed_speed(subject: Subject) -> Series:
-    """Speed of completed points beyond the fastest measured one, m/s."""
-    if subject.measured is None or not (subject.known & ~subject.measured).any():
-        raise NotEnough("no completed points, or no mark of which points are")
-    fastest = np.nanmax(np.where(subject.measured, subject.speed, np.nan))
-    return Series(np.where(subject.measured, np.nan, subject.speed) - fastest, subject.points)
-
-
-def _steps(subject: Subject, direction: int) -> Series:
+def jump(subject: Subject, moment: tuple[str, ...]) -> Series:
+    """Jump of a point in the frame in which its signal is lost ('loss') or comes back ('return'), cm beyond its velocity."""
     if subject.measured is None:
         raise NotEnough("no mark of which points are measured")
-    change = np.diff(subject.measured.astype(np.int8), axis=0, prepend=0) == direction
+    change = np.diff(subject.measured.astype(np.int8), axis=0, prepend=0) == (-1 if moment == ("loss",) else 1)
     change[:2] = False
     change[1:] &= subject.known[1:] & subject.known[:-1]
     if not change.any():
-        raise NotEnough(f"no signal {'is lost' if direction < 0 else 'returns'} while its point goes on")
+        raise NotEnough(f"no {moment[0]} of a signal while its point goes on")
     steps = np.diff(subject.places, axis=0, prepend=np.nan)
-    jump = np.linalg.norm(steps - np.roll(steps, 1, axis=0), axis=-1)
-    return Series(np.where(change, 100 * jump, np.nan), subject.points)
+    beyond = np.linalg.norm(steps - np.roll(steps, 1, axis=0), axis=-1)
+    return Series(np.where(change, 100 * beyond, np.nan), subject.points)
 
 
 def wait(subject: Subject) -> Series:
@@ -51,7 +34,7 @@ def wait(subject: Subject) -> Series:
         raise NotEnough("no step 'remount' in the script")
     here = subject.time[subject.valid.any(axis=1)]
     waits = [np.min(here[here >= step.end] - step.end, initial=np.inf) for step in steps]
-    return series(np.array(np.minimum(max(waits), 1e6)))
+    return series(np.minimum(max(waits), 1e6))
 
 
 def unsettled(subject: Subject) -> Series:

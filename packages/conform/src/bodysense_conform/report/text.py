@@ -15,7 +15,7 @@ import numpy as np
 from bodysense import __version__
 from bodysense.files import written_beside
 from bodysense_conform.evaluate import OUTCOMES, Finding, Verdict
-from bodysense_conform.table import Table, table
+from bodysense_conform.table import CheckTable, table
 
 FORMAT = "bodysense conform 2"
 
@@ -50,7 +50,7 @@ def shortened(ids: Sequence[str]) -> list[str]:
     return found
 
 
-def versions(checks: Table) -> dict[str, str]:
+def versions(checks: CheckTable) -> dict[str, str]:
     """Return versions of the package, of the table of checks and of what it ran on."""
     return {
         "bodysense": __version__,
@@ -80,7 +80,20 @@ def record(verdict: Verdict) -> dict[str, Any]:
         "versions": versions(verdict.table),
         "counts": {outcome: len(verdict.of(outcome)) for outcome in OUTCOMES},
         "unanswered": verdict.unanswered,
-        "findings": [_row(finding) for finding in verdict.findings],
+        "findings": [
+            {
+                "id": one.check.id,
+                "outcome": one.outcome,
+                "value": _number(one.value),
+                "unit": one.check.unit,
+                "limit": one.check.limit,
+                "where": one.where,
+                "frame": one.frame,
+                "why": one.check.why,
+                "reason": one.reason,
+            }
+            for one in verdict.findings
+        ],
     }
 
 
@@ -88,21 +101,6 @@ def write_json(path: Path, document: Any) -> None:
     """Write a document as JSON; the file appears whole or not at all."""
     with written_beside(path) as beside:
         beside.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-
-
-def _row(finding: Finding) -> dict[str, Any]:
-    check = finding.check
-    return {
-        "id": check.id,
-        "outcome": finding.outcome,
-        "value": _number(finding.value),
-        "unit": check.unit,
-        "limit": check.limit,
-        "where": finding.where,
-        "frame": finding.frame,
-        "why": check.why,
-        "reason": finding.reason,
-    }
 
 
 def _number(value: float | None) -> float | None:

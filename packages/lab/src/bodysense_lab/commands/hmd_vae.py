@@ -19,8 +19,8 @@ from bodysense_lab.options import Flat, Output
 def hmd_vae(run: Flat[VaeTraining]) -> None:
     """Train HMD-VAE, a whole body from a headset and two hands. Training resumes after a stop.
 
-    Of the data's train split 5 % of the sequences of each data set are held out. Written is NAME.onnx, with the weights
-    beside it as NAME.pt, or NAME.pt alone; of a sweep, a folder.
+    In the train split 5 % of the sequences of each data set are held out. The command writes NAME.onnx with the weights
+    next to it as NAME.pt, or NAME.pt alone; a sweep writes a folder.
     """
     from bodysense_lab.hmd_vae.train import run_sweep, run_vae, sweep_configs
 

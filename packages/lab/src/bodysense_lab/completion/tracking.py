@@ -16,12 +16,12 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.skeleton import BODY
 from bodysense.completion.model import CompletionModel, load_completion, packaged_model
-from bodysense.completion.two_way import completed_both_ways
 from bodysense.devices.simulated.sensors import Edge, SensorSet
 from bodysense.metrics import joint_error
 from bodysense.observation import Observation
 from bodysense.scoring import RATE
 from bodysense.tracker import Tracker, TrackerSettings
+from bodysense.two_way import completed_both_ways
 from bodysense_lab.completion.scenes import TrackedScene, person_of, stacked
 
 _WARM_UP = 30  # frames that are not timed

@@ -118,7 +118,7 @@ class ArmTask(Task):
         return (batch_of(self.frames, windows, drawn, step) for step in itertools.count(done + 1))
 
     def loss(self, batch: ArmBatch, memory: None) -> tuple[dict[str, Tensor], None]:
-        """Compute the loss of the network plus, with 'gan', of the discriminator (eqs. 13, 14); gradients stay apart."""
+        """Compute the loss of the network plus, with 'gan', of the discriminator (eqs. 13, 14), gradients apart."""
         pair, schedule = self.network, self.schedule
         with layer_autocast(batch.rotation.device):
             said = pair.network(batch.window).float()

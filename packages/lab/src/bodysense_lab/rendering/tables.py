@@ -66,7 +66,7 @@ SHOWN = ("network", "landmarks_ik", "positions_ik")  # of which bones are compar
 
 @dataclass(frozen=True, eq=False)
 class VideoTable:
-    """What was counted: errors by category group, method and measure, and what was found in the pictures."""
+    """Counts: errors by category group, method and measure, and detection rates."""
 
     tallies: dict[tuple[str, str, str], Tally] = field(default_factory=dict)
     found: dict[tuple[str, str], Tally] = field(default_factory=dict)  # shares by group: "body", "hand"
@@ -153,7 +153,7 @@ def watch(video: Path, files: LandmarkerFiles) -> PersonLandmarks:
 def completed(
     take: RenderedTake, person: PersonLandmarks, model: ArmModel, tracker: CompletionModel | None = None
 ) -> tuple[dict[str, np.ndarray], dict[str, ArmBones]]:
-    """What is made of a video's landmarks, and of what is true of it, by method.
+    """Complete a video's landmarks and its true key-points by every method.
 
     Rotations (T, 38, 4), as of `arms_from_torso`, and bones of arms. `tracker` is the completion network; None: the
     packaged one.
@@ -176,7 +176,7 @@ def completed(
 def tracked(
     device: VideoDevice, person: PersonLandmarks, network: CompletionModel | None = None
 ) -> tuple[Pose, Camera]:
-    """What `bodysense track` makes of landmarks (T,): the body in the room, and the camera (T,)."""
+    """Return the body in the room and the camera (T,) that `bodysense track` finds for landmarks (T,)."""
     early, state = device.step(person, device.start())
     tracker = Tracker(Person(device.skeleton), network=network, settings=TrackerSettings(infer=False))
     tracking, poses, cameras = tracker.start(), [], []
@@ -243,7 +243,7 @@ def video_report(table: VideoTable, name: str) -> Report:
 
 
 def _group(take: RenderedTake) -> str:
-    """Whose row a video counts in."""
+    """Return the group in which a video counts."""
     return take.category if take.category in GESTURES else group_named(take.category)
 
 

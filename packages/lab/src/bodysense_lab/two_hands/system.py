@@ -14,7 +14,7 @@ import numpy as np
 from bodysense.arrays import read_arrays
 from bodysense.devices.gloves.device import GloveDevice, glove_device, gloved_sides, has_gloves, has_standard_gloves
 from bodysense.devices.gloves.hands import GloveModels, HandsSettings, load_glove_models
-from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
+from bodysense.devices.gloves.networks import GloveNetwork, load_joint_network, load_marker_network
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.io.clip import Clip
@@ -22,11 +22,13 @@ from bodysense.io.recording import Recording
 from bodysense.open import Opened
 from bodysense.signals import Signal, signal_from
 from bodysense.take import track
-from bodysense_lab.paper_options import PaperOptions, Variant, untrained
+from bodysense_lab.paper_options import PaperOptions, Variant
+from bodysense_lab.weights import packaged
 
 FORMS: tuple[Variant, ...] = ("paper", "shipped")
 SETTINGS = HandsSettings(rejection=None, contact=None, speed=0.25, unseen_speed=0.25, fading=None, restraint=0.0)
 FILES = ("glove_markers.onnx", "glove_joints.onnx")
+PAPER_FILES = ("glove_markers_paper.onnx", "glove_joints_paper.onnx")  # packaged
 
 
 def complete(opened: Opened, options: PaperOptions) -> Clip:
@@ -83,21 +85,20 @@ def _device(signal: Signal, models: GloveModels) -> GloveDevice:
 
 def _models(options: PaperOptions) -> GloveModels:
     form = options.chosen("two_hands", FORMS, "paper")
+    if options.networks is None and form == "shipped":
+        return load_glove_models()
     if options.networks is None:
-        if form == "shipped":
-            return load_glove_models()
-        raise untrained(
-            "--method two_hands",
-            "bodysense train gloves --data DIR --form paper -o gloves",
-            "--networks gloves, or use the packaged networks with --variant shipped",
-        )
+        return GloveModels(*_open(*(packaged(name) for name in PAPER_FILES)))
     if not options.networks.is_dir():
         raise BodysenseError(
             f"{options.networks}: no such folder; give the one that `bodysense train gloves --form {form} -o` wrote"
         )
-    markers, joints = (options.networks / name for name in FILES)
-    networks = load_marker_network(markers), load_joint_network(joints)
+    networks = _open(*(options.networks / name for name in FILES))
     for one in networks:
         if options.variant is not None and one.network.card["form"] != form:
             raise BodysenseError(f"--variant {form}: {one.network.name} has the form {one.network.card['form']!r}")
     return GloveModels(*networks)
+
+
+def _open(markers: Path, joints: Path) -> tuple[GloveNetwork, GloveNetwork]:
+    return load_marker_network(markers), load_joint_network(joints)

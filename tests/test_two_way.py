@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bodysense import two_way
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion import two_way
-from bodysense.completion.two_way import TwoWayTracker, found_person, reversed_in_time
 from bodysense.devices.simulated.device import simulate
 from bodysense.devices.simulated.noise import hide
 from bodysense.io.clip import Clip
 from bodysense.observation import Estimate, Observation
 from bodysense.tracker import Tracker, TrackerSettings
+from bodysense.two_way import TwoWayTracker, found_person, reversed_in_time
 
 SECONDS = 1 / 30
 

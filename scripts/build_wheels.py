@@ -1,0 +1,141 @@
+"""Build wheels for Linux, macOS and Windows on this machine: python scripts/build_wheels.py --out dist
+
+Needs the packages `build` and `ziglang`, which brings the compiler for all of them. With --library FOLDER it writes
+libraries for engines in C instead, a folder each, with the header. Only what this machine can load is tried.
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import ctypes
+import hashlib
+import runpy
+import shutil
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
+
+ROOT = Path(__file__).resolve().parents[1]
+ZIG = [sys.executable, "-m", "ziglang", "cc"]
+
+
+@dataclass(frozen=True)
+class Target:
+    """A system and processor to build for."""
+
+    name: str
+    zig: str  # zig's name of it, with the oldest C library or system that it runs on
+    tag: str  # a wheel's platform tag
+    ending: str  # of shared libraries
+
+    @property
+    def is_here(self) -> bool:
+        """Whether this machine loads its libraries."""
+        system, _, processor = self.name.partition("-")
+        return sys.platform.startswith({"windows": "win32", "macos": "darwin"}.get(system, system)) and (
+            sysconfig.get_platform().replace("aarch64", "arm64").replace("amd64", "x86_64").endswith(processor)
+        )
+
+
+TARGETS = (
+    Target("linux-x86_64", "x86_64-linux-gnu.2.17", "manylinux_2_17_x86_64.manylinux2014_x86_64", ".so"),
+    Target("linux-arm64", "aarch64-linux-gnu.2.17", "manylinux_2_17_aarch64.manylinux2014_aarch64", ".so"),
+    Target("macos-x86_64", "x86_64-macos.11.0", "macosx_11_0_x86_64", ".dylib"),
+    Target("macos-arm64", "aarch64-macos.11.0", "macosx_11_0_arm64", ".dylib"),
+    Target("windows-x86_64", "x86_64-windows-gnu", "win_amd64", ".dll"),
+)
+
+
+def build_library(target: Target, path: Path) -> Path:
+    """Compile core/src for a target."""
+    command = [*ZIG, "-target", target.zig, "-mcpu=baseline", "-Wl,-s"]
+    path = path.with_suffix(target.ending)
+    runpy.run_path(str(ROOT / "scripts" / "build_core.py"))["build"](path, command)
+    return path
+
+
+def build_wheel(native: Path, library: Path, target: Target, folder: Path) -> Path:
+    """The wheel of this machine with another library and tag."""
+    name = native.name.split("-")
+    out = folder / f"{name[0]}-{name[1]}-py3-none-{target.tag}.whl"
+    rows = []
+    with ZipFile(out, "w", ZIP_DEFLATED) as wheel:
+        for path, content in _contents(native, library, target):
+            info = ZipInfo(path, (2020, 1, 1, 0, 0, 0))
+            info.external_attr = (0o755 if "/_core." in path else 0o644) << 16
+            wheel.writestr(info, content, ZIP_DEFLATED)
+            digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b"=").decode()
+            rows.append(f"{path},sha256={digest},{len(content)}")
+        record = f"{name[0]}-{name[1]}.dist-info/RECORD"
+        wheel.writestr(ZipInfo(record, (2020, 1, 1, 0, 0, 0)), "\n".join([*rows, f"{record},,", ""]))
+    return out
+
+
+def _contents(native: Path, library: Path, target: Target) -> Iterator[tuple[str, bytes]]:
+    """Paths and contents of a target's wheel, without the record."""
+    with ZipFile(native) as wheel:
+        for path in wheel.namelist():
+            content = wheel.read(path)
+            if path.startswith("bodysense/_core.") or path.endswith(".dist-info/RECORD"):
+                continue
+            if path.endswith(".dist-info/WHEEL"):
+                lines = [line for line in content.decode().splitlines() if line and not line.startswith("Tag:")]
+                lines += [f"Tag: py3-none-{tag}" for tag in target.tag.split(".")]
+                content = ("\n".join(lines) + "\n").encode()
+            yield path, content
+    yield f"bodysense/_core{target.ending}", library.read_bytes()
+
+
+def native_wheel(folder: Path) -> Path:
+    """The wheel that `python -m build` makes on this machine."""
+    command = [sys.executable, "-m", "build", "--wheel", "--outdir", str(folder), str(ROOT)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return next(folder.glob("*.whl"))
+
+
+def _described(path: Path, library: Path, target: Target) -> str:
+    """A line about a file that was built, and whether its library was loaded."""
+    size = f"{path.name}: {path.stat().st_size / 1e6:.2f} MB, its library {library.stat().st_size / 1e3:.0f} kB"
+    if not target.is_here:
+        return f"{size}; built, not run"
+    return f"{size}; built and loaded, version {ctypes.CDLL(str(library)).bs_version()}"
+
+
+def main() -> None:
+    """Build."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
+    parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder of the wheels")
+    parser.add_argument("--library", type=Path, help="folder of libraries for engines, which are built instead")
+    names = [target.name for target in TARGETS]
+    parser.add_argument("--targets", nargs="+", choices=names, default=names, help="systems to build for")
+    given = parser.parse_args()
+    if find_spec("ziglang") is None:
+        raise SystemExit("no compiler for other systems: pip install ziglang")
+    with TemporaryDirectory(prefix="bodysense-") as temporary:
+        folder = Path(temporary)
+        native = None if given.library else native_wheel(folder)
+        for target in TARGETS:
+            if target.name not in given.targets:
+                continue
+            library = build_library(target, folder / f"{target.name}{target.ending}")
+            if native is None:
+                place = given.library / target.name
+                place.mkdir(parents=True, exist_ok=True)
+                named = "bodysense.dll" if target.ending == ".dll" else f"libbodysense{target.ending}"
+                shutil.copy(ROOT / "core" / "include" / "bodysense.h", place)
+                made = Path(shutil.copy(library, place / named))
+            else:
+                given.out.mkdir(parents=True, exist_ok=True)
+                made = build_wheel(native, library, target, given.out)
+            print(f"{target.name}: {_described(made, library, target)}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
