@@ -191,7 +191,9 @@ def _stepped(
 
 def _one_of(observation: Observation, k: int) -> Observation:
     """One person's part of an observation that leads with an axis of people."""
-    names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
+    names = ["position", "rotation", "has_position", "has_rotation", "accuracy"]
+    if observation.acceleration is not None:
+        names.append("acceleration")
     return replace(observation, **{name: getattr(observation, name)[k] for name in names})
 
 

@@ -1,12 +1,14 @@
 """Bodies of which rotations alone are tracked."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.demo import packaged_performance
-from bodysense.devices.simulated.sensors import SensorSet, observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
 from bodysense.tracker import Tracker, TrackerSettings
 
 FRAMES, FLOOR, UP = 150, 0.4, np.array([0.0, 1.0, 0.0])  # m
@@ -24,3 +26,16 @@ def test_they_are_on_the_floor(joints: tuple[str, ...]) -> None:
     if joints == BODY:  # what legs and trunk do says how high the head is
         head = pose.skeleton.index("head")
         assert np.abs(estimate.points[:, head, 1] - forward_kinematics(pose)[0][:, head, 1]).max() < 0.08
+
+
+def test_accelerations_are_each_persons_own() -> None:
+    clip, frames = packaged_performance(), 20
+    starts, sensors, tracker = (0, 300), SENSOR_SETS["three_point_imu_feet"], Tracker()
+    each = [observe(clip.pose[start : start + frames], clip.time[:frames], sensors) for start in starts]
+    names = ("position", "rotation", "has_position", "has_rotation", "accuracy", "acceleration")
+    both = replace(each[0], **{name: np.stack([getattr(one, name) for one in each]) for name in names})
+    together = Tracker([Person(), Person()])
+    estimate, _ = together.step(both, together.start())
+    for k, one in enumerate(each):
+        alone, _ = tracker.step(one, tracker.start())
+        np.testing.assert_array_equal(estimate.points[k], alone.points)

@@ -17,7 +17,7 @@ REMEMBERED = 140  # numbers of a memory before those of the recurrent layers
 
 
 def hidden_of(state: TrackerState, twin: Twin) -> tuple[list[np.ndarray], np.ndarray]:
-    """What the core's recurrent layers remember, as the twin has it."""
+    """Return the memory of the core's recurrent layers, in the twin's form."""
     body, hands = twin.memory.hidden, twin.memory.hands
     floats = REMEMBERED + sum(layer.size for layer in body) + hands.size
     memory = state.memory[0].tobytes()[-(-floats * 4 // 64) * -64 :]  # at the end, in whole lines of the cache

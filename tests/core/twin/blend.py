@@ -35,7 +35,7 @@ def _zeros() -> np.ndarray:
 
 @dataclass
 class LimbState:
-    """What a limb remembers. Vectors are in the heading of the body, from the limb's start."""
+    """The memory of a limb. Vectors are in the heading of the body, from the limb's start."""
 
     end: Ease = field(default_factory=Ease)
     middle: Ease = field(default_factory=Ease)

@@ -29,7 +29,7 @@ STRAPS = ("pelvis", "left_knee", "right_knee", "left_ankle", "right_ankle", "lef
 
 @dataclass(frozen=True)
 class Case:
-    """What is tracked of somebody, and what is known of them."""
+    """A device, a motion, and knowledge of the person."""
 
     device: str
     known: str  # one of `KNOWN`
@@ -43,7 +43,7 @@ class Case:
 
     @property
     def skeleton(self) -> Skeleton:
-        """Whose motion it is."""
+        """The body that moves."""
         return default_skeleton().with_offsets(BODIES[self.seed % len(BODIES)])
 
 
@@ -95,7 +95,7 @@ def mounts_of(case: Case) -> dict[str, RigidTransform]:
 
 
 def observation_of(case: Case) -> Observation:
-    """What the device tracks: with noise, and sensors that come and go."""
+    """Return what the device tracks: with noise, and sensors that come and go."""
     rng = np.random.default_rng(case.seed + 1)
     sensors = random_edges(1, rng)[0].more if case.device == "lattice" else SETS[case.device]
     time = 100 + np.cumsum(rng.uniform(0.8, 1.2, case.frames)) / case.rate
@@ -118,7 +118,7 @@ def observation_of(case: Case) -> Observation:
 
 
 def person_of(case: Case) -> Person:
-    """What is known of them."""
+    """Return the person as far as known."""
     match case.known:
         case "proportions":
             return Person(case.skeleton)

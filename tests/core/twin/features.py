@@ -1,4 +1,4 @@
-"""What the body's network reads: what is tracked, in the frame under the head and at one stature.
+"""Features of the body's network: tracked points and rotations, in the frame under the head and at one stature.
 
 The frame under the head is on the floor below it, and turned as it looks. The features of the mirror image are those of
 the same reading reflected at the plane x = 0 of that frame: v → M v, R → M R M, left ↔ right.
@@ -51,7 +51,7 @@ class Head:
 
 @dataclass(frozen=True)
 class Reading:
-    """What the features are made of, in the frame under the head. What is absent is 0."""
+    """Tracked values in the frame under the head. Absent values are 0."""
 
     place: np.ndarray  # (27, 3) m at the reference stature: placed points, then the middle of each hand's knuckles
     has_place: np.ndarray  # (27,) bool
@@ -102,7 +102,7 @@ def find_head(seen: Tracked, turn_before: np.ndarray) -> Head:
 
 @dataclass
 class Before:
-    """What was tracked when the networks' memories last advanced."""
+    """Tracked values when the networks' memories last advanced."""
 
     place: np.ndarray  # (27, 3) m, from base
     has_place: np.ndarray  # (27,) bool
@@ -111,7 +111,7 @@ class Before:
 
 
 def remember(seen: Tracked) -> Before:
-    """What to compare with when memories advance next."""
+    """Return tracked values to compare with when memories advance next."""
     knuckles = [sum(seen.position[points], np.zeros(3, np.float32)) * single(0.25) for points in KNUCKLES]
     has = [*seen.has_position[PLACED], *(seen.has_position[points].all() for points in KNUCKLES)]
     axes = seen.rotation[SPINNING].transpose(0, 2, 1)[:, :2]
@@ -120,7 +120,7 @@ def remember(seen: Tracked) -> Before:
 
 
 def read(seen: Tracked, head: Head, before: Before | None, interval: np.float32, usual_bones: np.ndarray) -> Reading:
-    """What is read of one person, `interval` s after memories last advanced."""
+    """Return tracked values of one person, `interval` s after memories last advanced."""
     smaller, rate, now = 1 / stature(seen.rest_offset), 1 / interval, remember(seen)
     old = before or replace(now, has_place=np.zeros(27, bool), has_axes=np.zeros(3, bool))
     turned = np.array([seen.turned(joint) for joint in range(JOINTS)])

@@ -39,7 +39,7 @@ class Foot:
 
 @dataclass
 class FootState:
-    """What a foot remembers."""
+    """The memory of a foot."""
 
     held: str = ""  # "ankle" or "ball", by which the foot is held; empty: free
     anchor: np.ndarray = field(default_factory=lambda: np.zeros(3))  # m, from base: where the held part stands
@@ -100,7 +100,7 @@ def hold_feet(
             drop = too_high(place[1], rest, floor, sole)
             drop *= float(np.clip((contact - RELEASE) / (SURE - RELEASE), 0, 1))
         if hovering > 0:
-            drop = max(drop, upright * hovering)  # nobody who stands hovers with both feet
+            drop = max(drop, upright * hovering)  # a standing body has a foot on the floor
         state.stood = state.stood + interval if part == "ankle" else 0.0
         state.held, state.slide = part, slide
         state.drop += settle * (float(np.clip(drop, -REACH, REACH)) - state.drop)

@@ -72,7 +72,7 @@ DISTANCES = [distance for side in SIDES for distance in _distances(side)]
 
 @dataclass
 class Mounts:
-    """What is believed of how trackers are worn."""
+    """Beliefs about how trackers are worn."""
 
     mean: np.ndarray  # (N,) m: corrections as believed, then lengths of bones
     covariance: np.ndarray  # (N, N) m²
@@ -90,7 +90,7 @@ def worn_by(person: Person) -> dict[int, tuple[np.ndarray, np.ndarray]]:
 
 
 def first_mounts(person: Person) -> Mounts:
-    """What is believed before the first frame."""
+    """Return the beliefs before the first frame."""
     worn, offset = worn_by(person), person.skeleton.rest_offset
     variance, mean = np.zeros(SIZE), np.zeros(SIZE)
     for k, joint in enumerate(WORN):

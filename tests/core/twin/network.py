@@ -20,7 +20,7 @@ LAYERS = 2
 
 @dataclass
 class Memory:
-    """What the networks remember of one person."""
+    """The memory of the networks for one person."""
 
     turn: np.ndarray  # (3, 3) world ← frame under the head, in the frame before
     hidden: list[np.ndarray]  # of each layer (H, 2): of the body, of its mirror image
@@ -33,7 +33,7 @@ class Memory:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the network predicts of a body, in the world."""
+    """A body as the network predicts it, in the world."""
 
     rotation: np.ndarray  # (22, 3, 3) world ← joint
     head: np.ndarray  # (3,) m, from base: where the head is if it is not tracked
@@ -71,7 +71,7 @@ def predict(of: Mapping[str, np.ndarray], seen: Tracked, memory: Memory) -> tupl
 def _meaning(
     of: Mapping[str, np.ndarray], turned: np.ndarray, judged: np.ndarray, head: Head, size: float
 ) -> Prediction:
-    """What outputs (O, 2) for a body and for its mirror image mean together."""
+    """Return the prediction of outputs (O, 2) for a body and for its mirror image."""
     axes = turned[: 6 * BODY].T.reshape(2, BODY, 3, 2)
     image = axes[1][PARTNER[:BODY]] * MIRROR[:, None] * MIRROR[:2]
     mean = (axes[0] + image) / 2 + of["body.standing"].reshape(BODY, 3, 2)

@@ -78,7 +78,7 @@ HEAD_OVER_FLOOR = len(EVIDENCE) - 1
 
 @dataclass
 class Proportions:
-    """What is believed of a body."""
+    """Beliefs about a body."""
 
     shown: np.ndarray  # (65, 3) m, rest offsets in use
     believed: np.ndarray  # (65, 3) m, toward which those in use move
@@ -98,7 +98,7 @@ class Proportions:
 
 
 def first_proportions(person: Person) -> Proportions:
-    """What is known of a person before the first frame."""
+    """Return the beliefs before the first frame."""
     offset = person.skeleton.rest_offset
     return Proportions(offset.copy(), offset.copy(), person.bone_deviation.copy())
 
@@ -240,7 +240,7 @@ def _look_at_head(person: Person, seen: Tracked, own: Proportions) -> None:
 
 
 def _approach(person: Person, interval: float, own: Proportions) -> None:
-    """Move the body in use toward the believed one, so slowly that nobody sees a still wearer grow."""
+    """Move the body in use toward the believed one, so slowly that a still wearer does not visibly grow."""
     missing = abs(rest_height(own.believed, HEAD_TOP) - rest_height(own.shown, HEAD_TOP))
     known = person.height is not None and not own.released
     most = interval * (MOVING_GROWTH if own.speed > MOVES or known else STILL_GROWTH)

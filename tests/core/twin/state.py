@@ -1,4 +1,4 @@
-"""What the pose of one person remembers from frame to frame."""
+"""The memory of one person's pose from frame to frame."""
 
 from dataclasses import dataclass, field
 

@@ -1,4 +1,4 @@
-"""What is tracked of one person in one frame, and what that implies before a network is asked."""
+"""Tracked values of one person in one frame, and rotations that they imply."""
 
 from dataclasses import dataclass
 
@@ -58,7 +58,7 @@ def choose_base(observation: Observation, t: int, floor: float) -> np.ndarray:
 
 
 def gather(observation: Observation, t: int, base: np.ndarray, interval: float, floor: float) -> Tracked:
-    """What is tracked in frame t."""
+    """Return the tracked values of frame t."""
     seen = Tracked(
         base=base,
         interval=interval,

@@ -25,7 +25,8 @@ _STRIDE = 10  # frames: neighbours tell little more
 def sample_moments(network: CompletionNetwork, batches: Iterable[SequenceBatch]) -> dict[str, np.ndarray]:
     """Second moments (K, K) of what each of the body's large products reads, by parameter.
 
-    Of every `_STRIDE`-th frame of training sequences, which play on from batch to batch, and of their mirror images.
+    They are of every `_STRIDE`-th frame of training sequences, and of their mirror images. Sequences play on from batch
+    to batch.
     """
     sums, frames, memory = dict[str, np.ndarray](), 0, list[Tensor]()
     for batch in batches:
@@ -47,7 +48,7 @@ def sample_moments(network: CompletionNetwork, batches: Iterable[SequenceBatch])
 
 
 def _read_by(features: Tensor, before: list[Tensor], after: list[Tensor]) -> dict[str, Tensor]:
-    """What products read (N, K) in a frame, by parameter."""
+    """Return inputs (N, K) of products in a frame, by parameter."""
     rows = {"recurrent.weight_ih_l0": features, "turn_branch.0.weight": torch.cat([after[-1], features], dim=-1)}
     rows |= {f"recurrent.weight_hh_l{layer}": each for layer, each in enumerate(before)}
     return rows | {f"recurrent.weight_ih_l{layer}": each for layer, each in enumerate(after[:-1], start=1)}

@@ -26,7 +26,7 @@ from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
 from bodysense_lab.completion.points import reference_offsets
 
 FORMAT = "bodysense-completion-2"
-# What is multiplied most; what turns the body's joints in the end keeps half precision.
+# Tables that are multiplied most; what turns the body's joints in the end keeps half precision.
 _IN_BYTES = ("body.recurrent.weight", "body.turn_branch.0.weight", "body.judge_branch", "fingers", "errors.inward")
 _EXACT = ("usual_bones", "standing", "relaxed", "errors.bias", "errors.inward.bias")
 _TYPES = {"I8": np.int8, "F16": np.float16, "F32": np.float32, "F64": np.float64}
@@ -36,7 +36,7 @@ _MOST_HEADER = 100_000_000  # bytes; safetensors' own limit
 
 @dataclass(frozen=True, eq=False)
 class TrainedNetworks:
-    """What a file holds: both networks, and what makes their expected errors and the bounds of these true."""
+    """Contents of a file: both networks, and maps that make their expected errors and bounds true."""
 
     body: CompletionNetwork
     fingers: FingerNetwork
