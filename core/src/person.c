@@ -198,10 +198,10 @@ static enum stance infer_height(proportions *own, double head, double total, dou
 
 /* Add a length; one of the right side is averaged with the left one's, for bodies are symmetric. */
 static void add_length(measurements *known, bs_length length) {
-    bs_length *last = &known->length[known->lengths - 1];
+    bs_length *last = known->lengths > 0 ? &known->length[known->lengths - 1] : NULL;
     bool right = PARTNER[length.start] < length.start;
     if (right) length = (bs_length){PARTNER[length.start], PARTNER[length.end], length.value, length.deviation};
-    if (right && known->lengths > 0 && last->start == length.start && last->end == length.end) {
+    if (right && last && last->start == length.start && last->end == length.end) {
         last->value = (last->value + length.value) / 2;
         last->deviation = (last->deviation + length.deviation) / 2;
     } else {
