@@ -48,12 +48,14 @@ def test_nothing_to_time_is_refused(options: dict[str, float]) -> None:
 
 @pytest.mark.alone
 @pytest.mark.slow
-def test_numbers_of_a_real_server(tmp_path: Path) -> None:
+def test_numbers_of_a_real_server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("uvicorn", reason="needs packages/live")
     out = tmp_path / "live.json"
-    bench_live(sessions=3, rate=20.0, seconds=2.0, json=out)
+    monkeypatch.setattr("bodysense_lab.commands.bench_live._LARGEST", 8)
+    bench_live(sessions=3, rate=20.0, seconds=2.0, most=True, json=out)
     numbers = json.loads(out.read_text())
     assert {"sessions", "rate_hz", "p50_ms", "p99_ms", "rss_mb", "rss_per_session_mb"} <= numbers.keys()
     assert numbers["sessions"] == 3 and numbers["rate_hz"] == 20
     assert 0 < numbers["p50_ms"] <= numbers["p99_ms"] and 0 < numbers["answered"] <= 1
     assert 20 < numbers["rss_mb"] < 2000
+    assert numbers["most_sessions"] in (0, 4, 8)

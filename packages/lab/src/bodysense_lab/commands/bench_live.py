@@ -23,6 +23,7 @@ from bodysense.errors import BodysenseError
 _POINTS = ("head", "left_wrist", "right_wrist")
 _BEAT = 240  # frames of motion that clients repeat
 _WARM_UP = 2.0  # s before anything is counted
+_SERVED, _STEP, _LARGEST = 0.99, 4, 400  # share of frames that counts as served; sessions added at a time; the most
 _UNMASKED = b"\0\0\0\0"  # a masking key that changes nothing (RFC 6455, section 5.3), so that frames are prebuilt
 
 
@@ -31,6 +32,7 @@ def bench_live(
     rate: float = 72.0,
     seconds: float = 20.0,
     workers: int = 1,
+    most: bool = False,
     json: Path | None = None,
 ) -> None:
     """Time live sessions of head and hands: a server process, or several, and clients of it on this machine.
@@ -43,6 +45,7 @@ def bench_live(
         rate: Hz; frames of each client.
         seconds: For which answers are counted.
         workers: Processes of the server.
+        most: Find also how many wearers one process serves with 99 % of their frames answered, as most_sessions.
         json: Write the numbers here, as one flat object.
     """
     from bodysense_lab.commands.timing import report
@@ -72,7 +75,25 @@ def bench_live(
             "lost_signal_ms": load.until_head_alone(),
         }
         load.close()
+    if most:
+        numbers["most_sessions"] = _most_sessions(rate, seconds)
     report("live", numbers, json)
+
+
+def _most_sessions(rate: float, seconds: float) -> int:
+    """The largest number of sessions of which one process answers `_SERVED` of the frames, in steps of `_STEP`."""
+    with _server(_LARGEST, 1) as (address, _):
+        load, served = Load(address, rate), 0
+        while served < _LARGEST:
+            load.connect(_STEP)
+            load.run(_WARM_UP)
+            load.forget()
+            load.run(seconds)
+            if load.numbers()["answered"] < _SERVED:
+                break
+            served += _STEP
+        load.close()
+    return served
 
 
 @dataclass(eq=False)
