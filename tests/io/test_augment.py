@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
-from bodysense.io.augment import LIMBS, mirrored, with_limb_proportions
+from bodysense.io.augment import LIMBS, at_height, mirrored, with_limb_proportions
 from bodysense.io.clip import Clip
 
 
