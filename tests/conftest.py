@@ -49,7 +49,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     for item in items:
         place = item.path.relative_to(TESTS)
-        if place.parts[0] == "web" and item.get_closest_marker("slow"):
+        if "scenario" in getattr(item, "fixturenames", ()):  # tests/web: a scenario in a browser
             item.add_marker("alone")
         if item.get_closest_marker("xdist_group") is None:
             group = "servers" if place.parts[0] == "live" else place.with_suffix("").as_posix()

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
-from bodysense.io.augment import LIMBS, mirrored, with_limb_proportions
+from bodysense.io.augment import LIMBS, at_height, mirrored, with_limb_proportions
 from bodysense.io.clip import Clip
 
 
@@ -80,3 +80,9 @@ def test_feet_stay_on_the_ground(make_clip) -> None:
     result = with_limb_proportions(clip, 0.08, np.random.default_rng(1))
     lowest = forward_kinematics(clip.pose)[0][..., 1].min(), forward_kinematics(result.pose)[0][..., 1].min()
     assert lowest[0] == pytest.approx(lowest[1], abs=0.003)
+
+
+def test_the_way_is_as_much_longer_as_the_body(make_clip) -> None:
+    clip = make_clip()
+    taller = at_height(clip, 1.2 * clip.pose.skeleton.height)
+    np.testing.assert_allclose(taller.pose.root_position, 1.2 * clip.pose.root_position, rtol=1e-9)

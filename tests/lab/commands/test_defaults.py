@@ -29,7 +29,7 @@ def asked(kind: Any) -> dict[str, Any]:
 
 def test_tables_score_the_test_split() -> None:
     modules = (completion, hmd_vae, pahmt, rendering, two_hands, unoc)
-    kinds = {kind for module in modules for _, kind in inspect.getmembers(module, dataclasses.is_dataclass)}
+    kinds: set[Any] = {kind for module in modules for _, kind in inspect.getmembers(module, dataclasses.is_dataclass)}
     splits = {kind.__name__: asked(kind)["split"] for kind in kinds if "split" in asked(kind)}
     assert TableOptions().split == "test" and DataSet("a", Path()).split == "test"
     assert "TableOptions" in splits and set(splits.values()) == {"test"}, splits

@@ -125,7 +125,7 @@ def by_hand(prediction: Prediction, batch: SequenceBatch, weights: Losses) -> di
                 for k, foot in enumerate(FEET):
                     if batch.contact[b, t, k] and batch.contact[b, t - 1, k]:
                         standing += 1
-                        sums["skate"] += np.linalg.norm(too_fast[foot])
+                        sums["skate"] += float(np.linalg.norm(too_fast[foot]))
             before = world
     shares = {name: frames for name in sums} | {"velocity": pairs, "skate": standing}
     factors = vars(weights) | {"head": 0.3 * weights.position}
