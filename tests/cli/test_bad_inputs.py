@@ -29,6 +29,7 @@ BAD = {
     "convert motion.bvh": "--out is missing",
     "simulate -o out.npz": "PATH is missing",
     "evaluate completion": "--data is missing; see bodysense evaluate completion --help",
+    "--tyro-print-completion tcsh": "--tyro-print-completion tcsh: completion is for bash and zsh",
     # options
     "track motion.bvh -o out.bvh --heigth 1.7": "--heigth: unknown option; did you mean --height?",
     "track motion.bvh -o out.bvh --divice head": "--divice: unknown option; did you mean --device?",

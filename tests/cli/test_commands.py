@@ -64,7 +64,7 @@ def test_the_wearer(tmp_path: Path, motion: Path, run) -> None:
     assert "inferred" not in run("track", tmp_path / "tall.npz", "-o", tmp_path / "a.bvh")
     assert read_bvh(tmp_path / "a.bvh").pose.skeleton.height == pytest.approx(1.9, abs=1e-3)
     said = run("track", tmp_path / "tall.npz", "-o", tmp_path / "a.bvh", "--height", 1.75)
-    assert "height 1.75 m told, other proportions inferred" in said
+    assert "height 1.75 m known, other proportions inferred" in said
     write_recording(tmp_path / "unknown.npz", replace(recording, told=False))
     saved = ("--save-person", tmp_path / "me.json")
     said = run("track", tmp_path / "unknown.npz", "-o", tmp_path / "a.bvh", *saved)

@@ -24,21 +24,21 @@ export type Source = "replay" | "vmc" | "markers" | "vmt" | "vrchat" | "slimevr"
 
 /** How one person is set up; a client may change each at any time, and keeps them. */
 export interface Settings {
-  /** Of the person, m; where null, proportions are inferred from what is tracked. */
+  /** Height of the wearer, m; inferred, with the other proportions, if null. */
   height: number | null;
-  /** Somebody who is seated is shown standing: their signal is raised by as much as their head is too low. */
+  /** A seated wearer is displayed standing: the signal is raised until the head is at its standing height. */
   posture: Posture;
   /** Left and right are swapped in the answer, as in a mirror. */
   mirror: boolean;
-  /** What is driven; everything else stays as in standing. */
+  /** Regions that are driven; the others stay as in standing. */
   regions: Region[];
   /** Half-life in s of a smoother after everything else, 0 to 0.5; as much later is the answer. */
   smoothing: number;
-  /** Points of the signal that are not looked at. */
+  /** Points of the signal to ignore. */
   hidden: string[];
   /** m, of the floor over y = 0. */
   floor: number;
-  /** Feet that stand are held where they are, and none is under the floor. */
+  /** Standing feet are held in place, and kept above the floor. */
   hold_feet: boolean;
 }
 
@@ -68,7 +68,7 @@ export interface Hello {
 /** `settings`: the settings to be changed; those that are not named stay. */
 export type Change = { type: "settings" } & Partial<Settings>;
 
-/** Where the wearer stands now, and faces, is the middle, facing +Z. */
+/** Use the wearer's position and heading now as the origin, facing +Z. */
 export interface Recentre {
   type: "recentre";
 }
@@ -114,7 +114,7 @@ export interface Welcome {
   joints: string[];
   /** The joints, then the end sites. */
   points: string[];
-  /** Of every point: the joint that it hangs on, -1 for the root. */
+  /** Index of every point's parent joint, -1 for the root. */
   parents: number[];
   /** m, of every point from its parent in the T-pose. */
   rest_offset: ([number, number, number])[];
@@ -133,7 +133,7 @@ export interface Welcome {
   version: number;
 }
 
-/** The body has other proportions from the next pose on: they were inferred, or told. */
+/** The body has other proportions from the next pose on: they were inferred, or set. */
 export interface ProportionsChanged {
   type: "proportions";
   /** m, of every point from its parent in the T-pose. */
@@ -151,7 +151,7 @@ export interface Placed {
   heading: number;
 }
 
-/** Something for the person to read. */
+/** A line for the wearer to read. */
 export interface Notice {
   type: "said";
   text: string;

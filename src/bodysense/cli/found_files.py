@@ -1,4 +1,4 @@
-"""Files as they are found: of each what it holds and how it was read, or why it cannot be."""
+"""Contents of files that were found, how each was read, or why it cannot be read."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def _without_motion(clip: Clip) -> Clip:
 
 
 def line_of(one: FoundFile) -> str:
-    """What one file holds."""
+    """The content of one file."""
     if one.rig is None:
         return f"{one.key}: {one.kind}, {one.rate:g} Hz" + (f"; {one.said}" if one.said else "")
     sure = f"confidence {one.rig.confidence:.0%}"
@@ -156,7 +156,7 @@ def table_of(found: list[FoundFile]) -> Table:
 
 
 def _alike(one: FoundFile) -> tuple[str, ...]:
-    """What is said of a file but its name and confidence."""
+    """Return the line of a file without its name and confidence."""
     if one.rig is None:
         return (one.kind, "", "", "", "", f"{one.rate:g}", "")
     rig = one.rig
@@ -173,5 +173,5 @@ def _alike(one: FoundFile) -> tuple[str, ...]:
 
 
 def none_of(place: Path, skipped: list[FoundFile]) -> str:
-    """What to say of a folder of which no file can be read."""
+    """Return the error of a folder without a readable file."""
     return f"{place}: none of its {len(skipped)} files can be read; the first: {skipped[0].reason}"

@@ -121,7 +121,7 @@ def track(  # noqa: PLR0915
             motion: the network of that.
         fingers: 'synthesize' makes plausible fingers from the body's motion; of a motion without --device nothing else
             changes.
-        samples: so many plausible bodies for one signal of head and wrists, OUT_1.bvh, OUT_2.bvh …, by HMD-VAE.
+        samples: number of plausible bodies for one signal of head and wrists, OUT_1.bvh, OUT_2.bvh …, by HMD-VAE.
         seed: random seed of samples and noise.
         json: file for the result as JSON: outputs, frames, height, filled frames of each joint, warnings.
         reading: what the file does not say of itself. Of a recording: --floor; and --height, the wearer's, from which
@@ -301,7 +301,7 @@ def _write_with_fingers(opened: MotionSource, out: Path, model: Path | None) -> 
 
 
 def holes_line(holed: Holed) -> str:
-    """What was missing of a motion."""
+    """Return a line about the joints that a motion lacked."""
     if holed.is_whole:
         return (
             "nothing is missing in this motion: it is unchanged (--missing names joints, --device simulates tracking)"
@@ -336,9 +336,9 @@ def marker_lines(done: FilledMarkers, markers: MarkerSource) -> list[str]:
 
 
 def inferred_line(person: Person) -> str:
-    """What was inferred of a wearer."""
+    """Return a line about the inferred proportions of a wearer."""
     from bodysense.body.shape import stature
 
     if person.height is None:
         return f"height {float(stature(person.skeleton.rest_offset)):.2f} m inferred"
-    return f"height {person.height.value:.2f} m told, other proportions inferred"
+    return f"height {person.height.value:.2f} m known, other proportions inferred"

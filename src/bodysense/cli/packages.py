@@ -26,7 +26,7 @@ class Package:
 
     @property
     def source(self) -> str:
-        """What pip installs, in a clone of the repository."""
+        """The folder that pip installs, in a clone of the repository."""
         return f"packages/{self.name}"
 
 

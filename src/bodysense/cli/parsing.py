@@ -24,14 +24,18 @@ from bodysense.errors import BodysenseError
 
 PROGRAM = "bodysense"
 _DEEPEST = 2  # words of a command: a group and its command
+_COMPLETION = ("--tyro-print-completion", "--tyro-write-completion")
 _NONE = "none"  # a default that is printed
-# What a value is, by tyro's name of its type; and by a word of its help, an example.
+# The kind of a value by tyro's name of its type, and an example by a word of its help.
 _KINDS = {"FLOAT": "a number", "INT": "a whole number", "PATH": "a file or folder", "STR": "a text"}
 _EXAMPLES = {"metres": " in metres, such as 1.75", "seconds": " of seconds, such as 0.5", "UDP": ", such as 39539"}
 
 
 def run(application: SubcommandApp, description: str, given: Sequence[str]) -> Any:
     """Run a command. Returns what it returns. Raises BodysenseError for arguments that cannot be."""
+
+    if given and given[0] in _COMPLETION and list(given[1:2]) == ["tcsh"]:
+        raise BodysenseError(f"{given[0]} tcsh: completion is for bash and zsh; give one of them")
 
     def refuse(event: events.ParseErrorEvent) -> None:
         reason = _reason(event, application, given)

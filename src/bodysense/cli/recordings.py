@@ -39,7 +39,7 @@ def open_motion(file: Path, reading: ReadingOptions, rate: float | None = None) 
 
 
 def person_of(file: Path | None, height: float | None) -> Person | None:
-    """What a user says of the wearer; None for nothing."""
+    """Return the wearer that options describe; None without options."""
     from bodysense.body.person import Person
 
     if file is not None and height is not None:

@@ -29,28 +29,28 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class VideoOptions:
-    """What only a video asks for."""
+    """Options of videos."""
 
     overlay: Path | None = None
-    """Of a video: write it again here, .mp4, with the body over it and beside it."""
+    """video: file (.mp4) for the video with the body over it and next to it."""
     look_ahead: float | None = None
-    """Of a video: seconds that an answer waits for frames to come; 0.25 by default, 0 for a webcam."""
+    """video: seconds that a result waits for later frames; 0.25 by default, 0 for a webcam."""
     field_of_view: float = 60.0
-    """Of a video: degrees over the longer side of the picture."""
+    """video: field of view in degrees over the longer side of the picture."""
     tilt: float | None = None
-    """Of a video: degrees by which the camera looks down; by default it is seen from how the person stands."""
+    """video: degrees by which the camera looks down; estimated from the standing person if omitted."""
     roll: float | None = None
-    """Of a video: degrees by which upright things lean to the right in the picture; by default seen as --tilt is."""
+    """video: degrees by which upright things lean to the right in the picture; estimated if omitted."""
     follow: int | None = None
-    """Of a video: number of the person to follow, which --overlay shows at its beginning; the largest if omitted."""
+    """video: number of the person to follow, which --overlay displays at its beginning; the largest if omitted."""
     people: int = 2
-    """Of a video: so many are told apart; 1 is faster where nobody else comes into the picture."""
+    """video: maximum number of people; 1 is faster if no other person comes into the picture."""
     seconds: float | None = None
-    """Of a video: stop after so many; a webcam also stops with Ctrl-C."""
+    """video: length in seconds; a webcam also stops with Ctrl-C."""
     image_rate: float = 30.0
-    """Of a folder of images: so many a second."""
+    """folder of images: images a second."""
     landmarkers: Path | None = None
-    """Of a video: the folder of MediaPipe's model files (docs/video.md)."""
+    """video: folder of MediaPipe's model files (docs/video.md)."""
 
 
 NO_VIDEO = VideoOptions()

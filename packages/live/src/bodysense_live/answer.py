@@ -1,4 +1,4 @@
-"""What a session is asked, and what comes of it: between the session, the scheduler and who is shown the body."""
+"""Jobs and answers: the values that pass between a session, the scheduler and the receivers of a body."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bodysense_live.webxr import Placement
 
 @dataclass(frozen=True, eq=False)
 class CompletionJob:
-    """What is to be completed."""
+    """A frame to be completed."""
 
     pipeline: Pipeline
     observation: Observation  # T = 1
@@ -29,7 +29,7 @@ class CompletionJob:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What came of a job."""
+    """The body that answers a frame."""
 
     signal: SignalFrame
     frame: PoseFrame

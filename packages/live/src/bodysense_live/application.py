@@ -1,8 +1,6 @@
 """The web application: `/ws`, `/healthz`, `/metrics` and the page.
 
-What every answer by HTTP has: safe headers; and no request has a body.
-
-The links of a server, from its settings.
+Every answer by HTTP has safe headers, and a request with a body is refused.
 """
 
 from __future__ import annotations
@@ -95,9 +93,9 @@ async def _refuse_upload(receive: Any, send: Any) -> None:
 
 
 def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
-    """All other programs that a server talks with. Raises BodysenseError for ports and hosts that cannot be had.
+    """Return links to all other programs. Raises BodysenseError for ports and hosts that cannot be used.
 
-    Inertial trackers join every input that tracks a wearer's head, and stand alone where there is none.
+    Inertial trackers join every input that tracks a wearer's head; without such an input they are one of their own.
     """
     host, links = settings.access.host, list[Link]()
     sensors: SlimevrLink | None = None

@@ -1,4 +1,4 @@
-"""What packets of OSC ask a server for."""
+"""Commands in OSC packets: calibrate and recentre."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ OURS: Mapping[str, Calibrate | Recentre] = MappingProxyType(
 
 
 def commands_of(packet: bytes, asked: Mapping[str, Calibrate | Recentre] = OURS) -> list[Calibrate | Recentre]:
-    """What a packet asks for, by the addresses of `asked`; most packets ask for nothing, and are not read for it."""
+    """Return the commands of a packet, by the addresses of `asked`; a packet without one is not decoded."""
     if not any(address.encode() in packet for address in asked):
         return []
     messages = read_packet(packet)

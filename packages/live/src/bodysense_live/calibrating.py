@@ -1,4 +1,4 @@
-"""A calibration second of a session: who stood there, and how everything that is strapped on is worn."""
+"""A calibration second of a session: the wearer's proportions, and how trackers are worn."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ STANDING = 1.0  # s
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """What came of it."""
+    """The result of a calibration."""
 
-    person: Person | None  # None where no headset was there to measure
+    person: Person | None  # None without a headset
     worn: Mapping[str, str]  # undecided trackers → the joints that they are on
     inertial: Inertial
     said: tuple[str, ...]  # to the wearer
 
 
 def is_over(stood: Sequence[Observation]) -> bool:
-    """Whether somebody has stood long enough."""
+    """Whether the wearer has stood long enough."""
     return float(stood[-1].time[0] - stood[0].time[0]) >= STANDING
 
 
 def calibration(
     stood: Sequence[Observation], person: Person, stance: Stance, floor: float, inertial: Inertial
 ) -> Calibrated:
-    """What is known after somebody stood; `person` is what was known before.
+    """Return the result of a standing second; `person` is the wearer as known before.
 
     Raises BodysenseError for a wearer who moved, and where neither the head nor an inertial sensor is tracked.
     """

@@ -74,7 +74,7 @@ class PoseSender:
             for packet in packets:
                 try:
                     out.send(packet)
-                except OSError:  # nobody listens there now, or the network is full: the next pose is on its way
+                except OSError:  # no receiver now, or the network is full: the next pose follows
                     self._metrics.dropped("output")
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""What completes the bodies of sessions: one kind of tracker, many sessions in one run of its network."""
+"""The pipeline of a session: gloves' solver and tracker; many sessions are stepped in one run of the network."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class PointSolver(Protocol):
         ...
 
     def step(self, observation: Observation, state: Any) -> tuple[Observation, Any]:
-        """The same frames, of points that a tracker takes."""
+        """Return the frames with points that a tracker takes, and the state after them."""
         ...
 
 
@@ -77,12 +77,12 @@ class WithoutMarkers:
         """Nothing is remembered."""
 
     def step(self, observation: Observation, state: None) -> tuple[Observation, None]:
-        """The same frames without markers."""
+        """Return the frames without markers."""
         return without_gloves(observation), state
 
 
 def device_of(points: Sequence[str], skeleton: Skeleton, calibrated: Mapping[str, GlovedHand]) -> PointSolver | None:
-    """What a signal of these points needs before a tracker takes it; None where nothing."""
+    """Return the solver that a signal of these points needs before a tracker takes it; None without gloves."""
     hands = glove_hands(points)
     if not hands:
         return None
@@ -113,7 +113,7 @@ def step_many(jobs: Sequence[tuple[Pipeline, Observation, PipelineState]]) -> li
 
 
 def load() -> None:
-    """Load and run the network once, so that nobody's first frame waits for it."""
+    """Load and run the network once, so that no wearer's first frame waits for it."""
     pipeline = Pipeline(Tracker(Person()))
     nowhere, unturned, none = np.full((1, 1, 3), np.nan), np.full((1, 1, 4), np.nan), np.zeros((1, 1), dtype=bool)
     frame = Observation(

@@ -1,8 +1,8 @@
-"""Inertial sensors: rotations in a world whose heading is anybody's guess, of things that are strapped on somehow.
+"""Inertial sensors: rotations with an unknown heading, of trackers with an unknown mounting.
 
 `left_knee_imu` is a sensor on what the joint `left_knee` turns, the shin. A calibration second gives both unknowns of
 each sensor. Its heading: a strap sits on a usual side of its segment (`FACING`), which then points where the wearer
-faces. Its mount: what is left over between it and the joint of somebody who stands. From then on a sensor gives its
+faces. Its mount: the remaining rotation between it and the joint of a standing wearer. From then on a sensor gives its
 joint's rotation. A person keeps the mounts; headings drift, and are others whenever a sensor was switched on: they are
 taken anew, with the mounts as they are, when a sensor first comes and whenever the wearer recentres.
 """
@@ -58,13 +58,13 @@ class Inertial:
 
     @property
     def mounts(self) -> dict[str, RigidTransform]:
-        """T_joint_tracker as a person keeps them; where on its joint a sensor is nobody knows."""
+        """T_joint_tracker as a person keeps them; the position of a sensor on its joint is unknown."""
         return {name: RigidTransform(rotation=_back(one.mount)) for name, one in self.worn.items()}
 
     def joints(self, observation: Observation) -> Observation:
-        """The observation with joints in place of sensors; sensors of which nobody knows how they are worn go.
+        """Return the observation with joints in place of sensors; sensors whose mounting is unknown are dropped.
 
-        What else tracks a joint comes first.
+        Another device that tracks a joint comes first.
         """
         names = [name for name in observation.points if name in IMUS]
         if not names:
@@ -100,7 +100,7 @@ class Inertial:
         )
 
     def headed(self, observation: Observation, skeleton: Skeleton) -> Inertial:
-        """The same with headings of the sensors that come for the first time, on somebody who stands upright."""
+        """Return the sensors with headings of those that are new, of a wearer who stands upright."""
         fresh = [name for name, one in self.worn.items() if one.heading is None and name in observation.points]
         head = observation.points.index("head") if "head" in observation.points else None
         if not fresh or (head is not None and not observation.has_rotation[:, head].any()):
@@ -109,7 +109,7 @@ class Inertial:
         return Inertial({**self.worn, **{name: whole[name] for name in fresh}})
 
     def reheaded(self, observation: Observation, skeleton: Skeleton) -> Inertial:
-        """The same after the wearer stood upright, facing where the head does: headings are taken anew."""
+        """Return the sensors with new headings, of a wearer who stands upright and faces where the head does."""
         stood = _stood(observation, skeleton, "standing")
         worn = dict(self.worn)
         for name, turned in _turned(observation).items():
@@ -120,7 +120,7 @@ class Inertial:
 
 
 def stood_still(observation: Observation, skeleton: Skeleton, stance: Stance, before: Inertial) -> Inertial:
-    """The sensors after a calibration second; those that did not come stay as they were."""
+    """Return the sensors after a calibration second; those that were not tracked are unchanged."""
     stood, face = _stood(observation, skeleton, stance), _face(observation)
     worn = dict(before.worn)
     for name, turned in _turned(observation).items():
@@ -149,7 +149,7 @@ def _face(observation: Observation) -> np.ndarray:
 
 
 def _stood(observation: Observation, skeleton: Skeleton, stance: Stance) -> dict[str, np.ndarray]:
-    """World rotations (4,) of joints of somebody who stands and faces where the head does."""
+    """Return world rotations (4,) of joints of a standing wearer who faces where the head does."""
     pose = standing_pose(skeleton) if stance == "standing" else rest_pose(skeleton)
     turned = pose.rotation.copy()
     turned[0] = quaternion_multiply(_face(observation), turned[0])

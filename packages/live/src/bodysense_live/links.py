@@ -1,6 +1,6 @@
-"""Links: other programs that a server talks with by itself; they are given bodies, and may give signals.
+"""Links to other programs: they receive bodies and may send signals.
 
-Sockets that the server listens on; what cannot be had is said by the option that asks for it.
+Sockets that the server listens on; errors name the option of a port.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from bodysense_live.safety import RateLimit
 
 TOGETHER = 0.002  # s: packets that come so soon after one another are one frame
 MOST_PACKETS = 2000.0  # a second that are looked at; twice as many in a burst
-LOST = 0.5  # s without a body, after which other programs are told that nothing is tracked
+LOST = 0.5  # s without a body, after which trackers are reported as lost
 
 
 Command = Calibrate | Recentre
@@ -47,7 +47,7 @@ class Link(Protocol):
 
 
 class Reader(Protocol):
-    """What comes of packets: `VmcTrackers`, `VmtReader` …"""
+    """A decoder of packets: `VmcTrackers`, `VmtReader` …"""
 
     def start(self) -> Any:
         """Nothing came yet."""
@@ -66,7 +66,7 @@ class Reader(Protocol):
         ...
 
     def commands(self, packet: bytes) -> Sequence[Command]:
-        """What a packet asks for."""
+        """Return the commands in a packet."""
         ...
 
     def serials(self, state: Any) -> Mapping[str, str]:
@@ -92,7 +92,7 @@ class DeviceInput(asyncio.DatagramProtocol):
         self._play, self._metrics, self._reader, self._points = play, metrics, reader, points
         self._do, self._sender = do, sender
         self.state: Any = reader.start()
-        self._later: asyncio.TimerHandle | None = None  # a frame that waits for what comes with it
+        self._later: asyncio.TimerHandle | None = None  # a frame that waits for the other packets of its moment
         self._sequence = 0
         self._rate = RateLimit(MOST_PACKETS, 0.0)
 

@@ -1,4 +1,4 @@
-"""All sessions of one process: who comes, stays for a while after a broken connection, and goes."""
+"""All sessions of one process: they begin with a hello and are kept for a while after a broken connection."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class Live:
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """What can be watched."""
+        """Inputs that clients can watch."""
         replay: tuple[Source, ...] = ("replay",) if self._playable is not None else ()
         return (*replay, *(source for source in self._inputs if source != "replay"))
 
@@ -151,7 +151,7 @@ class Live:
         self._scheduler.ready(seat)
 
     def change(self, seat: Seat, message: Change | Recentre | Calibrate | RecordSwitch | Replay) -> None:
-        """Do what a client asks for. Raises ProtocolError where it is nothing that can be done."""
+        """Apply a client's command. Raises ProtocolError if that is impossible."""
         if isinstance(message, RecordSwitch):
             self._recordings.switch(seat, message.on)
         elif isinstance(message, Replay):
@@ -166,7 +166,7 @@ class Live:
         self._tell(seat)
 
     def change_inputs(self, message: Recentre | Calibrate) -> None:
-        """Do what somebody asks for whoever the server's own inputs track."""
+        """Apply a command to the wearers of the server's own inputs."""
         for source, seat in self._inputs.items():
             if source not in ("replay", "markers"):
                 self.change(seat, message)
@@ -186,7 +186,7 @@ class Live:
         return self._seated(hello.name, Session(hello.points, self._person, settings), None)
 
     def _make_room(self) -> None:
-        """Sessions that nobody is connected to go first."""
+        """End the session without a connection that was left first, if the server is full."""
         if len(self._seats) < self.limits.sessions:
             return
         left = [seat for seat in self._seats.values() if seat.left is not None]
@@ -209,7 +209,7 @@ class Live:
             return self._taken_on(hello)
         if seat.source is not None or not hmac.compare_digest(seat.token.encode(), hello.resume.token.encode()):
             return None
-        for outbox in [one for one in seat.outboxes if not one.watches]:  # broken without anybody having noticed
+        for outbox in [one for one in seat.outboxes if not one.watches]:  # broken, but not yet noticed
             outbox.end("the session was resumed by another connection")
             seat.outboxes.remove(outbox)
         seat.session.open_door(hello.points)
@@ -318,7 +318,7 @@ class Live:
         self.metrics.sessions.set(len(self._seats))
 
     async def _sweep(self) -> None:
-        """End sessions to which nobody came back, and replays that nobody watches."""
+        """End sessions that were not resumed, and replays without a watcher."""
         while True:
             await asyncio.sleep(_SWEEP)
             now = self._loop.time()

@@ -1,4 +1,4 @@
-"""Text messages as JSON and back: what a stranger sends becomes a dataclass, or is refused with a reason."""
+"""Text messages as JSON and back: a received text becomes a dataclass, or is refused with a reason."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def write_message(message: ClientMessage | ServerMessage) -> str:
 
 
 def read_message(text: str) -> ClientMessage:
-    """The message of a client. Raises ProtocolError for text that is none, saying what is wrong with it."""
+    """Return the message of a client. Raises ProtocolError, with the reason, for any other text."""
     value = _parsed(text)
     if not isinstance(value, dict):
         raise ProtocolError("a text message is a JSON object with a 'type'")
@@ -43,7 +43,7 @@ def read_message(text: str) -> ClientMessage:
 
 
 def changed(settings: Settings, values: dict[str, Any]) -> Settings:
-    """Settings of which some are replaced, by their names in JSON. Raises ProtocolError for what is none."""
+    """Return settings with some replaced, by their names in JSON. Raises ProtocolError for wrong values."""
     hints = _hints(Settings)
     unknown = [name for name in values if name not in hints]
     if unknown:

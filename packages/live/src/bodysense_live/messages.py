@@ -23,21 +23,21 @@ class Settings:
     """How one person is set up; a client may change each at any time, and keeps them."""
 
     height: float | None = None
-    """Of the person, m; where null, proportions are inferred from what is tracked."""
+    """Height of the wearer, m; inferred, with the other proportions, if null."""
     posture: Posture = "standing"
-    """Somebody who is seated is shown standing: their signal is raised by as much as their head is too low."""
+    """A seated wearer is displayed standing: the signal is raised until the head is at its standing height."""
     mirror: bool = False
     """Left and right are swapped in the answer, as in a mirror."""
     regions: tuple[Region, ...] = REGIONS
-    """What is driven; everything else stays as in standing."""
+    """Regions that are driven; the others stay as in standing."""
     smoothing: float = 0.0
     """Half-life in s of a smoother after everything else, 0 to 0.5; as much later is the answer."""
     hidden: tuple[str, ...] = ()
-    """Points of the signal that are not looked at."""
+    """Points of the signal to ignore."""
     floor: float = 0.0
     """m, of the floor over y = 0."""
     hold_feet: bool = True
-    """Feet that stand are held where they are, and none is under the floor."""
+    """Standing feet are held in place, and kept above the floor."""
 
     def __post_init__(self) -> None:
         if self.height is not None and not SHORTEST <= self.height <= TALLEST:
@@ -89,7 +89,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Recentre:
-    """Where the wearer stands now, and faces, is the middle, facing +Z."""
+    """Use the wearer's position and heading now as the origin, facing +Z."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class Welcome:
     points: tuple[str, ...]
     """The joints, then the end sites."""
     parents: tuple[int, ...]
-    """Of every point: the joint that it hangs on, -1 for the root."""
+    """Index of every point's parent joint, -1 for the root."""
     rest_offset: tuple[tuple[float, float, float], ...]
     """m, of every point from its parent in the T-pose."""
     height: float
@@ -159,7 +159,7 @@ class Welcome:
 
 @dataclass(frozen=True)
 class ProportionsChanged:
-    """The body has other proportions from the next pose on: they were inferred, or told."""
+    """The body has other proportions from the next pose on: they were inferred, or set."""
 
     rest_offset: tuple[tuple[float, float, float], ...]
     """m, of every point from its parent in the T-pose."""
@@ -179,7 +179,7 @@ class Placed:
 
 @dataclass(frozen=True)
 class Notice:
-    """Something for the person to read."""
+    """A line for the wearer to read."""
 
     text: str
 

@@ -1,4 +1,4 @@
-"""What the server counts, for Prometheus."""
+"""Counters of the server, for Prometheus."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Metrics:
         self._closed.labels(str(code)).inc()
 
     def text(self) -> tuple[bytes, str]:
-        """What Prometheus reads, and its content type."""
+        """Return the text that Prometheus reads, and its content type."""
         from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
         from prometheus_client.multiprocess import MultiProcessCollector
 

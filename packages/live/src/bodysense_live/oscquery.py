@@ -34,7 +34,7 @@ class OscAddress:
 
 @dataclass(frozen=True)
 class OscService:
-    """What is told of somebody who takes OSC."""
+    """A receiver of OSC, as it is announced."""
 
     name: str
     host: str

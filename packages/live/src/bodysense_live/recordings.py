@@ -12,7 +12,7 @@ from bodysense_live.seat import Seat
 
 
 class Recordings:
-    """All recordings of a process; `folder` None: none are made."""
+    """All recordings of a process; `folder` None: recording is off."""
 
     def __init__(self, folder: Path | None, seconds: float) -> None:
         self._folder, self._seconds = folder, seconds

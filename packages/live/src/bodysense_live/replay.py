@@ -24,7 +24,7 @@ _PAUSE = 1.0  # s between the end and the beginning
 
 @dataclass(frozen=True, eq=False)
 class Playable:
-    """What is played: what was tracked on whom, and, of a motion, how they really moved."""
+    """A signal to be played, its wearer and, of a motion, the true poses."""
 
     observation: Observation
     person: Person

@@ -1,4 +1,4 @@
-"""What keeps a server safe from whoever reaches it: limits, tokens, origins."""
+"""Access to a server: limits, tokens, origins."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Access:
-    """Who may connect."""
+    """Conditions for connecting."""
 
     host: str = "127.0.0.1"  # that the server is bound to
     token: str | None = None  # that clients must show; None is for loopback alone
@@ -100,7 +100,7 @@ class Guesses:
                 del self._waiting[address]
 
     def is_busy(self, address: str) -> bool:
-        """Whether so many wait already that no token of this address is looked at."""
+        """Whether so many refusals of this address wait that its tokens are not compared."""
         return self._waiting.get(address, 0) >= _MOST_WAITING
 
 
@@ -135,7 +135,7 @@ def why_refused(access: Access, host: str | None, origin: str | None, tokens: Se
     """Why a WebSocket is not opened, None where it is.
 
     `host` and `origin` are the headers of the request, `tokens` what it shows. A browser says the origin of the page
-    that connects: it must be our own page or one that the server was told of. Without a token the host must be a
+    that connects: it must be our own page or one of the allowed origins. Without a token the host must be a
     loopback name, so that no page gets in by a name that it made point here.
     """
     if access.token is None:

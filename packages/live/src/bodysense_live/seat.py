@@ -1,8 +1,7 @@
-"""A session's place in the server: who is connected to it, what plays it, what records it.
+"""A session in the server: its connections, its player and its recorder.
 
-Whose body goes to avatars and runtimes.
-
-The file of whoever the server's own inputs track: written when they are calibrated, read by the next start.
+`Leader` chooses the body that goes to avatars and runtimes. `WearerFile` writes the calibrated wearer of the server's
+own inputs.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from bodysense_live.worn_trackers import save_wearer
 
 @dataclass(eq=False)
 class Seat:
-    """A session and everybody who is shown it."""
+    """A session and its connections."""
 
     identity: str
     token: str  # to resume it
@@ -55,7 +54,7 @@ class Seat:
     def welcome(
         self, sources: tuple[Source, ...], recording: bool, resumed: bool = False, watches: bool = False
     ) -> Welcome:
-        """What a client is told of it. `sources` can be watched; `recording`: whether the server records at all."""
+        """Return the welcome of a client. `sources` can be watched; `recording`: whether the server records at all."""
         session, skeleton = self.session, self.session.skeleton
         secret = self.source is not None or watches
         return Welcome(
@@ -105,7 +104,7 @@ class Leader:
 
 
 class WearerFile:
-    """The file of the wearer of the server's own inputs. `path` None: none is kept.
+    """The file of the wearer of the server's own inputs; `path` None: no file is written.
 
     `trackers`: joints of nameless trackers by serial, as the file had them at the start.
     """

@@ -40,8 +40,8 @@ from bodysense_live.showing import Showing
 from bodysense_live.webxr import UNDECIDED, Placement, door, raised, recentred, through
 from bodysense_live.worn_trackers import PlaceMatch
 
-NOTICED = 0.001  # m that a point of the T-pose must have moved for the skeleton to be told again
-TOLD_EVERY = 0.1  # s between two skeletons that are told
+NOTICED = 0.001  # m; smaller changes of points of the T-pose are not sent
+TOLD_EVERY = 0.1  # s between two skeletons that are sent
 _INFERRED = 0.02  # m, standard deviation of a height that was inferred
 
 
@@ -50,7 +50,7 @@ class Session:
 
     `points` are the names of the signal, `person` is what is known of the wearer when no height is set. `eased`: a body
     that leaps where a tracker is lost or found comes there within half a second instead. Raises ProtocolError for
-    points that nobody knows.
+    unknown points.
     """
 
     def __init__(
@@ -67,19 +67,19 @@ class Session:
         self.revision = 0  # rises with every change that a welcome tells of
         self.calibrated: Person | None = None  # by the last calibration
         self._notes: list[ServerMessage] = []
-        self._told = self._base = person  # by whoever made the session; as calibrated
+        self._told = self._base = person  # as given at the start; as calibrated
         self._moments = Moments()
         self._waiting: tuple[SignalFrame | bytes, float, float] | None = None  # frame, moment, time received (s)
         self._busy = False
         self._placement = placement
         self._recentres = False  # with the next headset
         self._reseats = settings.posture == "seated"  # with the next headset
-        self._stood: list[Observation] | None = None  # of a wearer who stands to be calibrated
+        self._stood: list[Observation] | None = None  # of a calibration second
         self._arms_out = False  # in which pose
         self._worn = dict(worn)  # nameless trackers → the joints that they are on
         self._match = PlaceMatch()  # of nameless trackers to joints
         self._inertial = Inertial.of(person)
-        self._told_at = -math.inf  # the moment at which the skeleton was told last
+        self._told_at = -math.inf  # the moment at which the skeleton was last sent
         wearer = self._wearer()
         self.skeleton = wearer.skeleton  # as the clients know it
         self._pipeline = Pipeline(
@@ -91,7 +91,7 @@ class Session:
         self.open_door(self.points)
 
     def _wearer(self) -> Person:
-        """Who is tracked, by the settings."""
+        """Return the wearer by the settings."""
         height, base = self.settings.height, self._base
         if height is None:
             return base
@@ -107,7 +107,7 @@ class Session:
 
     def _pass_on(self, pipeline: Pipeline) -> None:
         """Go on with another pipeline from where the one until now was."""
-        if not self._moments.have_begun:  # nobody has seen the body yet: nothing may grow or go on
+        if not self._moments.have_begun:  # no body was displayed yet, so it need not grow
             self._state = pipeline.start()
             self.skeleton = pipeline.tracker.people[0].skeleton
             self._door = door(self.points, self.skeleton, self._worn)
@@ -125,7 +125,7 @@ class Session:
         self._choose()
 
     def _choose(self) -> None:
-        """What settings choose among points."""
+        """Choose the points that settings do not hide."""
         hidden = set(self.settings.hidden)
         self._seen = np.array([name not in hidden for name in self.points], dtype=bool)
 
@@ -205,7 +205,7 @@ class Session:
         return through(self._door, frame, self._seen, self._placement, float(observation.time[0]))
 
     def _as_worn(self, observation: Observation) -> Observation:
-        """The same without the rotations of what nobody knows how it is strapped on."""
+        """Drop rotations of trackers whose mounting is unknown."""
         unknown = self._door.strapped - self._pipeline.tracker.people[0].mounts.keys()
         if not unknown:
             return self._inertial.joints(observation)
@@ -217,7 +217,7 @@ class Session:
         return self._inertial.joints(chosen_points(observation, decided))
 
     def answer(self, job: CompletionJob, estimate: Estimate, state: PipelineState) -> Answer | None:
-        """The pose of a job; None where it is made of numbers that are none."""
+        """Return the job's pose, or None if it contains NaN."""
         self._busy = False
         root, rotation = np.asarray(estimate.pose.root_position[0]), np.asarray(estimate.pose.rotation[0])
         if not math.isfinite(np.vdot(root, root) + np.vdot(rotation, rotation)):
@@ -233,7 +233,7 @@ class Session:
         return Answer(job.frame, sent, pose, moment, job.received, points, job.placement)
 
     def step(self) -> Answer | None:
-        """The pose that answers the newest frame, None where there is none."""
+        """Return the pose that answers the newest frame, or None without a frame."""
         job = self.job()
         if job is None:
             return None
@@ -249,12 +249,12 @@ class Session:
         self._moments.start_afresh()
 
     def notes(self) -> list[ServerMessage]:
-        """What is to be told since the last call."""
+        """Return messages for the clients since the last call."""
         notes, self._notes = self._notes, []
         return notes
 
     def change(self, message: Change | Recentre | Calibrate) -> None:
-        """Do what a client asks for. Raises ProtocolError for settings that are none."""
+        """Apply a client's command. Raises ProtocolError for wrong settings."""
         if isinstance(message, Recentre):
             self._recentres = True
             return
@@ -280,7 +280,7 @@ class Session:
         self.revision += 1
 
     def _retrack(self, before: Settings) -> None:
-        """Track by other settings; whoever was told another height grows to it."""
+        """Track by other settings; the body grows to another height."""
         self._track(self._wearer() if self.settings.height != before.height else self._pipeline.tracker.people[0])
 
     def _track(self, wearer: Person) -> None:
@@ -302,7 +302,7 @@ class Session:
         self.revision += 1
 
     def kept(self) -> tuple[Person, Placement, dict[str, str]]:
-        """What another process needs to go on: the wearer, as tall as inferred; the placement; what is worn where."""
+        """Return the wearer with the inferred height, the placement and worn trackers, for another process."""
         base = self._base
         if base.height is None and base.bone_deviation.any() and self.settings.height is None:
             height = Measured(self.height, _INFERRED)
@@ -314,7 +314,7 @@ class Session:
         return Placed(self._placement.offset, self._placement.heading)
 
     def truth(self, root: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What really was, (3,) and (J, 4) in the signal's world, as it is shown beside the answer."""
+        """Return the true pose, (3,) and (J, 4) in the signal's world, as it is displayed with the answer."""
         turned = rotation.copy()
         turned[:1] = self._placement.turn(rotation[:1])
         root = self._placement.place(root[None])[0]
@@ -355,7 +355,7 @@ class Session:
         return through(self._door, frame, self._seen, placement, self._moments.begin_anew(moment))
 
     def _head_height(self) -> float:
-        """m, of the head of this person who stands, in the body's world."""
+        """Return the height (m) of this person's head in standing, in the body's world."""
         rest = (self._path @ self.skeleton.rest_offset)[:, 1]
         return self.settings.floor + float(rest[self.skeleton.index("head")] - rest.min())
 

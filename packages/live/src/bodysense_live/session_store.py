@@ -1,4 +1,4 @@
-"""What a session's next server process needs to go on: one small JSON file a session, in a folder that they share.
+"""Sessions for other server processes to resume: one small JSON file for each, in a folder that they share.
 
 The estimator's memory is not kept, so the motion begins anew; who the wearer is, how trackers are worn, where the
 middle is and what was set stay.
@@ -75,7 +75,7 @@ class SessionStore:
             (self._folder / f"{identity}{ending}").unlink(missing_ok=True)
 
     def take(self, resume: Resume) -> Kept | None:
-        """The session that a client had, None where there is none, it is over, or the token is not its own."""
+        """Return the session that a client had; None if it is unknown or over, or the token is wrong."""
         if not _IDENTITY.fullmatch(resume.session):
             return None
         path = self._folder / f"{resume.session}.json"

@@ -1,4 +1,4 @@
-"""What a server does."""
+"""Settings of a server."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bodysense_live.vrchat_link import VrchatSettings
 
 @dataclass(frozen=True)
 class ServerSettings:
-    """What a server does."""
+    """Settings of a server."""
 
     access: Access = Access()
     limits: Limits = Limits()

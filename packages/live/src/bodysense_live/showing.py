@@ -1,7 +1,4 @@
-"""What is shown of a body that was completed: regions that are kept still, a mirror, smoothing, and no leaps.
-
-What is shown of a completed pose: as it is, or calmer and later, and never with a jump where settings changed.
-"""
+"""The displayed body: regions that are kept still, a mirror, smoothing, and no jumps where settings change."""
 
 from __future__ import annotations
 
@@ -19,7 +16,7 @@ from bodysense.observation import CONTACT_POINTS, Estimate, Observation
 from bodysense_live.messages import Region, Settings
 
 INERTIALISER = Inertialiser()
-LONGEST_GAP = 1.0  # s, after which a pose is shown as it is
+LONGEST_GAP = 1.0  # s, after which a pose is displayed at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +32,7 @@ class Smoothed:
 
 @dataclass(frozen=True, eq=False)
 class Display:
-    """What the next pose is shown after."""
+    """The state of smoothing and blending before the next pose."""
 
     smoothed: Smoothed | None = None  # the pose before, ahead of the offset
     shown: Pose | None = None  # before
@@ -51,7 +48,7 @@ class Display:
         return replace(self, smoothed=None)
 
     def step(self, pose: Pose, time: float, half_life: float) -> tuple[Pose, Display]:
-        """What is shown of a pose at `time` s, behind it by a smoother of this half-life, and what comes after."""
+        """Return the pose to display at `time` s, smoothed with this half-life, and the state after it."""
         before, shown, offset = self.smoothed, self.shown, self.offset
         if before is None or time - before.time > LONGEST_GAP:
             before = shown = offset = None
@@ -133,7 +130,7 @@ class Showing:
     def shown(
         self, skeleton: Skeleton, observation: Observation, estimate: Estimate, frame: SignalFrame
     ) -> tuple[Pose, PoseFrame, np.ndarray | None]:
-        """The pose that answers a frame, as such and as it is sent; points (P, 3) m where it is as it was completed."""
+        """Return the pose to display, the frame to send, and points (P, 3) m unless the pose was changed."""
         root, rotation = np.asarray(estimate.pose.root_position[0]), np.asarray(estimate.pose.rotation[0])
         moment = float(observation.time[0])
         if self._eased:
@@ -152,7 +149,7 @@ class Showing:
         return pose, sent, estimate.points[0] if as_completed else None
 
     def truth(self, skeleton: Skeleton, root: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What really was, (3,) and (J, 4), as it is shown beside the answer."""
+        """Return the true pose, (3,) and (J, 4), as it is displayed with the answer."""
         return mirrored(skeleton, root, rotation) if self._settings.mirror else (root, rotation)
 
     def _ease(self, observation: Observation, points: np.ndarray) -> None:

@@ -75,7 +75,7 @@ class SlimevrState:
 
 @dataclass(frozen=True, eq=False)
 class Taken:
-    """What came of a datagram."""
+    """The result of a datagram."""
 
     state: SlimevrState
     replies: tuple[bytes, ...] = ()
@@ -84,7 +84,7 @@ class Taken:
 
 
 def heartbeat() -> bytes:
-    """What a tracker is told now and then, or it looks for another server."""
+    """Return the packet that keeps a tracker connected."""
     return _HEAD.pack(_HEARTBEAT, 0)
 
 
@@ -148,7 +148,7 @@ def _opened(kind: int, body: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 class _Reading:
-    """What the messages of one datagram change in a tracker."""
+    """Changes of a tracker by the messages of one datagram."""
 
     def __init__(self, tracker: SlimevrTracker) -> None:
         self.tracker = tracker

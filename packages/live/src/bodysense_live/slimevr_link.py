@@ -144,7 +144,7 @@ class SlimevrLink(asyncio.DatagramProtocol):
         return self._settings.joints.get(f"{serial}/{number}" if number else serial)
 
     def _say(self) -> None:
-        """Tell whoever started the server which trackers are there: their serials are what a table needs."""
+        """Print the serials of trackers that are there, for the table of devices."""
         for serial, number, sensor in self._sensors():
             name = f"{serial}/{number}" if number else serial
             if name in self._said or len(self._said) >= _MOST_SAID:
@@ -180,7 +180,7 @@ class SlimevrLink(asyncio.DatagramProtocol):
 
 
 class _WithSensors:
-    """A reader (`links.Reader`) and the sensors beside it."""
+    """A reader (`links.Reader`) with the sensors' points added."""
 
     def __init__(self, reader: Reader, sensors: Callable[[float], Observation | None]) -> None:
         self._reader, self._sensors = reader, sensors

@@ -33,7 +33,7 @@ _SETTINGS = {0: True, 1: True, 7: True, 8: True, 9: True, 10: True, 11: True, 12
 
 @dataclass(frozen=True)
 class Asked:
-    """What a bundle asks for."""
+    """Requests in a bundle."""
 
     polls: bool = False  # one update
     interval: float | None = None  # s, at least, between updates from now on
@@ -158,7 +158,7 @@ class Updates:
 
 
 def _update(told: Told, moved: Moved | None) -> bytes:
-    """One update of all trackers and bones; of nobody, where it is None."""
+    """Return an update of all trackers and bones; without poses if the body is None."""
     builder = _builder()
     rows = [_tracker(builder, k, *told.trackers[k], moved) for k in range(len(told.trackers))]
     drawn = [_bone(builder, k, *told.bones[k], moved) for k in range(len(told.bones))]

@@ -1,7 +1,7 @@
 """Headset and controllers that an OpenXR runtime tells SlimeVR's server of: protobuf messages, read by hand.
 
 Source: SlimeVR's driver protocol (`ProtobufMessages.proto`) and its sender in Monado. A controller comes as the pose by
-which it points, not as it is held, so of controllers the place alone is taken.
+which it points, not as it is held, so only a controller's position is used.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Value = int | float | bytes
 
 @dataclass(frozen=True, eq=False)
 class InputState:
-    """What came in until now."""
+    """Devices that came in until now."""
 
     roles: Mapping[int, int] = field(default_factory=dict)  # by id
     lost: frozenset[int] = frozenset()  # ids that are not tracked now
@@ -76,7 +76,7 @@ class InputReader(DeviceReader):
 
 
 def fields_of(data: bytes) -> dict[int, Value]:
-    """The fields of a protobuf message by number, the last of each. Raises ValueError for what is none."""
+    """The fields of a protobuf message by number, the last of each. Raises ValueError for malformed bytes."""
     found: dict[int, Value] = {}
     place = 0
     while place < len(data):

@@ -3,7 +3,7 @@
 SlimeVR's own programs hear the same by a WebSocket.
 
 A runtime connects once, when it starts: the server has to be up before. It tells of its headset after every update that
-it gets, so updates go on while nobody is tracked.
+it gets, so updates go on while no wearer is tracked.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ class SolarxrLink:
         self._beating = loop.create_task(self._beat())
 
     def show(self, answer: Answer) -> None:
-        """Give a body to whoever asked for updates."""
+        """Send a body to the clients that asked for updates."""
         skeleton = answer.pose.skeleton
         self._measure(skeleton)
         self._shown = asyncio.get_running_loop().time()
@@ -234,7 +234,7 @@ class SolarxrLink:
                     self._offer(client)
 
     def _offer(self, client: _Client) -> None:
-        """Send the update as soon as it is due."""
+        """Send the update when it is due."""
         if client.interval is None or client.later is not None:
             return
         loop = asyncio.get_running_loop()
@@ -283,7 +283,7 @@ def _refused(connection: ServerConnection, request: Request) -> Response | None:
 
 
 def _listened(path: Path) -> socket.socket:
-    """A socket at a path; one that nobody listens to is replaced. Raises BodysenseError where there is none to have."""
+    """Return a socket at a path, in place of an abandoned one. Raises BodysenseError if the path cannot be used."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         try:
             probe.connect(os.fspath(path))

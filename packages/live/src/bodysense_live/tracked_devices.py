@@ -1,11 +1,11 @@
 """Headset, controllers and trackers by their serials: which device is which point, and how long one counts as tracked.
 
-VMC, VMT and other runtimes tell of devices alike: a serial and a pose. Which device is which point:
+VMC, VMT and other runtimes send a serial and a pose of each device. Which device is which point:
 
 - what the table of names says of its serial;
 - a Hmd is the headset; a controller whose serial has 'left' or 'right' in it is that hand's;
-- two other controllers are told apart, once, by which is further to the left as seen by the headset (one alone by its
-  side of it), and keep their hands by serial;
+- two other controllers are distinguished, once, by which is further to the left as seen by the headset (one alone by
+  its side of it), and keep their hands by serial;
 - a tracker is what its serial says: hip (waist, pelvis), chest, and left or right foot (ankle), knee, elbow. Trackers
   that say nothing are `tracker_1` … `tracker_8`, in the order in which they came, for a calibration to decide.
 
@@ -52,7 +52,7 @@ MOST_DEVICES = 32
 
 @dataclass(frozen=True, eq=False)
 class Device:
-    """One device as it was last told of: in our world, +Z forward."""
+    """The last pose of a device, in our world, +Z forward."""
 
     kind: str
     position: np.ndarray  # (3,) m
@@ -63,7 +63,7 @@ class Device:
 
 @dataclass(frozen=True, eq=False)
 class DeviceState:
-    """What came in until now."""
+    """Devices that came in until now."""
 
     devices: Mapping[str, Device] = field(default_factory=dict)  # by serial
     hands: Mapping[str, str] = field(default_factory=dict)  # serials of controllers → their points
@@ -135,7 +135,7 @@ class TrackedDevices:
         )
 
     def is_whole(self, now: float, state: DeviceState) -> bool:
-        """Whether all devices that are tracked were told of at `now`, and any."""
+        """Whether at least one device is tracked, and all tracked devices came at `now`."""
         ages = [now - device.at for device in state.devices.values()]
         fresh = [age for age in ages if age <= self.longest_silence]
         return bool(fresh) and max(fresh) == 0
@@ -192,7 +192,7 @@ class TrackedDevices:
 
 @dataclass(frozen=True)
 class DeviceReader:
-    """What readers of packets (`links.Reader`) share whose state has `devices`; they ask for nothing."""
+    """The common part of readers (`links.Reader`) whose state has `devices`; their packets have no commands."""
 
     devices: TrackedDevices = TrackedDevices()
 
@@ -205,7 +205,7 @@ class DeviceReader:
         return self.devices.is_whole(now, state.devices)
 
     def commands(self, packet: bytes) -> Sequence[Calibrate | Recentre]:
-        """What a packet asks for."""
+        """Return the commands in a packet."""
         return ()
 
     def serials(self, state: Any) -> Mapping[str, str]:
@@ -214,7 +214,7 @@ class DeviceReader:
 
 
 def pose_of(numbers: Sequence[Any], what: str) -> tuple[np.ndarray, np.ndarray | None] | str:
-    """Place (3,) and rotation (4,) of seven numbers as sent, None where it is none; or why they are no pose."""
+    """Return position (3,) and rotation (4,) of seven numbers, the rotation None if invalid, or a reason."""
     values = np.array(numbers, dtype=float)
     if not np.isfinite(values).all() or np.abs(values[:3]).max() > FARTHEST:
         return f"{what} is not finite, or farther than {FARTHEST:g} m away"
@@ -223,9 +223,9 @@ def pose_of(numbers: Sequence[Any], what: str) -> tuple[np.ndarray, np.ndarray |
 
 
 def read_device_names(path: str | Path) -> dict[str, str]:
-    """A table of devices: a JSON object, {"LHR-5A3C21FF": "left_ankle", …}. Raises BodysenseError for what is none.
+    """A table of devices: a JSON object, {"LHR-5A3C21FF": "left_ankle", …}. Raises BodysenseError for any other file.
 
-    Whether the points are any is for whoever has the devices to say.
+    `TrackedDevices` and `SlimevrSettings` check the points.
     """
     try:
         table = json.loads(Path(path).read_text(encoding="utf-8-sig"))

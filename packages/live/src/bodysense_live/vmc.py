@@ -79,7 +79,7 @@ _LONGEST_SERIAL = 128
 
 @dataclass(frozen=True, eq=False)
 class VmcState:
-    """What came in until now."""
+    """Devices and the clock of packets until now."""
 
     devices: DeviceState = DeviceState()
     clock: float | None = None  # s, the sender's, of the newest packet that had one
@@ -114,7 +114,7 @@ class VmcTrackers(DeviceReader):
         return replace(state, devices=devices), reason or (wrong[-1] if wrong else None)
 
     def commands(self, packet: bytes) -> list[Calibrate | Recentre]:
-        """What a packet asks for: calibration (VMC's own), or that the wearer is in the middle (ours)."""
+        """Return the commands in a packet: VMC's calibration, or ours."""
         return commands_of(packet, _ASKED)
 
 

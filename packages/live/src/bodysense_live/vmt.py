@@ -35,7 +35,7 @@ _IDENTITY_ROOM = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 @dataclass(frozen=True, eq=False)
 class VmtState:
-    """What came in until now."""
+    """Devices and serials that came in until now."""
 
     devices: DeviceState = DeviceState()
     headset: str = "HMD"  # its serial
@@ -84,7 +84,7 @@ class VmtReader(DeviceReader):
         return serial, Device(self._kind(serial, state), place, rotation, now, raw=True)
 
     def _kind(self, serial: str, state: VmtState) -> str:
-        """VMT tells no kinds: two devices that nobody named are the controllers, of more than two none is."""
+        """Return a device's kind, which VMT does not send: if exactly one or two are unnamed, they are controllers."""
         if serial in ("HMD", state.headset):
             return "Hmd"
         said = serial.lower()
@@ -109,7 +109,7 @@ def _listed(message: Message, state: VmtState) -> VmtState:
 
 
 def subscriptions(state: VmtState, address: str, port: int) -> list[bytes]:
-    """What is asked of the driver again and again, so that one that was restarted knows it, too."""
+    """Return the requests that are sent to the driver repeatedly, so that a restarted one gets them, too."""
     asked = [
         message_bytes("/VMT/Set/Destination", "si", address, port),
         message_bytes("/VMT/Get/Devices/List", ""),
@@ -134,7 +134,7 @@ def _form(first: int) -> PacketForm:
 
 
 def device_message(index: int, kind: int) -> tuple[str, str, tuple[int, int, float]]:
-    """What switches a virtual device on, but for its place, m, and how it is turned, x y z w."""
+    """Return the message that switches a virtual device on, without position (m) and rotation (x y z w)."""
     return "/VMT/Raw/Driver", f"iif{_SEVEN}", (index, kind, 0.0)
 
 

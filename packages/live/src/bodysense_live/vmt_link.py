@@ -114,5 +114,5 @@ class VmtLink:
         if self._transport is None or self._transport.is_closing():
             return
         for message in messages:
-            with contextlib.suppress(OSError):  # nobody listens there now: the next one is on its way
+            with contextlib.suppress(OSError):  # no receiver now: the next one follows
                 self._transport.sendto(message, self._driver)

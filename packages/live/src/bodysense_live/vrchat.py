@@ -103,7 +103,7 @@ class _SeenDevice:
 
 @dataclass(frozen=True, eq=False)
 class VrchatState:
-    """What came in until now, by point."""
+    """Head and wrists that came in until now, by point."""
 
     seen: Mapping[str, _SeenDevice] = field(default_factory=dict)
 
@@ -155,7 +155,7 @@ class VrchatReader:
         )
 
     def is_whole(self, now: float, state: VrchatState) -> bool:
-        """Whether head and wrists, as far as they are tracked, came at `now`."""
+        """Whether all of head and wrists that are tracked came at `now`."""
         fresh = [now - one.at for one in state.seen.values() if now - one.at <= self.longest_silence]
         return bool(fresh) and max(fresh) == 0
 

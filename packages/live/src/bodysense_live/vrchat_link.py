@@ -36,7 +36,7 @@ class VrchatSettings:
 class VrchatLink:
     """A link (`links.Link`); `reader` reads what VRChat sends, as `points`.
 
-    Raises BodysenseError where zeroconf is missing, the host is none, or the network lets nobody be found.
+    Raises BodysenseError if zeroconf is missing, the host is unknown, or the network allows no discovery.
     """
 
     def __init__(self, settings: VrchatSettings, metrics: Metrics, reader: Reader, points: tuple[str, ...]) -> None:
@@ -80,7 +80,7 @@ class VrchatLink:
         if self._transport is None or self._transport.is_closing():
             return
         for packet in vrchat_packets(answer.pose, (answer.points, answer.turns), self._parts):
-            with contextlib.suppress(OSError):  # nobody listens there now: the next one is on its way
+            with contextlib.suppress(OSError):  # no receiver now: the next one follows
                 self._transport.sendto(packet, self.target)
 
     def close(self) -> None:

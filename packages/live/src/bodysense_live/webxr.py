@@ -1,10 +1,10 @@
-"""The door: points as devices name and hold them, WebXR's above all, become points of the waist.
+"""Conversion of devices' points, above all WebXR's, to points of the tracker.
 
 WebXR and OpenXR: the viewer and every joint of a hand look along −Z, +Y up (out of the back of a hand); a grip's −Z
 points to the thumb's end of a rod that is held, its +X out of the back of a right hand (WebXR device API, `gripSpace`;
 WebXR hand input, 4.1). Ours: the identity in the T-pose, facing +Z, left hand toward +X, palms down.
 
-Where the middle is, and how high somebody who sits is raised: placements from what a headset says.
+Placements follow from the headset: the origin, and how far a seated wearer is raised.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _GRIP = {"left": [[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]], "right": [[0.0, 1, 0], 
 
 @dataclass(frozen=True, eq=False)
 class Door:
-    """What becomes of the N points of a signal on their way in."""
+    """The conversion of the N points of a signal."""
 
     points: tuple[str, ...]  # M, of the waist
     target: np.ndarray  # (N,) place among them; -1 for points that are not used
@@ -142,7 +142,7 @@ def through(door: Door, frame: SignalFrame, shown: np.ndarray, placement: Placem
         has_position, has_rotation = told.all, told.all
     else:
         has_position, has_rotation = has & HAS_POSITION != 0, has & HAS_ROTATION != 0
-        # What stands where nothing was tracked may be anything: it is left out before it is computed with.
+        # Values of untracked points may be anything, so they are replaced before computing.
         position = np.where(has_position[:, None], position, _NOWHERE)
         rotation = np.where(has_rotation[:, None], rotation, _UPRIGHT)
     position, rotation = position.astype(float), rotation.astype(float)
@@ -176,7 +176,7 @@ def through(door: Door, frame: SignalFrame, shown: np.ndarray, placement: Placem
 
 
 class _Told(NamedTuple):
-    """Of frames that name the same points, what does not change from one to the next; K of them are used."""
+    """Values that frames with equal points share; K of the points are used."""
 
     use: np.ndarray | None  # (N,) bool; None where all are
     target: np.ndarray  # (K,) place among the points of the waist
@@ -284,7 +284,7 @@ def recentred(placement: Placement, raw: Observation) -> Placement:
 
 
 def raised(placement: Placement, raw: Observation, standing: float | None) -> Placement:
-    """The placement in which the head of a frame is as high as standing, m; as high as it is where that is None."""
+    """Return the placement in which the head of a frame is at a standing height (m), or not raised if None."""
     up = 0.0 if standing is None else standing - float(raw.position[0, raw.points.index("head"), 1])
     x, _, z = placement.offset
     return replace(placement, offset=(x, up, z))

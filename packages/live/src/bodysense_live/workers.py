@@ -256,6 +256,6 @@ async def _take(server: Any, channel: socket.socket) -> None:
         await asyncio.sleep(_TOLD_EVERY)
         ended = taken - len(opening) - len(server.server_state.connections) - told
         if ended > 0:
-            with contextlib.suppress(OSError):  # `take` is told as well that nobody is there
+            with contextlib.suppress(OSError):  # the process that hands over is gone; `take` sees it, too
                 channel.send(b"-" * ended)
             told += ended

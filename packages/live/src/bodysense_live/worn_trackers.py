@@ -58,7 +58,7 @@ def read_trackers(path: Path) -> dict[str, str]:
 
 @dataclass(frozen=True, eq=False)
 class PlaceMatch:
-    """Frames of a wearer who stands, of whom nameless trackers are to be matched."""
+    """Frames of a standing wearer whose nameless trackers are to be matched."""
 
     stood: tuple[Observation, ...] = ()
     not_before: float = -np.inf  # s, the next try
@@ -66,7 +66,7 @@ class PlaceMatch:
     def step(
         self, observation: Observation, person: Person, head_height: float
     ) -> tuple[PlaceMatch, Mapping[str, str]]:
-        """Take a frame. Returns what to go on with, and the joints of trackers as soon as they are found.
+        """Take a frame. Returns the state after it, and the joints of trackers once they are found.
 
         `head_height`: m, of the head's joint of this person in standing. Only joints whose mounts the person has, and
         that nothing else tracks, are matched.
