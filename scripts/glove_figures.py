@@ -1,13 +1,15 @@
-"""Write the tables of docs/gloves.md, and README's sentence, from the numbers that the commands wrote.
+"""Write the tables of docs/gloves.md and docs/papers/two-hands.md, and README's sentence, from numbers of commands.
 
     bodysense evaluate gloves-table3 --data DIR --left-out NETWORKS --json FIGURES/gloves-table3.json
     bodysense evaluate gloves-table4 --data DIR --left-out NETWORKS --json FIGURES/gloves-table4.json
     bodysense evaluate gloves-layouts --hands 3 --json FIGURES/gloves-layouts.json
     bodysense evaluate gloves-occlusion --data DIR --json FIGURES/gloves-occlusion.json
     bodysense evaluate gloves-limits --data DIR --json FIGURES/gloves-limits.json
+    bodysense evaluate gloves-table3 --data DIR --model GLOVES/glove_markers.onnx --json FIGURES/gloves-paper.json
     bodysense bench gloves --json FIGURES/gloves-speed.json
     python scripts/glove_figures.py FIGURES
 
+GLOVES is packaged for the laboratory (`glove_markers_paper.onnx`), or comes from `bodysense train gloves --form paper`.
 Files that are not there leave their table as it is.
 """
 
@@ -31,6 +33,7 @@ from bodysense_lab.two_hands.trials import DURATIONS, HIDDEN
 
 ROOT = Path(__file__).parents[1]
 PAGE, README = ROOT / "docs" / "gloves.md", ROOT / "README.md"
+PAPER = ROOT / "docs" / "papers" / "two-hands.md"
 METHODS = {"lk": "last known", "ls": "last shape of the hand", "ma": "moving average", "ac": "affine", "nn": "network"}
 PLACES = {"": "recorded", "_synthesised": "synthesised"}
 Numbers = dict[str, float]
@@ -38,10 +41,11 @@ Numbers = dict[str, float]
 
 def main(folder: Path) -> None:
     """Replace the text between every pair of markers whose figures are in `folder`."""
-    text = PAGE.read_text(encoding="utf-8")
+    pages = {path: path.read_text(encoding="utf-8") for path in (PAGE, PAPER)}
     read = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("gloves-*.json")}
     tables: dict[str, Callable[[Numbers], str]] = {
         "gloves-table3": markers,
+        "gloves-paper": paper,
         "gloves-table4": points,
         "gloves-layouts": other_sets,
         "gloves-occlusion": occlusion,
@@ -50,13 +54,25 @@ def main(folder: Path) -> None:
     }
     for name, table in tables.items():
         if name in read:
-            text = put(text, name, table(read[name]))
+            page = next(path for path, text in pages.items() if f"<!-- begin {name} -->" in text)
+            pages[page] = put(pages[page], name, table(read[name]))
     if {"gloves-table3", "gloves-table4", "gloves-speed"} <= set(read):
-        text = put(text, "gloves", summary(read))
+        pages[PAGE] = put(pages[PAGE], "gloves", summary(read))
     if {"gloves-table3", "gloves-table4"} <= set(read):
         front = put(README.read_text(encoding="utf-8"), "gloves", sentence(read))
         README.write_text(front, encoding="utf-8")
-    PAGE.write_text(text, encoding="utf-8")
+    for path, text in pages.items():
+        path.write_text(text, encoding="utf-8")
+
+
+def paper(numbers: Numbers) -> str:
+    """The paper's form of the marker network, next to the published figures."""
+    rows = []
+    for hidden in HIDDEN:
+        ours = (f"{numbers[f'nn_{hidden}_{duration:.1f}_cm']:.2f}" for duration in DURATIONS)
+        rows.append([str(hidden), "here", *ours])
+        rows.append([str(hidden), "published", *(f"{value:.2f}" for value in PUBLISHED_MARKERS["nn", hidden])])
+    return markdown(["hidden", "", *(f"{duration:g} s" for duration in DURATIONS)], rows)
 
 
 def sentence(read: dict[str, Numbers]) -> str:

@@ -4,6 +4,7 @@
     bodysense evaluate unoc-table2 --data DIR --networks NETWORKS --stride 8 --json FIGURES/unoc-table2.json
     … unoc-table3, unoc-table4, unoc-smoothness likewise, unoc-table5 with a folder of networks for each set
     bodysense evaluate completion --data DIR --json FIGURES/completion.json
+    bodysense evaluate holes --data DIR --json FIGURES/holes.json
     bodysense evaluate hmd-vae --data DIR --networks VAES --json FIGURES/hmd-vae.json
     bodysense evaluate unoc-table6 --data DIR --json FIGURES/unoc-table6.json
     bodysense evaluate finger-synthesis --data DIR --json FIGURES/finger-synthesis.json
@@ -29,17 +30,22 @@ from pathlib import Path
 from bodysense.cli.show import processor
 from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS
 from bodysense_lab.hmd_vae.tables import PUBLISHED as THREE_POINT
+from bodysense_lab.holes import PARTS as HOLES
+from bodysense_lab.holes import SECONDS
 from bodysense_lab.unoc.occlusion import PUBLISHED
-from bodysense_lab.unoc.tables import KEYS
+from bodysense_lab.unoc.smoothness import PUBLISHED as STRONG
+from bodysense_lab.unoc.tables import KEYS, TABLE_3, TABLE_4, NetworkTable
 from bodysense_lab.unoc.variants import TABLES, VARIANTS
 
 ROOT = Path(__file__).parents[1]
 README, OCCLUSION = ROOT / "README.md", ROOT / "docs" / "occlusion.md"
 COMPLETION = ROOT / "docs" / "completion.md"
+FILES = ROOT / "docs" / "files.md"
 DEMO = ROOT / "docs" / "figures" / "demo.webp"
 CARD = ROOT / "src" / "bodysense" / "weights" / "completion.md"
 BODIES = ("own", "stranger", "height", "nothing")
-EVALUATION, VAE = ROOT / "docs" / "evaluation.md", ROOT / "docs" / "hmd-vae.md"
+EVALUATION, PAPERS = ROOT / "docs" / "evaluation.md", ROOT / "docs" / "papers"
+UNOC, VAE = PAPERS / "unoc.md", PAPERS / "hmd-vae.md"
 GROUPS = {"": "main", "_sport": "sport", "_dance": "dance", "_other": "other"}
 CATEGORIES = ("talk_gesture", "sit", "everyday", "locomotion", "all")
 CAMERAS = {
@@ -59,21 +65,17 @@ def main(folder: Path) -> None:
     read = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")}
     if (folder / "demo" / "demo.webp").is_file():
         shutil.copyfile(folder / "demo" / "demo.webp", DEMO)
-    text = README.read_text(encoding="utf-8")
     if "completion" in read:
-        text = put(text, "completion", completion(read["completion"]))
-        whole = COMPLETION.read_text(encoding="utf-8")
-        whole = put(whole, "completion", completion_measures(read["completion"]))
-        whole = put(whole, "published", published(read["completion"]))
-        COMPLETION.write_text(whole, encoding="utf-8")
-        card = CARD.read_text(encoding="utf-8")
-        CARD.write_text(put(card, "completion", completion(read["completion"])), encoding="utf-8")
-    README.write_text(text, encoding="utf-8")
+        write_completion(read["completion"])
+    if "holes" in read:
+        FILES.write_text(put(FILES.read_text(encoding="utf-8"), "holes", holes(read["holes"])), encoding="utf-8")
     tables = EVALUATION.read_text(encoding="utf-8")
     if "completion" in read:
         tables = put(tables, "sight", sight(read["completion"]))
     if {"step", "ik", "occlusion", "bvh", "import"} <= set(read):
         tables = put(tables, "speed", speed(read))
+    EVALUATION.write_text(tables, encoding="utf-8")
+    tables = UNOC.read_text(encoding="utf-8")
     if "headset" in read:
         tables = put(tables, "headset", headset(read["headset"]))
     if "unoc-table2" in read:
@@ -82,17 +84,17 @@ def main(folder: Path) -> None:
         tables = put(tables, "applications", applications(read["unoc-table6"], read["finger-synthesis"]))
     if "unoc-table3" in read:
         places = {"body, hidden": "body_occluded", "body, all": "body_all", "fingers, hidden": "finger_occluded"}
-        tables = put(tables, "table3", ablations(read["unoc-table3"], TABLES["3"], places))
+        tables = put(tables, "table3", ablations(read["unoc-table3"], TABLES["3"], places, TABLE_3))
     if "unoc-table5" in read:
         tables = put(tables, "table5", crossed(read["unoc-table5"]))
     if "unoc-smoothness" in read:
         tables = put(tables, "smoothness", smoothness(read["unoc-smoothness"]))
     if "unoc-table4" in read:
         bones = {"body, hidden": "body_occluded", "bones, body": "parent_body", "bone lengths, body": "bone_body"}
-        tables = put(tables, "table4", ablations(read["unoc-table4"], TABLES["4"], bones))
+        tables = put(tables, "table4", ablations(read["unoc-table4"], TABLES["4"], bones, TABLE_4))
     if {"transitions", "reliability", "training"} <= set(read):
         tables = put(tables, "beyond", beyond(read["transitions"], read["reliability"], read["training"]))
-    EVALUATION.write_text(tables, encoding="utf-8")
+    UNOC.write_text(tables, encoding="utf-8")
     if "hmd-vae" in read:
         VAE.write_text(put(VAE.read_text(encoding="utf-8"), "hmd-vae", vaes(read["hmd-vae"])), encoding="utf-8")
     rates = OCCLUSION.read_text(encoding="utf-8")
@@ -101,6 +103,48 @@ def main(folder: Path) -> None:
     if set(CAMERAS) <= set(read):
         rates = put(rates, "cameras", cameras(read))
     OCCLUSION.write_text(rates, encoding="utf-8")
+
+
+def write_completion(numbers: dict[str, float]) -> None:
+    """Replace the tables of `evaluate completion` in the README, the page of completion and the network's card."""
+    for path in (README, CARD):
+        path.write_text(put(path.read_text(encoding="utf-8"), "completion", completion(numbers)), encoding="utf-8")
+    text = COMPLETION.read_text(encoding="utf-8")
+    tables = {"completion": completion_measures, "published": published, "takes": takes}
+    for name, table in tables.items():
+        text = put(text, name, table(numbers))
+    COMPLETION.write_text(text, encoding="utf-8")
+
+
+def takes(numbers: dict[str, float]) -> str:
+    """Live and with past and future, by sensors; of a headset's cameras the hidden joints."""
+    rows = []
+    for name in TABLE_SETS:
+        error = "occluded_mpjpe_cm" if name == "headset_camera" else "mpjpe_cm"
+        keys = [
+            f"{name}_own_{error}",
+            f"{name}_own_take_{error}",
+            f"{name}_nothing_{error}",
+            f"{name}_nothing_take_{error}",
+        ]
+        keys += [f"{name}_own_take_rotation_deg", f"{name}_own_take_jumps_per_minute"]
+        if keys[1] in numbers:
+            rows.append([name.replace("_", " "), *(f"{numbers[key]:.2f}" if key in numbers else "–" for key in keys)])
+    head = ["sensors", "known body, live cm", "take cm", "unknown body, live cm", "take cm", "take rotation °"]
+    return markdown([*head, "take jumps/min"], rows)
+
+
+def holes(numbers: dict[str, float]) -> str:
+    """Errors of filled holes by part and length, and those of the best other method."""
+    rows = []
+    for part in HOLES:
+        cells = []
+        for seconds in SECONDS:
+            key = f"{part}_{seconds:g}"
+            found = f"{key}_cm" in numbers
+            cells.append(f"{numbers[f'{key}_cm']:.2f} ({numbers[f'{key}_best_other_cm']:.2f})" if found else "–")
+        rows.append([part.replace("_", " "), *cells])
+    return markdown(["part", *(f"{seconds:g} s" for seconds in SECONDS)], rows)
 
 
 def headset(numbers: dict[str, float]) -> str:
@@ -346,16 +390,30 @@ def applications(upper: dict[str, float], fingers: dict[str, float]) -> str:
     return f"{first}\n\n{second}\n\nRMSJPE / MPJPE, cm. The paper's fingers: 1.5 / 0.8 on its own data."
 
 
-def ablations(numbers: dict[str, float], names: Sequence[str], parts: dict[str, str]) -> str:
-    """UNOC's Tables 3 and 4: RMSJPE in cm of other forms of the network, and how much more that is than the GRU's."""
+def ablations(numbers: dict[str, float], names: Sequence[str], parts: dict[str, str], paper: NetworkTable) -> str:
+    """UNOC's Tables 3 and 4: RMSJPE in cm of other forms of the network, the change from the GRU, published figures."""
     rows = []
     for name in names:
         cells = []
         for key in parts.values():
             ours, gru = numbers[f"{name}_{key}_rmsjpe_cm"], numbers[f"gru_{key}_rmsjpe_cm"]
             cells.append(f"{ours:.2f}" + ("" if name == "gru" else f" ({100 * (ours / gru - 1):+.0f} %)"))
+            cells += published_cells(paper, name, key)
         rows.append([VARIANTS[name].title, *cells])
-    return markdown(["network", *parts], rows)
+    heads = [
+        head for part, key in parts.items() for head in (part, *["published"] * len(published_cells(paper, "gru", key)))
+    ]
+    return markdown(["network", *heads], rows)
+
+
+def published_cells(paper: NetworkTable, name: str, key: str) -> list[str]:
+    """The published RMSJPE of a cell in a list; empty where the paper has no such cell."""
+    places = {
+        **{f"{KEYS[part]}_{share}": (part, share) for part, share in paper.places},
+        "parent_body": ("parent_body", "all"),
+    }
+    figures = paper.published[name].get(places.get(key, ("", "")))
+    return [] if figures is None else [f"{figures[0]:.2f}"]
 
 
 def crossed(numbers: dict[str, float]) -> str:
@@ -380,12 +438,19 @@ def smoothness(numbers: dict[str, float]) -> str:
     labels = {"gru": "GRU, mask predicted", "mask_given": "GRU, mask given", "best": "packaged"}
     after = {"gru": "gru_tracker", "mask_given": "mask_given_tracker", "best": "tracker"}
     rows = [
-        [label, *(f"{numbers[f'{who}_strong_acceleration_percent']:.1f} %" for who in (name, after[name]))]
+        [
+            label,
+            *(f"{numbers[f'{who}_strong_acceleration_percent']:.1f} %" for who in (name, after[name])),
+            f"{STRONG[name]:.1f} %" if name in STRONG else "–",
+        ]
         for name, label in labels.items()
     ]
-    rows.append(["truth", f"{numbers['truth_strong_acceleration_percent']:.1f} %", ""])
+    rows.append(["truth", f"{numbers['truth_strong_acceleration_percent']:.1f} %", "", f"{STRONG['truth']:.1f} %"])
     amount = f"{numbers['clips']:.0f} clips, {numbers['minutes']:.1f} min"
-    return markdown(["stronger than 9 m/s²", "network", "after the tracker"], rows) + f"\n\nOf {amount}."
+    return (
+        markdown(["stronger than 9 m/s²", "network", "after the tracker", "published, network"], rows)
+        + f"\n\nOf {amount}."
+    )
 
 
 def beyond(jerk: dict[str, float], trust: dict[str, float], training: dict[str, float]) -> str:

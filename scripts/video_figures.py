@@ -1,4 +1,4 @@
-"""Write the tables of docs/arms.md and docs/rendered.md from what commands wrote.
+"""Write the tables of docs/papers/pahmt.md and docs/rendered.md from what commands wrote.
 
     bodysense data render DIR -o RENDERED --videos 24 --seconds 6
     bodysense evaluate video-rendered RENDERED --json FIGURES/video-rendered.json
@@ -24,6 +24,7 @@ from readme_figures import markdown, put
 
 from bodysense.cli.show import processor
 from bodysense_lab.pahmt.tables import TABLE_1
+from bodysense_lab.rendering.tables import PUBLISHED as PAPER
 
 ROOT = Path(__file__).parents[1]
 WEIGHTS = ROOT / "src" / "bodysense" / "weights" / "arms.onnx"
@@ -59,11 +60,11 @@ def main(folder: Path) -> None:
     if "gestures" in read:
         _write("docs/rendered.md", "gestures", gestures(read["gestures"]))
     if "pahmt-table1" in read:
-        _write("docs/arms.md", "table1", table(read["pahmt-table1"], read.get("pahmt-table1-perfect", {})))
+        _write("docs/papers/pahmt.md", "table1", table(read["pahmt-table1"], read.get("pahmt-table1-perfect", {})))
     if (drawn := folder / "pahmt-table1.png").is_file():
         Image.open(drawn).convert("RGB").quantize(64).save(ROOT / "docs" / "figures" / "arms.png", optimize=True)
     if "arms-speed" in read:
-        _write("docs/arms.md", "arms-speed", speed(read["arms-speed"]))
+        _write("docs/papers/pahmt.md", "arms-speed", speed(read["arms-speed"]))
 
 
 def rendered(numbers: Numbers) -> str:
@@ -75,7 +76,19 @@ def rendered(numbers: Numbers) -> str:
         f"rotations are {less:.0%} nearer than those of the landmarks. A person was found in "
         f"{numbers['detection_rate']:.0%} of the pictures, {numbers['hand_detection_rate']:.0%} of the hands."
     )
-    return markdown(["", *MEASURES.values()], rows) + "\n\n" + said
+    return "\n\n".join((markdown(["", *MEASURES.values()], rows), said, published()))
+
+
+def published() -> str:
+    """The figures of the paper's Table 3."""
+    one = (
+        f"{name.partition(',')[0]} {row['overall_cm']:.2f} cm and {row['arms_rad']:.4f} rad"
+        for name, row in PAPER.items()
+    )
+    return (
+        "Published (PAHMT, Table 3, on its own characters): arms and hands, and axis-angle components of arms: "
+        f"{'; '.join(one)}."
+    )
 
 
 def gestures(numbers: Numbers) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from filelock import FileLock
 from hypothesis import HealthCheck, settings
 
 from bodysense.body.pose import Pose, standing_pose
@@ -28,9 +29,31 @@ Command = Callable[..., str]
 Refused = Callable[..., str]
 MakeClip = Callable[..., Clip]
 
+TESTS = Path(__file__).parent
+
 # How long an example takes says how busy a machine is, not what is wrong.
 settings.register_profile("bodysense", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("bodysense")
+
+
+def pytest_configure() -> None:
+    """Give each process of the tests one thread: pytest-xdist starts a process per core with this environment."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+
+@pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Keep the tests of a file in one process, which makes the file's fixtures once, and those of servers in one.
+
+    Servers and their clients take free ports and hear each other's multicast.
+    """
+    for item in items:
+        place = item.path.relative_to(TESTS)
+        if place.parts[0] == "web" and item.get_closest_marker("slow"):
+            item.add_marker("alone")
+        if item.get_closest_marker("xdist_group") is None:
+            group = "servers" if place.parts[0] == "live" else place.with_suffix("").as_posix()
+            item.add_marker(pytest.mark.xdist_group(group))
 
 
 @pytest.fixture(scope="session")
@@ -178,15 +201,16 @@ def landmarkers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPat
 
     cache = getattr(request.config, "cache", None)  # none with `-p no:cacheprovider`
     built = tmp_path_factory.mktemp("landmarkers") if cache is None else cache.mkdir("landmarkers")
-    for folder in (landmarker_folder(), built):
-        if all((folder / name).is_file() for name in (HAND_LANDMARKER, POSE_LANDMARKER)):
-            return folder
-    script = runpy.run_path(str(Path(__file__).parents[1] / "scripts" / "build_landmarkers.py"))
-    try:
-        script["build"](script["download"](tmp_path_factory.mktemp("wheel")), built)
-    except subprocess.CalledProcessError:
-        pytest.skip("no landmarkers: the wheel of mediapipe 0.10.21 cannot be downloaded")
-    return built
+    with FileLock(built.with_suffix(".lock")):  # another process of the tests may build them
+        for folder in (landmarker_folder(), built):
+            if all((folder / name).is_file() for name in (HAND_LANDMARKER, POSE_LANDMARKER)):
+                return folder
+        script = runpy.run_path(str(TESTS.parent / "scripts" / "build_landmarkers.py"))
+        try:
+            script["build"](script["download"](tmp_path_factory.mktemp("wheel")), built)
+        except subprocess.CalledProcessError:
+            pytest.skip("no landmarkers: the wheel of mediapipe 0.10.21 cannot be downloaded")
+        return built
 
 
 @pytest.fixture(scope="session")

@@ -29,15 +29,15 @@ from bodysense_live import marker_stream
 from bodysense_live.marker_stream import MarkerReceiver
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "packages").glob("*/README.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "packages").glob("*/README.md"))]
 FENCED = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
-GROUPS = ("data", "train", "evaluate", "bench", "study")
+GROUPS = ("data", "train", "evaluate", "papers", "bench", "study")
 INDENTED = re.compile(r"^    (bodysense .*(?:\\\n.*)*)$", re.MULTILINE)
 
 
 def page_id(page: Path) -> str:
     """README, serve, or lab-README of a package."""
-    return page.stem if page.parent in (ROOT, ROOT / "docs") else f"{page.parent.name}-{page.stem}"
+    return page.stem if not page.is_relative_to(ROOT / "packages") else f"{page.parent.name}-{page.stem}"
 
 
 def snippets(page: Path) -> list[str]:
@@ -138,7 +138,7 @@ def in_gloves(patch: pytest.MonkeyPatch) -> dict[str, Any]:
 CONTEXTS: dict[str, Callable[[pytest.MonkeyPatch], dict[str, Any]]] = {
     "README": in_readme,
     "api": in_api,
-    "arms": in_arms,
+    "pahmt": in_arms,
     "completion": in_completion,
     "engines": in_engines,
     "files": in_files,
@@ -219,3 +219,15 @@ def test_files_that_are_named_exist() -> None:
     ]
     assert len(named) >= 20
     assert not [(page, name) for page, name in named if not any((root / name).exists() for root in roots)]
+
+
+def test_figures_of_the_papers_rows_are_those_of_their_pages() -> None:
+    """docs/reproduce.md repeats figures of generated tables: each is in one of them."""
+    rows = [line.split("|") for line in (ROOT / "docs" / "reproduce.md").read_text().splitlines()]
+    cells = [row[4] for row in rows if len(row) == 8 and re.match(r" (\d\.\d+|–) ", row[1])]
+    assert len(cells) >= 56  # 55 rows, and PAHMT's Table 2
+    pages = [*(ROOT / "docs" / "papers").glob("*.md"), *(ROOT / "docs").glob("*.md")]
+    text = "\n".join(page.read_text() for page in pages if page.stem != "reproduce")
+    figures = [figure for cell in cells for figure in re.findall(r"\d+\.\d+", cell)]
+    assert len(figures) >= 15
+    assert not [figure for figure in figures if not re.search(rf"(?<![\d.]){re.escape(figure)}0?(?!\d)", text)]

@@ -38,6 +38,7 @@ FLOORS: dict[str, float] = {
     "scoring": 4,
     "reading": 5,
     "filling": 4.5,
+    "two_way": 4.5,
     "open": 4.8,
     "signals": 5.5,
     "conversion": 6,

@@ -1,4 +1,4 @@
-"""Whole recordings: one way through, the same as live; files, persons, and input that cannot be."""
+"""Whole recordings: with past and future or the same as live; files, persons, and input that cannot be."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.shape import stature
 from bodysense.body.skeleton import default_skeleton
+from bodysense.cli import main
 from bodysense.devices.simulated.device import DEVICES, DeviceName, simulate
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh import read_bvh, write_bvh
@@ -41,15 +42,25 @@ def positions(pose: Pose) -> np.ndarray:
     return np.asarray(forward_kinematics(pose)[0])
 
 
-def test_offline_is_live(three_points: Observation) -> None:
-    """A take is what a tracker gives frame by frame."""
-    take = track(Recording(three_points, default_skeleton()))
+def test_causal_is_live(three_points: Observation) -> None:
+    """A causal take is what a tracker gives frame by frame."""
+    take = track(Recording(three_points, default_skeleton()), causal=True)
     tracker = Tracker(Person(default_skeleton()))
     state = tracker.start()
     for k in range(len(three_points)):
         estimate, state = tracker.step(three_points[k : k + 1], state)
-        np.testing.assert_allclose(take.estimate.points[k], estimate.points[0], atol=1e-4)
+        np.testing.assert_array_equal(take.estimate.points[k], estimate.points[0])
         np.testing.assert_allclose(positions(take.clip.pose[k]), estimate.points[0], atol=1e-3)
+
+
+def test_the_command_is_causal_if_asked(three_points: Observation, tmp_path: Path) -> None:
+    """`track --causal` writes what a live session shows; without it the written motion is another one."""
+    write_recording(tmp_path / "seen.npz", Recording(three_points, default_skeleton()))
+    for name, options in (("both", []), ("causal", ["--causal"])):
+        assert main(["track", str(tmp_path / "seen.npz"), "-o", str(tmp_path / f"{name}.bvh"), *options]) == 0
+    track(tmp_path / "seen.npz", causal=True).save(tmp_path / "live.bvh")
+    both, causal, live = ((tmp_path / f"{name}.bvh").read_bytes() for name in ("both", "causal", "live"))
+    assert causal == live != both
 
 
 @pytest.mark.parametrize("device", DEVICES)

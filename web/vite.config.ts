@@ -1,10 +1,8 @@
-import { execFileSync } from "node:child_process";
 import { readFileSync } from "node:fs";
-import { createRequire } from "node:module";
-import { dirname, join } from "node:path";
+import { join } from "node:path";
+import { fileURLToPath } from "node:url";
 import { defineConfig, type Plugin } from "vite";
-
-const RUNTIME = "ort-wasm-simd-threaded.wasm";
+import { PACKED, packedThree } from "./packed";
 
 /** What the workers are made of; the license plugin of the build sees the page's own modules only. */
 function workerLicenses(): Plugin {
@@ -12,48 +10,13 @@ function workerLicenses(): Plugin {
     name: "worker-licenses",
     apply: "build",
     generateBundle() {
-      const rows = ["onnxruntime-web", "@mediapipe/tasks-vision", "xz-decompress"].map((name) => {
-        const found = join("node_modules", name, "package.json");
-        const { version, license } = JSON.parse(readFileSync(found, "utf8")) as { version: string; license: string };
-        return `## ${name} - ${version} (${license})\n`;
-      });
+      const found = join("node_modules", "@mediapipe/tasks-vision", "package.json");
+      const { name, version, license } = JSON.parse(readFileSync(found, "utf8")) as Record<string, string>;
       this.emitFile({
         type: "asset",
         fileName: "licenses-workers.md",
-        source: `# Licenses of the workers\n\n${rows.join("\n")}`,
+        source: `# Licenses of the workers\n\n## ${name} - ${version} (${license})\n`,
       });
-    },
-  };
-}
-
-/** ONNX Runtime's WebAssembly is not copied as it is … */
-function withoutWasm(): Plugin {
-  return {
-    name: "without-wasm",
-    apply: "build",
-    generateBundle(_, bundle) {
-      for (const [name, file] of Object.entries(bundle)) if (file.fileName.endsWith(".wasm")) delete bundle[name];
-    },
-  };
-}
-
-/**
- * … but is kept packed, 2.3 MB of 14 (3.7 as gzip); the engine's worker unpacks it. Node packs no xz; Python does. What
- * it looks back at is 4 MB, which is memory of the worker.
- */
-function packedRuntime(): Plugin {
-  return {
-    name: "packed-runtime",
-    apply: "build",
-    generateBundle() {
-      const entry = createRequire(import.meta.url).resolve("onnxruntime-web/wasm");
-      const pack = `import lzma, sys
-filters = [{"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "dict_size": 2**22}]
-packed = lzma.compress(sys.stdin.buffer.read(), check=lzma.CHECK_CRC32, filters=filters)
-sys.stdout.buffer.write(packed)`;
-      const input = readFileSync(join(dirname(entry), RUNTIME));
-      const source = execFileSync("python3", ["-c", pack], { input, maxBuffer: 2 ** 26 });
-      this.emitFile({ type: "asset", fileName: "runtime.wasm.xz", source });
     },
   };
 }
@@ -85,20 +48,33 @@ const names = {
   chunkFileNames: "[name].js",
   assetFileNames: "[name][extname]",
 };
+const core = (path: string): string => fileURLToPath(new URL(`core/${path}`, import.meta.url));
 
 // The built page is package data of bodysense_live: names without hashes, so that a rebuild changes files in place.
 export default defineConfig({
   base: "./",
-  plugins: [withoutWasm(), packedRuntime(), workerLicenses(), marked()],
-  worker: { format: "es", plugins: () => [withoutWasm()], rolldownOptions: { output: names } },
+  plugins: [workerLicenses(), packedThree(), marked()],
+  resolve: {
+    alias: [
+      { find: /^@bodysense\/core$/, replacement: core("src/index.ts") },
+      { find: /^@bodysense\/core\/core\.wasm/, replacement: core("core.wasm") },
+    ],
+  },
+  worker: { format: "es", rolldownOptions: { output: names } },
   build: {
     outDir: "../packages/live/src/bodysense_live/page",
     emptyOutDir: true,
     target: "es2022",
-    modulePreload: { polyfill: false },
+    modulePreload: {
+      polyfill: false,
+      resolveDependencies: (_, names) => names.filter((name) => name !== `${PACKED.name}.js`),
+    },
     license: { fileName: "licenses.md" },
     chunkSizeWarningLimit: 800,
-    rolldownOptions: { input: ["index.html", "src/sw.js"], output: names }, // sw.js: the service worker imports nothing
+    rolldownOptions: {
+      input: ["index.html", "src/sw.js"], // sw.js: the service worker imports nothing
+      output: { ...names, codeSplitting: { groups: [PACKED] } },
+    },
   },
   server: { proxy: { "/ws": { target: "ws://127.0.0.1:8765", ws: true } } },
 });

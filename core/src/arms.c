@@ -36,18 +36,22 @@ void move_arm(body *b, const tracked *t, const mat3 goal[BODY_JOINTS], const bs_
         shoulder = along(collar, unit(add(before, off)), length(before));
     }
     limb_task task = limb_goal(t, limb, goal, shoulder);
+    const limb_task measured = task; /* a wrist that is still on its way does not pull its shoulder along */
     float c, sine;
     limb_heading(b, limb, &c, &sine);
     ease_limb(&task, t, settings, limb, changed, c, sine, s->begun, &s->limb[limb]);
-    vec3 pulled = add(collar, pulled_shoulder(t, limb, collar, shoulder, &task));
+    vec3 pulled = add(collar, pulled_shoulder(t, limb, collar, shoulder, &measured));
     /* A collar that is no longer pulled, or begins to be, goes there slowly. */
     limb_state *l = &s->limb[limb];
     uint8_t pulling = (uint8_t)((task.middle_seen ? 1 : 0) + (task.end_seen ? 2 : 0));
-    vec3 given = eased(&l->pull, sub(pulled, shoulder), l->pulled, vec(0, 0, 0), t->interval,
-                       s->begun && pulling != l->pulling, task.middle_seen || task.end_seen ? (float)settings->ease : BLEND);
+    float span = task.middle_seen || task.end_seen ? (float)settings->ease : BLEND;
+    vec3 given = eased(&l->pull, sub(pulled, shoulder), l->pulled, l->pulled_speed, t->interval,
+                       s->begun && pulling != l->pulling, span, 0.0F);
     pulled = add(collar, scale(unit(sub(add(shoulder, given), collar)), length(before)));
     given = sub(pulled, shoulder);
+    l->pulled_speed = scale(sub(given, l->pulled), s->begun ? 1.0F / t->interval : 0.0F);
     l->pulled = given;
+    l->end_shift = l->middle_shift = scale(given, -1.0F);
     l->pulling = pulling;
     task.end = sub(task.end, given);
     task.middle = sub(task.middle, given);

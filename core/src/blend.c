@@ -5,6 +5,9 @@
  * the way is left after KEPT s; of an arm that was raised after KEPT_RAISED s. Chosen on validation people. */
 static const float LEAVING = 0.08F, KEPT_LEG = 0.12F, KEPT_ARM = 0.35F, KEPT_RAISED = 3.0F;
 
+/* m/s: how much faster or slower than its goal a hand may be as it is found or lost. Feet swing too fast for it. */
+static const float STEEPEST_ARM = 3.0F;
+
 /* The group of each joint of the body. */
 const signed char GROUP[BODY_JOINTS] = {
     TRUNK, LEFT_LEG, RIGHT_LEG, TRUNK, LEFT_LEG, RIGHT_LEG, TRUNK, LEFT_LEG, RIGHT_LEG, TRUNK, LEFT_LEG, RIGHT_LEG,
@@ -72,11 +75,17 @@ void ease_limb(limb_task *task, const tracked *t, const bs_settings *settings, i
     }
     float ease_seen = (float)settings->ease;
     bool end_breaks = found || (begun && seen != l->seen && l->lost < 0.0F) || (changed && seen == 0 && l->lost < 0.0F);
-    bool middle_breaks = begun && (middle_seen != (l->middle_seen != 0) || (changed && !middle_seen && l->lost < 0.0F) || found);
-    end = eased(&l->end, end, l->end_output, l->end_speed, t->interval, end_breaks,
-                seen == 2 ? ease_seen : BLEND);
-    middle = eased(&l->middle, middle, l->middle_output, l->middle_speed, t->interval, middle_breaks,
-                   middle_seen ? ease_seen : BLEND);
+    bool middle_found = begun && middle_seen && !l->middle_seen, middle_went = begun && !middle_seen && l->middle_seen;
+    bool middle_breaks = middle_found || middle_went ||
+                         (begun && !middle_seen && (found || (changed && l->lost < 0.0F)));
+    /* What held or pulled a joint that was guessed stays where it is measured. */
+    vec3 end_held = found ? into_heading(l->end_held, c, sine) : vec(0, 0, 0);
+    vec3 middle_held = middle_found ? into_heading(l->middle_held, c, sine) : vec(0, 0, 0);
+    float steepest = is_leg(limb) ? 0.0F : STEEPEST_ARM;
+    end = eased(&l->end, end, add(l->end_output, end_held), l->end_speed, t->interval, end_breaks,
+                seen == 2 ? ease_seen : BLEND, steepest);
+    middle = eased(&l->middle, middle, add(l->middle_output, middle_held), l->middle_speed, t->interval, middle_breaks,
+                   middle_seen ? ease_seen : BLEND, steepest);
     task->end = from_heading(end, c, sine);
     task->middle = from_heading(middle, c, sine);
     l->seen = seen;
@@ -87,8 +96,8 @@ void remember_limb(const body *b, int limb, float interval, bool begun, limb_sta
     float c, s;
     limb_heading(b, limb, &c, &s);
     const limb_joints *j = &LIMB[limb];
-    vec3 end = into_heading(sub(b->point[j->end], b->point[j->start]), c, s);
-    vec3 middle = into_heading(sub(b->point[j->middle], b->point[j->start]), c, s);
+    vec3 end = into_heading(sub(sub(b->point[j->end], b->point[j->start]), l->end_shift), c, s);
+    vec3 middle = into_heading(sub(sub(b->point[j->middle], b->point[j->start]), l->middle_shift), c, s);
     float rate = begun ? 1.0F / interval : 0.0F;
     l->end_speed = scale(sub(end, l->end_output), rate);
     l->middle_speed = scale(sub(middle, l->middle_output), rate);

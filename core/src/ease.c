@@ -3,33 +3,41 @@
 
 #include "kinematics.h"
 
-static const float CUBIC = 1.5F; /* the fastest of a cubic beside its mean speed */
+static const float RAMP = 0.2F;    /* of the span: what an offset takes to get up speed, and to lose it */
+static const float FASTER = 1.25F; /* 1 / (1 − RAMP): the greatest speed beside the mean one */
 
 vec3 limited(vec3 v, float most) {
     float size = length(v);
     return size > most ? scale(v, most / size) : v;
 }
 
-ease ease_begin(vec3 offset, float span) {
-    ease e = {offset, 0.0F, span};
-    return e;
+ease ease_begin(vec3 offset, float span) { return (ease){.from = offset, .span = span}; }
+
+/* The share of an offset that is gone after the share `u` of the span. */
+static float gone(float u) {
+    if (u < RAMP) return FASTER * u * u / (2.0F * RAMP);
+    if (u > 1.0F - RAMP) return 1.0F - FASTER * (1.0F - u) * (1.0F - u) / (2.0F * RAMP);
+    return FASTER * (u - 0.5F * RAMP);
 }
 
 vec3 ease_offset(const ease *e) {
     if (!(e->age < e->span)) return vec(0, 0, 0);
     float u = e->age / e->span;
-    return scale(e->from, 1.0F + u * u * (2.0F * u - 3.0F));
+    return along(scale(e->from, 1.0F - gone(u)), e->slope, e->span * u * (1.0F - u) * (1.0F - u));
 }
 
 void ease_advance(ease *e, float interval) {
     if (e->age < e->span) e->age += interval;
 }
 
-vec3 eased(ease *e, vec3 goal, vec3 output_before, vec3 speed, float interval, bool breaks, float span) {
+vec3 eased(ease *e, vec3 goal, vec3 output_before, vec3 speed, float interval, bool breaks, float span, float steepest) {
     if (breaks) {
         vec3 offset = sub(along(output_before, limited(speed, FASTEST), interval), goal);
-        *e = ease_begin(offset, span > 0.0F ? fmaxf(span, CUBIC * length(offset) / FASTEST) : 0.0F);
+        *e = ease_begin(offset, span > 0.0F ? fmaxf(span, FASTER * length(offset) / FASTEST) : 0.0F);
+        e->speed = speed;
+        e->goal = goal;
     } else {
+        if (e->age == 0.0F) e->slope = limited(sub(e->speed, scale(sub(goal, e->goal), 1.0F / interval)), steepest);
         ease_advance(e, interval);
     }
     return add(goal, ease_offset(e));

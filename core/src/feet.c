@@ -70,7 +70,11 @@ void hold_feet(const foot foot[2], float floor, float interval, float upright, f
         s->slide = slide;
         s->drop += settle * (clamp(drop, -REACH, REACH) - s->drop);
         move[k] = vec(0, 0, 0);
-        if (f->seen) continue;
+        if (f->seen) {
+            s->slide = vec(0, 0, 0);
+            s->drop = 0.0F;
+            continue;
+        }
         move[k] = vec(slide.x, -s->drop, slide.z);
         float lowest = fminf(fminf(f->ankle.y, f->ball.y), f->toe.y) - s->drop - floor;
         if (lowest < 0.0F) move[k].y += fminf(-lowest, 2.0F * REACH); /* never under the floor */

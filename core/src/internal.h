@@ -1,7 +1,7 @@
 /* What the parts of a step share. The way of a frame:
  *
  *     clock, mounts, proportions (person.c) → what is tracked (tracked.c) → features (features.c) → network (network.c,
- *     matrix.c) → blending (blend.c) → measured points, limbs, feet (pose.c, limbs.c, feet.c) → fingers (fingers.c) →
+ *     matrix.c) → settling (settle.c) → measured points, limbs, feet (pose.c, limbs.c, feet.c) → fingers (fingers.c) →
  *     expected errors (errors.c) → local rotations
  */
 #ifndef BODYSENSE_INTERNAL_H

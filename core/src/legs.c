@@ -49,10 +49,12 @@ static void pull_pelvis(body *b, const tracked *t, pose_state *s, limb_task task
     }
     vec3 moved = sub(b->point[PELVIS], before);
     bool breaks = s->begun && pulling != s->pulling;
-    vec3 shown = eased(&s->pull, moved, s->pulled, vec(0, 0, 0), t->interval, breaks, BLEND);
+    vec3 shown = eased(&s->pull, moved, s->pulled, s->pulled_speed, t->interval, breaks, BLEND, 0.0F);
     move_pelvis(b, t, task, sub(shown, moved));
     s->pulling = pulling;
-    s->pulled = sub(b->point[PELVIS], before);
+    vec3 pulled = sub(b->point[PELVIS], before);
+    s->pulled_speed = scale(sub(pulled, s->pulled), s->begun ? 1.0F / t->interval : 0.0F);
+    s->pulled = pulled;
 }
 
 static float rest_height(const tracked *t, int point) {
@@ -106,10 +108,11 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
     pull_pelvis(b, t, s, task);
     limb_heading(b, LEFT_LEG, &c, &sine);
     foot feet[2];
+    two_bones free[2];
     for (int k = 0; k < 2; k++) {
         const limb_joints *j = &LIMB[LEFT_LEG + k];
         ease_limb(&task[k], t, settings, LEFT_LEG + k, changed[LEFT_LEG + k], c, sine, s->begun, &s->limb[LEFT_LEG + k]);
-        two_bones to = solve_limb(&task[k]);
+        two_bones to = free[k] = solve_limb(&task[k]);
         int ball = LEFT_FOOT + k, toe = LEFT_TOE + k;
         foot *f = &feet[k];
         f->ankle = add(b->point[j->start], to.end);
@@ -146,6 +149,20 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
         vec3 shift = sub(move[k], moved);
         task[k].end = add(task[k].end, shift);
         if (task[k].middle_seen) task[k].middle = sub(task[k].middle, moved);
-        turn_limb(b, t, LEFT_LEG + k, solve_limb(&task[k]));
+        two_bones to = solve_limb(&task[k]);
+        turn_limb(b, t, LEFT_LEG + k, to);
+        limb_state *l = &s->limb[LEFT_LEG + k];
+        if (task[k].middle_seen || task[k].start_turned || task[k].middle_turned) {
+            /* Measured bones do not give way: what they refuse is not held. */
+            vec3 refused = sub(sub(to.end, free[k].end), shift);
+            s->foot[k].anchor = add(s->foot[k].anchor, refused);
+            s->foot[k].slide = add(s->foot[k].slide, vec(refused.x, 0, refused.z));
+            s->foot[k].drop -= refused.y;
+            move[k] = add(move[k], refused);
+        }
+        l->end_held = move[k];
+        l->end_shift = sub(to.end, free[k].end);
+        l->middle_shift = sub(to.middle, free[k].middle);
+        l->middle_held = add(l->middle_shift, moved);
     }
 }

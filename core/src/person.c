@@ -90,7 +90,7 @@ bs_result check_person(const bs_person *person) {
         double square = 0.0;
         if (!mount->worn) continue;
         for (int c = 0; c < 3; ++c)
-            if (!isfinite(mount->translation[c])) return BS_PERSON_IMPOSSIBLE;
+            if (!(fabs(mount->translation[c]) < TALLEST)) return BS_PERSON_IMPOSSIBLE;
         for (int c = 0; c < 4; ++c) square += mount->rotation[c] * mount->rotation[c];
         if (!(fabs(square - 1.0) < 0.02)) return BS_PERSON_IMPOSSIBLE;
     }

@@ -10,6 +10,7 @@
 #include "arms.h"
 #include "kinematics.h"
 #include "legs.h"
+#include "settle.h"
 #include "tracked.h"
 #include "trunk.h"
 
@@ -41,6 +42,20 @@ static void rotation_goals(const tracked *t, const prediction *p, mat3 goal[BODY
     }
 }
 
+/* Whether measured points turn a joint now that did not before, or no longer do. */
+static bool redirected(const tracked *t, const pose_state *s, int j) {
+    if (j == PELVIS) {
+        bool had = s->had_position[LEFT_HIP] && s->had_position[RIGHT_HIP];
+        return had != (t->has_position[LEFT_HIP] && t->has_position[RIGHT_HIP]);
+    }
+    for (size_t k = 0; k < sizeof(DIRECTED) / sizeof(DIRECTED[0]); k++) {
+        if (DIRECTED[k][0] != j) continue;
+        int child = DIRECTED[k][1];
+        return (s->had_position[j] && s->had_position[child]) != (t->has_position[j] && t->has_position[child]);
+    }
+    return false;
+}
+
 void pose_start(pose_state *s) {
     memset(s, 0, sizeof *s);
     for (int k = 0; k < LIMBS; k++) s->limb[k].lost = -1.0F;
@@ -52,27 +67,31 @@ void pose_read(const pose_state *s, tracked *t) {
     place_head(t, s->begun ? s->point : NULL);
 }
 
-void pose_body(const bs_settings *settings, const tracked *t, const prediction *p, pose_state *s, body *out) {
+void pose_body(const bs_settings *settings, const tracked *t, prediction *p, pose_state *s, body *out) {
     bool changed[GROUPS], begun = s->begun;
     mat3 goal[BODY_JOINTS];
     float interval = t->interval;
+    settle(t, s, p);
     find_changes(t, s, changed);
     rotation_goals(t, p, goal);
     for (int j = 0; j < BODY_JOINTS; j++) {
         bool known = known_rotation(t, j), came = begun && known != (s->had_rotation[j] != 0);
         bool wrist = j == LEFT_WRIST || j == RIGHT_WRIST;
         bool breaks = wrist ? came && known : came || (changed[GROUP[j]] && !known);
+        breaks |= begun && !known && redirected(t, s, j);
         float span = known ? (float)settings->ease : BLEND;
         out->rotation[j] = eased_turn(&s->turn[j], goal[j], s->rotation[j], s->spin[j], interval, breaks, span);
     }
 
     /* The body hangs on its head, or on its pelvis, or on what is seen. */
     place(out, t, p->head);
-    vec3 head = add(p->head, placement(out, t, p));
+    for (int q = 0; q < BS_POINTS; q++)
+        if (t->has_position[q]) s->placed = 1;
+    vec3 head = add(p->head, s->placed ? placement(out, t, p) : onto_floor(out, t));
     bool head_breaks = begun && (t->has_position[HEAD] != (s->had_position[HEAD] != 0) ||
                                  (!t->has_position[HEAD] && (changed[TRUNK] || changed[LEFT_ARM] || changed[RIGHT_ARM])));
     head = eased(&s->head, head, s->point[HEAD], s->head_speed, interval, head_breaks,
-                 t->has_position[HEAD] ? (float)settings->ease : BLEND);
+                 t->has_position[HEAD] ? (float)settings->ease : BLEND, 0.0F);
     place(out, t, head);
 
     turn_neck(out, t);
@@ -82,9 +101,11 @@ void pose_body(const bs_settings *settings, const tracked *t, const prediction *
                                                       s->had_position[RIGHT_HIP]) ||
                                    t->has_position[PELVIS] != (s->had_position[PELVIS] != 0));
     vec3 wanted = add(out->point[PELVIS], pelvis_off(out, t));
-    wanted = eased(&s->pelvis, wanted, s->point[PELVIS], s->pelvis_speed, interval, pelvis_breaks,
-                   pelvis_seen(t) ? (float)settings->ease : BLEND);
+    wanted = eased(&s->pelvis, wanted, s->pelvis_bent, s->pelvis_speed, interval, pelvis_breaks,
+                   pelvis_seen(t) ? (float)settings->ease : BLEND, 0.0F);
     bend_spine(out, t, sub(wanted, out->point[PELVIS]));
+    s->pelvis_speed = scale(sub(out->point[PELVIS], s->pelvis_bent), begun ? 1.0F / interval : 0.0F);
+    s->pelvis_bent = out->point[PELVIS];
 
     /* Legs first: the pelvis may be moved for them, and the chest with it. */
     move_legs(out, t, p, goal, settings, changed, s);
@@ -98,7 +119,6 @@ void pose_finish(const tracked *t, pose_state *s, body *out, float off[BS_POINTS
     place_points(out, t->rest_offset, HEAD, out->point[HEAD], BS_POINTS);
     float rate = s->begun ? 1.0F / t->interval : 0.0F;
     s->head_speed = scale(sub(out->point[HEAD], s->point[HEAD]), rate);
-    s->pelvis_speed = scale(sub(out->point[PELVIS], s->point[PELVIS]), rate);
     for (int k = 0; k < LIMBS; k++) remember_limb(out, k, t->interval, s->begun, &s->limb[k]);
     for (int j = 0; j < BODY_JOINTS; j++) {
         s->spin[j] = scale(turn_between(s->rotation[j], out->rotation[j]), rate);

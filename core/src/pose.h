@@ -10,14 +10,15 @@ enum limb_name { LEFT_ARM, RIGHT_ARM, LEFT_LEG, RIGHT_LEG, LIMBS };
 /* What each limb remembers. Vectors are in the heading of the body, from the limb's start. */
 typedef struct limb_state {
     ease end, middle;                   /* m, easing of wrist or ankle, elbow or knee */
-    vec3 end_output, end_speed;         /* m, m/s: as output in the frame before */
+    vec3 end_output, end_speed;         /* m, m/s: as output in the frame before, but for what follows */
+    vec3 end_held, middle_held, end_shift, middle_shift; /* m, world: how floor, pelvis and collar moved them from their start */
     vec3 middle_output, middle_speed;   /* m, m/s */
     vec3 end_kept, end_leaving, middle_kept; /* m, m/s, m: where the end was last seen, and how fast it moved */
     float lost;                         /* s since the end was last seen; below 0: never, or not kept */
     uint8_t seen;                       /* 2: the end, 1: points that stand in for it, 0: neither */
     uint8_t middle_seen;
     ease pull;       /* m, easing of a shoulder that its collar gives */
-    vec3 pulled;     /* m, how far it was given */
+    vec3 pulled, pulled_speed; /* m, m/s: how far it was given */
     uint8_t pulling; /* which measured joints of the arm pulled it */
 } limb_state;
 
@@ -29,18 +30,28 @@ typedef struct foot_state {
     float drop;     /* m: how far the foot is lowered onto the floor; below 0: raised */
 } foot_state;
 
+/* What is left of a change of the prediction at one joint, when sensors came or went. */
+typedef struct settling {
+    vec3 off, speed; /* rad, rad/s, world */
+    mat3 predicted;  /* world ← joint, in the frame before */
+    vec3 spin;       /* rad/s, world */
+} settling;
+
 typedef struct pose_state {
     uint8_t begun;
+    uint8_t placed;                /* a position was measured since motion started */
     uint8_t had_position[BS_POINTS];
     uint8_t had_rotation[BODY_JOINTS];
     vec3 point[BS_POINTS];         /* m, from base, as output */
     mat3 rotation[BODY_JOINTS];    /* world ← joint, as output */
     vec3 spin[BODY_JOINTS];        /* rad/s, world */
+    settling settling[BODY_JOINTS];
     ease turn[BODY_JOINTS];        /* rad, world */
     ease head, pelvis;             /* m, world */
-    vec3 head_speed, pelvis_speed; /* m/s */
+    vec3 head_speed;               /* m/s */
+    vec3 pelvis_bent, pelvis_speed; /* m, m/s: the pelvis before legs moved it */
     ease pull;
-    vec3 pulled;                   /* m, by how much measured legs moved the pelvis */
+    vec3 pulled, pulled_speed;     /* m, m/s: by how much measured legs moved the pelvis */
     uint8_t pulling;               /* which measured joints of legs did */
     float standing_drop;           /* m, by how much the pelvis is lowered so that feet reach the floor */
     limb_state limb[LIMBS];
@@ -55,7 +66,7 @@ void pose_start(pose_state *s);
 void pose_read(const pose_state *s, tracked *t);
 
 /* The body without its fingers: rotations of the body's joints, and all points of a body with flat hands. */
-void pose_body(const bs_settings *settings, const tracked *t, const prediction *p, pose_state *s, body *out);
+void pose_body(const bs_settings *settings, const tracked *t, prediction *p, pose_state *s, body *out);
 
 /* After the fingers: place all points, find how far measured points are off (m), remember what was output. */
 void pose_finish(const tracked *t, pose_state *s, body *out, float off[BS_POINTS]);

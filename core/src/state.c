@@ -14,8 +14,10 @@ bs_result bs_person_likeliest(const bs_model *model, bs_person *person) {
     if (result != BS_OK) return result;
     known.lengths = person->lengths;
     memcpy(known.length, person->length, (size_t)known.lengths * sizeof *known.length);
-    likeliest_body(model, &known, person->rest_offset, person->deviation);
-    return BS_OK;
+    likeliest_body(model, &known, checked.rest_offset, checked.deviation);
+    result = check_person(&checked); /* lengths that are possible alone may not be together */
+    if (result == BS_OK) *person = checked;
+    return result;
 }
 
 size_t bs_state_size(const bs_model *model) {

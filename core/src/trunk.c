@@ -24,6 +24,13 @@ vec3 placement(const body *b, const tracked *t, const prediction *p) {
     return count > 0.0F ? scale(off, 1.0F / count) : sub(t->position[HEAD], p->head);
 }
 
+vec3 onto_floor(const body *b, const tracked *t) {
+    float lowest = b->point[HEAD].y;
+    for (int q = 0; q < BS_POINTS; q++) lowest = fminf(lowest, b->point[q].y);
+    vec3 off = sub(t->position[HEAD], b->point[HEAD]);
+    return vec(off.x, t->floor - lowest, off.z);
+}
+
 vec3 pelvis_off(const body *b, const tracked *t) {
     if (t->has_position[PELVIS]) return sub(t->position[PELVIS], b->point[PELVIS]);
     vec3 off = vec(0, 0, 0);

@@ -11,6 +11,9 @@ void place(body *b, const tracked *t, vec3 head);
  * the mean of what is seen is where it is. */
 vec3 placement(const body *b, const tracked *t, const prediction *p);
 
+/* By how much (m) a body of which no place was ever measured has to move so that it is on the floor. */
+vec3 onto_floor(const body *b, const tracked *t);
+
 /* How far (m) a measured pelvis, or measured hips, are from where the body has them. */
 vec3 pelvis_off(const body *b, const tracked *t);
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 from collections.abc import Iterator
@@ -17,13 +18,22 @@ _ZIP = b"PK\x03\x04"
 
 
 def check_place(path: str | Path) -> Path:
-    """Return the path of a file to be written; raise BodysenseError, before any work, where it has no place."""
+    """Return the path of a file to be written. Raises BodysenseError, before any work, if it cannot be written."""
     path = Path(path)
     if not path.parent.is_dir():
         raise BodysenseError(f"{path}: the folder {path.parent} does not exist; create it or choose another")
     if path.is_dir():
         raise BodysenseError(f"{path} is a folder; give the name of a file in it")
-    return path
+    import tempfile
+
+    try:
+        with tempfile.TemporaryFile(dir=path.parent):
+            return path
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        reason = f"{path} cannot be written ({error.strerror})"
+        raise BodysenseError(f"{reason}; choose a folder that you may write to") from None
 
 
 def check_folder(path: str | Path) -> Path:

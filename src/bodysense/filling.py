@@ -36,7 +36,10 @@ from bodysense.observation import CONTACT_POINTS, EXACT_ACCURACY, Observation
 Array = np.ndarray
 # s away from known frames where the tracker's guess counts as much as the turn between them: legs follow from the
 # rest of a body and its floor, arms little, hands least. Fitted on validation people of CMU and Rocketbox.
-TRUSTED = {**dict.fromkeys(("hip", "knee", "ankle", "foot"), 0.4), "wrist": 4.0, "hand": 4.0, "body": 1.0}
+TRUSTED = {**dict.fromkeys(("hip", "knee", "ankle", "foot"), 0.3), "wrist": 4.0, "hand": 3.5, "body": 1.5}
+TRUNK, TRUSTED_WITHOUT = ("spine1", "spine2", "spine3"), 30.0  # s, of what hangs on a trunk that is missing, too
+FINGERS_COAST = 1.2  # s in which the speed of fingers beside a gap fades; they go on for longer than limbs
+SHORT = 0.3  # s: in shorter gaps a leg is moved for no floor; the turn between the sides is nearer to the truth
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,8 +143,9 @@ def filled(holed: Holed, estimate: Pose) -> Array:
         if missing[:, joint].any():
             guess = np.asarray(quaternion_multiply(quaternion_conjugate(above), guessed[:, joint]))
             given = guess if np.isfinite(guess).all() else None
-            trusted = _trusted_after(rig.ours, joint)
-            local[:, joint] = gaps.filled(local[:, joint], missing[:, joint], seconds, given, trusted)
+            trusted = _trusted_after(rig.ours, joint, missing)
+            coasting = FINGERS_COAST if is_finger(_our_name(rig.ours, joint)) else gaps.COASTING
+            local[:, joint] = gaps.filled(local[:, joint], missing[:, joint], seconds, given, trusted, coasting)
         world[:, joint] = quaternion_multiply(above, local[:, joint])
     return local
 
@@ -156,7 +160,7 @@ def on_feet(holed: Holed, rotation: Array, contact: Array, floor: float) -> Arra
     bent = np.zeros_like(holed.missing)
     for side in ("left", "right"):
         leg = [rig.ours.get(f"{side}_{part}", -1) for part in ("hip", "knee", "ankle")]
-        gone = np.asarray(holed.missing[:, leg].all(axis=1)) & (min(leg) >= 0)
+        gone = _long(np.asarray(holed.missing[:, leg].all(axis=1)), SHORT * holed.clip.frame_rate) & (min(leg) >= 0)
         if not gone.any():
             continue
         position = np.asarray(forward_kinematics(pose)[0])
@@ -189,10 +193,27 @@ def _turned_to(rig: SourceJoints, rotation: Array, wanted: Array, where: Array) 
     return local
 
 
-def _trusted_after(ours: Mapping[str, int], joint: int) -> float:
+def _our_name(ours: Mapping[str, int], joint: int) -> str:
+    """Our name of a rig's joint; empty if it is none of ours."""
+    return next((name for name, place in ours.items() if place == joint), "")
+
+
+def _trusted_after(ours: Mapping[str, int], joint: int, missing: Array) -> float:
     """The time in `TRUSTED` of a joint; of one that we do not have, any."""
-    name = next((name for name, place in ours.items() if place == joint), "")
-    return TRUSTED.get(name.rpartition("_")[2], TRUSTED["hand"] if is_finger(name) else TRUSTED["body"])
+    name = _our_name(ours, joint)
+    part = name.rpartition("_")[2]
+    trunk = [ours[name] for name in TRUNK if name in ours]
+    if part not in ("hip", "knee", "ankle", "foot") and missing[missing[:, joint]][:, trunk].any(axis=1).mean() > 0.5:
+        return TRUSTED_WITHOUT
+    return TRUSTED.get(part, TRUSTED["hand"] if is_finger(name) else TRUSTED["body"])
+
+
+def _long(gone: Array, fewest: float) -> Array:
+    """The runs of (T,) bool with at least so many frames."""
+    result = np.zeros_like(gone)
+    for first, end in gaps.runs(gone):
+        result[first:end] = end - first >= fewest
+    return result
 
 
 def with_parts(holed: Holed, estimate: Pose) -> Holed:

@@ -285,6 +285,17 @@ def _usual_accuracy(name: str) -> float:
     return OPTICAL_ACCURACY if glove_marker(name) else TRACKER_ACCURACY
 
 
+def concatenated_frames(parts: Sequence[Observation]) -> Observation:
+    """Consecutive observations (T, P) of the same points as one."""
+
+    def whole(name: str) -> np.ndarray:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    names = ("position", "rotation", "has_position", "has_rotation", "accuracy", "time")
+    acceleration = None if parts[0].acceleration is None else whole("acceleration")
+    return replace(parts[0], **{name: whole(name) for name in names}, acceleration=acceleration)
+
+
 def without_gloves(observation: Observation) -> Observation:
     """The same without the markers of gloves."""
     return chosen_points(observation, [k for k, name in enumerate(observation.points) if not glove_marker(name)])

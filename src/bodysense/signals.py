@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from bodysense.body.person import Person
 from bodysense.devices.gloves.device import calibrated_hands, has_standard_gloves
 from bodysense.devices.simulated.device import DEVICES, simulate
 from bodysense.devices.video.pictures import open_video
 from bodysense.errors import BodysenseError
 from bodysense.io.recording import Recording
-from bodysense.observation import Observation, check_observation
+from bodysense.observation import Observation, check_observation, concatenated_frames
 from bodysense.open import MotionSource, Opened, VideoSource
 
 
@@ -105,9 +103,7 @@ def _filmed(source: str, person: Person, follow: int | None, roll: float | None)
     if not parts:
         raise BodysenseError(f"{source}: no picture in it can be read")
     seen.check(source, follow)
-    names = ("position", "rotation", "has_position", "has_rotation", "accuracy", "time")
-    whole = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    return Observation(parts[0].points, **whole)
+    return concatenated_frames(parts)
 
 
 def _check(observation: Observation) -> None:

@@ -1,6 +1,6 @@
-"""Whole recordings: `track` completes one, frame after frame as a live session would; a `Take` is the result.
+"""Whole recordings: `track` completes one with past and future, or as a live session would; a `Take` is the result.
 
-There is one way through: a source becomes an Observation, `Tracker.step` makes an Estimate of it, and that a Clip.
+There is one path: a source becomes an Observation, the tracker makes an Estimate of it, and that becomes a Clip.
 """
 
 from __future__ import annotations
@@ -30,10 +30,11 @@ from bodysense.io.resample import at_constant_rate
 from bodysense.io.rigs.named import OWN, SOURCE, check_rig
 from bodysense.io.rigs.options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.rig_file import write_on_rig_of
-from bodysense.observation import Estimate, Observation
+from bodysense.observation import Estimate, Observation, concatenated_frames
 from bodysense.open import MarkerSource, MotionSource, Source, open_source
 from bodysense.signals import Signal, refuse, signal_from
 from bodysense.tracker import Tracker, TrackerSettings
+from bodysense.two_way import completed_both_ways, concatenated
 
 ANCHORS = ("head", "pelvis")  # what stays where it was measured, on whatever proportions; else what is measured most
 ARM, LEG = ("collar", "shoulder", "elbow", "wrist"), ("hip", "knee", "ankle", "foot", "toe")
@@ -47,7 +48,7 @@ class Take:
     """A completed recording."""
 
     clip: Clip  # at a constant rate, on the proportions believed at the end
-    estimate: Estimate  # of every frame that was tracked, as shown when it came
+    estimate: Estimate  # of every frame that was tracked
     person: Person  # the wearer, as believed at the end
     time: np.ndarray  # (T,) s of the estimate's frames
     holed: Holed | None = None  # the motion whose holes were filled, if it was one
@@ -127,9 +128,10 @@ def track(
     reading: ReadingOptions = AS_FOUND,
     follow: int | None = None,
     roll: float | None = None,
+    causal: bool = False,
     advance: Callable[[int, int], None] = lambda done, frames: None,
 ) -> Take:
-    """Complete a whole recording, frame after frame, without looking ahead: the same as live.
+    """Complete a whole recording with its past and its future.
 
     Args:
         source: a file (a recording, a motion, markers, a video), a folder of images, a Clip, Observation or Recording
@@ -151,6 +153,7 @@ def track(
             first seen; the largest if omitted.
         roll: of a video: degrees by which upright things lean to the right in the picture; seen from how the person
             stands if omitted.
+        causal: complete each frame from the frames before it alone, exactly as a live session does.
         advance: is told how many frames are done, of how many.
 
     Raises BodysenseError, naming the source and the fix, for what cannot be tracked.
@@ -160,14 +163,14 @@ def track(
     if isinstance(opened, MotionSource) and device is None:
         kind = "a motion whose holes are filled, which has a body of its own"
         refuse(opened.name, kind, person=person, height=height, noise=noise, follow=follow, roll=roll)
-        take = _filled(opened.with_holes(told), settings, network, advance)
+        take = _filled(opened.with_holes(told), settings, network, causal, advance)
         return replace(take, source=opened.bvh, reading=opened.options)
     if told:
         other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
         raise BodysenseError(f"{opened.name}: --missing is for a motion that no device watches; {other}")
     signal = signal_from(opened, device=device, person=person, height=height, noise=noise, follow=follow, roll=roll)
     try:
-        take = _tracked(signal, settings, network, advance)
+        take = _tracked(signal, settings, network, causal, advance)
     except BodysenseError as error:
         text = str(error)
         raise error if signal.name in text else BodysenseError(f"{signal.name}: {text}") from None
@@ -205,11 +208,15 @@ def _is_above(name: str) -> bool:
 
 
 def _filled(
-    holed: Holed, settings: TrackerSettings, network: CompletionModel | None, advance: Callable[[int, int], None]
+    holed: Holed,
+    settings: TrackerSettings,
+    network: CompletionModel | None,
+    causal: bool,
+    advance: Callable[[int, int], None],
 ) -> Take:
     """A motion whose holes are filled."""
     clip = holed.clip
-    take = _tracked(Signal(clip.name, observed(holed), Person(clip.pose.skeleton)), settings, network, advance)
+    take = _tracked(Signal(clip.name, observed(holed), Person(clip.pose.skeleton)), settings, network, causal, advance)
     holed = with_parts(holed, take.estimate.pose)
     rotation = filled(holed, take.estimate.pose)
     rotation = on_feet(holed, rotation, take.estimate.contact, settings.floor)
@@ -222,6 +229,7 @@ def _tracked(
     signal: Signal,
     settings: TrackerSettings,
     network: CompletionModel | None,
+    causal: bool,
     advance: Callable[[int, int], None],
 ) -> Take:
     observation, person = signal.observation, signal.person
@@ -229,6 +237,22 @@ def _tracked(
     _check_height(observation, settings.floor)
     if not signal.infer:
         settings = replace(settings, infer=False)
+    complete = _completed_causally if causal else _completed
+    estimate, believed = complete(observation, person, settings, network, interval, advance)
+    pose = pose_on(estimate, believed)
+    clip = Clip(signal.name, pose, 1 / interval)
+    return Take(at_constant_rate(clip, observation.time), estimate, believed, observation.time)
+
+
+def _completed_causally(
+    observation: Observation,
+    person: Person,
+    settings: TrackerSettings,
+    network: CompletionModel | None,
+    interval: float,
+    advance: Callable[[int, int], None],
+) -> tuple[Estimate, Person]:
+    """What a live session shows, and the person as believed at its end."""
     tracker = Tracker(person, network=network, settings=settings)
     state, parts, done = tracker.start(), [], 0
     for frames in _body_points(observation, person):
@@ -236,11 +260,20 @@ def _tracked(
         parts.append(estimate)
         done += len(frames)
         advance(done, len(observation))
-    estimate = _joined(parts)
-    believed = state.person()
-    pose = pose_on(estimate, believed)
-    clip = Clip(signal.name, pose, 1 / interval)
-    return Take(at_constant_rate(clip, observation.time), estimate, believed, observation.time)
+    return concatenated(parts), state.person()
+
+
+def _completed(
+    observation: Observation,
+    person: Person,
+    settings: TrackerSettings,
+    network: CompletionModel | None,
+    interval: float,
+    advance: Callable[[int, int], None],
+) -> tuple[Estimate, Person]:
+    """The body with past and future, and the person as believed after all frames."""
+    points = concatenated_frames(list(_body_points(observation, person)))
+    return completed_both_ways(points, person, network, settings, interval, advance)
 
 
 def _body_points(observation: Observation, person: Person) -> Iterator[Observation]:
@@ -283,21 +316,6 @@ def _check_height(observation: Observation, floor: float) -> None:
             f"the head is {-highest:.2f} m below the floor, which is y = {floor:g}; give positions over it, or the "
             "floor's height with --floor"
         )
-
-
-def _joined(parts: list[Estimate]) -> Estimate:
-    """Consecutive estimates as one."""
-
-    def whole(name: str) -> np.ndarray:
-        return np.concatenate([getattr(part, name) for part in parts])
-
-    pose = Pose(
-        parts[-1].pose.skeleton,
-        np.concatenate([part.pose.root_position for part in parts]),
-        np.concatenate([part.pose.rotation for part in parts]),
-    )
-    names = ("points", "measured", "confidence", "bound", "contact", "rest_offset")
-    return Estimate(pose, **{name: whole(name) for name in names})
 
 
 def pose_on(estimate: Estimate, person: Person) -> Pose:

@@ -7,7 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bodysense.body.gaps import filled, runs
-from bodysense.body.rotation import geodesic_angle, quaternion_canonical, quaternion_exp, quaternion_multiply
+from bodysense.body.rotation import (
+    geodesic_angle,
+    quaternion_canonical,
+    quaternion_conjugate,
+    quaternion_exp,
+    quaternion_log,
+    quaternion_multiply,
+)
 
 RATE = 60.0
 
@@ -48,12 +55,65 @@ def test_seams_are_no_jumps() -> None:
         assert speed(found)[58:121].max() < bound, seed
 
 
+def turn_vectors(rotation: np.ndarray) -> np.ndarray:
+    """Angular velocities (T - 1, 3), rad/s, in the joint's own axes."""
+    steps = quaternion_multiply(quaternion_conjugate(rotation[:-1]), rotation[1:])
+    return np.asarray(quaternion_log(steps)) * RATE
+
+
+@given(st.integers(0, 10_000), st.integers(3, 60), st.integers(1, 117), st.booleans())
+@settings(max_examples=80, deadline=None)
+def test_place_and_speed_go_on_over_both_edges(seed: int, first: int, count: int, guessing: bool) -> None:
+    """At the edges a gap moves on as the known frames do, whatever the guess says inside.
+
+    Between two frames of 1/60 s the true motion changes its velocity by up to `usual`; a filled gap by three times that
+    and what a turn from one side of the gap to the other needs.
+    """
+    truth = swing(180, seed)
+    missing = np.zeros(180, dtype=bool)
+    missing[first : first + count] = True
+    spoilt = np.where(missing[:, None], [0.0, 0.0, 1.0, 0.0], truth)
+    found = filled(spoilt, missing, 1 / RATE, swing(180, seed + 1) if guessing else None, 0.4)
+    usual = np.linalg.norm(np.diff(turn_vectors(truth), axis=0), axis=-1).max()
+    change = np.linalg.norm(np.diff(turn_vectors(found), axis=0), axis=-1)
+    whole = float(geodesic_angle(truth[first - 1], truth[first + count]))
+    needed = 6 * whole / ((count + 1) / RATE) ** 2 / RATE
+    edges = [first - 2, first - 1, first + count - 2, first + count - 1]
+    assert change[edges].max() < 3 * usual + needed + 0.1
+    assert np.linalg.norm(turn_vectors(found)[[first - 1, first + count - 1]], axis=-1).max() < (
+        1.5 * speed(truth).max() + 1.5 * whole * RATE / (count + 1) + 0.2
+    )
+
+
 def test_a_short_gap_goes_on_as_it_was() -> None:
     truth = swing(90, 3)
     missing = np.zeros(90, dtype=bool)
     missing[40:44] = True
     spoilt = np.where(missing[:, None], [0.0, 0.0, 1.0, 0.0], truth)
     assert geodesic_angle(filled(spoilt, missing, 1 / RATE), truth).max() < np.deg2rad(0.5)
+
+
+def test_an_accelerating_joint_keeps_its_speed_at_both_edges_of_a_gap() -> None:
+    """From 0.5 to 4 rad/s: the speed on each side goes on into the gap, not the mean speed between the sides."""
+    time = np.arange(90)[:, None] / RATE
+    truth = np.asarray(quaternion_exp((0.5 * time + 1.2 * time**2) * [0.0, 0.6, 0.8]))
+    missing = np.zeros(90, dtype=bool)
+    missing[30:60] = True
+    found = speed(filled(np.where(missing[:, None], [0.0, 0.0, 1.0, 0.0], truth), missing, 1 / RATE))
+    wanted = speed(truth)
+    for inside, beside in ((29, 28), (59, 60)):
+        assert abs(found[inside] - wanted[beside]) < 0.15 * wanted[beside]
+
+
+def test_far_from_both_sides_the_guess_counts() -> None:
+    truth = swing(1500, 6)
+    missing = np.zeros(1500, dtype=bool)
+    missing[150:1350] = True
+    middle = slice(700, 800)
+    with_guess, without = (
+        geodesic_angle(filled(truth, missing, 1 / RATE, guess), truth)[middle].mean() for guess in (truth, None)
+    )
+    assert with_guess < 0.15 * without
 
 
 def test_a_gap_with_one_side_or_none() -> None:

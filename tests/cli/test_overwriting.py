@@ -29,7 +29,7 @@ def test_the_input_is_kept(tmp_path: Path, motion: Path, refused: Command, link:
         os.link(motion, out)
     before = motion.read_bytes()
     said = refused("track", motion, "--device", "head", "-o", out)
-    assert "both read and written; give the output another name, or say --overwrite" in said
+    assert "both read and written; give the output another name, or add --overwrite" in said
     assert "both read and written" in refused("track", motion, "--device=head", f"--out={out}")
     assert motion.read_bytes() == before
 
@@ -75,3 +75,12 @@ def test_other_motions_are_taken(tmp_path: Path, motion: Path, run: Command) -> 
     np.savez(tmp_path / "video.npz", poses=np.zeros((12, 72)), transl=np.zeros((12, 3)))
     said = run("track", tmp_path / "video.npz", "--device", "head", "--rate", "25", "-o", tmp_path / "c.bvh")
     assert "note: the feet stand at y" in said and "12 frames" in said
+
+
+def test_a_person_may_be_read_and_written_in_one_command(tmp_path: Path) -> None:
+    path = tmp_path / "me.json"
+    path.write_text("{}")
+    given = ["serve", "--person", str(path), "--save-person", str(path)]
+    assert checked_arguments(given) == given
+    with pytest.raises(BodysenseError, match="both read and written"):
+        checked_arguments(["track", str(path), "--save-person", str(path)])

@@ -1,4 +1,7 @@
-"""Every `train` command: a trial of few clips and steps, and a training that two processes share."""
+"""Every `train` command: a trial of few clips and steps by two processes.
+
+`tests/lab/commands/test_resuming.py` trains with one process. The completion network's trial publishes too.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,6 +20,7 @@ from bodysense.demo import packaged_performance
 from bodysense.io.bvh import write_bvh
 from bodysense.io.datasets.splits import split_of
 from bodysense_lab.commands import train
+from bodysense_lab.completion import publish
 
 # What each writes into the folder of --out, and its log; options that make its network small.
 COMMANDS = {
@@ -36,7 +39,7 @@ COMMANDS = {
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three clips of the packaged performance of a person in training, and three of one in validation."""
+    """Three clips of the packaged performance for training, three for validation."""
     folder, clip = tmp_path_factory.mktemp("data"), packaged_performance()
     for number, split in enumerate(("train", "val")):
         person = next(name for name in map(str, range(99)) if split_of(name) == split)
@@ -60,25 +63,26 @@ def test_no_train_command_is_left_out() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", COMMANDS)
-def test_a_trial_takes_few_clips_and_steps(
-    command: str, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_the_completion_network_is_trained_and_published(
+    recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Weights are rounded one by one here; tests/lab/completion/test_rounding.py rounds them as publishing does."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    assert main(asked(command, recorded, tmp_path, 2)) == 0
-    written, log, _ = COMMANDS[command]
-    assert (tmp_path / written).is_file()
-    (line,) = logged(tmp_path / log)
-    assert (line["step"], line["steps"]) == (2, 2) and line["steps_per_second"] > 0
-    assert line["machine"].endswith("layers, 1 process")
+    monkeypatch.setattr(publish, "_LONGEST", 1.0)  # s of a clip that errors are judged by
+    monkeypatch.setattr(publish, "round_weights", lambda network, moments: None)
+    assert main(asked("completion", recorded, tmp_path, 2)) == 0
+    assert (tmp_path / COMMANDS["completion"][0]).is_file()
+    check_log(tmp_path / COMMANDS["completion"][1], "1 process")
 
 
+# Each is one way to share: `fingers` is trained as `upper-body` is, and `completion` as `completion-fingers` is.
 @pytest.mark.slow
-@pytest.mark.parametrize("share", ["--nodes 2", "--devices 2"])
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    ("command", "share"),
+    [(name, "--devices 2") for name in COMMANDS if name not in ("completion", "fingers", "upper-body")]
+    + [("upper-body", "--nodes 2")],
+)
 def test_two_processes_share_a_training(command: str, share: str, recorded: Path, tmp_path: Path) -> None:
-    if command == "completion":
-        pytest.skip("how it is published takes minutes; completion-fingers shares the training in the same way")
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -103,10 +107,11 @@ def test_two_processes_share_a_training(command: str, share: str, recorded: Path
     assert [process.returncode for process in started] == [0] * len(started), said
     written, log, _ = COMMANDS[command]
     assert (tmp_path / written).is_file()
-    (line,) = logged(tmp_path / log)  # one of them keeps the log
-    assert line["machine"].endswith("layers, 2 processes")
+    check_log(tmp_path / log, "2 processes")
 
 
-def logged(log: Path) -> list[dict[str, Any]]:
-    """The lines of a run's log."""
-    return [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
+def check_log(path: Path, processes: str) -> None:
+    """Check that one process kept the log of a trial of two steps."""
+    (line,) = [json.loads(text) for text in path.read_text(encoding="utf-8").splitlines()]
+    assert (line["step"], line["steps"]) == (2, 2) and line["steps_per_second"] > 0
+    assert line["machine"].endswith(f"layers, {processes}")

@@ -9,14 +9,14 @@ from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.tracker import Tracker
-from bodysense_conform.checks import TABLE
-from bodysense_conform.verdict import judge
+from bodysense_conform.evaluate import find
+from bodysense_conform.table import table
 
 from .conftest import HANG, RATE, RELAXED, about, both, given_out, leg, planted, swung
 
 
 def test_who_sits_with_hands_in_the_lap_has_feet_on_the_floor_by_head_and_hands_alone() -> None:
-    """Arms stretched ahead are another matter: the network knows nobody who sits so (docs/conform.md)."""
+    """The network does not know arms that are stretched ahead in a seat (docs/conform.md)."""
     skeleton, stand = default_skeleton().with_offsets(sample_bodies("test", 3)[2]), HANG | RELAXED
     lap = (
         stand
@@ -37,6 +37,6 @@ def test_who_sits_with_hands_in_the_lap_has_feet_on_the_floor_by_head_and_hands_
     tracker = Tracker(Person(skeleton))
     seen = observe(pose, np.arange(len(rotation)) / RATE, SENSOR_SETS["three_point"])
     found = tracker.step(seen, tracker.start())[0].pose
-    sitting = [check for check in TABLE if check.id in ("poses.sit_down", "poses.sit_knees", "poses.sit_feet")]
-    verdict = judge(given_out(found, steps), sitting)
-    assert {one.check.id: one.outcome for one in verdict.findings} == {check.id: "pass" for check in sitting}
+    subject = given_out(found, steps)
+    sitting = [check for check in table().checks if check.group == "sit"]
+    assert {check.id: find(check, subject).outcome for check in sitting} == {check.id: "pass" for check in sitting}

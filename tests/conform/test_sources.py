@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -21,15 +20,15 @@ from bodysense.io.mcap_take import BODY_JOINTS, BODY_LAYOUT
 from bodysense.io.mcap_take import record as mcap_record
 from bodysense.io.motion_files import write_motion
 from bodysense.io.protocol import PoseFrame, write_pose
+from bodysense_conform.evaluate import judge
 from bodysense_conform.report.html import page
-from bodysense_conform.report.text import record, write_junit
+from bodysense_conform.report.text import record
 from bodysense_conform.script import read_script
 from bodysense_conform.sources.files import clip_subject, read_subject
 from bodysense_conform.sources.mcap_take import read_mcap, read_record
 from bodysense_conform.sources.vmc import vmc_subject
 from bodysense_conform.sources.websocket import messages_subject
 from bodysense_conform.subject import Step, Subject
-from bodysense_conform.verdict import judge
 from bodysense_live.vmc import vmc_packets
 
 from .conftest import RATE
@@ -46,7 +45,8 @@ def test_every_format_gives_the_same_body(ending: str, clip: Clip, tmp_path: Pat
     write_motion(path, clip)
     subject, truth = read_subject(path), clip_subject(clip, "")
     same = [truth.points.index(name) for name in subject.points]
-    assert np.abs(subject.position - truth.position[:, same]).max() < 1e-5
+    off = np.abs(subject.position - truth.position[:, same])
+    assert off[:, subject.rotated].max() < 1e-5  # not every format has end sites, which are made of usual lengths
     turned = [k for k, name in enumerate(subject.points) if subject.rotated[k] and "thumb" not in name]
     cosine = np.abs((subject.rotation * truth.rotation[:, same]).sum(axis=-1))[:, turned]
     assert cosine.min() > 1 - 1e-5
@@ -60,7 +60,7 @@ def test_vmc_gives_the_same_body_and_counts_what_it_cannot_read(clip: Clip) -> N
     same = [truth.points.index(name) for name in subject.points]
     assert np.abs(subject.position - truth.position[: len(subject), same]).max() < 1e-3
     assert subject.transport.malformed == 1
-    assert {one.check.id for one in judge(subject).of("fail")} == {"data.messages_decode"}
+    assert {one.check.id for one in judge(subject).of("fail")} == {"stream.malformed"}
 
 
 @given(st.binary(max_size=900))
@@ -82,16 +82,15 @@ def test_a_record_without_a_body_is_one_that_tracks_nothing() -> None:
     assert tuple(found[1].tolist()) == (5, 6, 7)
 
 
-def test_reports_hold_every_finding(clean: Subject, tmp_path: Path) -> None:
+def test_reports_hold_every_finding(clean: Subject) -> None:
     verdict = judge(replace(clean, rotation=1.01 * clean.rotation, name="<a & b>\x00"))
     said = json.loads(json.dumps(record(verdict), allow_nan=False))
     assert said["judgement"] == "fail"
     assert len(said["findings"]) == len(verdict.findings)
-    assert "data.unit_quaternions" in page(verdict) and "&lt;a &amp; b&gt;" in page(verdict)
-    write_junit(tmp_path / "r.xml", verdict)
-    root = ElementTree.parse(tmp_path / "r.xml").getroot()
-    assert sum(int(suite.get("tests", 0)) for suite in root) == len(verdict.findings)
-    assert [case.get("type") for case in root.iter("failure")] == ["device"]
+    assert said["unanswered"] == verdict.unanswered and verdict.unanswered
+    text = page(verdict)
+    assert "data.unit_quaternions" in text and "&lt;a &amp; b&gt;" in text
+    assert all(reason in text for reason in ("time.lag", "no reference"))
 
 
 def test_a_take_that_unpacks_to_far_more_is_refused(tmp_path: Path) -> None:
@@ -117,7 +116,7 @@ def test_the_command_says_by_its_status_what_was_found(clip: Clip, tmp_path: Pat
     assert main(["conform", str(tmp_path), "--json", str(tmp_path / "all.json")]) == 1
     assert json.loads((tmp_path / "all.json").read_text())["counts"] == {"pass": 1, "fail": 1}
     (tmp_path / "good.labels.json").write_text(json.dumps({"steps": [{"label": "squat", "start": 1, "end": 4}]}))
-    assert main(["conform", str(good)]) == 2  # nobody squats: to be taken again
+    assert main(["conform", str(good)]) == 2  # a missing squat: to be taken again
 
 
 @pytest.mark.parametrize(
@@ -126,7 +125,7 @@ def test_the_command_says_by_its_status_what_was_found(clip: Clip, tmp_path: Pat
         ("a.mcap", b"no container", "not a whole MCAP file"),
         ("a.glb", b"glTF\x02", "a .glb file without its JSON"),
         ("a.gltf", b"[]", "not glTF 2.0"),
-        ("a.gltf", b'{"asset": {"version": "2.0"}}', "no animated glTF 2.0 .KeyError"),
+        ("a.gltf", b'{"asset": {"version": "2.0"}}', "nothing in it is animated"),
         ("a.xyz", b"", "unknown kind of file"),
         ("a.bvh", b"nothing", "is not a BVH file"),
     ],

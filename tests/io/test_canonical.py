@@ -130,7 +130,7 @@ FINGERS = {joint for joint in default_skeleton().points if is_finger(joint) or j
     {"left_foot", "right_foot", "left_toe", "right_toe"},
     FINGERS | {"spine2", "left_collar", "right_collar", "left_foot", "right_foot", "left_toe", "right_toe", "head_top"},
     {p for p in default_skeleton().points if "ring" in p or "pinky" in p},
-], ids=str)  # fmt: skip
+], ids=["fingers", "collars", "spine2", "spine2 and 3", "neck", "feet", "all of them", "two fingers"])  # fmt: skip
 def test_missing_joints_are_the_defaults_scaled_and_still(make_clip, gone: set[str]) -> None:
     clip = make_clip()
     for joint in gone & set(default_skeleton().joints):

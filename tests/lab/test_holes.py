@@ -1,43 +1,48 @@
-"""The table of filled holes: what is scored, and that takes tracked together are those tracked alone."""
+"""The table of filled holes: what is scored, against what, and under which names."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from bodysense.body.rotation import quaternion_exp
 from bodysense.demo import packaged_performance
 from bodysense.io.clip import Clip
 from bodysense_lab import holes
+from bodysense_lab.chart import draw_panels
 
 
-def clips() -> list[Clip]:
-    """Two clips of different length."""
+def clip_of(seconds: float) -> Clip:
     clip = packaged_performance()
-    return [
-        replace(clip, name=name, pose=clip.pose[: int(seconds * clip.frame_rate)])
-        for name, seconds in (("a", 3.6), ("b", 3.2))
-    ]
+    return replace(clip, name="a", pose=clip.pose[: int(seconds * clip.frame_rate)])
 
 
-def test_takes_tracked_together_are_those_tracked_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_part_is_taken_away_from_clips_that_are_long_enough() -> None:
     seen: list[Clip] = []
-    together = holes.score_holes(clips(), advance=seen.append)
-    monkeypatch.setattr(holes, "_TOGETHER", 1)
-    alone = holes.score_holes(clips())
-    assert [clip.name for clip in seen] == ["a", "b"]
-    assert [(gap.limb, gap.seconds, gap.method) for gap in together] == [
-        (gap.limb, gap.seconds, gap.method) for gap in alone
-    ]
-    assert {gap.seconds for gap in together} == {1.0} and {gap.limb for gap in together} == set(holes.LIMBS)
-    for one, other in zip(together, alone, strict=True):
-        assert one.error == pytest.approx(other.error, abs=1e-5) and one.speed == pytest.approx(other.speed, abs=1e-3)
+    gaps = holes.score_holes([clip_of(2.6)], advance=seen.append)
+    assert len(seen) == 1 and {gap.seconds for gap in gaps} == {0.1, 0.2, 0.5}
+    assert {gap.part for gap in gaps} == set(holes.PARTS) and {gap.method for gap in gaps} == set(holes.METHODS)
+    assert all(0 <= gap.error < 1 for gap in gaps)
 
 
-def test_the_table_holds_every_limb_and_length() -> None:
-    gaps = [holes.Gap(limb, 1.0, method, 0.01, 0.5, 0.6) for limb in holes.LIMBS for method in holes.METHODS]
+def test_the_numbers_name_part_and_seconds_and_the_best_of_the_others(tmp_path: Path) -> None:
+    errors = {"bodysense": 0.01, "slerp": 0.03, "cubic spline": 0.02, "causal": 0.04}
+    gaps = [holes.Gap(part, 0.5, method, error) for part in holes.PARTS for method, error in errors.items()]
     report = holes.report_of(gaps, "made up")
-    assert [row[:3] for row in report.rows] == [(limb, "1 s", 1) for limb in holes.LIMBS]
-    assert report.numbers["left_leg_1s_filled_cm"] == pytest.approx(1.0)
-    assert np.isfinite(list(report.numbers.values())).all()
+    assert [row[:3] for row in report.rows] == [(part.replace("_", " "), "0.5 s", 1) for part in holes.PARTS]
+    assert report.numbers["upper_body_0.5_cm"] == pytest.approx(1.0)
+    assert report.numbers["upper_body_0.5_best_other_cm"] == pytest.approx(2.0)
+    draw_panels(tmp_path / "holes.png", report.panels, report.title)
+    assert (tmp_path / "holes.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(("fill", "power"), [(holes.slerped, 1), (holes.splined, 3)])
+def test_the_others_follow_the_motions_that_they_assume(fill, power: int) -> None:
+    """Slerp is exact for a turn of constant speed about one axis, the spline for one that is a cubic of time."""
+    time = np.linspace(-1, 1, 30)
+    rotation = np.asarray(quaternion_exp(np.stack([time**power, 0 * time, 0 * time], axis=1)))
+    filled = fill(rotation, 10, 20)
+    np.testing.assert_allclose(np.abs((filled * rotation[10:20]).sum(axis=1)), 1, atol=1e-12)

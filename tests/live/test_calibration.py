@@ -20,6 +20,7 @@ from bodysense.io.unity import unity_position, unity_rotation
 from bodysense_live.messages import Calibrate, Recentre
 from bodysense_live.settings import ServerSettings
 from bodysense_live.vmc import VmcTrackers
+from bodysense_live.worn_trackers import read_trackers
 
 from .conftest import Serving
 from .test_datagrams import free_port
@@ -65,6 +66,7 @@ def test_who_stands_a_second_is_known_and_kept(server_of: Serving, tmp_path: Pat
             time.sleep(0.02)
     person = Person.load(kept)
     assert set(person.mounts) == set(STRAPPED)
+    assert read_trackers(kept) == {f"LHR-{k}": joint for k, joint in enumerate(STRAPPED)}
     for joint, (place, _) in STRAPPED.items():
         off = np.linalg.norm(person.mounts[joint].translation - place)
         assert off < 0.04  # the height, inferred from the head, is most of it

@@ -12,7 +12,11 @@ from pathlib import Path
 
 import pytest
 
+from bodysense_live.safety import Access
+from bodysense_live.settings import ServerSettings
+
 from ..conftest import Refused
+from .conftest import Serving
 
 pytest.importorskip("uvicorn", reason="needs packages/live")
 
@@ -53,6 +57,12 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
         (("--workers", 2, "--solarxr"), "UDP goes with one process only"),
         (("--workers", 2, "--slimevr"), "UDP goes with one process only"),
         (("--bridge",), "--bridge has nowhere to send to; give --vmc-out"),
+        (
+            ("--vrchat-trackers", "hips"),
+            "--vrchat-trackers hips: 'hips' is not a tracker of VRChat; give a list of hip",
+        ),
+        (("--smoothing", 1), "--smoothing 1: give seconds, 0 to 0.5"),
+        (("--smoothing", "nan"), "--smoothing nan: give seconds, 0 to 0.5"),
         (("--vmt", "--vmt-first", 60), "give 0 to 48"),
     ],
 )
@@ -109,6 +119,13 @@ def test_it_serves_until_it_is_ended(workers: int, end: signal.Signals) -> None:
         finally:
             process.kill()  # one that stays fails here, and does not hold the tests up
         assert "Traceback" not in process.stderr.read()  # to its end: no worker is left that holds it
+
+
+def test_a_wrong_token_is_not_a_server_that_does_not_run(refused: Refused, server_of: Serving) -> None:
+    server = server_of(ServerSettings(Access(token="secret-token")))
+    for address in (f"{server.http}/", f"{server.http}/?token=wrong-token"):
+        reason = refused("calibrate", address)
+        assert "the server refuses this address (the token is missing or wrong); give the address that" in reason
 
 
 def test_nobody_to_calibrate(refused: Refused) -> None:

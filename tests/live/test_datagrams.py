@@ -42,7 +42,7 @@ def test_poses_go_to_an_avatar(server_of: Serving, connect: Connecting) -> None:
         )
         client = connect(server_of(ServerSettings(receivers=receivers)))
         client.answered(signal(0, 0.0))
-        assert b"/VMC/Ext/" in avatar.recv(2000)
+        assert b"/VMC/Ext/" in avatar.recv(8000)
         client.answered(signal(1, 0.1))
 
 

@@ -16,11 +16,11 @@ from bodysense.io.protocol import SIGNAL
 from bodysense_live.answer import Answer
 from bodysense_live.certificate import check_pair, own_certificate, qr_code
 from bodysense_live.live import Live
-from bodysense_live.messages import Hello, Recentre, Resume
+from bodysense_live.messages import Hello, Recentre, Resume, Source
 from bodysense_live.metrics import Metrics
 from bodysense_live.outbox import Outbox
 from bodysense_live.safety import Guesses, Limits
-from bodysense_live.seat import Leader
+from bodysense_live.seat import Leader, Seat
 from bodysense_live.session import Session
 from bodysense_live.settings import ServerSettings
 
@@ -118,18 +118,29 @@ def answer(points: int) -> Answer:
     return found
 
 
+def seat(source: Source | None = None) -> Seat:
+    return Seat("", "", "", "", Session(DEVICES), source)
+
+
 def test_who_sends_a_body_leads_not_the_page_that_came_first() -> None:
     body, nothing = answer(3), answer(0)
-    leader, page, headset, own = Leader(), *(object() for _ in range(3))
+    leader, page, headset, own = Leader(), seat(), seat(), seat("vmc")
     leads = [
-        leader.leads(page, nothing, False, 0.0),  # type: ignore[arg-type]
-        leader.leads(headset, body, False, 0.1),  # type: ignore[arg-type]
-        leader.leads(page, body, False, 0.2),  # type: ignore[arg-type]
-        leader.leads(own, body, True, 0.3),  # type: ignore[arg-type]
-        leader.leads(headset, body, False, 1.0),  # type: ignore[arg-type]
-        leader.leads(headset, body, False, 1.4),  # type: ignore[arg-type]
+        leader.leads(page, nothing, False, 0.0),
+        leader.leads(headset, body, False, 0.1),
+        leader.leads(page, body, False, 0.2),
+        leader.leads(own, body, True, 0.3),
+        leader.leads(headset, body, False, 1.0),
+        leader.leads(headset, body, False, 1.4),
     ]
     assert leads == [False, True, False, True, False, True]
+
+
+def test_a_page_that_watches_a_replay_of_its_own_never_leads() -> None:
+    leader, page, own = Leader(), seat("replay"), seat("vmc")
+    assert not leader.leads(page, answer(3), False, 0.0)
+    assert leader.leads(own, answer(3), True, 0.1)
+    assert not leader.leads(page, answer(3), False, 60.0)  # although the input is silent
 
 
 def test_a_session_is_watched_with_its_token(server_of: Serving, connect: Connecting) -> None:

@@ -70,6 +70,12 @@ def test_it_is_driven() -> None:
         Player(playable(2, 50), lambda frame, afresh: None).change(Replay(speed=9))
 
 
+def test_a_leap_to_before_the_beginning_is_to_the_beginning() -> None:
+    found = played(playable(1000, 50), 1.5, (0.3, Replay(time=-3.0)))
+    place = max(k for k, (_, _, afresh) in enumerate(found) if afresh)
+    assert [frame.sequence for _, frame, _ in found[place : place + 2]] == [0, 1]  # not 3 s later
+
+
 def test_its_frames_are_good_signals() -> None:
     frame = playable(4, 50, hands=False).frame(2)
     assert frame.sequence == 2 and frame.time == pytest.approx(0.04)

@@ -30,7 +30,9 @@ def wearers(count: int) -> list[Wearer]:
 def run(those: list[Wearer], frames: int) -> list[tuple[Wearer, Answer | None]]:
     async def go() -> list[tuple[Wearer, Answer | None]]:
         found: list[tuple[Wearer, Answer | None]] = []
-        scheduler: Scheduler[Wearer] = Scheduler(lambda who, answer: found.append((who, answer)))
+        scheduler: Scheduler[Wearer] = Scheduler(
+            lambda who, answer: found.append((who, answer)), lambda who, error: None
+        )
         task = asyncio.create_task(scheduler.run())
         for k in range(frames):
             for one in those:

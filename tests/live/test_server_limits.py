@@ -218,6 +218,11 @@ def test_the_rate_is_an_average() -> None:
     assert allowed == pytest.approx(300, abs=2)  # two hundred at once, then a hundred a second
 
 
+def test_whoever_was_silent_for_long_may_send_no_more_at_once() -> None:
+    rate = RateLimit(100, 0.0)
+    assert sum(rate.allows(60.0) for _ in range(1000)) == 200
+
+
 def test_ports_that_cannot_be_had() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]

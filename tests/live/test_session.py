@@ -23,7 +23,7 @@ from bodysense.io.protocol import ProtocolError, SignalFrame
 from bodysense.observation import Observation
 from bodysense_live.answer import Answer
 from bodysense_live.estimation import step_many
-from bodysense_live.messages import Calibrate, Change, Placed, ProportionsChanged, Recentre, Said, Settings
+from bodysense_live.messages import Calibrate, Change, Notice, Placed, ProportionsChanged, Recentre, Settings
 from bodysense_live.session import Session
 
 SKELETON = default_skeleton()
@@ -189,9 +189,24 @@ def test_a_standing_second_gives_the_height() -> None:
         one.step()
     assert one.settings.height == pytest.approx(taller * stature(SKELETON.rest_offset), abs=0.03)
     assert one.height == pytest.approx(one.settings.height, abs=0.01)  # it grew to it
-    said = [note.text for note in one.notes() if isinstance(note, Said)]
+    said = [note.text for note in one.notes() if isinstance(note, Notice)]
     assert len(said) == 2 and "1.8" in said[1]
     assert one.revision == 1
+
+
+@pytest.mark.parametrize("by", ["person", "settings"])
+def test_a_height_that_the_head_contradicts_for_two_seconds_is_reported_and_released(by: str) -> None:
+    one = session(Person(height=1.5)) if by == "person" else session(Person(), height=1.5)
+    play(one, 1.5)
+    assert not [note for note in one.notes() if isinstance(note, Notice)] and one.height == pytest.approx(1.5, abs=0.01)
+    play(one, 8.0, 1.5)
+    notices = [note.text for note in one.notes() if isinstance(note, Notice)]
+    assert notices == ["your head is higher than a height of 1.50 m allows; your height is inferred from now on"]
+    assert one.settings.height is None and one.revision == 1
+    assert one.kept()[0].lengths == {} and one.height > 1.58  # it grows, slowly
+    one.change(Change({"height": 1.7}))
+    play(one, 4.0, 9.5)
+    assert one.settings.height == 1.7 and not [note for note in one.notes() if isinstance(note, Notice)]
 
 
 @pytest.mark.parametrize("tracker", ["pelvis_tracker", "tracker_3"])
@@ -233,7 +248,7 @@ def test_nobody_has_the_height_of_a_headset_on_a_table() -> None:
     one.change(Calibrate())
     play(one, 1.3, height=-0.8)
     assert one.settings.height is None
-    assert "people are 1.0 to 2.3 m high" in [note for note in one.notes() if isinstance(note, Said)][-1].text
+    assert "people are 1.0 to 2.3 m high" in [note for note in one.notes() if isinstance(note, Notice)][-1].text
 
 
 def test_what_is_not_driven_stays_as_in_standing_and_comes_back_without_a_jump() -> None:

@@ -27,7 +27,7 @@ from bodysense.io.protocol import SignalFrame
 from bodysense.io.unity import unity_position, unity_rotation
 from bodysense.observation import Observation
 from bodysense_live.inertial import FACING, IMUS, Inertial, stood_still
-from bodysense_live.messages import Calibrate, Recentre, Said
+from bodysense_live.messages import Calibrate, Notice, Recentre
 from bodysense_live.session import Session
 from bodysense_live.settings import ServerSettings
 from bodysense_live.slimevr import MOST_TRACKERS, SlimevrState, Taken, heartbeat, take
@@ -299,7 +299,7 @@ def played_session(wearer: Wearer, head: bool) -> tuple[Session, Any]:
 def test_legs_follow_their_sensors(head: bool) -> None:
     wearer = Wearer(3, LEGS)
     one, answer = played_session(wearer, head)
-    said = [note.text for note in one.notes() if isinstance(note, Said)]
+    said = [note.text for note in one.notes() if isinstance(note, Notice)]
     assert f"{len(LEGS)} inertial sensors are worn as you stand" in said
     assert answer is not None and np.isfinite(answer.points).all()
     turns = np.asarray(forward_kinematics(answer.pose)[1])

@@ -7,7 +7,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.rotation import quaternion_exp
-from bodysense.io.unity import from_unity_rotation, unity_euler, unity_position, unity_rotation
+from bodysense.io.unity import (
+    driver_rotation,
+    from_driver_rotation,
+    from_unity_rotation,
+    unity_euler,
+    unity_position,
+    unity_rotation,
+)
 
 MIRROR = np.diag([-1.0, 1.0, 1.0])
 
@@ -56,3 +63,12 @@ def test_what_a_person_does(vector: tuple[float, ...], angles: tuple[float, ...]
 def test_the_left_hand_is_left_there_too() -> None:
     """In Unity a body that faces +Z has its left hand at −X."""
     np.testing.assert_array_equal(unity_position(np.array([0.8, 1.4, 0.1])), [-0.8, 1.4, 0.1])
+
+
+def test_what_faces_plus_z_faces_minus_z_in_a_drivers_axes(turns: Rotation) -> None:
+    """Steam's devices look along −Z: the same thing in the same world, up where it was."""
+    theirs = Rotation.from_quat(driver_rotation(ours(turns)))
+    for of_theirs, of_ours in (([0, 0, -1.0], [0, 0, 1.0]), ([0, 1.0, 0], [0, 1.0, 0]), ([-1.0, 0, 0], [1.0, 0, 0])):
+        np.testing.assert_allclose(theirs.apply(of_theirs), turns.apply(of_ours), atol=1e-12)
+    back = Rotation.from_quat(from_driver_rotation(driver_rotation(ours(turns))), scalar_first=True)
+    np.testing.assert_allclose((back * turns.inv()).magnitude(), 0, atol=1e-7)

@@ -16,7 +16,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.gltf.humanoid import VRM_BONES, unity_bone
 from bodysense.io.osc import DATAGRAM
 from bodysense_live.vmc import vmc_packets
-from bodysense_live.vrchat import TRACKERS, vrchat_packets
+from bodysense_live.vrchat import PARTS, TRACKERS, parts_of, vrchat_packets
 
 MIRROR = np.diag([-1.0, 1.0, 1.0])
 # Unity's documentation, HumanBodyBones, without eyes and jaw.
@@ -57,17 +57,16 @@ def test_a_receiver_puts_every_joint_where_it_is(waving_clip: Clip, frame: int) 
         np.testing.assert_allclose(MIRROR @ place[joint], position[joint], atol=2e-6, err_msg=name)
 
 
-def test_all_of_unitys_bones_are_sent_by_their_names(waving_clip: Clip) -> None:
+def test_all_of_unitys_bones_are_sent_by_their_names_and_then_ok_and_time(waving_clip: Clip) -> None:
     packets = vmc_packets(posed(waving_clip, 5), 12.5, tracked=False)
-    assert all(len(packet) <= DATAGRAM for packet in packets)
+    assert len(packets) == 1
     messages = read(packets)
-    assert messages[0] == ("/VMC/Ext/OK", [1, 3, 0, 0])
-    assert messages[1] == ("/VMC/Ext/T", [12.5])
-    assert messages[2] == ("/VMC/Ext/Root/Pos", ["root", 0, 0, 0, 0, 0, 0, 1])
-    assert [address for address, _ in messages[3:]] == ["/VMC/Ext/Bone/Pos"] * 52
-    names = [params[0] for _, params in messages[3:]]
+    assert messages[0] == ("/VMC/Ext/Root/Pos", ["root", 0, 0, 0, 0, 0, 0, 1])
+    assert messages[-2:] == [("/VMC/Ext/OK", [1, 3, 0, 0]), ("/VMC/Ext/T", [12.5])]
+    assert [address for address, _ in messages[1:-2]] == ["/VMC/Ext/Bone/Pos"] * 52
+    names = [params[0] for _, params in messages[1:-2]]
     assert len(set(names)) == 52 and set(names) == HUMAN_BODY_BONES
-    lengths = [np.linalg.norm(params[4:]) for _, params in messages[3:]]
+    lengths = [np.linalg.norm(params[4:]) for _, params in messages[1:-2]]
     np.testing.assert_allclose(lengths, 1, atol=1e-6)
 
 
@@ -84,7 +83,7 @@ def test_the_t_pose_is_no_turn_and_thumbs_hang_in_it_as_turns() -> None:
 def test_vrchats_trackers_are_joints_in_unitys_world(waving_clip: Clip, frame: int) -> None:
     pose = posed(waving_clip, frame)
     position, rotation = forward_kinematics(pose)
-    packets = vrchat_packets(pose)
+    packets = vrchat_packets(pose, parts=PARTS)
     assert len(packets) == 1 and len(packets[0]) <= DATAGRAM
     found = dict(read(packets))
     assert set(found) == {
@@ -97,6 +96,19 @@ def test_vrchats_trackers_are_joints_in_unitys_world(waving_clip: Clip, frame: i
         turned = Rotation.from_euler("zxy", [z, x, y], degrees=True).as_matrix()
         wanted = Rotation.from_quat(rotation[pose.skeleton.index(turn)][[1, 2, 3, 0]]).as_matrix()
         np.testing.assert_allclose(MIRROR @ turned @ MIRROR, wanted, atol=1e-6)
+
+
+def test_vrchat_is_sent_hip_and_feet_unless_more_parts_are_chosen(waving_clip: Clip) -> None:
+    """VRChat's documentation advises against always sending all eight."""
+
+    def numbers(*parts: str) -> set[str]:
+        packets = vrchat_packets(posed(waving_clip, 5), parts=parts) if parts else vrchat_packets(posed(waving_clip, 5))
+        return {address.split("/")[3] for address, _ in read(packets)}
+
+    assert numbers() == {"1", "2", "3", "head"}
+    assert numbers(*parts_of("knees, chest")) == {"4", "5", "6", "head"}
+    with pytest.raises(BodysenseError, match="'hips' is not a tracker of VRChat; give a list of hip, feet, knees"):
+        parts_of("hips,feet")
 
 
 def test_only_whole_poses_of_people_are_sent(waving_clip: Clip) -> None:

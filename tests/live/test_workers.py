@@ -20,13 +20,15 @@ from websockets import WebSocketException
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
+from bodysense.body.person import Person
 from bodysense.io.protocol import SUBPROTOCOL
 from bodysense_live.launch import prepared
 from bodysense_live.links import listen_tcp
 from bodysense_live.message_text import write_message
 from bodysense_live.messages import Hello, Resume, Settings
-from bodysense_live.session_store import SessionStore
+from bodysense_live.session_store import Kept, SessionStore
 from bodysense_live.settings import ServerSettings
+from bodysense_live.webxr import Placement
 from bodysense_live.workers import Workers, _take, _Worker, hand_out
 
 from .conftest import DEVICES, Connecting, Serving
@@ -128,6 +130,7 @@ def resumed(address: str, resume: Resume | None) -> dict[str, Any] | None:
         return None
 
 
+@pytest.mark.alone
 @pytest.mark.slow
 def test_a_killed_worker_is_replaced_and_its_wearers_resume() -> None:
     command = [sys.executable, "-m", "bodysense", "serve", "--port", "0", "--workers", "2"]
@@ -172,6 +175,18 @@ def test_two_servers_resume_one_anothers_sessions(server_of: Serving, connect_to
     assert second["settings"]["mirror"] and second["height"] == pytest.approx(1.6)
     assert not connect_to(other, resume=Resume(first["session"], "another")).welcome["resumed"]
     assert not connect_to(one, resume=Resume("../../etc/passwd", "x")).welcome["resumed"]
+
+
+def test_a_kept_session_is_given_to_its_own_token_and_not_for_ever(tmp_path: Path) -> None:
+    store, identity = SessionStore(tmp_path, 10), 16 * "a"
+    kept = Kept("its own", "watch", "ada", Settings(), Person(height=1.6), Placement(0.5, (1.0, 0.0, 2.0)), {})
+    store.put(identity, kept)
+    found = store.take(Resume(identity, "its own"))
+    assert found is not None and found.name == "ada" and found.placement.heading == 0.5
+    assert store.take(Resume(identity, "another's")) is None
+    long_ago = time.time() - 11
+    os.utime(tmp_path / f"{identity}.json", (long_ago, long_ago))
+    assert store.take(Resume(identity, "its own")) is None
 
 
 def test_what_lies_in_the_folder_may_be_anything(tmp_path: Path) -> None:

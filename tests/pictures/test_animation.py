@@ -214,6 +214,7 @@ def test_a_lens_that_cannot_be() -> None:
         Lens(width=0)
 
 
+@pytest.mark.alone
 @pytest.mark.slow
 def test_a_picture_is_drawn_in_little_time(waving_clip: Clip) -> None:
     """The aim is 30 ms on a core of its own; thrice that is a defect."""

@@ -1,9 +1,8 @@
 /** The page: sources, the engine and the person meet here. */
 
-import type { Clip, SensorSet } from "./core/clip";
-import type { Observation } from "./core/observation";
-import { HEIGHTS, NOBODY, personOf, type Person } from "./core/person";
-import { restHeight, withOffsets, type Skeleton } from "./core/skeleton";
+import type { Clip, SensorSet } from "./body/clip";
+import type { Observation } from "./body/observation";
+import { restHeight, withOffsets, type Skeleton } from "./body/skeleton";
 import type { Engine } from "./engine/engine";
 import { unpacked, type DefaultBody } from "./engine/files";
 import { FirstPicture, openPerformance, type FirstFiles } from "./first";
@@ -33,16 +32,13 @@ import { YouPanel } from "./ui/you_panel";
 import { Bodies } from "./view/bodies";
 import type { View } from "./view/scene";
 import { OWN } from "./view/wardrobe";
-import { measurementOf, personFrom } from "./wearer";
+import { HEIGHTS, measurementOf, personFrom, personOf, type Person } from "./wearer";
 
 const FILE_GUIDE =
   "A simulated headset sees this motion, and the rest is completed. Settings choose what it sees; Truth shows the motion itself.";
 const NO_INPUT =
   "This server has no input of its own: what you see is the page's performance. Start the server with --replay, --vmc-in or --vmt.";
 const FACTS_EVERY = 150; // ms
-const STANDING = { least: 1.28, most: 1.95 } as const; // m: between them is the head joint of somebody who stands
-const GUESSED = 0.04; // m: standard deviation of a head in its first frame
-const GUESS_LASTS = 1.5; // s
 const OWN_AVATAR = "avatar.vrm.gz";
 
 export class App {
@@ -54,12 +50,11 @@ export class App {
   private readonly body: DefaultBody;
   private readonly about: About;
   private readonly welcome = element("lead").textContent;
-  private readonly first = new FirstPicture(() => this.goOn());
+  private readonly first = new FirstPicture(() => this.attempt(() => this.wearOwn()));
   private shownAt = 0; // ms
   private toldAt = 0; // ms
   private readonly playback = new Playback();
   private readonly measuring = new Measuring((text) => this.say(text));
-  private guess: { readonly person: Person; since: number | null } | null = null; // s, of the first body
   private readonly notice = new Notice();
   private readonly bodies: Bodies;
   private readonly live: Live;
@@ -135,6 +130,7 @@ export class App {
     this.bind();
     this.repaint();
     onSystemChange(() => this.repaint());
+    engine.open(); // in a worker, while the first picture is drawn
     engine.opened.catch((error: unknown) => this.fault(error));
     this.attempt(async () => {
       await (about.server ? this.watchServer() : this.perform());
@@ -245,7 +241,6 @@ export class App {
     this.source = source;
     this.tree = this.body.skeleton;
     this.live.begin(this.personOf(source));
-    this.guess = null;
     this.measuring.forget();
     this.bodies.clear(); // until the first body is there
     this.playback.goLive();
@@ -253,7 +248,6 @@ export class App {
     this.sensors.offer(source.sensors, source instanceof ClipSource);
     button("door-performance").hidden = source instanceof ClipSource && source.clip === this.performance;
     this.view.reset();
-    if (!(source instanceof ClipSource)) this.engine.open();
   }
 
   private simulate(sensors: SensorSet): void {
@@ -309,33 +303,12 @@ export class App {
 
   /** One frame of the headset. */
   private tracked(frame: Observation): void {
-    this.guessHeight(frame);
     const person = this.measuring.take(frame);
     if (!person) return;
-    this.guess = null;
     this.change({ height: null, measured: measurementOf(person) });
     this.live.tell(person);
     this.you.show(null, this.settings.measured);
     this.say("You are measured.");
-  }
-
-  /** The body of a wearer of whom nothing is known begins as tall as their head is high, until more is seen. */
-  private guessHeight({ time, points }: Observation): void {
-    const head = points.find(({ name }) => name === "head")?.position?.[1] ?? 0;
-    if (
-      this.live.person === NOBODY &&
-      !this.live.newest &&
-      !this.guess &&
-      head > STANDING.least &&
-      head < STANDING.most
-    ) {
-      this.guess = { person: { ...NOBODY, head: { value: head, deviation: GUESSED } }, since: null };
-      this.live.begin(this.guess.person);
-    }
-    if (this.guess && this.live.newest) this.guess.since ??= time;
-    if (!this.guess?.since || time - this.guess.since < GUESS_LASTS) return;
-    if (this.live.person === this.guess.person) this.live.tell(NOBODY);
-    this.guess = null;
   }
 
   /** The height of the body that is shown, m. */
@@ -388,7 +361,9 @@ export class App {
     this.change({ figure: next === null ? "figure" : "avatar" });
   }
 
+  /** Wear the page's own avatar; not before bodies are completed, which it would hold up. */
   private async wearOwn(): Promise<void> {
+    await Promise.allSettled([this.engine.opened]);
     const { Avatar, readGlb } = await import("./view/avatar"); // three-vrm is fetched when it is wanted
     const avatar = Avatar.of(await readGlb(await unpacked(this.base, OWN_AVATAR), OWN_AVATAR), OWN_AVATAR);
     if (!avatar) return;
@@ -433,12 +408,6 @@ export class App {
   /** Whatever goes wrong is said in one line. */
   private attempt(what: () => Promise<void>): void {
     void what().catch((error: unknown) => this.fault(error));
-  }
-
-  /** What would hold up the first picture. */
-  private goOn(): void {
-    this.engine.open();
-    this.attempt(() => this.wearOwn());
   }
 
   private draw(milliseconds: number, frame: XRFrame | undefined): void {

@@ -1,7 +1,7 @@
 /** The first picture: what it needs, and when it moves. */
 
-import type { Clip } from "./core/clip";
-import { readNpz } from "./core/npz";
+import type { Clip } from "./body/clip";
+import { readNpz } from "./files/npz";
 import { defaultBody, fetched, type DefaultBody } from "./engine/files";
 import { amassClip } from "./files/amass";
 import type { Moment } from "./history";

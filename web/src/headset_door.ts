@@ -1,6 +1,6 @@
 /** The headset's door: what is missing for it, its menu in VR, and what happens when it is taken off. */
 
-import type { Observation } from "./core/observation";
+import type { Observation } from "./body/observation";
 import type { DefaultBody } from "./engine/files";
 import type { Live } from "./live";
 import { Headset, missingForHeadset } from "./sources/headset";

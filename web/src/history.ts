@@ -1,7 +1,7 @@
 /** What was completed, bounded: the timeline and the files that are saved read from here. */
 
-import type { Point } from "./core/observation";
-import type { Body } from "./core/skeleton";
+import type { Point } from "./body/observation";
+import type { Body } from "./body/skeleton";
 
 /** How a body moved, as files have it. */
 export interface BodyFrame {

@@ -1,12 +1,12 @@
 /** The live body: what a source tracks goes to the worker, what comes back goes to the history. */
 
-import type { Observation } from "./core/observation";
-import { NOBODY, type Person } from "./core/person";
-import type { Body, Skeleton } from "./core/skeleton";
-import { TRACKER_SETTINGS, type TrackerSettings } from "./core/tracker";
+import type { Observation } from "./body/observation";
+import type { Body, Skeleton } from "./body/skeleton";
 import type { Engine, Step } from "./engine/engine";
+import { TRACKER_SETTINGS, type TrackerSettings } from "./engine/tracker";
 import { History } from "./history";
 import type { Sink } from "./sources/source";
+import { NOBODY, type Person } from "./wearer";
 
 const MOST_WAITING = 2; // frames in the worker: newer ones are left out rather than queued
 const COUNTED = 600; // steps that times are taken of

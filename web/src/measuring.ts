@@ -1,8 +1,8 @@
 /** Measuring the wearer: a countdown, two seconds of standing still, and a question if the result looks like a crouch. */
 
-import { calibrated, LASTS } from "./core/calibration";
-import type { Observation } from "./core/observation";
-import type { Person } from "./core/person";
+import { calibrated, LASTS } from "./calibration";
+import type { Observation } from "./body/observation";
+import type { Person } from "./wearer";
 
 const COUNTDOWN = 3; // s to stand up straight
 const LOWER = 0.12; // m under the highest head so far that looks like a crouch
@@ -53,8 +53,8 @@ export class Measuring {
   }
 
   private believed(person: Person): Person {
-    const head = person.head?.value ?? 0;
-    const reach = person.lengths[0]?.value ?? null;
+    const head = person.head ?? 0;
+    const reach = person.lengths?.[0]?.value ?? null;
     const isCrouch = head < this.highest - LOWER || (reach === null ? head < LOW : head < HEAD_OF_REACH * reach);
     const isSame = this.doubted !== null && Math.abs(head - this.doubted) < AGAIN;
     this.doubted = isCrouch && !isSame ? head : null;

@@ -152,7 +152,7 @@ export interface Placed {
 }
 
 /** Something for the person to read. */
-export interface Said {
+export interface Notice {
   type: "said";
   text: string;
 }
@@ -171,7 +171,7 @@ export interface Pong {
 
 export type ClientMessage = Hello | Change | Recentre | RecordSwitch | Calibrate | Ping | Replay;
 
-export type ServerMessage = Welcome | ProportionsChanged | Placed | Said | Refused | Pong;
+export type ServerMessage = Welcome | ProportionsChanged | Placed | Notice | Refused | Pong;
 
 /** A point of a signal frame: by its place in the hello, in the signal's own world. Quaternions are w x y z. */
 export interface SignalPoint {

@@ -1,10 +1,9 @@
 /** What a person set up, saved in this browser. */
 
-import { SENSOR_SETS, type SensorSet } from "./core/clip";
-import { HEIGHTS } from "./core/person";
+import { SENSOR_SETS, type SensorSet } from "./body/clip";
 import { COLOURINGS } from "./view/colours";
 import type { Shown } from "./view/bodies";
-import { measurementFrom, type Measurement } from "./wearer";
+import { HEIGHTS, measurementFrom, type Measurement } from "./wearer";
 
 export const THEMES = ["auto", "light", "dark"] as const;
 export type Theme = (typeof THEMES)[number];

@@ -1,7 +1,11 @@
-/** What is known of the wearer from one source to the next, and from one visit to the next. */
+/** What is known of the wearer, from one source to the next, and from one visit to the next. */
 
-import { DEVIATION } from "./core/calibration";
-import { NOBODY, personOf, type Person } from "./core/person";
+import type { Person as Known } from "@bodysense/core";
+import { DEVIATION } from "./calibration";
+
+export interface Person extends Known {
+  readonly head?: number; // m: height of the standing wearer's head joint, from which an unknown height follows
+}
 
 /** What measuring found. */
 export interface Measurement {
@@ -9,8 +13,19 @@ export interface Measurement {
   readonly reach: number | null; // m, from wrist to wrist
 }
 
+export const NOBODY: Person = {};
+export const HEIGHTS = { least: 1.0, most: 2.3 } as const; // m
 const HEADS = { least: 0.8, most: 2.2 } as const; // m
 const REACHES = { least: 0.9, most: 2.0 } as const; // m
+
+/** A person of a known height. Throws an Error of one line for a height that no person has. */
+export function personOf(height: number | null): Person {
+  if (height === null) return NOBODY;
+  if (!(height >= HEIGHTS.least && height <= HEIGHTS.most)) {
+    throw new Error(`A height of ${height} m is not a person's; give ${HEIGHTS.least} to ${HEIGHTS.most} m.`);
+  }
+  return { height };
+}
 
 /** A person for the engine. A known height counts more than the measured head. */
 export function personFrom(height: number | null, measured: Measurement | null): Person {
@@ -18,12 +33,12 @@ export function personFrom(height: number | null, measured: Measurement | null):
   const lengths =
     reach === null ? [] : [{ start: "left_wrist", end: "right_wrist", value: reach, deviation: DEVIATION }];
   if (height !== null) return { ...personOf(height), lengths };
-  return head === null ? NOBODY : { height: null, head: { value: head, deviation: DEVIATION }, lengths };
+  return head === null ? NOBODY : { head, lengths };
 }
 
 /** What calibration found, as it is kept. */
 export function measurementOf({ head, lengths }: Person): Measurement | null {
-  return head ? { head: head.value, reach: lengths[0]?.value ?? null } : null;
+  return head === undefined ? null : { head, reach: lengths?.[0]?.value ?? null };
 }
 
 /** A measurement that was kept; null if it is none, or nobody's. */

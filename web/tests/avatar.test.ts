@@ -2,7 +2,7 @@ import { Vector3 } from "three";
 import { describe, expect, it } from "vitest";
 import { Avatar, readGlb } from "../src/view/avatar";
 import { boneOf } from "../src/view/retarget";
-import { place } from "../src/core/skeleton";
+import { place } from "../src/body/skeleton";
 import { moment, skeleton } from "./body";
 import { vrmBytes } from "./vrm_file.mjs";
 

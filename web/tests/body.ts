@@ -1,7 +1,7 @@
 /** Bodies for the tests: the default tree, seeded poses. */
 
 import { readFileSync } from "node:fs";
-import { place, skeletonOfRows, type Skeleton, type SkeletonRows } from "../src/core/skeleton";
+import { place, skeletonOfRows, type Skeleton, type SkeletonRows } from "../src/body/skeleton";
 import type { Moment } from "../src/history";
 
 const body = JSON.parse(

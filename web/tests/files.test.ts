@@ -7,7 +7,7 @@ import { History } from "../src/history";
 import { bvhText, eulerZXY } from "../src/out/bvh";
 import { glbBytes, vrmaBytes } from "../src/out/glb";
 import { resample } from "../src/out/resample";
-import { place } from "../src/core/skeleton";
+import { place } from "../src/body/skeleton";
 import { moment, numbers, skeleton } from "./body";
 
 /** three.js' exporter reads blobs as browsers do. */

@@ -2,8 +2,8 @@
 
 import { Group, Scene } from "three";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import { axisAngle, rotate, type Quaternion, type Vector } from "../src/core/math";
-import type { Observation } from "../src/core/observation";
+import { axisAngle, rotate, type Quaternion, type Vector } from "../src/body/math";
+import type { Observation } from "../src/body/observation";
 import type { Live } from "../src/live";
 import { Headset, missingForHeadset } from "../src/sources/headset";
 import type { View } from "../src/view/scene";

@@ -1,8 +1,8 @@
 /** Landmarks of a webcam as points of the body. */
 
 import { describe, expect, it } from "vitest";
-import { LandmarkPoints, type Landmarks } from "../src/core/landmarks";
-import type { Vector } from "../src/core/math";
+import { LandmarkPoints, type Landmarks } from "../src/sources/landmarks";
+import type { Vector } from "../src/body/math";
 import { skeleton } from "./body";
 
 const AWAY = 3; // m

@@ -1,7 +1,7 @@
 /** Files that are dropped: motions of many rigs, recordings, and what is none of them. */
 
 import { describe, expect, it } from "vitest";
-import { bodyAt } from "../src/core/clip";
+import { bodyAt } from "../src/body/clip";
 import { readBvh } from "../src/files/bvh_read";
 import { openFile } from "../src/files/open";
 import { recordingOfLines } from "../src/files/recording";

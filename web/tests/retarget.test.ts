@@ -3,7 +3,7 @@ import { VRMHumanBoneList } from "@pixiv/three-vrm";
 import { describe, expect, it } from "vitest";
 import { Mirror } from "../src/view/mirror";
 import { boneOf, drivenJoints, localRotation } from "../src/view/retarget";
-import { place } from "../src/core/skeleton";
+import { place } from "../src/body/skeleton";
 import { Thrift } from "../src/view/thrift";
 import { moment, skeleton } from "./body";
 

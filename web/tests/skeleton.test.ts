@@ -1,6 +1,6 @@
 import { Object3D, Vector3 } from "three";
 import { describe, expect, it } from "vitest";
-import { meanDistance, place, restHeight, rootHeight } from "../src/core/skeleton";
+import { meanDistance, place, restHeight, rootHeight } from "../src/body/skeleton";
 import { moment, skeleton } from "./body";
 
 describe("forward kinematics", () => {

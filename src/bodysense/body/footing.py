@@ -11,7 +11,9 @@ FADE = 0.2  # s in which a foot that is lifted comes back to where it would have
 FARTHEST = 0.12  # m that a foot is moved at most: farther off it is the contact that is wrong
 
 
-def stopped_slide(place: np.ndarray, contact: np.ndarray, free: np.ndarray, seconds: float) -> np.ndarray:
+def stopped_slide(
+    place: np.ndarray, contact: np.ndarray, free: np.ndarray, seconds: float, farthest: float = FARTHEST
+) -> np.ndarray:
     """How far (T, 3) m to move a foot along the floor in `free` frames; 0 in all others.
 
     Where the foot stands up to a frame that is not free, it stands where it is in that frame; between two of them that
@@ -22,6 +24,7 @@ def stopped_slide(place: np.ndarray, contact: np.ndarray, free: np.ndarray, seco
         contact: (T, K) probability that they do.
         free: (T,) bool: frames in which the foot may be moved.
         seconds: between frames.
+        farthest: m that the foot is moved at most.
     """
     shift = np.zeros((len(place), 3))
     for first, end in runs(free):
@@ -37,7 +40,7 @@ def stopped_slide(place: np.ndarray, contact: np.ndarray, free: np.ndarray, seco
                 gone = (np.arange(fading) + 1) / (fading + 1)
                 shift[frames] += (1 - gone**2 * (3 - 2 * gone))[:, None] * shift[start if side < 0 else stop - 1]
     size = np.linalg.norm(shift, axis=-1, keepdims=True)
-    return shift * np.minimum(1, FARTHEST / np.maximum(size, 1e-9))
+    return shift * np.minimum(1, farthest / np.maximum(size, 1e-9))
 
 
 def _resting(contact: np.ndarray) -> np.ndarray:

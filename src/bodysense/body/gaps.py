@@ -19,7 +19,8 @@ from bodysense.body.rotation import (
     slerp,
 )
 
-COASTING = 0.3  # s in which the speed beside a gap fades
+COASTING = 0.8  # s in which the speed beside a gap fades; gaps shorter than that are cubics. Validation people
+BRIEF = 0.25  # s: in a gap no longer than this, known on both sides, a guess tells nothing more
 SMOOTH = 0.07  # s, deviation of the bell that takes the tremble from the tracker's guess
 
 
@@ -30,7 +31,12 @@ def runs(present: np.ndarray) -> list[tuple[int, int]]:
 
 
 def filled(
-    rotation: np.ndarray, missing: np.ndarray, seconds: float, guess: np.ndarray | None = None, trusted: float = 1.0
+    rotation: np.ndarray,
+    missing: np.ndarray,
+    seconds: float,
+    guess: np.ndarray | None = None,
+    trusted: float = 1.0,
+    coasting: float = COASTING,
 ) -> np.ndarray:
     """Rotations (T, 4) of one joint, filled where `missing` (T,).
 
@@ -40,44 +46,59 @@ def filled(
         seconds: between frames.
         guess: (T, 4) of all frames; None turns the joint from one side of every gap to the other.
         trusted: s away from known frames where the guess counts half.
+        coasting: s in which the speed beside a gap fades.
     """
     result = np.array(rotation)
     for first, end in runs(missing):
         sided = first > 0 or end < len(missing)
-        if guess is not None and (not sided or end - first > 1):
+        brief = first > 0 and end < len(missing) and (end - first) * seconds <= BRIEF
+        if guess is not None and not brief and (not sided or end - first > 1):
             inside = guess[first:end]
             if sided:
                 away = _away(first, end, len(missing)) * seconds
                 share = away**2 / (away**2 + trusted**2)
                 bent = _bent(result, inside, first, end, seconds)
-                inside = slerp(_turn(result, missing, first, end, seconds), bent, share)
+                inside = slerp(_turn(result, missing, first, end, coasting / seconds), bent, share)
         else:
-            inside = _turn(result, missing, first, end, seconds) if sided else result[first:end]
+            inside = _turn(result, missing, first, end, coasting / seconds) if sided else result[first:end]
         result[first:end] = quaternion_canonical(inside)
     return result
 
 
-def _turn(rotation: np.ndarray, missing: np.ndarray, first: int, end: int, seconds: float) -> np.ndarray:
+def _turn(rotation: np.ndarray, missing: np.ndarray, first: int, end: int, fading: float) -> np.ndarray:
     """Rotations (N, 4) from one side of a gap to the other; held where there is one side.
 
-    The speed on either side goes on and fades within `COASTING`; between, the turn is at constant speed.
+    The speed on either side goes on and fades within `fading` frames; between, the turn is at constant speed. A gap
+    shorter than that is the cubic through the two known frames on either side.
     """
     frames, count = len(rotation), end - first
     before, after = rotation[first - 1 if first else end], rotation[end if end < frames else first - 1]
-    step = _difference(before, after) / (count + 1)
-    gone = np.arange(1.0, count + 1)[:, None]
-    left = count + 1 - gone
-    way = gone * step
-    if first > 1:
-        way = way + gone * _fading(gone * seconds) * (_difference(rotation[first - 2], before) - step)
+    whole = _difference(before, after)
+    span = count + 1
+    step, coasting = whole / span, min(fading, span)
+    led, left = np.zeros(3), np.zeros(3)  # how much faster than `step` the known frames on either side turn
+    if first > 1 and not missing[first - 2]:
+        led = _difference(rotation[first - 2], before) - step
     if end < frames - 1 and not missing[end + 1]:
-        way = way - left * _fading(left * seconds) * (_difference(after, rotation[end + 1]) - step)
+        left = _rate_at(whole, _difference(after, rotation[end + 1])) - step
+    # Speeds at the sides of which those to the frame beyond are chords.
+    own, other = (1 + 1 / coasting) ** 2, (span + 1) / span**2 if coasting == span and first > 0 and end < frames else 0
+    led, left = (own * led - other * left) / (own**2 - other**2), (own * left - other * led) / (own**2 - other**2)
+    gone = np.arange(1.0, count + 1)[:, None]
+    way = gone * step + gone * _fading(gone / coasting) * led
+    way = way - (span - gone) * _fading((span - gone) / coasting) * left
     return np.asarray(quaternion_multiply(np.broadcast_to(before, (count, 4)), quaternion_exp(way)))
 
 
-def _fading(time: np.ndarray) -> np.ndarray:
-    """From 1 to 0 within `COASTING`."""
-    return np.maximum(0.0, 1 - time / COASTING) ** 2
+def _rate_at(turn: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """How fast a rotation vector (3,) changes if what it turns has an angular velocity (3,) in its own axes."""
+    across = np.cross(turn, speed)
+    return speed + across / 2 + np.cross(turn, across) / 12
+
+
+def _fading(share: np.ndarray) -> np.ndarray:
+    """From 1 at 0 to 0 at 1."""
+    return np.maximum(0.0, 1 - share) ** 2
 
 
 def _away(first: int, end: int, frames: int) -> np.ndarray:

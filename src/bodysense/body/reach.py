@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
@@ -26,26 +28,32 @@ def reaching(pose: Pose, end: str, target: np.ndarray) -> Pose:
     The limb bends in the plane in which it lies; where it is straight, as its elbow or knee does. The hand or foot
     keeps its rotation in the world.
     """
-    skeleton = pose.skeleton
-    tip = skeleton.index(end)
-    middle = skeleton.parents[tip]
-    first = skeleton.parents[middle]
+    return reaching_all(pose, {end: target})
+
+
+def reaching_all(pose: Pose, targets: Mapping[str, np.ndarray]) -> Pose:
+    """`reaching` of several limbs, by their wrists and ankles."""
+    skeleton, rotation = pose.skeleton, np.array(pose.rotation)
     position, world = (np.asarray(part) for part in forward_kinematics(pose))
-    upper, lower = position[..., middle, :] - position[..., first, :], position[..., tip, :] - position[..., middle, :]
-    a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
-    way = target - position[..., first, :]
-    distance = np.clip(np.linalg.norm(way, axis=-1), np.abs(a - b) + 1e-6, STRAIGHT * (a + b))
-    wanted = np.arccos(np.clip((distance**2 - a**2 - b**2) / (2 * a * b), -1, 1))
-    axis, bend = _plane(upper, lower, _hinge(skeleton.joints[middle], world[..., middle, :]))
-    flexed = quaternion_exp((wanted - bend)[..., None] * axis)
-    swung = shortest_arc(upper + quaternion_rotate(flexed, lower), way)
-    above = quaternion_multiply(swung, world[..., first, :])
-    below = quaternion_multiply(swung, quaternion_multiply(flexed, world[..., middle, :]))
-    rotation = np.array(pose.rotation)
-    parent = world[..., skeleton.parents[first], :]
-    chain = ((first, parent, above), (middle, above, below), (tip, below, world[..., tip, :]))
-    for joint, base, turned in chain:
-        rotation[..., joint, :] = quaternion_canonical(quaternion_multiply(quaternion_conjugate(base), turned))
+    for end, target in targets.items():
+        tip = skeleton.index(end)
+        middle = skeleton.parents[tip]
+        first = skeleton.parents[middle]
+        upper = position[..., middle, :] - position[..., first, :]
+        lower = position[..., tip, :] - position[..., middle, :]
+        a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
+        way = target - position[..., first, :]
+        distance = np.clip(np.linalg.norm(way, axis=-1), np.abs(a - b) + 1e-6, STRAIGHT * (a + b))
+        wanted = np.arccos(np.clip((distance**2 - a**2 - b**2) / (2 * a * b), -1, 1))
+        axis, bend = _plane(upper, lower, _hinge(skeleton.joints[middle], world[..., middle, :]))
+        flexed = quaternion_exp((wanted - bend)[..., None] * axis)
+        swung = shortest_arc(upper + quaternion_rotate(flexed, lower), way)
+        above = quaternion_multiply(swung, world[..., first, :])
+        below = quaternion_multiply(swung, quaternion_multiply(flexed, world[..., middle, :]))
+        parent = world[..., skeleton.parents[first], :]
+        chain = ((first, parent, above), (middle, above, below), (tip, below, world[..., tip, :]))
+        for joint, base, turned in chain:
+            rotation[..., joint, :] = quaternion_canonical(quaternion_multiply(quaternion_conjugate(base), turned))
     return Pose(skeleton, pose.root_position, rotation)
 
 

@@ -1,4 +1,4 @@
-"""The command `bodysense`: one function a subcommand; heavy imports wait until a command needs them."""
+"""The command `bodysense`: one function for each subcommand. Heavy imports wait until a command needs them."""
 
 from __future__ import annotations
 
@@ -11,22 +11,25 @@ from bodysense.errors import BodysenseError, missing_package
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line. Returns the exit status: a command's own, or 2 for what the user gave wrong."""
-    try:  # from the first import on: it takes a while, in which Ctrl-C may come
+    """Run the command line. Returns the exit status: a command's own, or 2 for an error of the user's input."""
+    try:  # the first imports take a while, in which Ctrl-C may come
         from bodysense.cli.application import application
         from bodysense.cli.overwriting import checked_arguments
         from bodysense.cli.packages import check_installed, lines_of_missing
+        from bodysense.cli.parsing import run
+        from bodysense.cli.quiet import QUIET, quietly
 
         given = checked_arguments(sys.argv[1:] if arguments is None else arguments)
         if list(given) == ["--version"]:
             print(f"bodysense {__version__}")
             return 0
         check_installed(given)
-        try:
-            description = "\n\n".join([_description(), *lines_of_missing()])
-            status = application().cli(prog="bodysense", description=description, args=given)
-        except ModuleNotFoundError as error:
-            raise missing_package(error) from None
+        description = "\n\n".join([_description(), *lines_of_missing()])
+        with quietly(QUIET in given):
+            try:
+                status = run(application(), description, [word for word in given if word != QUIET])
+            except ModuleNotFoundError as error:
+                raise missing_package(error) from None
     except BodysenseError as error:
         print("bodysense:", " ".join(str(error).splitlines()), file=sys.stderr)
         return 2
@@ -34,10 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.close()
         return 1
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
-            raise
-        where = f" for {error.filename}" if error.filename else ""
-        print(f"bodysense: the disk is full{where}; free some space and run the same command again", file=sys.stderr)
+        print("bodysense:", _line_of(error), file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("bodysense: stopped", file=sys.stderr)
@@ -45,13 +45,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return status or 0
 
 
+def _line_of(error: OSError) -> str:
+    """Return a line about a file or a device that failed."""
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        where = f" for {error.filename}" if error.filename else ""
+        return f"the disk is full{where}; free some space and run the same command again"
+    where = f"{error.filename}: " if error.filename else ""
+    return f"{where}{error.strerror or error}; check the path and its permissions, and run the same command again"
+
+
 def _description() -> str:
     return (
         f"Completes a human body, hands included, from partial tracking. Version {__version__} (--version). "
-        "With any command, --overwrite lets an output take the place of an input."
+        "With any command, --overwrite lets an output take the place of an input, and --quiet prints warnings and "
+        "errors only."
     )
 
 
 def entry_point() -> None:
-    """What the installed script calls."""
+    """Run the command line as the installed script does."""
     sys.exit(main())

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from bodysense.cli.options import Reading
-from bodysense.errors import BodysenseError
+from bodysense.cli.summary import write_summary
+from bodysense.files import check_place, make_folder
 from bodysense.io.rigs.options import AS_FOUND
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ class DemoRow:
 def demo(
     file: Annotated[Path | None, tyro.conf.Positional] = None,
     out: Annotated[Path, tyro.conf.arg(aliases=("-o",))] = Path("bodysense-demo"),
+    json: Path | None = None,
     reading: Reading = AS_FOUND,
 ) -> None:
     """Complete a motion from head and hands, and from what a headset's cameras see; write BVH files and pictures.
@@ -46,6 +48,7 @@ def demo(
         file: motion of your own, .bvh or AMASS .npz; without one, the packaged performance, on a body that no network
             was trained on.
         out: folder for truth.bvh, hands.bvh, result.bvh, demo.webp and demo.png.
+        json: file for the result as JSON: outputs, and the mean errors of hidden joints in cm.
         reading: what the file does not say of itself.
     """
     from rich.console import Console
@@ -62,12 +65,11 @@ def demo(
     from bodysense.scoring import RATE
     from bodysense.take import track
 
+    if json is not None:
+        check_place(json)
+    check_place(make_folder(out) / "demo.png")
     console = Console()
     clip = resample(load_clip(file, reading) if file is not None else performance_of_stranger(), RATE)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BodysenseError(f"{out}: no folder can be made there ({error.strerror}); choose another --out") from None
     skeleton, rows, poses = clip.pose.skeleton, list[DemoRow](), list["Pose"]()
     frames = shown_frames(clip)
     views = [View("the wearer", clip.pose[frames])]
@@ -87,8 +89,11 @@ def demo(
         lens = Lens(width=220, height=290, aim=0.86, shown=2.25)
         write_comparison(out / "demo.webp", views, clip.frame_rate / frames.step, lens)
         write_moments(out / "demo.png", views, clip.frame_rate / frames.step, lens=lens)
-    for name in ("truth.bvh", "hands.bvh", "result.bvh", "demo.webp", "demo.png"):
-        console.print(f"wrote {out / name}", highlight=False)
+    written = [out / name for name in ("truth.bvh", "hands.bvh", "result.bvh", "demo.webp", "demo.png")]
+    for path in written:
+        console.print(f"wrote {path}", highlight=False)
+    errors = [vars(row) for row in rows]
+    write_summary(json, written, {"motion": clip.name, "seconds": clip.seconds, "errors_cm": errors})
 
 
 def demo_rows(clip: Clip, seen: Observation, pose: Pose, device: str) -> list[DemoRow]:

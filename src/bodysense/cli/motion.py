@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 import tyro
 
-from bodysense.cli.options import Reading
+from bodysense.cli.options import Reading, check_rate
 from bodysense.cli.overwriting import check_apart
 from bodysense.cli.recordings import load_clip, open_motion, open_recorded, person_of
+from bodysense.cli.summary import take_values, write_summary
 from bodysense.cli.video import NO_VIDEO, VideoOptions, track_video
 from bodysense.devices.simulated.device import DeviceName
 from bodysense.errors import BodysenseError
@@ -62,6 +63,7 @@ def simulate(
     from bodysense.io.recording import Recording
 
     check_place(out)
+    check_rate("--rate", rate)
     clip = load_clip(file, reading, rate)
     if marker_set is not None and device != "gloves":
         raise BodysenseError(f"--marker-set {marker_set}: for --device gloves, not for {device}; leave it out")
@@ -81,11 +83,13 @@ def track(  # noqa: PLR0915
     person: Path | None = None,
     save_person: Path | None = None,
     hold_feet: bool = True,
+    causal: bool = False,
     noise: bool = False,
     model: Path | None = None,
     fingers: Literal["tracked", "synthesize"] = "tracked",
     samples: int | None = None,
     seed: int = 1,
+    json: Path | None = None,
     gloves: Annotated[MarkerOptions, tyro.conf.arg(name="")] = NO_OPTIONS,
     video: Annotated[VideoOptions, tyro.conf.arg(name="")] = NO_VIDEO,
     reading: Reading = AS_FOUND,
@@ -111,6 +115,7 @@ def track(  # noqa: PLR0915
         person: wearer's file, written by --save-person.
         save_person: JSON file for the wearer, as believed at the end.
         hold_feet: hold feet that stand, and keep them over the floor.
+        causal: complete each frame from the frames before it alone, as live tracking does; else with past and future.
         noise: errors of a simulated device as real ones have them.
         model: completion network of your own; the packaged one if omitted. With --samples, a video, or fingers of a
             motion: the network of that.
@@ -118,6 +123,7 @@ def track(  # noqa: PLR0915
             changes.
         samples: so many plausible bodies for one signal of head and wrists, OUT_1.bvh, OUT_2.bvh …, by HMD-VAE.
         seed: random seed of samples and noise.
+        json: file for the result as JSON: outputs, frames, height, filled frames of each joint, warnings.
         reading: what the file does not say of itself. Of a recording: --floor; and --height, the wearer's, from which
             other proportions are inferred (if omitted, the body is the recording's, or inferred, too).
     """
@@ -133,7 +139,7 @@ def track(  # noqa: PLR0915
     from bodysense.tracker import TrackerSettings
 
     markers_out = is_marker_file(out)
-    _check_outputs(file, out, None if markers_out else rig, save_person)
+    _check_outputs(file, out, None if markers_out else rig, save_person, json)
     opened = open_recorded(file, reading, gloves, fingers=fingers == "synthesize")
     if isinstance(opened, VideoSource) and person is not None and str(person).isdecimal() and not person.exists():
         raise BodysenseError(f"{file}: --person {person}: no such wearer's file; --follow {person} follows that person")
@@ -144,7 +150,8 @@ def track(  # noqa: PLR0915
         if missing is not None or noise or save_person is not None:
             raise BodysenseError(f"{file}: --missing, --noise and --save-person are not for videos")
         settings = TrackerSettings(hold_feet=hold_feet)
-        track_video(opened.name, out, video, model, wearer, rig, settings)
+        track_video(opened.name, out, video, model, wearer, rig, settings, causal)
+        write_summary(json, [out] if video.overlay is None else [out, video.overlay], {})
         return
     if video != NO_VIDEO:
         raise BodysenseError(f"{file}: not a video; --overlay, --people and their like are for videos")
@@ -157,6 +164,7 @@ def track(  # noqa: PLR0915
     has_holes = isinstance(opened, MotionSource) and device is None
     if isinstance(opened, MotionSource) and device is None and missing is None and fingers == "synthesize":
         _write_with_fingers(opened, out, model)
+        write_summary(json, [out], {})
         return
     if isinstance(opened, MotionSource) and device is not None:
         for line in opened.remarks:
@@ -172,8 +180,10 @@ def track(  # noqa: PLR0915
         check_apart(sample_paths(out, samples), file)
         signal = signal_from(opened, device=device, person=wearer, height=height, noise=seeded)
         recording = Recording(signal.observation, signal.person.skeleton)
-        for path in write_samples(recording, out, samples, seed, model):
+        written = write_samples(recording, out, samples, seed, model)
+        for path in written:
             print(f"wrote {path}")
+        write_summary(json, written, {})
         return
     network = None if model is None else load_completion(model)
     settings = TrackerSettings(floor=floor, hold_feet=hold_feet)
@@ -189,6 +199,7 @@ def track(  # noqa: PLR0915
             noise=seeded,
             settings=settings,
             network=network,
+            causal=causal,
             advance=lambda done, frames: progress.update(bar, completed=done, total=frames),
         )
     rate = len(take.time) / (time.perf_counter() - begun)
@@ -200,6 +211,7 @@ def track(  # noqa: PLR0915
     if save_person is not None:
         take.person.save(save_person)
         print(f"wrote {save_person}")
+    write_summary(json, [out] if save_person is None else [out, save_person], take_values(take, rate))
 
 
 def convert(
@@ -208,6 +220,7 @@ def convert(
     rig: str = "bodysense",
     rate: float | None = None,
     file_rate: float | None = None,
+    json: Path | None = None,
     reading: Reading = AS_FOUND,
 ) -> None:
     """Write a whole motion as another kind of file, on another rig, or at another rate.
@@ -221,6 +234,7 @@ def convert(
             the motion is fitted.
         rate: frames a second of the output; those of the file if omitted.
         file_rate: frames a second of a file that does not say it.
+        json: file for the result as JSON: outputs, frames, frame rate, rig.
         reading: what the file does not say of itself.
     """
     from bodysense.conversion import convert as converted
@@ -228,13 +242,18 @@ def convert(
     from bodysense.io.rigs.named import check_rig
 
     check_rig(check_ending(out), rig, file if file.suffix.lower() == ".bvh" else None)
+    check_rate("--rate", rate)
+    check_rate("--file-rate", file_rate)
+    if json is not None:
+        check_place(json)
     opened = open_motion(file, reading, file_rate)
     clip = converted(opened, out, rig=rig, rate=rate)
     print(f"wrote {out}: {len(clip)} frames at {clip.frame_rate:g} Hz on {rig}")
+    write_summary(json, [out], {"frames": len(clip), "frame_rate": round(clip.frame_rate, 6), "rig": rig})
 
 
-def _check_outputs(file: Path, out: Path, rig: str | None, save_person: Path | None) -> None:
-    """Refuse, before any work, what cannot be written."""
+def _check_outputs(file: Path, out: Path, rig: str | None, *more: Path | None) -> None:
+    """Refuse, before any work, outputs that cannot be written."""
     from bodysense.io.markers.files import is_marker_file
     from bodysense.io.motion_files import check_ending
     from bodysense.io.rigs.named import check_rig
@@ -248,8 +267,9 @@ def _check_outputs(file: Path, out: Path, rig: str | None, save_person: Path | N
             check_rig(out, rig, file if file.suffix.lower() == ".bvh" else None)
         except BodysenseError as error:
             raise BodysenseError(f"{file}: {error}") from None
-    if save_person is not None:
-        check_place(save_person)
+    for path in more:
+        if path is not None:
+            check_place(path)
 
 
 def _say(take: Take, out: Path) -> None:

@@ -6,6 +6,15 @@ from typing import Annotated
 
 import tyro
 
+from bodysense.errors import BodysenseError
 from bodysense.io.rigs.options import ReadingOptions
 
 Reading = Annotated[ReadingOptions, tyro.conf.arg(name="")]  # of a motion file: --unit, --up, --floor …
+
+_FASTEST = 10_000.0  # Hz
+
+
+def check_rate(option: str, rate: float | None) -> None:
+    """Raise BodysenseError, naming the option, unless a rate (Hz) is omitted or one that a motion can have."""
+    if rate is not None and not 0 < rate <= _FASTEST:
+        raise BodysenseError(f"{option} {rate:g}: give frames a second, such as 30")

@@ -45,6 +45,7 @@ PACKAGES = (
         {
             ("train",): "train a network",
             ("evaluate",): "compute a table",
+            ("papers",): "run the system of a paper",
             ("bench",): "time a part",
             ("study",): "make a user study",
             ("data", "prepare"): "prepare motion for training",

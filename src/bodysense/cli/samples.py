@@ -9,6 +9,7 @@ import tyro
 
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
+from bodysense.io.rigs.options import ReadingOptions
 
 if TYPE_CHECKING:
     from bodysense.io.recording import Recording
@@ -40,7 +41,8 @@ def generate(
     check_place(out)
     if out.suffix.lower() not in (".bvh", ".png"):
         raise BodysenseError(f"{out}: the output ends in {out.suffix or 'nothing'!r}; valid are .png and .bvh")
-    skeleton = default_skeleton() if height is None else default_skeleton().scaled(height)
+    body = ReadingOptions(height=height)
+    skeleton = default_skeleton() if body.height is None else default_skeleton().scaled(body.height)
     pose = sample_prior(skeleton, load_body_vae(model), count, np.random.default_rng(seed))
     if out.suffix.lower() == ".png":
         draw_sheet(out, skeleton, np.asarray(forward_kinematics(pose)[0]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,10 +16,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bodysense.body.person import Person
+    from bodysense.body.pose import Pose
     from bodysense.body.skeleton import Skeleton
     from bodysense.devices.video.device import VideoDevice
+    from bodysense.devices.video.person import PersonSettings
     from bodysense.devices.video.watching import Seen, Watched
+    from bodysense.io.bvh_stream import BvhStream
+    from bodysense.observation import Observation
     from bodysense.tracker import TrackerSettings
+    from bodysense.two_way import TwoWayTracker
 
 
 @dataclass(frozen=True)
@@ -59,23 +64,27 @@ def track_video(
     wearer: Person | None,
     rig: str | None,
     settings: TrackerSettings,
+    causal: bool = False,
 ) -> None:
-    """Write the motion of the person in a video on a rig, and the video with the body over it."""
+    """Write the motion of the person in a video on a rig, and the video with the body over it.
+
+    The motion is completed with past and future, if not `causal` and the video is a file; the body over the video is
+    the causal one.
+    """
     from rich.progress import Progress, SpinnerColumn
 
     from bodysense.body.person import Person
     from bodysense.devices.video.landmarker_files import find_landmarkers
     from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
-    from bodysense.devices.video.person import PersonSettings
     from bodysense.devices.video.pictures import VideoBrokenError, open_video
     from bodysense.devices.video.watching import Seen, watch
     from bodysense.io.motion_files import motion_stream
     from bodysense.io.rigs.named import OWN
     from bodysense.pictures.overlay import Overlay
     from bodysense.tracker import Tracker
+    from bodysense.two_way import TwoWayTracker
 
-    _check(options)
-    people = PersonSettings(number=options.follow)
+    people = _checked(options)
     person = Person() if wearer is None else wearer
     look_ahead = _look_ahead(source, options)
     maker = _maker(person.skeleton, options, model, look_ahead)
@@ -86,20 +95,21 @@ def track_video(
         video = stack.enter_context(open_video(source, options.image_rate))
         files = find_landmarkers(options.landmarkers)
         landmarker = stack.enter_context(Landmarker(files, LandmarkerSettings(people=options.people)))
-        motion = stack.enter_context(motion_stream(out, person.skeleton, video.rate, rig or OWN))
+        file = stack.enter_context(motion_stream(out, person.skeleton, video.rate, rig or OWN))
+        both = None if causal or video.count is None else TwoWayTracker(person, None, tracker.settings)
+        motion = _Motion(file, both)
         overlay = None if options.overlay is None else stack.enter_context(Overlay(options.overlay, video.rate))
-        longest = float("inf") if options.seconds is None else options.seconds
+        longest = options.seconds or float("inf")
         pictures = takewhile(lambda picture: picture.time < longest, video.pictures)
         expected = min(video.count or float("inf"), longest * video.rate)
-        total = None if expected == float("inf") else round(expected)
         progress = stack.enter_context(Progress(SpinnerColumn(), *Progress.get_default_columns()))
-        bar = progress.add_task(f"tracking {video.name}, look-ahead {look_ahead:g} s", total=total)
+        bar = progress.add_task(f"tracking {video.name}, look-ahead {look_ahead:g} s", total=_known(expected))
         try:
             for done in watch(pictures, landmarker, maker, people):
                 begun = clock.perf_counter()
                 if len(done.frames):
                     estimate, state = tracker.step(done.frames.observation, state)
-                    motion.append(done.frames.time, estimate.pose)
+                    motion.add(done.frames.observation, estimate.pose)
                     if overlay is not None:
                         overlay.add(done.pictures, estimate.pose, done.frames.camera, done.people)
                 tally.add(done, clock.perf_counter() - begun)
@@ -110,7 +120,13 @@ def track_video(
             if video.count is not None:
                 raise
         tally.seen.check(video.name, options.follow)
-    _report(f"wrote {out}: {motion.frames} frames\n{tally.line()}", said, options.overlay)
+        motion.finish(1 / video.rate)
+    _report(f"wrote {out}: {file.frames} frames\n{tally.line()}", said, options.overlay)
+
+
+def _known(count: float) -> int | None:
+    """A number of frames; None for a webcam, which has no end."""
+    return None if count == float("inf") else round(count)
 
 
 def _report(text: str, warning: str | None, overlay: Path | None) -> None:
@@ -125,12 +141,15 @@ def _report(text: str, warning: str | None, overlay: Path | None) -> None:
         console.print(f"wrote {overlay}")
 
 
-def _check(options: VideoOptions) -> None:
-    """Refuse what cannot be, before anything is opened."""
+def _checked(options: VideoOptions) -> PersonSettings:
+    """Whom to follow. Refuses what cannot be, before anything is opened."""
+    from bodysense.devices.video.person import PersonSettings
+
     if options.overlay is not None:
         check_place(options.overlay)
     if options.seconds is not None and not options.seconds > 0:
         raise BodysenseError(f"--seconds {options.seconds:g}: give more than 0")
+    return PersonSettings(number=options.follow)
 
 
 def _look_ahead(source: str, options: VideoOptions) -> float:
@@ -152,6 +171,30 @@ def _maker(
     settings = VideoSettings(look_ahead, field_of_view=options.field_of_view, tilt=options.tilt, roll=options.roll)
     arms = Arms(skeleton, load_arms(model), ArmSettings(look_ahead=look_ahead))
     return lambda aspect: VideoDevice(skeleton, arms, aspect, settings)
+
+
+@dataclass
+class _Motion:
+    """The motion of a video as it is written: at once, or with past and future when all pictures are seen."""
+
+    file: BvhStream
+    both: TwoWayTracker | None  # None: at once
+    kept: list[Observation] = field(default_factory=list)
+
+    def add(self, frames: Observation, pose: Pose) -> None:
+        """Take the next frames and their causal poses (T,)."""
+        if self.both is None:
+            self.file.append(frames.time, pose)
+        else:
+            self.kept.append(frames)
+
+    def finish(self, seconds: float) -> None:
+        """Complete the frames that were kept, so many seconds apart, and write them."""
+        from bodysense.observation import concatenated_frames
+
+        if self.both is not None and self.kept:
+            whole = concatenated_frames(self.kept)
+            self.file.append(whole.time, self.both.complete(whole, seconds).pose)
 
 
 @dataclass

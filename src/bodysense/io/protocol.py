@@ -82,12 +82,29 @@ def write_signal(frame: SignalFrame, kind: int = SIGNAL) -> bytes:
     return SIGNAL_HEAD.pack(kind, 0, len(rows), frame.sequence, frame.time) + rows.tobytes()
 
 
+def signal_time(data: bytes) -> float:
+    """Return the time (s) of a signal frame without reading its points. Raises ProtocolError for any other bytes."""
+    return _signal_head(data)[2]
+
+
 def read_signal(data: bytes, points: int) -> SignalFrame:
     """The frame of a binary message of a client that named so many `points`.
 
     Raises ProtocolError for what is no frame, and for numbers that no tracker gives: not finite, farther than
     `FARTHEST` from the origin, rotations that are not of unit length.
     """
+    count, sequence, time = _signal_head(data)
+    rows = np.frombuffer(data, POINT, count, SIGNAL_HEAD.size)
+    frame = SignalFrame(
+        sequence, time, rows["point"], rows["has"], rows["position"], rows["rotation"], rows["accuracy"]
+    )
+    if count:
+        _check_points(frame, points)
+    return frame
+
+
+def _signal_head(data: bytes) -> tuple[int, int, float]:
+    """Return the number of points, the sequence number and the time (s) of a signal frame of the right length."""
     if len(data) < SIGNAL_HEAD.size:
         raise ProtocolError(f"a frame of {len(data)} bytes; its head alone is {SIGNAL_HEAD.size} bytes")
     kind, flags, count, sequence, time = SIGNAL_HEAD.unpack_from(data)
@@ -97,17 +114,11 @@ def read_signal(data: bytes, points: int) -> SignalFrame:
         raise ProtocolError(
             f"a frame of {len(data)} bytes; {count} points take {SIGNAL_HEAD.size + count * POINT.itemsize}"
         )
-    if not abs(time) < _LATEST:  # what is no number, too
+    if not abs(time) < _LATEST:  # NaN, too
         raise ProtocolError(
             f"a frame at {time:g} s; give seconds of the client's own clock, below {_LATEST:g}, not milliseconds"
         )
-    rows = np.frombuffer(data, POINT, count, SIGNAL_HEAD.size)
-    frame = SignalFrame(
-        sequence, time, rows["point"], rows["has"], rows["position"], rows["rotation"], rows["accuracy"]
-    )
-    if count:
-        _check_points(frame, points)
-    return frame
+    return count, sequence, time
 
 
 def _check_points(frame: SignalFrame, points: int) -> None:

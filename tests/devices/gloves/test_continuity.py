@@ -78,6 +78,17 @@ def test_the_offset_fades_by_half_a_second(hand: Skeleton) -> None:
     np.testing.assert_allclose(shown[10:], told + share[:, None] * (kept - told), atol=1e-6)
 
 
+@pytest.mark.parametrize("wrapper", [Continuous, Remembered])
+def test_by_default_half_of_an_offset_is_left_after_eight_seconds(hand: Skeleton, wrapper: Any) -> None:
+    bent = FLAT.copy()
+    bent[5] += [-0.03, -0.05, 0.0]
+    count = round(8 / INTERVAL)
+    frames = np.tile(bent, (count + 2, 1, 1, 1))
+    frames[1:, 0, 5] = np.nan
+    shown, told = run(wrapper(flat_filler(hand)), frames)[-1, 0, 5], run(flat_filler(hand), frames)[-1, 0, 5]
+    np.testing.assert_allclose(shown - told, 0.5 * (bent[5] - told), rtol=0.01)
+
+
 def test_far_away_is_reached_within_half_a_second(hand: Skeleton, markers: np.ndarray) -> None:
     frames = np.tile(markers[0], (120, 1, 1, 1))
     frames[20:60] = np.nan

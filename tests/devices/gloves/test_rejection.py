@@ -100,6 +100,23 @@ def test_spikes_on_a_hand_that_is_swung_are_left_out(hand: Skeleton, markers: np
     assert (~kept & ~wrong).sum() < 0.01 * (~wrong).sum()
 
 
+def test_a_marker_that_was_filled_has_no_velocity(hand: Skeleton, markers: np.ndarray) -> None:
+    """The filled place is 2 cm off: the step from there to where it is found leads nowhere."""
+    rejection = Rejection((hand,), default_glove())
+    still, filled = markers[:1].copy(), markers[:1].copy()
+    filled[0, INDEX] += [0.0, -0.02, 0.0]
+    known = np.ones((1, 9), dtype=bool)
+    hidden = known.copy()
+    hidden[0, INDEX] = False
+    state = rejection.start()
+    for place, seen in ((still, known), (filled, hidden), (still, known)):
+        state = rejection.remember(place, seen, 1 / RATE, state)
+    spike = still.copy()
+    spike[0, INDEX] += [0.0, 0.02, 0.0]  # where the step would have led
+    checked, _ = rejection.check(spike, 1 / RATE, np.zeros((1, 9)), state)
+    assert np.isnan(checked[0, INDEX]).all()
+
+
 def test_exchanged_identifiers_are_set_right(hand: Skeleton, markers: np.ndarray) -> None:
     frames = markers[:120].copy()
     apart = np.linalg.norm(frames[:, INDEX] - frames[:, PINKY], axis=-1)

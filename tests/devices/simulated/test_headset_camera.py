@@ -235,7 +235,14 @@ def test_the_twin_agrees_on_every_point_of_random_poses(name: str) -> None:
         "odd": HeadsetCamera(field_of_view=170, tilt=30, near=0.2, nose_distance=0.07),
         "odder": HeadsetCamera(hand_hides_itself=True),
     }
-    compare_with_twin(random_poses(skeletons()[name], 250, seed=len(name)), cameras[name])
+    compare_with_twin(random_poses(skeletons()[name], 80, seed=len(name)), cameras[name])
+
+
+def test_by_default_a_hand_is_seen_of_which_65_percent_are() -> None:
+    poses = random_poses(skeletons()["default"], 60, seed=5)
+    seen = {share: see(poses, HeadsetCamera(hand_visible_share=share)).visible for share in (0.6, 0.65, 0.7)}
+    np.testing.assert_array_equal(see(poses).visible, seen[0.65])
+    assert (seen[0.6] != seen[0.65]).any() and (seen[0.65] != seen[0.7]).any()
 
 
 def compare_with_twin(pose: Pose, camera: HeadsetCamera) -> None:

@@ -81,7 +81,7 @@ def test_the_drift_follows_the_way_travelled(speed: float) -> None:
     """Its correlation falls to 1/e after 0.23-0.39 m, whatever the speed."""
     position, _ = errors(moving_head(speed, sessions=16, seconds=200.0))
     slow = signal.sosfiltfilt(signal.butter(2, 3.0, fs=RATE, output="sos"), position, axis=1)
-    lags = np.arange(1, round(1.0 / speed * RATE))
+    lags = np.arange(1, round(1.0 / speed * RATE), 4)
     correlation = np.array([(slow[:, lag:] * slow[:, :-lag]).mean() for lag in lags]) / (slow**2).mean()
     way = speed * lags[np.argmax(correlation < 1 / np.e)] / RATE
     assert 0.7 * 0.23 < way < 1.3 * 0.39
@@ -106,7 +106,7 @@ def test_above_twenty_hertz_there_is_little() -> None:
     assert np.sqrt((signal.sosfiltfilt(high, rotation, axis=1) ** 2).mean()) < 1.3 * 0.004
 
 
-@pytest.mark.parametrize("take", ["quest2_traj1", "quest2_traj2", "quest_pro_traj1", "quest_pro_traj2"])
+@pytest.mark.parametrize("take", ["quest2_traj1", "quest_pro_traj2"])
 def test_measured_takes_band_by_band(motion_data: Path, take: str) -> None:
     """On the truth of a take, the model's deviations in each band are those of the device, on average to 30 %."""
     if not (motion_data / "headset" / "headset_takes.npz").is_file():
@@ -141,7 +141,7 @@ def in_bands(error: np.ndarray) -> np.ndarray:
 
 
 def test_controllers_err_more_and_cameras_most() -> None:
-    seen = moving_head(0.3, sessions=12, points=("head", "left_wrist"))
+    seen = moving_head(0.3, sessions=6, points=("head", "left_wrist"))
     position, rotation = errors(seen)
     assert 2.0 < rms(position[:, :, 1]) / rms(position[:, :, 0]) < 3.0
     assert 2.0 < rms(rotation[:, :, 1]) / rms(rotation[:, :, 0]) < 3.0
@@ -171,7 +171,7 @@ def test_masks_are_kept_and_accuracy_is_true(waving_clip: Clip) -> None:
         np.testing.assert_array_equal(noisy.has_position, seen.has_position)
         np.testing.assert_array_equal(noisy.has_rotation, seen.has_rotation)
         assert np.isnan(noisy.position[~noisy.has_position]).all()
-    many = moving_head(0.5, sessions=12, points=("head", "left_wrist"))
+    many = moving_head(0.5, sessions=6, points=("head", "left_wrist"))
     for settings in (STILL_MAP, replace(STILL_MAP, cameras=True)):
         noisy = disturb(many, np.random.default_rng(4), settings)
         error = np.linalg.norm(noisy.position - many.position, axis=-1).mean(axis=(0, 1))

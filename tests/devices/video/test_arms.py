@@ -52,8 +52,9 @@ def streamed(estimator: Arms, keypoints: ArmKeypoints, sizes: list[int]) -> list
     return [*parts, estimator.finish(state)]
 
 
-@pytest.mark.parametrize("settings", [ArmSettings(), ArmSettings(look_ahead=0.0), ArmSettings(0.4, 0.3)])
-@pytest.mark.parametrize("rate", [30.0, 24.0, 55.0])
+@pytest.mark.parametrize(
+    ("settings", "rate"), [(ArmSettings(), 30.0), (ArmSettings(look_ahead=0.0), 24.0), (ArmSettings(0.4, 0.3), 55.0)]
+)
 def test_a_stream_is_the_whole(model: ArmModel, waving_clip: Clip, settings: ArmSettings, rate: float) -> None:
     estimator, keypoints = Arms(default_skeleton(), model, settings), filmed(resample(waving_clip, rate))
     keypoints = keypoints[:60]

@@ -46,6 +46,7 @@ def test_nothing_to_time_is_refused(options: dict[str, float]) -> None:
         bench_live(**options)  # type: ignore[arg-type]
 
 
+@pytest.mark.alone
 @pytest.mark.slow
 def test_numbers_of_a_real_server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("uvicorn", reason="needs packages/live")

@@ -18,7 +18,7 @@ from bodysense.io.bvh import write_bvh
 from bodysense.io.datasets.splits import split_of
 from bodysense_lab.completion import publish
 
-# The command, where its log lies, and what it writes.
+# The command's options, its log, and what it writes. `fingers` is trained as `upper-body` is.
 TRAININGS = {
     "completion": ("--steps 4 --warm-up 1 --finger-steps 0", "net/completion.jsonl", "net.onnx"),
     "body-gru": ("--steps 6 --lanes 2 --chunk 2 --hidden 8 --passes 1 --finger-passes 1", "net.jsonl", "net.onnx"),
@@ -27,7 +27,6 @@ TRAININGS = {
         "nets/window_9.jsonl",
         "nets/window_9.pt",
     ),
-    "fingers": ("--steps 6", "net.jsonl", "net.onnx"),
     "upper-body": ("--form paper --steps 6", "net.jsonl", "net.onnx"),
     "hmd-vae": (
         "--model 1 --latent 4 --width 16 --sequence-width 8 --steps 6 --batch 4",
@@ -80,7 +79,7 @@ def test_a_killed_training_goes_on(
     command: str, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    # How weights become the file, which takes minutes, is tested in tests/lab/completion/test_publish.py.
+    # How weights become the file takes long; tests/cli/test_trials.py does it once.
     monkeypatch.setattr(publish, "publish", lambda body, fingers, data, out, card, limit: out.write_bytes(b"trained"))
     asked, log, written = TRAININGS[command]
     out = {name: tmp_path / name for name in ("whole", "killed")}

@@ -65,7 +65,7 @@ def test_table_2(tmp_path: Path, folder: Path, networks: Path, small_network: Pa
     given = common(tmp_path, folder, "--networks", networks, "--model", small_network, "--stride", 4)
     printed = run("evaluate", "unoc-table2", *given)
     assert "UNOC's RMSJPE" in printed and "The GRU is the best network" in printed
-    methods = ("gru", "rnn", "lstm", "tcn", "best", "tracker", "last_known")
+    methods = ("gru", "rnn", "lstm", "tcn", "constant_velocity", "best", "tracker", "last_known")
     keys = [
         f"{method}_{part}_{share}_{measure}_cm"
         for method in methods

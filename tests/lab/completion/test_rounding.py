@@ -1,22 +1,28 @@
 """Weights rounded for what a network reads: whole multiples of the same step, products nearer than by nearest ones."""
 
-from dataclasses import replace
-from importlib.resources import as_file, files
+import itertools
+from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
+import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bodysense.io.clip import Clip
+from bodysense.demo import packaged_performance
+from bodysense_lab.completion.corpus import corpus_of
 from bodysense_lab.completion.error_map import unchanged_errors
+from bodysense_lab.completion.features import WIDTHS
 from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
-from bodysense_lab.completion.graph import CompletionStep
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
-from bodysense_lab.completion.rounding import moments_of, round_weights, rounded, sample_moments
-from bodysense_lab.completion.scenes import scene_of
-from bodysense_lab.completion.state import untracked
-from bodysense_lab.completion.weights_file import as_stored, read_weights, row_step
+from bodysense_lab.completion.points import HEAD
+from bodysense_lab.completion.rounding import round_weights, rounded, sample_moments
+from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig, SequenceBatch
+from bodysense_lab.completion.weights_file import TrainedNetworks, read_weights, row_step, write_weights
+from bodysense_lab.options import Schedule
+
+SMALL = CompletionConfig(hidden=16, branch=16, judge_branch=8)
 
 
 def read_by(seed: int, inputs: int) -> tuple[np.ndarray, np.ndarray]:
@@ -47,29 +53,45 @@ def test_what_was_never_read_is_rounded_to_the_nearest() -> None:
     assert (got[:, 5:] == (np.round(weights / step) * step)[:, 5:]).all()
 
 
-def test_a_network_is_rounded_as_it_will_be_stored() -> None:
+@pytest.fixture(scope="module")
+def batches() -> list[SequenceBatch]:
+    """Two batches of training sequences that play on."""
+    network = CompletionNetwork(SMALL)
+    config = CompletionTaskConfig(network.config, streams=3, chunk=21)
+    task = CompletionTask(network, config, Schedule(), corpus_of([packaged_performance()]), {})
+    return list(itertools.islice(task.batches(np.random.default_rng(4)), 2))
+
+
+def small_network() -> CompletionNetwork:
     torch.manual_seed(2)
-    body = CompletionNetwork(CompletionConfig(hidden=16, branch=16, judge_branch=8)).eval()
-    step = CompletionStep(body, FingerNetwork(FingerConfig(hidden=8, branch=8)), *[unchanged_errors()] * 2).eval()
-    state = step.start(4)
-    with torch.no_grad():
-        _, state = step(untracked(4), state)
-    moments = moments_of(step, untracked(4), state)
+    return CompletionNetwork(SMALL).eval()
+
+
+def test_moments_are_of_what_products_read(batches: list[SequenceBatch]) -> None:
+    body = small_network()
+    moments = sample_moments(body, batches)
     of = dict(body.named_parameters())
     assert {name: of[name].shape[1] for name in moments} == {name: len(moment) for name, moment in moments.items()}
-    assert all(np.linalg.eigvalsh(moment).min() > -1e-9 for moment in moments.values())
-    round_weights(body, moments)
-    stored = dict(as_stored(step).body.named_parameters())
-    for name in moments:
-        assert (stored[name] == of[name]).all(), name
-
-
-def test_moments_are_of_what_a_tracker_asks(waving_clip: Clip) -> None:
-    with as_file(files("bodysense.weights") / "completion.safetensors") as path:
-        body, fingers = read_weights(path)
-    step = CompletionStep(body, fingers, *[unchanged_errors()] * 2).eval()
-    clip = replace(waving_clip, pose=waving_clip.pose[:20])
-    batch = [scene_of(clip, "own", "train")]
-    moments = sample_moments(step, {"own": [batch], "stranger": [batch]})
     assert len(moments) == 5
-    assert all(np.isfinite(moment).all() and np.trace(moment) > 0.1 for moment in moments.values())
+    for name, moment in moments.items():
+        assert np.linalg.eigvalsh(moment).min() > -1e-9 and np.trace(moment) > 0.1, name
+    first = batches[0].signal
+    with torch.no_grad():
+        features = body.read(first)[:, ::10][batches[0].valid[:, ::10]].double()
+    own = sample_moments(body, batches[:1])["recurrent.weight_ih_l0"]
+    place = WIDTHS["position"]  # masks of points in the middle are the same in a mirror
+    masks = slice(place, place + WIDTHS["has_position"])
+    head = masks.start + HEAD
+    assert own[head, head] == pytest.approx(float(features[:, head].square().mean()), abs=1e-9)
+
+
+def test_a_network_is_rounded_as_it_is_stored(batches: list[SequenceBatch], tmp_path: Path) -> None:
+    body, fingers = small_network(), FingerNetwork(FingerConfig(hidden=8, branch=8))
+    moments, path = sample_moments(body, batches), tmp_path / "rounded.safetensors"
+    round_weights(body, moments)
+    configured = {"network": asdict(body.config), "fingers": asdict(fingers.config)}
+    write_weights(TrainedNetworks(body, fingers, *[unchanged_errors()] * 2), path, configured)
+    stored, _ = read_weights(path)
+    of, read = dict(body.named_parameters()), dict(stored.named_parameters())
+    for name in moments:
+        assert (read[name] == of[name]).all(), name

@@ -24,15 +24,16 @@ from bodysense_lab.completion import scoring, tables
 from bodysense_lab.completion.measures import count_jumps
 from bodysense_lab.completion.options import BODIES
 from bodysense_lab.completion.reliability import draw_reliability
-from bodysense_lab.completion.scenes import TrackedScene
+from bodysense_lab.completion.scenes import TrackedScene, stacked
 from bodysense_lab.completion.scoring import evaluate_completion
 from bodysense_lab.completion.tables import (
+    TAKE_MEASURES,
     CompletionSettings,
     CompletionTable,
     completion_reports,
     headline,
 )
-from bodysense_lab.completion.tracking import TrackBatch, TrackedBatch, TrackedBy, choose_scenes
+from bodysense_lab.completion.tracking import TrackBatch, TrackedBatch, TrackedBy, choose_scenes, track_batch
 from bodysense_lab.datasets import Census, DataSet
 from bodysense_lab.spread import spread
 
@@ -150,6 +151,21 @@ def test_the_lattice_finds_sensors_that_harm(clips: list[Clip], scenes: list[Tra
     numbers = score(clips, harmed, settings).numbers()
     assert (numbers["lattice_violations"], numbers["lattice_edges"]) == (12, 12)
     assert score(clips, Oracle(scenes, legs_moved), settings).numbers()["lattice_violations"] == 0
+
+
+def test_takes_are_measured_as_live_tracking_is(clips: list[Clip]) -> None:
+    """Takes that are completed as in live tracking have its figures, and none are there if they are not asked for."""
+
+    def live(person: Person, seen: Observation) -> TrackedBatch:
+        return track_batch([person], stacked([seen])).of_person(0, len(seen))
+
+    settings = CompletionSettings(sets=("headset_camera",), bodies=("own",), edges=0, takes=True)
+    numbers = evaluate_completion(clips[:1], settings, takes=live, times=None).numbers()
+    suffix = next(name for name in numbers if "_take_mpjpe_cm" in name).partition("_take_mpjpe_cm")[2]
+    for name in TAKE_MEASURES:
+        live_figure = numbers[f"headset_camera_own_{name}{suffix}"]
+        assert numbers[f"headset_camera_own_take_{name}{suffix}"] == pytest.approx(live_figure, abs=1e-3)
+    assert not any("_take_" in name for name in evaluate_completion(clips[:1], settings, times=None).numbers())
 
 
 @pytest.fixture(scope="module")

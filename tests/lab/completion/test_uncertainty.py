@@ -39,7 +39,7 @@ def disagree(of: ErrorSamples) -> np.ndarray:
 
 def test_the_mean_error_is_found() -> None:
     of = samples()
-    mean = applied(fit_error_map(of, steps=1200), of)
+    mean = applied(fit_error_map(of, steps=800), of)
     for rows in (both_tracked(of), ~both_tracked(of), disagree(of), ~disagree(of)):
         chosen = rows & ~of.learned  # it is of people nobody learned from
         assert mean[chosen].mean() == pytest.approx(of.error[chosen].mean(), rel=0.1)
@@ -47,7 +47,7 @@ def test_the_mean_error_is_found() -> None:
 
 def test_nine_of_ten_errors_are_within_the_bound() -> None:
     of = samples()
-    within = of.error <= applied(fit_error_map(of, 0.9, steps=1200), of)
+    within = of.error <= applied(fit_error_map(of, 0.9, steps=700), of)
     for chosen in (both_tracked(of), ~both_tracked(of), disagree(of), ~disagree(of)):
         assert within[chosen & ~of.learned].mean() == pytest.approx(0.9, abs=0.03)
     assert within[of.learned].mean() > 0.95

@@ -1,6 +1,7 @@
 """Files of weights: what is read back is what was rounded, and the core opens them."""
 
 import json
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -10,16 +11,16 @@ import torch
 
 from bodysense.completion.model import load_completion
 from bodysense.errors import BodysenseError
-from bodysense_lab.completion.error_map import ErrorMap, unchanged_errors
+from bodysense_lab.completion.error_map import CERTAINTY_SCALE, KNOWN, POINTS, ErrorMap, unchanged_errors
 from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
-from bodysense_lab.completion.graph import CompletionStep
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
 from bodysense_lab.completion.weights_file import (
-    as_stored,
+    TrainedNetworks,
     read_safetensors,
     read_weights,
     row_step,
     safetensors_bytes,
+    tables_of,
     write_weights,
 )
 
@@ -27,22 +28,44 @@ WEIGHTS = Path(str(files("bodysense.weights") / "completion.safetensors"))
 SMALL = {"network": {"hidden": 16, "branch": 16, "judge_branch": 8}, "fingers": {"hidden": 8, "branch": 8}}
 
 
-def small_step() -> CompletionStep:
+def small_networks() -> TrainedNetworks:
     torch.manual_seed(5)
     rng = np.random.default_rng(5)
     errors = ErrorMap(*(rng.normal(size=table.shape) for table in vars(unchanged_errors()).values()))
     body, fingers = CompletionConfig(**SMALL["network"]), FingerConfig(**SMALL["fingers"])
-    return CompletionStep(CompletionNetwork(body), FingerNetwork(fingers), errors, errors).eval()
+    return TrainedNetworks(CompletionNetwork(body).eval(), FingerNetwork(fingers).eval(), errors, errors)
 
 
 def test_networks_are_read_back_as_rounded(tmp_path: Path) -> None:
-    step, path = small_step(), tmp_path / "own.safetensors"
-    write_weights(step, path, {"licence": "none", **SMALL})
-    stored, (body, fingers) = as_stored(step), read_weights(path)
-    for wanted, got in ((stored.body, body), (stored.finger_network, fingers)):
-        for (name, a), (_, b) in zip(wanted.named_parameters(), got.named_parameters(), strict=True):
-            assert (a == b).all(), name
+    networks, path, again = small_networks(), tmp_path / "own.safetensors", tmp_path / "again.safetensors"
+    write_weights(networks, path, {"licence": "none", **SMALL})
+    body, fingers = read_weights(path)
+    for trained, got in ((networks.body, body), (networks.fingers, fingers)):
+        for (name, a), (_, b) in zip(trained.named_parameters(), got.named_parameters(), strict=True):
+            values = a.detach().numpy()
+            unit = row_step(values) / 2 if values.ndim > 1 else 2.0**-11 * np.abs(values) + 2.0**-24
+            assert (np.abs(b.detach().numpy() - values) <= 1.0001 * unit).all(), name
+    write_weights(TrainedNetworks(body, fingers, networks.mean, networks.bound), again, {"licence": "none", **SMALL})
+    assert again.read_bytes() == path.read_bytes()  # rounding what is rounded changes nothing
     assert load_completion(path).card["licence"] == "none"
+
+
+def test_both_error_maps_are_one_table(tmp_path: Path) -> None:
+    networks, path = small_networks(), tmp_path / "own.safetensors"
+    rng = np.random.default_rng(6)
+    shapes = {name: table.shape for name, table in vars(networks.mean).items()}
+    networks = replace(networks, bound=ErrorMap(*(rng.normal(size=shape) for shape in shapes.values())))
+    tables = tables_of(networks)
+    known = rng.normal(size=KNOWN)
+    metres = known.copy()
+    metres[-POINTS - 22 : -22] /= CERTAINTY_SCALE
+    inside = np.tanh(tables["errors.inward.weight"] @ metres + tables["errors.inward.bias"])
+    together = tables["errors.weight"] @ np.concatenate([metres, inside]) + tables["errors.bias"]
+    for own, of in zip(np.split(together, 2), (networks.mean, networks.bound), strict=True):
+        hidden = np.tanh(known @ of.inward + of.inward_offset)
+        np.testing.assert_allclose(own, known @ of.weight + hidden @ of.outward + of.offset, rtol=1e-4, atol=1e-4)
+    write_weights(networks, path, SMALL)
+    load_completion(path)
 
 
 def test_rounding_twice_is_rounding_once() -> None:

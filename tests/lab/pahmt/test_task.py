@@ -102,6 +102,21 @@ def test_network_and_discriminator_learn_each_their_own(recordings: ArmRecording
         torch.testing.assert_close(parameter.grad, gradient, atol=1e-5, rtol=1e-3)
 
 
+def test_the_network_is_to_be_taken_for_recorded(recordings: ArmRecordings) -> None:
+    """Its term is the cross-entropy of 'recorded' for what it says: small where the discriminator is deceived."""
+    torch.manual_seed(0)
+    pair, one = Pair(ArmNetwork(replace(CONFIG, dropout=0.0))), batch(recordings, [0, 5])
+    task = ArmTask(pair, ArmSchedule(losses=("fk", "gan"), gan=0.05), recordings, recordings)
+    last = pair.discriminator.layers[-1]
+    terms = []
+    for logit in (-4.0, 4.0):  # judged as estimated, and as recorded
+        with torch.no_grad():
+            for parameter, value in zip(last.parameters(), (0.0, logit), strict=True):
+                parameter.fill_(value)
+        terms.append(float(task.loss(one, None)[0]["gan"].detach()))
+    np.testing.assert_allclose(terms, 0.05 * np.log1p(np.exp([4.0, -4.0])), rtol=1e-5)
+
+
 def test_batches_are_those_of_their_step(recordings: ArmRecordings) -> None:
     windows = recordings.windows()
     schedule = ArmSchedule(batch=4, without_hands=0.5)

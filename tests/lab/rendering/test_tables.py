@@ -120,7 +120,8 @@ def test_the_report_says_what_holds(take: RenderedTake) -> None:
     methods = {"network": truth, "landmarks_ik": rest, "network_true": truth, "positions_ik": rest}
     table.add(take, perfect(take), methods)
     report = video_report(table, "set")
-    assert len(report.rows) == 4 and len(report.rows[0]) == len(report.columns)
+    assert len(report.rows) == 7 and len(report.rows[0]) == len(report.columns)
+    assert dict(zip(report.columns, report.rows[4], strict=True))["arms, rad"] == 0.2779  # FrankMocap's
     assert len(report.remarks) == 6 and all(": holds (" in remark for remark in report.remarks)
     for who in ("network", "landmarks_ik"):
         for measure in ("overall_cm", "hands_cm", "arms_deg"):

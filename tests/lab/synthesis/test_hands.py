@@ -194,6 +194,7 @@ def test_a_single_frame_is_possible() -> None:
     assert len(synthesize_pair(HAND, 0.02, np.random.default_rng(0))[0]) == 1
 
 
+@pytest.mark.alone
 @pytest.mark.slow
 def test_synthesis_is_a_hundred_times_faster_than_life() -> None:
     begun = time.process_time()

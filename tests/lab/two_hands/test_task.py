@@ -31,6 +31,7 @@ from bodysense_lab.two_hands.drawing import (
     turned_to,
 )
 from bodysense_lab.two_hands.frames import GloveFrames, frames_of, join
+from bodysense_lab.two_hands.given_shapes import EXACT, UNKNOWN, draw_shapes
 from bodysense_lab.two_hands.network import (
     PAPER_JOINTS,
     PAPER_MARKERS,
@@ -41,7 +42,6 @@ from bodysense_lab.two_hands.network import (
 )
 from bodysense_lab.two_hands.options import GloveTraining
 from bodysense_lab.two_hands.task import GloveSchedule, Lesson, train_glove
-from bodysense_lab.two_hands.told import EXACT, UNTOLD, draw_told
 from bodysense_lab.two_hands.train import run_gloves, write_glove_network
 
 SMALL = GloveSchedule(steps=60, batch=64, learning_rate=4e-3, check_every=30, warm_up=5, average_decay=0.8)
@@ -160,11 +160,11 @@ def _of(frames: GloveFrames) -> tuple[torch.Tensor, torch.Tensor]:
 def test_shapes_are_told_exactly_with_an_error_or_not_at_all(motion: HandMotion) -> None:
     worn = draw_hand(np.random.default_rng(8))
     frames = frames_of(motion, worn)
-    told = draw_told(frames, np.zeros(4000, dtype=int), np.random.default_rng(1))
+    told = draw_shapes(frames, np.zeros(4000, dtype=int), np.random.default_rng(1))
     exact = np.abs(told.rest - frames.rest).max(axis=(1, 2)) < 1e-6
     nothing = ~told.shape.any(axis=1)
     assert exact.mean() == pytest.approx(EXACT, abs=0.03)
-    assert nothing.mean() == pytest.approx(UNTOLD, abs=0.03)
+    assert nothing.mean() == pytest.approx(UNKNOWN, abs=0.03)
     assert np.allclose(told.shape[exact], known_shapes([worn.skeleton], [worn.glove])[0], atol=1e-6)
     assert np.allclose(told.scale[exact], 1.0)
 
@@ -253,7 +253,7 @@ def test_the_file_answers_as_the_network_for_any_number_of_hands(
     for count in (1, 2, 17):
         markers = torch.from_numpy(frames.markers[:count]).flatten(-2)
         markers[0, :3] = 0.0
-        shape = draw_told(frames, np.zeros(count, dtype=int), np.random.default_rng(count)).shape
+        shape = draw_shapes(frames, np.zeros(count, dtype=int), np.random.default_rng(count)).shape
         hand = torch.from_numpy(shape)
         with torch.no_grad():
             expected = network.eval()(markers, hand).numpy()

@@ -87,6 +87,16 @@ def test_against_sums_by_hand(network, seed: int) -> None:
     assert float(terms["loss"]) == pytest.approx(sum(expected.values()), rel=1e-3)
 
 
+def test_sums_over_joints_are_means_over_frames(network) -> None:
+    """L_kin and L_occ as printed: as many times the mean as points are counted in a frame."""
+    answer, truth = example(0, frames=2, batch=1)
+    mean, summed = (body_loss(network, answer, truth, LossWeights(sums=sums)) for sums in (False, True))
+    for name in ("parent", "bone", "occlusion"):
+        assert float(summed[name]) == pytest.approx(float(mean[name]) * (POINTS - 1), rel=1e-4), name
+    for name in ("position", "expected"):
+        assert float(summed[name]) == pytest.approx(float(mean[name])), name
+
+
 def test_one_finger_point_off_by_a_centimetre(network) -> None:
     """The whole arithmetic of one error: 1 cm at a hidden fingertip, of all points but the head."""
     answer, truth = example(0, frames=1, batch=1)

@@ -66,7 +66,7 @@ def test_batches_equal_frame_by_frame(untrained: Path, waving_clip: Clip, name: 
 
 def test_last_known_equals_hold(waving_clip: Clip) -> None:
     parts = score_clip(waving_clip, Work({}, stride=3))
-    assert set(parts) == {f"last_known_{frame}" for frame in KNOWN}
+    assert set(parts) == {"constant_velocity", *(f"last_known_{frame}" for frame in KNOWN)}
     skeleton = waving_clip.pose.skeleton
     truth = np.asarray(forward_kinematics(waving_clip.pose)[0])
     observation = observe(waving_clip.pose, waving_clip.time)
@@ -172,7 +172,7 @@ def test_pairs(data: DataSet, untrained: Path, tmp_path: Path) -> None:
     pairs, last = score_pairs([data, other], networks, tmp_path, 5, 1, noted)
     assert set(pairs) == {(train, test) for train in "ab" for test in ("motion", "other")}
     assert pairs["a", "motion"].tallies == pairs["a", "other"].tallies != pairs["b", "motion"].tallies
-    assert set(last["other"]) == {f"last_known_{frame}" for frame in KNOWN}
+    assert set(last["other"]) == {"constant_velocity", *(f"last_known_{frame}" for frame in KNOWN)}
 
 
 def test_missing_networks_and_networks_of_another_kind(untrained: Path, tmp_path: Path, waving_clip: Clip) -> None:

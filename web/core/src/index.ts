@@ -58,7 +58,8 @@ function opened(memory: Memory, weights: Uint8Array) {
   const at = take(size);
   memory.check(core.bs_model_open!(file, weights.length, at, size, pointer), "weights");
   memory.giveBack(file, weights.length);
-  const [person, observation, estimate] = [take(SIZE.person), take(SIZE.observation), take(SIZE.estimate)];
+  const [person, observation] = [take(SIZE.person), take(SIZE.observation)];
+  const [estimate, chosen] = [take(SIZE.estimate), take(SIZE.settings)];
   const [given, made] = [GIVEN.map(take), MADE.map(take)];
   integers(observation, 10).set([1, 0, ...given]);
   integers(estimate, 8).set(made);
@@ -69,13 +70,13 @@ function opened(memory: Memory, weights: Uint8Array) {
     if (place < 0) throw new Error(`unknown point "${name}"; give one of ${points.join(", ")}`);
     return place;
   };
-  return { memory, at, points, pointer, person, observation, estimate, given, made, scratch, index };
+  return { memory, at, points, pointer, person, observation, estimate, chosen, given, made, scratch, index };
 }
 
 function started(opened: Opened, person: Person, own: Partial<Settings>): State {
   const { memory, pointer } = opened;
   const { core, doubles, integers } = memory;
-  const size = core.bs_state_size!(opened.at) + SIZE.settings;
+  const size = core.bs_state_size!(opened.at);
   let known = person;
   writePerson(opened, person);
   let at = memory.take(size);
@@ -86,20 +87,19 @@ function started(opened: Opened, person: Person, own: Partial<Settings>): State 
   const result = core.bs_state_start!(opened.at, opened.person, at, size, pointer);
   if (result) close();
   memory.check(result, "person");
-  const settings = at + size - SIZE.settings;
-  core.bs_default_settings!(settings);
-  NUMBERS.forEach((name, k) => doubles(settings, 5).fill(own[name] ?? doubles(settings, 5)[k]!, k, k + 1));
-  integers(settings + FLAGS, 2).set([Number(own.holdFeet ?? true), Number(own.infer ?? true)]);
   const state = (): number => {
     if (!at) throw new Error("state: it was closed; start a new one");
     return at;
   };
   return {
-    step(frame) {
+    step(frame, { holdFeet = true, infer = true, ...settings } = own) {
       integers(pointer, 1)[0] = state();
       writeFrame(opened, frame);
-      const { observation, estimate, scratch } = opened;
-      memory.check(core.bs_step!(opened.at, settings, 1, observation, pointer, estimate, ...scratch, 0), "frame");
+      const { observation, estimate, chosen, scratch } = opened;
+      core.bs_default_settings!(chosen);
+      doubles(chosen, 5).set(NUMBERS.map((name, k) => settings[name] ?? doubles(chosen, 5)[k]!));
+      integers(chosen + FLAGS, 2).set([Number(holdFeet), Number(infer)]);
+      memory.check(core.bs_step!(opened.at, chosen, 1, observation, pointer, estimate, ...scratch, 0), "frame");
       return readEstimate(opened);
     },
     person() {

@@ -65,8 +65,8 @@ export interface Model {
 
 /** Everything that one person's next frame depends on. */
 export interface State {
-  /** Complete the next frame. Throws an Error with the core's message for a frame that it refuses. */
-  step(observation: Observation): Estimate;
+  /** Complete the next frame, by the settings of the start if none are given. Throws the core's message as an Error. */
+  step(observation: Observation, settings?: Partial<Settings>): Estimate;
   /** The person as believed now. */
   person(): Person;
   /** Go on with the same evidence after more became known of the person. */

@@ -1,9 +1,9 @@
 /** The page's side of the worker: observations in, bodies out, the newest first where it cannot keep up. */
 
-import type { Observation } from "../core/observation";
-import { NOBODY, type Person } from "../core/person";
-import { TRACKER_SETTINGS, type Completed, type TrackerSettings } from "../core/tracker";
+import type { Observation } from "../body/observation";
+import { NOBODY, type Person } from "../wearer";
 import type { FromEngine, ToEngine } from "./messages";
+import { TRACKER_SETTINGS, type Completed, type TrackerSettings } from "./tracker";
 
 export interface Step {
   readonly body: Completed;
@@ -27,7 +27,7 @@ export class Engine {
     });
   }
 
-  /** Begin to fetch the network and its runtime; once. */
+  /** Begin to fetch the core and its weights; once. */
   open(): void {
     if (this.worker) return;
     this.worker = new Worker(new URL("./worker.ts", import.meta.url), { type: "module", name: "engine" });

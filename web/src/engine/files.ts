@@ -1,7 +1,7 @@
 /** The page's own files beside its code: those of the library, as `bodysense page` puts them there. */
 
-import { inflated } from "../core/npz";
-import { skeletonOfRows, type Skeleton, type SkeletonRows } from "../core/skeleton";
+import { inflated } from "../files/npz";
+import { skeletonOfRows, type Skeleton, type SkeletonRows } from "../body/skeleton";
 
 export async function fetched(base: string, name: string): Promise<ArrayBuffer> {
   const response = await fetch(new URL(name, base)).catch(() => null);

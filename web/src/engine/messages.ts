@@ -1,8 +1,8 @@
 /** What the page and the worker that completes bodies tell each other. */
 
-import type { Observation } from "../core/observation";
-import type { Person } from "../core/person";
-import type { Completed, TrackerSettings } from "../core/tracker";
+import type { Observation } from "../body/observation";
+import type { Person } from "../wearer";
+import type { Completed, TrackerSettings } from "./tracker";
 
 export type ToEngine =
   | { readonly type: "open"; readonly base: string } // address of the page's folder

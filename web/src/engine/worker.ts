@@ -1,25 +1,22 @@
 /** The worker that completes bodies, so that rendering never waits. */
 
-import { readNpz } from "../core/npz";
-import { ShapeSpace } from "../core/shape";
-import { Tracker } from "../core/tracker";
+import { openModel } from "@bodysense/core";
+import core from "@bodysense/core/core.wasm?url";
 import { defaultBody, fetched, unpacked } from "./files";
-import { openGraph } from "./graph";
 import type { FromEngine, ToEngine } from "./messages";
-import { unpackedXz } from "./xz";
+import { Tracker } from "./tracker";
 
 const tell = (message: FromEngine, given: ArrayBuffer[] = []): void => postMessage(message, { transfer: given });
 let tracker: Tracker | null = null;
 let turn: Promise<void> = Promise.resolve(); // messages are taken one after the other
 
 async function open(base: string): Promise<void> {
-  const [network, runtime, space, body] = await Promise.all([
-    unpacked(base, "completion.onnx.gz"),
-    unpackedXz(base, "runtime.wasm.xz"),
-    fetched(base, "shape_space.npz").then(readNpz),
+  const [weights, wasm, { skeleton }] = await Promise.all([
+    unpacked(base, "completion.safetensors.gz"),
+    fetched(new URL(core, import.meta.url).href, "core.wasm"),
     defaultBody(base),
   ]);
-  tracker = new Tracker(await openGraph(network, runtime), new ShapeSpace(space, body.skeleton), body.skeleton);
+  tracker = new Tracker(await openModel(new Uint8Array(weights), wasm), skeleton);
   tell({ type: "opened" });
 }
 
@@ -33,7 +30,7 @@ async function take(message: ToEngine): Promise<void> {
   else if (message.type === "settings") tracker.settings = message.settings;
   else {
     const began = performance.now();
-    const body = await tracker.step(message.observation);
+    const body = tracker.step(message.observation);
     const milliseconds = performance.now() - began;
     const given = [body.rotation.buffer, body.restOffset.buffer] as ArrayBuffer[]; // the two that it has
     tell({ type: "completed", id: message.id, body, milliseconds }, given);

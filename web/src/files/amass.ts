@@ -1,9 +1,9 @@
 /** Motion of the AMASS layout (.npz): SMPL-H or SMPL-X poses, Z up; turned to +Y up. */
 
-import type { Clip } from "../core/clip";
-import { exponential, multiply, rotate, type Quaternion, type Vector } from "../core/math";
-import { numbers, type Archive } from "../core/npz";
-import type { Skeleton } from "../core/skeleton";
+import type { Clip } from "../body/clip";
+import { exponential, multiply, rotate, type Quaternion, type Vector } from "../body/math";
+import { numbers, type Archive } from "./npz";
+import type { Skeleton } from "../body/skeleton";
 
 const Z_UP_TO_Y_UP: Quaternion = [Math.SQRT1_2, -Math.SQRT1_2, 0, 0];
 const JOINTS = 52;

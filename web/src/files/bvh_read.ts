@@ -1,6 +1,6 @@
 /** BVH: a tree and its channels, as world poses of a rig. */
 
-import { add, axisAngle, multiply, rotate, UPRIGHT, type Quaternion, type Vector } from "../core/math";
+import { add, axisAngle, multiply, rotate, UPRIGHT, type Quaternion, type Vector } from "../body/math";
 import type { RigMotion, RigPose } from "./rig";
 
 interface Joint {

@@ -2,7 +2,7 @@
 
 import { AnimationMixer, Quaternion as Turn, Vector3, type Object3D } from "three";
 import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
-import type { Quaternion, Vector } from "../core/math";
+import type { Quaternion, Vector } from "../body/math";
 import type { RigMotion, RigPose } from "./rig";
 
 const RATE = 30; // Hz

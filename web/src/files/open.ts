@@ -1,9 +1,9 @@
 /** A file that was dropped or chosen: a motion, a recording or an avatar. */
 
-import type { Clip } from "../core/clip";
-import { readNpz } from "../core/npz";
-import type { Observation } from "../core/observation";
-import type { Skeleton } from "../core/skeleton";
+import type { Clip } from "../body/clip";
+import { readNpz } from "./npz";
+import type { Observation } from "../body/observation";
+import type { Skeleton } from "../body/skeleton";
 import type { Avatar } from "../view/avatar";
 import { AMASS_ARRAYS, amassClip, isAmass } from "./amass";
 import { readBvh } from "./bvh_read";

@@ -1,8 +1,8 @@
 /** Recordings (docs/recording.md): what a device tracked, `.npz` or `.jsonl`. */
 
-import type { Quaternion, Vector } from "../core/math";
-import { numbers, texts, type Archive } from "../core/npz";
-import { ACCURACY, type Observation, type Point } from "../core/observation";
+import type { Quaternion, Vector } from "../body/math";
+import { numbers, texts, type Archive } from "./npz";
+import { ACCURACY, type Observation, type Point } from "../body/observation";
 
 const FORMAT = "bodysense recording 1";
 // What is read of a .npz recording.

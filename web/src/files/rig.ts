@@ -1,6 +1,6 @@
 /** A person's motion on any rig whose joints have common names, put on the page's own skeleton. */
 
-import type { Clip } from "../core/clip";
+import type { Clip } from "../body/clip";
 import {
   add,
   between,
@@ -18,8 +18,8 @@ import {
   UPRIGHT,
   type Quaternion,
   type Vector,
-} from "../core/math";
-import { place, type Skeleton } from "../core/skeleton";
+} from "../body/math";
+import { place, type Skeleton } from "../body/skeleton";
 
 /** A rig in world axes: where its joints are and how they are turned, at rest and in every frame. */
 export interface RigMotion {

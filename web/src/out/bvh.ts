@@ -1,7 +1,7 @@
 /** BVH: the skeleton's tree in centimetres; channels turn in the order Z, X, Y (R = Rz · Rx · Ry), as the library's. */
 
 import type { Motion } from "./resample";
-import type { Skeleton } from "../core/skeleton";
+import type { Skeleton } from "../body/skeleton";
 
 const CENTIMETRES = 100;
 const DEGREES = 180 / Math.PI;

@@ -18,7 +18,7 @@ import {
 } from "three";
 import { GLTFExporter } from "three/addons/exporters/GLTFExporter.js";
 import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
-import type { Skeleton } from "../core/skeleton";
+import type { Skeleton } from "../body/skeleton";
 import { boneOf } from "../view/retarget";
 import type { Motion } from "./resample";
 

@@ -1,6 +1,6 @@
 /** The history at one even rate, as files of motion want it. */
 
-import { mixRotation } from "../core/clip";
+import { mixRotation } from "../body/clip";
 import type { BodyFrame } from "../history";
 import { LONGEST_TAKE } from "../take";
 

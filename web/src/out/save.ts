@@ -1,6 +1,6 @@
 /** Downloads: what the timeline holds, as BVH, glTF or VRMA. */
 
-import { withOffsets, type Skeleton } from "../core/skeleton";
+import { withOffsets, type Skeleton } from "../body/skeleton";
 import type { BodyFrame } from "../history";
 import { bvhText } from "./bvh";
 import { resample } from "./resample";

@@ -1,10 +1,9 @@
 /** A bridge: whole bodies go to a server of bodysense, which hands them to programs that a page cannot reach. */
 
-import type { Body, Skeleton } from "../core/skeleton";
+import type { Body, Skeleton } from "../body/skeleton";
 import type { Resume, SignalPoint } from "../protocol";
 import { Connection, socketAddress } from "./connection";
 
-const PATIENCE = 3000; // ms
 const EXAMPLE = "ws://127.0.0.1:8765/?token=…";
 
 export interface BridgeEvents {
@@ -33,8 +32,9 @@ export function bridgeAddress(text: string, page: Pick<Location, "protocol">): s
 
 export class Bridge {
   private sequence = 0;
-  private isOpen = true;
   private wasWelcome = false;
+  private isAsking = false; // why it does not answer
+  private readonly over = new AbortController();
   private readonly connection: Connection;
 
   /** `address`: of the server's WebSocket; bodies are those of a skeleton with these joints. */
@@ -80,20 +80,23 @@ export class Bridge {
   }
 
   close(): void {
-    this.isOpen = false;
+    this.over.abort();
     this.connection.close();
   }
 
   /** A browser does not tell a wrong token from a bridge that is not there; a plain request does. */
   private async askWhy(): Promise<void> {
+    if (this.isAsking) return;
+    this.isAsking = true;
     const place = new URL(this.address.replace(/^ws/, "http"));
     place.search = "";
-    const signal = AbortSignal.timeout(PATIENCE);
+    const { signal } = this.over;
     const answers = await fetch(place, { mode: "no-cors", cache: "no-store", signal }).then(
       () => true,
       () => false,
     );
-    if (!answers || this.wasWelcome || !this.isOpen) return;
+    this.isAsking = false;
+    if (!answers || this.wasWelcome || signal.aborted) return;
     this.close();
     this.events.lost(
       "Something answers there, but not to this token: paste the address that `bodysense serve --bridge` prints now.",

@@ -1,6 +1,6 @@
 /** A motion that plays again and again, seen by simulated sensors. */
 
-import { bodyAt, duration, observe, SENSOR_SETS, type Clip, type SensorSet } from "../core/clip";
+import { bodyAt, duration, observe, SENSOR_SETS, type Clip, type SensorSet } from "../body/clip";
 import type { Sink, Source } from "./source";
 
 const REST = 2; // s between two rounds, after which motion starts afresh

@@ -1,10 +1,10 @@
 /** A headset by WebXR: what it tracks goes to the engine, and the wearer sees their body in a mirror. */
 
 import { Matrix4, Quaternion, Vector3 } from "three";
-import { AS_IT_IS, placed, placedBy, type Placement } from "../core/placement";
-import type { Quaternion as Turn, Vector } from "../core/math";
-import type { Observation } from "../core/observation";
-import { restHeight, withOffsets, type Skeleton } from "../core/skeleton";
+import { AS_IT_IS, placed, placedBy, type Placement } from "./placement";
+import type { Quaternion as Turn, Vector } from "../body/math";
+import type { Observation } from "../body/observation";
+import { restHeight, restPoint, withOffsets, type Skeleton } from "../body/skeleton";
 import type { Live } from "../live";
 import type { SignalPoint } from "../protocol";
 import { Mirror } from "../view/mirror";
@@ -188,11 +188,8 @@ export class Headset implements Source {
 
   /** How high the head joint of the body that is shown stands, m. */
   private standingHead(): number {
-    const { points, parents } = this.skeleton;
     const offsets = this.live.newest?.restOffset ?? this.skeleton.restOffset;
-    let [height, point] = [0, points.indexOf("head")];
-    for (; point >= 0; point = parents[point]) height += offsets[3 * point + 1];
-    return height;
+    return restPoint(withOffsets(this.skeleton, offsets), "head")[1];
   }
 
   private leave(): void {

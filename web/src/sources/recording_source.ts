@@ -1,6 +1,6 @@
 /** A recording of what a device tracked, played at its own pace. */
 
-import type { Observation } from "../core/observation";
+import type { Observation } from "../body/observation";
 import type { Sink, Source } from "./source";
 
 const REST = 2; // s between two rounds

@@ -1,8 +1,8 @@
 /** A server of bodysense: what it tracks is watched here, completed by it. */
 
-import type { Quaternion, Vector } from "../core/math";
-import type { Point } from "../core/observation";
-import { place, type Body, type Skeleton } from "../core/skeleton";
+import type { Quaternion, Vector } from "../body/math";
+import type { Point } from "../body/observation";
+import { place, type Body, type Skeleton } from "../body/skeleton";
 import type { History } from "../history";
 import type {
   Calibrate,

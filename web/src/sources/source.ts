@@ -1,7 +1,7 @@
 /** A source: what gives the page something to complete, or a completed body. */
 
-import type { Observation } from "../core/observation";
-import type { Body } from "../core/skeleton";
+import type { Observation } from "../body/observation";
+import type { Body } from "../body/skeleton";
 
 /** Where a source's frames go. */
 export interface Sink {

@@ -1,7 +1,7 @@
 /** The wearers of a server: the first is looked at, the others stand beside it. */
 
 import { Group, type Object3D } from "three";
-import type { Skeleton } from "../core/skeleton";
+import type { Skeleton } from "../body/skeleton";
 import { History } from "../history";
 import type { Calibrate, Recentre, Resume, Settings } from "../protocol";
 import { Bodies, type Shown } from "../view/bodies";

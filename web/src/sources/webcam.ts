@@ -1,11 +1,12 @@
 /** A webcam: a person's landmarks, found in a worker, become points of the body. Nothing leaves this browser. */
 
-import { LandmarkPoints, type Landmarks } from "../core/landmarks";
-import type { Vector } from "../core/math";
-import { withOffsets, type Skeleton } from "../core/skeleton";
+import { LandmarkPoints, type Landmarks } from "./landmarks";
+import type { Vector } from "../body/math";
+import { withOffsets, type Skeleton } from "../body/skeleton";
 import type { FromCamera, ToCamera } from "../engine/camera_worker";
 import type { Live } from "../live";
 import { CameraPicture, type Marks } from "../ui/camera_picture";
+import { Presence } from "./presence";
 import type { Source } from "./source";
 
 const FIELD_OF_VIEW = 60; // degrees over the longer side of the picture, as webcams usually have it
@@ -59,7 +60,7 @@ class Webcam implements Source {
   private readonly points: LandmarkPoints;
   private calm: Landmarks | null = null;
   private marks: Marks = [];
-  private isSeen = false;
+  private readonly presence = new Presence();
   private isOpen = false;
   private isLooking = false;
   private shown = -1; // s, of the video: the picture that was looked at last
@@ -88,7 +89,7 @@ class Webcam implements Source {
   }
 
   get title(): string {
-    if (this.isSeen) return "You, by webcam";
+    if (this.presence.isThere) return "You, by webcam";
     return `You, by webcam: ${this.isOpen ? "looking for you" : "loading"}`;
   }
 
@@ -138,8 +139,7 @@ class Webcam implements Source {
     this.calm = found && this.calm ? smoothed(this.calm, found, 1 - 2 ** (-passed / CALM)) : found;
     const body = withOffsets(this.skeleton, this.live.newest?.restOffset ?? this.skeleton.restOffset);
     const points = this.calm && this.points.read(this.calm, body, passed);
-    this.small.say(points ? seenOf(points.map(({ name }) => name)) : NOBODY);
-    this.isSeen = points !== null;
+    if (!this.presence.look(points !== null, milliseconds)) this.small.say(NOBODY);
     if (!points) {
       if (milliseconds - this.lonely > 1000 * LONELY && !this.hasSaid) {
         this.hasSaid = true;
@@ -147,6 +147,7 @@ class Webcam implements Source {
       }
       return;
     }
+    this.small.say(seenOf(points.map(({ name }) => name)));
     this.before = this.lonely = milliseconds;
     this.hasSaid = false;
     this.sensors = points.map(({ name }) => name);

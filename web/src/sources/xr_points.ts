@@ -10,8 +10,8 @@ import {
   UPRIGHT,
   type Quaternion,
   type Vector,
-} from "../core/math";
-import { ACCURACY, type Point } from "../core/observation";
+} from "../body/math";
+import { ACCURACY, type Point } from "../body/observation";
 import type { SignalPoint } from "../protocol";
 import { XR_POINTS } from "./xr_signal";
 

@@ -1,6 +1,6 @@
 /** Sending to a bridge: an address, a button, and how it goes. */
 
-import type { Body, Skeleton } from "../core/skeleton";
+import type { Body, Skeleton } from "../body/skeleton";
 import { button, element, input } from "../page";
 import { Bridge, bridgeAddress } from "../server/bridge";
 import { watchHash } from "../sources/watching";

@@ -1,6 +1,6 @@
 /** What is tracked: the simulated sensors, and parts of the body that one can switch off. */
 
-import { SENSOR_SETS, type SensorSet } from "../core/clip";
+import { SENSOR_SETS, type SensorSet } from "../body/clip";
 import { checkbox, choices, element } from "../page";
 
 const SETS: Readonly<Record<SensorSet, string>> = {

@@ -1,6 +1,6 @@
 /** One quiet line: who completes, how fast, and how far off that is. */
 
-import { meanDistance, type Skeleton } from "../core/skeleton";
+import { meanDistance, type Skeleton } from "../body/skeleton";
 import type { Live } from "../live";
 import type { Moment } from "../history";
 import { element } from "../page";

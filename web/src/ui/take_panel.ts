@@ -1,6 +1,6 @@
 /** Takes: record, keep and save them. */
 
-import type { Skeleton } from "../core/skeleton";
+import type { Skeleton } from "../body/skeleton";
 import type { History } from "../history";
 import { KeptTake } from "../kept_take";
 import { FILE_KINDS, saveMotion, type FileKind } from "../out/save";

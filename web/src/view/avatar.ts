@@ -5,7 +5,7 @@ import type { Group } from "three";
 import { MeshoptDecoder } from "three/addons/libs/meshopt_decoder.module.js";
 import { GLTFLoader, type GLTF } from "three/addons/loaders/GLTFLoader.js";
 import { drivenJoints, localRotation, type Driven } from "./retarget";
-import { rootHeight, type Body, type Skeleton } from "../core/skeleton";
+import { rootHeight, type Body, type Skeleton } from "../body/skeleton";
 
 /** Read the bytes of a .vrm or .glb file. Throws an Error of one line for what is none. */
 export async function readGlb(bytes: ArrayBuffer, name: string): Promise<GLTF> {

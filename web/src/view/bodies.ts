@@ -1,7 +1,7 @@
 /** What stands on the stage: the result (an avatar, or a figure that shows how sure it is), the truth, the signal. */
 
 import type { Object3D } from "three";
-import { withOffsets, type Skeleton } from "../core/skeleton";
+import { withOffsets, type Skeleton } from "../body/skeleton";
 import type { Moment } from "../history";
 import { BodyView } from "./body_view";
 import { pointColour, TRUTH_COLOUR, type Colouring } from "./colours";

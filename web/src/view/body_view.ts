@@ -12,7 +12,7 @@ import {
   SphereGeometry,
   Vector3,
 } from "three";
-import { restHeight, type Body, type Skeleton } from "../core/skeleton";
+import { restHeight, type Body, type Skeleton } from "../body/skeleton";
 
 /** Radii as shares of a body's height: across (left to right) and deep (back to front). */
 const FLESH: readonly (readonly [RegExp, number, number])[] = [

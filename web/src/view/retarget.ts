@@ -1,6 +1,6 @@
 /** A pose on a VRM humanoid: which bone each joint is, and the rotations where the avatar lacks some bones. */
 
-import { multiply, type Body, type Skeleton } from "../core/skeleton";
+import { multiply, type Body, type Skeleton } from "../body/skeleton";
 
 const BODY: Readonly<Record<string, string>> = {
   pelvis: "hips",

@@ -2,7 +2,7 @@
 
 import { AxesHelper, Group, Mesh, MeshBasicMaterial, OctahedronGeometry } from "three";
 import { SIGNAL_COLOUR } from "./colours";
-import type { Point } from "../core/observation";
+import type { Point } from "../body/observation";
 
 export class SignalView {
   readonly group = new Group();

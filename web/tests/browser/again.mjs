@@ -1,6 +1,6 @@
 /** A headset that is worn, taken off and worn again, with other sources in between: node again.mjs FOLDER PICTURES */
 
-import { wearEmulated } from "./emulated_headset.mjs";
+import { putOn, takeOff, wearEmulated } from "./emulated_headset.mjs";
 import { scenario, serveFolder } from "./page.mjs";
 
 const [folder, pictures] = process.argv.slice(2);
@@ -15,26 +15,20 @@ await scenario({ colorScheme: "light", viewport: { width: 480, height: 320 } }, 
       polling: 100,
     });
   const enter = async () => {
-    await page.dispatchEvent("#door-headset", "click");
-    await says("#source", "headset");
-    await says("#shown", "3 points");
-    await page.waitForTimeout(1500);
+    await putOn(page);
+    await page.evaluate(() => headsetFrames(10));
     return page.evaluate(() => Boolean(device.activeSession));
-  };
-  const leave = async () => {
-    await page.evaluate(() => device.activeSession.end());
-    await page.waitForTimeout(500);
   };
   await says("#rate", "completed here");
   const worn = [await enter()];
-  await leave();
+  await takeOff(page);
   worn.push(await enter()); // at once
   await page.screenshot({ path: `${pictures}/again.png` });
-  await leave();
+  await takeOff(page);
   await page.dispatchEvent("#door-performance", "click");
   await says("#source", "performance");
   worn.push(await enter()); // after another source
-  await leave();
+  await takeOff(page);
   return { worn, notice: await text("#notice-text") };
 });
 site.close();

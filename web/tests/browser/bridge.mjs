@@ -4,7 +4,8 @@ import { scenario, serveFolder } from "./page.mjs";
 
 const [folder, address] = process.argv.slice(2);
 const site = await serveFolder(folder);
-await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
+const refused = /127\.0\.0\.1:\d+\/ws.* failed|^Failed to load resource/; // by servers that answer with a refusal, or not at all
+await scenario({ viewport: { width: 900, height: 420 }, expected: refused }, async (page) => {
   await page.routeWebSocket(/nobody/, (socket) => socket.close({ code: 1006 }));
   await page.goto(`${site.address}#bridge=${encodeURIComponent(address)}`);
   const until = (id, part) =>
@@ -36,7 +37,7 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
   const wrong = await page.textContent("#notice-text");
   await page.fill("#bridge", address.replace(/token=.*/, "token=wrong"));
   await send();
-  await until("#notice-text", "token");
+  await until("#notice-text", "not to this token");
   const token = { notice: await page.textContent("#notice-text"), button: await page.textContent("#bridge-send") };
   await page.fill("#bridge", "ws://127.0.0.1:59999/?token=nobody");
   await send();

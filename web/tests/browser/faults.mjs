@@ -69,12 +69,12 @@ await scenario({ viewport: { width: 500, height: 400 }, serviceWorkers: "block" 
   await page.evaluate(() => loss.restoreContext());
   await page.waitForSelector("#notice", { state: "hidden" });
 
-  await page.route("**/completion.onnx.gz", (route) => route.fulfill({ body: "not packed" }));
+  await page.route("**/completion.safetensors.gz", (route) => route.fulfill({ body: "not packed" }));
   await page.reload();
   await keep("damaged", "damaged");
   await until("#shown", "tracked"); // the motion itself is shown
 
-  await page.unroute("**/completion.onnx.gz");
+  await page.unroute("**/completion.safetensors.gz");
   await page.addInitScript(() => {
     const refuse = () => {
       throw new DOMException("no page may store anything", "SecurityError");

@@ -1,17 +1,20 @@
 /** A wearer of an emulated headset who measures, crouches, sits and stands up: node wearer.mjs FOLDER PICTURES
  *
- * Bodies are read as a person gets them: as saved BVH.
+ * Bodies are read as a person gets them: as saved BVH. The page's clock goes on with its pictures, so that a busy machine
+ * is slower and does nothing else.
  */
 
-import { wearEmulated } from "./emulated_headset.mjs";
+import { pressMenu, putOn, takeOff, wearEmulated } from "./emulated_headset.mjs";
 import { scenario, serveFolder } from "./page.mjs";
 
+const [TALLER, SITTING] = [1, 4]; // rows of the menu
 const [folder, pictures] = process.argv.slice(2);
 const site = await serveFolder(folder);
 
 await scenario(
   { colorScheme: "light", viewport: { width: 480, height: 320 }, serviceWorkers: "block" },
   async (page) => {
+    await page.addInitScript(clockOfPictures);
     await wearEmulated(page);
     await page.goto(site.address);
     const text = (id) => page.textContent(id);
@@ -34,14 +37,17 @@ await scenario(
         },
         [eyes, reach / 2],
       );
-    const enter = async () => {
-      await page.dispatchEvent("#door-headset", "click");
-      await says("#source", "headset");
-      await says("#shown", "3 points");
+    /** Wait until the timeline has so many seconds, or so many more. */
+    const recorded = async (seconds, isMore = false) => {
+      const length = () => page.evaluate(() => Number(scrub.max) - Number(scrub.min));
+      const least = seconds + (isMore ? await length() : 0);
+      await page.waitForFunction((wanted) => Number(scrub.max) - Number(scrub.min) >= wanted, least, { polling: 50 });
     };
-    const leave = async () => {
-      await page.evaluate(() => device.activeSession.end());
-      await page.waitForTimeout(400);
+    const seated = async (isSeated) => {
+      await page.waitForFunction((wanted) => document.getElementById("seated").checked === wanted, isSeated, {
+        polling: 50,
+      });
+      return page.isChecked("#seated");
     };
     const measure = async (part) => {
       await page.evaluate(() => document.getElementById("notice-close").click());
@@ -59,14 +65,14 @@ await scenario(
 
     // A tall wearer of whom nothing is known stands on the floor from the first second.
     await stand(1.85);
-    await enter();
-    await page.waitForTimeout(2500);
+    await putOn(page);
+    await recorded(2.5);
     await save("tall");
-    await leave();
+    await takeOff(page);
 
     // Who crouches is asked, who stands is measured, and both after a countdown.
     await stand(1.22);
-    await enter();
+    await putOn(page);
     await armsOut(1.22, 1.4);
     await page.evaluate(() => {
       window.said = [];
@@ -81,14 +87,14 @@ await scenario(
     facts.hint = await text("#calibrate-hint");
 
     // They stay measured from source to source, and over a reload.
-    await leave();
+    await takeOff(page);
     await page.dispatchEvent("#door-performance", "click");
     await says("#source", "performance");
     await stand(1.7);
-    await enter();
-    await page.waitForTimeout(1500);
+    await putOn(page);
+    await recorded(1.5);
     await save("measured");
-    await leave();
+    await takeOff(page);
     await page.reload();
     await says("#rate", "completed here");
     await page.dispatchEvent("#settings", "click");
@@ -96,11 +102,11 @@ await scenario(
 
     // Taller begins at the body's own height.
     await stand(1.7);
-    await enter();
-    await page.waitForTimeout(800);
-    await page.evaluate(press, [1, 0]);
+    await putOn(page);
+    await recorded(0.8);
+    await pressMenu(page, TALLER);
     facts.taller = await page.inputValue("#height");
-    await leave();
+    await takeOff(page);
     await page.dispatchEvent("#forget", "click");
     await page.fill("#height", "");
     await page.locator("#height").blur();
@@ -109,50 +115,32 @@ await scenario(
     // I am sitting counts before VR; in VR the page's box follows; who stands up does not fly.
     await page.locator("#seated").dispatchEvent("click");
     await stand(1.18);
-    await enter();
-    await page.waitForTimeout(2000);
+    await putOn(page);
+    await recorded(2);
     await save("seated");
-    facts.seatedBox = [await page.isChecked("#seated")];
-    await page.evaluate(press, [4, 0]);
-    facts.seatedBox.push(await page.isChecked("#seated"));
-    await page.evaluate(press, [4, 0]);
-    facts.seatedBox.push(await page.isChecked("#seated"));
-    await page.waitForTimeout(500);
+    facts.seatedBox = [await seated(true)];
+    await pressMenu(page, SITTING);
+    facts.seatedBox.push(await seated(false));
+    await pressMenu(page, SITTING);
+    facts.seatedBox.push(await seated(true));
+    await recorded(0.5, true);
     for (let eyes = 1.18; eyes <= 1.6; eyes += 0.03) {
       await stand(eyes);
-      await page.waitForTimeout(60);
+      await page.evaluate(() => headsetFrames(1));
     }
-    await page.waitForTimeout(1500);
+    await recorded(1.5, true);
     await page.screenshot({ path: `${pictures}/risen.png` });
-    await leave();
+    await takeOff(page);
     await save("risen");
     return facts;
   },
 );
 site.close();
 
-/** Point at a row of the menu from half a metre and pull the trigger: the menu stands to the right of the mirror. */
-async function press([row, yaw]) {
-  const turned = (angle, [x, y, z]) => [
-    x * Math.cos(angle) + z * Math.sin(angle),
-    y,
-    z * Math.cos(angle) - x * Math.sin(angle),
-  ];
-  const sum = (...vectors) => [0, 1, 2].map((k) => vectors.reduce((total, vector) => total + vector[k], 0));
-  const mirror = sum([device.position.x, 0, device.position.z], turned(yaw, [0, 0, -1.5]));
-  const [height, above, step] = [0.935, 0.14, 0.087]; // m: of the board, over its rows, from row to row
-  const down = [0, height / 2 - above - step * row - 0.04, 0];
-  const place = sum(mirror, turned(yaw, [1.12, 1.3, 0.35]), down, turned(yaw - 0.6, [0, 0, 0.5]));
-  const input = device.controllers.right;
-  const before = [input.position.x, input.position.y, input.position.z];
-  input.position.set(...place);
-  input.quaternion.set(0, Math.sin((yaw - 0.6) / 2), 0, Math.cos((yaw - 0.6) / 2));
-  const frames = () => new Promise((done) => setTimeout(done, 700));
-  await frames();
-  input.updateButtonValue("trigger", 1);
-  await frames();
-  input.updateButtonValue("trigger", 0);
-  await frames();
-  input.position.set(...before);
-  input.quaternion.set(0, 0, 0, 1);
+/** Pictures 0.15 s apart by the page's clock, which stands still between them. */
+function clockOfPictures() {
+  const BETWEEN = 150; // ms
+  let now = performance.now();
+  performance.now = () => now;
+  window.requestAnimationFrame = (call) => setTimeout(() => call((now += BETWEEN)), BETWEEN);
 }

@@ -52,6 +52,7 @@ await scenario(
     await page.dispatchEvent("#record", "click");
     await page.waitForTimeout(12_000);
     await page.dispatchEvent("#record", "click");
+    await until(page, "#camera-says", "You are seen");
     await page.screenshot({ path: picture });
     const small = await page.evaluate(() => {
       const canvas = document.getElementById("camera-picture");

@@ -1,4 +1,4 @@
-"""Scripts: what a performer was asked to do, and when."""
+"""Scripts: steps that a performer was asked to do, with their times."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ _ALSO = {
     "left_grasps_right_fist": "other",
     "clap": "other",
 }
-"""Names that others give to our steps: those of the public acceptance suite for robots' trackers, and plain ones."""
+"""Other names of our steps: those of the public acceptance suite for robots' trackers, and plain ones."""
 
 
 def read_script(path: Path) -> tuple[Step, ...]:
-    """The steps of a script: JSON with `steps`, each a `label` and `start` and `end` (s), or `start_ns` and `end_ns`.
+    """Read the steps of a script: JSON with `steps` of `label`, `start` and `end` (s), or `start_ns` and `end_ns`.
 
-    Raises BodysenseError, naming the step and what would be valid, for anything else.
+    Raises BodysenseError, naming the step and what would be valid, for other files.
     """
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
@@ -52,7 +52,7 @@ def read_script(path: Path) -> tuple[Step, ...]:
 
 
 def script_beside(path: Path) -> Path | None:
-    """The script that lies beside a take under its name: TAKE.labels.json."""
+    """Return TAKE.labels.json in the folder of a take, or None if it does not exist."""
     beside = path.with_name(f"{path.stem}.labels.json")
     return beside if beside.is_file() else None
 

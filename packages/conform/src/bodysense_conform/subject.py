@@ -1,4 +1,4 @@
-"""Subject: the output of a tracker as it was given, which the checks judge."""
+"""Subject: the unchanged output of a tracker, which the checks judge."""
 
 from __future__ import annotations
 
@@ -6,23 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply
-from bodysense.body.skeleton import default_skeleton
+from bodysense.body.skeleton import FINGERS, default_skeleton
 
-SHORTEST_INTERVAL = 0.004  # s: speeds over less say more of the clock than of the body
+SHORTEST_INTERVAL = 0.004  # s; speeds over shorter intervals measure the clock, not the body
 FOOT_POINTS = ("left_ankle", "right_ankle", "left_foot", "right_foot", "left_toe", "right_toe")
-CALM = 1.0  # s: length of the calmest window
-
-Kind = Literal["motion", "stream", "recording"]
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step of a script: from `start` to `end` the performer does what `label` says."""
+    """One step of a script: from `start` to `end` the performer does what `label` names."""
 
     label: str
     start: float  # s, of the subject's clock
@@ -31,11 +27,11 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Transport:
-    """What only a container or stream says of its messages; None where it does not."""
+    """Facts about messages that only a container or a stream knows; None if it does not say."""
 
-    messages: int = 0  # that came
-    malformed: int = 0  # of these could not be read
-    lost: int = 0  # that the sequence numbers miss
+    messages: int = 0  # received
+    malformed: int = 0  # received and unreadable
+    lost: int = 0  # absent from the sequence numbers
     log_time: np.ndarray | None = None  # (T,) s, when each was written
     available: np.ndarray | None = None  # (T,) s, when each became available, on the clock of the samples
     device_time: np.ndarray | None = None  # (T,) s, of the device's own clock
@@ -44,9 +40,9 @@ class Transport:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """T frames of P points, named as the default skeleton's; world: +Y up, metres; rotations: the T-pose is identity.
+    """T frames of P points with the names of the default skeleton; world: +Y up, metres; identity in the T-pose.
 
-    Nothing is mended: values may be NaN, quaternions of any length, times in any order.
+    Nothing is repaired: values may be NaN, quaternions of any length, times in any order.
     """
 
     name: str
@@ -56,83 +52,100 @@ class Subject:
     position: np.ndarray  # (T, P, 3) m
     rotation: np.ndarray  # (T, P, 4) wxyz, world ← joint
     rotated: np.ndarray  # (P,) bool: the format gives this point a rotation
-    valid: np.ndarray  # (T, P) bool: the device says that it has this point
-    measured: np.ndarray | None = None  # (T, P) bool: measured, not completed; None where the device does not say
-    floor: float | None = None  # m; None: not known, estimated from the feet
+    valid: np.ndarray  # (T, P) bool: the device claims to have this point
+    measured: np.ndarray | None = None  # (T, P) bool: measured, not completed; None if the device does not say
+    floor: float | None = None  # m; None: unknown, estimated from the feet
     steps: tuple[Step, ...] = ()
     transport: Transport = field(default_factory=Transport)
+    reference: Subject | None = None  # the same performance from a source with a trusted clock
     sha256: str = ""
 
     def __len__(self) -> int:
         return len(self.time)
 
     @cached_property
-    def _place(self) -> dict[str, int]:
+    def _index(self) -> dict[str, int]:
         return {name: k for k, name in enumerate(self.points)}
-
-    def has(self, *names: str) -> bool:
-        """Whether all these points are there, in at least one frame each."""
-        return all(name in self._present for name in names)
 
     @cached_property
     def _present(self) -> frozenset[str]:
         return frozenset(np.array(self.points)[self.known.any(axis=0)].tolist())
 
+    def has(self, *names: str) -> bool:
+        """Whether all these points are known in at least one frame each."""
+        return all(name in self._present for name in names)
+
+    def has_rotation(self, *names: str) -> bool:
+        """Whether all these points are known and have rotations."""
+        return self.has(*names) and all(bool(self.rotated[self._index[name]]) for name in names)
+
+    def columns(self, names: Sequence[str]) -> np.ndarray:
+        """Columns of some points."""
+        return np.array([self._index[name] for name in names], dtype=np.int64)
+
     def at(self, name: str) -> np.ndarray:
-        """(T, 3) m, NaN where it is not known."""
-        return self.places[:, self._place[name]]
+        """Return places (T, 3) of a point in metres, NaN if unknown."""
+        return self.places[:, self._index[name]]
 
     def turn(self, name: str) -> np.ndarray:
-        """(T, 4) world ← joint, of unit length, NaN where it is not known."""
-        return self.turns[:, self._place[name]]
+        """Return unit quaternions (T, 4) world ← joint, NaN if unknown."""
+        return self.turns[:, self._index[name]]
 
     @cached_property
     def known(self) -> np.ndarray:
-        """(T, P) bool: the device says that it has the point, and its position is finite."""
+        """(T, P) bool: the device claims to have the point, and its position is finite."""
         return self.valid & np.isfinite(self.position).all(axis=-1)
 
     @cached_property
     def places(self) -> np.ndarray:
-        """(T, P, 3) m, NaN where not known."""
+        """(T, P, 3) m, NaN if unknown."""
         return np.where(self.known[..., None], self.position, np.nan)
 
     @cached_property
     def turns(self) -> np.ndarray:
-        """(T, P, 4) of unit length, NaN where not known."""
+        """(T, P, 4) of unit length, NaN if unknown."""
         length = np.linalg.norm(self.rotation, axis=-1, keepdims=True)
         good = self.valid[..., None] & np.isfinite(length) & (length > 1e-6)
         return np.where(good, self.rotation / np.where(good, length, 1), np.nan)
 
     @cached_property
-    def step(self) -> np.ndarray:
-        """(T - 1,) s between frames."""
-        return np.diff(self.time)
-
-    @cached_property
     def interval(self) -> float:
-        """Median time between frames, s; NaN of one frame."""
-        steps = self.step[np.isfinite(self.step)]
+        """Median time between frames in seconds; NaN if there are fewer than two frames."""
+        steps = np.diff(self.time)
+        steps = steps[np.isfinite(steps)]
         return float(np.median(steps)) if len(steps) else float("nan")
 
     @cached_property
     def seconds(self) -> float:
-        """From the first frame to the last."""
+        """Time from the first frame to the last."""
         return float(self.time[-1] - self.time[0]) if len(self) else 0.0
+
+    def frames(self, seconds: float) -> int:
+        """Number of frames in a time, at least 1."""
+        return max(round(seconds / self.interval), 1) if self.interval > 0 else 1
 
     @cached_property
     def velocity(self) -> np.ndarray:
-        """(T - 1, P, 3) m/s; NaN over intervals that are too short, or go back."""
-        step = np.where(self.step >= SHORTEST_INTERVAL, self.step, np.nan)
-        return np.diff(self.places, axis=0) / step[:, None, None]
+        """(T, P, 3) m/s from the frame before; NaN in the first frame and over intervals that are too short."""
+        step = np.diff(self.time, prepend=np.nan)
+        return (
+            np.diff(self.places, axis=0, prepend=np.nan)
+            / np.where(step >= SHORTEST_INTERVAL, step, np.nan)[:, None, None]
+        )
 
     @cached_property
     def speed(self) -> np.ndarray:
-        """(T - 1, P) m/s."""
+        """(T, P) m/s."""
         return np.linalg.norm(self.velocity, axis=-1)
 
     @cached_property
+    def body(self) -> tuple[str, ...]:
+        """Known points without fingers."""
+        return tuple(name for name in self.points if not is_finger(name) and self.has(name))
+
+    @cached_property
     def bones(self) -> tuple[tuple[str, str], ...]:
-        """Parent and child of every bone: a point and the nearest one above it that is there too."""
+        """Parent and child of every bone: a point and its nearest ancestor that is known too."""
         ours = default_skeleton()
         pairs = []
         for name in self.points:
@@ -144,78 +157,77 @@ class Subject:
         return tuple(pairs)
 
     def length(self, parent: str, child: str) -> np.ndarray:
-        """(T,) m from one point to another."""
+        """Return distances (T,) between two points in metres."""
         return np.linalg.norm(self.at(child) - self.at(parent), axis=-1)
 
     def local(self, parent: str, child: str) -> np.ndarray:
-        """(T, 4) parent ← child."""
+        """Return quaternions (T, 4) parent ← child."""
         return quaternion_multiply(quaternion_conjugate(self.turn(parent)), self.turn(child))
 
     @cached_property
     def height(self) -> float:
-        """Ankle to head along the bones, m: the median over time of the sum; NaN where the chain is broken."""
+        """Length of the bones from ankle to head in metres, medians over time; NaN if the chain is broken."""
         chain = [name for name in ("pelvis", "spine1", "spine2", "spine3", "neck", "head") if self.has(name)]
-        if not self.has("head", "pelvis"):
+        legs = [[f"{side}_{part}" for part in ("hip", "knee", "ankle")] for side in ("left", "right")]
+        legs = [leg for leg in legs if self.has(*leg)]
+        if not legs or not self.has("head", "pelvis"):
             return float("nan")
-        up = sum(float(np.nanmedian(self.length(a, b))) for a, b in pairwise(chain))
-        legs = []
-        for side in ("left", "right"):
-            leg = [f"{side}_{part}" for part in ("hip", "knee", "ankle")]
-            if self.has(*leg):
-                legs.append(sum(float(np.nanmedian(self.length(a, b))) for a, b in pairwise(leg)))
-        return up + float(np.mean(legs)) if legs else float("nan")
+        return self._along(chain) + float(np.mean([self._along(leg) for leg in legs]))
+
+    def _along(self, chain: Sequence[str]) -> float:
+        return sum(float(np.nanmedian(self.length(a, b))) for a, b in pairwise(chain))
 
     @cached_property
     def feet(self) -> tuple[str, ...]:
-        """Points of the feet that are there."""
+        """Known points of the feet."""
         return tuple(name for name in FOOT_POINTS if self.has(name))
 
     @cached_property
-    def ground(self) -> float:
-        """Height of the floor, m: told, or where the lowest points of the feet mostly are."""
-        if self.floor is not None:
-            return self.floor
-        if not self.feet:
-            return float("nan")
-        lowest = nan_min(np.stack([self.at(name)[:, 1] for name in self.feet]), axis=0)
-        return float(np.nanpercentile(lowest, 5)) if np.isfinite(lowest).any() else float("nan")
+    def soles(self) -> np.ndarray:
+        """Heights (T, 2) of the left and right sole in metres, from the lowest point of each foot; NaN if unknown."""
+        ours = default_skeleton()
+        rest = (ours.path @ ours.rest_offset)[:, 1] + ours.rest_offset[0, 1]
+        size = self.height / _HEIGHT if np.isfinite(self.height) else 1.0
+        soles = np.full((len(self), 2), np.nan)
+        for k, side in enumerate(("left", "right")):
+            foot = [name for name in self.feet if name.startswith(side)]
+            if foot:
+                thick = size * rest[ours.indices(foot)]  # m, from the sole to the point in the rest pose
+                soles[:, k] = nan_min(self.places[:, self.columns(foot), 1] - thick, axis=1)
+        return soles
 
     @cached_property
-    def calm(self) -> slice | None:
-        """The second in which the points of the body move least; None where no second is whole."""
-        frames = round(CALM / self.interval) if self.interval > 0 else 0
-        body = [k for k, name in enumerate(self.points) if not is_finger(name)]
-        if frames < 8 or len(self) <= frames or not body:
-            return None
-        speed = self.speed[:, body]
-        whole = np.asarray(np.isfinite(speed).all(axis=1))
-        moving = np.where(whole, np.where(whole[:, None], speed, 0).mean(axis=1), np.inf)
-        moving = np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(moving), moving, 1e6))])
-        total = moving[frames - 1 :] - moving[: len(moving) - frames + 1]
-        start = int(np.argmin(total))
-        return slice(start, start + frames) if total[start] < 1e6 else None
+    def ground(self) -> float:
+        """Height of the floor in metres: the known one, or the usual height of the lower sole."""
+        if self.floor is not None:
+            return self.floor
+        lower = nan_min(self.soles, axis=1)
+        return float(np.nanpercentile(lower, 10)) if np.isfinite(lower).any() else float("nan")
 
     def during(self, step: Step, share: float = 1.0) -> np.ndarray:
-        """(T,) bool: the last `share` of a step."""
+        """Return which frames (T,) are in the last `share` of a step."""
         start = step.end - share * (step.end - step.start)
         return (self.time >= start) & (self.time <= step.end)
 
     def labelled(self, *labels: str) -> list[Step]:
-        """The steps of these labels, in their order."""
+        """Return the steps with one of these labels, in order."""
         return [step for step in self.steps if step.label in labels]
 
 
+_HEIGHT = 1.406  # m, ankle to head along the bones of the default skeleton, for which soles are as thick as its own
+
+
 def is_finger(name: str) -> bool:
-    """Whether a point is a joint or tip of a finger."""
-    return name.partition("_")[2].startswith(("thumb", "index", "middle", "ring", "pinky"))
+    """Return whether a point is a joint or tip of a finger."""
+    return name.partition("_")[2].startswith(FINGERS)
 
 
 def ordered(names: Sequence[str]) -> tuple[str, ...]:
-    """Those names that the default skeleton has, in its order."""
+    """Return the names that the default skeleton has, in its order."""
     return tuple(name for name in default_skeleton().points if name in set(names))
 
 
 def nan_min(values: np.ndarray, axis: int) -> np.ndarray:
-    """The least of what is no NaN; NaN where nothing is (without NumPy's warning)."""
+    """Return the least value that is not NaN, or NaN if all are, without NumPy's warning."""
     found = np.where(np.isnan(values), np.inf, values).min(axis=axis)
     return np.where(np.isinf(found), np.nan, found)

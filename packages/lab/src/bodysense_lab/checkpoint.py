@@ -18,7 +18,7 @@ from bodysense.files import written_beside
 
 
 def identity(config: Any, schedule: Any, source: Mapping[str, Any] | None = None) -> str:
-    """What a checkpoint must agree on to be continued: the dataclasses of network and schedule.
+    """Return the identity on which a checkpoint must agree: the dataclasses of network and schedule.
 
     `source` is what the run learns from, in plain values.
     """
@@ -90,7 +90,7 @@ def best_weights(path: Path, network: nn.Module) -> dict[str, Tensor]:
 
 
 def checkpoint_identity(path: Path) -> dict[str, Any]:
-    """The `identity` of the run of a checkpoint, as nested dictionaries. Raises BodysenseError where there is none."""
+    """Return the `identity` of a checkpoint's run as nested dictionaries. Raises BodysenseError if it has none."""
     return json.loads(_read(path).get("identity", "{}"))
 
 

@@ -35,7 +35,7 @@ def open_clips(
 ) -> Iterator[Clip]:
     """The clips of a folder or a store one after the other, in canonical form, at their own frame rates.
 
-    `categories` None takes all; `layout` None recognises a folder's (`io.datasets.layouts`); `at_most` takes so many,
+    `categories` None takes all; `layout` None recognises a folder's (`io.datasets.layouts`); `at_most` limits them,
     spread evenly; `options` say what motion files do not. Raises BodysenseError where nothing is left, and for the
     first file that cannot be read (`prepare` skips such files and says why).
     """
@@ -44,7 +44,7 @@ def open_clips(
 
 
 def spread_evenly(items: Sequence[Item], at_most: int | None) -> Sequence[Item]:
-    """Return at most so many items, spread evenly over all; None: all."""
+    """Return at most `at_most` items, spread evenly over all; None: all."""
     if at_most is None or at_most >= len(items):
         return items
     return [items[(2 * k + 1) * len(items) // (2 * at_most)] for k in range(at_most)]
@@ -146,7 +146,7 @@ class DataSet:
     quick: bool = False  # only the first seconds of a few clips, spread over all
 
     def clips(self) -> Iterator[Clip]:
-        """Its clips, canonical, at their own rates. Raises BodysenseError where there are none."""
+        """Yield its clips, canonical, at their own rates. Raises BodysenseError if there are no clips."""
         if not self.quick:
             yield from open_clips(self.path, self.split)
             return
@@ -206,9 +206,9 @@ def census_of(clip: Clip) -> Census:
 def gathered(
     work: Callable[[Clip], Mapping[Any, Any]], clips: Iterable[Clip], jobs: int, advance: Callable[[Clip], None]
 ) -> tuple[dict[Any, Any], Census]:
-    """What `work` found in clips, what has the same key merged, and how much motion that was.
+    """Return the results of `work` on clips, merged by key, and the amount of motion.
 
-    `jobs` processes work; `advance` is told of every clip that is done.
+    `jobs` processes work; `advance` is called after every clip.
     """
     found: dict[Any, Any] = {}
     census = Census()

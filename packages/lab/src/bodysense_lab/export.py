@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from bodysense.files import written_beside
 
-_LARGE = 4096  # values: smaller constants stay as they are
+_LARGE = 4096  # values; smaller constants are not changed
 
 
 def export(

@@ -1,6 +1,6 @@
 """The training loop of every network: averaged weights, checkpoints, resumption, the best so far, a log.
 
-What a network learns is a `Task`. Several processes, on one machine or more, share a training through Fabric: each
+A `Task` defines loss and validation. Several processes, on one machine or more, share a training through Fabric: each
 draws batches of its own, and gradients are averaged.
 
 Training many networks with one command: what is there is kept, several side by side, one progress bar.
@@ -59,7 +59,7 @@ Report = Callable[[Progress], None]
 
 
 class Task:
-    """What a network learns and how it is judged; a method's task overrides what differs."""
+    """Loss, batches and validation of a training; a method's task overrides the defaults."""
 
     network: Any  # the module that is trained
     schedule: Any  # learning_rate, average_decay, check_every, seed; a checkpoint must agree on it
@@ -69,7 +69,7 @@ class Task:
     clip: float = 1.0  # highest norm of the gradients of a group of parameters, unless it has a `clip` of its own
 
     def identity(self) -> str:
-        """What a checkpoint must agree on."""
+        """Settings on which a checkpoint must agree."""
         return identity(self.network.config, self.schedule, self.source)
 
     @property
@@ -132,7 +132,7 @@ def fit(
 
     `report` is called at every checkpoint; `pace` at the beginning, 5 s later, and then ever more rarely between
     checkpoints. Without `report`, both print a line. Training continues from `checkpoint` if that file exists; the log
-    is beside it as .jsonl, a line a checkpoint. Raises BodysenseError when the checkpoint belongs to another
+    is next to it as .jsonl, a line a checkpoint. Raises BodysenseError when the checkpoint belongs to another
     configuration, schedule or source.
     """
     fabric = fabric or launched()
@@ -250,7 +250,7 @@ def machine_of(fabric: Fabric, mixed: bool) -> str:
 
 
 def begin(seed: int, threads: int | None) -> None:
-    """Set PyTorch's seed, and its threads where they are told; before a network is made."""
+    """Set PyTorch's seed, and its threads if given. Call it before a network is made."""
     if threads is not None:
         torch.set_num_threads(threads)
     torch.manual_seed(seed)
@@ -287,7 +287,7 @@ S = TypeVar("S", bound=Sized)
 
 
 def played(draw: Callable[[], S], count: int, chunk: int) -> Iterator[tuple[list[tuple[S, int]], np.ndarray]]:
-    """Of `count` streams, for each chunk: the sequence that each plays and its first frame there, and who begins (B,).
+    """Yield chunks of `count` streams: each stream's sequence and first frame, and which streams begin (B,).
 
     A stream whose sequence has ended draws the next one.
     """
@@ -344,7 +344,7 @@ def sweep(
             def report(progress: Progress, before: int = done) -> None:
                 bars.update(bar, completed=before + progress.step)
 
-            if not is_trained(name):  # what it waits for may have come out as it was
+            if not is_trained(name):  # a network it depends on may be unchanged
                 console.print(train(name, report), highlight=False)
             done += steps[name]
             bars.update(bar, completed=done)

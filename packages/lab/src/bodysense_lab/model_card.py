@@ -1,4 +1,4 @@
-"""Model cards: test figures put into a network file, and what it says of itself as Markdown beside it."""
+"""Model cards: test figures in a network file, and a Markdown description next to it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.papers import hmd_vae as body_vae
 from bodysense.papers import point_model
-from bodysense_lab.completion import onnx_graph, weights_file
+from bodysense_lab.completion import weights_file
 from bodysense_lab.unoc import learned
 
 Numbers = Mapping[str, float]
@@ -25,7 +25,7 @@ Numbers = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Kind:
-    """What the card of a kind of network says."""
+    """Text and tables of the card of a kind of network."""
 
     what: str
     measured_by: str  # the command whose --json gives the figures
@@ -36,7 +36,7 @@ class Kind:
 
 
 def describe(path: Path, figures: Numbers) -> Path:
-    """Put test figures into a network file and write its model card beside it as Markdown. Returns the card's path.
+    """Put test figures into a network file and write its model card next to it as Markdown. Returns the card's path.
 
     `figures` is what the command that measures such networks wrote with --json; those of the card's table are kept.
     Raises BodysenseError for a file of no kind that has a card, and for figures of another command.
@@ -119,7 +119,7 @@ def fields_read(fields: Mapping[str, str]) -> dict[str, Any]:
 
 
 def form(card: Mapping[str, Any]) -> str:
-    """What kind of network it is, and how large."""
+    """Return the kind and size of a network."""
     network = card.get("network")
     if network is None:
         return "a network"
@@ -235,15 +235,6 @@ def _arm_rows(test: Numbers, card: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 
 _NOBODY = "identifying people, medical judgement."
-_COMPLETION = Kind(
-    "Completes a whole body, in rotations, from any points that are tracked, on any adult's proportions.",
-    "bodysense evaluate completion",
-    "Test people and test bodies, main motions: MPJPE from the head, cm, with a camera that of hidden joints; of "
-    "the recording's body, told; of a stranger's, told; only the height told; nothing told",
-    ("sensors", "own", "stranger", "height", "nothing"),
-    _completion_rows,
-    f"children; people who carry or use things; {_NOBODY}",
-)
 
 KINDS = {
     (learned.FORMAT, ""): Kind(
@@ -271,7 +262,15 @@ KINDS = {
         _upper_rows,
         f"legs, of which it knows nothing; floors that are not at y = 0; {_NOBODY}",
     ),
-    **dict.fromkeys([(weights_file.FORMAT, ""), (onnx_graph.FORMAT, "")], _COMPLETION),
+    (weights_file.FORMAT, ""): Kind(
+        "Completes a whole body, in rotations, from any points that are tracked, on any adult's proportions.",
+        "bodysense evaluate completion",
+        "Test people and test bodies, main motions: MPJPE from the head, cm, with a camera that of hidden joints; of "
+        "the recording's body, told; of a stranger's, told; only the height told; nothing told",
+        ("sensors", "own", "stranger", "height", "nothing"),
+        _completion_rows,
+        f"children; people who carry or use things; {_NOBODY}",
+    ),
     (glove.MARKER_FORMAT, ""): Kind(
         "Fills hidden markers of a glove from those that are seen (Pavllo et al. 2019, section 3.2.2).",
         "bodysense evaluate gloves-table3",

@@ -1,4 +1,4 @@
-"""What every training and every table is asked on the command line; each method's options add their own."""
+"""Options of every training and every table on the command line; each method's options add their own."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ class Schedule:
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """What every run is asked."""
+    """Options of every run."""
 
     out: Output
-    """file or folder to write; checkpoint and log lie beside it, and training resumes from them"""
+    """file or folder to write; checkpoint and log are next to it, and training resumes from them"""
     limit: int | None = None
     """number of clips of each split, spread evenly, for a trial; all if omitted"""
     threads: int | None = None
@@ -62,13 +62,13 @@ class Run:
 
     @property
     def limited(self) -> dict[str, int]:
-        """What a checkpoint must agree on of a trial; empty for a run on all clips."""
+        """Settings of a trial on which a checkpoint must agree; empty for a run on all clips."""
         return {} if self.limit is None else {"limit": self.limit}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Card:
-    """What a network's file says of itself."""
+    """Options for the card of a network's file."""
 
     licence: str = "Apache-2.0"
     """licence of the network, for its card"""
@@ -86,7 +86,7 @@ class MotionRun(Run):
 
 @dataclass(frozen=True, kw_only=True)
 class Paced:
-    """What a run asks whose schedule is the method's own."""
+    """Options of a run whose schedule is the method's own."""
 
     seed: int = 1
     """random seed"""
@@ -128,6 +128,13 @@ class TableOptions:
         check_fields(self, "jobs")
 
 
+Table = Flat[TableOptions]
+Data = Annotated[
+    str, tyro.conf.arg(help="folder of motion files or a prepared store; NAME=FOLDER names it in the table")
+]
+Stride = Annotated[int, tyro.conf.arg(help="score every n-th frame")]
+
+
 @dataclass(frozen=True, kw_only=True)
 class MotionEvaluation:
     """A table of recorded motion."""
@@ -149,7 +156,7 @@ def check_fields(options: Any, *names: str) -> None:
 
 
 def check_ending(out: Path, *endings: str) -> None:
-    """Raise BodysenseError where the file to write has none of the endings."""
+    """Raise BodysenseError if the file to write has another ending."""
     if out.suffix not in endings:
         valid = " or ".join(endings)
         raise BodysenseError(f"{out}: the network is written as {valid}; give a name that ends so")

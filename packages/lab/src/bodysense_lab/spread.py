@@ -42,7 +42,7 @@ def spread(
 
 @contextmanager
 def _workers(jobs: int, scheduler: str | None) -> Iterator[tuple[Callable[..., Any], int]]:
-    """What takes work and gives a future, and how much is done at a time."""
+    """Yield a function that submits work and returns a future, and the number of tasks at a time."""
     if scheduler is None:
         # Spawned, not forked: a fork of a process that has threads (a progress bar, BLAS, PyTorch) can hang.
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:

@@ -5,7 +5,7 @@
     rest_offset    (C, 65, 3) float32   the body of each clip
     attributes     format, rate, joints, end_sites, clips (a row each: start, length, person, …), skipped (with reasons)
 
-It is built beside its place, in `<store>.part`, and renamed when it is whole.
+It is built in `<store>.part` and renamed when it is complete.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Skipped:
 
 @dataclass(frozen=True)
 class Table:
-    """What a store holds, clip by clip."""
+    """Table of a store's clips."""
 
     rate: float  # Hz
     clips: tuple[StoredClip, ...] = ()
@@ -108,7 +108,7 @@ def prepare(
 
     `workers` processes of this machine do it (None: one for each processor; 1: this process alone), or, where
     `scheduler` is its address ('tcp://host:8786'), a Dask cluster that sees the same folders. A stopped run goes on
-    where it was when it is run again; a finished one is left as it is. `layout` None recognises the folder's
+    from there when it is run again; a finished one is not changed. `layout` None recognises the folder's
     (`io.datasets.layouts`); `options` say what the files do not. Raises BodysenseError where the folder has no motion,
     where nothing in it can be read, and where `store_path` was made from other files, with other options or at another
     rate.
@@ -182,7 +182,7 @@ def _open_part(part: Path, rate: float, options: ReadingOptions) -> Any:
         raise BodysenseError(f"frame rate {rate:g} Hz cannot be; give a positive number, e.g. 30")
     ours = default_skeleton()
     about = {"format": FORMAT, "rate": rate, "joints": ours.joints, "end_sites": ours.end_sites}
-    about["reading"] = _told(options)
+    about["reading"] = _reading_of(options)
     try:
         if not is_store(part):
             zarr.create_group(part, zarr_format=3, attributes={**about, "clips": [], "skipped": []})
@@ -197,15 +197,15 @@ def _open_part(part: Path, rate: float, options: ReadingOptions) -> Any:
     return group
 
 
-def _told(options: ReadingOptions) -> dict[str, str]:
-    """What was said of the files, as a store keeps it."""
+def _reading_of(options: ReadingOptions) -> dict[str, str]:
+    """Return the reading options in the form in which a store keeps them."""
     return {name: str(value) for name, value in asdict(options).items() if value is not None}
 
 
 def _check_read_alike(path: Path, options: ReadingOptions) -> None:
     """Raise unless a store was made with these options."""
     before = _zarr().open_group(path, mode="r").attrs.get("reading", {})
-    if before != _told(options):
+    if before != _reading_of(options):
         said = " ".join(f"--{name} {value}" for name, value in before.items()) or "none"
         raise BodysenseError(f"{path} was made with other options ({said}); give another place or remove it")
 
@@ -232,7 +232,7 @@ def _check_same(path: Path, table: Table, rate: float, sources: Mapping[str, Sou
 
 
 def _prepared(item: tuple[str, Source], rate: float, options: ReadingOptions) -> tuple[Clip | str, str]:
-    """The clip of a source at `rate`, or why there is none; and the hash of its file. Runs in the workers."""
+    """Return the clip of a source at `rate`, or the reason for its absence, and its file's hash. Runs in workers."""
     _, source = item
     sha256 = source.file.sha256()
     try:
@@ -247,7 +247,7 @@ def _prepared(item: tuple[str, Source], rate: float, options: ReadingOptions) ->
 def _computed(
     sources: Mapping[str, Source], rate: float, workers: int | None, scheduler: str | None, options: ReadingOptions
 ) -> Iterator[list[tuple[str, Source, Clip | str, str]]]:
-    """What `_prepared` makes of the sources: batches of (key, source, clip or reason, hash)."""
+    """Yield the results of `_prepared`: batches of (key, source, clip or reason, hash)."""
     workers = os.cpu_count() or 1 if workers is None else workers
     if workers < 1:
         raise BodysenseError(f"{workers} workers cannot be; give at least 1")

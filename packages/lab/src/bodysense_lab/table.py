@@ -1,4 +1,4 @@
-"""A table as it is handed out: our figures beside the published ones, what they were made of, and what holds."""
+"""Report of a table: our figures next to the published ones, the data, and the claims that hold."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ def finite(numbers: dict[str, float]) -> dict[str, float]:
 
 
 def cell(value: float) -> float | None:
-    """A figure, or an empty cell where there is none."""
+    """Return a finite figure, else an empty cell."""
     return value if math.isfinite(value) else None
 
 
 def ordering(claim: str, lower: Named, higher: Sequence[Named], unit: str, digits: int = 2) -> str | None:
     """Whether `lower` lies below all of `higher`, as the paper claims; None where a figure is missing.
 
-    A difference whose interval over people holds 0 is none.
+    A difference counts only if its interval over people excludes 0.
     """
     if not higher or not all(math.isfinite(one.value) for one in (lower, *higher)):
         return None

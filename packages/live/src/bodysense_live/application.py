@@ -164,6 +164,7 @@ def application(settings: ServerSettings) -> Any:
         settings.recentre,
         None if settings.shared is None else SessionStore(settings.shared, settings.limits.seconds_to_resume),
         settings.save_person,
+        settings.trackers,
     )
     keeper = Doorkeeper(settings.access)
 

@@ -50,8 +50,13 @@ def calibration(
     renamed = replace(whole, points=tuple(found.get(name, name) for name in whole.points))
     wearer = calibrated(renamed, person.wearing(inertial.mounts), stance, floor)
     height = f"you are {float(stature(wearer.skeleton.rest_offset)):.2f} m tall"
-    where = ("worn: " + ", ".join(f"{name} on {joint}" for name, joint in found.items()),) if found else ()
+    where = (worn_text(found),) if found else ()
     return Calibrated(wearer, found, inertial, (*where, *sensors, height))
+
+
+def worn_text(trackers: Mapping[str, str]) -> str:
+    """Return a line for the wearer about nameless trackers and the joints that they were found on."""
+    return "worn: " + ", ".join(f"{name} on {joint}" for name, joint in trackers.items())
 
 
 def joined(frames: Sequence[Observation]) -> Observation:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any
 
-from bodysense.io.protocol import ProtocolError, read_signal
+from bodysense.io.protocol import ProtocolError
 from bodysense_live.live import Live
 from bodysense_live.message_text import read_message, write_message
 from bodysense_live.messages import Hello, Ping, Pong, Refused
+from bodysense_live.newest_frames import SKIPPED
 from bodysense_live.outbox import Outbox
 from bodysense_live.safety import RateLimit
 from bodysense_live.seat import Seat
@@ -65,10 +66,13 @@ async def _listen(socket: WebSocket, live: Live, seat: Seat, outbox: Outbox, sen
     clock = asyncio.get_running_loop().time
     rate = RateLimit(live.limits.messages_a_second, clock())
     while True:
+        if not outbox.watches and seat.source is None:
+            await live.may_read(seat)
         received: Any = await socket.receive()
         if received["type"] == "websocket.disconnect" or sender.done():
             return
-        if not rate.allows(clock()):
+        skipped = received.get(SKIPPED, 0)
+        if not rate.allows(clock(), 1 + skipped):
             most = live.limits.messages_a_second
             raise ProtocolError(
                 f"more than {most:g} messages a second; send each frame once, at the display's rate", 1008
@@ -78,7 +82,7 @@ async def _listen(socket: WebSocket, live: Live, seat: Seat, outbox: Outbox, sen
             _check_size(data, live)
             if seat.source is not None or outbox.watches:
                 raise ProtocolError("a client that watches sends no signal")
-            live.receive(seat, read_signal(data, len(seat.session.points)))
+            live.receive(seat, data, skipped)
         else:
             _command(received["text"], live, seat, outbox)
         if outbox.is_full:
@@ -115,7 +119,7 @@ async def _send(socket: WebSocket, outbox: Outbox) -> None:
             for frame in frames:
                 await socket.send_bytes(frame)
             if outbox.ended is not None:
-                await _close(socket, ProtocolError(outbox.ended, 1008))
+                await _close(socket, outbox.ended)
                 return
     except (WebSocketDisconnect, RuntimeError, OSError):  # the client is gone; the receiver sees it as well
         return

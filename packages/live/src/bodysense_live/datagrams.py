@@ -14,14 +14,14 @@ from bodysense.errors import BodysenseError
 from bodysense.io.markers.raw_markers import MarkerFormat
 from bodysense.io.protocol import SignalFrame
 from bodysense_live.answer import Answer
-from bodysense_live.links import MOST_PACKETS, Command, signal_of
+from bodysense_live.links import MOST_PACKETS, Command, DeviceInput, signal_of
 from bodysense_live.live import Live
 from bodysense_live.marker_stream import read_frame
 from bodysense_live.messages import Source
 from bodysense_live.metrics import Metrics
 from bodysense_live.safety import RateLimit
 from bodysense_live.vmc import vmc_packets
-from bodysense_live.vrchat import vrchat_packets
+from bodysense_live.vrchat import ADVISED, vrchat_packets
 
 
 def marker_points(worn: GloveSet) -> tuple[str, ...]:
@@ -36,6 +36,7 @@ class Receiver:
     protocol: Literal["vmc", "vrchat"]
     host: str
     port: int
+    parts: tuple[str, ...] = ADVISED  # of the body, whose trackers a VRChat is sent
 
 
 class PoseSender:
@@ -44,13 +45,13 @@ class PoseSender:
     def __init__(self, receivers: Sequence[Receiver], metrics: Metrics) -> None:
         self._metrics = metrics
         self._begun: float | None = None  # the moment of the first pose
-        self._out: list[tuple[Literal["vmc", "vrchat"], socket.socket]] = []
+        self._out: list[tuple[Receiver, socket.socket]] = []
         for receiver in receivers:
             option = f"--{receiver.protocol}-out {receiver.host}:{receiver.port}"
             try:
                 found = socket.getaddrinfo(receiver.host, receiver.port, type=socket.SOCK_DGRAM)[0]
                 out = socket.socket(*found[:2])
-                self._out.append((receiver.protocol, out))
+                self._out.append((receiver, out))
                 out.setblocking(False)
                 out.connect(found[4])
             except OSError as error:
@@ -64,11 +65,11 @@ class PoseSender:
         """Send one pose; VMC's time is that since the first, because single precision does not hold Unix time."""
         if self._begun is None:
             self._begun = answer.moment
-        for protocol, out in self._out:
+        for receiver, out in self._out:
             packets = (
                 vmc_packets(answer.pose, answer.moment - self._begun)
-                if protocol == "vmc"
-                else vrchat_packets(answer.pose, (answer.points, answer.turns))
+                if receiver.protocol == "vmc"
+                else vrchat_packets(answer.pose, (answer.points, answer.turns), receiver.parts)
             )
             for packet in packets:
                 try:
@@ -132,9 +133,11 @@ class InputLink:
         play = partial(live.receive, seat)
         do = partial(live.change, seat)
         loop = asyncio.get_running_loop()
-        self._transport, _ = await loop.create_datagram_endpoint(
+        self._transport, found = await loop.create_datagram_endpoint(
             lambda: self._protocol(play=play, do=do), sock=self._bound
         )
+        if isinstance(found, DeviceInput):
+            seat.serials = found.serials
 
     def show(self, answer: Answer) -> None:
         """It sends nothing back."""

@@ -23,6 +23,7 @@ from bodysense.io.protocol import SignalFrame, write_pose
 from bodysense_live.application import application
 from bodysense_live.estimation import load
 from bodysense_live.messages import Resume, Settings
+from bodysense_live.newest_frames import websocket_protocol
 from bodysense_live.seat import Seat
 from bodysense_live.session import Session
 from bodysense_live.session_store import Kept, SessionStore
@@ -77,7 +78,7 @@ def prepared(settings: ServerSettings, started: Callable[[Any], None] = lambda s
         http=impatient(AutoHTTPProtocol, limits.seconds_to_request),
         ssl_certfile=access.certificate,
         ssl_keyfile=access.key,
-        ws="websockets-sansio",
+        ws=websocket_protocol(),
         ws_max_size=limits.message_bytes,
         ws_per_message_deflate=False,
         ws_ping_interval=20.0,

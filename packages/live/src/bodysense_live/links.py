@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import socket
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -69,6 +69,10 @@ class Reader(Protocol):
         """What a packet asks for."""
         ...
 
+    def serials(self, state: Any) -> Mapping[str, str]:
+        """Return the names in the signal of trackers whose serials say nothing, by serial."""
+        ...
+
 
 class DeviceInput(asyncio.DatagramProtocol):
     """Packets become signal frames of `points`, each of one packet, or of what came within two milliseconds.
@@ -111,6 +115,10 @@ class DeviceInput(asyncio.DatagramProtocol):
             self._flush()
         elif self._later is None:
             self._later = loop.call_later(TOGETHER, self._flush)
+
+    def serials(self) -> Mapping[str, str]:
+        """Return the names in the signal of trackers whose serials say nothing, by serial."""
+        return self._reader.serials(self.state)
 
     def _flush(self) -> None:
         if self._later is not None:

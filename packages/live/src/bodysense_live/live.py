@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 import hmac
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
+from types import MappingProxyType
 
 from bodysense.body.person import Person
 from bodysense.errors import BodysenseError
@@ -43,10 +44,18 @@ _SWEEP = 0.5  # s between looks for sessions that are over
 class Live:
     """The sessions of a process. Used within its event loop only, between `start` and `stop`.
 
-    `person` is what is known of wearers who do not tell their height, `settings` are of the server's own inputs, which
-    `recentre` where their wearers first stand.
-    `save_person`: where they are kept once they were calibrated.
-    `show(answer)` is called with what goes to avatars (`Leader`). `store` keeps what other processes need to resume.
+    Args:
+        limits: what one client may ask for.
+        metrics: counters.
+        allow_record: folder for recordings.
+        playable: motion or recording to replay.
+        show: called with each answer that goes to avatars (`Leader`).
+        person: wearers whose height is not set.
+        settings: settings of the server's own inputs.
+        recentre: use their wearers' first position and heading as the origin.
+        store: sessions that other processes can resume.
+        save_person: file for their wearer, written after a calibration.
+        trackers: joints of their nameless trackers by serial, as the person's file had them.
     """
 
     def __init__(
@@ -61,8 +70,9 @@ class Live:
         recentre: bool = False,
         store: SessionStore | None = None,
         save_person: Path | None = None,
+        trackers: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
-        self._wearers = WearerFile(save_person)
+        self._wearers = WearerFile(save_person, trackers)
         self.limits, self.metrics = limits, metrics
         self._settings, self._recentre, self._store, self._leader = settings, recentre, store, Leader()
         self._recordings = Recordings(allow_record, limits.recording_seconds)
@@ -75,7 +85,7 @@ class Live:
     def start(self) -> None:
         """Begin; needs a running loop."""
         self._loop = asyncio.get_running_loop()
-        self._scheduler: Scheduler[Seat] = Scheduler(self._deliver)
+        self._scheduler: Scheduler[Seat] = Scheduler(self._deliver, self._refuse)
         self._tasks = [self._loop.create_task(self._scheduler.run()), self._loop.create_task(self._sweep())]
         if self._playable is not None and self._show is not None:
             self._inputs["replay"] = self._play(self._playable, "replay", Settings())
@@ -124,9 +134,17 @@ class Live:
         if not seat.is_driven and seat.left is None:
             seat.left = self._loop.time()
 
-    def receive(self, seat: Seat, frame: SignalFrame) -> None:
-        """A frame of a session came in."""
-        self.metrics.frames.inc()
+    async def may_read(self, seat: Seat) -> None:
+        """Wait until another frame of a session is of use: at once, unless one waits while others are stepped."""
+        if seat.session.has_waiting:
+            await self._scheduler.reading.wait()
+
+    def receive(self, seat: Seat, frame: SignalFrame | bytes, skipped: int = 0) -> None:
+        """Take a frame of a session, before which a client's connection skipped some."""
+        self._wearers.recognise(seat)
+        self.metrics.frames.inc(1 + skipped)
+        for _ in range(skipped):
+            self.metrics.dropped("replaced")
         dropped = seat.session.receive(frame, monotonic())
         if dropped is not None:
             self.metrics.dropped(dropped)
@@ -272,6 +290,13 @@ class Live:
         own = seat in self._inputs.values()
         if self._show is not None and self._leader.leads(seat, answer, own, self._loop.time()):
             self._show(answer)
+
+    def _refuse(self, seat: Seat, error: ProtocolError) -> None:
+        """Close the connection that sent a frame with an impossible value."""
+        for outbox in seat.outboxes:
+            if not outbox.watches:
+                self.metrics.closed(error.code)
+                outbox.end(str(error), error.code)
 
     def _truth(self, seat: Seat, answer: Answer) -> list[bytes]:
         truth = None if seat.player is None else seat.player.playable.truth

@@ -14,7 +14,7 @@ Posture = Literal["standing", "seated"]
 Source = Literal["replay", "vmc", "markers", "vmt", "vrchat", "slimevr", "solarxr"]
 REGIONS: tuple[Region, ...] = get_args(Region)
 LONGEST_NAME = 64  # characters
-_SLOWEST = 0.5  # s, of smoothing
+LONGEST_HALF_LIFE = 0.5  # s, of smoothing
 _DEEPEST_FLOOR = 10.0  # m
 
 
@@ -46,8 +46,10 @@ class Settings:
             )
         if not abs(self.floor) <= _DEEPEST_FLOOR:
             raise BodysenseError(f"floor {self.floor:g} m; give a height between ±{_DEEPEST_FLOOR:g} m")
-        if not 0 <= self.smoothing <= _SLOWEST:
-            raise BodysenseError(f"smoothing {self.smoothing:g} s; give a half-life between 0 and {_SLOWEST:g} s")
+        if not 0 <= self.smoothing <= LONGEST_HALF_LIFE:
+            raise BodysenseError(
+                f"smoothing {self.smoothing:g} s; give a half-life between 0 and {LONGEST_HALF_LIFE:g} s"
+            )
         if len(self.hidden) > MOST_POINTS:
             raise BodysenseError(f"{len(self.hidden)} hidden points; a signal has at most {MOST_POINTS}")
 
@@ -176,7 +178,7 @@ class Placed:
 
 
 @dataclass(frozen=True)
-class Said:
+class Notice:
     """Something for the person to read."""
 
     text: str
@@ -197,7 +199,7 @@ class Pong:
 
 
 ClientMessage = Hello | Change | Recentre | RecordSwitch | Calibrate | Ping | Replay
-ServerMessage = Welcome | ProportionsChanged | Placed | Said | Refused | Pong
+ServerMessage = Welcome | ProportionsChanged | Placed | Notice | Refused | Pong
 CLIENT: dict[str, type] = {
     "hello": Hello,
     "settings": Change,
@@ -211,7 +213,7 @@ SERVER: dict[str, type] = {
     "welcome": Welcome,
     "proportions": ProportionsChanged,
     "placed": Placed,
-    "said": Said,
+    "said": Notice,
     "error": Refused,
     "pong": Pong,
 }

@@ -1,4 +1,4 @@
-"""What waits to be sent to one client: every text in order, and of the frames the newest only."""
+"""The send queue of one client: every text in order, and only the newest frame."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ import asyncio
 from collections import deque
 from collections.abc import Sequence
 
+from bodysense.io.protocol import ProtocolError
 from bodysense_live.message_text import write_message
 from bodysense_live.messages import ServerMessage
 
 
 class Outbox:
-    """Never holds more than one answer and `most` texts; beyond, `is_full`, and the client is to be closed.
+    """Holds at most one answer and `most` texts; if there are more, `is_full`, and the connection is to be closed.
 
-    `watches`: its client is shown a session that another one drives, and changes nothing.
+    `watches`: the client watches a session that another one drives, and changes nothing.
     """
 
     def __init__(self, most: int) -> None:
@@ -23,7 +24,7 @@ class Outbox:
         self._most = most
         self._filled = asyncio.Event()
         self.is_full = False
-        self.ended: str | None = None  # why the connection is to be closed
+        self.ended: ProtocolError | None = None  # why the connection is to be closed
 
     def tell(self, message: ServerMessage) -> None:
         """Send a text."""
@@ -34,18 +35,18 @@ class Outbox:
         self._filled.set()
 
     def show(self, frames: Sequence[bytes]) -> bool:
-        """Send the frames of one answer, in place of those that wait; whether any waited."""
+        """Send the frames of one answer in place of those that wait. Returns whether any waited."""
         shed, self._frames = bool(self._frames), frames
         self._filled.set()
         return shed
 
-    def end(self, reason: str) -> None:
-        """The session goes on without this connection, or not at all."""
-        self.ended = reason
+    def end(self, reason: str, code: int = 1008) -> None:
+        """Close the connection; the session may go on without it. `code` is that of the closing frame."""
+        self.ended = ProtocolError(reason, code)
         self._filled.set()
 
     async def take(self) -> tuple[Sequence[str], Sequence[bytes]]:
-        """What is to be sent next, waited for."""
+        """Wait for texts and frames to send, and return them."""
         await self._filled.wait()
         self._filled.clear()
         texts, frames = list(self._texts), self._frames

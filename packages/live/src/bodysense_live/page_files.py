@@ -20,10 +20,9 @@ from bodysense.files import written_beside
 ABOUT = "page.json"  # says of a folder whether a server is behind it, and which files it has
 _OF_THE_LIBRARY = {
     "default_body.json": ("bodysense.body", "default_body.json"),
-    "shape_space.npz": ("bodysense.body", "shape_space.npz"),
     "performance.npz": ("bodysense.demo", "performance.npz"),
 }
-_NETWORK = "completion.onnx"
+_NETWORK = "completion.safetensors"
 LIBRARY_FILES = (f"{_NETWORK}.gz", *_OF_THE_LIBRARY)  # by the names that the page asks for
 # What MediaPipe needs to see a person in a webcam, where somebody put it.
 WEBCAM = (
@@ -31,6 +30,7 @@ WEBCAM = (
     "vision_wasm_module_internal.js",
     "vision_wasm_module_internal.wasm",
 )
+_WHEN_SEEN = frozenset({*WEBCAM, "webcam.js", "camera_worker.js"})  # kept for later visits once they were used
 
 
 def built() -> Path:
@@ -76,7 +76,7 @@ def page_files(webcam: Path | None = None) -> Iterator[tuple[str, bytes]]:
         names.append(name)
         digest.update(name.encode() + content)
         yield name, content
-    needed = [name for name in names if name not in WEBCAM]
+    needed = [name for name in names if name not in _WHEN_SEEN]
     about = {"server": False, "webcam": seen, "version": digest.hexdigest()[:16], "files": needed}
     yield ABOUT, (json.dumps(about, indent=1) + "\n").encode()
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from bodysense.errors import BodysenseError
 from bodysense_live.answer import Answer
-from bodysense_live.messages import Said
+from bodysense_live.messages import Notice
 from bodysense_live.recorder import Recorder
 from bodysense_live.seat import Seat
 
@@ -26,12 +26,12 @@ class Recordings:
         """Record an answer, where its session is recorded."""
         if seat.recorder is not None and not seat.recorder.add(answer):
             self.stop(seat)
-            seat.tell(Said("the recording ended: it was as long as it may be"))
+            seat.tell(Notice("the recording ended: it was as long as it may be"))
 
     def switch(self, seat: Seat, on: bool) -> None:
         """Begin or end the recording of a session."""
         if self._folder is None:
-            seat.tell(Said("the server does not record; start it with --allow-record and a folder"))
+            seat.tell(Notice("the server does not record; start it with --allow-record and a folder"))
             return
         if not on:
             self.stop(seat)
@@ -39,9 +39,9 @@ class Recordings:
             try:
                 seat.recorder = Recorder(self._folder, seat.identity, seat.session.skeleton, self._seconds)
             except BodysenseError:
-                seat.tell(Said("the server's folder for recordings cannot be written to"))
+                seat.tell(Notice("the server's folder for recordings cannot be written to"))
                 return
-            seat.tell(Said(f"recording to {seat.recorder.path.name}"))
+            seat.tell(Notice(f"recording to {seat.recorder.path.name}"))
 
     def stop(self, seat: Seat) -> None:
         """End a recording and say what became of it."""
@@ -51,6 +51,6 @@ class Recordings:
         try:
             frames = recorder.close()
         except BodysenseError as error:
-            seat.tell(Said(str(error).replace(f"{recorder.path.parent}/", "")))
+            seat.tell(Notice(str(error).replace(f"{recorder.path.parent}/", "")))
             return
-        seat.tell(Said(f"recorded {frames} frames to {recorder.path.name}" if frames else "nothing to record"))
+        seat.tell(Notice(f"recorded {frames} frames to {recorder.path.name}" if frames else "nothing to record"))

@@ -67,13 +67,13 @@ class RateLimit:
     def __init__(self, rate: float, now: float) -> None:
         self._rate, self._left, self._then = rate, 2 * rate, now
 
-    def allows(self, now: float) -> bool:
-        """Whether one more may come at `now` s; takes it."""
+    def allows(self, now: float, count: int = 1) -> bool:
+        """Whether `count` more may come at `now` s; takes them."""
         self._left = min(2 * self._rate, self._left + (now - self._then) * self._rate)
         self._then = now
-        if self._left < 1:
+        if self._left < count:
             return False
-        self._left -= 1
+        self._left -= count
         return True
 
 

@@ -1,6 +1,10 @@
-"""Steps all sessions that have a new frame, together.
+"""The scheduler: steps all sessions that have a new frame, together.
 
-Bodies are completed in one thread, so that the event loop stays free; sessions are touched by the event loop alone.
+Bodies are completed in one thread, so that the event loop stays free; only the event loop touches sessions.
+
+If frames come faster than they are completed, most are replaced by newer ones. To read a frame costs a tenth of a step,
+so clients whose frame waits are not read while others are stepped (`reading`). They are read just before the next
+step, and what they sent meanwhile is skipped without being decoded (`newest_frames`).
 """
 
 from __future__ import annotations
@@ -10,14 +14,17 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Generic, Protocol, TypeVar
 
+from bodysense.io.protocol import ProtocolError
 from bodysense.observation import Estimate
 from bodysense_live.answer import Answer, CompletionJob
 from bodysense_live.estimation import PipelineState, step_many
 from bodysense_live.session import Session
 
+_TURNS = 4  # of the event loop: from a socket that may be read again to the newest frame in its session
+
 
 class Stepped(Protocol):
-    """Who is stepped."""
+    """Anything with a session to step."""
 
     session: Session
 
@@ -26,16 +33,24 @@ Who = TypeVar("Who", bound=Stepped)
 
 
 class Scheduler(Generic[Who]):
-    """`deliver(who, answer)` is called with every answer, with None where a frame came to nothing."""
+    """Steps sessions until cancelled.
 
-    def __init__(self, deliver: Callable[[Who, Answer | None], None]) -> None:
-        self._deliver = deliver
+    `deliver(who, answer)` is called with every answer, and with None if a step failed. `refuse(who, error)` is called
+    for a frame with a value that no tracker gives.
+    """
+
+    def __init__(
+        self, deliver: Callable[[Who, Answer | None], None], refuse: Callable[[Who, ProtocolError], None]
+    ) -> None:
+        self._deliver, self._refuse = deliver, refuse
         self._ready: dict[Who, None] = {}  # in order of arrival
         self._wake = asyncio.Event()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="tracker")
+        self.reading = asyncio.Event()  # cleared while sessions are stepped
+        self.reading.set()
 
     def ready(self, who: Who) -> None:
-        """There is a new frame."""
+        """Step a session soon, if it has a new frame."""
         if who.session.is_ready:
             self._ready[who] = None
             self._wake.set()
@@ -48,14 +63,23 @@ class Scheduler(Generic[Who]):
                 self._wake.clear()
                 while self._ready:
                     those, self._ready = list(self._ready), {}
-                    await self._step(those)
+                    self.reading.clear()
+                    try:
+                        await self._step(those)
+                    finally:
+                        self.reading.set()
+                    for _ in range(_TURNS if self._ready else 0):
+                        await asyncio.sleep(0)
         finally:
             self._thread.shutdown(wait=False, cancel_futures=True)
 
     def _job(self, who: Who) -> CompletionJob | None:
-        """The job of one session; one that fails touches no other."""
+        """Return the job of one session; one that fails affects no other."""
         try:
             return who.session.job()
+        except ProtocolError as error:
+            self._refuse(who, error)
+            return None
         except Exception:  # whatever it was, the others go on
             who.session.abandon()
             self._deliver(who, None)
@@ -77,7 +101,7 @@ class Scheduler(Generic[Who]):
 
 
 def completed(jobs: Sequence[CompletionJob]) -> list[tuple[Estimate, PipelineState] | None]:
-    """Estimate and state of every job; None for one that failed, which touches no other."""
+    """Return the estimate and state of every job, or None for one that failed, which affects no other."""
     try:
         return list(step_many([(job.pipeline, job.observation, job.state) for job in jobs]))
     except Exception:  # of one of them: whatever it was, the others go on

@@ -8,16 +8,18 @@ The file of whoever the server's own inputs track: written when they are calibra
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from bodysense.errors import BodysenseError
 from bodysense_live.answer import Answer
-from bodysense_live.messages import Said, ServerMessage, Source, Welcome
+from bodysense_live.messages import Notice, ServerMessage, Source, Welcome
 from bodysense_live.outbox import Outbox
 from bodysense_live.recorder import Recorder
 from bodysense_live.replay import Player
 from bodysense_live.session import Session, rounded
+from bodysense_live.worn_trackers import save_wearer
 
 
 @dataclass(eq=False)
@@ -37,6 +39,8 @@ class Seat:
     recorder: Recorder | None = None
     told: int = 0  # the revision of the session that its clients know
     kept: object = None  # what the store has of the session, as `Live` compares it
+    serials: Callable[[], Mapping[str, str]] = dict  # of nameless trackers of the server's own input, to their names
+    known_serials: Mapping[str, str] = field(default_factory=dict)  # those that the session was given joints for
 
     def tell(self, message: ServerMessage) -> None:
         """Tell all its clients."""
@@ -77,9 +81,10 @@ _SILENCE = 1.0  # s after which another one leads
 
 
 class Leader:
-    """The first session that sends a body, until it is silent; the server's own inputs come before clients.
+    """The choice of the session whose body goes to avatars.
 
-    Who only looks (a page that was opened) sends none, and never leads.
+    The first that sends a body leads until it is silent; the server's own inputs come before clients. A page that only
+    watches never leads, even if it has a replay of its own.
     """
 
     def __init__(self) -> None:
@@ -89,7 +94,7 @@ class Leader:
 
     def leads(self, seat: Seat, answer: Answer, own: bool, now: float) -> bool:
         """Whether this answer, of one of the server's `own` inputs or of a client, goes to avatars."""
-        if not answer.is_tracked:
+        if not answer.is_tracked or (seat.source is not None and not own):
             return False
         if self._seat is not seat and self._seat is not None:
             is_silent, is_outranked = now - self._at > _SILENCE, own and not self._own
@@ -100,17 +105,35 @@ class Leader:
 
 
 class WearerFile:
-    """A person's file; `path` None: none is kept."""
+    """The file of the wearer of the server's own inputs. `path` None: none is kept.
 
-    def __init__(self, path: Path | None) -> None:
-        self._path = path
+    `trackers`: joints of nameless trackers by serial, as the file had them at the start.
+    """
+
+    def __init__(self, path: Path | None, trackers: Mapping[str, str]) -> None:
+        self._path, self._trackers = path, dict(trackers)
+
+    def recognise(self, seat: Seat) -> None:
+        """Give a session the joints of nameless trackers that came in since the last call."""
+        serials = seat.serials()
+        if serials is seat.known_serials:
+            return
+        seat.known_serials = serials
+        seat.session.wear(
+            {name: self._trackers[serial] for serial, name in serials.items() if serial in self._trackers}
+        )
 
     def keep(self, seat: Seat) -> None:
-        """Write the wearer of a session, where they were calibrated since the last call."""
+        """Write the wearer of a session if they were calibrated since the last call."""
         wearer, seat.session.calibrated = seat.session.calibrated, None
-        if wearer is None or self._path is None:
+        if wearer is None:
+            return
+        worn = {serial: seat.session.worn[name] for serial, name in seat.serials().items() if name in seat.session.worn}
+        before = {serial: joint for serial, joint in self._trackers.items() if joint not in worn.values()}
+        self._trackers = {**before, **worn}
+        if self._path is None:
             return
         try:
-            wearer.save(self._path)
+            save_wearer(wearer, self._trackers, self._path)
         except (OSError, BodysenseError) as error:
-            seat.tell(Said(f"your file cannot be written: {error}"))
+            seat.tell(Notice(f"your file cannot be written: {error}"))

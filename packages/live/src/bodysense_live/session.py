@@ -17,27 +17,28 @@ from bodysense.body.person import Person
 from bodysense.body.shape import Measured, stature
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.protocol import SignalFrame
+from bodysense.io.protocol import SignalFrame, read_signal, signal_time
 from bodysense.observation import Estimate, Observation, chosen_points
 from bodysense.tracker import Tracker, TrackerSettings
 from bodysense_live.answer import Answer, CompletionJob
-from bodysense_live.calibrating import calibration, is_over
+from bodysense_live.calibrating import calibration, is_over, worn_text
 from bodysense_live.estimation import Pipeline, PipelineState, device_of, step_many
 from bodysense_live.inertial import Inertial
 from bodysense_live.message_text import changed
 from bodysense_live.messages import (
     Calibrate,
     Change,
+    Notice,
     Placed,
     ProportionsChanged,
     Recentre,
-    Said,
     ServerMessage,
     Settings,
 )
 from bodysense_live.moments import Moments
 from bodysense_live.showing import Showing
 from bodysense_live.webxr import UNDECIDED, Placement, door, raised, recentred, through
+from bodysense_live.worn_trackers import PlaceMatch
 
 NOTICED = 0.001  # m that a point of the T-pose must have moved for the skeleton to be told again
 TOLD_EVERY = 0.1  # s between two skeletons that are told
@@ -68,14 +69,15 @@ class Session:
         self._notes: list[ServerMessage] = []
         self._told = self._base = person  # by whoever made the session; as calibrated
         self._moments = Moments()
-        self._waiting: tuple[SignalFrame, float, float] | None = None  # frame, moment, received
+        self._waiting: tuple[SignalFrame | bytes, float, float] | None = None  # frame, moment, time received (s)
         self._busy = False
         self._placement = placement
         self._recentres = False  # with the next headset
         self._reseats = settings.posture == "seated"  # with the next headset
         self._stood: list[Observation] | None = None  # of a wearer who stands to be calibrated
         self._arms_out = False  # in which pose
-        self._worn = dict(worn)  # undecided trackers → the joints that they are on
+        self._worn = dict(worn)  # nameless trackers → the joints that they are on
+        self._match = PlaceMatch()  # of nameless trackers to joints
         self._inertial = Inertial.of(person)
         self._told_at = -math.inf  # the moment at which the skeleton was told last
         wearer = self._wearer()
@@ -137,9 +139,18 @@ class Session:
         """Whether there is a frame to be completed."""
         return self._waiting is not None and not self._busy
 
-    def receive(self, frame: SignalFrame, now: float) -> str | None:
-        """Take a frame that came at `now` s of the server's clock; says why a frame was dropped, this or another."""
-        moment = self._moments.of(frame.time)
+    @property
+    def has_waiting(self) -> bool:
+        """Whether a frame waits, to be completed or replaced by a newer one."""
+        return self._waiting is not None
+
+    def receive(self, frame: SignalFrame | bytes, now: float) -> str | None:
+        """Take a frame that came at `now` s of the server's clock. Returns why this or another frame was dropped.
+
+        A frame as bytes is decoded when it is its turn, so that frames that are replaced cost little. Raises
+        ProtocolError for bytes of another length or kind.
+        """
+        moment = self._moments.of(signal_time(frame) if isinstance(frame, bytes) else frame.time)
         if moment is None:
             return "late"
         replaced = self._waiting is not None
@@ -147,20 +158,51 @@ class Session:
         return "replaced" if replaced else None
 
     def job(self) -> CompletionJob | None:
-        """The next job, if there is a frame and no other job is under way."""
+        """Return the next job, if a frame waits and no other job is under way.
+
+        Raises ProtocolError for a frame with a value that no tracker gives; the frame is dropped.
+        """
         if self._waiting is None or self._busy:
             return None
-        frame, moment, received = self._waiting
-        self._waiting, self._busy = None, True
+        data, moment, received = self._waiting
+        self._waiting = None
+        frame = read_signal(data, len(self.points)) if isinstance(data, bytes) else data
+        self._busy = True
         if self._stood and is_over(self._stood):
             self._calibrate(self._stood)
         observation = through(self._door, frame, self._seen, self._placement, moment)
         if self._recentres or self._reseats:
             observation = self._set_up(frame, moment, observation)
         if self._stood is not None:
-            self._stood.append(observation)
+            # Trackers may be worn elsewhere than before, so nameless ones come in by their own names.
+            bare = door(self.points, self.skeleton)
+            self._stood.append(through(bare, frame, self._seen, self._placement, float(observation.time[0])))
+        elif self._base.mounts and not set(UNDECIDED).isdisjoint(observation.points):
+            observation = self._matched(frame, observation)
         self._inertial = self._inertial.headed(observation, self.skeleton)
         return CompletionJob(self._pipeline, self._as_worn(observation), self._state, frame, received, self._placement)
+
+    def wear(self, trackers: Mapping[str, str]) -> None:
+        """Take nameless trackers, by their names in the signal, to be worn on joints."""
+        if trackers.items() - self._worn.items():
+            self._worn |= trackers
+            self._door = door(self.points, self.skeleton, self._worn)
+
+    @property
+    def worn(self) -> Mapping[str, str]:
+        """The joints that nameless trackers are on, by their names in the signal."""
+        return self._worn
+
+    def _matched(self, frame: SignalFrame, observation: Observation) -> Observation:
+        """Match nameless trackers by place; return the frame with those found."""
+        wearer = self._pipeline.tracker.people[0]
+        self._match, found = self._match.step(observation, wearer, self._head_height())
+        if not found:
+            return observation
+        self.wear(found)
+        self.calibrated = self._base  # so that the person's file gets their serials
+        self._notes.append(Notice(worn_text(found)))
+        return through(self._door, frame, self._seen, self._placement, float(observation.time[0]))
 
     def _as_worn(self, observation: Observation) -> Observation:
         """The same without the rotations of what nobody knows how it is strapped on."""
@@ -185,6 +227,8 @@ class Session:
         self._state = state if ours else self._pipeline.continued(job.pipeline, state)
         moment = float(job.observation.time[0])
         self._follow(estimate.rest_offset[0], moment)
+        if ours and state.tracker.contradicts_height():
+            self._release_height()
         pose, sent, points = self._showing.shown(self.skeleton, job.observation, estimate, job.frame)
         return Answer(job.frame, sent, pose, moment, job.received, points, job.placement)
 
@@ -216,11 +260,11 @@ class Session:
             return
         if isinstance(message, Calibrate):
             if self.settings.posture == "seated":
-                self._notes.append(Said("to take your height, stand up and choose the posture 'standing' first"))
+                self._notes.append(Notice("to take your height, stand up and choose the posture 'standing' first"))
                 return
             self._stood, self._arms_out = [], message.arms_out
             arms = ", arms out to the sides," if self._arms_out else ""
-            self._notes.append(Said(f"stand upright{arms} and look ahead for one second"))
+            self._notes.append(Notice(f"stand upright{arms} and look ahead for one second"))
             return
         before, self.settings = self.settings, changed(self.settings, message.settings)
         if self.settings.height != before.height or self._tracking != self._pipeline.tracker.settings:
@@ -241,6 +285,21 @@ class Session:
 
     def _track(self, wearer: Person) -> None:
         self._pass_on(Pipeline(Tracker(wearer, settings=self._tracking), self._pipeline.device))
+
+    def _release_height(self) -> None:
+        """Infer the height from now on, because the head was too high for the known one, and tell the wearer."""
+        known, base = self._pipeline.tracker.people[0].height, self._base
+        assert known is not None  # or it could not be contradicted
+        self._notes.append(
+            Notice(
+                f"your head is higher than a height of {known.value:.2f} m allows; your height is inferred from now on"
+            )
+        )
+        self.settings = replace(self.settings, height=None)
+        if base.height is not None:
+            self._base = Person(lengths=base.lengths, mounts=base.mounts, hands=base.hands)
+        self._track(self._wearer())
+        self.revision += 1
 
     def kept(self) -> tuple[Person, Placement, dict[str, str]]:
         """What another process needs to go on: the wearer, as tall as inferred; the placement; what is worn where."""
@@ -311,16 +370,17 @@ class Session:
                 height = round(float(stature(wearer.skeleton.rest_offset)), 3)
                 self.settings = replace(self.settings, height=height)
         except BodysenseError as error:
-            self._notes.append(Said(str(error)))
+            self._notes.append(Notice(str(error)))
             return
         self._inertial = found.inertial
         self._showing.lead_over()
-        self._notes += [Said(text) for text in found.said]
+        self._notes += [Notice(text) for text in found.said]
         self._base = self.calibrated = wearer or self._base.wearing(found.inertial.mounts)
         if wearer is None:
             return
         if found.worn:
-            self._worn |= found.worn
+            before = {name: joint for name, joint in self._worn.items() if joint not in found.worn.values()}
+            self._worn = {**before, **found.worn}
             self._door = door(self.points, self.skeleton, self._worn)
         self._track(wearer)
         self.revision += 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -30,7 +31,8 @@ class ServerSettings:
     wearer: Settings = Settings()  # of the server's own inputs
     recentre: bool = False  # where they first stand is the middle
     shared: Path | None = None  # a folder by which servers, and workers, resume one another's sessions
-    save_person: Path | None = None  # where the wearer of the server's own input is kept once calibrated
+    save_person: Path | None = None  # file for the wearer of the server's own input, written after a calibration
+    trackers: Mapping[str, str] = field(default_factory=dict)  # joints of nameless trackers by serial
     vmc_in: int | None = None  # ports, on the server's host
     vmc_trackers: VmcTrackers = VmcTrackers()
     markers_in: int | None = None

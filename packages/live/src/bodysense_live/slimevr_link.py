@@ -185,7 +185,7 @@ class _WithSensors:
     def __init__(self, reader: Reader, sensors: Callable[[float], Observation | None]) -> None:
         self._reader, self._sensors = reader, sensors
         self.start, self.take, self.commands = reader.start, reader.take, reader.commands
-        self.is_whole = reader.is_whole
+        self.is_whole, self.serials = reader.is_whole, reader.serials
 
     def observation(self, now: float, state: Any) -> Observation | None:
         """One frame as of now."""

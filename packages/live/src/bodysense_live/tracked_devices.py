@@ -208,6 +208,10 @@ class DeviceReader:
         """What a packet asks for."""
         return ()
 
+    def serials(self, state: Any) -> Mapping[str, str]:
+        """Return the names in the signal of trackers whose serials say nothing, by serial."""
+        return state.devices.undecided
+
 
 def pose_of(numbers: Sequence[Any], what: str) -> tuple[np.ndarray, np.ndarray | None] | str:
     """Place (3,) and rotation (4,) of seven numbers as sent, None where it is none; or why they are no pose."""

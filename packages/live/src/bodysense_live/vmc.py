@@ -1,13 +1,15 @@
-"""A body as VMC (Virtual Motion Capture protocol) sends it to avatars: the bones of a humanoid (docs/avatars.md).
+"""VMC (Virtual Motion Capture protocol): bones sent to avatars, devices read from senders (docs/avatars.md).
 
-Source: protocol.vmc.info, *Marionette*: /VMC/Ext/OK (2.5), T, Root/Pos (2.0) and Bone/Pos, named as Unity's
-`HumanBodyBones`, local to the parent, quaternions x, y, z, w. Rotations are relative to VRM's T-pose.
+Source: protocol.vmc.info, *Marionette*: Root/Pos (2.0) and Bone/Pos, named like Unity's `HumanBodyBones`, local to the
+parent, quaternions x, y, z, w, then /VMC/Ext/OK (2.5) and T. Rotations are relative to VRM's T-pose.
 
-Headset, controllers and trackers that come in by VMC: /VMC/Ext/Hmd|Con|Tra/Pos and …/Pos/Local (docs/avatars.md).
+A pose is one datagram of about 4.7 kB, because some receivers use the bones after each datagram. OK and T come last,
+because others keep the bones that they have when OK or T arrives.
 
-`VmcTrackers` reads packets and opens no socket. Messages may be lost, doubled, late or nonsense: a packet whose
-/VMC/Ext/T is older than one that was taken is left out; what is no message is refused with a reason, and nothing
-raises. Which device is which point, and until when it counts, is `tracked_devices`' part.
+Headset, controllers and trackers come in as /VMC/Ext/Hmd|Con|Tra/Pos and …/Pos/Local. `VmcTrackers` reads packets and
+opens no socket. Messages may be lost, doubled, late or malformed: a packet with an older /VMC/Ext/T than the last is
+dropped, a malformed one is refused with a reason, and nothing raises. `tracked_devices` decides which device is which
+point, and for how long it counts.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from bodysense.body.pose import Pose
 from bodysense.body.rotation import normalize
 from bodysense.body.skeleton import Skeleton
 from bodysense.io.gltf.humanoid import VRM_BONES, check_humanoid, t_posed, unity_bone
-from bodysense.io.osc import Argument, Message, PacketForm, read_packet
+from bodysense.io.osc import LARGEST, Argument, Message, PacketForm, read_packet
 from bodysense.io.unity import from_unity_rotation, one_finite_pose, unity_position, unity_rotation
 from bodysense_live.asked import OURS, commands_of
 from bodysense_live.messages import Calibrate, Recentre
@@ -33,11 +35,10 @@ _CALIBRATED, _NORMAL = 3, 0
 
 
 def vmc_packets(pose: Pose, time: float, tracked: bool = True) -> list[bytes]:
-    """One pose as packets of OSC, each a datagram; `time` is the sender's, in s.
+    """Return one pose as OSC packets, each for one datagram; `time` (s) is the sender's.
 
-    The root stays at the origin and the hips carry the body's place. `tracked` says whether the signals that the body
-    follows are there. Raises BodysenseError for a skeleton that is no humanoid, and for a pose that is not one frame of
-    finite numbers.
+    The root stays at the origin; the hips have the body's position. `tracked` is false if the body's signals are lost.
+    Raises BodysenseError for a skeleton without the bones of a humanoid, and unless the pose is one finite frame.
     """
     one_finite_pose(pose)
     joints = _joints(pose.skeleton)
@@ -45,26 +46,27 @@ def vmc_packets(pose: Pose, time: float, tracked: bool = True) -> list[bytes]:
     place = posed.skeleton.rest_offset[: len(pose.skeleton.joints)].copy()
     place[0] = pose.root_position
     values = np.concatenate([unity_position(place), unity_rotation(normalize(posed.rotation))], axis=1)
-    return _form(tracked).filled(np.append(time, values[joints]))
+    return _form(tracked).filled(np.append(values[joints], time))
 
 
 @lru_cache(maxsize=64)
 def _joints(skeleton: Skeleton) -> np.ndarray:
-    """The joints that are sent."""
+    """Return the joints (52,) to send."""
     check_humanoid(skeleton)
     return skeleton.indices(list(VRM_BONES))
 
 
 @lru_cache
 def _form(tracked: bool) -> PacketForm:
-    """What is sent but for the time and the bones."""
+    """Return the packet of a pose with the bones' poses and the time to be filled in."""
     return PacketForm(
         [
-            ("/VMC/Ext/OK", "iiii", (1, _CALIBRATED, _NORMAL, int(tracked))),
-            ("/VMC/Ext/T", "f", ()),
             ("/VMC/Ext/Root/Pos", _SEVEN, ("root", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)),
             *(("/VMC/Ext/Bone/Pos", _SEVEN, (unity_bone(bone),)) for bone in VRM_BONES.values()),
-        ]
+            ("/VMC/Ext/OK", "iiii", (1, _CALIBRATED, _NORMAL, int(tracked))),
+            ("/VMC/Ext/T", "f", ()),
+        ],
+        LARGEST,
     )
 
 

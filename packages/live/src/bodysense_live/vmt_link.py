@@ -69,6 +69,7 @@ class VmtLink:
             return DeviceInput(play, self._metrics, self._reader, self._points, sender=self._driver[0])
 
         self._transport, self._input = await loop.create_datagram_endpoint(protocol, sock=self._bound)
+        seat.serials = self._input.serials
         self._asking = loop.create_task(self._ask())
 
     def show(self, answer: Answer) -> None:

@@ -1,11 +1,10 @@
-"""A body as the trackers that VRChat takes by OSC: hip, chest, feet, knees, elbows and the head (docs/avatars.md).
+"""VRChat by OSC: trackers sent to it, head and wrists read from it (docs/avatars.md).
 
-Source: VRChat's documentation, *OSC Trackers*: world positions in metres and Euler angles in degrees in Unity's axes.
+Source: VRChat's documentation, *OSC Trackers*: world positions (m) and Euler angles (degrees) in Unity's axes. It
+advises against always sending all eight trackers: hip and feet may behave better.
 
-Head and wrists that VRChat sends by OSC to whoever asks for them by OSCQuery: /tracking/vrsystem/…/pose.
-
-Six floats: place in m and Euler angles in degrees, in Unity's axes. How a wrist is turned is told of no frame that is
-documented, so of wrists the place alone is taken.
+VRChat sends /tracking/vrsystem/…/pose to programs that ask by OSCQuery: six floats, position (m) and Euler angles
+(degrees), in Unity's axes. The axes of a wrist's rotation are not documented, so only its position is used.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.rotation import euler_to_quaternion
+from bodysense.errors import BodysenseError
 from bodysense.io.osc import Message, PacketForm, read_packet
 from bodysense.io.unity import one_finite_pose, turned_about, unity_euler, unity_position
 from bodysense.observation import FARTHEST, Observation, usual_accuracy
@@ -26,7 +26,8 @@ from bodysense_live.messages import Calibrate, Recentre
 from bodysense_live.oscquery import OscAddress
 
 PORT = 9000
-# Where each tracker is, and which joint turns it: on a person knees' trackers sit on thighs, elbows' on upper arms.
+# The point and the joint that give a tracker its position and rotation: knee trackers are worn on the thighs, elbow
+# trackers on the upper arms.
 TRACKERS: dict[str, tuple[str, str]] = {
     "1": ("pelvis", "pelvis"),
     "2": ("left_ankle", "left_ankle"),
@@ -38,27 +39,45 @@ TRACKERS: dict[str, tuple[str, str]] = {
     "8": ("right_elbow", "right_shoulder"),
     "head": ("head", "head"),  # the joint, not the eyes: VRChat aligns it with the avatar's head bone
 }
+# Parts of the body that trackers can be sent of, as options name them, and their numbers.
+PARTS: dict[str, tuple[str, ...]] = {
+    "hip": ("1",),
+    "feet": ("2", "3"),
+    "knees": ("4", "5"),
+    "chest": ("6",),
+    "elbows": ("7", "8"),
+}
+ADVISED = ("hip", "feet")  # by VRChat's documentation, if positions are not accurate
 
 
 def vrchat_packets(
-    pose: Pose, world: tuple[np.ndarray, np.ndarray] | None = None, trackers: Collection[str] = tuple(TRACKERS)
+    pose: Pose, world: tuple[np.ndarray, np.ndarray] | None = None, parts: Collection[str] = ADVISED
 ) -> list[bytes]:
-    """One pose as packets of OSC: `trackers`, by their numbers, and the head.
+    """Return one pose as OSC packets: the trackers of `parts` (keys of `PARTS`), and the head.
 
-    `world`: places (P, 3) m of its points and rotations (J, 4) wxyz of its joints, if they are known. Raises
-    BodysenseError for a skeleton that lacks a joint, and for a pose that is not one frame of finite numbers.
+    `world`: positions (P, 3) m of its points and rotations (J, 4) wxyz of its joints, if they are known. Raises
+    BodysenseError for a skeleton that lacks a joint, and unless the pose is one finite frame.
     """
     one_finite_pose(pose)
     points, turns = forward_kinematics(pose) if world is None else world
-    wanted = tuple(name for name in TRACKERS if name in trackers or name == "head")
+    wanted = (*(number for part, numbers in PARTS.items() if part in parts for number in numbers), "head")
     places = pose.skeleton.indices([TRACKERS[name][0] for name in wanted])
     joints = pose.skeleton.indices([TRACKERS[name][1] for name in wanted])
     return _form(wanted).filled(np.hstack([unity_position(points[places]), unity_euler(turns[joints])]).ravel())
 
 
+def parts_of(text: str) -> tuple[str, ...]:
+    """Return the parts of a list such as "hip,feet". Raises BodysenseError for an empty list or an unknown part."""
+    names = tuple(name.strip() for name in text.split(","))
+    for name in names:
+        if name not in PARTS:
+            raise BodysenseError(f"{name!r} is not a tracker of VRChat; give a list of {', '.join(PARTS)}")
+    return names
+
+
 @lru_cache(maxsize=64)
 def _form(trackers: tuple[str, ...]) -> PacketForm:
-    """What is sent but for where the trackers are and how they are turned."""
+    """Return the packet of these trackers with positions and angles to be filled in."""
     rows = [(f"/tracking/trackers/{name}/{what}", "fff", ()) for name in trackers for what in ("position", "rotation")]
     return PacketForm(rows)
 
@@ -141,8 +160,12 @@ class VrchatReader:
         return bool(fresh) and max(fresh) == 0
 
     def commands(self, packet: bytes) -> list[Calibrate | Recentre]:
-        """What a packet asks for."""
+        """Return what a packet asks for."""
         return commands_of(packet)
+
+    def serials(self, state: VrchatState) -> Mapping[str, str]:
+        """VRChat sends no trackers."""
+        return {}
 
 
 def _pose(message: Message, now: float) -> _SeenDevice | str:

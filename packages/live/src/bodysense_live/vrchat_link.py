@@ -17,7 +17,7 @@ from bodysense_live.links import DeviceInput, Reader, address_toward, listen_udp
 from bodysense_live.live import Live
 from bodysense_live.metrics import Metrics
 from bodysense_live.oscquery import OscQueryServer, OscService
-from bodysense_live.vrchat import PORT, TAKEN, vrchat_packets
+from bodysense_live.vrchat import ADVISED, PORT, TAKEN, vrchat_packets
 
 _HTTP, _OSC = "_oscjson._tcp.local.", "_osc._udp.local."
 _VRCHAT = "VRChat-Client"  # how its names begin
@@ -30,6 +30,7 @@ class VrchatSettings:
 
     host: str = "127.0.0.1"
     port: int = PORT  # until one is found by OSCQuery
+    parts: tuple[str, ...] = ADVISED  # of the body, whose trackers are sent
 
 
 class VrchatLink:
@@ -39,7 +40,7 @@ class VrchatLink:
     """
 
     def __init__(self, settings: VrchatSettings, metrics: Metrics, reader: Reader, points: tuple[str, ...]) -> None:
-        self._metrics, self._reader, self._points = metrics, reader, points
+        self._metrics, self._reader, self._points, self._parts = metrics, reader, points, settings.parts
         try:
             self._host = socket.gethostbyname(settings.host)
         except OSError:
@@ -78,7 +79,7 @@ class VrchatLink:
         """Send the trackers of a body to the VRChat that was found, or to where one usually listens."""
         if self._transport is None or self._transport.is_closing():
             return
-        for packet in vrchat_packets(answer.pose, (answer.points, answer.turns)):
+        for packet in vrchat_packets(answer.pose, (answer.points, answer.turns), self._parts):
             with contextlib.suppress(OSError):  # nobody listens there now: the next one is on its way
                 self._transport.sendto(packet, self.target)
 

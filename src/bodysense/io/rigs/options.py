@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from bodysense.body.person import SHORTEST, TALLEST
 from bodysense.errors import BodysenseError
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
@@ -36,6 +37,10 @@ class ReadingOptions:
             _ = self.metres
         if self.figure is not None and self.figure < 1:
             raise BodysenseError(f"--figure {self.figure}: bodies are counted from 1")
+        if self.height is not None and not SHORTEST <= self.height <= TALLEST:
+            raise BodysenseError(
+                f"--height {self.height:g}: people are {SHORTEST:g} to {TALLEST:g} m high; give metres, such as 1.75"
+            )
         if self.floor is not None and not abs(self.floor) <= 1000:
             raise BodysenseError(f"floor {self.floor:g} m; give the floor's height in metres")
 

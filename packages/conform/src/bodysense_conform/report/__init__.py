@@ -1,1 +1,1 @@
-"""Reports of a verdict: JSON, JUnit XML, HTML."""
+"""Reports of a verdict."""

@@ -1,46 +1,37 @@
-"""Findings in words, the same in all reports.
-
-A verdict as JUnit XML, which continuous integration shows: a suite a group, a case a check.
-
-A verdict as plain data: what every report says, with the hashes and versions that make it repeatable.
-"""
+"""Verdict as sentences and as JSON."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import platform
-import re
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
+from bodysense import __version__
 from bodysense.files import written_beside
-from bodysense_conform.check import Check, Finding
-from bodysense_conform.checks import TABLE
-from bodysense_conform.verdict import GROUPS, Verdict
+from bodysense_conform.evaluate import OUTCOMES, Finding, Verdict
+from bodysense_conform.table import CheckTable, table
+
+FORMAT = "bodysense conform 2"
 
 
 def figure(finding: Finding) -> str:
-    """The value with its unit."""
+    """Return the value with its unit."""
     if finding.value is None:
         return "–"
-    value = _short(finding.value) if math.isfinite(finding.value) else "not a number"
+    value = finding.value
+    digits = "0" if abs(value) < 5e-5 else f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
     unit = finding.check.unit
-    return value + ("" if not unit else f"{unit}" if unit.startswith("°") else f" {unit}")
-
-
-def _short(value: float) -> str:
-    """Three digits; rounding errors are nothing."""
-    return "0" if abs(value) < 5e-5 else f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+    return digits + (unit if unit.startswith(("°", "%")) else f" {unit}" if unit else "")
 
 
 def sentence(finding: Finding) -> str:
-    """One line: what was found, where, and what would have passed."""
+    """Return one line: the value, where it is, and the limit."""
     if finding.outcome == "not enough":
         return finding.reason
     where = f" ({finding.where})" if finding.where else ""
@@ -48,53 +39,29 @@ def sentence(finding: Finding) -> str:
     return f"{figure(finding)}{where}{frame}; limit {finding.check.limit}. {finding.check.why}"
 
 
-_FORBIDDEN = re.compile(r"[^\t\n\r -퟿-�𐀀-􏿿]")  # characters that no XML may hold
+def shortened(ids: Sequence[str]) -> list[str]:
+    """Return ids of checks, a group whose checks are all among them by its own name."""
+    groups = dict.fromkeys(name.partition(".")[0] for name in ids)
+    sizes = Counter(check.group for check in table().checks)
+    found: list[str] = []
+    for group in groups:
+        mine = [name for name in ids if name.partition(".")[0] == group]
+        found += [group] if len(mine) == sizes[group] else mine
+    return found
 
 
-def write_junit(path: Path, verdict: Verdict) -> None:
-    """Write a verdict; the file appears whole or not at all."""
-    root = ElementTree.Element("testsuites", name=_clean(verdict.subject.name))
-    for group in GROUPS:
-        found = [one for one in verdict.findings if one.check.group == group]
-        suite = ElementTree.SubElement(
-            root,
-            "testsuite",
-            name=group,
-            tests=str(len(found)),
-            failures=str(sum(one.outcome in ("fail", "retake") for one in found)),
-            skipped=str(sum(one.outcome == "not enough" for one in found)),
-            errors="0",
-        )
-        for one in found:
-            _case(suite, one)
-    ElementTree.indent(root)
-    with written_beside(path) as beside:
-        ElementTree.ElementTree(root).write(beside, encoding="utf-8", xml_declaration=True)
-
-
-def _case(suite: ElementTree.Element, finding: Finding) -> None:
-    check = finding.check
-    case = ElementTree.SubElement(
-        suite, "testcase", classname=f"conform.{check.group}", name=check.id.partition(".")[2]
-    )
-    if finding.outcome in ("fail", "retake"):
-        blamed = "device" if finding.outcome == "fail" else "performer"
-        ElementTree.SubElement(case, "failure", type=blamed, message=_clean(sentence(finding)))
-    elif finding.outcome == "not enough":
-        ElementTree.SubElement(case, "skipped", message=_clean(finding.reason))
-    else:
-        ElementTree.SubElement(case, "system-out").text = _clean(f"{figure(finding)} (limit {check.limit})")
-
-
-def _clean(text: str) -> str:
-    return _FORBIDDEN.sub("�", text)
-
-
-FORMAT = "bodysense conform 1"
+def versions(checks: CheckTable) -> dict[str, str]:
+    """Return versions of the package, of the table of checks and of what it ran on."""
+    return {
+        "bodysense": __version__,
+        "checks": checks.sha256,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+    }
 
 
 def record(verdict: Verdict) -> dict[str, Any]:
-    """The verdict as JSON has it: finite numbers, or null with the reason beside."""
+    """Return the verdict as JSON has it: finite numbers, or null with the reason."""
     subject = verdict.subject
     return {
         "format": FORMAT,
@@ -110,51 +77,30 @@ def record(verdict: Verdict) -> dict[str, Any]:
             "floor": subject.floor,
             "script": [{"label": step.label, "start": step.start, "end": step.end} for step in subject.steps],
         },
-        "versions": versions(),
-        "counts": {
-            outcome: len(verdict.of(outcome)) for outcome in ("pass", "fail", "retake", "measured", "not enough")
-        },
-        "findings": [_row(finding) for finding in verdict.findings],
+        "versions": versions(verdict.table),
+        "counts": {outcome: len(verdict.of(outcome)) for outcome in OUTCOMES},
+        "unanswered": verdict.unanswered,
+        "findings": [
+            {
+                "id": one.check.id,
+                "outcome": one.outcome,
+                "value": _number(one.value),
+                "unit": one.check.unit,
+                "limit": one.check.limit,
+                "where": one.where,
+                "frame": one.frame,
+                "why": one.check.why,
+                "reason": one.reason,
+            }
+            for one in verdict.findings
+        ],
     }
 
 
-def write_json(path: Path, verdict: Verdict) -> None:
-    """Write the record of a verdict; the file appears whole or not at all."""
+def write_json(path: Path, document: Any) -> None:
+    """Write a document as JSON; the file appears whole or not at all."""
     with written_beside(path) as beside:
-        beside.write_text(json.dumps(record(verdict), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-
-
-def versions() -> dict[str, str]:
-    """What judged: the package, its table of checks, and what it ran on."""
-    from bodysense import __version__
-
-    return {
-        "bodysense": __version__,
-        "checks": checks_hash(TABLE),
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-    }
-
-
-def checks_hash(checks: Sequence[Check]) -> str:
-    """SHA-256 of the checks and their limits: two reports with the same hash asked the same questions."""
-    rows = [(c.id, c.unit, c.most, c.least, c.blame, c.required, c.after) for c in checks]
-    return hashlib.sha256(json.dumps(rows).encode()).hexdigest()
-
-
-def _row(finding: Finding) -> dict[str, Any]:
-    check = finding.check
-    return {
-        "id": check.id,
-        "outcome": finding.outcome,
-        "value": _number(finding.value),
-        "unit": check.unit,
-        "limit": check.limit,
-        "where": finding.where,
-        "frame": finding.frame,
-        "why": check.why,
-        "reason": finding.reason,
-    }
+        beside.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def _number(value: float | None) -> float | None:

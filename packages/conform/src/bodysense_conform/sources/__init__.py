@@ -1,1 +1,1 @@
-"""What gives subjects: files and streams, each read as it is, faults included."""
+"""Sources of subjects: files and streams, read unchanged, faults included."""

@@ -1,78 +1,71 @@
-"""Files as subjects: motions (.bvh, .npz, .glb, .gltf, .vrma), recordings (.npz, .jsonl) and MCAP takes."""
+"""Files as subjects: what `bodysense.open_source` reads, and MCAP takes."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.io.datasets.sources import Source, read_source
-from bodysense.io.recording import is_recording, parse_recording
-from bodysense.io.rigs.rigged import read_rigged
-from bodysense_conform.sources.gltf import read_gltf
+from bodysense.io.datasets.sources import list_sources, read_source
+from bodysense.observation import Observation
+from bodysense.open import MarkerSource, MotionSource, RecordingSource, open_source
 from bodysense_conform.sources.mcap_take import read_mcap
 from bodysense_conform.subject import Subject, is_finger, ordered
 
-ENDINGS = (".bvh", ".npz", ".jsonl", ".glb", ".gltf", ".vrma", ".mcap")
+ENDINGS = (".bvh", ".npz", ".jsonl", ".glb", ".gltf", ".vrma", ".mcap", ".c3d", ".trc")
 
 
 def read_subject(path: Path) -> Subject:
-    """Read a file as a subject. Raises BodysenseError, naming the file and the fix, for what cannot be read."""
-    if not path.is_file():
-        raise BodysenseError(
-            f"{path}: no such file; give a file that ends in {', '.join(ENDINGS)}, a folder or a stream"
-        )
-    suffix = path.suffix.lower()
-    if suffix not in ENDINGS:
-        raise BodysenseError(f"{path}: unknown kind of file {suffix!r}; valid are {', '.join(ENDINGS)}")
-    if suffix == ".mcap":
+    """Read a file as a subject. Raises BodysenseError, naming the file and the fix, if it cannot be read."""
+    if path.suffix.lower() == ".mcap" and path.is_file():
         subject = read_mcap(path)
-    elif suffix in (".glb", ".gltf", ".vrma"):
-        subject = read_gltf(path)
-    elif is_recording(path):
-        subject = _recording(path)
     else:
-        subject = motion_subject(Source(path, person="", split="test"))
+        source = open_source(path)
+        if isinstance(source, MotionSource):
+            subject = clip_subject(replace(source.clip, name=path.stem), path.suffix[1:].upper())
+        elif isinstance(source, (RecordingSource, MarkerSource)):
+            subject = observation_subject(source.recording.observation, path)
+        else:
+            raise BodysenseError(f"{path}: a video; complete it first: bodysense track {path} -o take.mcap")
     with path.open("rb") as file:
         return replace(subject, sha256=hashlib.file_digest(file, "sha256").hexdigest())
 
 
-def motion_subject(source: Source) -> Subject:
-    """The subject of a motion file: its own joints, no others."""
-    place = source.file.place
-    if place.suffix.lower() != ".bvh":
-        clip = read_source(source)
-        return clip_subject(clip, "AMASS", () if clip.has_fingers else _fingers())
-    rigged = read_rigged(source.file.read(), place)
-    whole = replace(rigged.clip, name=place.stem)
-    return clip_subject(whole, "BVH", set(default_skeleton().points) - set(rigged.rig.joints))
+def folder_subjects(folder: Path, splits: Collection[str]) -> Iterator[tuple[str, Subject | BodysenseError]]:
+    """Read every file of a folder by name; of motion data with splits (docs/data.md) those of the given splits."""
+    if splits or (folder / "splits.json").is_file() or (folder.parent / "splits.json").is_file():
+        for entry in list_sources(folder):
+            if not splits or entry.split in splits:
+                try:
+                    yield entry.path.name, clip_subject(read_source(entry), "motion")
+                except BodysenseError as error:
+                    yield entry.path.name, error
+        return
+    for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in ENDINGS and path.is_file()):
+        try:
+            yield path.name, read_subject(path)
+        except BodysenseError as error:
+            yield path.name, error
 
 
-def clip_subject(clip: Clip, form: str, without: Collection[str] = ()) -> Subject:
-    """A clip in canonical form as a subject; points of `without` were made up, and are left out."""
+def clip_subject(clip: Clip, form: str) -> Subject:
+    """Return a clip in canonical form as a subject; fingers that it does not have are left out."""
     position, rotation = forward_kinematics(clip.pose)
-    return pose_subject(clip.name, form, clip.pose, clip.time, position, rotation, without)
+    return pose_subject(clip.name, form, clip.pose, clip.time, position, rotation, fingers=clip.has_fingers)
 
 
 def pose_subject(
-    name: str,
-    form: str,
-    pose: Pose,
-    time: np.ndarray,
-    position: np.ndarray,
-    rotation: np.ndarray,
-    without: Collection[str] = (),
+    name: str, form: str, pose: Pose, time: np.ndarray, position: np.ndarray, rotation: np.ndarray, fingers: bool = True
 ) -> Subject:
-    """Places (T, P, 3) and turns (T, J, 4) of a skeleton as a subject."""
+    """Return places (T, P, 3) and turns (T, J, 4) of a skeleton as a subject."""
     skeleton = pose.skeleton
-    points = ordered([point for point in skeleton.points if point not in without])
+    points = ordered([point for point in skeleton.points if fingers or not is_finger(point)])
     keep, joints = skeleton.indices(points), len(skeleton.joints)
     turns = np.full((len(time), len(skeleton.points), 4), np.nan)
     turns[:, :joints] = rotation
@@ -88,9 +81,8 @@ def pose_subject(
     )
 
 
-def _recording(path: Path) -> Subject:
-    """What a device tracked, as it is: points of the body only."""
-    seen = parse_recording(path).observation
+def observation_subject(seen: Observation, path: Path) -> Subject:
+    """Return tracked points as a subject. Raises BodysenseError if no joint of the body is among them."""
     points = ordered(seen.points)
     if not points:
         raise BodysenseError(
@@ -108,7 +100,3 @@ def _recording(path: Path) -> Subject:
         rotated=np.asarray(seen.has_rotation[:, keep].any(axis=0)),
         valid=seen.has_position[:, keep],
     )
-
-
-def _fingers() -> set[str]:
-    return {name for name in default_skeleton().points if is_finger(name)}

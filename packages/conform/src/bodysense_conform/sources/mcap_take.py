@@ -1,4 +1,4 @@
-"""MCAP takes as subjects: bodies and hands in the schemas of `io.mcap_take`, by anybody's writer."""
+"""MCAP takes as subjects: bodies and hands in the schemas of `bodysense.io.mcap_take`, by any writer."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from bodysense.io.mcap_take import (
 from bodysense_conform.subject import Subject, Transport, ordered
 
 _SIDES = ("left", "right")
-# What reading a damaged file raises beside its format's own errors.
+# Errors that reading a damaged file raises, apart from its format's own.
 _BROKEN = (ValueError, MemoryError, ArithmeticError, LookupError, struct.error, EOFError, RuntimeError)
 
 
@@ -36,30 +36,34 @@ _BROKEN = (ValueError, MemoryError, ArithmeticError, LookupError, struct.error, 
 class _Track:
     """One topic: M messages that could be read."""
 
-    joints: np.ndarray  # (M, J) of a layout; all invalid where nothing is tracked
+    joints: np.ndarray  # (M, J) of a layout; all invalid if nothing is tracked
     times: np.ndarray  # (M,) of TIMES
-    told: np.ndarray  # (M,) bool, the device's own summary
+    all_tracked: np.ndarray  # (M,) bool, the device's own summary
     log_time: np.ndarray  # (M,) ns
     sequence: np.ndarray  # (M,)
     malformed: int
 
 
 def read_mcap(path: Path) -> Subject:
-    """Read a take. Raises BodysenseError, naming the file and the fix, where it holds no body and no hand."""
+    """Read a take. Raises BodysenseError, naming the file and the fix, if it holds no body and no hand."""
     found = _tracks(path)
-    tracks = {kind: found[kind] for kind in ("body", *_SIDES) if kind in found}
+    readable = [kind for kind in ("body", *_SIDES) if kind in found and (kind == "body" or len(found[kind].times))]
+    tracks = {kind: found[kind] for kind in readable or found}
     if not tracks:
         raise BodysenseError(f"{path}: no message of {BODY_SCHEMA} or {HAND_SCHEMA} in it; export one of these schemas")
-    main = tracks.get("body") or next(iter(tracks.values()))
+    main = next(iter(tracks.values()))
     if not len(main.times):
         raise BodysenseError(
             f"{path}: none of its {main.malformed} messages can be read as {BODY_SCHEMA}; export it again"
         )
     time = main.times["sample"] / 1e9
     parts = [_part(name, track, time) for name, track in tracks.items()]
-    names = [name for part in parts for name in part[0]]
-    points = ordered(names)
-    position, rotation, valid, rotated = _together(parts, points)
+    points = ordered([name for part in parts for name in part[0]])
+    shape = (len(time), len(points))
+    position, rotation, valid = np.full((*shape, 3), np.nan), np.full((*shape, 4), np.nan), np.zeros(shape, dtype=bool)
+    for names, places, turns, good in reversed(parts):  # of a wrist that comes twice the body's counts
+        columns = [points.index(name) for name in names]
+        position[:, columns], rotation[:, columns], valid[:, columns] = places, turns, good
     jumps = [np.diff(track.sequence) for track in tracks.values()]
     return Subject(
         name=path.stem,
@@ -68,7 +72,7 @@ def read_mcap(path: Path) -> Subject:
         time=time,
         position=position,
         rotation=rotation,
-        rotated=rotated,
+        rotated=np.array([not name.endswith("_tip") for name in points]),
         valid=valid,
         floor=0.0,
         transport=Transport(
@@ -78,20 +82,20 @@ def read_mcap(path: Path) -> Subject:
             log_time=main.log_time / 1e9,
             available=main.times["available"] / 1e9,
             device_time=main.times["device"] / 1e9,
-            all_tracked=main.told if "body" in tracks else None,
+            all_tracked=main.all_tracked if "body" in tracks else None,
         ),
     )
 
 
 def _tracks(path: Path) -> dict[str, _Track]:
-    """The topics of a file: 'body', 'left', 'right'."""
+    """Read the topics of a file: 'body', 'left', 'right'."""
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
     from zstandard import ZstdError
 
     found: dict[str, list[Any]] = {}
     try:
-        data = path.read_bytes()  # of which no more can be read than there is, whatever a length says
+        data = path.read_bytes()  # no more can be read than there is, whatever a length in the file is
         _check_chunks(path, data)
         for schema, channel, message in make_reader(BytesIO(data)).iter_messages(log_time_order=False):
             kind = _kind(channel.topic, "" if schema is None else schema.name)
@@ -106,7 +110,7 @@ def _tracks(path: Path) -> dict[str, _Track]:
 
 
 def _check_chunks(path: Path, data: bytes) -> None:
-    """Raise BodysenseError where the chunks of a file say that they unpack to far more than it is."""
+    """Raise BodysenseError if the chunks of a file unpack to far more than its size."""
     from mcap.records import Chunk
     from mcap.stream_reader import StreamReader
     from zstandard import frame_content_size
@@ -114,8 +118,8 @@ def _check_chunks(path: Path, data: bytes) -> None:
     unpacked = 0
     for record in StreamReader(BytesIO(data), emit_chunks=True).records:
         if isinstance(record, Chunk):
-            said = frame_content_size(record.data) if record.compression == "zstd" else 0
-            unpacked += max(record.uncompressed_size, said)
+            size = frame_content_size(record.data) if record.compression == "zstd" else 0
+            unpacked += max(record.uncompressed_size, size)
             check_sizes(path, unpacked, len(data))
 
 
@@ -133,7 +137,7 @@ def _track(kind: str, messages: list[Any]) -> _Track:
     return _Track(
         joints=np.array([row[0] for _, row in good], dtype=layout).reshape(len(good), count),
         times=np.array([row[1] for _, row in good], dtype=TIMES).reshape(len(good)),
-        told=np.array([row[2] for _, row in good], dtype=bool),
+        all_tracked=np.array([row[2] for _, row in good], dtype=bool),
         log_time=np.array([message.log_time for message, _ in good], dtype=np.int64),
         sequence=np.array([message.sequence for message, _ in good], dtype=np.int64),
         malformed=len(rows) - len(good),
@@ -141,14 +145,13 @@ def _track(kind: str, messages: list[Any]) -> _Track:
 
 
 def read_record(data: bytes, layout: np.dtype, count: int) -> tuple[np.ndarray, np.ndarray, bool] | None:
-    """Joints (count,), times and 'all tracked' of one record; None for what is none."""
+    """Return joints (count,), times and 'all tracked' of one record, or None if it is damaged."""
     try:
         table = struct.unpack_from("<I", data, 0)[0]
         stamp = _field(data, table, 1)
         if stamp is None or stamp + TIMES.itemsize > len(data):
             return None
-        times = np.frombuffer(data, TIMES, 1, stamp)[0]
-        joints, told = np.zeros(count, dtype=layout), False
+        joints, all_tracked = np.zeros(count, dtype=layout), False
         payload = _field(data, table, 0)
         if payload is not None:
             payload += struct.unpack_from("<I", data, payload)[0]
@@ -156,14 +159,14 @@ def read_record(data: bytes, layout: np.dtype, count: int) -> tuple[np.ndarray, 
             if place is None or place + count * layout.itemsize > len(data):
                 return None
             joints = np.frombuffer(data, layout, count, place)
-            told = flag is not None and data[flag] != 0
-        return joints, times, told
+            all_tracked = flag is not None and data[flag] != 0
+        return joints, np.frombuffer(data, TIMES, 1, stamp)[0], all_tracked
     except (struct.error, IndexError, ValueError):
         return None
 
 
 def _field(data: bytes, table: int, slot: int) -> int | None:
-    """Where a field of a FlatBuffers table lies; None where it was left out."""
+    """Return the offset of a field of a FlatBuffers table, or None if it is absent."""
     vtable = table - struct.unpack_from("<i", data, table)[0]
     size = struct.unpack_from("<H", data, vtable)[0]
     if vtable < 0 or 4 + 2 * slot >= size:
@@ -172,53 +175,31 @@ def _field(data: bytes, table: int, slot: int) -> int | None:
     return table + offset if offset else None
 
 
-_Part = tuple[list[str], np.ndarray, np.ndarray, np.ndarray]
-
-
-def _part(kind: str, track: _Track, time: np.ndarray) -> _Part:
+def _part(kind: str, track: _Track, time: np.ndarray) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray]:
     """Names, places, turns and validity of one topic at the times of the take."""
+    with np.errstate(invalid="ignore"):  # damaged numbers are NaN
+        position, rotation = (track.joints[name].astype(float) for name in ("position", "rotation"))
     if kind == "body":
         names: list[str | None] = [name if name in default_skeleton().points else None for name in BODY_JOINTS]
-        position, rotation = ours_from(*_numbers(track.joints))
+        position, rotation = ours_from(position, rotation)
     else:
         names = [None if name is None else f"{kind}_{name}" for name in HAND_JOINTS]
         axes = hand_axes(default_skeleton(), kind)
-        table = np.array([axes.get(name or "", [1.0, 0, 0, 0]) for name in names])
-        position, rotation = _numbers(track.joints)
-        rotation, position = hand_rotation(rotation, table), position * np.array([-1.0, 1.0, -1.0])
+        rotation = hand_rotation(rotation, np.array([axes.get(name or "", [1.0, 0, 0, 0]) for name in names]))
+        position = position * np.array([-1.0, 1.0, -1.0])
     keep = [k for k, name in enumerate(names) if name is not None]
     position, rotation, valid = position[:, keep], rotation[:, keep], track.joints["valid"][:, keep]
     if kind != "body":
-        place, there = _nearest(track.times["sample"] / 1e9, time)
-        position, rotation, valid = position[place], rotation[place], valid[place] & there[:, None]
+        nearest, near = _nearest(track.times["sample"] / 1e9, time)
+        position, rotation, valid = position[nearest], rotation[nearest], valid[nearest] & near[:, None]
     return [name for name in names if name is not None], position, rotation, valid
 
 
-def _numbers(joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    with np.errstate(invalid="ignore"):  # of damaged numbers, which are NaN
-        return joints["position"].astype(float), joints["rotation"].astype(float)
-
-
 def _nearest(sampled: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For each time (T,) the nearest sample, and whether it is near: within half an interval."""
-    if not len(sampled):
-        return np.zeros(len(time), dtype=int), np.zeros(len(time), dtype=bool)
+    """Return for each time (T,) the nearest sample, and whether it is within half an interval."""
     order = np.argsort(sampled, kind="stable")
-    place = np.clip(np.searchsorted(sampled[order], time), 1, max(len(sampled) - 1, 1))
-    before, after = order[np.minimum(place - 1, len(sampled) - 1)], order[np.minimum(place, len(sampled) - 1)]
-    best = np.where(np.abs(sampled[before] - time) <= np.abs(sampled[after] - time), before, after)
+    after = np.clip(np.searchsorted(sampled[order], time), 1, max(len(sampled) - 1, 1))
+    both = order[np.minimum([after - 1, after], len(sampled) - 1)]
+    best = both[np.abs(sampled[both] - time).argmin(axis=0), np.arange(len(time))]
     usual = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
     return best, np.abs(sampled[best] - time) <= 0.6 * max(usual, 1e-3)
-
-
-def _together(parts: list[_Part], points: tuple[str, ...]) -> tuple[np.ndarray, ...]:
-    """All topics' points in the order of `points`; of a wrist that comes twice the body's counts."""
-    frames = len(parts[0][1])
-    position, rotation = np.full((frames, len(points), 3), np.nan), np.full((frames, len(points), 4), np.nan)
-    valid, rotated = np.zeros((frames, len(points)), dtype=bool), np.zeros(len(points), dtype=bool)
-    for names, places, turns, good in reversed(parts):
-        for k, name in enumerate(names):
-            point = points.index(name)
-            position[:, point], rotation[:, point], valid[:, point] = places[:, k], turns[:, k], good[:, k]
-            rotated[point] = not name.endswith("_tip")
-    return position, rotation, valid, rotated

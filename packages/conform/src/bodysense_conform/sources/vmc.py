@@ -1,4 +1,4 @@
-"""VMC as a subject: what an avatar program would receive on a UDP port."""
+"""VMC as a subject: the messages that an avatar program receives on a UDP port."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from bodysense.io.unity import from_unity_rotation, unity_position
 from bodysense_conform.subject import Subject, Transport, ordered
 
 _OURS = {unity_bone(bone): joint for joint, bone in VRM_BONES.items()}
-_TRANSFORM = 8  # a name and seven numbers
-Packet = tuple[float, bytes]  # s when it came, and its bytes
+_TRANSFORM = 8  # arguments: a name and seven numbers
+Packet = tuple[float, bytes]  # s of its arrival, and its bytes
 
 
 def record_vmc(source: str, seconds: float) -> Subject:
-    """Listen on `vmc:PORT` or `vmc:ADDRESS:PORT` for so many seconds. Raises BodysenseError where no body comes."""
+    """Listen on `vmc:PORT` or `vmc:ADDRESS:PORT` for some seconds. Raises BodysenseError if no body comes."""
     host, _, port = source.removeprefix("vmc:").removeprefix("//").rpartition(":")
     if not port.isdecimal() or not 0 < int(port) < 65536:
         raise BodysenseError(f"{source}: no port of UDP; give vmc:39539, or vmc:ADDRESS:PORT")
@@ -32,11 +32,11 @@ def record_vmc(source: str, seconds: float) -> Subject:
             receiver.bind((host or "127.0.0.1", int(port)))
         except OSError as error:
             raise BodysenseError(
-                f"{source}: {error.strerror or error}; choose another port, or stop who has it"
+                f"{source}: {error.strerror or error}; choose another port, or stop the program that has it"
             ) from None
         end = time.monotonic() + seconds
-        while (left := end - time.monotonic()) > 0:
-            receiver.settimeout(left)
+        while (remaining := end - time.monotonic()) > 0:
+            receiver.settimeout(remaining)
             try:
                 data = receiver.recv(LARGEST)
             except TimeoutError:
@@ -48,7 +48,7 @@ def record_vmc(source: str, seconds: float) -> Subject:
 
 
 def vmc_subject(packets: Sequence[Packet], name: str) -> Subject:
-    """Packets as a subject; a frame ends where a bone comes again. Raises BodysenseError where there is no body."""
+    """Return packets as a subject; a frame ends when a bone comes again. Raises BodysenseError if there is no body."""
     frames: list[dict[str, np.ndarray]] = []
     times: list[float] = []
     current: dict[str, np.ndarray] = {}
@@ -60,10 +60,9 @@ def vmc_subject(packets: Sequence[Packet], name: str) -> Subject:
         if isinstance(found, str):
             malformed += 1
             continue
+        clock = _clock(found, clock)  # of all bones in the packet: senders put it before or after them
         for message in found:
             bone = _bone(message)
-            if message.address == "/VMC/Ext/T" and message.arguments and isinstance(message.arguments[0], (int, float)):
-                clock = float(message.arguments[0])
             if bone is None:
                 continue
             joint, values = bone
@@ -83,8 +82,16 @@ def vmc_subject(packets: Sequence[Packet], name: str) -> Subject:
     return _placed(frames, np.array(times), names, name, Transport(messages=messages, malformed=malformed))
 
 
+def _clock(messages: Sequence[Message], before: float | None) -> float | None:
+    """Return the sender's time (s) in a packet, or the time before if the packet has none."""
+    for message in messages:
+        if message.address == "/VMC/Ext/T" and message.arguments and isinstance(message.arguments[0], (int, float)):
+            return float(message.arguments[0])
+    return before
+
+
 def _bone(message: Message) -> tuple[str, np.ndarray] | None:
-    """The joint, or 'root', of a message, and its seven numbers."""
+    """Return the joint, or 'root', of a message, and its seven numbers."""
     values = message.arguments
     if message.address not in ("/VMC/Ext/Root/Pos", "/VMC/Ext/Bone/Pos") or len(values) < _TRANSFORM:
         return None
@@ -98,7 +105,7 @@ def _bone(message: Message) -> tuple[str, np.ndarray] | None:
 def _placed(
     frames: list[dict[str, np.ndarray]], times: np.ndarray, names: tuple[str, ...], name: str, transport: Transport
 ) -> Subject:
-    """Frames of bones local to their parents as places in the world."""
+    """Return frames of bones, local to their parents, as places in the world."""
     table = np.full((len(frames), len(names) + 1, 7), np.nan)
     for k, frame in enumerate(frames):
         table[k, 0] = frame.get("root", [0, 0, 0, 0, 0, 0, 1.0])
@@ -108,7 +115,7 @@ def _placed(
     move, turn = unity_position(table[..., :3]), from_unity_rotation(table[..., 3:])
     ours = default_skeleton()
     position, rotation = np.full_like(move, np.nan), np.full_like(turn, np.nan)
-    unit = np.full_like(turn, np.nan)  # what carries the children is of unit length, whatever the joint's own is
+    unit = np.full_like(turn, np.nan)  # children hang on rotations of unit length, whatever the joint's own length is
     position[:, 0], rotation[:, 0], unit[:, 0] = move[:, 0], turn[:, 0], normalize(turn[:, 0])
     for p, joint in enumerate(names, start=1):
         above = ours.parents[ours.index(joint)]

@@ -1,4 +1,4 @@
-"""The server's WebSocket as a subject: its own input, watched (docs/protocol.md)."""
+"""WebSocket of a server as a subject: the server's own input, watched (docs/protocol.md)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _WAIT = 5.0  # s for the welcome
 
 
 def record_websocket(url: str, seconds: float, watch: str | None) -> Subject:
-    """Watch a server's input for so many seconds. Raises BodysenseError where it gives none."""
+    """Watch a server's input for some seconds. Raises BodysenseError if it gives none."""
     try:
         from websockets.exceptions import WebSocketException
         from websockets.sync.client import connect
@@ -38,9 +38,9 @@ def record_websocket(url: str, seconds: float, watch: str | None) -> Subject:
         with connect(url, subprotocols=[SUBPROTOCOL], max_size=_LARGEST, open_timeout=_WAIT) as link:  # type: ignore[list-item]
             link.send(json.dumps({"type": "hello", "version": VERSION, "watch": source}))
             end = time.monotonic() + seconds
-            while (left := end - time.monotonic()) > 0:
+            while (remaining := end - time.monotonic()) > 0:
                 try:
-                    messages.append(link.recv(timeout=left))
+                    messages.append(link.recv(timeout=remaining))
                 except TimeoutError:
                     break
     except (OSError, WebSocketException, ValueError) as error:
@@ -53,7 +53,7 @@ def record_websocket(url: str, seconds: float, watch: str | None) -> Subject:
 
 
 def _source(url: str, answer: str | bytes) -> str:
-    """The first input that a welcome names."""
+    """Return the first input that a welcome names."""
     welcome = _object(answer)
     sources = welcome.get("sources") or []
     if not sources:
@@ -62,7 +62,7 @@ def _source(url: str, answer: str | bytes) -> str:
 
 
 def messages_subject(messages: Sequence[str | bytes], name: str) -> Subject:
-    """Messages of the server as a subject. Raises BodysenseError where there is no welcome or no pose."""
+    """Return messages of the server as a subject. Raises BodysenseError if there is no welcome or no pose."""
     welcome: dict[str, Any] | None = None
     skeleton: Skeleton | None = None
     rows: list[tuple[PoseFrame, np.ndarray]] = []
@@ -82,7 +82,7 @@ def messages_subject(messages: Sequence[str | bytes], name: str) -> Subject:
             except BodysenseError:
                 malformed += 1
     if welcome is None or skeleton is None or not rows:
-        raise BodysenseError(f"{name}: {len(messages)} messages and no pose; is anything tracked?")
+        raise BodysenseError(f"{name}: {len(messages)} messages and no pose; start a tracker first")
     frames = [frame for frame, _ in rows]
     pose = Pose(skeleton, np.stack([f.root_position for f in frames]), np.stack([f.rotation for f in frames]))
     position, rotation = forward_kinematics(pose, np.stack([offset for _, offset in rows]))

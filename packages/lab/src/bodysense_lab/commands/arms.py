@@ -12,8 +12,8 @@ from bodysense_lab.pahmt.options import ArmEvaluation, ArmTableTraining, ArmTrai
 def arms(run: Flat[ArmTraining]) -> None:
     """Train arms and hands from key-points of a video (PAHMT). Training resumes after a stop.
 
-    Of the data's train split the clips with fingers are learned, and the weights that do best on those of its val split
-    are kept. Written is NAME.onnx, with the weights beside it as NAME.pt, or NAME.pt alone.
+    Training takes the clips with fingers of the train split and keeps the weights that are best on the val split.
+    It writes NAME.onnx with the weights next to it as NAME.pt, or NAME.pt alone.
     """
     from bodysense_lab.pahmt.train import run_arms
 

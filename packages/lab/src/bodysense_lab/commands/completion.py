@@ -74,7 +74,7 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
     from bodysense_lab.completion.reliability import draw_reliability
     from bodysense_lab.completion.scoring import evaluate_completion, work_of
     from bodysense_lab.completion.tables import CompletionSettings, completion_reports
-    from bodysense_lab.completion.tracking import TrackedBy, step_times
+    from bodysense_lab.completion.tracking import TakenBy, TrackedBy, step_times
     from bodysense_lab.completion.worst import draw_worst
     from bodysense_lab.datasets import Census, census_of, named_data, open_clips
     from bodysense_lab.spread import spread
@@ -84,7 +84,7 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
         check_place(path)
     track = TrackedBy(run.model)
     chosen, census = named_data(run.data, run.split), Census()
-    settings = CompletionSettings(run.split, run.sets, run.bodies, 200 if run.lattice else 0)
+    settings = CompletionSettings(run.split, run.sets, run.bodies, 200 if run.lattice else 0, run.takes)
     network = "packaged" if run.model is None else str(run.model.resolve())
     kept = None if run.keep is None else KeptClips.open(run.keep, settings, network)
     count = min(chosen.count(), run.limit or chosen.count())
@@ -109,6 +109,7 @@ def completion_table(run: Flat[CompletionEvaluation]) -> None:
             clips,
             settings,
             track=track,
+            takes=TakenBy(run.model) if run.takes else None,
             times=partial(step_times, network=track.network),
             spread=partial(spread, jobs=run.jobs, scheduler=run.scheduler),
             mean_body=mean_body,
@@ -188,7 +189,7 @@ def untracked_fingers(run: Flat[UntrackedFingerEvaluation]) -> None:
 
 
 def holes(run: Flat[HoleEvaluation]) -> None:
-    """Score filled holes beside interpolation: an arm, a leg, a hand missing for 1 to 3 seconds."""
+    """Score filled holes of 0.1 to 10 s, of limbs, upper body or fingers, against slerp, splines and live tracking."""
     from bodysense_lab.holes import report_of, score_holes
 
     source = open_data(run.data, run.table)

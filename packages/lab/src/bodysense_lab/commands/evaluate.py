@@ -16,6 +16,7 @@ def commands() -> SubcommandApp:
     group.command(completion.holes)
     group.command(unoc.finger_synthesis)
     group.command(name="hmd-vae")(hmd_vae.hmd_vae_figures)
+    group.command(hmd_vae.hmd_vae_figure4)
     for command in (arms.pahmt_table1, rendering.video_rendered, unoc.unoc_table1, unoc.unoc_table2, unoc.unoc_table3):
         group.command(command)
     for command in (unoc.unoc_table4, unoc.unoc_table5, unoc.unoc_table6, unoc.unoc_smoothness, unoc.reliability):

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 def gloves(run: Flat[GloveTraining]) -> None:
     """Train the networks of a glove (two-hands, 3.2) and write each as an .onnx. Training resumes after a stop.
 
-    Written is a folder: glove_markers.onnx, glove_joints.onnx and so on, each with its checkpoint and log beside it.
+    It writes a folder: glove_markers.onnx and glove_joints.onnx, each with its checkpoint and log.
     """
     from bodysense_lab.two_hands.train import people_with_fingers, run_gloves
 
@@ -133,7 +133,7 @@ def gloves_table4(run: Flat[JointEvaluation]) -> None:
 
 
 def gloves_layouts(run: Flat[LayoutEvaluation]) -> None:
-    """Gloves of other marker sets than ours: joints of fingers, of hands that were told and that were calibrated."""
+    """Gloves of other marker sets: finger joints of known hands and of calibrated hands."""
     from rich.progress import Progress
 
     from bodysense_lab.two_hands.layouts import layout_table, layouts

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
 
+import tyro
+
+from bodysense.cli.options import Reading
+from bodysense.errors import BodysenseError
+from bodysense.io.rigs.options import AS_FOUND
 from bodysense_lab.commands.reporting import finish, open_data
 from bodysense_lab.hmd_vae.options import VaeEvaluation, VaeTraining
-from bodysense_lab.options import Flat
+from bodysense_lab.options import Flat, Output
 
 
 def hmd_vae(run: Flat[VaeTraining]) -> None:
     """Train HMD-VAE, a whole body from a headset and two hands. Training resumes after a stop.
 
-    Of the data's train split 5 % of the sequences of each data set are held out. Written is NAME.onnx, with the weights
-    beside it as NAME.pt, or NAME.pt alone; of a sweep, a folder.
+    In the train split 5 % of the sequences of each data set are held out. The command writes NAME.onnx with the weights
+    next to it as NAME.pt, or NAME.pt alone; a sweep writes a folder.
     """
     from bodysense_lab.hmd_vae.train import run_sweep, run_vae, sweep_configs
 
@@ -21,6 +28,35 @@ def hmd_vae(run: Flat[VaeTraining]) -> None:
         run_sweep(run, sweep_configs(run.config, run.grid or "few"))
     else:
         run_vae(run)
+
+
+def hmd_vae_figure4(
+    motion: Annotated[Path, tyro.conf.Positional],
+    out: Output,
+    networks: tuple[Path, ...] = (),
+    reading: Reading = AS_FOUND,
+) -> None:
+    """HMD-VAE, Fig. 4: a motion by several models below the truth, bodies coloured by the error of their joints.
+
+    Args:
+        motion: motion, such as a walk: .bvh, AMASS or SMPL .npz, .glb.
+        out: picture, .png.
+        networks: networks that `bodysense train hmd-vae` wrote as .onnx, a row each; the packaged one if omitted.
+        reading: what the file does not say of itself.
+    """
+    from bodysense.cli.recordings import load_clip
+    from bodysense.files import check_place
+    from bodysense_lab.hmd_vae.figure import draw_reconstructions, mean_errors, reconstructed
+
+    check_place(out)
+    if out.suffix != ".png":
+        raise BodysenseError(f"{out}: a picture is a .png file; give a name that ends so")
+    clip = load_clip(motion, reading)
+    rows = reconstructed(clip, {path.stem: path for path in networks} or {"model 4": None})
+    draw_reconstructions(out, clip, rows)
+    for name, error in mean_errors(clip, rows, clip.pose.skeleton).items():
+        print(f"{name}: {error:.2f} cm")
+    print(f"wrote {out}")
 
 
 def hmd_vae_figures(run: Flat[VaeEvaluation]) -> None:

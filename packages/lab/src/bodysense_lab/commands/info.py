@@ -1,4 +1,4 @@
-"""`bodysense data info` of the laboratory: that of the library, with prepared stores and statistics of occlusion."""
+"""`bodysense data info` of the laboratory: also for prepared stores, and with statistics of occlusion."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ def info(
     json: Path | None = None,
     reading: Reading = AS_FOUND,
 ) -> None:
-    """Say what a motion file, a folder of them or a prepared store holds, and how each file was read.
+    """Describe a motion file, a folder of them or a prepared store, and how each file was read.
 
-    Of each file: rig, unit, upward axis, floor, frame rate, what is missing, how sure that is. What cannot be read is
-    skipped, counted and given with the reason.
+    Files are listed with rig, unit, upward axis, floor, frame rate, missing joints and certainty. Unreadable files are
+    skipped, counted and listed with the reason.
 
     Args:
         place: a motion file (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma), markers (.c3d, .trc, .tsv, .csv), a
             recording, a folder of them, also .bvh in .zip, or a store written by `bodysense data prepare`.
-        occlusion: simulate the headset's cameras and print the statistics of UNOC, Table 1, beside the published ones.
-        split: which people.
-        layout: which published data set the folder is; recognised by what is in it if omitted.
+        occlusion: simulate the headset's cameras and print the statistics of UNOC, Table 1, and the published ones.
+        split: people to include.
+        layout: published data set that the folder is; recognised by its files if omitted.
         camera: the headset's, for --occlusion.
         picture: PNG file for stick figures of the first file that can be read.
         json: JSON file for the numbers, one flat object.
-        reading: what the files do not say of themselves.
+        reading: properties that the files do not contain.
     """
     from rich.progress import track
 
@@ -66,7 +66,7 @@ def info(
 def _clips_of(
     place: Path, split: Split, layout: Layout | None, reading: ReadingOptions
 ) -> tuple[int, Iterable[FoundFile]]:
-    """How many clips a place has, and each of them when its turn comes."""
+    """Return the number of clips of a place, and the clips one by one."""
     from bodysense_lab.datasets import count_clips, open_clips
     from bodysense_lab.store import is_store
 

@@ -121,7 +121,7 @@ def live_soak(
         rate: Frames a second of each.
         loss: Share of frames that are lost.
         workers: Processes of the server.
-        kill_every: Seconds after which one of them is killed, again and again; 0: none is.
+        kill_every: Seconds after which one of them is killed, repeatedly; 0: never.
         json: Write the numbers here, as one flat object.
     """
     import asyncio

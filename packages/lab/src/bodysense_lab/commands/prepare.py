@@ -1,4 +1,4 @@
-"""`bodysense data prepare` and `data fingers`: what trainings read, of motion files and of nobody's fingers."""
+"""`bodysense data prepare` and `data fingers`: training data from motion files, and synthesised finger motion."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def prepare(
 
 
 def fingers(out: Output, hours: float = 10.0, seed: int = 1) -> None:
-    """Generate motion of the fingers of both hands that nobody recorded, to train the fingers of completion on.
+    """Synthesise finger motion of both hands, to train the fingers of completion.
 
     Args:
         out: .npz file: local rotations of 30 joints at 30 Hz.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def render(run: Flat[Rendering]) -> None:
-    """Draw videos of a skinned, dressed and lit body from motion with fingers; each with its truth beside it.
+    """Draw videos of a skinned, dressed and lit body from motion with fingers, each with its truth.
 
     Three bodies take turns; skin, clothes, light, room and camera are drawn at random. A video that is already there
     is kept, so that a stop costs little.

@@ -1,4 +1,4 @@
-"""What every table's command shares: its progress, and how it hands out the report."""
+"""Shared parts of the tables' commands: progress, and output of the report."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def open_data(data: str, table: TableOptions) -> DataSet:
 
 @contextmanager
 def progress_over(sets: list[DataSet]) -> Iterator[Callable[[Clip], None]]:
-    """A progress bar over the clips of data sets; gives what is to be told of each clip that is done."""
+    """Display progress over the clips of data sets; yields a function to call after each clip."""
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,

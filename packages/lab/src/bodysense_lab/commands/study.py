@@ -51,7 +51,7 @@ def build(
         out: A new folder: site/ is to be served, key.json is to be kept to yourself.
         clips: Motion files (.bvh, AMASS .npz); the packaged performance by default.
         seconds: Longer clips are cut into scenes of equal length, at most this long.
-        scenes: At most so many, drawn at random; each rater sees three pairs of each.
+        scenes: Maximum number of scenes, drawn at random; each rater sees three pairs of each.
         model: A network written by `bodysense train`; the packaged one if omitted.
         last_known: Where the baseline keeps a hidden joint: in the world, or with the head, or turning with it.
         half_life: half-life of the tracker's smoother in seconds, for network and baseline alike; its own if omitted.
@@ -153,7 +153,7 @@ def simulate(
         key: The study's key.json.
         out: Folder for answers-simulated-001.json …
         preference: How natural each condition is, as 'truth=0.8,ours=0.6,baseline=0'; 0 where not named. The mean vote
-            on a pair is the difference; without any, nobody prefers anything.
+            on a pair is the difference; without preferences all conditions are equal.
         raters: number of raters.
         ties: Share of 'no difference' between equals.
         seed: random seed of the votes.

@@ -1,4 +1,4 @@
-"""What benchmarks share: how long calls take, how much memory they hold, and the line that says so."""
+"""Shared parts of benchmarks: duration of calls, memory, and the printed line."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ def upper_body(run: Flat[UpperBodyTraining]) -> None:
 
 
 def card(network: Annotated[Path, tyro.conf.Positional], figures: Path) -> None:
-    """Put test figures into a network file and write its model card beside it.
+    """Put test figures into a network file and write its model card next to it.
 
     Args:
         network: The .onnx file that `bodysense train` wrote.

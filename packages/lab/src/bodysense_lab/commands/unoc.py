@@ -1,96 +1,118 @@
-"""`bodysense evaluate unoc-table1 …`: UNOC's tables, ours beside the published figures."""
+"""`bodysense evaluate unoc-table1 …`: UNOC's tables, next to the published figures."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
 
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense_lab.commands.reporting import check_outputs, finish, open_data, progress_over, tracker_settings
-from bodysense_lab.options import Flat
-from bodysense_lab.unoc.options import (
-    CrossEvaluation,
-    FingerSynthesisEvaluation,
-    OcclusionEvaluation,
-    PredictorEvaluation,
-    ReliabilityEvaluation,
-    SmoothnessEvaluation,
-    TransitionEvaluation,
-    UpperBodyEvaluation,
-    VariantEvaluation,
-)
+from bodysense_lab.options import Data, Split, Stride, Table, TableOptions, check_positive
 
 if TYPE_CHECKING:
     from bodysense.io.clip import Clip
     from bodysense_lab.unoc.tables import NetworkTable
     from bodysense_lab.unoc.variant_scores import Shipped
 
+Sets = Annotated[tuple[str, ...], tyro.conf.arg(help="folders of motion or prepared stores; NAME=FOLDER names one")]
+Predictor = Annotated[
+    Path | None,
+    tyro.conf.arg(help="predictor written by `bodysense train body-gru`; the packaged one if omitted"),
+]
+HalfLife = Annotated[
+    float | None, tyro.conf.arg(help="half-life of the tracker's smoother in seconds; its own if omitted")
+]
+Networks = Annotated[Path, tyro.conf.arg(help="folder that `bodysense train unoc-tables` wrote")]
 
-def unoc_table1(run: Flat[OcclusionEvaluation]) -> None:
-    """UNOC, Table 1: how much a headset does not see, for how long, and how often the body touches itself."""
+
+def unoc_table1(data: Sets, table: Table = TableOptions(split="all")) -> None:
+    """UNOC, Table 1: share and duration of occlusion, and share of self-contact; a column a data set, or a category."""
     from bodysense_lab.datasets import named_data
     from bodysense_lab.unoc.occlusion import count_clips, occlusion_report
 
-    check_outputs(run.table)
-    sets = [named_data(one, run.table.split, run.table.quick) for one in run.data]
+    check_outputs(table)
+    sets = [named_data(one, table.split, table.quick) for one in data]
     with progress_over(sets) as advance:
-        counted = [(one, *count_clips(one.clips(), run.table.processes, advance)) for one in sets]
-    finish(occlusion_report(counted), run.table)
+        counted = [(one, *count_clips(one.clips(), table.processes, advance)) for one in sets]
+    finish(occlusion_report(counted), table)
 
 
-def unoc_table2(run: Flat[PredictorEvaluation]) -> None:
-    """UNOC, Table 2: GRU, RNN, LSTM, TCN, last known position, and the packaged predictor.
+def unoc_table2(
+    data: Data,
+    networks: Path | None = None,
+    model: Predictor = None,
+    stride: Stride = 1,
+    table: Table = TableOptions(),
+) -> None:
+    """UNOC, Table 2: GRU, RNN, LSTM, TCN, last known position, constant velocity, and the packaged predictor.
 
-    Scores are kept in the folder --networks, or in --out where that is omitted.
+    Args:
+        networks: folder that `bodysense train unoc-tables` wrote; if omitted, only the predictor and the baselines are
+            scored. Scores are kept in it, or in --out.
     """
     from bodysense_lab.unoc.tables import TABLE_2
     from bodysense_lab.unoc.variant_scores import Shipped
 
-    _network_table(TABLE_2, run, Shipped(run.model))
+    _network_table(TABLE_2, data, networks, stride, table, Shipped(model))
 
 
-def unoc_table3(run: Flat[VariantEvaluation]) -> None:
+def unoc_table3(data: Data, networks: Networks, stride: Stride = 1, table: Table = TableOptions()) -> None:
     """UNOC, Table 3: other forms of the network."""
     from bodysense_lab.unoc.tables import TABLE_3
 
-    _network_table(TABLE_3, run, None)
+    _network_table(TABLE_3, data, networks, stride, table, None)
 
 
-def unoc_table4(run: Flat[VariantEvaluation]) -> None:
+def unoc_table4(data: Data, networks: Networks, stride: Stride = 1, table: Table = TableOptions()) -> None:
     """UNOC, Table 4: without predicting the occlusion, without the losses of bones."""
     from bodysense_lab.unoc.tables import TABLE_4
 
-    _network_table(TABLE_4, run, None)
+    _network_table(TABLE_4, data, networks, stride, table, None)
 
 
-def unoc_table5(run: Flat[CrossEvaluation]) -> None:
+def unoc_table5(
+    data: Sets,
+    networks: tuple[str, ...],
+    finger_networks: tuple[str, ...] = (),
+    stride: Stride = 1,
+    table: Table = TableOptions(),
+) -> None:
     """UNOC, Table 5: networks trained on one data set and tested on another; and finger synthesis.
 
     Scores are kept in the folder --out.
+
+    Args:
+        networks: NAME=FOLDER for each training set, written by `bodysense train unoc-tables --networks gru`.
+        finger_networks: NAME=FILE for each training set, written by `bodysense train fingers --form paper`.
     """
     from bodysense.papers.point_model import load_point_model
     from bodysense_lab.datasets import named_data
     from bodysense_lab.unoc.cross_table import cross_report, synthesis_errors
     from bodysense_lab.unoc.variant_scores import networks_in, score_pairs
 
-    table = run.table
+    check_positive(stride=stride)
     check_outputs(table)
-    sets = [named_data(one, table.split, table.quick) for one in run.data]
-    folders = _named(run.networks, "--networks")
+    sets = [named_data(one, table.split, table.quick) for one in data]
+    folders = _named(networks, "--networks")
     trained = {name: networks_in(folder, ["gru"])["gru"] for name, folder in folders.items()}
-    files = _named(run.finger_networks, "--finger-networks")
+    files = _named(finger_networks, "--finger-networks")
     hands = {name: load_point_model("fingers", file) for name, file in files.items()}
     with progress_over(sets) as advance:
-        scores, last_known = score_pairs(sets, trained, table.out, run.stride, table.processes, advance)
+        scores, last_known = score_pairs(sets, trained, table.out, stride, table.processes, advance)
     fingers = synthesis_errors(sets, hands) if hands else None
     finish(cross_report(list(trained), sets, scores, last_known, fingers), table)
 
 
-def unoc_table6(run: Flat[UpperBodyEvaluation]) -> None:
+def unoc_table6(data: Data, model: Path | None = None, table: Table = TableOptions()) -> None:
     """UNOC, Table 6: the upper body from a headset and two controllers, by a network and by inverse kinematics.
 
-    One process does it.
+    It runs in one process.
+
+    Args:
+        model: network written by `bodysense train upper-body`; the packaged one if omitted.
     """
     from bodysense_lab.datasets import Census, census_of
     from bodysense_lab.unoc.upper_body_table import (
@@ -100,10 +122,7 @@ def unoc_table6(run: Flat[UpperBodyEvaluation]) -> None:
         upper_body_report,
     )
 
-    chosen, network = (
-        open_data(run.data, run.table),
-        load_upper_body(run.model),
-    )
+    chosen, network = open_data(data, table), load_upper_body(model)
     census = Census()
 
     def count(clip: Clip) -> None:
@@ -112,44 +131,58 @@ def unoc_table6(run: Flat[UpperBodyEvaluation]) -> None:
         advance(clip)
 
     with progress_over([chosen]) as advance:
-        table = evaluate_upper_body(chosen.clips(), lambda skeleton: LearnedUpperBody(skeleton, network), count)
-    finish(upper_body_report(table, census, chosen), run.table)
+        scored = evaluate_upper_body(chosen.clips(), lambda skeleton: LearnedUpperBody(skeleton, network), count)
+    finish(upper_body_report(scored, census, chosen), table)
 
 
-def unoc_smoothness(run: Flat[SmoothnessEvaluation]) -> None:
+def unoc_smoothness(
+    data: Data,
+    networks: Networks,
+    model: Predictor = None,
+    half_life: HalfLife = None,
+    table: Table = TableOptions(),
+) -> None:
     """UNOC, section 4.2: how often joints accelerate strongly, before and after inverse kinematics and smoothing."""
     from bodysense_lab.unoc.smoothness import NETWORKS, measure_smoothness, smoothness_report
     from bodysense_lab.unoc.variant_scores import networks_in
 
-    chosen, files = open_data(run.data, run.table), networks_in(run.networks, NETWORKS)
-    settings = tracker_settings(run.half_life)
+    chosen, files = open_data(data, table), networks_in(networks, NETWORKS)
+    settings = tracker_settings(half_life)
     with progress_over([chosen]) as advance:
-        sums, census = measure_smoothness(chosen, files, run.model, settings, run.table.processes, advance)
-    finish(smoothness_report(sums, census, chosen), run.table)
+        sums, census = measure_smoothness(chosen, files, model, settings, table.processes, advance)
+    finish(smoothness_report(sums, census, chosen), table)
 
 
-def reliability(run: Flat[ReliabilityEvaluation]) -> None:
-    """The error that the predictor expects of hidden joints beside the true one, in ten bins of equal count."""
+def reliability(data: Data, model: Predictor = None, table: Table = TableOptions()) -> None:
+    """Expected against true errors of hidden joints, in ten bins of equal count."""
     from bodysense_lab.unoc.reliability import measure_reliability, reliability_report
 
-    chosen = open_data(run.data, run.table)
+    chosen = open_data(data, table)
     with progress_over([chosen]) as advance:
-        pairs, census = measure_reliability(chosen, run.model, run.table.processes, advance)
-    finish(reliability_report(pairs, census, chosen), run.table)
+        pairs, census = measure_reliability(chosen, model, table.processes, advance)
+    finish(reliability_report(pairs, census, chosen), table)
 
 
-def transitions(run: Flat[TransitionEvaluation]) -> None:
+def transitions(data: Data, model: Predictor = None, half_life: HalfLife = None, table: Table = TableOptions()) -> None:
     """How jerky motion is in the second in which a joint is lost or seen again, before and after smoothing."""
     from bodysense_lab.unoc.transitions import measure_transitions, transitions_report
 
-    chosen, settings = open_data(run.data, run.table), tracker_settings(run.half_life)
+    chosen, settings = open_data(data, table), tracker_settings(half_life)
     with progress_over([chosen]) as advance:
-        found, census = measure_transitions(chosen, run.model, settings, run.table.processes, advance)
-    finish(transitions_report(found, census, chosen), run.table)
+        found, census = measure_transitions(chosen, model, settings, table.processes, advance)
+    finish(transitions_report(found, census, chosen), table)
 
 
-def finger_synthesis(run: Flat[FingerSynthesisEvaluation]) -> None:
-    """Score finger synthesis (UNOC, Table 5, right) beside the mean hand and the hand of the nearest body."""
+def finger_synthesis(data: Data, split: Split = "test", model: Path | None = None, json: Path | None = None) -> None:
+    """Score finger synthesis (UNOC, Table 5, right) against the mean hand and the hand of the nearest body.
+
+    Clips with fingers are scored; both baselines know the clips of the train split.
+
+    Args:
+        split: people or actions to score.
+        model: network written by `bodysense train fingers`; the packaged one if omitted.
+        json: file for the numbers, as one flat object.
+    """
     from rich.console import Console
     from rich.progress import Progress
     from rich.table import Table
@@ -159,10 +192,10 @@ def finger_synthesis(run: Flat[FingerSynthesisEvaluation]) -> None:
     from bodysense_lab.datasets import named_data
     from bodysense_lab.unoc.finger_scores import evaluate_finger_synthesis, examples_of
 
-    if run.json is not None:
-        check_place(run.json)
-    scored, known = named_data(run.data, run.split), named_data(run.data, "train")
-    network = load_point_model("fingers", run.model)
+    if json is not None:
+        check_place(json)
+    scored, known = named_data(data, split), named_data(data, "train")
+    network = load_point_model("fingers", model)
     with Progress() as progress:
         bar = progress.add_task("reading the train split", total=None)
         examples = examples_of(known.clips())
@@ -172,9 +205,7 @@ def finger_synthesis(run: Flat[FingerSynthesisEvaluation]) -> None:
             network,
             lambda clip: progress.update(bar, advance=1, description=f"scored {clip.name}"),
         )
-    shown = Table(
-        title=f"{scored.name}, {run.split}: {table.clips} clips with fingers, {table.seconds / 60:.1f} minutes"
-    )
+    shown = Table(title=f"{scored.name}, {split}: {table.clips} clips with fingers, {table.seconds / 60:.1f} minutes")
     shown.caption = "Finger joints and fingertips from their wrist, cm."
     shown.add_column("method")
     for heading in ("RMSJPE", "MPJPE"):
@@ -182,7 +213,7 @@ def finger_synthesis(run: Flat[FingerSynthesisEvaluation]) -> None:
     for method, tally in table.tallies.items():
         shown.add_row(method.replace("_", " "), f"{tally.rmsjpe:.2f}", f"{tally.mpjpe:.2f}")
     Console().print(shown)
-    write_numbers(run.json, table.numbers())
+    write_numbers(json, table.numbers())
 
 
 def _named(pairs: tuple[str, ...], option: str) -> dict[str, Path]:
@@ -198,16 +229,19 @@ def _named(pairs: tuple[str, ...], option: str) -> dict[str, Path]:
     return result
 
 
-def _network_table(table: NetworkTable, run: PredictorEvaluation | VariantEvaluation, shipped: Shipped | None) -> None:
-    """Score what is not scored yet, and report."""
+def _network_table(
+    rows: NetworkTable, data: str, networks: Path | None, stride: int, table: TableOptions, shipped: Shipped | None
+) -> None:
+    """Score the methods without kept scores, and report."""
     from bodysense_lab.unoc.tables import OWN_NAMES, network_report
     from bodysense_lab.unoc.variant_scores import Work, networks_in, score
 
-    chosen, networks = open_data(run.data, run.table), run.networks
+    check_positive(stride=stride)
+    chosen = open_data(data, table)
     if networks is None:
-        table = table.only(OWN_NAMES)
-    files = {} if networks is None else networks_in(networks, [n for n in table.methods if n not in OWN_NAMES])
-    work = Work(files, shipped, run.stride)
+        rows = rows.only(OWN_NAMES)
+    files = {} if networks is None else networks_in(networks, [n for n in rows.methods if n not in OWN_NAMES])
+    work = Work(files, shipped, stride)
     with progress_over([chosen]) as advance:
-        scores = score(chosen, networks or run.table.out, work, run.table.processes, advance)
-    finish(network_report(table, scores, chosen), run.table)
+        scores = score(chosen, networks or table.out, work, table.processes, advance)
+    finish(network_report(rows, scores, chosen), table)

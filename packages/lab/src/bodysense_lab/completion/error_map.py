@@ -49,3 +49,22 @@ def unchanged_errors() -> ErrorMap:
         np.zeros((HIDDEN, POINTS)),
         np.zeros(POINTS),
     )
+
+
+def error_tables(mean: ErrorMap, bound: ErrorMap) -> dict[str, np.ndarray]:
+    """Both maps as the core reads them, one beside the other: rows of 25 means, then of 25 bounds.
+
+    `inward` (96, 119) and its `bias` (96,), `weight` (50, 119 + 96) and its `bias` (50,). They read deviations of bones
+    in metres.
+    """
+    scale = np.ones((KNOWN, 1))
+    scale[-POINTS - len(BODY) : -len(BODY)] = CERTAINTY_SCALE
+    outward = np.zeros((2 * HIDDEN, 2 * POINTS))
+    outward[:HIDDEN, :POINTS], outward[HIDDEN:, POINTS:] = mean.outward, bound.outward
+    tables = {
+        "inward.weight": (scale * np.concatenate([mean.inward, bound.inward], axis=1)).T,
+        "inward.bias": np.concatenate([mean.inward_offset, bound.inward_offset]),
+        "weight": np.concatenate([scale * np.concatenate([mean.weight, bound.weight], axis=1), outward]).T,
+        "bias": np.concatenate([mean.offset, bound.offset]),
+    }
+    return {name: table.astype(np.float32) for name, table in tables.items()}

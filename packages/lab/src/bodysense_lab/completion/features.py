@@ -1,4 +1,4 @@
-"""The features of the completion network, of sequences to learn from and of the single frame of a step alike."""
+"""The features of the completion network, of sequences to learn from. The core computes the same of a single frame."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from bodysense_lab.completion.points import (
     partners,
     reference_offsets,
 )
-from bodysense_lab.completion.vectors import thrice
 
 # Per frame: what is read, and how many numbers it has.
 WIDTHS = {
@@ -101,11 +100,11 @@ class Features(nn.Module):
         smaller, rate = 1 / reading.size, 1 / reading.interval
         sizes = torch.cat([smaller, smaller * rate, rate], dim=-1)
         scale = reading.seen * nn.functional.linear(sizes, self.row_scale, self.row_constant)
-        rows = (reading.rows @ reading.into) * thrice(scale.reshape(-1, 1, ROWS, 1))
+        rows = (reading.rows @ reading.into) * scale.reshape(-1, 1, ROWS, 1)
         rows = torch.maximum(torch.minimum(rows, self.limit), -self.limit)
         accuracy = (torch.log(reading.accuracy) + 3 * math.log(10)) * reading.seen[:, :READ]
         bones = reading.rest_offset * smaller - self.usual_bones
-        felt = (reading.acceleration @ reading.into) * thrice((smaller * reading.accelerated).reshape(-1, 1, _FELT, 1))
+        felt = (reading.acceleration @ reading.into) * (smaller * reading.accelerated).reshape(-1, 1, _FELT, 1)
         parts = [
             rows.reshape(-1, 3 * ROWS),
             reading.seen,

@@ -16,7 +16,6 @@ from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import default_skeleton
 from bodysense_lab.completion.network import orthonormal
-from bodysense_lab.completion.vectors import thrice
 
 _SKELETON = default_skeleton()
 SIDES = ("left", "right")
@@ -116,7 +115,7 @@ class FingerFeatures(nn.Module):
         middle = reading.rest_offset.index_select(2, self.middle)
         larger = 1 / torch.linalg.vector_norm(middle, dim=-1, keepdim=True).clamp(min=1e-3)
         scale = reading.seen.unsqueeze(-1) * (larger * self.sized + (1 - self.sized))
-        rows = reading.rows * thrice(scale)
+        rows = reading.rows * scale
         bones = reading.rest_offset * larger - self.usual_bones
         parts = [
             rows.reshape(-1, 2, 3 * ROWS),

@@ -36,7 +36,7 @@ class KeptClips:
         Raises BodysenseError if it holds results of other settings or of another network.
         """
         meant = {"format": FORMAT, "split": settings.split, "sets": list(settings.sets)}
-        meant |= {"bodies": list(settings.bodies), "network": network}
+        meant |= {"bodies": list(settings.bodies), "network": network, "takes": settings.takes}
         path = folder / "settings.json"
         if path.is_file():
             found = json.loads(path.read_text(encoding="utf-8"))

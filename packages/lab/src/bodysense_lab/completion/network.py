@@ -175,7 +175,7 @@ def axis_rows(rotation: Tensor) -> Tensor:
 def advance(gru: nn.GRU, features: Tensor, memory: list[Tensor]) -> tuple[Tensor, list[Tensor]]:
     """A single frame through a GRU: (B, F), and (B, H) of each layer before → (B, H), and those after.
 
-    It is spelled out: in an exported file that is faster, and all that a file needs.
+    It is spelled out, for PyTorch does not give what lower layers remember.
     """
     above, after = features, []
     for before, (of_input, of_state, input_bias, state_bias) in zip(memory, gru.all_weights, strict=True):

@@ -95,6 +95,8 @@ class CompletionEvaluation(MotionEvaluation):
     """completion network of your own; the packaged one if omitted"""
     lattice: bool = True
     """score 200 random edges of the lattice of sensor sets as well"""
+    takes: bool = True
+    """score takes as well, completed with past and future"""
     keep: Path | None = None
     """folder that keeps the results of every clip; clips that are in it are not scored again"""
     jobs: int = 1

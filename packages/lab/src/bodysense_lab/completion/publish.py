@@ -1,9 +1,10 @@
-"""From trained weights to the packaged file: expected errors made true, then one .onnx with its card."""
+"""From trained weights to the packaged file: expected errors made true, then one file of weights with its card."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS, SensorS
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
 from bodysense.tracker import Tracker
+from bodysense_lab.completion.corpus import read_corpus
 from bodysense_lab.completion.error_map import (
     CERTAINTY_SCALE,
     LOG_ALIKE,
@@ -28,16 +30,16 @@ from bodysense_lab.completion.error_map import (
     unchanged_errors,
 )
 from bodysense_lab.completion.fingers import FingerNetwork
-from bodysense_lab.completion.graph import CompletionStep
 from bodysense_lab.completion.network import CompletionNetwork
 from bodysense_lab.completion.options import BODIES, Body
 from bodysense_lab.completion.points import body_places
 from bodysense_lab.completion.rounding import round_weights, sample_moments
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of, stacked
 from bodysense_lab.completion.settled_clips import settled_clips
-from bodysense_lab.completion.task import WORN
-from bodysense_lab.completion.weights_file import write_weights
+from bodysense_lab.completion.task import WORN, CompletionTask, CompletionTaskConfig, SequenceBatch
+from bodysense_lab.completion.weights_file import TrainedNetworks, write_weights
 from bodysense_lab.datasets import learned_clips
+from bodysense_lab.options import Schedule
 
 QUANTILE = 0.9
 _STRIDE = 4  # frames: neighbours tell little more
@@ -60,9 +62,9 @@ Scenes = Mapping[Truth, Sequence[Sequence[TrackedScene]]]
 
 
 def sample_errors(learned: Scenes, watched: Scenes, model: CompletionModel, seed: int = 5) -> ErrorSamples:
-    """Run a step over batches of scenes, 'own' and 'stranger', of people who were learned from, and of others.
+    """Run the tracker over batches of scenes, 'own' and 'stranger', of people who were learned from, and of others.
 
-    The step's expected errors are the network's own, and in place of their bounds it gives how far apart the network's
+    The model's expected errors are the network's own, and in place of their bounds it gives how far apart the network's
     two answers are (`unchanged_errors`, `shown_apart`).
     """
     rng = np.random.default_rng(seed)
@@ -165,6 +167,7 @@ def _pinball(log_bound: Tensor, error: Tensor, quantile: float) -> Tensor:
     return torch.maximum(quantile * missed, (quantile - 1) * missed)
 
 
+_STREAMS, _BATCHES, _ROUNDING_SEED = 96, 24, 8  # sequences side by side, and batches, that weights are rounded by
 _LONGEST, _CLIPS = 9.0, 2  # s of a clip, and clips of a person who was learned from, that errors are judged by
 
 
@@ -176,7 +179,7 @@ def publish(
     card: dict[str, Any],
     limit: int | None = None,
 ) -> None:
-    """Write the whole step, its weights rounded, with true errors; `card`: what it was trained on, and its licence.
+    """Write both networks, their weights rounded, with true errors; `card`: what it was trained on, and its licence.
 
     `limit` clips of each split suffice for a trial.
     """
@@ -184,8 +187,7 @@ def publish(
     start, apart = unchanged_errors(), shown_apart()
     beside = out.with_name(f"{out.stem}.uncalibrated.safetensors")
     try:
-        step = CompletionStep(body, fingers, start, start).eval()
-        round_weights(body, sample_moments(step, _scenes(data, ("train",), limit)))
+        round_weights(body, sample_moments(body.eval(), _training_batches(body, data, limit)))
         _write(body, fingers, start, apart, beside, {})
         learned, watched = (_scenes(data, (split,), limit, settled=True) for split in ("train", "val"))
         samples = sample_errors(learned, watched, load_completion(beside))
@@ -205,7 +207,16 @@ def _write(
     card: dict[str, Any],
 ) -> None:
     configured = {"network": asdict(body.config), "fingers": asdict(fingers.config)}
-    write_weights(CompletionStep(body, fingers, mean, bound), out, {**configured, **card})
+    write_weights(TrainedNetworks(body, fingers, mean, bound), out, {**configured, **card})
+
+
+def _training_batches(body: CompletionNetwork, data: Path, limit: int | None) -> Iterator[SequenceBatch]:
+    """Sequences as in training, to round weights by."""
+    corpus = read_corpus(data, "train", limit)
+    config = CompletionTaskConfig(body.config, streams=_STREAMS)
+    task = CompletionTask(body, config, Schedule(), corpus, {})
+    batches = task.batches(np.random.default_rng(_ROUNDING_SEED))
+    return itertools.islice(batches, _BATCHES if limit is None else 1)
 
 
 def _scenes(

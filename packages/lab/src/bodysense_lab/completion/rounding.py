@@ -6,77 +6,51 @@ after the other, and what one misses is made up for by those that are still to c
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import torch
-from rich.progress import track as progress
+from torch import Tensor
 
-from bodysense.devices.simulated.sensors import SENSOR_SETS, TABLE_SETS, SensorSet, random_edges
-from bodysense_lab.completion.graph import CompletionStep
-from bodysense_lab.completion.network import CompletionNetwork
-from bodysense_lab.completion.onnx_graph import graph_inputs
-from bodysense_lab.completion.options import BODIES
-from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, person_of, stacked
-from bodysense_lab.completion.state import Inputs, State
+from bodysense_lab.completion.network import CompletionNetwork, advance, reading_of
+from bodysense_lab.completion.task import SequenceBatch
 from bodysense_lab.completion.weights_file import row_step
 
 _DAMPING = 0.01  # of the mean square of what is read: what was never read must not be made up for
 _MOST = 127
 _STRIDE = 10  # frames: neighbours tell little more
-_EDGES = 6  # random sets of sensors beside the named ones
 
 
-def sample_moments(
-    step: CompletionStep, scenes: Mapping[Truth, Sequence[Sequence[TrackedScene]]], seed: int = 8
-) -> dict[str, np.ndarray]:
-    """`moments_of` every `_STRIDE`-th frame of batches of scenes, as every kind of device sees them."""
-    sets: list[SensorSet] = [SENSOR_SETS[name] for name in TABLE_SETS]
-    sets += [edge.more for edge in random_edges(_EDGES, np.random.default_rng(seed))]
-    sums, frames = dict[str, np.ndarray](), 0
-    for turn, sensors in enumerate(progress(sets, "what products read")):
-        for place in range(len(scenes["own"])):
-            body = BODIES[(turn + place) % len(BODIES)]
-            batch = scenes[TRUTH_OF[body]][place]
-            people = [person_of(body, scene.skeleton) for scene in batch]
-            state = step.start(len(batch))
-            whole = stacked([scene.observe(sensors) for scene in batch])
-            for frame, values in enumerate(graph_inputs(whole, people), start=1):
-                inputs = Inputs(*(torch.from_numpy(values[name]) for name in Inputs._fields))
-                if frame % _STRIDE == 0:
-                    for name, moment in moments_of(step, inputs, state).items():
-                        sums[name] = sums.get(name, 0.0) + len(batch) * moment
-                    frames += len(batch)
-                with torch.no_grad():
-                    _, state = step(inputs, state)
+@torch.no_grad()
+def sample_moments(network: CompletionNetwork, batches: Iterable[SequenceBatch]) -> dict[str, np.ndarray]:
+    """Second moments (K, K) of what each of the body's large products reads, by parameter.
+
+    Of every `_STRIDE`-th frame of training sequences, which play on from batch to batch, and of their mirror images.
+    """
+    sums, frames, memory = dict[str, np.ndarray](), 0, list[Tensor]()
+    for batch in batches:
+        people, length = batch.valid.shape
+        features = network.reader(reading_of(batch.signal)).reshape(people, length, 2, network.features)
+        before = memory or list(network.begin(2 * people))
+        begins = batch.begins.repeat_interleave(2)[:, None]
+        memory = [torch.where(begins, 0.0, layer) for layer in before]
+        for t in range(length):
+            read, before = features[:, t].flatten(0, 1), memory
+            _, memory = advance(network.recurrent, read, before)
+            if t % _STRIDE == 0:
+                valid = batch.valid[:, t].repeat_interleave(2)
+                for name, rows in _read_by(read, before, memory).items():
+                    wide = rows[valid].double()
+                    sums[name] = sums.get(name, 0.0) + (wide.mT @ wide).numpy()
+                frames += int(valid.sum())
     return {name: moment / frames for name, moment in sums.items()}
 
 
-def moments_of(step: CompletionStep, inputs: Inputs, state: State) -> dict[str, np.ndarray]:
-    """Second moments (K, K) of what each of the body's large products reads, by parameter, over B frames."""
-    network, read = step.body, dict[str, Any]()
-    hidden, layers = network.config.hidden, network.config.layers
-    hooks = [
-        network.reader.register_forward_hook(lambda _, __, features: read.update({"features": features})),
-        network.turn_branch.register_forward_pre_hook(lambda _, given: read.update({"both": given[0]})),
-    ]
-    try:
-        with torch.no_grad():
-            _, after = step(inputs, state)
-    finally:
-        for hook in hooks:
-            hook.remove()
-    size = 2 * layers * hidden
-    before, now = (each.memory[:, :size].reshape(-1, layers, hidden) for each in (state, after))
-    rows = {"recurrent.weight_ih_l0": read["features"].reshape(-1, network.features)}
-    for layer in range(layers):
-        rows[f"recurrent.weight_hh_l{layer}"] = before[:, layer]
-        if layer:
-            rows[f"recurrent.weight_ih_l{layer}"] = now[:, layer - 1]
-    rows["turn_branch.0.weight"] = read["both"]
-    wide = {name: each.double() for name, each in rows.items()}
-    return {name: (each.mT @ each / len(each)).numpy() for name, each in wide.items()}
+def _read_by(features: Tensor, before: list[Tensor], after: list[Tensor]) -> dict[str, Tensor]:
+    """What products read (N, K) in a frame, by parameter."""
+    rows = {"recurrent.weight_ih_l0": features, "turn_branch.0.weight": torch.cat([after[-1], features], dim=-1)}
+    rows |= {f"recurrent.weight_hh_l{layer}": each for layer, each in enumerate(before)}
+    return rows | {f"recurrent.weight_ih_l{layer}": each for layer, each in enumerate(after[:-1], start=1)}
 
 
 def round_weights(network: CompletionNetwork, moments: Mapping[str, np.ndarray]) -> None:

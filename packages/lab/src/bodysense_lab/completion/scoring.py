@@ -25,12 +25,13 @@ from bodysense_lab.completion.measures import (
 from bodysense_lab.completion.options import Body
 from bodysense_lab.completion.scenes import TRUTH_OF, TrackedScene, Truth, batches, person_of, scene_of, stacked
 from bodysense_lab.completion.sight_scores import count_body_jumps, measure_sight, measure_transitions
-from bodysense_lab.completion.tables import CompletionSettings, CompletionTable, WorstFrame
+from bodysense_lab.completion.tables import TAKE_MEASURES, CompletionSettings, CompletionTable, WorstFrame
 from bodysense_lab.completion.tracking import (
     EdgeScore,
     StepTimes,
     TrackBatch,
     TrackedBatch,
+    TrackTake,
     choose_scenes,
     score_lattice,
     step_times,
@@ -57,6 +58,7 @@ def evaluate_completion(
     *,
     mean_body: MeanBody | None = None,
     track: TrackBatch = track_batch,
+    takes: TrackTake | None = None,
     times: StepTimes | None = step_times,
     spread: Spread = one_by_one,
     kept: KeptClips | None = None,
@@ -69,6 +71,7 @@ def evaluate_completion(
         settings: what is scored.
         mean_body: a baseline of hidden joints; None leaves it out.
         track: tracks a batch of people.
+        takes: completes whole takes with past and future; None leaves them out.
         times: times the steps of one wearer; None leaves this out.
         spread: where the work is done.
         kept: results of clips that are scored already, and where those of others are kept.
@@ -77,7 +80,7 @@ def evaluate_completion(
     table = CompletionTable(settings)
     clips = list(clips)
     truths: tuple[Truth, ...] = tuple(dict.fromkeys(TRUTH_OF[body] for body in settings.bodies))
-    work = partial(_score_batch, settings=settings, mean_body=mean_body, track=track)
+    work = partial(_score_batch, settings=settings, mean_body=mean_body, track=track, takes=takes)
     jobs: list[tuple[list[Clip], Truth]] = []
     for truth in truths:
         missing: list[Clip] = []
@@ -119,6 +122,7 @@ def _score_batch(
     settings: CompletionSettings,
     mean_body: MeanBody | None,
     track: TrackBatch,
+    takes: TrackTake | None,
 ) -> list[CompletionTable]:
     """The tables of some clips of one truth, one of each clip."""
     clips, truth = batch
@@ -128,7 +132,7 @@ def _score_batch(
         position = scene.placed[0]
         table.truths[truth, scene.group] = motion_measures(position, position, scene.skeleton)
     for sensors in settings.sets:
-        _score_set(tables, scenes, truth, sensors, mean_body, track)
+        _score_set(tables, scenes, truth, sensors, mean_body, track, takes)
     return tables
 
 
@@ -148,6 +152,7 @@ def _score_set(
     sensors: str,
     mean_body: MeanBody | None,
     track: TrackBatch,
+    takes: TrackTake | None,
 ) -> None:
     """Score one set of sensors on scenes of one truth, for all that the tracker may be told."""
     observations = [scene.observe(SENSOR_SETS[sensors]) for scene in scenes]
@@ -164,6 +169,8 @@ def _score_set(
             scores = measure(scene, tracked)
             if sensors == "headset_camera":
                 scores.merge(measure_hidden(tracked.position, scene))
+            if takes is not None:
+                scores.merge(_take_scores(scene, sensors, takes(person_of(body, scene.skeleton), seen)))
             table.cells[sensors, body, scene.group] = scores
             table.sights[sensors, body, scene.group] = measure_sight(scene, seen, tracked)
             if scene.group == "main":
@@ -173,6 +180,17 @@ def _score_set(
                     table.calibrations[sensors, body, region] = one
     if sensors in BLINKING and "own" in tables[0].settings.bodies and truth == "own":
         _score_blinks(tables, scenes, sensors, observations, track)
+
+
+def _take_scores(scene: TrackedScene, sensors: str, taken: TrackedBatch) -> Averages:
+    """The measures of `TAKE_MEASURES` of a whole take, completed with past and future."""
+    scores, named = measure(scene, taken), Averages()
+    if sensors == "headset_camera":
+        scores.merge(measure_hidden(taken.position, scene))
+    for name in TAKE_MEASURES:
+        if name in scores.weight:
+            named.add(f"take_{name}", scores.get(name), scores.weight[name])
+    return named
 
 
 def _score_blinks(

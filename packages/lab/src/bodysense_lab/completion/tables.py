@@ -35,6 +35,7 @@ class CompletionSettings:
     sets: tuple[str, ...] = TABLE_SETS
     bodies: tuple[Body, ...] = BODIES
     edges: int = 200  # of the lattice; 0 leaves it out
+    takes: bool = False  # whether takes are scored, completed with past and future
 
 
 @dataclass(frozen=True)
@@ -183,6 +184,8 @@ BODY_WORDS = {
     "height": "another body, only its height told",
     "nothing": "another body, nothing told",
 }
+# Measures of takes that are completed with past and future; in a cell their names begin with "take_".
+TAKE_MEASURES = ("mpjpe_cm", "occluded_mpjpe_cm", "rotation_deg", "jumps_per_minute")
 # Measures of a cell, in the order of the columns, by what a column is called.
 MEASURES = {
     "MPJPE": "mpjpe_cm",
@@ -196,6 +199,10 @@ MEASURES = {
     "under floor": "depth_cm",
     "jumps/min": "jumps_per_minute",
     "breaks/min": "breaks_per_minute",
+    "take": "take_mpjpe_cm",
+    "take hidden": "take_occluded_mpjpe_cm",
+    "take rotation": "take_rotation_deg",
+    "take jumps/min": "take_jumps_per_minute",
 }
 SIGHT = {
     "frozen %": "frozen_share",
@@ -247,7 +254,8 @@ def completion_reports(table: CompletionTable, census: Census, data: DataSet) ->
         numbers={},
         caption="cm; local rotations, °; cm/s; jitter 10² m/s³; skate of feet that truly stand; depth of foot points; "
         "jumps: frames a minute in which a joint goes 5 cm farther than the truth; breaks: 5 cm farther from where its "
-        "velocity led; ratio: RMSJPE of hidden joints by the best last known; ms of one wearer's step. Averages over "
+        "velocity led; ratio: RMSJPE of hidden joints by the best last known; "
+        "take: with past and future; ms of one wearer's step. Averages over "
         "frames at 30 Hz.",
         digits=2,
     )

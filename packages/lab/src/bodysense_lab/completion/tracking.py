@@ -19,7 +19,9 @@ from bodysense.completion.model import CompletionModel, load_completion, package
 from bodysense.devices.simulated.sensors import Edge, SensorSet
 from bodysense.metrics import joint_error
 from bodysense.observation import Observation
-from bodysense.tracker import Tracker
+from bodysense.scoring import RATE
+from bodysense.tracker import Tracker, TrackerSettings
+from bodysense.two_way import completed_both_ways
 from bodysense_lab.completion.scenes import TrackedScene, person_of, stacked
 
 _WARM_UP = 30  # frames that are not timed
@@ -46,6 +48,7 @@ class TrackedBatch:
         )
 
 
+TrackTake = Callable[[Person, Observation], TrackedBatch]  # of one person, without the batch axis
 TrackBatch = Callable[[Sequence[Person], Observation], TrackedBatch]
 StepTimes = Callable[[Person, Observation], np.ndarray]
 
@@ -73,6 +76,20 @@ class TrackedBy:
     def __call__(self, people: Sequence[Person], observation: Observation) -> TrackedBatch:
         """Track B people."""
         return track_batch(people, observation, self.network)
+
+
+@dataclass(frozen=True)
+class TakenBy:
+    """Whole takes, completed with past and future by the network of a file (None: the packaged one)."""
+
+    model: Path | None
+
+    def __call__(self, person: Person, observation: Observation) -> TrackedBatch:
+        """Complete a take (T, P) of one person."""
+        estimate, _ = completed_both_ways(observation, person, _opened(self.model), TrackerSettings(), 1 / RATE)
+        return TrackedBatch(
+            estimate.points, estimate.pose.rotation, estimate.confidence, estimate.bound, estimate.contact
+        )
 
 
 @lru_cache(maxsize=1)

@@ -6,69 +6,76 @@ network is, every other field is JSON. Large tables are bytes that count in a `.
 
 from __future__ import annotations
 
-import copy
 import json
 import struct
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from bodysense.body.shape import shape_space
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
+from bodysense_lab.completion.error_map import ErrorMap, error_tables
 from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
-from bodysense_lab.completion.graph import CompletionStep
 from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
 from bodysense_lab.completion.points import reference_offsets
 
 FORMAT = "bodysense-completion-2"
+# What is multiplied most; what turns the body's joints in the end keeps half precision.
 _IN_BYTES = ("body.recurrent.weight", "body.turn_branch.0.weight", "body.judge_branch", "fingers", "errors.inward")
-# Of a step: what it multiplies most; what turns the body's joints in the end keeps half precision.
-_ROUNDED = ("body.recurrent", "body.turn_branch.0", "body.judge_branch", "finger_network")
+_EXACT = ("usual_bones", "standing", "relaxed", "errors.bias", "errors.inward.bias")
 _TYPES = {"I8": np.int8, "F16": np.float16, "F32": np.float32, "F64": np.float64}
 _ALIGNMENT = 64  # bytes, of the header with its length: numbers begin where a memory map can use them
 _MOST_HEADER = 100_000_000  # bytes; safetensors' own limit
 
 
-def write_weights(step: CompletionStep, path: Path, card: Mapping[str, Any]) -> None:
-    """Write a trained step with `card`: training data, licence, figures. The file appears whole or not at all.
+@dataclass(frozen=True, eq=False)
+class TrainedNetworks:
+    """What a file holds: both networks, and what makes their expected errors and the bounds of these true."""
 
-    Weights are rounded, see `as_stored`.
+    body: CompletionNetwork
+    fingers: FingerNetwork
+    mean: ErrorMap
+    bound: ErrorMap
+
+
+def write_weights(networks: TrainedNetworks, path: Path, card: Mapping[str, Any]) -> None:
+    """Write trained networks, rounded, with `card`: training data, licence, figures.
+
+    The file appears whole or not at all.
     """
     skeleton = default_skeleton()
+    trained = [*networks.body.parameters(), *networks.fingers.parameters()]
     fields = {
         "points": skeleton.points,
         "joints": skeleton.joints,
-        "weights": sum(parameter.numel() for parameter in step.parameters()),
+        "weights": sum(parameter.numel() for parameter in trained),
         **card,
     }
     metadata = {"format": FORMAT} | {name: json.dumps(value) for name, value in fields.items()}
     with written_beside(path) as beside:
-        beside.write_bytes(safetensors_bytes(_stored(tables_of(as_stored(step))), metadata))
+        beside.write_bytes(safetensors_bytes(_stored(tables_of(networks)), metadata))
 
 
-def tables_of(step: CompletionStep) -> dict[str, np.ndarray]:
-    """All numbers of a step that the core reads, by name."""
-    errors = step.expected_errors
-    tables = {f"body.{name}": value for name, value in step.body.named_parameters()}
-    tables |= {f"fingers.{name}": value for name, value in step.finger_network.named_parameters()}
+def tables_of(networks: TrainedNetworks) -> dict[str, np.ndarray]:
+    """All numbers that the core reads, by name."""
+    body, fingers = networks.body, networks.fingers
+    tables = {f"body.{name}": value for name, value in body.named_parameters()}
+    tables |= {f"fingers.{name}": value for name, value in fingers.named_parameters()}
     tables |= {
-        "errors.inward.weight": errors.inward,
-        "errors.inward.bias": errors.inward_offset,
-        "errors.weight": errors.weight,
-        "errors.bias": errors.offset,
         "body.usual_bones": torch.tensor(reference_offsets()),
-        "body.standing": step.body.standing_axes.flatten(1),
-        "fingers.usual_bones": step.finger_network.reader.usual_bones[0],
-        "fingers.relaxed": step.finger_network.relaxed.flatten(1),
+        "body.standing": body.standing_axes.flatten(1),
+        "fingers.usual_bones": fingers.reader.usual_bones[0],
+        "fingers.relaxed": fingers.relaxed.flatten(1),
     }
+    errors = {f"errors.{name}": table for name, table in error_tables(networks.mean, networks.bound).items()}
     shapes = {"shape.mean": shape_space().mean, "shape.components": shape_space().components}
-    return {name: value.detach().numpy().astype(np.float32) for name, value in tables.items()} | shapes
+    return {name: value.detach().numpy().astype(np.float32) for name, value in tables.items()} | errors | shapes
 
 
 def read_weights(path: Path) -> tuple[CompletionNetwork, FingerNetwork]:
@@ -102,29 +109,6 @@ def _widened(values: np.ndarray, columns: int) -> np.ndarray:
     """A table with columns of zeros for inputs that its network was not trained on; they come last."""
     missing = max(columns - values.shape[1], 0)
     return np.pad(values, ((0, 0), (0, missing)))
-
-
-def as_stored(step: CompletionStep) -> CompletionStep:
-    """A copy of a step with its weights rounded as a file stores them: what the file computes is what this computes."""
-    step = copy.deepcopy(step).eval()
-    with torch.no_grad():
-        for name, parameter in step.named_parameters():
-            if name.startswith(_ROUNDED) and parameter.ndim > 1:
-                parameter.copy_(_in_bytes(parameter))
-            else:
-                parameter.copy_(parameter.half())
-        table = step.expected_errors.weight
-        table.copy_(table.half())
-        table = step.expected_errors.inward
-        table.copy_(_in_bytes(table))
-    return step
-
-
-def _in_bytes(table: Tensor) -> Tensor:
-    """A table whose rows are whole multiples of what each counts in."""
-    values = table.detach().numpy()
-    unit = row_step(values)
-    return torch.from_numpy(np.round(values / unit) * unit)
 
 
 def row_step(values: np.ndarray) -> np.ndarray:
@@ -178,7 +162,7 @@ def read_safetensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]
 
 
 def _stored(tables: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Tables in the types of a file: bytes with the step of each row, half precision where that is exact, floats."""
+    """Tables in the types of a file: bytes with the step of each row, half precision, or floats."""
     stored = dict[str, np.ndarray]()
     for name, values in tables.items():
         half = values.astype(np.float16)
@@ -188,5 +172,5 @@ def _stored(tables: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
             step = row_step(values)
             stored[name], stored[f"{name}.step"] = np.round(values / step).astype(np.int8), step[:, 0]
         else:
-            stored[name] = half if (half == values).all() else values
+            stored[name] = values if name.endswith(_EXACT) and (half != values).any() else half
     return stored

@@ -59,21 +59,21 @@ class BodyFrames:
 
     @property
     def minutes(self) -> float:
-        """Of all clips together."""
+        """Length of all clips together."""
         return float(self.length.sum()) / RATE / 60
 
     def windows(self, length: int, stride: int = STRIDE, clips: np.ndarray | None = None) -> Windows:
-        """Windows of so many frames in every clip, or in those of some rows `clips`."""
+        """Return windows of `length` frames in every clip, or in the clips of rows `clips`."""
         chosen = np.arange(len(self)) if clips is None else clips
         found = find_windows(self.start[chosen], self.length[chosen], length=length, stride=stride)
         return replace(found, clip=chosen[found.clip])
 
 
 def read_body_frames(clips: Iterable[Clip]) -> BodyFrames:
-    """The clips at 30 Hz; those shorter than 64 frames are dropped. Raises BodysenseError where none is left."""
+    """Read clips at 30 Hz and drop those shorter than 64 frames. Raises BodysenseError if all are shorter."""
     parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, str, str]] = []
     for clip in clips:
-        # What comes to fewer than 64 frames need not be computed.
+        # Clips that give fewer than 64 frames need not be computed.
         if clip.seconds * RATE < TEST_LENGTH - 1:
             continue
         body = body_pose(resample(clip, RATE).pose)
@@ -99,7 +99,7 @@ def held_out(person: Iterable[str], rng: np.random.Generator) -> np.ndarray:
     """(C,) bool: about 5 % of the clips of each data set, at least one; a set is a person's name up to its last '_'.
 
     'cmu_07' is of 'cmu', 'MPI_HDM05_dg' of 'MPI_HDM05'; a name without '_' is of a set with all others like it.
-    Within-person test of the paper, beside the split by person.
+    This is the within-person test of the paper; the other test is by person.
     """
     names = np.array([name.rpartition("_")[0] for name in person])
     chosen = np.zeros(len(names), dtype=bool)
@@ -115,7 +115,7 @@ def split_clips(
 ) -> Iterator[Clip]:
     """The clips of a folder or store that belong to a split: by person, or as a list says (`read_split_file`).
 
-    `limit` takes so many for a trial.
+    `limit` is the number of clips for a trial.
     """
     if split_file is None:
         yield from learned_clips(directory, split, limit)

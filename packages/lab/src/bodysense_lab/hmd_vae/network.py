@@ -90,8 +90,8 @@ def linear_block(width: int) -> Residual:
 class Encoder(nn.Module):
     """Joints of one frame, or of `length` frames, to the mean and log variance of z (section 5.2).
 
-    Of frames, each goes through one linear layer, then all but one of the blocks are convolutions over time. They halve
-    the frames while more than four are left; the last block sees those as one vector.
+    Each frame passes one linear layer. All blocks but the last are convolutions over time, which halve
+    the frames while more than four remain; the last block reads these as one vector.
     """
 
     def __init__(self, config: BodyVaeConfig) -> None:
@@ -134,7 +134,7 @@ class Decoder(nn.Module):
 class BodyVae(nn.Module):
     """Encoder and decoder. The skeleton is an argument, `rest_offset` (B, 22, 3) m: a taller user is a taller skeleton.
 
-    What the encoder sees is scaled to one stature, so that a body and its signal may grow together.
+    Inputs of the encoder are scaled to one stature, so that the result scales with the body.
     """
 
     stature: Tensor
@@ -199,7 +199,7 @@ def squared_distance(config: BodyVaeConfig, position: Tensor, rotation: Tensor, 
 
 
 def kl_divergence(mean: Tensor, log_variance: Tensor) -> Tensor:
-    """Of N(mean, variance) from the prior N(0, I): (B, d) → (B,), nats."""
+    """Return the divergence of N(mean, variance) from the prior N(0, I): (B, d) → (B,), nats."""
     return (mean**2 + torch.exp(log_variance) - 1 - log_variance).sum(dim=-1) / 2
 
 

@@ -1,4 +1,4 @@
-"""What HMD-VAE is made of and learns by; read by the command line, so without PyTorch."""
+"""Options of HMD-VAE's networks, training and tables; read by the command line, so without PyTorch."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class BodyVaeConfig:
 
     model: int = 2
     """0 sees the whole body; 1 head and hands now; 2 their last half second; 3 and 4 are 1 and 2 with the decoder of a
-    model 0, which stays as it is; a sweep trains all"""
+    model 0, which is frozen; a sweep trains all"""
     latent: int = 30
     """numbers that make a body, d; the paper's sweep has 15, 30, 60"""
     blocks: int = 3

@@ -68,7 +68,7 @@ class Scored:
 
 
 def vaes_in(folder: Path) -> dict[str, Path]:
-    """The trained models 1 to 4 of a folder by name. Raises BodysenseError where there is none."""
+    """Return the trained models 1 to 4 of a folder by name. Raises BodysenseError for a folder without any."""
     found = {path.stem: path for path in sorted(folder.glob("*.pt"))}
     kept = {name: path for name, path in found.items() if read_vae(path)[0].config.model != 0}
     if not kept:

@@ -41,7 +41,7 @@ LATER = (  # measures of later papers
     "skate_cm_s",
     "penetration_cm",
 )
-# What the paper says of Figs 6 and 7 (section 5.3), all of the legs: measure, the lower model, the higher ones.
+# Claims of section 5.3 on Figs 6 and 7, all on legs: text, measure, the lower model, the higher ones.
 CLAIMS = (
     ("History helps the position, from scratch", "position_cm", 2, (1,)),
     ("History helps the position, pretrained", "position_cm", 4, (3,)),

@@ -29,7 +29,7 @@ _VALIDATED = 2048  # windows that are enough to see how a run goes
 
 @dataclass(frozen=True, eq=False)
 class VaeTask(Task):
-    """What HMD-VAE learns: windows of motion, each seen once an epoch."""
+    """Training of HMD-VAE on windows of motion, each seen once an epoch."""
 
     network: BodyVae
     schedule: VaeSchedule

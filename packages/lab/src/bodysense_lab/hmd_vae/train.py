@@ -122,7 +122,7 @@ FEW_BETAS, FEW_LATENTS = (0.01, 1.0), (30,)  # of these, what a small machine tr
 
 @dataclass(frozen=True, eq=False)
 class VaeData:
-    """What a run learns from and is watched on."""
+    """Training and validation data of a run."""
 
     frames: BodyFrames
     train: Windows
@@ -214,7 +214,7 @@ def train_network(
 
 
 def source_of(run: VaeRun, whole: BodyVae | None, data: VaeData | None = None) -> dict[str, Any]:
-    """What a run learns from, for its identity; how much that is where its data have been read."""
+    """Return the sources of a run for its identity, with their amount if the data have been read."""
     source: dict[str, Any] = {"data": str(run.data.resolve()), "split_file": None, "decoder": None, **run.limited}
     if run.split_file is not None:
         source["split_file"] = _digest(json.dumps(read_split_file(run.split_file)).encode())
@@ -240,7 +240,7 @@ def is_trained(run: VaeRun, weights: Path, whole: BodyVae | None, data: VaeData 
 
 
 def sweep_name(config: BodyVaeConfig) -> str:
-    """Of a network's files in the folder of a sweep; what no grid sweeps is named where it is not the default."""
+    """Return the name of a network's files in a sweep; settings outside the grid appear if they are not the default."""
     name = f"model{config.model}-beta{config.beta:g}-latent{config.latent}-blocks{config.blocks}"
     name += f"-{config.origin}" if config.origin != BodyVaeConfig.origin else ""
     return name + (f"-samples{config.samples}" if config.samples != BodyVaeConfig.samples else "")

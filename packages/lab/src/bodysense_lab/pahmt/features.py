@@ -1,9 +1,9 @@
-"""What networks of arms and hands read of key-points (PAHMT, section 3.4), made inside of them.
+"""Inputs of the networks of arms and hands, computed from key-points inside them (PAHMT, section 3.4).
 
 Each hand minus its wrist, divided by the longer side of its bounding box; directions of the arms in the torso's axes
-("3D local location"); what was not found is as in the frame before, zeros if there was none.
+("3D local location"); points that were not found repeat the frame before, zeros if nothing was found yet.
 
-Windows for the networks of arms and hands: recorded motion before a camera, and what should be said of it.
+Windows for the networks of arms and hands: recorded motion before a camera, and the true rotations.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def window_of(keypoints: ArmKeypoints) -> Window:
 
 
 class SeenWindow(NamedTuple):
-    """What was found, or last found, in every frame of B windows."""
+    """Key-points that were found, or last found, in every frame of B windows."""
 
     shape: Tensor  # (B, T, 2, 21, 2) hands
     box: Tensor  # (B, T, 2) longer side of a hand's bounding box in this frame
@@ -193,11 +193,11 @@ class ArmRecordings:
 
     @property
     def minutes(self) -> float:
-        """Of motion."""
+        """Length of the motion."""
         return len(self.points) / RATE / 60
 
     def windows(self, stride: int = STRIDE, fingers: bool | None = True) -> Windows:
-        """All windows of clips with hands, without (False), or both (None). Raises BodysenseError where none is."""
+        """Return windows of clips with hands, without (False), or both (None). Raises BodysenseError without any."""
         chosen = np.ones(len(self), dtype=bool) if fingers is None else self.fingers == fingers
         found = find_windows(self.start[chosen], self.length[chosen], length=FRAMES, stride=stride)
         if not len(found):
@@ -216,7 +216,7 @@ class ArmBatch(NamedTuple):
 def read_arm_recordings(
     clips: Iterable[Clip], bodies: int = 1, rng: np.random.Generator | None = None
 ) -> ArmRecordings:
-    """Every clip as it was recorded and, with `rng`, `bodies` − 1 times varied (`varied`)."""
+    """Read every clip once as recorded and, with `rng`, `bodies` − 1 times augmented (`varied`)."""
     at_rate = [resample(clip, RATE) for clip in clips]
     donors = [clip for clip in at_rate if clip.has_fingers]
     points, rotations, kept = [], [], []
@@ -299,7 +299,7 @@ def arm_positions(rotation: Tensor, joints: Sequence[int]) -> Tensor:
 # Degrees by which a joint wanders, one deviation; of fingers every joint. Elbows stay hinges.
 _WANDER = {"collar": 2.0, "shoulder": 12.0, "elbow": 4.0, "wrist": 12.0}
 _WANDER_FINGER = 4.0
-_WAVES, _SLOWEST, _FASTEST = 4, 0.05, 0.6  # Hz, so many sines are added
+_WAVES, _SLOWEST, _FASTEST = 4, 0.05, 0.6  # number of sines that are added, and Hz
 
 
 def with_arms_of(clip: Clip, donors: Sequence[Clip], rng: np.random.Generator) -> Clip:

@@ -1,4 +1,4 @@
-"""What a detector of key-points does to what a camera sees: jitter, drift, motion blur, missed and swapped hands."""
+"""Errors of a key-point detector: jitter, drift, motion blur, missed and swapped hands."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ _BONES = slice(1, 3)  # upper arm and forearm among the joints of an arm: collar
 def hinged(directions: Tensor) -> Tensor:
     """Turns (..., 2, 2, 4), torso ← bone, of left and right upper arm and forearm from their directions (..., 2, 2, 3).
 
-    Directions are unit vectors in the torso's axes; of zero length where none is known: such an arm hangs.
+    Directions are unit vectors in the torso's axes. An unknown one has length zero: such an arm hangs.
     """
     down = torch.zeros_like(directions)
     down[..., 1] = -1.0
@@ -186,7 +186,7 @@ class OverJoints(nn.Module):
 class Convolutions(nn.Module):
     """The CNN: temporal convolutions with shortcuts, as in Body2Hands (Ng et al. 2021), there of width 256.
 
-    Frames are halved four times and doubled again; what comes up is added to what went down.
+    Frames are halved four times and doubled again, with shortcuts between equal sizes.
     """
 
     def __init__(self, config: ArmNetworkConfig) -> None:
@@ -237,7 +237,7 @@ class ArmNetwork(nn.Module):
         )
 
     def forward(self, window: Window) -> Tensor:
-        """Rotations (B, T, joints, 3 or 6) as they are regressed; `quaternions` says what they mean."""
+        """Regress rotations (B, T, joints, 3 or 6); `quaternions` converts them."""
         seen = seen_in(window)
         points = self._read(window, seen)
         features = self.body(points)
@@ -261,13 +261,13 @@ class ArmNetwork(nn.Module):
         return matrix_to_quaternion(sixd_to_matrix(said))
 
     def regressed(self, rotation: Tensor) -> Tensor:
-        """Rotations (..., 4) as they are regressed, (..., 3 or 6)."""
+        """Convert rotations (..., 4) to the regressed form (..., 3 or 6)."""
         if self.config.rotation == "axis-angle":
             return quaternion_log(rotation)
         return matrix_to_sixd(quaternion_to_matrix(rotation))
 
     def points(self, window: Window) -> Tensor:
-        """What the network reads, (B, T, tokens, 3)."""
+        """Return the points that the network reads, (B, T, tokens, 3)."""
         return self._read(window, seen_in(window))
 
     def _read(self, window: Window, seen: SeenWindow) -> Tensor:

@@ -1,4 +1,4 @@
-"""What networks of arms and hands are made of and learn by; read by the command line, so without PyTorch."""
+"""Options of networks of arms and hands, training and tables; read by the command line, so without PyTorch."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ class ArmRun(MotionRun, Card):
 class ArmTraining(ArmRun):
     """Train arms and hands from key-points of a video (PAHMT), as NAME.onnx beside NAME.pt, or NAME.pt alone.
 
-    Of the train split the clips with fingers are learned; the weights that do best on those of the val split are kept.
+    Training takes the clips with fingers of the train split and keeps the weights that are best on the val split.
     """
 
     def __post_init__(self) -> None:

@@ -104,11 +104,12 @@ def _twists(rotation: np.ndarray, skeleton: Skeleton) -> dict[str, np.ndarray]:
 
 
 def arm_errors(said: np.ndarray, truth: np.ndarray, skeleton: Skeleton) -> dict[str, np.ndarray]:
-    """Errors of estimated rotations (T, 38, 4) beside true ones, both as of `arms_from_torso`, on a skeleton's arms.
+    """Compute errors of estimated rotations (T, 38, 4), in the form of `arms_from_torso`, on a skeleton's arms.
 
     `overall_cm` (T, P) of all joints of both arms and hands, from the torso; `hands_cm` (T, P') of finger joints and
     tips, from their wrist and in its axes; `arms_deg` (T, 8) the geodesic angle of collars, upper arms, forearms and
-    hands; and the twists. Both bodies have the skeleton's lengths, so that rotations alone are compared.
+    hands, `arms_rad` (T, 8) their `component_error`; and the twists. Both bodies have the skeleton's lengths, so that
+    rotations alone are compared.
     """
     arms = arm_skeleton(skeleton)
     fingers = arms.wrist_of >= 0
@@ -123,13 +124,20 @@ def arm_errors(said: np.ndarray, truth: np.ndarray, skeleton: Skeleton) -> dict[
         "overall_cm": 100 * np.linalg.norm(overall[0] - overall[1], axis=-1),
         "hands_cm": 100 * np.linalg.norm(hands[0] - hands[1], axis=-1),
         "arms_deg": np.degrees(np.asarray(geodesic_angle(said[:, ARMS], truth[:, ARMS]))),
+        "arms_rad": component_error(said[:, ARMS], truth[:, ARMS]),
     } | twist_errors(said, truth, skeleton)
 
 
-def solved_from_positions(truth: Pose) -> np.ndarray:
-    """Rotations (T, 38, 4), as of `arms_from_torso`, that inverse kinematics finds for true positions of every point.
+def component_error(said: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Mean absolute difference of axis-angle components (...), radians, of rotations (..., 4): the paper's MPJRE."""
+    ours, true = (quaternion_log(np.asarray(quaternion_canonical(one))) for one in (said, truth))
+    return np.abs(np.asarray(ours) - np.asarray(true)).mean(axis=-1)
 
-    The best that positions can do: no video gives as much. Twists that they leave open are those of the body's
+
+def solved_from_positions(truth: Pose) -> np.ndarray:
+    """Return rotations (T, 38, 4), in the form of `arms_from_torso`, by inverse kinematics on the true positions.
+
+    No video gives as much. Twists that positions leave open are those of the body's
     relaxed posture (`body/ik.py`).
     """
     position = np.asarray(forward_kinematics(truth)[0])
@@ -175,7 +183,7 @@ class ScoredRow:
 
 
 def rows_in(folder: Path, model: Path | None = None) -> list[ScoredRow]:
-    """The table's networks that are in a folder, and one more. Raises BodysenseError where there is none."""
+    """Return the table's networks in a folder, and one more. Raises BodysenseError if there are no networks."""
     found = [
         ScoredRow(name, row, read_arms(folder / f"{name}.pt")[0], learned=_learned(folder / f"{name}.jsonl"))
         for name, row in TABLE_1.items()
@@ -195,7 +203,7 @@ def rows_in(folder: Path, model: Path | None = None) -> list[ScoredRow]:
 
 
 def _learned(log: Path) -> tuple[Mapping[str, float], ...]:
-    """What a training noted of its validation; nothing where its log is not there."""
+    """Return the validation entries of a training's log; empty without a log."""
     if not log.is_file():
         return ()
     lines = (json.loads(line) for line in log.read_text(encoding="utf-8").splitlines())
@@ -212,7 +220,7 @@ def score_arms(
 ) -> tuple[list[ScoredRow], Census]:
     """The rows with their figures on clips with fingers, and how much motion that was.
 
-    `studio` says by which cameras and with which errors; no window is mirrored, and none is of a video's beginning.
+    `studio` sets cameras and errors. No window is mirrored or at the beginning of a video.
     """
     studio = replace(studio, mirrored=False, begun=0.0)
     census, tallies = Census(), {row.name: dict[tuple[str, str], Tally]() for row in rows}
@@ -249,7 +257,7 @@ def score_arms(
 
 
 def measures(said: torch.Tensor, truth: torch.Tensor, joints: tuple[int, ...]) -> dict[str, np.ndarray]:
-    """Errors of estimated rotations (..., N, 4) of `joints` beside true ones (..., 38, 4), one value a frame and joint.
+    """Compute errors of rotations (..., N, 4) of `joints`, truth (..., 38, 4): one value a frame and joint.
 
     `hands_m` of finger joints and tips from their wrist, in its axes; `overall_m` of all joints from the chest, in
     metres; `arms` the mean absolute difference of axis-angle components, radians (the paper's MPJRE), of collars,
@@ -270,14 +278,13 @@ def measures(said: torch.Tensor, truth: torch.Tensor, joints: tuple[int, ...]) -
         return result
     everywhere = [arm_positions(one, joints).numpy() for one in (said, wanted)]
     result["overall_m"] = np.linalg.norm(everywhere[0] - everywhere[1], axis=-1)[..., 1:]
-    ours, true = (np.asarray(quaternion_log(quaternion_canonical(one[..., ARMS, :]))) for one in (said, wanted))
-    result["arms"] = np.abs(ours - true).mean(axis=-1)
+    result["arms"] = component_error(*(one[..., ARMS, :].numpy() for one in (said, wanted)))
     result["arms_deg"] = angle[..., ARMS]
     return result | twist_errors(said.numpy(), truth.numpy(), skeleton)
 
 
 def arm_report(scored: tuple[list[ScoredRow], Census], data: DataSet, perfect: bool = False) -> Report:
-    """The table as it is handed out; `perfect`: no detector erred."""
+    """Return the table; `perfect`: key-points have no errors of a detector."""
     rows, census = scored
     seen = "simulated cameras give them, without a detector's errors" if perfect else "simulated detectors give them"
     return Report(
@@ -317,7 +324,7 @@ def _curves(rows: list[ScoredRow]) -> Iterator[LinePanel]:
 
 
 def _panel(rows: list[ScoredRow], measure: str, place: int) -> BarPanel:
-    """Ours beside the paper's figures, cm."""
+    """Return bars of our figures and the paper's, cm."""
     shown = [row for row in rows if cell(row.get(measure)) is not None]
     ours = plain_bars("bodysense", [100 * row.get(measure) for row in shown])
     published = [100 * row.row.published[place] if len(row.row.published) > place else None for row in shown]

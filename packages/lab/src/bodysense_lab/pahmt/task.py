@@ -73,7 +73,7 @@ def points_known(known: Tensor, joints: list[int]) -> Tensor:
 
 @dataclass(frozen=True, eq=False)
 class ArmTask(Task):
-    """What a network of arms and hands learns, while a discriminator learns to tell it from recordings."""
+    """Training of a network of arms and hands, with a discriminator that separates its output from recordings."""
 
     network: Pair
     schedule: ArmSchedule
@@ -84,7 +84,7 @@ class ArmTask(Task):
     mixed = True
 
     def identity(self) -> str:
-        """What a checkpoint must agree on."""
+        """Settings on which a checkpoint must agree."""
         return identity(self.network.network.config, self.schedule, self.source)
 
     @property
@@ -108,7 +108,7 @@ class ArmTask(Task):
         return torch.optim.Adam(groups, lr=schedule.learning_rate, betas=betas, weight_decay=schedule.weight_decay)
 
     def rate(self, step: int) -> float:
-        """Halved every so many epochs."""
+        """Return the learning rate: halved every `halve_every` epochs."""
         epoch = (step - 1) // self.epoch_steps
         return self.schedule.learning_rate * 0.5 ** (epoch // self.schedule.halve_every)
 
@@ -118,7 +118,7 @@ class ArmTask(Task):
         return (batch_of(self.frames, windows, drawn, step) for step in itertools.count(done + 1))
 
     def loss(self, batch: ArmBatch, memory: None) -> tuple[dict[str, Tensor], None]:
-        """Of the network and, with 'gan', of the discriminator (eqs. 13, 14), in one sum: neither reaches the other."""
+        """Compute the loss of the network plus, with 'gan', of the discriminator (eqs. 13, 14), gradients apart."""
         pair, schedule = self.network, self.schedule
         with layer_autocast(batch.rotation.device):
             said = pair.network(batch.window).float()

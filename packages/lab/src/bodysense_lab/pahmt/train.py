@@ -33,7 +33,7 @@ _MOST = 63  # of each sign: 7 bits change arms by 0.19° in the mean, and their 
 
 
 class OneWindow(nn.Module):
-    """Key-points of one window, as they are captured, to local rotations (B, T, 38, 4) of `ARM_JOINTS`.
+    """Network from captured key-points of one window to local rotations (B, T, 38, 4) of `ARM_JOINTS`.
 
     The network is asked twice, once in a mirror, and the mean of its answers taken: exactly as good with either hand.
     """
@@ -53,7 +53,7 @@ class OneWindow(nn.Module):
 
 
 def mirrored(window: Window) -> Window:
-    """What the camera sees of the mirror image: left and right change places, and the picture's x its sign."""
+    """Mirror a window: swap left and right, and negate the picture's x."""
     flip = torch.tensor([-1.0, 1.0, 1.0])
     return Window(
         arm=window.arm.flip(2) * flip,
@@ -110,7 +110,7 @@ def write_arms_onnx(network: ArmNetwork, path: Path, card: dict[str, Any]) -> No
 
 @dataclass(frozen=True, eq=False)
 class ArmData:
-    """What a run learns from and is watched on."""
+    """Training and validation data of a run."""
 
     train: ArmRecordings
     validation: ArmRecordings
@@ -202,7 +202,7 @@ def train_network(run: ArmRun, weights: Path, data: ArmData, fabric: Fabric, rep
 
 
 def source_of(run: ArmRun) -> dict[str, Any]:
-    """What a run learns from, for its identity."""
+    """Return the sources of a run, for its identity."""
     return {"data": str(run.data.resolve()), "bodies": run.bodies, **run.limited}
 
 

@@ -39,14 +39,14 @@ _MARKS = [[BODY_LANDMARKS.index(f"{side}_{part}") for part in ARM_POINTS] for si
 
 @dataclass(frozen=True, eq=False)
 class ArmBones:
-    """Shoulder, elbow and wrist of both sides over T frames; NaN where nobody was found."""
+    """Shoulder, elbow and wrist of both sides over T frames; NaN in frames without a person."""
 
     space: np.ndarray  # (T, 2, 3, 3) m, in the camera's axes
     picture: np.ndarray  # (T, 2, 3, 2) places in the picture
 
 
 def bones_of(pose: Pose, camera: Camera) -> ArmBones:
-    """Of a body (T, …) in the room, and the camera, one or (T,), that sees it."""
+    """Return the bones of a body (T, …) in the room, seen by one camera or by cameras (T,)."""
     points = pose.skeleton.indices([f"{side}_{part}" for side in SIDES for part in ARM_POINTS])
     position = np.asarray(forward_kinematics(pose)[0])[:, points]
     space = (position - camera.position[..., None, :]) @ camera.axes
@@ -57,7 +57,7 @@ def bones_of(pose: Pose, camera: Camera) -> ArmBones:
 
 
 def bones_of_landmarks(person: PersonLandmarks) -> ArmBones:
-    """Of a person's landmarks."""
+    """Return the bones of a person's landmarks."""
     return ArmBones(person.world[:, _MARKS], person.picture[:, _MARKS])
 
 
@@ -103,7 +103,7 @@ class LandmarkIk:
         return InverseKinematics(self.skeleton, IkSettings(tolerance=1e-4, max_iterations=12))
 
     def complete(self, person: PersonLandmarks, settings: VideoSettings = VideoSettings()) -> Pose:
-        """Poses (T, …) from landmarks of T frames, smoothed as a video's are; a body that is lost stays as it was."""
+        """Return poses (T, …) from landmarks of T frames, smoothed like a video's; a lost body keeps its pose."""
         poses: list[Pose] = []
         state = None
         for frame in range(len(person)):

@@ -1,4 +1,4 @@
-"""What rendering videos and scoring them are asked."""
+"""Options of rendering and scoring videos."""
 
 from __future__ import annotations
 

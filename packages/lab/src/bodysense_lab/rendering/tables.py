@@ -51,15 +51,22 @@ MEASURES = {
     "overall_cm": "overall, cm",
     "hands_cm": "hands, cm",
     "arms_deg": "arms, °",
+    "arms_rad": "arms, rad",
     "upper_arm_twist_deg": "twist of upper arm, °",
     "forearm_twist_deg": "of forearm, °",
+}
+# Table 3 of the paper, on its own rendered characters.
+PUBLISHED = {
+    "FrankMocap, published": {"overall_cm": 15.56, "arms_rad": 0.2779},
+    "ExPose, published": {"overall_cm": 15.30, "arms_rad": 0.2984},
+    "PAHMT, published": {"overall_cm": 13.75, "arms_rad": 0.1614},
 }
 SHOWN = ("network", "landmarks_ik", "positions_ik")  # of which bones are compared; the landmarks themselves, the truth
 
 
 @dataclass(frozen=True, eq=False)
 class VideoTable:
-    """What was counted: errors by category group, method and measure, and what was found in the pictures."""
+    """Counts: errors by category group, method and measure, and detection rates."""
 
     tallies: dict[tuple[str, str, str], Tally] = field(default_factory=dict)
     found: dict[tuple[str, str], Tally] = field(default_factory=dict)  # shares by group: "body", "hand"
@@ -146,7 +153,7 @@ def watch(video: Path, files: LandmarkerFiles) -> PersonLandmarks:
 def completed(
     take: RenderedTake, person: PersonLandmarks, model: ArmModel, tracker: CompletionModel | None = None
 ) -> tuple[dict[str, np.ndarray], dict[str, ArmBones]]:
-    """What is made of a video's landmarks, and of what is true of it, by method.
+    """Complete a video's landmarks and its true key-points by every method.
 
     Rotations (T, 38, 4), as of `arms_from_torso`, and bones of arms. `tracker` is the completion network; None: the
     packaged one.
@@ -169,7 +176,7 @@ def completed(
 def tracked(
     device: VideoDevice, person: PersonLandmarks, network: CompletionModel | None = None
 ) -> tuple[Pose, Camera]:
-    """What `bodysense track` makes of landmarks (T,): the body in the room, and the camera (T,)."""
+    """Return the body in the room and the camera (T,) that `bodysense track` finds for landmarks (T,)."""
     early, state = device.step(person, device.start())
     tracker = Tracker(Person(device.skeleton), network=network, settings=TrackerSettings(infer=False))
     tracking, poses, cameras = tracker.start(), [], []
@@ -197,6 +204,8 @@ def video_report(table: VideoTable, name: str) -> Report:
             (*label, shown, *(cell(table.get(method, measure, group)) for measure in measures))
             for method, shown in METHODS.items()
         ]
+    label = () if len(table.groups) == 1 else ("the paper's",)
+    rows += [(*label, name, *(figures.get(measure) for measure in measures)) for name, figures in PUBLISHED.items()]
     numbers = table.numbers()
     suffix = "" if "main" in table.groups else f"_{table.groups[0]}"
     remarks = []
@@ -224,15 +233,17 @@ def video_report(table: VideoTable, name: str) -> Report:
         caption=(
             "overall: mean position error of all joints of arms and hands from the torso; hands: of fingers from "
             "their wrist, in its axes; arms: mean angle of collars (from the torso), upper arms, forearms and hands "
-            "(from their parents); all frames. Bones in the picture: where more than a third of it is seen; of "
-            "IK on landmarks, the landmarks themselves are compared, and the truth in place of IK on true positions."
+            "(from their parents), and in rad the mean difference of their axis-angle components (the paper's MPJRE); "
+            "all frames. Bones in the picture: where more than a third of it is seen; of IK on landmarks, the "
+            "landmarks themselves are compared, and the truth in place of IK on true positions."
         ),
+        digits=2,
         panels=(_panel(table, "error of positions", "cm"), _panel(table, "error of turns", "deg")),
     )
 
 
 def _group(take: RenderedTake) -> str:
-    """Whose row a video counts in."""
+    """Return the group in which a video counts."""
     return take.category if take.category in GESTURES else group_named(take.category)
 
 

@@ -33,7 +33,7 @@ _GUARD: _ARM = ((0.2, -0.85, 0.4), (-0.35, 0.75, 0.6))
 _BLOW: _ARM = ((-0.1, 0.0, 1.0), (-0.15, 0.05, 1.0))
 _HOOK: _ARM = ((0.75, 0.0, 0.65), (-0.75, 0.0, 0.65))
 _UPPERCUT: _ARM = ((0.1, -0.3, 0.95), (-0.1, 0.9, 0.4))
-# Of each: s, left arm, right arm, degrees by which the chest is turned to the left.
+# For each key: s, left arm, right arm, degrees by which the chest is turned to the left.
 _Key = tuple[float, _ARM, _ARM, float]
 GESTURES: dict[str, tuple[_Key, ...]] = {
     "t_pose": ((0.0, _HANG, _HANG, 0), (0.7, _HANG, _HANG, 0), (1.4, _OUT, _OUT, 0), (3.0, _OUT, _OUT, 0),
@@ -209,7 +209,7 @@ def read_take(path: Path) -> RenderedTake:
 
 
 def list_takes(folder: Path) -> list[Path]:
-    """The truths (.npz) of the videos of a rendered set. Raises BodysenseError where there is none."""
+    """Return the truths (.npz) of the videos of a rendered set. Raises BodysenseError if there are no videos."""
     found = sorted(path for path in folder.glob("*.npz") if path.with_suffix(".mp4").is_file())
     if not found:
         raise BodysenseError(f"{folder}: no rendered videos in it; make some with `bodysense data render`")
@@ -217,7 +217,7 @@ def list_takes(folder: Path) -> list[Path]:
 
 
 def _camera(pose: Pose, rng: np.random.Generator, where: CameraRange) -> Camera | None:
-    """A camera that nearly always has both arms in its picture; None where none of many has."""
+    """Draw a camera that nearly always has both arms in its picture; None if many draws fail."""
     points = view_points(pose)
     for _ in range(_TRIES):
         camera = sample_camera(pose, rng, where)

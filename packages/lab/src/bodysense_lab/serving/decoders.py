@@ -1,4 +1,4 @@
-"""Every packet that goes out is read by decoders that are not ours, as it was meant.
+"""Independent decoders for every packet that the server sends.
 
 python-osc and Wireshark read OSC (VMC, VRChat, VMT), a reader of the public schema reads SolarXR.
 """
@@ -46,7 +46,7 @@ class Sent:
 
 @dataclass
 class Decoded:
-    """Packets that were read as they were meant, and the messages in them."""
+    """Counts of correctly decoded packets and their messages."""
 
     osc: int = 0
     osc_messages: int = 0
@@ -79,7 +79,7 @@ def sent_packets(rng: np.random.Generator) -> Iterator[Sent]:
 
 
 def decode(count: int, rng: np.random.Generator, tshark: str | None) -> Iterator[Decoded]:
-    """Read so many packets; what was read until now, after every part. Raises BodysenseError for one read otherwise.
+    """Decode `count` packets and yield the counts after every part. Raises BodysenseError for a wrong one.
 
     `tshark`: Wireshark's program, which reads while python-osc does; None: without it.
     """

@@ -48,7 +48,7 @@ _WORDS = (
 
 @dataclass
 class FuzzCounts:
-    """What became of the messages."""
+    """Counts of messages by outcome."""
 
     frames: int = 0
     connections: int = 0
@@ -99,7 +99,7 @@ class FakeSocket:
 
 
 async def fuzz(frames: int, rng: np.random.Generator, counts: FuzzCounts) -> None:
-    """Send so many messages; `counts` is kept up meanwhile."""
+    """Send `frames` messages and update `counts`."""
     live = Live(_LIMITS, Metrics())
     live.start()
     watchman = FakeSocket()
@@ -162,7 +162,7 @@ async def _client(live: Live, rng: np.random.Generator, frames: int, counts: Fuz
 
 
 def message_of(rng: np.random.Generator, k: int) -> str | bytes:
-    """The k-th message of a client: a good one mostly, so that what comes after it is reached as well."""
+    """Return the k-th message of a client, mostly a valid one, so that later stages are reached too."""
     choice = rng.random()
     if choice < 0.975:
         return write_signal(_tracked(rng, k))
@@ -188,7 +188,7 @@ def message_of(rng: np.random.Generator, k: int) -> str | bytes:
 
 
 def broken(data: bytes, rng: np.random.Generator) -> bytes:
-    """The same with some bytes changed, and perhaps cut or doubled."""
+    """Return the data with some bytes changed, and sometimes cut or doubled."""
     found = bytearray(data)
     count = int(rng.integers(1, 8))
     places, kinds = rng.integers(0, len(found), count).tolist(), rng.integers(0, 5, count).tolist()

@@ -1,4 +1,4 @@
-"""Hostile packets of every protocol that comes in by UDP or a socket: nothing may raise, and no body be no number."""
+"""Hostile packets of every protocol that is received by UDP or a socket: no exception and no NaN in a body."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from bodysense_live.vrchat import VrchatReader
 _POSE = (0.0, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0)
 _HERE = ("127.0.0.1", 50000)
 _HELLO = struct.pack(">IQ7i", 3, 0, 4, 0, 0, 0, 0, 0, 22) + b"\x01x" + bytes(range(1, 7))
-_READERS: dict[str, tuple[Reader, tuple[bytes, ...]]] = {  # and packets of whoever is no enemy
+_READERS: dict[str, tuple[Reader, tuple[bytes, ...]]] = {  # and valid packets
     "vmc": (
         VmcTrackers(),
         tuple(
@@ -56,7 +56,7 @@ _SLIMEVR = (
 
 
 def fuzz_packets(count: int, rng: np.random.Generator) -> dict[str, int]:
-    """Read so many packets, most of them broken; how many of each protocol. Raises BodysenseError for a failure."""
+    """Read `count` packets, most of them broken, and count them by protocol. Raises BodysenseError for a failure."""
     steps: dict[str, Callable[[int], None]] = {}
     for name, (reader, good) in _READERS.items():
         steps[name] = partial(_read, reader, good, rng, [reader.start()])
@@ -102,4 +102,4 @@ def _slimevr(rng: np.random.Generator, state: list[SlimevrState], k: int) -> Non
 
 
 def _ignored(_: object) -> None:
-    """What came of it does not matter."""
+    """Ignore a result."""

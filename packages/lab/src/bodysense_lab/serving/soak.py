@@ -28,7 +28,7 @@ _WARM = 0.25  # share of the time after which memory is looked at
 
 @dataclass(frozen=True)
 class SoakPlan:
-    """What the network and the wearers do."""
+    """Plan of a soak test: network and wearers."""
 
     sessions: int = 8
     seconds: float = 600.0
@@ -44,7 +44,7 @@ class SoakPlan:
 
 @dataclass
 class SoakCounts:
-    """What became of it."""
+    """Counts of a soak test."""
 
     sent: int = 0
     answered: int = 0
@@ -128,7 +128,7 @@ async def _wearer(address: str, plan: SoakPlan, end: float, rng: np.random.Gener
 
 @dataclass
 class _Seen:
-    """What a wearer has seen."""
+    """Messages that a wearer received."""
 
     last: float | None = None  # s, when the last answer came; None after their own network was gone
 
@@ -144,7 +144,7 @@ async def _kill(server: int, plan: SoakPlan, rng: np.random.Generator, counts: S
 
 
 def workers_of(server: int) -> list[int]:
-    """The processes in which a server serves, oldest first; none where the system does not tell."""
+    """Return the worker processes of a server, oldest first; empty if the system does not list them."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):  # it has ended meanwhile

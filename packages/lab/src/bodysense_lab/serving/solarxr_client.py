@@ -68,7 +68,7 @@ def update(packet: bytes) -> Row:
 
 
 def request(polls: bool = True, starts: int | None = None, asks: int | None = 0) -> bytes:
-    """What Monado's driver sends: a poll or a start of updates, and a request for settings."""
+    """Return the packets of Monado's driver: a poll or a start of updates, and a request for settings."""
     builder = flatbuffers.Builder(256)
     feeds = []
     builder.StartObject(6)

@@ -1,4 +1,4 @@
-"""What the raters of a study preferred: means, standard errors and t-tests, as in UNOC's Fig. 6; and simulated raters.
+"""Preferences of a study's raters: means, standard errors and t-tests, as in UNOC's Fig. 6; and simulated raters.
 
 The paper attributes +1 and −1 to the two techniques of a pair, averages *each participant's* votes over the scenes, and
 tests those averages against zero: it reports t(38) for 39 participants. So do we: in all scenes, n is the number of

@@ -38,7 +38,7 @@ def write_study_page(folder: Path, study: str, rings: Sequence[Sequence[str]]) -
     """Write the pages of a study into an existing, empty folder, and return the folder for its animations.
 
     `rings` are the names of each scene's animations, in the order of its ring (lab/study/study.py); their files,
-    `<name>.webp`, are to be written into the folder that is returned. Nothing but the names is told to the page.
+    `<name>.webp`, are to be written into the folder that is returned. The page knows only the names.
     """
     told = json.dumps({"study": study, "scenes": [list(ring) for ring in rings]}).replace("<", "\\u003c")
     source = files("bodysense_lab.study").joinpath("assets")
@@ -58,7 +58,7 @@ class StudySettings:
     """Which scenes there are, and how their bodies are completed; both conditions go through the same tracker."""
 
     longest: float = 6.0  # s; longer clips are cut into scenes of equal length
-    scenes: int = 8  # at most so many, drawn at random (the paper: eight)
+    scenes: int = 8  # maximum number, drawn at random (the paper: eight)
     model: Path | None = None  # a network; the packaged one by default
     last_known: Literal["world", "head", "heading"] = "heading"  # the frame in which the baseline keeps points
     tracker: IkTrackerSettings = IkTrackerSettings()
@@ -87,7 +87,7 @@ class SceneMotion:
 
 
 def complete_clip(clip: Clip, settings: StudySettings) -> SceneMotion:
-    """A canonical clip under every condition: as it was, and as the tracker completes what a headset sees of it.
+    """Return a canonical clip under every condition: the truth, and completions from a headset's view.
 
     'ours' completes it with the network, 'baseline' with last known positions; inverse kinematics and smoothing are
     the same (as in the paper), so that both are bodies with bones that keep their lengths.
@@ -137,7 +137,7 @@ def build_study(
 ) -> tuple[StudyKey, list[SceneMotion]]:
     """Make a study of canonical clips in a new folder: key.json, and site/ with all that raters may see.
 
-    Renders in `jobs` processes; `advance` is told how many animations are done, and of how many. Returns the key and
+    Renders in `jobs` processes; `advance` gets the number of finished animations and of all. Returns the key and
     the scenes in its order. Raises BodysenseError where the folder has content, and for clips of the same name.
     """
     names = [clip.name for clip in clips]
@@ -169,7 +169,7 @@ def build_study(
 
 
 def _renderings(key: StudyKey, scenes: Sequence[SceneMotion], lens: Lens, place: Path) -> list[tuple[Path, Pose, Shot]]:
-    """What is to be drawn, sorted by opaque name, so that the age of the files tells nothing."""
+    """Return the animations to draw, sorted by opaque name, so that the age of a file reveals nothing."""
     work = []
     for scene, motion in zip(key.scenes, scenes, strict=True):
         shot = frame_shot(motion.pose["truth"], RATE, lens)

@@ -44,7 +44,7 @@ class StudyScene:
 
 @dataclass(frozen=True)
 class StudyKey:
-    """What the animations of a study show. `study` is its opaque name, from which each rater's order follows too."""
+    """Key to the animations of a study. `study` is its opaque name, which also determines each rater's order."""
 
     study: str
     scenes: tuple[StudyScene, ...]
@@ -55,13 +55,13 @@ class StudyKey:
         return {clip: index for index, scene in enumerate(self.scenes) for clip in scene.ring}
 
     def condition_of(self, clip: str) -> Condition:
-        """What an animation shows."""
+        """Return the condition of an animation."""
         return self.scenes[self.scene_of[clip]].condition[clip]
 
 
 @dataclass(frozen=True)
 class Answers:
-    """What one rater chose, in the order in which they saw the pairs: (left animation, right animation, choice)."""
+    """Choices of one rater in the order of the pairs: (left animation, right animation, choice)."""
 
     study: str
     rater: str
@@ -90,7 +90,7 @@ def pairs_for(key: StudyKey, rater: str) -> list[tuple[str, str]]:
 
     A ring is shown in its direction in one half of the scenes and against it in the other. So for each rater each
     condition stands on the left as often as on the right (as in the paper), and with an even number of scenes each
-    comparison is shown as often one way as the other. The page does the same (study/assets/study.js, `pairsFor`).
+    comparison has each side order equally often. The page does the same (study/assets/study.js, `pairsFor`).
     """
     drawn = numbers(f"{key.study}:{rater}")
     count = len(key.scenes)
@@ -135,7 +135,7 @@ def write_key(path: str | Path, key: StudyKey) -> None:
 
 
 def read_key(path: str | Path) -> StudyKey:
-    """Read a key. Raises BodysenseError for a file that is none."""
+    """Read a key. Raises BodysenseError for another kind of file."""
     held = _read(path, KEY_FORMAT, "give the key.json that `bodysense study build` wrote")
     try:
         scenes = tuple(StudyScene(str(row["name"]), dict(row["clips"])) for row in held["scenes"])

@@ -49,7 +49,7 @@ def settled(hand: Skeleton, keys: KeyPoses) -> np.ndarray:
     """Angles (K, 26), radians, near those of the key poses, with the touches made and nothing deep in something else.
 
     Where the thumb touches a finger their capsules meet to within 0.1 mm, pressed in by `PRESSED`, unless the limits
-    forbid it. Poses that are possible as they are, and touch nothing, stay.
+    forbid it. Possible poses without contact are unchanged.
     """
     angles = _out_of_the_palm(hand, keys.angles)
     depth = own_depth(posed(hand, np.zeros(3), _UNTURNED, angles))[:, own_pairs()[0] < 3]
@@ -126,7 +126,7 @@ class _Touch:
 def _measure(
     capsules: HandCapsules, hand: Skeleton, angles: np.ndarray, finger: np.ndarray, place: np.ndarray
 ) -> _Touch:
-    """Of angles (..., K, 26)."""
+    """Return the contacts of angles (..., K, 26)."""
     position, world = forward_kinematics(posed(hand, np.zeros(3), _UNTURNED, angles))
     begin = position[..., capsules.joint, :] + quaternion_rotate(world[..., capsules.joint, :], capsules.start)
     bone = quaternion_rotate(world[..., capsules.joint, :], capsules.end - capsules.start)

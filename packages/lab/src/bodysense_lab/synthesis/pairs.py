@@ -173,7 +173,7 @@ def _draw_keys(hand: Skeleton, count: int, rng: np.random.Generator) -> _Keys:
 
 
 def _script(meetings: Sequence[HandMeeting], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of every key which meeting it is of, how far apart the hands are, metres, and whether they meet."""
+    """Return for every key its meeting, the distance between the hands in metres, and whether they meet."""
     rows: list[tuple[int, float, bool]] = []
     for which, meeting in enumerate(meetings):
         rows.append((which, rng.uniform(*_AWAY), False))

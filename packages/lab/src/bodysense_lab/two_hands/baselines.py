@@ -38,7 +38,7 @@ class LastKnown:
         return filled, filled
 
     def axes(self, markers: np.ndarray, state: np.ndarray) -> None:
-        """The world's."""
+        """Return None: filled markers are in the world's axes."""
 
 
 class AverageState(NamedTuple):
@@ -74,7 +74,7 @@ class MovingAverage:
         return filled, AverageState(filled, np.where(known[..., None], mean, state.velocity), known, steps)
 
     def axes(self, markers: np.ndarray, state: AverageState) -> None:
-        """The world's."""
+        """Return None: filled markers are in the world's axes."""
 
 
 class AffineState(NamedTuple):
@@ -128,11 +128,11 @@ class AffineCombination:
         return of @ np.linalg.solve(normal, by.swapaxes(1, 2))
 
     def axes(self, markers: np.ndarray, state: AffineState) -> None:
-        """The world's."""
+        """Return None: filled markers are in the world's axes."""
 
 
 def _mean(markers: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """(H, 1, 3) of the markers used; 0 where none is."""
+    """Return the mean (H, 1, 3) m of the markers used; 0 if no marker is used."""
     weight = used / np.maximum(used.sum(axis=1), 1)[:, None]
     return weight[:, None] @ np.where(used[..., None], markers, 0.0)
 

@@ -1,4 +1,4 @@
-"""What the networks of a glove learn: hidden markers from the others, angles from all (two-hands, section 3.3)."""
+"""Batches and losses of the networks of a glove: hidden markers from the others, angles from all (section 3.3)."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from bodysense.body.registration import brought_back, register
 from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate, shortest_arc
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense_lab.two_hands.frames import GloveFrames
+from bodysense_lab.two_hands.given_shapes import draw_shapes
 from bodysense_lab.two_hands.network import JointNetwork, MarkerNetwork
 from bodysense_lab.two_hands.task import GloveSchedule
-from bodysense_lab.two_hands.told import draw_told
 
 _ROUND = 1e-3  # m: below, distances count squared
 _BASES = tuple(f"{finger}1" for finger in FINGERS)
@@ -46,7 +46,7 @@ class MarkerTask:
     rate: float  # Hz, of the frames
 
     def loss(self, network: MarkerNetwork, rng: np.random.Generator) -> dict[str, Tensor]:
-        """Of markers that are hidden, at two times."""
+        """Compute the loss of hidden markers, at two times of an occlusion."""
         schedule = self.schedule
         share, noise = schedule.hidden_share, schedule.noise
         batch = draw_markers(self.frames, schedule.batch, share, noise, self.rate, rng)
@@ -67,7 +67,7 @@ class MarkerTask:
 
     @staticmethod
     def _errors(network: MarkerNetwork, batch: Registered) -> tuple[Tensor, Tensor]:
-        """Of hidden markers (n, 3) m at both times."""
+        """Return the errors of hidden markers (n, 3) m at both times."""
         missed = (network(batch.seen, batch.hand) - batch.all).unflatten(-1, (-1, 3))
         return missed[0][batch.hidden[0]], missed[1][batch.hidden[1]]
 
@@ -81,7 +81,7 @@ class JointTask:
     schedule: GloveSchedule
 
     def loss(self, network: JointNetwork, rng: np.random.Generator) -> dict[str, Tensor]:
-        """Of the joints of fingers after the finger rotation, and a little of those before it and of the angles."""
+        """Compute the loss of finger joints after the finger rotation, plus small terms before it and of angles."""
         schedule, frames = self.schedule, self.frames
         rows = rng.integers(len(frames), size=schedule.batch)
         noise = rng.normal(0.0, schedule.noise, (len(rows), len(MARKERS), 3))
@@ -108,7 +108,7 @@ class JointTask:
         rng: np.random.Generator,
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """All points before the finger rotation, those of fingers after it, where these are in truth, and angles."""
-        told = draw_told(frames, frames.motion[rows], rng)
+        told = draw_shapes(frames, frames.motion[rows], rng)
         markers = (frames.markers[rows] + noise) * told.scale
         own, points = in_hand(markers, frames.points[rows] * told.scale, told.template)
         angles = network(_flat(own), torch.from_numpy(told.shape))
@@ -130,7 +130,7 @@ def draw_markers(
     later = _within(frames, rows, np.maximum(1, np.round(gap)).astype(int) * rng.choice([-1, 1], count))
     both, hidden = np.stack([rows, later]), hide(count, share, rng)
     markers = frames.markers[both] + rng.normal(0.0, noise, (2, count, len(MARKERS), 3))
-    told = draw_told(frames, frames.motion[rows], rng)
+    told = draw_shapes(frames, frames.motion[rows], rng)
     flat, shape = (np.stack([part, part]) for part in (told.template, told.shape))
     return registered(markers * told.scale, np.stack([hidden, hidden]), shape, flat)
 

@@ -1,9 +1,9 @@
-"""Gloves on hands that no network has learned: a person who was left out, strangers, and the paper's own glove.
+"""Gloves on unseen hands: of a person who was left out of training, of the family of hands, and of the paper's glove.
 
 The motion is that of the test clips. *Foreign*: a clip on its own hand, by networks that were trained without its
 person (`bodysense train gloves --leave-one-out`). *Stranger*: on a hand drawn from the family of hands. *Template*: on
-a hand whose markers are, when it is flat, those of the template of the paper's release. Every hand is scored told
-exactly, told nothing but its size, and as a calibration of the clip's own markers finds it.
+a hand whose markers, when it is flat, are those of the template of the paper's release. Every hand is scored with its
+exact shape, with its size alone, and with the shape that a calibration by the clip's own markers finds.
 """
 
 from __future__ import annotations
@@ -57,10 +57,10 @@ class ForeignModels:
 
     markers: Path | None = None
     joints: Path | None = None
-    left_out: Path | None = None  # a folder of networks that were trained without somebody
+    left_out: Path | None = None  # a folder of networks that were trained without a person
 
     def of(self, place: str, person: str) -> tuple[Path | None, Path | None] | None:
-        """The marker and the joint network for a place; None where there are none."""
+        """Return the marker and the joint network for a place, or None if there are no such networks."""
         if place != FOREIGN:
             return self.markers, self.joints
         if self.left_out is None or not person:
@@ -107,7 +107,7 @@ def foreign_fingers(
 
 
 def foreign_numbers(means: KeyedMeans) -> dict[str, float]:
-    """Flat keys: foreign_nn_1_0.1_cm, stranger_untold_…, foreign_network_alone_cm …; NaN where there is none."""
+    """Return figures by flat keys: foreign_nn_1_0.1_cm, stranger_untold_…, foreign_network_alone_cm …"""
     numbers = {}
     for place, way, count, duration in means.sums:
         if place in PLACES and way in WAYS:
@@ -157,7 +157,7 @@ def _sized(hand: GlovedHand) -> GlovedHand:
 def _calibrated(
     motion: HandMotion, hand: GlovedHand, network: HandNetwork, rng: np.random.Generator
 ) -> GlovedHand | None:
-    """What is found of a hand by its markers, to 0.3 mm, in the first ten seconds; None of motions too short."""
+    """Calibrate a hand by ten seconds of its markers, exact to 0.3 mm. Return None if the motion is too short."""
     some = replace(motion, pose=motion.pose[:_LOOKED])
     if len(some) < FEWEST:
         return None

@@ -1,4 +1,4 @@
-"""What the networks of a glove learn from: frames of hands with all markers, in the hand's own axes and at one size."""
+"""Training frames of the networks of a glove: hands with all markers, in the hand's own axes and at one size."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class GloveFrames:
 
 
 def frames_of(motion: HandMotion, hand: GlovedHand | None = None) -> GloveFrames:
-    """The frames of one motion, on its own hand or on another one."""
+    """Return the frames of one motion, on its own hand or on another one."""
     worn = plain_hand(motion.pose.skeleton) if hand is None else hand
     pose = carried_over(motion.pose, worn)
     ratio = hand_size(pose.skeleton) / default_glove().size
@@ -53,7 +53,7 @@ def frames_of(motion: HandMotion, hand: GlovedHand | None = None) -> GloveFrames
 
 
 def join(parts: Iterable[GloveFrames]) -> GloveFrames:
-    """All motions together. Raises BodysenseError where there is none."""
+    """Join the frames of all motions. Raises BodysenseError if there are no motions."""
     several = list(parts)
     if not several:
         raise BodysenseError("gloves: no motion with fingers; give motion with recorded fingers")
@@ -68,7 +68,7 @@ def join(parts: Iterable[GloveFrames]) -> GloveFrames:
 
 
 def _from_wrist(pose: Pose) -> Pose:
-    """The pose with its wrist at the origin, not turned."""
+    """Return the pose with its wrist at the origin, unrotated."""
     rotation = np.array(pose.rotation, dtype=float)
     rotation[:, 0] = [1.0, 0.0, 0.0, 0.0]
     return Pose(pose.skeleton, np.zeros_like(pose.root_position), rotation)

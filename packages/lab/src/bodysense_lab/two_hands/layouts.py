@@ -61,7 +61,7 @@ def layouts() -> tuple[Layout, ...]:
 
 
 def layout_table(hands: int, advance: Callable[[], None]) -> Report:
-    """Score so many hands in each set."""
+    """Score `hands` hands in each set."""
     models, means = load_glove_models(), KeyedMeans()
     for number in range(hands):
         for layout in layouts():

@@ -1,8 +1,8 @@
-"""What the paper says its gloves cannot do, measured (two-hands, section 7; papers.md 4.15).
+"""Measurements of the limits that the paper states for its gloves (two-hands, section 7).
 
 Two hands are watched by a ring of cameras and completed by the run time as users have it, with and without its last
-step, contact ('after' and 'before'); once more with wrong samples among their markers, believed or rejected; and once
-more with markers that have no names.
+step, contact ('after' and 'before'); again with wrong samples among their markers, believed or rejected; and
+again with markers that have no names.
 """
 
 from __future__ import annotations
@@ -77,23 +77,23 @@ class Findings:
     largest: dict[str, float] = field(default_factory=dict)
 
     def add(self, name: str, values: np.ndarray) -> None:
-        """Values of any shape, of which the mean is told; none is fine."""
+        """Add values of any shape to a mean; there may be no values."""
         total, count = self.sums.get(name, (0.0, 0))
         self.sums[name] = (total + float(np.sum(values)), count + int(np.size(values)))
 
     def add_share(self, name: str, share: float, count: int) -> None:
-        """A mean that was taken over so many."""
+        """Add a mean of `count` values."""
         if count:
             total, before = self.sums.get(name, (0.0, 0))
             self.sums[name] = (total + count * share, before + count)
 
     def add_largest(self, name: str, values: np.ndarray) -> None:
-        """Values of any shape, of which the largest is told."""
+        """Keep the largest of values of any shape."""
         if np.size(values):
             self.largest[name] = max(self.largest.get(name, -np.inf), float(np.max(values)))
 
     def merge(self, other: Findings) -> None:
-        """Add what another one was told."""
+        """Add the findings of another instance."""
         for name, (more, number) in other.sums.items():
             total, count = self.sums.get(name, (0.0, 0))
             self.sums[name] = (total + more, count + number)
@@ -101,7 +101,7 @@ class Findings:
             self.add_largest(name, np.array(value))
 
     def numbers(self) -> dict[str, float]:
-        """One flat object; what was never found is left out."""
+        """Return the figures as one flat object; missing ones are left out."""
         means = {name: total / count for name, (total, count) in self.sums.items() if count}
         return means | self.largest
 
@@ -190,9 +190,9 @@ def fingertip_gaps(pair: HandPair) -> np.ndarray:
 
 
 def count_jumps(findings: Findings, name: str, told: np.ndarray, true: np.ndarray) -> None:
-    """How much farther points (T, 2, 21, 3) m go from frame to frame than in truth, and how their error changes, mm.
+    """Count how much farther points (T, 2, 21, 3) m go in a frame than in truth, and how their error changes, mm.
 
-    Of every frame the largest of its points.
+    Every frame counts with its largest point.
     """
     step, truth = (np.linalg.norm(np.diff(points, axis=0), axis=-1) for points in (told, true))
     beyond = (step - truth).max(axis=(1, 2), initial=0.0)
@@ -271,7 +271,7 @@ def synthesised_pair(seed: tuple[int, int], seconds: float = SYNTHESISED_SECONDS
 def measure_clips(
     clips: Iterable[Clip], networks: Networks, cameras: CameraRing, jobs: int, advance: Callable[[Clip], None]
 ) -> tuple[dict[str, Findings], Census]:
-    """Findings by group of categories of all clips with fingers; `advance` is told of every one."""
+    """Return findings of all clips with fingers by group of categories; `advance` is called after each clip."""
     with_fingers = (clip for clip in clips if clip.has_fingers)
     return gathered(partial(_of_clip, networks=networks, cameras=cameras), with_fingers, jobs, advance)
 

@@ -17,7 +17,7 @@ SYNTHESISED = "synthesised"
 
 
 class LimitLine(NamedTuple):
-    """A row: the limit, what is told, and the keys of the truth, without and with the remedy."""
+    """A row: the limit, its figure, and the keys of the truth, without and with the remedy."""
 
     limit: str
     figure: str
@@ -61,15 +61,15 @@ LINES = (
 def limits_report(
     found: Mapping[str, Findings], cameras: CameraRing, data: DataSet | None, census: Census, seconds: float
 ) -> Report:
-    """The table of `found`: by group of categories of the data's motion, and as `SYNTHESISED`, of so many `seconds`.
+    """Return the table of `found`: by group of categories, and as `SYNTHESISED` of `seconds` s of synthesised motion.
 
     Numbers: `{own,mutual,any}_penetrating_share_…`, of the frames, `…_penetration_mm_…`, mean depth in these, and
     `…_deepest_mm_…`; `touch_gap_mm_…`, `touch_kept_share_…` and `pinch_gap_mm_…`, `pinch_error_mm_…` of fingertips
     that touch in truth; `error_cm_…`; `largest_jump_mm_…` and `jump_share_…`, of the frames, and of changes of the
     error `largest_error_step_mm_…` and `error_step_share_…`: each with 'truth', 'before' or 'after' contact.
     `spikes_{0,1,5}_error_cm_{believed,rejected}`; `label_accuracy_share` and `label_wrong_share`.
-    Of motion other than main with '_sport', '_dance' or
-    '_other' behind, of synthesised hands with 'synthesised_' in front.
+    Keys of other than the main motion end in '_sport', '_dance' or '_other', those of synthesised hands begin with
+    'synthesised_'.
     """
     numbers = {group: one.numbers() for group, one in found.items()}
     places = [group for group in (*GROUPS, SYNTHESISED) if group in numbers]

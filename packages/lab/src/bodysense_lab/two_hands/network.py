@@ -1,9 +1,9 @@
 """The networks of a glove: hidden markers from those that are seen, and a hand's angles from all (two-hands, 3.2).
 
-Both read markers of a left hand, at the default hand's size: the first registered onto the template by all that are
-known, hidden ones exactly 0 (section 3.2.2), the second, in which none is missing, by those on the back of the hand.
-Both read the hand's shape, its resting offsets and the markers on it when it is flat; zeros where it is not known.
-What scales them is inside, and linear, so that an exported network has it in its first and last layer.
+Both read markers of a left hand, at the default hand's size. For the first they are registered onto the template by
+all known markers, and hidden ones are exactly 0 (section 3.2.2). For the second all are known, and they are registered
+by the back of the hand. Both read the hand's shape: its resting offsets and its flat markers, zeros if it is unknown.
+Scaling is linear and inside the network, so that an exported network has it in its first and last layer.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from bodysense.body.hand_family import COUNT, hand_of
 MARKER_VALUES = 3 * len(MARKERS)
 BONES = len(HAND_JOINTS) - 1 + len(FINGERTIPS)
 SHAPE_VALUES = 3 * BONES + MARKER_VALUES
-_REACH = 0.03  # m: by about so much markers of fingers move
-_SHAPE = 0.006  # m: by about so much hands at one size differ
-_TURN = 0.5  # rad: by about so much joints turn
+_REACH = 0.03  # m; markers of fingers move by about this
+_SHAPE = 0.006  # m; hands at one size differ by about this
+_TURN = 0.5  # rad; joints turn by about this
 
 
 @dataclass(frozen=True)
 class MarkerNetworkConfig:
-    """What fills hidden markers, by Table 1; the fields below the first are ours."""
+    """Form of the network that fills hidden markers, by Table 1; the fields below the first are ours."""
 
     layers: tuple[int, ...] = (256, 200, 256)
-    reads_mask: bool = True  # and markers from the template; without, a hidden marker is a zero and nothing else
+    reads_mask: bool = True  # and offsets from the template; otherwise a hidden marker is only a zero
     reads_hand: bool = True  # its shape
 
 
@@ -40,7 +40,7 @@ PAPER_MARKERS = MarkerNetworkConfig((200, 150, 200), reads_mask=False, reads_han
 
 @dataclass(frozen=True)
 class JointNetworkConfig:
-    """What turns markers into angles, by Table 2; the last field is ours."""
+    """Form of the network that turns markers into angles, by Table 2; the last field is ours."""
 
     layers: tuple[int, ...] = (200, 200, 200)
     dropout: float = 0.0  # behind every layer but the last
@@ -72,13 +72,13 @@ class MarkerNetwork(nn.Module):
         return self.answer(self.features(markers, hand))
 
     def raw(self, markers: Tensor, hand: Tensor) -> Tensor:
-        """What is read, not yet scaled."""
+        """Return the inputs before scaling."""
         config = self.config
         seen = _with_mask(markers) if config.reads_mask else markers
         return torch.cat([seen, _with_flag(hand)], dim=-1) if config.reads_hand else seen
 
     def features(self, markers: Tensor, hand: Tensor) -> Tensor:
-        """What the layers read."""
+        """Return the inputs of the layers."""
         return nn.functional.linear(self.raw(markers, hand), self.scale, self.shift)
 
     def answer(self, features: Tensor) -> Tensor:
@@ -86,7 +86,7 @@ class MarkerNetwork(nn.Module):
         return self.typical + _REACH * self.layers(features)
 
     def folded(self) -> nn.Sequential:
-        """From `raw` to the answer, in as few layers as there are."""
+        """Return layers from `raw` to the output, without separate scaling."""
         return _folded(self.layers, self.scale, self.shift, _REACH, self.typical)
 
 
@@ -109,11 +109,11 @@ class JointNetwork(nn.Module):
         return _TURN * self.layers(nn.functional.linear(self.raw(markers, hand), self.scale, self.shift))
 
     def raw(self, markers: Tensor, hand: Tensor) -> Tensor:
-        """What is read, not yet scaled."""
+        """Return the inputs before scaling."""
         return torch.cat([markers, _with_flag(hand)], dim=-1) if self.config.reads_hand else markers
 
     def folded(self) -> nn.Sequential:
-        """From `raw` to the angles, in as few layers as there are."""
+        """Return layers from `raw` to the angles, without separate scaling."""
         return _folded(self.layers, self.scale, self.shift, _TURN, torch.zeros(len(FREEDOMS)))
 
 
@@ -140,7 +140,7 @@ Scale = tuple[Tensor, Tensor | None]  # (F, R) from what is read to features, an
 
 
 def _seen_scale(shape: Tensor) -> Scale:
-    """Of markers and their mask: those that are known from the template, in units of what they move by."""
+    """Scale of markers and their mask: offsets of known markers from the template, in units of `_REACH`."""
     scale = torch.eye(MARKER_VALUES + len(MARKERS))
     scale[:MARKER_VALUES] /= _REACH
     for marker, place in enumerate(shape):
@@ -149,7 +149,7 @@ def _seen_scale(shape: Tensor) -> Scale:
 
 
 def _hand_scale(typical: Tensor) -> Scale:
-    """Of a hand's shape and its flag: how it differs from the typical one, where it is known."""
+    """Scale of a hand's shape and its flag: difference of a known shape from the typical one."""
     scale = torch.eye(SHAPE_VALUES + 1)
     scale[:SHAPE_VALUES] /= _SHAPE
     scale[:SHAPE_VALUES, SHAPE_VALUES] = -typical / _SHAPE
@@ -157,7 +157,7 @@ def _hand_scale(typical: Tensor) -> Scale:
 
 
 def _register_scale(network: nn.Module, blocks: list[Scale]) -> None:
-    """One scale of several parts that are read, one after the other, as buffers."""
+    """Register the scales of consecutive parts of the input as one buffer."""
     shifts = [torch.zeros(len(scale)) if shift is None else shift for scale, shift in blocks]
     network.register_buffer("scale", torch.block_diag(*(scale for scale, _ in blocks)), persistent=False)
     network.register_buffer("shift", torch.cat(shifts), persistent=False)
@@ -174,7 +174,7 @@ def _layers(features: int, hidden: tuple[int, ...], outputs: int, dropout: float
 
 
 def _folded(layers: nn.Sequential, scale: Tensor, shift: Tensor, gain: float, offset: Tensor) -> nn.Sequential:
-    """Layers whose first one has the scale of what is read in it, and whose last one that of the answer."""
+    """Return layers whose first one includes the scale of the input, and whose last one that of the output."""
     parts = [layer for layer in layers if not isinstance(layer, nn.Dropout)]
     first, last = parts[0], parts[-1]
     assert isinstance(first, nn.Linear)

@@ -33,7 +33,7 @@ Setting = Literal["one", "each", "both"]
 SETTINGS: dict[Setting, str] = {"one": "one hand", "each": "each of two hands", "both": "both hands"}
 SHORT = 0.36  # s: 90 % of the paper's spans are shorter (section 6.1.1)
 PUBLISHED_SHORT = 0.90
-# Of the frames with one to four markers hidden, so many have one, two … (Fig. 13; the network is trained with these).
+# Shares of one, two … hidden markers in frames with one to four of them (Fig. 13); the network is trained with these.
 PUBLISHED_AT_ONCE = (0.70, 0.17, 0.08, 0.05)
 EDGES = (0.1, 0.2, SHORT, 0.5, 1.0, 2.0)  # s, between the bars of the histogram
 SYNTHESISED_SECONDS, SYNTHESISED_PIECES, SPREAD = 20.0, 12, 0.05
@@ -41,9 +41,9 @@ SYNTHESISED_SECONDS, SYNTHESISED_PIECES, SPREAD = 20.0, 12, 0.05
 
 @dataclass(frozen=True, eq=False)
 class MarkerHiding:
-    """What was hidden of hands that were watched for a while."""
+    """Hidden markers of hands over some time."""
 
-    at_once: np.ndarray  # (N + 1,) s with so many of N markers hidden
+    at_once: np.ndarray  # (N + 1,) s with 0 to N of N markers hidden
     spans: np.ndarray  # (S,) s: how long markers were hidden; of spans that begin and end while they are watched
 
     def __add__(self, other: MarkerHiding) -> MarkerHiding:
@@ -51,7 +51,7 @@ class MarkerHiding:
 
     @property
     def shares(self) -> np.ndarray:
-        """(N + 1,) share of the time with so many markers hidden."""
+        """(N + 1,) share of the time with 0 to N markers hidden."""
         return self.at_once / self.at_once.sum()
 
     @property
@@ -60,7 +60,7 @@ class MarkerHiding:
         return float(self.shares @ np.arange(len(self.shares)) / (len(self.shares) - 1))
 
     def shorter(self, seconds: float) -> float:
-        """Share of the spans that are shorter; NaN where there is none."""
+        """Return the share of spans below `seconds`; NaN if there are no spans."""
         return float((self.spans < seconds).mean()) if len(self.spans) else float("nan")
 
 
@@ -96,10 +96,10 @@ def count_pair(
 def count_clips(
     clips: Iterable[Clip], cameras: CameraRing, jobs: int, advance: Callable[[Clip], None]
 ) -> tuple[Counted, Census]:
-    """Count in every clip with fingers, at 60 Hz; `advance` is told of every clip."""
+    """Count hidden markers in every clip with fingers, at 60 Hz; `advance` is called after every clip."""
     counted: Counted = {}
     census = Census()
-    with_fingers = _told_of_others(clips, advance)
+    with_fingers = _reporting_others(clips, advance)
     for clip, found in spread(partial(_of_clip, cameras=cameras), with_fingers, jobs):
         _add(counted, group_of(clip), found)
         census += census_of(clip)
@@ -168,7 +168,7 @@ def _of_seed(seed: tuple[int, int], cameras: CameraRing) -> dict[Setting, Marker
     return count_pair(left.pose, right.pose, RATE, cameras)
 
 
-def _told_of_others(clips: Iterable[Clip], advance: Callable[[Clip], None]) -> Iterator[Clip]:
+def _reporting_others(clips: Iterable[Clip], advance: Callable[[Clip], None]) -> Iterator[Clip]:
     """The clips with fingers."""
     for clip in clips:
         if clip.has_fingers:
@@ -205,7 +205,7 @@ def _rows(group: str, settings: Mapping[Setting, MarkerHiding]) -> Iterator[tupl
 
 
 def _of_few(hiding: MarkerHiding, n: int) -> float:
-    """Share with n markers hidden of the time with one to four; NaN where there is none."""
+    """Return the share of n hidden markers in the time with one to four; NaN without such time."""
     few = hiding.at_once[1:5].sum()
     return float(hiding.at_once[n] / few) if few else float("nan")
 

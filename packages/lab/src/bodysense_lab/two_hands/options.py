@@ -1,4 +1,4 @@
-"""What the training and the tables of gloves are asked; read by the command line, so without PyTorch."""
+"""Options of the training and the tables of gloves; read by the command line, so without PyTorch."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ class GloveTraining(Run, Card, Paced):
     network: Network | Literal["both"] = "both"
     """'markers' fills hidden markers, 'joints' tells angles"""
     form: Form = "shipped"
-    """'shipped' is larger and reads the lengths of bones and which markers are hidden; 'paper' is as Tables 1 and 2
-    have it"""
+    """'shipped' is larger and reads the lengths of bones and which markers are hidden; 'paper' has the layers of
+    Tables 1 and 2"""
     steps: int | None = None
     """optimiser steps; by default the form's own"""
     hand_minutes: float = 40.0
-    """minutes of synthesised hands beside the recorded ones"""
+    """minutes of synthesised hands, in addition to the recorded ones"""
     pair_minutes: float = 10.0
     """minutes of synthesised pairs of hands that touch; --limit takes as many half minutes of each at most"""
     leave_one_out: bool = False

@@ -1,4 +1,4 @@
-"""What is missed of a glove's hidden markers and of the joints of fingers (two-hands, section 6.2): the measuring."""
+"""Errors of a glove's hidden markers and of finger joints (two-hands, section 6.2)."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ SEEDS = 5
 
 
 class HandTask(NamedTuple):
-    """Motions that are scored together."""
+    """Motions that are scored together, and their group."""
 
     motions: list[HandMotion]
-    group: str  # with which they are scored
-    person: str = ""  # whose they are, where known
+    group: str  # of categories
+    person: str = ""  # of the motions, if known
 
 
 # No marker of a trial is wrong, and every trial is a hand by itself, whose neighbours are not there.
@@ -58,7 +58,7 @@ SYNTHETIC_SECONDS, SYNTHETIC_SEED = 12.0, 2019
 
 @dataclass(frozen=True)
 class GloveTable:
-    """What was measured: means in cm under (group, method, hidden, duration)."""
+    """Measured means in cm under (group, method, hidden, duration)."""
 
     means: KeyedMeans
     census: Census
@@ -67,7 +67,7 @@ class GloveTable:
 
     @property
     def groups(self) -> list[str]:
-        """Of which there are figures, the one whose keys have no suffix first."""
+        """Groups that have figures, first the one whose keys have no suffix."""
         return [group for group in (*GROUPS, SYNTHESISED) if any(key[0] == group for key in self.means.sums)]
 
     def get(self, method: str, hidden: int, duration: float, group: str | None = None) -> float:
@@ -79,7 +79,7 @@ class GloveTable:
         return self.means.tally(group or self.groups[0], method, hidden, duration)
 
     def suffix(self, group: str) -> str:
-        """Of the group's keys."""
+        """Return the suffix of the group's keys."""
         return "" if group == self.groups[0] else f"_{group}"
 
 
@@ -90,7 +90,7 @@ def measure(
     jobs: int,
     advance: Callable[[], None],
 ) -> GloveTable:
-    """Every clip of `data` with fingers, and so many synthesised hands beside, in `jobs` processes."""
+    """Measure every clip of `data` with fingers and `synthesised` synthesised hands, in `jobs` processes."""
     means, census = KeyedMeans(), Census()
 
     def tasks() -> Iterator[HandTask]:
@@ -111,12 +111,12 @@ def measure(
 
 
 def both_hands(clip: Clip) -> HandTask:
-    """The hands of a clip at 60 Hz, and its group."""
+    """Return the hands of a clip at 60 Hz, and its group."""
     return HandTask(list(hand_motions([clip])), group_of(clip), clip.person)
 
 
 def synthetic_hand(number: int) -> HandMotion:
-    """One of the synthesised hands, none of which a network has learned from: another seed, another hand."""
+    """Return a synthesised hand, drawn with a seed that no training uses."""
     rng = np.random.default_rng([SYNTHETIC_SEED, number])
     return synthesize_hand(draw_hand(rng).skeleton, SYNTHETIC_SECONDS, rng)
 

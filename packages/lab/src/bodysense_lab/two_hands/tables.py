@@ -1,4 +1,4 @@
-"""Two-hands, Tables 3 and 4: errors of hidden markers and of the joints of fingers, ours beside the published."""
+"""Two-hands, Tables 3 and 4: errors of hidden markers and of finger joints, next to the published figures."""
 
 from __future__ import annotations
 
@@ -62,9 +62,9 @@ def table3(
     advance: Callable[[], None],
     left_out: Path | None = None,
 ) -> Report:
-    """Measure Table 3 and report it, of recorded and of so many synthesised hands.
+    """Measure Table 3 and report it, of recorded hands and of `synthesised` synthesised ones.
 
-    `left_out` is a folder of networks that were trained without somebody (`glove_foreign`). Raises BodysenseError for a
+    `left_out` is a folder of networks that were trained without a person (`foreign`). Raises BodysenseError for a
     file that is no marker network.
     """
     load_marker_network(model)
@@ -81,7 +81,7 @@ def table4(
     advance: Callable[[], None],
     left_out: Path | None = None,
 ) -> Report:
-    """Measure Table 4 and report it, of recorded and of so many synthesised hands.
+    """Measure Table 4 and report it, of recorded hands and of `synthesised` synthesised ones.
 
     `left_out` as for Table 3. Raises BodysenseError for files that are not these networks.
     """
@@ -131,7 +131,7 @@ def _columns() -> tuple[str, ...]:
 
 
 def _motion(table: GloveTable, group: str) -> str:
-    """What a group is called in the table."""
+    """Return the name of a group in the table."""
     return group if group == SYNTHESISED or table.data is None else f"{table.data.name}, {group}"
 
 
@@ -162,7 +162,7 @@ def _marker_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
 
 
 def _foreign_rows(table: GloveTable) -> Iterator[tuple[Cell, ...]]:
-    """Hands that no network has learned, beside the trained ones."""
+    """Return the rows of unseen hands."""
     blank = (None,) * len(DURATIONS)
     for place, label in PLACES.items():
         for way, name in (*WAYS.items(), (ALONE, "hand told, network alone")):

@@ -32,8 +32,8 @@ class GloveSchedule:
     check_every: int = 1000  # steps
     noise: float = 0.0003  # m, of every marker in every frame
     hidden_share: tuple[float, ...] = EVEN_SHARE
-    # Of markers also the change of the error over 0.1 to 2 s is learned, for at run time the error at the moment of
-    # occlusion is taken off (two-hands, section 3.2.2, Discontinuities).
+    # Weight of the change of a marker's error over 0.1 to 2 s. At run time the error at the moment of occlusion is
+    # subtracted (two-hands, section 3.2.2, Discontinuities).
     change: float = 1.0
     squared: bool = False  # mean squared error, the paper's, of markers or of angles; else distances
     seed: int = 1
@@ -46,14 +46,14 @@ PAPER_JOINT_SCHEDULE = GloveSchedule(batch=32, patience=5, average_decay=0.0, no
 
 
 class Lesson(Protocol):
-    """What a network learns."""
+    """The lesson of a network: its loss and its validation."""
 
     def loss(self, network: Any, rng: np.random.Generator) -> dict[str, Tensor]:
-        """Of one batch: its terms and their sum, 'loss'."""
+        """Compute the terms of one batch and their sum, 'loss'."""
         ...
 
     def validate(self, network: Any) -> float:
-        """The error on frames that are not learned, cm."""
+        """Return the error on validation frames, cm."""
         ...
 
 
@@ -83,7 +83,7 @@ class GloveTask(Task):
         return (np.random.default_rng([seed, step]) for step in itertools.count(done + 1))
 
     def loss(self, batch: np.random.Generator, memory: None) -> tuple[dict[str, Tensor], None]:
-        """Of one batch."""
+        """Compute the terms of one batch."""
         return self.lesson.loss(self.network, batch), None
 
     def validate(self, network: nn.Module) -> dict[str, float]:

@@ -95,7 +95,7 @@ _TRAIN, _VALIDATION = 1, 2  # of the generators of synthesised hands
 
 
 def run_gloves(run: GloveTraining) -> None:
-    """Train, export, and leave log (`.jsonl`) and checkpoint (`.ckpt`) of each network beside it in the folder."""
+    """Train and export each network, and write its log (`.jsonl`) and checkpoint (`.ckpt`) next to it."""
     make_folder(run.out)
     fabric = launched(run.devices, run.nodes)
     begin(run.seed, run.threads)
@@ -109,7 +109,7 @@ def run_gloves(run: GloveTraining) -> None:
 
 
 def people_with_fingers(data: Path | None) -> tuple[str, ...]:
-    """Whose fingers were recorded, among the train split. Raises BodysenseError for fewer than two."""
+    """Return the people of the train split with recorded fingers. Raises BodysenseError for fewer than two."""
     clips = () if data is None else open_clips(data, "train")
     people = tuple(sorted({clip.person for clip in clips if clip.has_fingers and clip.person}))
     if len(people) < 2:

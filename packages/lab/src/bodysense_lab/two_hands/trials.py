@@ -1,6 +1,6 @@
-"""Trials of gloves: some markers of a hand are hidden for a while, and what is then missed (two-hands, section 6.2).
+"""Trials of gloves: some markers of a hand are hidden for a while; the error is measured (two-hands, section 6.2).
 
-A trial is a stretch of motion of which all markers are seen at first; then the same ones stay hidden to its end. The
+A trial is a stretch of motion. At first all markers are seen; then some markers are hidden until its end. The
 error after 0.1 s is what it would be had they returned then, so that one trial serves all durations.
 """
 
@@ -50,11 +50,11 @@ class Trials:
 
     @property
     def gloves(self) -> tuple[Glove, ...]:
-        """What they wear."""
+        """Their gloves."""
         return tuple(hand.glove for hand in self.worn)
 
     def part(self, start: int, stop: int) -> Trials:
-        """Some of them."""
+        """Return the trials from `start` to `stop`."""
         rows = slice(start, stop)
         return Trials(self.worn[rows], self.markers[:, rows], self.points[:, rows], self.frames[rows])
 
@@ -71,26 +71,26 @@ def together(several: Sequence[Trials]) -> Trials:
 
 @dataclass
 class KeyedMeans:
-    """Means of what is added, each under a key."""
+    """Means of added values, each under a key."""
 
-    person: str = ""  # whose what is added is
+    person: str = ""  # whose values are added
     sums: dict[tuple, Tally] = field(default_factory=dict)
 
     def add(self, key: tuple, values: np.ndarray) -> None:
-        """Values of any shape; those that are not numbers are left out."""
+        """Add values of any shape; NaN and infinite ones are left out."""
         self.sums.setdefault(key, Tally()).add(values[np.isfinite(values)], self.person)
 
     def merge(self, other: KeyedMeans) -> None:
-        """Add what another one was told."""
+        """Add the values of another instance."""
         for key, tally in other.sums.items():
             self.sums.setdefault(key, Tally()).merge(tally)
 
     def tally(self, *key: object) -> Tally:
-        """What was added under a key."""
+        """Return the sums under a key."""
         return self.sums.get(key, Tally())
 
     def get(self, *key: object) -> float:
-        """The mean; NaN where there is none."""
+        """Return the mean under a key; NaN without values."""
         return self.tally(*key).mpjpe
 
 
@@ -153,7 +153,7 @@ def finger_error(trials: Trials, hidden: np.ndarray, models: GloveModels, settin
 
 
 def _finger_error(trials: Trials, hidden: np.ndarray, models: GloveModels, settings: HandsSettings) -> np.ndarray:
-    """Every trial is a hand of its own, so that all go through the run time at once."""
+    """Complete all trials at once, each as a hand of its own."""
     names = [f"left{k}" for k in range(len(trials))]
     hands = Hands(
         dict(zip(names, trials.hands, strict=True)),

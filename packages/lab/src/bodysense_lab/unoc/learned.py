@@ -33,7 +33,7 @@ NETWORK = NetworkFormat(
 
 @dataclass(frozen=True)
 class LearnedState:
-    """What the network remembers, and when it last took a frame in."""
+    """State of the network, time of its last step, and the last known headset pose."""
 
     network: dict[str, np.ndarray]
     time: float | None
@@ -80,7 +80,7 @@ class Learned:
         return 0.8 / float(self.model.card["fastest_rate"])
 
     def start(self) -> LearnedState:
-        """Nothing seen yet: a standing body that faces +Z."""
+        """Return the first state: a standing body that faces +Z."""
         standing, _ = forward_kinematics(standing_pose(self.skeleton))
         identity = np.array([1.0, 0.0, 0.0, 0.0])
         return LearnedState(self.model.start(), None, standing[self.skeleton.index("head")], identity)

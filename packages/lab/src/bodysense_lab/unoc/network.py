@@ -26,7 +26,7 @@ from bodysense_lab.unoc.recurrent import Cell, Recurrent, branch
 REFERENCE_HEIGHT = 1.7  # m: bodies are scaled to it, so that the network meets one size
 FINGER_SCALE = 10.0  # fingers move within centimetres; bring them to the range of the body
 FIRST_INTERVAL = 1 / 30  # s: the time step of a frame that has none before it
-UNJUDGED = 0.05  # m: the expected error that a network states which was not asked to judge it
+UNJUDGED = 0.05  # m: expected error of networks that do not predict it
 
 # fmt: off
 # From the products of a head's rotation, ww, wx, wy, wz, xw …: cosine and sine of its heading, both times the third,
@@ -50,7 +50,7 @@ _UPRIGHT = np.array([0, 0, 0, 0, 1, 0, 0, 0, 0], dtype=np.float32)
 
 @dataclass(frozen=True)
 class BodyNetworkConfig:
-    """What the network reads and how it is built. The defaults are the shipped form; see `PAPER` for the paper's."""
+    """Inputs and layers of the network. The defaults are the shipped form; `PAPER` is the paper's."""
 
     cell: Cell = "gru"
     hidden: int = 512
@@ -64,7 +64,7 @@ class BodyNetworkConfig:
     )
     frame: Literal["heading", "world"] = "heading"  # axes of head-relative positions; the paper's are the world's
     finger_origin: Literal["wrist", "head"] = "wrist"  # what finger positions are measured from
-    skip: bool = True  # whether the branches read the input beside what the recurrent part makes of it
+    skip: bool = True  # whether the branches read the input too
     judges: tuple[Literal["occlusion", "error"], ...] = ("occlusion", "error")  # what the second branch predicts
 
 
@@ -80,7 +80,7 @@ PAPER = BodyNetworkConfig(
 
 
 class TrackedBody(NamedTuple):
-    """What was seen in T frames of B sequences."""
+    """Tracked points of T frames of B sequences."""
 
     position: Tensor  # (B, T, P, 3) m, world; any finite value where hidden; the head's is head_position
     visible: Tensor  # (B, T, P) bool
@@ -92,7 +92,7 @@ class TrackedBody(NamedTuple):
 
 
 class PredictorState(NamedTuple):
-    """What the network remembers between frames."""
+    """State of the network between frames."""
 
     known: Tensor  # (B, P, 3) last known positions, as offsets in the network's frame
     known_world: Tensor  # (B, P, 3) m, the same kept in the world
@@ -103,7 +103,7 @@ class PredictorState(NamedTuple):
 
 
 class BodyPrediction(NamedTuple):
-    """The network's answer in its own frame: what the losses compare."""
+    """Prediction in the network's own frame, as the losses compare it."""
 
     offset: Tensor  # (B, T, P, 3) m at the reference height; from the head or, fingers, from their wrist
     hidden_logit: Tensor  # (B, T, P) occlusion logits
@@ -111,7 +111,7 @@ class BodyPrediction(NamedTuple):
 
 
 class WorldPrediction(NamedTuple):
-    """The answer in the world."""
+    """Prediction in the world."""
 
     position: Tensor  # (B, T, P, 3) m
     occluded: Tensor  # (B, T, P) probability
@@ -290,7 +290,7 @@ class BodyNetwork(nn.Module):
 
 
 def tracked_of(observation: Observation, skeleton: Skeleton) -> TrackedBody:
-    """What the network reads of T frames of one wearer, who holds `skeleton`; a batch of one.
+    """Return the inputs of the network for T frames of a wearer with `skeleton`; a batch of one.
 
     The observation must have every point of the skeleton, and position and rotation of the head in every frame.
     """

@@ -48,7 +48,7 @@ def group_points(skeleton: Skeleton) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Counts:
-    """What is counted on one recording. Those of several add up; weights are seconds, so frame rates may differ."""
+    """Counts of one recording. Counts add up; weights are seconds, so frame rates may differ."""
 
     frames: int
     frame_rates: frozenset[float]  # Hz
@@ -184,7 +184,7 @@ Counted = dict[str, list[Counts]]  # by category
 def count_clips(
     clips: Iterable[Clip], jobs: int, advance: Callable[[Clip], None], camera: HeadsetCamera = HeadsetCamera()
 ) -> tuple[Counted, Census]:
-    """Hiding and contact in every clip, and how much motion that was. `advance` is told of every clip that is done."""
+    """Count occlusion and contact in every clip, and the amount of motion. `advance` is called after every clip."""
     counted: Counted = {}
     census = Census()
     for clip, counts in spread(partial(_count, camera=camera), clips, jobs):
@@ -231,7 +231,7 @@ def occlusion_report(counted: Sequence[tuple[DataSet, Counted, Census]]) -> Repo
 
 
 def occlusion_table(columns: Sequence[Column]) -> Report:
-    """Our columns beside the published ones."""
+    """Return our columns next to the published ones."""
     every = [*columns, *PUBLISHED]
     return Report(
         name="unoc-table1",

@@ -1,22 +1,13 @@
-"""What the trainings and tables of UNOC are asked; read by the command line, so without PyTorch."""
+"""Options of UNOC's trainings; read by the command line, so without PyTorch."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 from bodysense.errors import BodysenseError
 from bodysense.papers.point_model import Task
-from bodysense_lab.options import (
-    Flat,
-    MotionEvaluation,
-    Split,
-    TableOptions,
-    Training,
-    check_ending,
-    check_fields,
-)
+from bodysense_lab.options import Training, check_ending, check_fields
 
 EPOCHS = 5  # of the paper's schedule
 
@@ -76,6 +67,8 @@ class TablesTraining(Training):
     """the paper's schedule has 5"""
     window_stride: int = 1
     """learn from every n-th window; 1 is the paper's"""
+    loss_sum: bool = False
+    """losses of bones and of occlusion as sums over joints, as the paper prints them; means if omitted"""
     batch_scale: float = 1.0
     """factor on the paper's batch sizes; with fewer windows, smaller batches keep the number of steps"""
     jobs: int = 1
@@ -95,7 +88,7 @@ class TablesTraining(Training):
 
 @dataclass(frozen=True, kw_only=True)
 class PointTraining(Training):
-    """What the networks that place some points from others are asked."""
+    """Options of networks that place some points from others."""
 
     form: Literal["shipped", "paper"] = "shipped"
     """'shipped' carries its state and knows more of the wearer; 'paper' sees windows of 27 frames"""
@@ -143,105 +136,3 @@ class UpperBodyTraining(PointTraining):
     def task(self) -> Task:
         """Which network."""
         return "upper-body"
-
-
-@dataclass(frozen=True, kw_only=True)
-class OcclusionEvaluation:
-    """UNOC, Table 1: what a headset does not see."""
-
-    data: tuple[str, ...]
-    """folders of motion files or prepared stores; NAME=FOLDER names one; a single one has a column a category"""
-    table: Flat[TableOptions] = TableOptions(split="all")
-
-
-@dataclass(frozen=True, kw_only=True)
-class StridedEvaluation:
-    """A table of which frames may be left out."""
-
-    stride: int = 1
-    """score every n-th frame"""
-    table: Flat[TableOptions] = TableOptions()
-
-    def __post_init__(self) -> None:
-        check_fields(self, "stride")
-
-
-@dataclass(frozen=True, kw_only=True)
-class PredictorEvaluation(StridedEvaluation, MotionEvaluation):
-    """UNOC, Table 2: predictors of hidden joints."""
-
-    networks: Path | None = None
-    """folder that `bodysense train unoc-tables` wrote; the predictor beside the last known position if omitted"""
-    model: Path | None = None
-    """predictor of your own, written by `bodysense train body-gru`; the packaged one if omitted"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class VariantEvaluation(StridedEvaluation, MotionEvaluation):
-    """UNOC, Tables 3 and 4: variants of the network."""
-
-    networks: Path
-    """folder that `bodysense train unoc-tables` wrote; scores are kept in it"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class CrossEvaluation(StridedEvaluation):
-    """UNOC, Table 5: trained on one data set, tested on another."""
-
-    data: tuple[str, ...]
-    """test sets, as NAME=FOLDER: folders of motion files or prepared stores"""
-    networks: tuple[str, ...]
-    """NAME=FOLDER for each training set: what `bodysense train unoc-tables --networks gru` wrote of it"""
-    finger_networks: tuple[str, ...] = ()
-    """NAME=FILE for each training set: what `bodysense train fingers --form paper` wrote of it"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class UpperBodyEvaluation(MotionEvaluation):
-    """UNOC, Table 6: the upper body from a headset and two controllers."""
-
-    model: Path | None = None
-    """network written by `bodysense train upper-body`; the packaged one if omitted"""
-    table: Flat[TableOptions] = TableOptions()
-
-
-@dataclass(frozen=True, kw_only=True)
-class SmoothnessEvaluation(MotionEvaluation):
-    """UNOC, section 4.2: strong accelerations."""
-
-    networks: Path
-    """folder that `bodysense train unoc-tables` wrote"""
-    model: Path | None = None
-    """predictor of your own, written by `bodysense train body-gru`; the packaged one if omitted"""
-    half_life: float | None = None
-    """half-life of the tracker's smoother in seconds; its own if omitted"""
-    table: Flat[TableOptions] = TableOptions()
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReliabilityEvaluation(MotionEvaluation):
-    """Expected errors beside true ones."""
-
-    model: Path | None = None
-    """predictor of your own, written by `bodysense train body-gru`; the packaged one if omitted"""
-    table: Flat[TableOptions] = TableOptions()
-
-
-@dataclass(frozen=True, kw_only=True)
-class TransitionEvaluation(ReliabilityEvaluation):
-    """Motion in the second in which a joint is lost or seen again."""
-
-    half_life: float | None = None
-    """half-life of the tracker's smoother in seconds; its own if omitted"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class FingerSynthesisEvaluation(MotionEvaluation):
-    """UNOC, Table 5, right: fingers. Clips with fingers are scored; both baselines know those of the train split."""
-
-    split: Split = "test"
-    """people or actions to score"""
-    model: Path | None = None
-    """network written by `bodysense train fingers`; the packaged one if omitted"""
-    json: Path | None = None
-    """file for the numbers, as one flat object"""

@@ -27,7 +27,7 @@ AXES = ([[0.0, 0, 1], [1, 0, 0], [-1, 0, 0]], [[0.0, 1, 0], [0, 1, 0], [0, 1, 0]
 
 @dataclass(frozen=True)
 class PointNetworkConfig:
-    """What is read, what is placed, and how the network is built."""
+    """Inputs, outputs and layers of the network."""
 
     reads: tuple[str, ...]  # points whose position is read; head and wrists are among them
     places: tuple[str, ...]  # points that are placed
@@ -42,7 +42,7 @@ class PointNetworkConfig:
 
 
 class TrackedPoints(NamedTuple):
-    """What is known of T frames of B sequences."""
+    """Tracked points of T frames of B sequences."""
 
     position: Tensor  # (B, T, R, 3) m, world, of the points that are read
     rotation: Tensor  # (B, T, 3, 4) wxyz, world, of head, left and right wrist
@@ -52,7 +52,7 @@ class TrackedPoints(NamedTuple):
 
 
 class Prepared(NamedTuple):
-    """The same in the network's own frames and size."""
+    """Inputs in the network's own frames and size."""
 
     features: Tensor  # (B, T, F)
     start: Tensor  # (B, O, 3) the resting offsets of the points that are placed
@@ -135,7 +135,7 @@ class PointNetwork(nn.Module):
         return PointPrediction(offset, torch.exp(torch.clamp(self.judge(both) - 3, -7, 1)))
 
     def prepare(self, tracked: TrackedPoints) -> Prepared:
-        """What the network reads, from world positions and rotations."""
+        """Compute the inputs of the network from world positions and rotations."""
         away = quaternion_conjugate(heading(tracked.rotation[..., 0, :]))[..., None, :]
         size = (REFERENCE_HEIGHT / tracked.height)[:, None, None, None]
         known = size * _turned(away, tracked.position - tracked.position[..., self.head : self.head + 1, :])
@@ -218,7 +218,7 @@ BODY = tuple(np.array(default_skeleton().joints)[~_FINGER[: len(default_skeleton
 HANDS = tuple(np.array(default_skeleton().points)[_FINGER].tolist())
 
 # The paper's hand has 16 joints and 5 tips; SMPL-H's has 15 and 5, for it has no bone inside the palm.
-# What ships: few recordings have fingers, so it is small and forgets some of what it reads.
+# The shipped form. Few recordings have fingers, so it is small and has dropout.
 FINGERS = PointNetworkConfig(reads=BODY, places=HANDS, from_wrists=True, hidden=64, branch=(64,), dropout=0.5)
 # Section 5.3, but for the axes, which turn with the head's heading.
 PAPER_FINGERS = replace(FINGERS, from_wrists=False, hidden=512, branch=(512, 512), dropout=0.0, window=27)

@@ -87,7 +87,7 @@ def make_point_episode(
 
 
 def tracked_of(pose: Pose, network: PointNetwork) -> tuple[TrackedPoints, Tensor]:
-    """What `network` reads of a motion (T, …), and the world positions (1, T, O, 3) m that it should say."""
+    """Return the inputs of `network` for a motion (T, …), and the true world positions (1, T, O, 3) m."""
     skeleton = pose.skeleton
     position, rotation = (np.asarray(values, dtype=np.float32)[None] for values in forward_kinematics(pose))
     places = skeleton.indices(network.config.places)
@@ -214,7 +214,7 @@ def point_loss(
 
 @dataclass(frozen=True, eq=False)
 class PointTask(Task):
-    """What a network that places points learns, from whole sequences or from windows."""
+    """Training of a network that places points, on whole sequences or on windows."""
 
     network: PointNetwork
     schedule: PointSchedule

@@ -1,4 +1,4 @@
-"""What remembers: GRU, LSTM, plain RNN or causal convolutions, over sequences or windows (UNOC, section 4.2).
+"""Recurrent part: GRU, LSTM, plain RNN or causal convolutions, over sequences or windows (UNOC, section 4.2).
 
 One recurrent part serves every network of the paper. Over whole sequences its memory is the hidden state; over windows
 it is the frames before, and every frame is answered from its own window, as the paper does.
@@ -62,7 +62,7 @@ class Recurrent(nn.Module):
         return hidden, torch.cat([*after], dim=-1)
 
     def last(self, windows: Tensor) -> Tensor:
-        """What is made of the last frame of windows: (B, window, F) → (B, hidden)."""
+        """Return the features of the last frame of windows: (B, window, F) → (B, hidden)."""
         if self.cell == "tcn":
             return self.convolutions(windows)
         return self.layer(windows)[0][:, -1]

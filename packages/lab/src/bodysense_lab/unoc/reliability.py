@@ -1,4 +1,4 @@
-"""Whether the predictor knows how far off it is: the error that it expects of hidden points, beside the true one.
+"""Reliability of the predictor: expected against true errors of hidden points.
 
 Frames and points are put in order of the expected error and cut into bins of equal count. A point of the body is
 measured in the world, one of a finger from its wrist, as the expected error is meant.
@@ -31,7 +31,7 @@ PARTS = {"body": "body", "finger": "fingers"}
 
 @dataclass(frozen=True, eq=False)
 class ErrorPairs:
-    """What was expected and what came, of hidden points."""
+    """Expected and true errors of hidden points."""
 
     expected: np.ndarray  # (N,) cm
     error: np.ndarray  # (N,) cm
@@ -76,7 +76,7 @@ def pairs_of_clip(clip: Clip, model: Path | None) -> dict[tuple[str, str], Error
 def measure_reliability(
     data: DataSet, model: Path | None, jobs: int, advance: Callable[[Clip], None]
 ) -> tuple[dict[tuple[str, str], ErrorPairs], Census]:
-    """All pairs of a data set, by group of categories and part. `advance` is told of every clip that is done."""
+    """Return all pairs of a data set, by group of categories and part. `advance` is called after every clip."""
     found: dict[tuple[str, str], list[ErrorPairs]] = {}
     census = Census()
     for clip, one in spread(partial(pairs_of_clip, model=model), data.clips(), jobs):

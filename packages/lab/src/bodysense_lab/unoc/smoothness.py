@@ -1,7 +1,7 @@
 """How smooth the motion is (UNOC, section 4.2): the share of joints and frames with an acceleration above 9 m/s².
 
-For the truth, for a network that predicts the mask and one that is given it, and for the shipped predictor; each as it
-comes from the network, and after inverse kinematics and smoothing. Beside it what these cost: the error of the joints.
+It is measured for the truth, for a network that predicts the mask, for one that is given it, and for the shipped
+predictor, each before and after inverse kinematics and smoothing, with the errors of joints.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ METHODS = {
 }
 PUBLISHED = {"truth": 0.2, "gru": 3.5, "mask_given": 6.1}  # %
 LIMIT = 9.0  # m/s²
-_GUESS = 0.05  # m: the expected error of what a network that does not judge itself says
+_GUESS = 0.05  # m: expected error of networks that do not predict it
 
 
 @dataclass
@@ -49,7 +49,7 @@ class Smoothness:
 
     counted: float = 0.0
     strong: float = 0.0
-    added: float = 0.0  # strong ones that the truth has not
+    added: float = 0.0  # strong ones that the truth does not have
     occluded: Tally = field(default_factory=Tally)
     all: Tally = field(default_factory=Tally)
 
@@ -63,12 +63,12 @@ class Smoothness:
 
     @property
     def percent(self) -> float:
-        """Of joints and frames, with strong acceleration."""
+        """Share of joints and frames with strong acceleration."""
         return 100 * self.strong / self.counted if self.counted else math.nan
 
     @property
     def added_percent(self) -> float:
-        """Of joints and frames, with strong acceleration where the truth has none."""
+        """Share of joints and frames with strong acceleration that the truth does not have."""
         return 100 * self.added / self.counted if self.counted else math.nan
 
 
@@ -91,7 +91,7 @@ class RecordedEstimator:
         return 0
 
     def step(self, observation: Observation, state: int) -> tuple[PointEstimate, int]:
-        """What was said of the next T frames."""
+        """Return the estimates of the next T frames."""
         end = state + len(observation)
         frames = slice(state, end)
         said = self.estimate
@@ -155,7 +155,7 @@ def measure_smoothness(
     jobs: int,
     advance: Callable[[Clip], None],
 ) -> tuple[Sums, Census]:
-    """All methods on a data set. `advance` is told of every clip that is done."""
+    """Measure all methods on a data set. `advance` is called after every clip."""
     work = partial(smoothness_of_clip, networks=networks, model=model, settings=settings)
     return gathered(work, data.clips(), jobs, advance)
 
@@ -226,7 +226,7 @@ def smoothness_report(sums: Sums, census: Census, data: DataSet) -> Report:
 
 
 def _cost(before: Smoothness, after: Smoothness) -> list[str]:
-    """What inverse kinematics and smoothing change in the errors."""
+    """Return a line about the change of errors by inverse kinematics and smoothing."""
     changes = [getattr(after, share).rmsjpe - getattr(before, share).rmsjpe for share in ("occluded", "all")]
     if not all(map(math.isfinite, changes)):
         return []

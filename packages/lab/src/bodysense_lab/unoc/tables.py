@@ -1,6 +1,6 @@
-"""UNOC's Tables 2 to 4: the paper's network, its rivals and its ablations, ours beside the published figures.
+"""UNOC's Tables 2 to 4: the paper's network, other networks and ablations, next to the published figures.
 
-What one method scored on one data set: sums that are kept in a file, so that no table counts them twice.
+Scores of a method on a data set are kept in a file, so that no table counts them twice.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ class Scores:
 
 
 def scores_path(folder: Path, method: str, data: DataSet) -> Path:
-    """Where the scores of a method are kept: beside the network."""
+    """Return the file of a method's scores, next to the network."""
     return folder / f"{method}.{data.label}.scores.json"
 
 
 def identity_of(data: DataSet, stride: int, file: Path | None, settings: str = "") -> dict[str, Any]:
-    """What scores depend on; `file` is the network's."""
+    """Return the settings that scores depend on; `file` is the network's."""
     stat = file.stat() if file is not None else None
     return {
         "format": FORMAT,
@@ -64,7 +64,7 @@ def write_scores(path: Path, scores: Scores, identity: Mapping[str, Any]) -> Non
 
 
 def read_scores(path: Path, identity: Mapping[str, Any]) -> Scores | None:
-    """The scores of a file, or None where there is none of this identity: then they are to be counted."""
+    """Return the scores of a file, or None without a file of this identity."""
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
         if kept["identity"] != identity:
@@ -97,7 +97,12 @@ def better_last_known(scores: Mapping[str, Scores]) -> str:
 
 Place = tuple[str, str]  # part of the body, share of joints
 MEASURES: tuple[Measure, ...] = ("rmsjpe", "mpjpe")
-OWN_NAMES = {"last_known": "last known", "best": "shipped, before IK", "tracker": "shipped"}
+OWN_NAMES = {
+    "last_known": "last known",
+    "constant_velocity": "constant velocity",
+    "best": "shipped, before IK",
+    "tracker": "shipped",
+}
 PARTS = {
     "body": "body",
     "finger": "fingers",
@@ -186,7 +191,7 @@ TABLE_2 = NetworkTable(
         ),
         Claim("Not in the paper: the shipped predictor is better than its GRU at hidden joints", "best", ("gru",)),
     ),
-    extra=("best", "tracker"),
+    extra=("constant_velocity", "best", "tracker"),
 )
 TABLE_3 = NetworkTable(
     "unoc-table3",

@@ -31,7 +31,7 @@ from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig, BodyPredi
 
 @dataclass(frozen=True)
 class LossWeights:
-    """Weights of papers.md 1.7. Every term is a mean over points, in metres at the reference height."""
+    """Weights of the paper's losses (section 4.2). Terms are means over points, in metres at the reference height."""
 
     body: float = 10.0
     finger: float = 100.0
@@ -41,11 +41,12 @@ class LossWeights:
     occluded: float = 1.2  # factor on the position terms of hidden points
     occlusion: float = 0.025
     expected_error: float = 0.01
+    sums: bool = False  # bones and occlusion are sums over points, as the paper prints L_kin and L_occ
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What the network should have said, in its own frame."""
+    """True offsets and masks, in the network's own frame."""
 
     offset: Tensor  # (B, T, P, 3)
     visible: Tensor  # (B, T, P) bool
@@ -62,6 +63,8 @@ def body_loss(model: BodyNetwork, answer: BodyPrediction, truth: Truth, weights:
     counted[model.head] = False
     mask = truth.valid[..., None] & counted & (~is_finger | truth.fingers[:, None, None])
     count = mask.sum().clamp(min=1)
+    # Sums over points are averaged over frames.
+    frames = truth.valid.sum().clamp(min=1) if weights.sums else count
 
     emphasis = 1 + (weights.occluded - 1) * (~truth.visible).float()
     distance = _length(answer.offset - truth.offset)
@@ -69,14 +72,14 @@ def body_loss(model: BodyNetwork, answer: BodyPrediction, truth: Truth, weights:
     position = (distance * position_weight * emphasis * mask).sum() / count
 
     bone, true_bone = (bones(model, offset) for offset in (answer.offset, truth.offset))
-    parent = (_length(bone - true_bone) * emphasis * mask).sum() / count * weights.parent
+    parent = (_length(bone - true_bone) * emphasis * mask).sum() / frames * weights.parent
     bone_weight = torch.where(is_finger, weights.finger_bone, weights.body_bone)
-    length = ((_length(bone) - _length(true_bone)).abs() * bone_weight * mask).sum() / count
+    length = ((_length(bone) - _length(true_bone)).abs() * bone_weight * mask).sum() / frames
 
     cross_entropy = torch.nn.functional.binary_cross_entropy_with_logits(
         answer.hidden_logit, (~truth.visible).float(), reduction="none"
     )
-    occlusion = (cross_entropy * mask).sum() / count * weights.occlusion
+    occlusion = (cross_entropy * mask).sum() / frames * weights.occlusion
     # Laplace likelihood: its optimum is the mean absolute error. The error itself is not pulled by it.
     reached = distance.detach() + 1e-4
     likelihood = reached / answer.error + torch.log(answer.error)
@@ -238,7 +241,7 @@ class BodySchedule:
 
 @dataclass(frozen=True, eq=False)
 class BodyTask(Task):
-    """What the body network learns: whole sequences with carried state, or windows as in the paper."""
+    """Training of the body network on whole sequences with carried state, or on windows as in the paper."""
 
     network: BodyNetwork
     schedule: BodySchedule

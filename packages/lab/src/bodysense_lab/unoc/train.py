@@ -137,7 +137,7 @@ def write_point_network(network: PointNetwork, path: Path, task: Task, card: dic
 
 
 E = TypeVar("E", Episode, PointEpisode)
-# What a wearer meets counts more than the error of a joint that is seen: the measured place overrides that one.
+# Hidden joints count more: a tracked joint's measured position replaces the prediction.
 SHIPPED_LOSS = LossWeights(occluded=3.0)
 VARIED_RATES = (20.0, 60.0)  # Hz
 Form = Literal["shipped", "paper"]

@@ -36,7 +36,7 @@ def cached_episodes(folder: Path, identity: dict[str, Any], make: Callable[[], I
     """The episodes in `folder`, made first where it does not exist.
 
     The folder appears whole or not at all. Raises BodysenseError when it holds episodes of another `identity`, which
-    must be JSON, and when there are none to make.
+    must be JSON, and if there are no networks to train.
     """
     if not folder.is_dir():
         _write(folder, identity, make())
@@ -149,13 +149,13 @@ def schedule_of(run: TablesTraining, name: str) -> BodySchedule:
             window_stride=run.window_stride,
             average_decay=0.0,
             check_every=100,
-            loss=replace(PAPER_LOSS, **VARIANTS[name].loss),
+            loss=replace(PAPER_LOSS, sums=run.loss_sum, **VARIANTS[name].loss),
         )
     )
 
 
 def train_network(run: TablesTraining, name: str, report: Report, fabric: Fabric | None = None) -> str:
-    """Train one network of the tables and write its weights beside its checkpoint and log; what to say of it.
+    """Train one network of the tables, write its weights next to its checkpoint and log, and return a line about it.
 
     A process of its own, without `fabric`, takes the devices that the run names.
     """
@@ -202,7 +202,7 @@ def episodes_of(run: TablesTraining, config: BodyNetworkConfig) -> dict[str, lis
 
 
 def _make(run: TablesTraining, config: BodyNetworkConfig, split: Any) -> Iterator[Episode]:
-    # What a clip looks like to a network does not depend on its weights, nor on its size.
+    # Features of a clip do not depend on the weights or the size of a network.
     reader = replace(config, cell="gru", hidden=1, branch=(1,), judge_branch=(1,))
     make = partial(_episode, config=reader)
     with ProcessPoolExecutor(max(1, run.jobs), initializer=torch.set_num_threads, initargs=(1,)) as pool:

@@ -1,8 +1,8 @@
-"""How motion comes through the moments at which a joint is lost and is seen again (metrics: transitions).
+"""Jerk in the second after a joint is lost or seen again.
 
 Jerk is the third difference of a joint's place, at 30 Hz. For each joint that the headset loses or sees again, the
-second that begins with that frame has a peak jerk and an area under the jerk; of both the mean over all such moments
-is told. The truth has them as well: beside it the others are to be read.
+second that begins with that frame has a peak jerk and an area under the jerk. The table has their means over all such
+moments. The truth has jerk too: compare the others with it.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def transitions_of(
 def measure_transitions(
     data: DataSet, model: Path | None, settings: IkTrackerSettings, jobs: int, advance: Callable[[Clip], None]
 ) -> tuple[Transitions, Census]:
-    """All methods on a data set. `advance` is told of every clip that is done."""
+    """Measure all methods on a data set. `advance` is called after every clip."""
     total, census = Transitions({}, {}), Census()
     for clip, one in spread(partial(transitions_of_clip, model=model, settings=settings), data.clips(), jobs):
         census += census_of(clip)

@@ -106,7 +106,7 @@ _MIRROR, _TURN_MIRROR = np.array([[1.0, 1, 1], [-1, 1, 1]]), np.array([[1.0, 1, 
 
 @dataclass(frozen=True, eq=False)
 class UpperBodyIkState:
-    """What was known last."""
+    """Last known poses."""
 
     head_position: np.ndarray  # (3,) m, world
     head_rotation: np.ndarray  # (4,) wxyz, world ← head
@@ -133,7 +133,7 @@ class UpperBodyIk:
 
     @cached_property
     def _standing_height(self) -> float:
-        """Of the head above the soles, metres."""
+        """Height of the standing head above the soles, metres."""
         position, _ = forward_kinematics(self._standing)
         return float(position[self.skeleton.index("head"), 1] - position[:, 1].min())
 

@@ -166,7 +166,7 @@ def evaluate_upper_body(
 ) -> UpperBodyTable:
     """Score inverse kinematics and, where one is given, a network on what headset and controllers track of clips.
 
-    `network` makes the estimator for a wearer's skeleton. `advance` is told of every clip that is done.
+    `network` makes the estimator for a wearer's skeleton. `advance` is called after every clip.
     """
     methods: dict[str, MakeEstimator] = (
         {"ik": UpperBodyIk} if network is None else {"network": network, "ik": UpperBodyIk}
@@ -222,7 +222,7 @@ def load_upper_body(path: Path | None = None) -> PointModel:
 
 @dataclass(frozen=True, eq=False)
 class LearnedUpperBodyState:
-    """What the network remembers, and where head and hands were last."""
+    """State of the network, and the last poses of head and hands."""
 
     network: PointState
     last: HeadAndHands

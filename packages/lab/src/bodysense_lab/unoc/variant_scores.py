@@ -33,6 +33,7 @@ from bodysense.scoring import (
 )
 from bodysense_lab.datasets import Census, DataSet, census_of
 from bodysense_lab.spread import spread
+from bodysense_lab.unoc.constant_velocity import constant_velocity
 from bodysense_lab.unoc.learned import PACKAGED, track_clip
 from bodysense_lab.unoc.network import BodyNetwork, TrackedBody, read_weights, tracked_of
 from bodysense_lab.unoc.tables import Parts, Scores, identity_of, read_scores, scores_path, write_scores
@@ -51,7 +52,7 @@ class Shipped:
 
 @dataclass(frozen=True)
 class Work:
-    """What is scored: networks by name, at every `stride`-th frame, and the shipped predictor, if any."""
+    """Scored methods: networks by name at every `stride`-th frame, and the shipped predictor, if any."""
 
     networks: Mapping[str, Path]
     shipped: Shipped | None = None
@@ -70,7 +71,7 @@ class ClipReading:
 
 
 def read_observation(model: BodyNetwork, observation: Observation, skeleton: Skeleton) -> ClipReading:
-    """What a network reads of an observation of a wearer with `skeleton`."""
+    """Return the inputs of a network for an observation of a wearer with `skeleton`."""
     tracked = tracked_of(observation, skeleton)
     with torch.no_grad():
         features, known, into, _ = model.prepare(tracked, model.start(1))
@@ -128,6 +129,7 @@ def score_clip(clip: Clip, work: Work) -> dict[str, Parts]:
     shipped = {"best": "network", "tracker": "bodysense"}
     methods = {name: position.pop(key)[frames] for name, key in shipped.items() if key in position}
     methods |= {f"last_known_{frame}": values[frames] for frame, values in position.items()}
+    methods["constant_velocity"] = constant_velocity(observation, skeleton)[frames]
     methods |= positions_of(work.networks, observation, skeleton, frames)
     truth = np.asarray(forward_kinematics(clip.pose)[0])[frames]
     hidden = ~observation.has_position[frames]
@@ -161,7 +163,7 @@ def errors_of(position: np.ndarray, truth: np.ndarray, hidden: np.ndarray, clip:
 def score(data: DataSet, folder: Path, work: Work, jobs: int, advance: Callable[[Clip], None]) -> dict[str, Scores]:
     """Scores of every method of `score_clip` on a data set: read from `folder` where they are kept, else counted.
 
-    `advance` is told of every clip that is done.
+    `advance` is called after every clip.
     """
     files = _files(work)
     settings = {name: repr(work.shipped) for name in ("best", "tracker") if work.shipped is not None}
@@ -223,7 +225,11 @@ def networks_in(folder: Path, names: Sequence[str]) -> dict[str, Path]:
 
 def _files(work: Work) -> dict[str, Path | None]:
     """Every method that is to be scored, and the file it depends on."""
-    result: dict[str, Path | None] = {**work.networks, **{f"last_known_{frame}": None for frame in KNOWN}}
+    result: dict[str, Path | None] = {
+        **work.networks,
+        **{f"last_known_{frame}": None for frame in KNOWN},
+        "constant_velocity": None,
+    }
     if work.shipped is not None:
         result |= dict.fromkeys(("best", "tracker"), work.shipped.model or packaged(PACKAGED))
     return result

@@ -1,15 +1,18 @@
-"""`bodysense calibrate`: a calibration second for whoever a running server tracks."""
+"""`bodysense calibrate`: measure the wearer of a running server in a standing second."""
 
 from __future__ import annotations
 
 import json
 import time
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 from urllib.parse import parse_qs, urlsplit
 
 import tyro
 
 from bodysense.errors import BodysenseError
+
+if TYPE_CHECKING:
+    from websockets import InvalidStatus
 
 _TO_ANSWER = 5.0  # s
 
@@ -21,16 +24,16 @@ def calibrate(
     recentre: bool = False,
     wait: float = 5.0,
 ) -> None:
-    """Calibrate whoever a running server tracks by VMC, SteamVR, VRChat or SlimeVR in a standing second.
+    """Measure the wearer that a running server tracks by VMC, SteamVR, VRChat or SlimeVR in a standing second.
 
     Args:
-        address: what `bodysense serve` printed, token included.
-        watch: which of the server's inputs.
-        arms_out: stand with the arms out to the sides; their reach is measured, too.
-        recentre: where the wearer stands afterwards, and faces, becomes the middle.
-        wait: seconds until the second begins.
+        address: address that `bodysense serve` printed, token included.
+        watch: one of the server's inputs.
+        arms_out: stand with the arms out to the sides, so that their reach is measured, too.
+        recentre: use the wearer's position and heading afterwards as the origin.
+        wait: seconds until the measurement begins.
     """
-    from websockets import WebSocketException
+    from websockets import InvalidStatus, WebSocketException
     from websockets.sync.client import connect
     from websockets.typing import Subprotocol
 
@@ -63,14 +66,25 @@ def calibrate(
                 raise BodysenseError(f"{watch}: nothing is tracked; wear the headset and run it again")
             if recentre:
                 server.send(write_message(Recentre()))
+    except InvalidStatus as error:
+        raise BodysenseError(
+            f"{address}: the server refuses this address ({_reason(error)}); give the address that `bodysense serve` "
+            "printed, token included"
+        ) from None
     except (OSError, WebSocketException) as error:
         raise BodysenseError(
             f"{address}: {str(error) or type(error).__name__}; is `bodysense serve` running?"
         ) from None
 
 
+def _reason(error: InvalidStatus) -> str:
+    """Return the server's own words, or the status if it has none."""
+    body = error.response.body.decode(errors="replace").strip()
+    return body.partition(";")[0] if body else f"status {error.response.status_code}"
+
+
 def _text(server: Any, kind: str, until: float | None = None) -> dict[str, Any] | None:
-    """The next text message of a type; None where none comes in time. Raises BodysenseError for a refusal."""
+    """Return the next text message of a type, or None if none comes in time. Raises BodysenseError for a refusal."""
     until = time.monotonic() + _TO_ANSWER if until is None else until
     while (left := until - time.monotonic()) > 0:
         try:

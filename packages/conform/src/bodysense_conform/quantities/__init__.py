@@ -1,0 +1,1 @@
+"""Quantities: figures of a subject over time, by theme, as `checks.toml` names them."""

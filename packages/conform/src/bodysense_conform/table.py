@@ -1,0 +1,93 @@
+"""Table of checks: `checks.toml`, read and validated."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import import_module
+from importlib.resources import files
+from typing import Any, Literal
+
+from bodysense_conform.series import Series
+
+Blame = Literal["device", "performer"]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Checks that are skipped together when one of their gates, or of the groups that they need, fails."""
+
+    id: str
+    title: str
+    needs: tuple[str, ...] = ()  # groups before this one
+
+
+@dataclass(frozen=True)
+class Check:
+    """A statistic of a quantity in a window, with its limits; without limits it is only measured."""
+
+    id: str  # group.name
+    quantity: str  # module.function of bodysense_conform.quantities
+    statistic: str  # see evaluate.reduced
+    why: str  # one sentence for users of the tracker
+    of: tuple[str, ...] = ()  # argument of the quantity
+    window: str = "take"  # or a step of the script; 'held STEP' is its last 60 %
+    enough: int = 1  # frames with a value that a judgement needs
+    least: float | None = None
+    most: float | None = None
+    unit: str = ""
+    blame: Blame = "device"
+    gate: bool = False  # if it fails, its group and those that need it are skipped
+    required: bool = False  # if it has no answer, the subject cannot be judged
+
+    @property
+    def group(self) -> str:
+        """The first part of the id."""
+        return self.id.partition(".")[0]
+
+    @property
+    def limit(self) -> str:
+        """The limits in words."""
+        unit = self.unit if self.unit.startswith(("°", "%")) else f" {self.unit}" if self.unit else ""
+        if self.least is not None and self.most is not None:
+            return f"{self.least:g} … {self.most:g}{unit}"
+        if self.most is not None:
+            return f"≤ {self.most:g}{unit}"
+        return f"≥ {self.least:g}{unit}" if self.least is not None else "–"
+
+    @property
+    def measure(self) -> Callable[..., Series]:
+        """The function of the quantity."""
+        module, _, name = self.quantity.partition(".")
+        return getattr(import_module(f"bodysense_conform.quantities.{module}"), name)
+
+
+@dataclass(frozen=True)
+class CheckTable:
+    """All groups and checks, in the order in which they are asked."""
+
+    groups: tuple[Group, ...]
+    checks: tuple[Check, ...]
+    sha256: str  # reports with the same hash asked the same questions
+
+    def before(self, group: str) -> set[str]:
+        """Return a group and all groups that it needs, directly or not."""
+        needs = next(one.needs for one in self.groups if one.id == group)
+        return {group}.union(*(self.before(one) for one in needs))
+
+
+@lru_cache(maxsize=1)
+def table() -> CheckTable:
+    """Return the packaged table."""
+    data = files("bodysense_conform").joinpath("checks.toml").read_bytes()
+    document = tomllib.loads(data.decode("utf-8"))
+    groups = tuple(Group(**_tuples(row)) for row in document["group"])
+    checks = tuple(Check(**_tuples(row)) for row in document["check"])
+    return CheckTable(groups, checks, hashlib.sha256(data).hexdigest())
+
+
+def _tuples(row: dict[str, Any]) -> dict[str, Any]:
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}

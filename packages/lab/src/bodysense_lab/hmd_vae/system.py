@@ -1,0 +1,78 @@
+"""HMD-VAE on a recording: the decoder's body at the posterior's mean, without inverse kinematics or smoothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bodysense.body.pose import Pose, body_skeleton, forward_kinematics, whole_pose
+from bodysense.body.skeleton import BODY
+from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.observation import Observation
+from bodysense.open import MotionSource, Opened
+from bodysense.papers.hmd_vae import BodyVaeEstimator, BodyVaeModel, BodyVaeState, load_body_vae
+from bodysense.signals import signal_from
+from bodysense_lab.paper_options import PaperOptions, Variant, untrained
+from bodysense_lab.tracked_clip import tracked_clip
+
+MODELS: tuple[Variant, ...] = ("0", "1", "2", "3", "4")
+PACKAGED: Variant = "4"
+
+
+def complete(opened: Opened, options: PaperOptions) -> Clip:
+    """Return the wearer's motion by the model 0 to 4 that `options.variant` names, if omitted by the file's.
+
+    Models 1 to 4 read head and wrists: a motion is watched by a three-point device unless another is named. Model 0
+    encodes and decodes whole bodies: it takes a motion. Raises BodysenseError for a file of another model.
+    """
+    model = _model(options)
+    if model.card["network"]["model"] == 0:
+        return _encoded(opened, options, model)
+    device = options.watched_by(opened, "three_point")
+    signal = signal_from(opened, device=device, height=options.height, noise=options.noise)
+    estimator = BodyVaeEstimator(signal.person.skeleton, model)
+
+    def step(observation: Observation, state: BodyVaeState) -> tuple[Pose, BodyVaeState]:
+        estimate, state = estimator.step(observation, state)
+        assert estimate.pose is not None
+        return estimate.pose, state
+
+    return tracked_clip(signal, step, estimator.start())
+
+
+def _model(options: PaperOptions) -> BodyVaeModel:
+    wanted = options.chosen("hmd_vae", MODELS, PACKAGED) if options.networks is None else options.variant
+    if options.networks is None and wanted != PACKAGED:
+        decoder = " --decoder zero.pt" if wanted == "3" else ""
+        raise untrained(
+            f"--variant {wanted}",
+            f"bodysense train hmd-vae --data DIR --model {wanted}{decoder} -o model{wanted}.onnx",
+            f"--networks model{wanted}.onnx",
+        )
+    model = load_body_vae(options.networks)
+    found = str(model.card["network"]["model"])
+    if wanted is not None and options.chosen("hmd_vae", MODELS, PACKAGED) != found:
+        raise BodysenseError(f"--variant {wanted}: {model.name} is a model {found}; leave --variant out")
+    return model
+
+
+def _encoded(opened: Opened, options: PaperOptions, model: BodyVaeModel) -> Clip:
+    """Encode and decode every frame of a motion on its own."""
+    if not isinstance(opened, MotionSource):
+        raise BodysenseError(f"{opened.name}: model 0 reads whole bodies; give a motion, or --variant 1 to 4")
+    given = {"--device": options.device, "--height": options.height, "--noise": options.noise}
+    for option, value in given.items():
+        if value is not None:
+            raise BodysenseError(f"{opened.name}: model 0 reads the motion itself; leave {option} out")
+    clip = opened.clip
+    skeleton = clip.pose.skeleton
+    position, rotation = (np.asarray(values) for values in forward_kinematics(clip.pose))
+    body, rest = skeleton.indices(BODY), body_skeleton(skeleton).rest_offset
+    mean = np.zeros(model.latent)
+    frames = [
+        model.body(position[t : t + 1, body], rotation[t : t + 1, body], 1.0, mean, rest) for t in range(len(clip))
+    ]
+    pose = whole_pose(skeleton, *(np.stack(parts) for parts in zip(*frames, strict=True)))
+    return replace(clip, pose=pose, has_fingers=False)

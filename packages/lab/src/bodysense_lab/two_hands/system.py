@@ -1,0 +1,104 @@
+"""Two hands on a take of gloves: the paper's steps without our own (section 3.2), and its flat-hand calibration.
+
+Rejection of wrong markers, contact of hands, fading of offsets and restraint of large turns are left out. The body
+around the hands is completed by the tracker.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.arrays import read_arrays
+from bodysense.devices.gloves.device import GloveDevice, glove_device, gloved_sides, has_gloves, has_standard_gloves
+from bodysense.devices.gloves.hands import GloveModels, HandsSettings, load_glove_models
+from bodysense.devices.gloves.networks import GloveNetwork, load_joint_network, load_marker_network
+from bodysense.errors import BodysenseError
+from bodysense.files import written_beside
+from bodysense.io.clip import Clip
+from bodysense.io.recording import Recording
+from bodysense.open import Opened
+from bodysense.signals import Signal, signal_from
+from bodysense.take import track
+from bodysense_lab.paper_options import PaperOptions, Variant
+from bodysense_lab.weights import packaged
+
+FORMS: tuple[Variant, ...] = ("paper", "shipped")
+SETTINGS = HandsSettings(rejection=None, contact=None, speed=0.25, unseen_speed=0.25, fading=None, restraint=0.0)
+FILES = ("glove_markers.onnx", "glove_joints.onnx")
+PAPER_FILES = ("glove_markers_paper.onnx", "glove_joints_paper.onnx")  # packaged
+
+
+def complete(opened: Opened, options: PaperOptions) -> Clip:
+    """Return the motion of hands from nine markers each, with the form of networks that `options.variant` names.
+
+    A motion wears gloves in a simulated ring of cameras. Raises BodysenseError for a source without gloves.
+    """
+    models = _models(options)
+    signal = _gloved(opened, options)
+    device = _device(signal, models)
+    if options.calibration is not None:
+        kept = read_calibration(options.calibration, tuple(device.hands.hands))
+        device = replace(device, hands=replace(device.hands, calibration=kept))
+    joints, _ = device.step(signal.observation, device.start())
+    return track(Recording(joints, signal.person.skeleton)).clip
+
+
+def calibrate(opened: Opened, out: Path, options: PaperOptions) -> tuple[str, ...]:
+    """Write the flat-hand calibration of a take to an .npz file; returns the hands in it."""
+    device = _device(signal := _gloved(opened, options), _models(options))
+    hands = device.hands.calibrated(signal.observation)
+    assert hands.calibration is not None
+    with written_beside(out) as beside, beside.open("wb") as file:
+        np.savez(file, **dict(zip(hands.hands, hands.calibration, strict=True)))
+    return tuple(hands.hands)
+
+
+def read_calibration(path: Path, sides: tuple[str, ...]) -> np.ndarray:
+    """Return rotations (H, 15, 4) of the named hands. Raises BodysenseError for a file that lacks one."""
+    arrays = read_arrays(path)
+    for side in sides:
+        if side not in arrays or arrays[side].shape != (15, 4):
+            raise BodysenseError(
+                f"{path}: no flat-hand calibration of the {side} hand; write one: bodysense papers calibrate-hands"
+            )
+    return np.stack([arrays[side] for side in sides])
+
+
+def _gloved(opened: Opened, options: PaperOptions) -> Signal:
+    device = options.watched_by(opened, "gloves")
+    signal = signal_from(opened, device=device, height=options.height, noise=options.noise)
+    if not (has_gloves(signal.observation) and has_standard_gloves(signal.observation)):
+        raise BodysenseError(
+            f"{opened.name}: --method two_hands reads gloves of nine markers; give a take of them, or a motion with "
+            "--device gloves"
+        )
+    return signal
+
+
+def _device(signal: Signal, models: GloveModels) -> GloveDevice:
+    skeleton = signal.person.skeleton
+    return glove_device(skeleton, gloved_sides(signal.observation.points), models, SETTINGS)
+
+
+def _models(options: PaperOptions) -> GloveModels:
+    form = options.chosen("two_hands", FORMS, "paper")
+    if options.networks is None and form == "shipped":
+        return load_glove_models()
+    if options.networks is None:
+        return GloveModels(*_open(*(packaged(name) for name in PAPER_FILES)))
+    if not options.networks.is_dir():
+        raise BodysenseError(
+            f"{options.networks}: no such folder; give the one that `bodysense train gloves --form {form} -o` wrote"
+        )
+    networks = _open(*(options.networks / name for name in FILES))
+    for one in networks:
+        if options.variant is not None and one.network.card["form"] != form:
+            raise BodysenseError(f"--variant {form}: {one.network.name} has the form {one.network.card['form']!r}")
+    return GloveModels(*networks)
+
+
+def _open(markers: Path, joints: Path) -> tuple[GloveNetwork, GloveNetwork]:
+    return load_marker_network(markers), load_joint_network(joints)

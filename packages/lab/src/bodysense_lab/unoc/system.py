@@ -1,0 +1,30 @@
+"""UNOC on a recording: predictor, inverse kinematics, momentum-based smoothing (sections 3 and 4.2)."""
+
+from __future__ import annotations
+
+from bodysense.body.pose import Pose
+from bodysense.io.clip import Clip
+from bodysense.observation import Observation
+from bodysense.open import Opened
+from bodysense.papers.ik_tracker import IkTracker, IkTrackerState
+from bodysense.signals import signal_from
+from bodysense_lab.paper_options import PaperOptions
+from bodysense_lab.tracked_clip import tracked_clip
+from bodysense_lab.unoc.learned import Learned, load_model
+
+
+def complete(opened: Opened, options: PaperOptions) -> Clip:
+    """Return the wearer's motion. Bone lengths are an input of the paper: they are not inferred.
+
+    A motion is watched by the headset's cameras unless `options.device` names another device.
+    """
+    options.chosen("unoc", ("paper",), "paper")
+    device = options.watched_by(opened, "headset_camera")
+    signal = signal_from(opened, device=device, height=options.height, noise=options.noise)
+    tracker = IkTracker(Learned(load_model(options.networks), signal.person.skeleton))
+
+    def step(observation: Observation, state: IkTrackerState) -> tuple[Pose, IkTrackerState]:
+        pose, _, state = tracker.step(observation, state)
+        return pose, state
+
+    return tracked_clip(signal, step, tracker.start())

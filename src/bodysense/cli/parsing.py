@@ -1,0 +1,165 @@
+"""Parsing of the command line by tyro, with one line for each error.
+
+tyro prints errors as boxes of several lines, with choices in no order. Its hook for errors gives the parts for a line.
+The hook is not part of tyro's public interface; pyproject.toml names the versions that have it.
+"""
+
+from __future__ import annotations
+
+import difflib
+import io
+import re
+from collections.abc import Sequence
+from contextlib import redirect_stdout
+from dataclasses import replace
+from itertools import takewhile
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin
+
+from tyro import _errors as events
+from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
+from tyro.extras import SubcommandApp
+
+from bodysense.errors import BodysenseError
+
+PROGRAM = "bodysense"
+_DEEPEST = 2  # words of a command: a group and its command
+_NONE = "none"  # a default that is printed
+# What a value is, by tyro's name of its type; and by a word of its help, an example.
+_KINDS = {"FLOAT": "a number", "INT": "a whole number", "PATH": "a file or folder", "STR": "a text"}
+_EXAMPLES = {"metres": " in metres, such as 1.75", "seconds": " of seconds, such as 0.5", "UDP": ", such as 39539"}
+
+
+def run(application: SubcommandApp, description: str, given: Sequence[str]) -> Any:
+    """Run a command. Returns what it returns. Raises BodysenseError for arguments that cannot be."""
+
+    def refuse(event: events.ParseErrorEvent) -> None:
+        reason = _reason(event, application, given)
+        if reason is not None:
+            raise BodysenseError(reason)
+
+    with _registry(), events.on_parse_error(refuse):
+        return application.cli(prog=PROGRAM, description=description, args=given)
+
+
+def _registry() -> ConstructorRegistry:
+    """Return rules by which an option that may be omitted takes the values of its type and no 'None'."""
+    registry = ConstructorRegistry()
+
+    @registry.primitive_rule
+    def optional(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
+        kind = _kind(info.type)
+        if kind is None:
+            return None
+        rule = ConstructorRegistry.get_primitive_spec(PrimitiveTypeInfo.make(kind, info.markers))
+        if not isinstance(rule, PrimitiveConstructorSpec):
+            return None
+        return replace(
+            rule,
+            is_instance=lambda value: value is None or rule.is_instance(value),
+            str_from_instance=lambda value: [_NONE] if value is None else rule.str_from_instance(value),
+        )
+
+    return registry
+
+
+def _kind(hint: Any) -> Any:
+    """Return T for T | None, and None for any other type."""
+    arguments = get_args(hint)
+    if get_origin(hint) is Literal:
+        values = tuple(value for value in arguments if value is not None)
+        return Literal[values] if len(values) < len(arguments) else None
+    if get_origin(hint) not in (Union, UnionType) or NoneType not in arguments:
+        return None
+    return Union[tuple(kind for kind in arguments if kind is not NoneType)]  # noqa: UP007
+
+
+def _reason(event: events.ParseErrorEvent, application: SubcommandApp, given: Sequence[str]) -> str | None:
+    """Return a line about an error; None for an event of a later version, of which tyro prints a box."""
+    if isinstance(event, events.MissingArgs):
+        names = " and ".join(_name(one.arg) for one in event.missing_arguments)
+        spare = f", and {' '.join(event.unrecognized_tokens)} is unknown" if event.unrecognized_tokens else ""
+        return (
+            f"{names} {'is' if len(event.missing_arguments) == 1 else 'are'} missing{spare}{_see(application, given)}"
+        )
+    if isinstance(event, events.MissingSubcommand):
+        group = _command(_help(application, given))
+        return f"{f'{group}: ' if group else ''}give one of {', '.join(sorted(event.subcommand_spec.parser_from_name))}"
+    if isinstance(event, events.BadValue):
+        name = _name(event.argument)
+        if event.reason == "too_few_values":
+            return f"{name}: the value is missing; give {_wanted(event.argument)}"
+        return f"{name} {event.offending_value}: takes no value; leave {event.offending_value!r} out"
+    if isinstance(event, events.InvalidChoice):
+        choices = ", ".join(sorted(choice for choice in event.choices if choice != "None"))
+        return f"{_name(event.argument)} {event.value}: give one of {choices}"
+    if isinstance(event, events.UnrecognizedArgs):
+        return _unknown(event.tokens, application, given)
+    if isinstance(event, events.InstantiationFailure) and event.argument is not None:
+        name = _name(event.argument)
+        return f"{name} {_value(name, given)}: give {_wanted(event.argument)}"
+    if isinstance(event, events.InstantiationFailure):
+        return " ".join(event.message.split())
+    return None
+
+
+def _name(argument: Any) -> str:
+    """Return the option of an argument, or PATH and the like for one without an option."""
+    if argument.is_positional():
+        return str(argument.lowered.metavar).strip("[]{}")
+    return max(argument.lowered.name_or_flags, key=len)
+
+
+def _wanted(argument: Any) -> str:
+    """Return what an argument takes, with an example if its help has a unit."""
+    metavar, found = str(argument.lowered.metavar), argument.field.helptext
+    text = str((found() if callable(found) else found) or "")
+    kind = next((words for name, words in _KINDS.items() if name in metavar), f"one of {metavar.strip('{}')}")
+    example = next((more for word, more in _EXAMPLES.items() if word in text), "")
+    return kind + (example if "number" in kind else "")
+
+
+def _value(name: str, given: Sequence[str]) -> str:
+    """Return the value that was given for an option."""
+    for before, word in zip(["", *given], given, strict=False):
+        if before == name:
+            return word
+        if word.startswith(f"{name}="):
+            return word.partition("=")[2]
+    return ""
+
+
+def _unknown(tokens: Sequence[str], application: SubcommandApp, given: Sequence[str]) -> str:
+    """Return a line about words that a command does not take, with the nearest option or command that there is."""
+    text, first = _help(application, given), tokens[0]
+    is_option, names = first.startswith("-"), re.findall(r"• ([a-z][a-z0-9-]*)", text)
+    known = re.findall(r"--[a-z][a-z0-9-]*", text) if is_option else names
+    near = difflib.get_close_matches(first.partition("=")[0], sorted(set(known)), 1)
+    kind = "option" if is_option else "command" if names else "argument"
+    return f"{first}: unknown {kind}" + (f"; did you mean {near[0]}?" if near else _see(application, given))
+
+
+def _see(application: SubcommandApp, given: Sequence[str]) -> str:
+    """Return where the options of the command are listed."""
+    return f"; see {' '.join([PROGRAM, _command(_help(application, given))]).strip()} --help"
+
+
+def _help(application: SubcommandApp, given: Sequence[str]) -> str:
+    """Return the help of the command that was called, or of its group if there is no such command."""
+    words = list(takewhile(lambda word: re.fullmatch(r"[a-z][a-z0-9-]*", word), given))[:_DEEPEST]
+    for count in range(len(words), -1, -1):
+        text = io.StringIO()
+        try:
+            with redirect_stdout(text):
+                application.cli(prog=PROGRAM, args=[*words[:count], "--help"])
+        except SystemExit:
+            return text.getvalue()
+        except BodysenseError:  # the last of the words is no command
+            continue
+    return ""
+
+
+def _command(text: str) -> str:
+    """Return the command that a help is of; nothing for the program's own."""
+    found = re.match(rf"usage: {PROGRAM} ([^\[{{]*)", text)
+    return "" if found is None else found[1].strip()

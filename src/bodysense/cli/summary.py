@@ -1,0 +1,43 @@
+"""`--json`: the result of a command as a file for other programs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bodysense.files import written_beside
+
+if TYPE_CHECKING:
+    from bodysense.take import Take
+
+
+def write_summary(path: Path | None, outputs: list[Path], values: Mapping[str, Any]) -> None:
+    """Write the files that a command wrote, and values about them, as a JSON object; nothing if `path` is None."""
+    if path is None:
+        return
+    with written_beside(path) as beside:
+        whole = {"outputs": [str(out) for out in outputs], **values}
+        beside.write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def take_values(take: Take, speed: float) -> dict[str, Any]:
+    """Return values about a completed take: frames, Hz, speed, height in metres, filled frames and warnings."""
+    from bodysense.body.shape import stature
+
+    values: dict[str, Any] = {
+        "frames": len(take.time),
+        "frame_rate": round(take.clip.frame_rate, 6),
+        "frames_per_second": round(speed, 1),
+        "height": round(float(stature(take.person.skeleton.rest_offset)), 4),
+        "height_is_inferred": bool(take.person.bone_deviation.any() and take.person.height is None),
+        "warnings": list(take.remarks),
+    }
+    if take.holed is not None:
+        count = np.asarray(take.holed.holes.sum(axis=0))
+        names = take.holed.rig.joints
+        values["filled_frames"] = {str(names[k]): int(count[k]) for k in np.flatnonzero(count)}
+    return values

@@ -1,0 +1,227 @@
+"""Completion with past and future: a recording is tracked forward and backward in time, and both answers are joined.
+
+the person, by one pass forward → windows: forward, on from the window before | backward, from some seconds later
+→ joined → limbs to what is measured → feet on the floor → windows faded into each other
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.skeleton import Skeleton
+from bodysense.completion.holding import bent_to, on_floor
+from bodysense.completion.joining import future_share, led, mean_rotation
+from bodysense.completion.model import CompletionModel
+from bodysense.observation import Estimate, Observation
+from bodysense.tracker import Tracker, TrackerSettings, TrackerState
+
+Array = np.ndarray
+WINDOW = 60.0  # s that are completed at a time
+BESIDE = 5.0  # s before and after a window that are completed with it; the backward pass warms up in those after
+FADE = 1.0  # s in which one window gives way to the next
+_FRAMES = 60  # tracked in one call of the pass that finds the person
+_ARRAYS = ("points", "measured", "confidence", "bound", "contact", "rest_offset")
+
+
+@dataclass(frozen=True, eq=False)
+class TwoWayTracker:
+    """Completes whole recordings of one person, of whom the passes find out nothing more."""
+
+    person: Person
+    network: CompletionModel | None
+    settings: TrackerSettings
+
+    @property
+    def tracker(self) -> Tracker:
+        """The tracker of both passes: points that are seen again are met at once."""
+        return Tracker(self.person, self.network, replace(self.settings, infer=False, ease=0.0))
+
+    def complete(
+        self, observation: Observation, seconds: float, advance: Callable[[int], None] = lambda frames: None
+    ) -> Estimate:
+        """Complete all frames of a recording (T, P), `seconds` apart; `advance` is told of frames that are done."""
+        ends = np.flatnonzero(np.diff(observation.time) > self.settings.longest_gap) + 1
+        spans = zip([0, *ends.tolist()], [*ends.tolist(), len(observation)], strict=True)
+        return concatenated([part for a, b in spans for part in self._windows(observation[a:b], seconds, advance)])
+
+    def _windows(self, observation: Observation, seconds: float, advance: Callable[[int], None]) -> Iterator[Estimate]:
+        """Estimates of consecutive frames of a recording without gaps, a window at a time."""
+        frames, size, beside = len(observation), round(WINDOW / seconds), round(BESIDE / seconds)
+        half, state, forward, before = round(FADE / seconds / 2), self.tracker.start(), None, None
+        for begin in range(0, frames, size):
+            end = begin + size if begin + size + beside < frames else frames
+            first, last = max(begin - beside, 0), min(end + beside, frames)
+            forward, state = self._forward(observation, forward, first, last, state)
+            joined = self._joined(forward, self._backward(observation[first:last]), seconds)
+            lead = 0 if begin == 0 else half
+            part = cut(joined, begin - lead - first, min(end + half, frames) - first)
+            if before is not None:
+                part = faded(before, part, 2 * lead)
+            stop = len(part.contact) - (2 * half if end < frames else 0)
+            yield cut(part, 0, stop)
+            advance(stop)
+            before = cut(part, stop, len(part.contact))
+            if end == frames:
+                return
+
+    def _forward(
+        self, observation: Observation, known: Estimate | None, first: int, last: int, state: TrackerState
+    ) -> tuple[Estimate, TrackerState]:
+        """The forward answer of frames `first` to `last`, of which `known` has those before the state."""
+        if known is None:
+            return self.tracker.step(observation[first:last], state)
+        overlap = int(np.searchsorted(observation.time, state.time(), side="right"))
+        kept = cut(known, len(known.contact) - (overlap - first), len(known.contact))
+        more, state = self.tracker.step(observation[overlap:last], state)
+        return concatenated([kept, more]), state
+
+    def _backward(self, observation: Observation) -> Estimate:
+        """The answer of a tracker to which time runs backward, in the order of the frames."""
+        estimate, _ = self.tracker.step(reversed_in_time(observation), self.tracker.start())
+        return flipped(estimate)
+
+    def _joined(self, forward: Estimate, backward: Estimate, seconds: float) -> Estimate:
+        """One answer from both."""
+        skeleton, measured = forward.pose.skeleton, forward.measured
+        head, pelvis = skeleton.index("head"), skeleton.index("pelvis")
+        past = _placed(skeleton, *led(forward.pose.rotation, forward.points[:, head], measured, seconds))
+        share = future_share(forward.confidence, backward.confidence, seconds)[:, None, None]
+        turned, place = led(backward.pose.rotation[::-1], backward.points[::-1, head], measured[::-1], seconds)
+        future = _placed(skeleton, turned[::-1], place[::-1])
+        between = (1 - share) * past[1] + share * future[1]
+        points = np.where(measured[..., None], (forward.points + backward.points) / 2, between)
+        rotation = mean_rotation(past[0].rotation, future[0].rotation, share)
+        pose, position = _placed(skeleton, rotation, points[:, head])
+        by_pelvis = measured[:, [pelvis]] & ~measured[:, [head]]
+        off = np.where(by_pelvis, points[:, pelvis] - position[:, pelvis], 0.0)
+        pose = bent_to(replace(pose, root_position=pose.root_position + off), points, measured)
+        contact = (1 - share[..., 0]) * forward.contact + share[..., 0] * backward.contact
+        if self.settings.hold_feet:
+            pose = on_floor(pose, contact, measured, self.settings.floor, seconds)
+        return Estimate(
+            pose=pose,
+            points=np.asarray(forward_kinematics(pose)[0]),
+            measured=measured,
+            confidence=(forward.confidence + backward.confidence) / 2,
+            bound=(forward.bound + backward.bound) / 2,
+            contact=contact,
+            rest_offset=forward.rest_offset,
+        )
+
+
+def completed_both_ways(
+    observation: Observation,
+    person: Person,
+    network: CompletionModel | None,
+    settings: TrackerSettings,
+    seconds: float,
+    advance: Callable[[int, int], None] = lambda done, frames: None,
+) -> tuple[Estimate, Person]:
+    """A recording (T, P) completed with past and future, and the person as believed after all of it.
+
+    Args:
+        observation: points of the body, without gloves.
+        person: what is known of the wearer.
+        network: a completion network; the packaged one if omitted.
+        settings: the floor, whether feet are held, whether proportions are inferred.
+        seconds: between frames.
+        advance: is told how many frames are done, of how many.
+    """
+    frames, done = len(observation), 0
+    infers = settings.infer and bool(person.bone_deviation.any() or person.mounts)
+    passes = 3 if infers else 2
+
+    def advance_by(more: int) -> None:
+        nonlocal done
+        done += more
+        advance(done // passes, frames)
+
+    if infers:
+        person = found_person(observation, person, network, settings, advance_by)
+    tracker = TwoWayTracker(person, network, settings)
+    return tracker.complete(observation, seconds, lambda more: advance_by(2 * more)), person
+
+
+def found_person(
+    observation: Observation,
+    person: Person,
+    network: CompletionModel | None,
+    settings: TrackerSettings,
+    advance: Callable[[int], None] = lambda frames: None,
+) -> Person:
+    """The person as believed after all frames: what is unknown of them is inferred in one pass."""
+    tracker = Tracker(person, network, settings)
+    state = tracker.start()
+    for first in range(0, len(observation), _FRAMES):
+        part = observation[first : first + _FRAMES]
+        _, state = tracker.step(part, state)
+        advance(len(part))
+    return state.person()
+
+
+def reversed_in_time(observation: Observation) -> Observation:
+    """A recording (T, P) as it is where time runs backward. Accelerations are the same."""
+
+    def flip(values: Array) -> Array:
+        return np.ascontiguousarray(values[::-1])
+
+    names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
+    acceleration = None if observation.acceleration is None else flip(observation.acceleration)
+    arrays = {name: flip(getattr(observation, name)) for name in names}
+    return replace(observation, **arrays, acceleration=acceleration, time=flip(-observation.time))
+
+
+def flipped(estimate: Estimate) -> Estimate:
+    """An estimate (T,) with its frames in the opposite order."""
+    return replace(
+        estimate,
+        pose=estimate.pose[::-1],
+        **{name: getattr(estimate, name)[::-1] for name in _ARRAYS},
+    )
+
+
+def cut(estimate: Estimate, first: int, end: int) -> Estimate:
+    """Frames `first` to `end` of an estimate (T,)."""
+    return replace(
+        estimate,
+        pose=estimate.pose[first:end],
+        **{name: getattr(estimate, name)[first:end] for name in _ARRAYS},
+    )
+
+
+def concatenated(parts: list[Estimate]) -> Estimate:
+    """Consecutive estimates as one."""
+    arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS}
+    pose = Pose(
+        parts[-1].pose.skeleton,
+        np.concatenate([part.pose.root_position for part in parts]),
+        np.concatenate([part.pose.rotation for part in parts]),
+    )
+    return Estimate(pose, **arrays)
+
+
+def faded(before: Estimate, after: Estimate, frames: int) -> Estimate:
+    """An estimate whose first frames come from another one of the same frames, and fade to its own."""
+    share = (np.arange(frames) + 1) / (frames + 1)
+    share = share**2 * (3 - 2 * share)
+    pose, old = after.pose, before.pose
+    rotation, root = np.array(pose.rotation), np.array(pose.root_position)
+    rotation[:frames] = mean_rotation(old.rotation[:frames], pose.rotation[:frames], share[:, None, None])
+    root[:frames] += (1 - share)[:, None] * (old.root_position[:frames] - pose.root_position[:frames])
+    pose = Pose(pose.skeleton, root, rotation)
+    points = np.array(after.points)
+    points[:frames] = np.asarray(forward_kinematics(pose[:frames])[0])
+    return replace(after, pose=pose, points=points)
+
+
+def _placed(skeleton: Skeleton, rotation: Array, head: Array) -> tuple[Pose, Array]:
+    """The pose of local rotations (T, J, 4) with its head at a place (T, 3) m, and its points (T, P, 3) m."""
+    origin = Pose(skeleton, np.zeros_like(head), rotation)
+    position = np.asarray(forward_kinematics(origin)[0])
+    root = head - position[:, skeleton.index("head")]
+    return replace(origin, root_position=root), position + root[:, None]

@@ -1,0 +1,207 @@
+"""A table of wrong arguments: each is refused in one line that names it, with status 2, no traceback, and no file."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
+
+from ..conftest import Refused
+
+# The command, and what its line says. FOLDER has motion.bvh, text.txt, deep.json and a folder.
+BAD = {
+    # commands
+    "": "give one of bench, calibrate",
+    "dance": "dance: unknown command; see bodysense --help",
+    "tack motion.bvh": "tack: unknown command; did you mean track?",
+    "data": "data: give one of fingers, info",
+    "data inf motion.bvh": "inf: unknown command; did you mean info?",
+    "evaluate": "evaluate: give one of completion",
+    "bench stp": "stp: unknown command; did you mean step?",
+    "track": "PATH and --out are missing; see bodysense track --help",
+    "track motion.bvh": "--out is missing; see bodysense track --help",
+    "convert motion.bvh": "--out is missing",
+    "simulate -o out.npz": "PATH is missing",
+    "evaluate completion": "--data is missing; see bodysense evaluate completion --help",
+    # options
+    "track motion.bvh -o out.bvh --heigth 1.7": "--heigth: unknown option; did you mean --height?",
+    "track motion.bvh -o out.bvh --divice head": "--divice: unknown option; did you mean --device?",
+    "track motion.bvh -o out.bvh extra.bvh": "extra.bvh: unknown argument; see bodysense track --help",
+    "track motion.bvh -o out.bvh --no-noise yes": "yes: unknown argument",
+    "track motion.bvh -o out.bvh --height": "--height: the value is missing; give a number in metres, such as 1.75",
+    "track motion.bvh -o": "--out: the value is missing; give a file or folder",
+    "serve --prot 80": "--prot: unknown option; did you mean --port?",
+    # values of options
+    "track motion.bvh -o out.bvh --height 1,75": "--height 1,75: give a number in metres, such as 1.75",
+    "track motion.bvh -o out.bvh --height=tall": "--height tall: give a number in metres, such as 1.75",
+    "track motion.bvh -o out.bvh --height 175": "--height 175: people are 1 to 2.3 m high",
+    "track motion.bvh -o out.bvh --height nan": "--height nan: people are 1 to 2.3 m high",
+    "track motion.bvh -o out.bvh --height -1.7": "--height -1.7: people are 1 to 2.3 m high",
+    "convert motion.bvh -o out.bvh --height 0.5": "--height 0.5: people are 1 to 2.3 m high",
+    "generate -o out.bvh --height 3": "--height 3: people are 1 to 2.3 m high",
+    "demo motion.bvh -o demo --height inf": "--height inf: people are 1 to 2.3 m high",
+    "serve --port 0 --height 3": "--height 3: people are 1 to 2.3 m high",
+    "track motion.bvh -o out.bvh --device kinect": "--device kinect: give one of four_point, gloves, head",
+    "track motion.bvh -o out.bvh --device None": "--device None: give one of four_point, gloves, head",
+    "track motion.bvh -o out.bvh --fingers none": "--fingers none: give one of synthesize, tracked",
+    "track motion.bvh -o out.bvh --up w": "--up w: give one of -x, -y, -z, x, y, z",
+    "track motion.bvh -o out.bvh --seed 1.5": "--seed 1.5: give a whole number",
+    "track motion.bvh -o out.bvh --seed x": "--seed x: give a whole number",
+    "track motion.bvh -o out.bvh --samples some": "--samples some: give a whole number",
+    "track motion.bvh -o out.bvh --device three_point --samples 0": "0 samples cannot be",
+    "track motion.bvh -o out.bvh --floor low": "--floor low: give a number in metres",
+    "track motion.bvh -o out.bvh --floor nan": "floor nan m; give the floor's height in metres",
+    "track motion.bvh -o out.bvh --unit cubit": "--unit cubit: give m, cm",
+    "track motion.bvh -o out.bvh --unit nan": "--unit nan: give m, cm",
+    "track motion.bvh -o out.bvh --figure 0": "--figure 0: bodies are counted from 1",
+    "track motion.bvh -o out.bvh --figure 9": "figure",
+    "track motion.bvh -o out.bvh --rig lego": "lego",
+    "track motion.bvh -o out.bvh --missing tail": "no such joint",
+    "track motion.bvh -o out.bvh --missing head:9-3": "head:9-3",
+    "track motion.bvh -o out.bvh --missing head:5-9999": "9999",
+    "track motion.bvh -o out.bvh --joints text.txt": "text.txt",
+    "track motion.bvh -o out.bvh --joints missing.json": "missing.json",
+    "track motion.bvh -o out.bvh --seconds 2": "not a video",
+    "convert motion.bvh -o out.bvh --rate nan": "--rate nan: give frames a second, such as 30",
+    "convert motion.bvh -o out.bvh --rate 0": "--rate 0: give frames a second",
+    "convert motion.bvh -o out.bvh --rate -30": "--rate -30: give frames a second",
+    "convert motion.bvh -o out.bvh --rate fast": "--rate fast: give a number",
+    "convert motion.bvh -o out.bvh --file-rate inf": "--file-rate inf: give frames a second",
+    "simulate motion.bvh -o out.npz --rate 0": "--rate 0: give frames a second",
+    "simulate motion.bvh -o out.npz --marker-set mine": "--marker-set mine: for --device gloves",
+    "serve --port x": "--port x: give a whole number",
+    "serve --port 70000": "--port 70000: ports are 0 (any that is free) to 65535",
+    "serve --port 0 --sessions 0": "give 1 to 10000",
+    "serve --port 0 --smoothing nan": "--smoothing nan: give seconds, 0 to 0.5",
+    "serve --port 0 --floor nan": "floor nan m",
+    "serve --port 0 --vmc-out here": "--vmc-out here: give HOST:PORT",
+    "serve --port 0 --vrchat-trackers tail": "--vrchat-trackers tail: 'tail' is not a tracker of VRChat",
+    "calibrate --wait nan": "--wait nan: give 0 to 600 seconds",
+    "calibrate --watch kinect": "--watch kinect: give one of slimevr, solarxr, vmc, vmt, vrchat",
+    "generate -o out.bvh --count 0": "0 samples cannot be",
+    # inputs
+    "track missing.bvh -o out.bvh": "missing.bvh",
+    "track folder -o out.bvh": "folder",
+    "track text.txt -o out.bvh": "text.txt",
+    "track bytes.bvh -o out.bvh": "bytes.bvh",
+    "track bytes.npz -o out.bvh": "bytes.npz",
+    "track bytes.glb -o out.bvh": "bytes.glb",
+    "track bytes.c3d -o out.bvh": "bytes.c3d",
+    "track bytes.trc -o out.bvh": "bytes.trc",
+    "track bytes.csv -o out.bvh": "bytes.csv",
+    "track bytes.jsonl -o out.bvh": "bytes.jsonl",
+    "track bytes.vrma -o out.bvh": "bytes.vrma",
+    "convert bytes.npy -o out.bvh": "bytes.npy",
+    "data info missing": "missing",
+    "data info bytes.bvh": "bytes.bvh",
+    "data joints text.txt": "text.txt",
+    "track motion.bvh -o out.bvh --device head --person missing.json": "missing.json",
+    "track motion.bvh -o out.bvh --device head --person deep.json": "deep.json is not JSON",
+    "track motion.bvh -o out.bvh --device head --person text.txt": "text.txt is not JSON",
+    "track motion.bvh -o out.bvh --device head --person folder": "folder cannot be read",
+    "serve --port 0 --person missing.json": "missing.json",
+    "serve --port 0 --device-names text.txt --vmt": "text.txt: a table of devices is a JSON object",
+    "serve --port 0 --certificate text.txt --key text.txt": "text.txt",
+    "serve --port 0 --replay text.txt": "--replay text.txt",
+    # weights, before the motion is completed
+    "track motion.bvh -o out.bvh --device head --model text.txt": "text.txt",
+    "track motion.bvh -o out.bvh --device head --model folder": "folder",
+    "track motion.bvh -o out.bvh --fingers synthesize --model bytes.npz": "bytes.npz",
+    "track motion.bvh -o out.bvh --device three_point --samples 2 --model text.txt": "text.txt",
+    "generate -o out.bvh --model text.txt": "text.txt",
+    # outputs, before any work
+    "track motion.bvh -o /proc/out.bvh": "/proc/out.bvh cannot be written",
+    "convert motion.bvh -o /proc/out.glb": "/proc/out.glb cannot be written",
+    "simulate motion.bvh -o /proc/out.npz": "/proc/out.npz cannot be written",
+    "generate -o /proc/out.png": "/proc/out.png cannot be written",
+    "demo motion.bvh -o /proc": "/proc/demo.png cannot be written",
+    "demo motion.bvh -o /proc/demo": "/proc/demo: no folder can be made there",
+    "demo motion.bvh -o text.txt": "text.txt",
+    "track motion.bvh -o out.bvh --json /proc/a.json": "/proc/a.json cannot be written",
+    "track motion.bvh -o out.bvh --save-person no/me.json": "the folder no does not exist",
+    "track motion.bvh -o out.xyz": "ends in '.xyz'; give a name that ends in .bvh",
+    "track motion.bvh -o motion.bvh": "both read and written",
+    "convert motion.bvh -o folder": "folder",
+    "convert motion.bvh -o out.bvh --json folder": "folder is a folder",
+    "serve --port 0 --allow-record /proc": "--allow-record /proc: nothing can be written there",
+    "serve --port 0 --shared text.txt": "--shared text.txt: no such folder",
+    "serve --port 0 --save-person /proc/me.json": "/proc/me.json cannot be written",
+    "page /proc/page": "--out is missing, and /proc/page is unknown; see bodysense page --help",
+    "page --out /proc/page": "/proc/page",
+}
+NEEDS_LAB = ("evaluate", "bench")
+NEEDS_LIVE = ("serve", "calibrate", "page")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, short_clip: Clip, monkeypatch: pytest.MonkeyPatch) -> Path:
+    write_bvh(tmp_path / "motion.bvh", short_clip)
+    (tmp_path / "text.txt").write_text("hello")
+    (tmp_path / "deep.json").write_text("[" * 100_000)
+    (tmp_path / "folder").mkdir()
+    for ending in ("bvh", "npz", "npy", "glb", "vrma", "c3d", "trc", "csv", "jsonl"):
+        (tmp_path / f"bytes.{ending}").write_bytes(bytes(range(256)) * 8)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def files(folder: Path) -> list[str]:
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+
+
+@pytest.mark.parametrize("command", BAD)
+def test_one_line_and_no_file(folder: Path, refused: Refused, command: str) -> None:
+    first = command.split(" ", maxsplit=1)[0]
+    if first in (*NEEDS_LAB, "", "dance", "tack", "data"):
+        pytest.importorskip("bodysense_lab", reason="needs packages/lab")
+    if first in (*NEEDS_LIVE, "", "dance", "tack"):
+        pytest.importorskip("uvicorn", reason="needs packages/live")
+    if "/proc" in command and sys.platform != "linux":
+        pytest.skip("needs a folder that nobody can write to")
+    before = files(folder)
+    line = refused(*command.split())
+    assert BAD[command] in line
+    assert "Traceback" not in line and "Errno" not in line
+    assert files(folder) == before
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+def test_a_full_disk_in_the_middle_is_one_line(folder: Path) -> None:
+    """Also where the output stream itself is full."""
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "bodysense", "data", "joints", "motion.bvh"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[:1] == [
+        "bodysense: the disk is full; free some space and run the same command again"
+    ]
+
+
+def test_quiet_prints_nothing_but_warnings_and_errors(
+    folder: Path, capsys: pytest.CaptureFixture[str], refused: Refused
+) -> None:
+    from bodysense.cli import main
+    from bodysense.cli.quiet import quietly
+
+    assert main(["convert", "motion.bvh", "-o", "out.glb", "--quiet", "--json", "out.json"]) == 0
+    captured = capsys.readouterr()
+    assert captured.out == captured.err == ""
+    assert '"frames": 20' in (folder / "out.json").read_text()
+    with quietly(True):
+        print("wrote a file")
+        print("WARNING: the arms are guessed")
+    captured = capsys.readouterr()
+    assert captured.out == "" and captured.err == "WARNING: the arms are guessed\n"
+    assert "missing.bvh" in refused("track", "missing.bvh", "-o", "b.bvh", "--quiet")

@@ -1,0 +1,156 @@
+"""The table of checks and its evaluator: healthy motion passes, harmless changes change nothing, gates skip groups."""
+
+from __future__ import annotations
+
+import runpy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
+from bodysense.demo import packaged_performance, performance_of_stranger
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.sources import list_sources, read_source
+from bodysense_conform.evaluate import Verdict, find, judge, reduced
+from bodysense_conform.sources.files import clip_subject
+from bodysense_conform.subject import Step, Subject, is_finger
+from bodysense_conform.table import Check, CheckTable, table
+
+from .defects import kept
+
+_LIMITED = [check for check in table().checks if check.least is not None or check.most is not None]
+_DATA_CLIPS = 24  # of the motion data, evenly spread
+
+
+def _faults(verdict: Verdict) -> dict[str, float | None]:
+    return {one.check.id: one.value for one in verdict.of("fail", "retake")}
+
+
+def test_a_faultless_performance_answers_every_check_and_passes(clean: Subject) -> None:
+    verdict = judge(replace(clean, reference=clean))
+    assert _faults(verdict) == {} and verdict.unanswered == {}
+    assert verdict.judgement == "pass"
+
+
+@pytest.mark.parametrize("clip", [packaged_performance(), performance_of_stranger()], ids=lambda clip: clip.name)
+def test_packaged_performances_pass(clip: Clip) -> None:
+    assert _faults(judge(clip_subject(clip, "clip"))) == {}
+
+
+def test_real_motion_passes(motion_data: Path) -> None:
+    sources = list_sources(motion_data)
+    failed = {}
+    for source in sources[:: len(sources) // _DATA_CLIPS]:
+        if faults := _faults(judge(clip_subject(read_source(source), "clip"))):
+            failed[source.path.name] = faults
+    assert failed == {}
+
+
+def test_ids_are_unique_and_groups_come_after_those_they_need() -> None:
+    groups = [group.id for group in table().groups]
+    ids = [check.id for check in table().checks]
+    assert len(set(ids)) == len(ids) and {check.group for check in table().checks} == set(groups)
+    for place, group in enumerate(table().groups):
+        assert set(group.needs) <= set(groups[:place]), group.id
+    assert sorted(ids, key=lambda name: groups.index(name.partition(".")[0])) == ids
+
+
+@pytest.mark.parametrize("check", table().checks, ids=lambda check: check.id)
+def test_a_check_has_a_described_quantity_and_sensible_limits(check: Check) -> None:
+    assert check.measure.__doc__
+    assert check.why.endswith(".")
+    assert check.least is None or check.most is None or check.least < check.most
+    assert np.isfinite(reduced(check.statistic, np.ones(50), 10, 0.1))
+
+
+def test_the_page_has_the_table() -> None:
+    script = runpy.run_path(str(Path(__file__).parents[2] / "scripts" / "conform_table.py"))
+    page = script["PAGE"].read_text(encoding="utf-8")
+    assert script["written"](page) == page, "run: python scripts/conform_table.py"
+
+
+@settings(max_examples=3)
+@given(st.integers(0, 2**32 - 1))
+def test_signs_of_quaternions_do_not_matter(clean: Subject, seed: int) -> None:
+    sign = np.random.default_rng(seed).choice([-1.0, 1.0], clean.rotation.shape[:2])
+    assert _faults(judge(replace(clean, rotation=clean.rotation * sign[..., None]))) == {}
+
+
+@settings(max_examples=3)
+@given(st.floats(-180, 180), st.floats(-3, 3), st.floats(-3, 3))
+def test_heading_and_place_do_not_matter(clean: Subject, heading: float, x: float, z: float) -> None:
+    turn = quaternion_exp(np.radians([0.0, heading, 0.0]))
+    position = quaternion_rotate(turn, clean.position) + np.array([x, 0, z])
+    rotation = quaternion_multiply(turn, clean.rotation)
+    assert _faults(judge(replace(clean, position=position, rotation=rotation))) == {}
+
+
+@pytest.mark.parametrize("with_wrists", [False, True])
+@pytest.mark.parametrize("garbage", [0.0, np.nan, 1e9])
+def test_hands_that_are_honestly_missing_do_not_fail(clean: Subject, garbage: float, with_wrists: bool) -> None:
+    missing = np.array([is_finger(name) or (with_wrists and "wrist" in name) for name in clean.points])
+    valid = clean.valid & ~missing
+    flags = np.zeros(len(clean), dtype=bool) if with_wrists else clean.transport.all_tracked
+    subject = replace(
+        clean,
+        valid=valid,
+        position=np.where(missing[:, None], garbage, clean.position),
+        rotation=np.where(missing[:, None], garbage, clean.rotation),
+        transport=replace(clean.transport, all_tracked=flags),
+    )
+    verdict = judge(subject)
+    assert verdict.judgement == "pass", _faults(verdict)
+    assert "hands.size" in verdict.unanswered["no hand comes with all its fingers"]
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3, 5, 12, 25])
+def test_a_short_take_is_judged_without_an_error(clean: Subject, frames: int) -> None:
+    short = kept(clean, np.arange(frames))
+    for subject in (short, replace(short, valid=np.zeros_like(short.valid)), replace(short, reference=short, steps=())):
+        assert judge(subject).judgement != "pass" or frames > 20
+
+
+def test_a_failed_gate_skips_its_group_and_those_that_need_it(clean: Subject) -> None:
+    verdict = judge(replace(clean, position=100 * clean.position))
+    assert set(_faults(verdict)) == {"size.height"}
+    skipped = {name.partition(".")[0] for name in verdict.unanswered["size.height failed"]}
+    assert {"axes", "joints", "motion", "hands"} <= skipped and not {"time", "data"} & skipped
+
+
+def test_a_missing_answer_to_a_required_check_is_not_enough(clean: Subject) -> None:
+    short = replace(clean, time=0.01 * clean.time)
+    length = CheckTable((table().groups[0],), tuple(one for one in table().checks if one.id == "time.length"), "")
+    assert judge(short, length).judgement == "not enough"
+
+
+def test_a_performer_who_does_not_move_is_asked_again(clean: Subject) -> None:
+    still = kept(clean, np.flatnonzero(clean.time < 9))  # the head sways like a living one's
+    verdict = judge(replace(still, steps=(Step("other", 0.0, 9.0),)))
+    assert set(_faults(verdict)) == {"motion.moves"} and verdict.judgement == "retake"
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=12, max_size=40), st.floats(-1e3, 1e3))
+def test_statistics_follow_their_definitions(values: list[float], limit: float) -> None:
+    array = np.array(values)
+    with_gap = np.concatenate([[np.nan], array])
+    for statistic in ("max", "min", "mean", "median", "sum", "p20", "spread"):
+        assert np.isclose(reduced(statistic, with_gap, 10, 0.1), reduced(statistic, array, 10, 0.1))
+    beyond = (array > limit).astype(float)
+    runs = "".join("1" if flag else " " for flag in beyond).split()
+    assert np.isclose(reduced("share", beyond, 10, 0.1), 100 * beyond.mean())
+    assert np.isclose(reduced("longest", beyond, 10, 0.1), 0.1 * max(map(len, runs), default=0))
+    assert np.isclose(reduced("share > 0", array, 10, 0.1), 100 * (array > 0).mean())
+
+
+@pytest.mark.parametrize("check", _LIMITED, ids=lambda check: check.id)
+def test_an_impossible_limit_fails_and_blames(check: Check, clean: Subject) -> None:
+    """The value that a check finds decides: with limits on its other side the same value fails."""
+    subject = replace(clean, reference=clean)
+    value = find(check, subject).value
+    assert value is not None
+    strict = replace(check, least=None, most=value - 1) if check.most is not None else replace(check, least=value + 1)
+    assert find(strict, subject).outcome == ("retake" if check.blame == "performer" else "fail")

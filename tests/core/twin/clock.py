@@ -1,0 +1,13 @@
+"""The clock: intervals between frames, and where motion starts anew."""
+
+from math import isnan
+
+from bodysense.tracker import TrackerSettings
+
+
+def interval_of(settings: TrackerSettings, time: float, before: float) -> tuple[float, bool]:
+    """Seconds since the frame `before` (NaN if there was none), and whether motion starts anew at `time`."""
+    past = time - before
+    if isnan(past) or past > settings.longest_gap:
+        return settings.first_interval, True
+    return min(past, settings.longest_interval), False

@@ -1,0 +1,46 @@
+"""Expected errors, made true by a map that was fitted to what the network errs.
+
+log e = W [k, tanh(V k + c)] + b, of what is known (k): log errors and differences that the networks predict,
+what is tracked, and how well bones are known
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from .network import Prediction
+from .points import BODY, HAND_POINTS, PLACED, POINTS, WRISTS
+from .tracked import Tracked
+
+TRACKED_ERROR = 0.001  # m: stands for the expected error of points that are tracked
+TRACKED_UNLIKE = 0.01  # stands for how much predictions of tracked joints differ
+NORMAL_BOUND = 1.567  # 90 % quantile of the length of normal errors in space, by their mean
+
+
+def expected_errors(
+    of: Mapping[str, np.ndarray], seen: Tracked, predicted: Prediction, finger_error: np.ndarray, off: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Expected errors of all points (65,) m, and bounds that nine of ten errors keep.
+
+    No measured point is expected to err by less than it is off (65,) m.
+    """
+    has, joints = seen.has_position[PLACED], seen.has_position[:BODY]
+    known = np.concatenate(
+        [
+            np.log(np.where(has, TRACKED_ERROR, predicted.error)),
+            has,
+            seen.has_rotation[:BODY],
+            seen.deviation[PLACED],
+            np.log(np.where(joints, TRACKED_UNLIKE, predicted.unlike)),
+        ]
+    )
+    inside = np.tanh(of["errors.inward.weight"] @ known + of["errors.inward.bias"])
+    mean, most = np.split(np.exp(of["errors.weight"] @ np.concatenate([known, inside]) + of["errors.bias"]), 2)
+    confidence, bound = np.zeros(POINTS), np.zeros(POINTS)
+    confidence[PLACED], bound[PLACED] = mean, most
+    for wrist, points, errors in zip(WRISTS, HAND_POINTS, finger_error, strict=True):
+        confidence[points] = mean[wrist] + errors  # a finger is misplaced by its wrist's error as well
+        bound[points] = most[wrist] + errors * NORMAL_BOUND
+    measured = np.maximum(seen.accuracy, off)
+    has = seen.has_position
+    return np.where(has, measured, confidence), np.where(has, NORMAL_BOUND * measured, bound)

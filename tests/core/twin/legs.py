@@ -1,0 +1,159 @@
+"""Legs: to measured or predicted ankles, with feet that stand on the floor."""
+
+from math import sqrt
+
+import numpy as np
+
+from bodysense.tracker import TrackerSettings
+
+from .blend import BLEND, ease_limb, limb_heading
+from .feet import Foot, hold_feet
+from .limbs import LIMBS, Task, limb_goal, solve_limb, turn_limb
+from .points import HEAD, HIPS, PELVIS, SIDES, at, rest_height
+from .state import PoseState
+from .tracked import Tracked
+from .trunk import Body, bend_spine, pelvis_seen
+from .vectors import STRAIGHT, UP, length, limited, mix, turn_between, turned_by, turned_onto, unit
+
+PULLS = 6  # times that measured legs pull a pelvis
+MOST_MOVED = 0.15  # m that a pelvis is moved for legs that do not reach
+MOST_DRAWN = 0.1  # m that a standing foot is drawn in below its hip
+SETTLE = 0.06  # s in which half of what a standing pelvis lacks is made up
+STEADY = 0.7  # m/s: a head that moves faster up or down jumps, sits down or rises
+LEGS = [LIMBS[f"{side}_leg"] for side in SIDES]
+
+
+def leg_lack(task: Task) -> np.ndarray:
+    """How far the pelvis has to move for a leg whose measured knee or ankle it does not reach."""
+    if task.middle_seen:
+        return task.middle - length(task.upper) * unit(task.middle)
+    lacking = length(task.end) - STRAIGHT * task.longest
+    return max(lacking, 0.0) * unit(task.end) if task.end_seen else np.zeros(3)
+
+
+def move_pelvis(body: Body, seen: Tracked, tasks: list[Task], move: np.ndarray) -> None:
+    """Move the pelvis by bending the spine. Measured joints of the legs stay where they are."""
+    before = body.point[PELVIS]
+    bend_spine(body, seen, move)
+    moved = body.point[PELVIS] - before
+    for task in tasks:
+        task.end = task.end - moved * task.end_seen
+        task.middle = task.middle - moved * task.middle_seen
+
+
+def pull_pelvis(body: Body, seen: Tracked, state: PoseState, tasks: list[Task]) -> None:
+    """Move a pelvis that is not measured so that legs reach their measured joints."""
+    before = body.point[PELVIS]
+    pulling = tuple((task.middle_seen, task.end_seen) if not pelvis_seen(seen) else (False, False) for task in tasks)
+    if np.any(pulling):
+        for _ in range(PULLS):
+            lack = np.mean([leg_lack(task) for task in tasks if task.middle_seen or task.end_seen], axis=0)
+            moved = body.point[PELVIS] - before
+            move_pelvis(body, seen, tasks, limited(moved + lack, MOST_MOVED) - moved)
+    moved = body.point[PELVIS] - before
+    breaks = state.begun and pulling != state.pulling
+    shown = state.pull.vector(moved, state.pulled, state.pulled_speed, seen.interval, breaks, BLEND)
+    move_pelvis(body, seen, tasks, shown - moved)
+    pulled = body.point[PELVIS] - before
+    state.pulled_speed = (pulled - state.pulled) / seen.interval if state.begun else np.zeros(3)
+    state.pulling, state.pulled = pulling, pulled
+
+
+def uprightness(body: Body, seen: Tracked, state: PoseState) -> float:
+    """1 if the body stands or walks, 0 if it sits, lies or jumps."""
+    tall, high = rest_height(seen.rest_offset, HEAD), body.point[HEAD][1] - seen.floor
+    risen = float(np.clip((high / tall - 0.75) / 0.1, 0, 1))
+    calm = float(np.clip((STEADY - abs(state.head_speed[1])) / (0.5 * STEADY), 0, 1))
+    return 0.0 if high > tall + 0.03 else risen * calm
+
+
+def drawn_in(hip: np.ndarray, ankle: np.ndarray, longest: float) -> np.ndarray:
+    """By how much to draw a standing foot that its leg does not reach in below its hip: it stays on the floor."""
+    away = (ankle - hip) * [1, 0, 1]
+    square, far = longest**2 - (hip[1] - ankle[1]) ** 2, length(away)
+    if square >= far * far:
+        return np.zeros(3)
+    return limited(away * (sqrt(max(square, 0.0)) / max(far, 1e-6) - 1), MOST_DRAWN)
+
+
+def lacking_height(hip: np.ndarray, ankle: np.ndarray, longest: float) -> float:
+    """How much lower the pelvis must be for a leg to reach its ankle (m)."""
+    away = (ankle - hip) * [1, 0, 1]
+    square = longest**2 - away @ away
+    return max(hip[1] - ankle[1] - sqrt(square), 0.0) if square > 0 else 0.0
+
+
+def flatten_foot(body: Body, seen: Tracked, ankle: int, ball: int, below: float, share: float) -> None:
+    """Turn a foot that stands so that its ball is `below` its ankle, as at rest."""
+    if share == 0 or seen.turned(ankle) or seen.has_position[ball]:
+        return
+    bone = body.rotation[ankle] @ seen.rest_offset[ball]
+    forward = sqrt(max(bone @ bone - below**2, 0.0))
+    level = forward * unit(bone * [1, 0, 1]) - below * UP
+    flat = turned_onto(body.rotation[ankle], bone, mix(bone, level, share))
+    turn = turn_between(body.rotation[ankle], flat)
+    body.rotation[ankle] = turned_by(body.rotation[ankle], turn)
+    if not seen.turned(ball):
+        body.rotation[ball] = turned_by(body.rotation[ball], turn)
+
+
+def move_legs(
+    body: Body,
+    seen: Tracked,
+    contact: np.ndarray,
+    goal: np.ndarray,
+    settings: TrackerSettings,
+    changed: set[str],
+    state: PoseState,
+) -> None:
+    """Bend both legs, and move a pelvis that is not measured so far that they reach."""
+    tasks = [limb_goal(seen, leg, goal, body.point[leg.start]) for leg in LEGS]
+    pull_pelvis(body, seen, state, tasks)
+    turn, feet, free = limb_heading(body, LEGS[0]), [], []
+    for k, (side, leg, task) in enumerate(zip(SIDES, LEGS, tasks, strict=True)):
+        name = f"{side}_leg"
+        ease_limb(task, seen, settings.ease, leg, name in changed, turn, state.begun, state.limb[name])
+        free.append(solve_limb(task))
+        end = free[k][1]
+        ball, toe = at(f"{side}_foot"), at(f"{side}_toe")
+        ankle_rest, ball_rest = (rest_height(seen.rest_offset, point) for point in (leg.end, ball))
+        flatten_foot(body, seen, leg.end, ball, ankle_rest - ball_rest, state.foot[k].flatness)
+        ankle_place = body.point[leg.start] + end
+        ball_place = ankle_place + body.rotation[leg.end] @ seen.rest_offset[ball]
+        toe_place = ball_place + body.rotation[ball] @ seen.rest_offset[toe]
+        measured = bool(seen.has_position[[leg.end, ball, toe]].any())
+        places = (ankle_place, ball_place, toe_place)
+        feet.append(Foot(*places, ankle_rest, ball_rest, contact[k], contact[2 + k], measured))
+    moves = [np.zeros(3), np.zeros(3)]
+    if settings.hold_feet:
+        upright = uprightness(body, seen, state)
+        moves = hold_feet(feet, seen.floor, seen.interval, upright, state.foot)
+    lacking, settle = 0.0, 1 - 2 ** (-seen.interval / SETTLE)
+    for k, (task, foot, held) in enumerate(zip(tasks, feet, state.foot, strict=True)):
+        if not held.held:
+            continue
+        longest, hip = STRAIGHT * task.longest, body.point[HIPS[k]]
+        drawn = settle * drawn_in(hip, foot.ankle + moves[k], longest)
+        held.anchor, held.slide, moves[k] = held.anchor + drawn, held.slide + drawn, moves[k] + drawn  # it stays there
+        lacking = max(lacking, lacking_height(hip, foot.ankle + moves[k], longest))
+    if pelvis_seen(seen):
+        lacking = 0.0
+    state.standing_drop += settle * (min(lacking, MOST_MOVED) - state.standing_drop)
+    pelvis = body.point[PELVIS]
+    bend_spine(body, seen, -state.standing_drop * UP)
+    moved = body.point[PELVIS] - pelvis
+    for side, leg, task, move, foot, (free_middle, free_end) in zip(
+        SIDES, LEGS, tasks, moves, state.foot, free, strict=True
+    ):
+        task.end = task.end + move - moved  # feet stay where they are when the pelvis is lowered for them
+        task.middle = task.middle - moved * task.middle_seen
+        middle, end = solve_limb(task)
+        turn_limb(body.rotation, seen, leg, middle, end)
+        own, refused = state.limb[f"{side}_leg"], np.zeros(3)
+        own.end_shift, own.middle_shift = end - free_end, middle - free_middle
+        if task.middle_seen or task.start_turned or task.middle_turned:
+            # Measured bones do not give way: what they refuse is not held.
+            refused = own.end_shift - (move - moved)
+            foot.anchor, foot.slide = foot.anchor + refused, foot.slide + refused * [1, 0, 1]
+            foot.drop -= refused[1]
+        own.end_held, own.middle_held = move + refused, own.middle_shift + moved

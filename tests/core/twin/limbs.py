@@ -1,0 +1,121 @@
+"""Arms and legs: two bones each that come to where their joints are measured or predicted."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .points import PELVIS, SIDES, at
+from .tracked import Tracked
+from .vectors import across, cross, length, reach, turned_onto, unit
+
+# Of a limb's length: share of the natural side in where a middle joint points that is not measured.
+BENT = {"arm": 0.08, "leg": 0.1}
+HINGE = 2.0  # how much more measured rotations of pelvis and foot tell of a knee than the network
+
+
+@dataclass(frozen=True)
+class Limb:
+    """The joints of a limb, from the one that carries it, and points that tell of its end if that is not measured."""
+
+    kind: str
+    carrier: int
+    start: int
+    middle: int
+    end: int
+    stand_in: tuple[int, ...]
+
+
+def _limb(side: str, kind: str) -> Limb:
+    if kind == "leg":
+        carrier, joints, stand_in = PELVIS, ("hip", "knee", "ankle"), ("foot",)
+    else:
+        carrier, joints = at(f"{side}_collar"), ("shoulder", "elbow", "wrist")
+        stand_in = ("index1", "middle1", "ring1", "pinky1", "thumb1")
+    start, middle, end = (at(f"{side}_{name}") for name in joints)
+    return Limb(kind, carrier, start, middle, end, tuple(at(f"{side}_{name}") for name in stand_in))
+
+
+LIMBS = {f"{side}_{kind}": _limb(side, kind) for kind in ("arm", "leg") for side in SIDES}
+
+
+@dataclass
+class Task:
+    """A limb's task in a frame. Vectors are in the world, from the limb's start, m."""
+
+    end: np.ndarray
+    middle: np.ndarray
+    end_seen: bool
+    middle_seen: bool
+    start_turned: bool  # the rotation of the upper bone is known
+    middle_turned: bool  # that of the lower bone
+    upper: np.ndarray  # bones as their rotations carry them
+    lower: np.ndarray
+
+    @property
+    def longest(self) -> float:
+        """Length (m) of the stretched limb."""
+        return length(self.upper) + length(self.lower)
+
+
+def limb_goal(seen: Tracked, limb: Limb, rotation: np.ndarray, start: np.ndarray) -> Task:
+    """Where measured points, rotations (22, 3, 3) and the prediction would have a limb, before easing."""
+    task = Task(
+        end=np.zeros(3),
+        middle=np.zeros(3),
+        end_seen=bool(seen.has_position[limb.end]),
+        middle_seen=bool(seen.has_position[limb.middle]),
+        start_turned=seen.turned(limb.start),
+        middle_turned=seen.turned(limb.middle),
+        upper=rotation[limb.start] @ seen.rest_offset[limb.middle],
+        lower=rotation[limb.middle] @ seen.rest_offset[limb.end],
+    )
+    task.middle = seen.position[limb.middle] - start if task.middle_seen else task.upper
+    task.end = task.middle + task.lower
+    if task.end_seen:
+        task.end = seen.position[limb.end] - start
+    elif standing_in := [p for p in limb.stand_in if seen.has_position[p]]:
+        there = start + task.end + seen.rest_offset[standing_in] @ rotation[limb.end].T
+        task.end = task.end + (seen.position[standing_in] - there).mean(axis=0)
+    if not task.middle_seen:
+        if task.end_seen and task.middle_turned:
+            task.middle = task.end - task.lower
+        elif not task.start_turned:
+            task.middle = natural_middle(seen, limb, task, rotation[limb.start])
+    return task
+
+
+def natural_middle(seen: Tracked, limb: Limb, task: Task, start: np.ndarray) -> np.ndarray:
+    """Where the middle joint should be if it is not measured: as predicted, but on its natural side.
+
+    A knee never goes backward, and bends about the axis that measured rotations of pelvis and foot have to the left.
+    """
+    leg, direction = limb.kind == "leg", unit(task.end)
+    unnatural = turned_onto(start, task.upper, direction)[:, 2] * (-1 if leg else 1)
+    wrong = max(task.middle @ unnatural, 0.0) if leg else 0.0
+    side = task.middle - (wrong + BENT[limb.kind] * task.longest) * unnatural
+    if not leg or not seen.turned(limb.end) or not seen.has_position[limb.end]:
+        return side
+    hinge = seen.rotation[limb.end][:, 0] + (seen.rotation[PELVIS][:, 0] if seen.turned(PELVIS) else 0)
+    return unit(across(side, direction)) + HINGE * cross(direction, hinge)
+
+
+def solve_limb(task: Task) -> tuple[np.ndarray, np.ndarray]:
+    """Middle and end from the start, as far as bones reach."""
+    upper, lower = length(task.upper), length(task.lower)
+    if task.middle_seen:
+        middle = upper * unit(task.middle)
+    elif task.start_turned:
+        middle = task.upper
+    elif task.middle_turned:
+        middle = upper * unit(task.end - task.lower)
+    else:
+        return reach(task.end, upper, lower, task.middle)
+    if task.middle_turned and not task.end_seen:
+        return middle, middle + task.lower
+    return middle, middle + lower * unit(task.end - middle)
+
+
+def turn_limb(rotation: np.ndarray, seen: Tracked, limb: Limb, middle: np.ndarray, end: np.ndarray) -> None:
+    """Turn the bones of a limb as solved, in place of `rotation` (52, 3, 3)."""
+    for joint, child, to in ((limb.start, limb.middle, middle), (limb.middle, limb.end, end - middle)):
+        rotation[joint] = turned_onto(rotation[joint], rotation[joint] @ seen.rest_offset[child], to)

@@ -1,0 +1,88 @@
+"""The body's network: asked of what is tracked and of its mirror image, and averaged."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+
+from .features import HEAD_HEIGHT, MIRROR, Before, Head, features, find_head, mirrored, read, remember, stature
+from .layers import branch_of, logistic, recurrent_of, rounded, softplus
+from .points import BODY, PARTNER, PLACED_PARTNER
+from .tracked import Tracked
+from .vectors import frame_of
+
+LEAST_UNLIKE = 0.003  # two answers differ by no less
+ADVANCE = 1 / 65  # s: memories advance no sooner
+SMALLEST_ERROR, ERROR_BIAS = 0.002, -3.0  # m at the reference stature; of the error before it is made positive
+LAYERS = 2
+
+
+@dataclass
+class Memory:
+    """What the networks remember of one person."""
+
+    turn: np.ndarray  # (3, 3) world ← frame under the head, in the frame before
+    hidden: list[np.ndarray]  # of each layer (H, 2): of the body, of its mirror image
+    hands: np.ndarray  # (H, 2) of both hands
+    before: Before | None = None  # when memories last advanced
+    wrists: np.ndarray | None = None  # (2, 3) m, from base: of the body of the frame before
+    elapsed: float = 0.0  # s since memories last advanced
+    advances: bool = False  # in this frame
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the network predicts of a body, in the world."""
+
+    rotation: np.ndarray  # (22, 3, 3) world ← joint
+    head: np.ndarray  # (3,) m, from base: where the head is if it is not tracked
+    contact: np.ndarray  # (4,) probability
+    error: np.ndarray  # (25,) m, expected
+    unlike: np.ndarray  # (22,) how much the axes predicted for a body and for its mirror image differ
+
+
+def first_memory(of: Mapping[str, np.ndarray]) -> Memory:
+    """The memory before the first frame."""
+    sizes = [of[f"body.recurrent.weight_hh_l{k}"].shape[1] for k in range(LAYERS)]
+    hands = of["fingers.recurrent.weight_hh_l0"].shape[1]
+    return Memory(np.eye(3, dtype=np.float32), [np.zeros((size, 2)) for size in sizes], np.zeros((hands, 2)))
+
+
+def predict(of: Mapping[str, np.ndarray], seen: Tracked, memory: Memory) -> tuple[Prediction, Head]:
+    """Predict a body and find the frame under its head. The memory advances at most 65 times a second."""
+    head = find_head(seen, memory.turn)
+    interval = np.float32(memory.elapsed) + np.float32(seen.interval)
+    reading = read(seen, head, memory.before, interval, of["body.usual_bones"])
+    x = rounded(np.stack([features(reading), features(mirrored(reading))], axis=1))
+    above, after = x, []
+    for layer, before in enumerate(memory.hidden):
+        after.append(recurrent_of(of, "body", layer).step(above, before))
+        above = rounded(after[-1])
+    turned = branch_of(of, "body.turn_branch").outputs(above, x)
+    judged = branch_of(of, "body.judge_branch").outputs(above, x)
+    memory.advances = memory.before is None or bool(interval >= ADVANCE)
+    memory.turn, memory.elapsed = head.turn, float(interval)
+    if memory.advances:
+        memory.hidden, memory.before = after, remember(seen)
+    return _meaning(of, turned, judged, head, float(stature(seen.rest_offset))), head
+
+
+def _meaning(
+    of: Mapping[str, np.ndarray], turned: np.ndarray, judged: np.ndarray, head: Head, size: float
+) -> Prediction:
+    """What outputs (O, 2) for a body and for its mirror image mean together."""
+    axes = turned[: 6 * BODY].T.reshape(2, BODY, 3, 2)
+    image = axes[1][PARTNER[:BODY]] * MIRROR[:, None] * MIRROR[:2]
+    mean = (axes[0] + image) / 2 + of["body.standing"].reshape(BODY, 3, 2)
+    half = ((axes[0] - image) / 2).reshape(BODY, 6)
+    raised = (turned[6 * BODY :, 0] + MIRROR * turned[6 * BODY :, 1]) / 2 + [0, HEAD_HEIGHT, 0]
+    contact, error = judged[:4], judged[4:]
+    error = (error[:, 0] + error[PLACED_PARTNER, 1]) / 2
+    return Prediction(
+        rotation=np.array([head.turn @ frame_of(joint[:, 0], joint[:, 1]) for joint in mean]),
+        head=head.origin + head.turn @ raised * size,
+        contact=logistic((contact[:, 0] + contact[[1, 0, 3, 2], 1]) / 2),
+        error=(softplus(error + ERROR_BIAS) + SMALLEST_ERROR) * size,
+        unlike=np.array([sqrt(row @ row + LEAST_UNLIKE**2) for row in half]),
+    )

@@ -1,0 +1,57 @@
+"""Settling: what the prediction changes at once because a sensor came or went is taken back, and fades.
+
+A critically damped spring per joint: x(t) = (x₀ + (v₀ + k x₀) t) e^(-k t).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import exp
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .points import BODY, HEAD, PELVIS, at
+from .tracked import Tracked
+from .vectors import turn_between, turned_by
+
+if TYPE_CHECKING:
+    from .network import Prediction
+    from .state import PoseState
+
+DECISIVE = [HEAD, PELVIS, *(at(f"{side}_{end}") for end in ("wrist", "ankle") for side in ("left", "right"))]
+SETTLED = 0.1  # s after which about half is left
+STIFFNESS = 1.678 / SETTLED  # 1/s: (1 + x) e^-x is a half at x = 1.678
+TRUSTED = 0.7  # of a joint's spin is left after every frame in which a sensor came or went
+
+
+@dataclass
+class Settling:
+    """What is left of a change of the prediction at one joint."""
+
+    off: np.ndarray = field(default_factory=lambda: np.zeros(3))  # rad, world
+    speed: np.ndarray = field(default_factory=lambda: np.zeros(3))  # rad/s
+    predicted: np.ndarray = field(default_factory=lambda: np.eye(3))  # world ← joint, in the frame before
+    spin: np.ndarray = field(default_factory=lambda: np.zeros(3))  # rad/s, world
+
+    def fade(self, interval: float) -> None:
+        """Let time pass."""
+        pace, left = self.speed + STIFFNESS * self.off, exp(-STIFFNESS * interval)
+        self.off = (self.off + interval * pace) * left
+        self.speed = (self.speed - STIFFNESS * interval * pace) * left
+
+
+def settle(seen: Tracked, predicted: Prediction, state: PoseState) -> None:
+    """Turn the predicted joints so that they go on as they moved when one of the decisive points comes or goes."""
+    changed = state.begun and bool((seen.has_position[DECISIVE] != state.had_position[DECISIVE]).any())
+    for j in range(BODY):
+        joint, rotation = state.settling[j], predicted.rotation[j].copy()
+        if state.begun:
+            joint.fade(seen.interval)
+        if changed:
+            joint.off = joint.off + turn_between(rotation, turned_by(joint.predicted, joint.spin * seen.interval))
+            joint.spin = TRUSTED * joint.spin
+        elif state.begun:
+            joint.spin = turn_between(joint.predicted, rotation) / seen.interval
+        joint.predicted = rotation
+        predicted.rotation[j] = turned_by(rotation, joint.off)

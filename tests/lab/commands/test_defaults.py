@@ -1,0 +1,56 @@
+"""What every table's command does unless it is told otherwise, and that it looks at the network it is given."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bodysense.io.bvh import write_bvh
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.splits import split_of
+from bodysense_lab.completion import options as completion
+from bodysense_lab.datasets import DataSet
+from bodysense_lab.hmd_vae import options as hmd_vae
+from bodysense_lab.options import TableOptions
+from bodysense_lab.pahmt import options as pahmt
+from bodysense_lab.rendering import options as rendering
+from bodysense_lab.two_hands import options as two_hands
+from bodysense_lab.unoc import options as unoc
+
+
+def asked(kind: Any) -> dict[str, Any]:
+    """The defaults of a class of options."""
+    return {field.name: field.default for field in dataclasses.fields(kind)}
+
+
+def test_tables_score_the_test_split() -> None:
+    modules = (completion, hmd_vae, pahmt, rendering, two_hands, unoc)
+    kinds = {kind for module in modules for _, kind in inspect.getmembers(module, dataclasses.is_dataclass)}
+    splits = {kind.__name__: asked(kind)["split"] for kind in kinds if "split" in asked(kind)}
+    assert TableOptions().split == "test" and DataSet("a", Path()).split == "test"
+    assert "TableOptions" in splits and set(splits.values()) == {"test"}, splits
+
+
+@pytest.mark.parametrize(
+    ("command", "more"),
+    [
+        ("finger-synthesis", ()),
+        ("transitions", ("--jobs", 1)),
+        ("reliability", ("--jobs", 1)),
+        ("completion", ("--jobs", 1)),
+    ],
+)
+def test_a_table_opens_the_network_it_is_given(
+    command: str, more: tuple[object, ...], tmp_path: Path, waving_clip: Clip, refused
+) -> None:
+    for split in ("train", "test"):
+        person = next(name for name in map(str, range(99)) if split_of(name) == split)
+        (tmp_path / "motion" / person).mkdir(parents=True)
+        write_bvh(tmp_path / "motion" / person / "a.bvh", waving_clip)
+    missing = tmp_path / "missing.onnx"
+    said = refused("evaluate", command, "--data", tmp_path / "motion", "--model", missing, *more)
+    assert "missing.onnx: no such" in said

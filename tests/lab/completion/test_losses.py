@@ -1,0 +1,159 @@
+"""The losses of the completion network: each term by hand, with loops in plain NumPy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from scipy.spatial.transform import Rotation
+
+from bodysense.body.skeleton import BODY, default_skeleton
+from bodysense_lab.completion.network import (
+    Before,
+    CompletionConfig,
+    CompletionNetwork,
+    Prediction,
+    TrackedSignal,
+)
+from bodysense_lab.completion.points import BODY_POINTS, CONTACT, HEAD
+from bodysense_lab.completion.task import Losses, SequenceBatch, losses
+
+BATCH, FRAMES, JOINTS, POINTS = 2, 4, len(BODY), len(BODY_POINTS)
+TURN_WEIGHT = {"ankle": 0.6, "foot": 0.3, "collar": 1.5, "shoulder": 2.0, "elbow": 2.5}
+PLACE_WEIGHT = {"shoulder": 1.5, "elbow": 2.0}
+FEET = [BODY.index(name) for name in CONTACT]
+WHOLE = default_skeleton()
+ABOVE = {name: WHOLE.points[WHOLE.parents[WHOLE.index(name)]] for name in BODY_POINTS[1:]}
+PARENT = [-1, *(BODY_POINTS.index(ABOVE[name]) for name in BODY_POINTS[1:])]
+
+
+def of_part(weights: dict[str, float], name: str) -> float:
+    return weights.get(name.rpartition("_")[2], 1.0)
+
+
+def random_case(seed: int) -> tuple[Prediction, SequenceBatch]:
+    """Arbitrary numbers: no rotation is tracked, the head sometimes, one frame is padding."""
+    rng = np.random.default_rng(seed)
+
+    def number(*shape: int, scale: float = 1.0) -> torch.Tensor:
+        return torch.from_numpy(rng.normal(scale=scale, size=(BATCH, *shape))).float()
+
+    def turned(*shape: int) -> torch.Tensor:
+        count = BATCH * int(np.prod(shape))
+        return torch.from_numpy(Rotation.random(count, rng).as_matrix().reshape(BATCH, *shape, 3, 3)).float()
+
+    def some(*shape: int) -> torch.Tensor:
+        return torch.from_numpy(rng.random((BATCH, *shape)) < 0.5)
+
+    angles = rng.uniform(-np.pi, np.pi, BATCH * FRAMES)
+    turn = Rotation.from_rotvec(angles[:, None] * [0.0, 1.0, 0.0]).as_matrix().reshape(BATCH, FRAMES, 3, 3)
+    valid = np.ones((BATCH, FRAMES), dtype=bool)
+    valid[1, -1] = False
+    signal = TrackedSignal(
+        position=number(FRAMES, 27, 3),
+        rotation=turned(FRAMES, JOINTS),
+        has_position=some(FRAMES, 27),
+        has_rotation=torch.zeros(BATCH, FRAMES, JOINTS, dtype=torch.bool),
+        accuracy=number(FRAMES, 27).abs(),
+        interval=0.02 + 0.02 * number(FRAMES).abs(),
+        turn=torch.from_numpy(turn).float(),
+        origin=number(FRAMES, 3),
+        before=Before(number(FRAMES, 27, 3), some(FRAMES, 27), turned(FRAMES, 3), some(FRAMES, 3)),
+        rest_offset=number(POINTS, 3, scale=0.2),
+        certainty=number(POINTS).abs(),
+        size=1 + 0.1 * number(),
+        acceleration=number(FRAMES, 12, 3),
+        has_acceleration=some(FRAMES, 12),
+    )
+    batch = SequenceBatch(
+        signal=signal,
+        true_position=number(FRAMES, POINTS, 3),
+        true_rotation=turned(FRAMES, JOINTS),
+        contact=some(FRAMES, 4).float(),
+        valid=torch.from_numpy(valid),
+        begins=torch.ones(BATCH, dtype=torch.bool),
+    )
+    axes = turned(FRAMES, JOINTS)[..., :2]  # two columns at right angles: what they mean is beyond doubt
+    return Prediction(axes, number(FRAMES, 3), number(FRAMES, 4), 0.01 + number(FRAMES, POINTS).abs()), batch
+
+
+def by_hand(prediction: Prediction, batch: SequenceBatch, weights: Losses) -> dict[str, float]:
+    """The terms, frame by frame and joint by joint."""
+    signal = batch.signal
+
+    def n(values: torch.Tensor) -> Any:
+        return values.double().numpy() if values.is_floating_point() else values.numpy()
+
+    sums = dict.fromkeys(("rotation", "local", "position", "head", "velocity", "skate", "contact", "error"), 0.0)
+    frames = pairs = standing = 0.0
+    for b in range(BATCH):
+        size, before = float(signal.size[b]), None
+        for t in range(FRAMES):
+            turn, valid = n(signal.turn)[b, t], bool(batch.valid[b, t])
+            first, second = n(prediction.axes)[b, t, :, :, 0], n(prediction.axes)[b, t, :, :, 1]
+            said = np.stack([first, second, np.cross(first, second)], axis=-1)
+            wanted = np.stack([turn.T @ matrix for matrix in n(batch.true_rotation)[b, t]])
+            place = np.zeros((POINTS, 3))
+            for k in range(1, POINTS):
+                place[k] = place[PARENT[k]] + said[PARENT[k]] @ (n(signal.rest_offset)[b, k] / size)
+            place = place - place[HEAD]
+            true = n(batch.true_position)[b, t]
+            missed = place - (true - true[HEAD]) @ turn / size
+            world = missed @ turn.T
+            if valid:
+                frames += 1
+                for j, name in enumerate(BODY):
+                    weight = of_part(TURN_WEIGHT, name)
+                    sums["rotation"] += weight * np.abs(said[j] - wanted[j]).mean() / JOINTS
+                    if j:
+                        bent = said[PARENT[j]].T @ said[j] - wanted[PARENT[j]].T @ wanted[j]
+                        sums["local"] += weight * np.abs(bent).mean() / JOINTS
+                for k, name in enumerate(BODY_POINTS):
+                    sums["position"] += of_part(PLACE_WEIGHT, name) * np.abs(missed[k]).mean() / POINTS
+                    far, expected = np.linalg.norm(missed[k]), n(prediction.error)[b, t, k]
+                    sums["error"] += (far / expected + np.log(expected)) / POINTS
+                if not signal.has_position[b, t, HEAD]:
+                    there = (true[HEAD] - n(signal.origin)[b, t]) @ turn / size
+                    sums["head"] += np.abs(n(prediction.head)[b, t] - there).mean()
+                for contact, logit in zip(n(batch.contact)[b, t], n(prediction.contact_logit)[b, t], strict=True):
+                    sums["contact"] += np.log1p(np.exp(-logit if contact else logit)) / 4
+            if before is not None and valid and batch.valid[b, t - 1]:
+                pairs += 1
+                too_fast = (world - before) / float(signal.interval[b, t])
+                sums["velocity"] += np.abs(too_fast).mean()
+                for k, foot in enumerate(FEET):
+                    if batch.contact[b, t, k] and batch.contact[b, t - 1, k]:
+                        standing += 1
+                        sums["skate"] += np.linalg.norm(too_fast[foot])
+            before = world
+    shares = {name: frames for name in sums} | {"velocity": pairs, "skate": standing}
+    factors = vars(weights) | {"head": 0.3 * weights.position}
+    return {name: factors[name] * sums[name] / shares[name] for name in sums}
+
+
+def test_every_term_is_what_it_is_by_hand() -> None:
+    torch.manual_seed(0)
+    network = CompletionNetwork(CompletionConfig(hidden=8, branch=8, judge_branch=8))
+    weights = Losses(rotation=1.1, local=0.7, position=3.0, velocity=0.5, skate=0.2, contact=0.3, error=0.4)
+    for seed in range(3):
+        prediction, batch = random_case(seed)
+        terms = losses(network, prediction, batch, weights)
+        wanted = by_hand(prediction, batch, weights)
+        wanted["loss"] = sum(wanted.values())
+        assert terms.keys() == wanted.keys()
+        for name, value in wanted.items():
+            np.testing.assert_allclose(float(terms[name]), value, rtol=2e-4, err_msg=name)
+
+
+def test_weights_that_are_trained_with() -> None:
+    """What docs/completion.md's network was trained with; a change makes another network."""
+    assert vars(Losses()) == {
+        "rotation": 1.3,
+        "local": 0.5,
+        "position": 8.0,
+        "velocity": 0.4,
+        "skate": 0.1,
+        "contact": 0.03,
+        "error": 0.01,
+    }

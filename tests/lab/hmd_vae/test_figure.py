@@ -1,0 +1,35 @@
+"""Figure 4: a row of bodies a network under the truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from bodysense.body.pose import forward_kinematics
+from bodysense.cli import main
+from bodysense.io.clip import Clip
+from bodysense_lab.hmd_vae.figure import draw_reconstructions, mean_errors
+
+
+def test_bodies_are_coloured_by_their_error(short_clip: Clip, tmp_path: Path) -> None:
+    true = np.asarray(forward_kinematics(short_clip.pose)[0])
+    rows = {"same": true, "off": true + np.array([0.2, 0, 0])}
+    assert mean_errors(short_clip, rows, short_clip.pose.skeleton) == pytest.approx({"same": 0.0, "off": 20.0})
+    colours = []
+    for row, position in rows.items():
+        draw_reconstructions(tmp_path / "one.png", short_clip, {row: position})
+        picture = imread(tmp_path / "one.png")[:, :-200, :3]  # without the scale
+        half = picture[len(picture) // 2 :]
+        colours.append(half[np.ptp(half, axis=-1) > 0.2].mean(axis=0))
+    assert np.abs(colours[0] - colours[1]).max() > 0.2
+
+
+def test_the_command_draws_the_packaged_model(motion: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = motion.with_name("figure4.png")
+    assert main(["evaluate", "hmd-vae-figure4", str(motion), "-o", str(out)]) == 0
+    assert "model 4: " in capsys.readouterr().out
+    assert imread(out).std() > 0.01
+    assert main(["evaluate", "hmd-vae-figure4", str(motion), "-o", str(motion.with_name("x.bvh"))]) == 2

@@ -1,0 +1,133 @@
+"""A server that is sent four times as many frames as it can complete: who is answered, and which frames are decoded."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bodysense.io.protocol import SUBPROTOCOL, SignalFrame, read_pose, read_signal, write_signal
+from bodysense.observation import Estimate
+from bodysense_live import scheduler, session
+from bodysense_live.answer import CompletionJob
+from bodysense_live.estimation import PipelineState, step_many
+from bodysense_live.message_text import write_message
+from bodysense_live.messages import Hello
+from bodysense_live.newest_frames import SKIPPED, NewestFrames
+
+from .conftest import DEVICES, Address, Connecting, Serving, signal
+
+WEARERS, RATE, SECONDS = 10, 40.0, 4.0  # Hz, s
+STEP = 0.010  # s that a step takes for each wearer: 100 a second, a quarter of what comes in
+
+
+@dataclass
+class SlowStep:
+    """In place of the tracker: the answer of a first step, after a time in which the processor is free."""
+
+    answer: tuple[Estimate, PipelineState] | None = None
+    busy: float = 0.0  # s spent so
+    late: list[float] = field(default_factory=list)  # s by which a frame was older than the newest one sent
+
+    def __call__(self, jobs: Sequence[CompletionJob]) -> list[tuple[Estimate, PipelineState]]:
+        now = begun = time.monotonic()
+        if self.answer is None:
+            ((estimate, state),) = step_many([(jobs[0].pipeline, jobs[0].observation, jobs[0].state)])
+            self.answer = estimate, state
+            begun = now = time.monotonic()
+        else:
+            self.late += [now - job.frame.time for job in jobs]
+        time.sleep(STEP * len(jobs))
+        self.busy += time.monotonic() - begun
+        return [self.answer] * len(jobs)
+
+
+async def wear(address: Address, points: int, until: float, answered: list[int], k: int) -> None:
+    """Send frames at a steady rate, timed by a clock that the server shares, and count answers."""
+    from websockets.asyncio.client import connect
+    from websockets.typing import Subprotocol
+
+    opening = connect(address.websocket, subprotocols=[Subprotocol(SUBPROTOCOL)], compression=None)
+    async with opening as socket:
+        await socket.send(write_message(Hello(1, points=DEVICES)))
+
+        async def listen() -> None:
+            async for received in socket:
+                if isinstance(received, bytes):
+                    read_pose(received, points)
+                    answered[k] += 1
+
+        listening = asyncio.create_task(listen())
+        sequence = 0
+        while time.monotonic() < until:
+            await socket.send(write_signal(signal(sequence, time.monotonic())))
+            sequence += 1
+            await asyncio.sleep(1 / RATE)
+        listening.cancel()
+
+
+def test_every_wearer_is_answered_evenly_at_four_times_the_load(
+    server_of: Serving, connect: Connecting, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow, decoded = SlowStep(), []
+    monkeypatch.setattr(scheduler, "completed", slow)
+    monkeypatch.setattr(session, "read_signal", lambda *given: decoded.append(None) or read_signal(*given))
+    server = server_of()
+    points = len(connect(server).welcome["points"])
+    answered = [0] * WEARERS
+    until = time.monotonic() + SECONDS
+
+    async def everybody() -> None:
+        await asyncio.gather(*(wear(server, points, until, answered, k) for k in range(WEARERS)))
+
+    slow.busy, begun = 0.0, time.monotonic()
+    client = threading.Thread(target=lambda: asyncio.run(everybody()))
+    client.start()
+    client.join(60)
+    elapsed, total = time.monotonic() - begun, sum(answered)
+    # Steps take longer than STEP on a busy machine, so capacity is what was stepped in the time that steps took.
+    capacity = total / slow.busy * elapsed
+    assert total >= 0.8 * capacity
+    assert max(answered) - min(answered) <= 0.1 * max(answered) + 1
+    assert len(decoded) <= total + 2 * WEARERS  # of four frames three are replaced before they are decoded
+    assert np.median(slow.late) < 2 / RATE  # the newest frame, although each waits for a step of all
+
+
+def test_a_frame_takes_the_place_of_the_one_before_and_texts_stay_in_order() -> None:
+    queue = NewestFrames()
+    for item in (
+        {"bytes": b"1"},
+        {"bytes": b"2"},
+        {"text": "a"},
+        {"text": "b"},
+        {"bytes": b"3"},
+        {"bytes": b"4"},
+        {"bytes": b"5"},
+        {"type": "websocket.disconnect"},
+    ):
+        queue.put_nowait({"type": "websocket.receive", **item})
+    found: list[dict[str, Any]] = [queue.get_nowait() for _ in range(queue.qsize())]
+    assert [item.get("bytes") or item.get("text") for item in found] == [b"2", "a", "b", b"5", None]
+    assert [item.get(SKIPPED, 0) for item in found] == [1, 0, 0, 2, 0]
+
+
+def test_an_impossible_value_closes_its_own_connection_although_it_is_decoded_later(
+    server: Address, connect: Connecting
+) -> None:
+    from websockets import ConnectionClosed
+
+    good, bad = connect(server), connect(server)
+    far = signal(0, 0.0)
+    bad.send(SignalFrame(0, 0.0, far.point, far.has, far.position * np.float32(1e6), far.rotation))
+    with pytest.raises(ConnectionClosed) as caught:
+        while True:
+            bad.socket.recv(timeout=10)
+    assert caught.value.rcvd is not None and caught.value.rcvd.code == 1007
+    assert "beyond 1000 m" in caught.value.rcvd.reason
+    assert good.answered(signal(1, 0.1)).sequence == 1

@@ -1,0 +1,86 @@
+"""Sensors that come and go: what they say is met, and nothing else of the body leaps for it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bodysense.body.person import Person
+from bodysense.body.pose import forward_kinematics
+from bodysense.body.retarget import retargeted
+from bodysense.body.shape import sample_bodies
+from bodysense.body.skeleton import BODY, default_skeleton
+from bodysense.demo import packaged_performance
+from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.io.clip import Clip
+from bodysense.observation import Observation
+from bodysense.tracker import Tracker
+
+ALWAYS = ("head", "left_wrist", "right_wrist")
+
+
+def performance(body: int, frames: int) -> Clip:
+    """The packaged performance on a body that was never in training."""
+    clip = packaged_performance()
+    skeleton = default_skeleton().with_offsets(sample_bodies("test", body + 1)[body])
+    return replace(clip, pose=retargeted(clip.pose[:frames], skeleton))
+
+
+def completed(clip: Clip, observation: Observation) -> np.ndarray:
+    """Points of the body (T, 22, 3) m, of a known person."""
+    tracker = Tracker(Person(clip.pose.skeleton))
+    return tracker.step(observation, tracker.start())[0].points[:, : len(BODY)]
+
+
+@pytest.mark.parametrize(
+    ("parts", "most"), [(("knee",), 0.14), (("hip", "knee"), 0.12), (("elbow",), 0.088), (("knee", "ankle"), 0.12)]
+)
+def test_a_body_does_not_leap_where_its_joints_come_and_go(parts: tuple[str, ...], most: float) -> None:
+    """Joints are seen for half a second or so at a time: what nobody sees goes on as it moved."""
+    clip = performance(1, 900)
+    skeleton = clip.pose.skeleton
+    truth = np.asarray(forward_kinematics(clip.pose)[0])
+    points = (*ALWAYS, *(f"{side}_{part}" for part in parts for side in ("left", "right")))
+    rng, has = np.random.default_rng(1), np.ones((len(truth), len(points)), dtype=bool)
+    for k in range(len(ALWAYS), len(points)):
+        has[:, k] = np.cumsum(rng.uniform(size=len(truth)) < 0.06) % 2 == 0
+    observation = Observation(
+        points=points,
+        position=truth[:, skeleton.indices(points)],
+        rotation=np.tile([1.0, 0.0, 0.0, 0.0], (*has.shape, 1)),
+        has_position=has,
+        has_rotation=np.zeros_like(has),
+        accuracy=np.where(has, 1e-3, np.inf),
+        time=clip.time,
+    )
+    path, true_path = (
+        np.linalg.norm(np.diff(values[:, : len(BODY)], axis=0), axis=-1)
+        for values in (completed(clip, observation), truth)
+    )
+    changed = (has[1:] != has[:-1]).any(axis=-1)
+    beyond = (path - true_path).max(axis=-1)[changed]
+    assert len(beyond) > 50
+    assert np.percentile(beyond, 99) < most  # m in a frame
+
+
+def test_the_rest_of_a_body_moves_on_where_a_hand_is_found_again() -> None:
+    """Jerk of trunk and legs at a return beside that of a hand that was never lost."""
+    ratios = []
+    for body in (1, 2):
+        clip = performance(body, 600)
+        observation = observe(clip.pose, clip.time, SENSOR_SETS["three_point"])
+        rest = clip.pose.skeleton.indices(["pelvis", "spine1", *(f"left_{n}" for n in ("hip", "knee", "ankle"))])
+        found = np.arange(50, 590, 40)
+        for side in ("left", "right"):
+            hand = [k for k, name in enumerate(observation.points) if name.startswith(side)]
+            has_position, has_rotation = observation.has_position.copy(), observation.has_rotation.copy()
+            for frame in found:
+                has_position[frame - 20 : frame, hand] = has_rotation[frame - 20 : frame, hand] = False
+            lost = replace(observation, has_position=has_position, has_rotation=has_rotation)
+            jerk, usual = (
+                np.linalg.norm(np.diff(completed(clip, seen)[:, rest], 3, axis=0), axis=-1).max(axis=-1)
+                for seen in (lost, observation)
+            )
+            near = (found[:, None] + np.arange(-3, 4)).ravel()
+            ratios.append(jerk[near].mean() / usual[near].mean())
+    assert np.mean(ratios) < 2.4

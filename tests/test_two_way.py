@@ -1,0 +1,133 @@
+"""Recordings completed with past and future: measured points met, no leaps, windows, people, reversed time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bodysense import two_way
+from bodysense.body.person import Person
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.simulated.device import simulate
+from bodysense.devices.simulated.noise import hide
+from bodysense.io.clip import Clip
+from bodysense.observation import Estimate, Observation
+from bodysense.tracker import Tracker, TrackerSettings
+from bodysense.two_way import TwoWayTracker, found_person, reversed_in_time
+
+SECONDS = 1 / 30
+
+
+@pytest.fixture(scope="module")
+def seen(waving_clip: Clip) -> Observation:
+    return simulate(waving_clip, "six_point")
+
+
+@pytest.fixture(scope="module")
+def person(waving_clip: Clip) -> Person:
+    return Person(waving_clip.pose.skeleton)
+
+
+def complete(person: Person, seen: Observation, settings: TrackerSettings = TrackerSettings()) -> Estimate:
+    return TwoWayTracker(person, None, settings).complete(seen, SECONDS)
+
+
+def lost(seen: Observation, name: str, first: int, end: int) -> Observation:
+    hidden = np.zeros(seen.has_position.shape, dtype=bool)
+    hidden[first:end, seen.points.index(name)] = True
+    return hide(seen, hidden)
+
+
+def test_measured_points_are_met(seen: Observation, person: Person) -> None:
+    """As near as in the causal answer: a spine of this length does not always reach from the head to the pelvis."""
+    places = person.skeleton.indices(seen.points)
+    causal, _ = (tracker := Tracker(person)).step(seen, tracker.start())
+    off, alone = (
+        np.linalg.norm(one.points[:, places] - seen.position, axis=-1) for one in (complete(person, seen), causal)
+    )
+    assert (off.mean(axis=0) < alone.mean(axis=0) + 0.001).all()
+    assert off[:, :3].max() < 2e-3
+
+
+def test_bones_keep_their_lengths_and_points_are_of_the_pose(seen: Observation, person: Person) -> None:
+    estimate = complete(person, lost(seen, "left_wrist", 20, 60))
+    np.testing.assert_allclose(np.asarray(forward_kinematics(estimate.pose)[0]), estimate.points, atol=1e-9)
+    np.testing.assert_array_equal(estimate.pose.skeleton.rest_offset, person.skeleton.rest_offset)
+    np.testing.assert_allclose(np.linalg.norm(estimate.pose.rotation, axis=-1), 1, atol=1e-9)
+
+
+@pytest.mark.parametrize("frames", [1, 3, 15, 45])
+def test_a_wrist_that_is_seen_again_does_not_leap(
+    seen: Observation, person: Person, waving_clip: Clip, frames: int
+) -> None:
+    first = 25
+    gap = lost(seen, "left_wrist", first, first + frames)
+    wrist = person.skeleton.index("left_wrist")
+    truth = np.linalg.norm(np.diff(np.asarray(forward_kinematics(waving_clip.pose)[0])[:, wrist], axis=0), axis=-1)
+    path = np.linalg.norm(np.diff(complete(person, gap).points[:, wrist], axis=0), axis=-1)
+    edges = [first - 1, first, first + frames - 1, min(first + frames, len(path) - 1)]
+    assert (path[edges] < truth.max() + 0.05).all()
+
+
+def test_the_future_counts(seen: Observation, person: Person) -> None:
+    """Before a wrist is first seen, the causal answer cannot know where it is; the other one leads there."""
+    late = lost(seen, "left_wrist", 0, 40)
+    wrist = person.skeleton.index("left_wrist")
+    causal, _ = (tracker := Tracker(person)).step(late, tracker.start())
+    wanted = seen.position[39, seen.points.index("left_wrist")]
+    both = complete(person, late)
+    off, alone = (np.linalg.norm(one.points[39, wrist] - wanted) for one in (both, causal))
+    assert off < 0.06 and off < alone
+
+
+def test_windows_are_one_motion(seen: Observation, person: Person, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = complete(person, seen)
+    for name, value in (("WINDOW", 1.0), ("BESIDE", 0.6), ("FADE", 0.4)):
+        monkeypatch.setattr(two_way, name, value)
+    done: list[int] = []
+    parts = TwoWayTracker(person, None, TrackerSettings()).complete(seen, SECONDS, done.append)
+    assert len(parts.contact) == len(seen) == sum(done) and len(done) > 1
+    assert np.linalg.norm(parts.points - whole.points, axis=-1)[:, : len(person.skeleton.joints)].mean() < 0.02
+    step, usual = (np.linalg.norm(np.diff(one.points, axis=0), axis=-1).max() for one in (parts, whole))
+    assert step < usual + 0.02
+
+
+def test_a_recording_that_pauses_is_two(seen: Observation, person: Person) -> None:
+    """After a pause of more than a second nothing that moved is remembered, in either direction."""
+    time = seen.time + np.where(np.arange(len(seen)) < 45, 0.0, 10.0)
+    paused = complete(person, replace(seen, time=time))
+    first, second = (complete(person, seen[part]) for part in (slice(0, 45), slice(45, None)))
+    np.testing.assert_allclose(paused.points[:45], first.points, atol=1e-6)
+    np.testing.assert_allclose(paused.points[45:], second.points, atol=1e-6)
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3])
+def test_few_frames(seen: Observation, person: Person, frames: int) -> None:
+    assert np.isfinite(complete(person, seen[:frames]).points).all()
+
+
+def test_reversed_twice_is_unchanged(seen: Observation) -> None:
+    rng = np.random.default_rng(1)
+    felt = replace(seen, acceleration=rng.normal(size=seen.position.shape))
+    back = reversed_in_time(reversed_in_time(felt))
+    for name in ("position", "rotation", "has_position", "time", "acceleration"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(felt, name))
+    once = reversed_in_time(felt)
+    assert (np.diff(once.time) > 0).all() and once.acceleration is not None
+    np.testing.assert_array_equal(once.acceleration[0], felt.acceleration[-1])  # type: ignore[index]
+
+
+def test_the_person_is_found_before_both_passes(waving_clip: Clip) -> None:
+    """An unknown body has one size in all frames: the one that is believed after the last."""
+    tall = waving_clip.pose.skeleton.scaled(1.9)
+    clip = Clip("tall", Pose(tall, waving_clip.pose.root_position * 1.1, waving_clip.pose.rotation), 30.0)
+    seen = simulate(clip, "six_point")
+    found = found_person(seen, Person(), None, TrackerSettings())
+    estimate = complete(found, seen)
+    assert (estimate.rest_offset == estimate.rest_offset[0]).all()
+    np.testing.assert_allclose(estimate.rest_offset[0], found.skeleton.rest_offset, atol=1e-6)
+    likeliest = default_skeleton().height
+    assert abs(found.skeleton.height - tall.height) < abs(likeliest - tall.height)

@@ -1,0 +1,42 @@
+/** Calibration: two seconds upright with the arms out tell the head's height and the reach of the arms. */
+
+import { distance, type Vector } from "./body/math";
+import type { Observation } from "./body/observation";
+import type { Person } from "./wearer";
+
+export const LASTS = 2; // s
+const STILL = 0.05; // m: whose head moves farther does not stand still
+const SPAN = { least: 0.9, most: 2.0 } as const; // m between wrists of arms that are out
+export const DEVIATION = 0.02; // m
+const FEWEST = 3; // frames: a device that can hardly keep up is measured, too
+
+/** The person after standing still. Throws an Error of one line for whoever did not. */
+export function calibrated(frames: readonly Observation[]): Person {
+  const heads = frames.flatMap(({ points }) =>
+    points.filter(({ name, position }) => name === "head" && position).map(({ position }) => position as Vector),
+  );
+  if (heads.length < FEWEST) throw new Error("Your head was not tracked: put the headset on and measure again.");
+  const middle = [0, 1, 2].map((k) => median(heads.map((head) => head[k]))) as unknown as Vector;
+  const moved = Math.max(...heads.map((head) => distance(head, middle)));
+  if (moved > STILL)
+    throw new Error(
+      `Your head moved by ${(100 * moved).toFixed(0)} cm: stand still for two seconds and measure again.`,
+    );
+  const spans = frames.flatMap(({ points }) => {
+    const [left, right] = ["left_wrist", "right_wrist"].map(
+      (name) => points.find((point) => point.name === name)?.position,
+    );
+    return left && right ? [distance(left, right)] : [];
+  });
+  const span = spans.length > 0 ? median(spans) : 0;
+  const isOut = span > SPAN.least && span < SPAN.most;
+  return {
+    head: middle[1],
+    lengths: isOut ? [{ start: "left_wrist", end: "right_wrist", value: span, deviation: DEVIATION }] : [],
+  };
+}
+
+function median(values: readonly number[]): number {
+  const sorted = [...values].sort((a, b) => a - b);
+  return sorted[sorted.length >> 1];
+}

@@ -1,0 +1,228 @@
+/** A person's landmarks in a picture as points of the body (bodysense.devices.video.landmark_points).
+ *
+ * Landmarks come from a picture: their directions are good, their lengths are guesses. So every limb is laid along its
+ * landmarks with the body's own bones, from the pelvis outward. Where the body is follows from where it is seen.
+ */
+
+import {
+  add,
+  cross,
+  fromAxes,
+  rotate,
+  scaled,
+  size,
+  solve,
+  subtract,
+  unit,
+  type Quaternion,
+  type Vector,
+} from "../body/math";
+import { ACCURACY, type Point } from "../body/observation";
+import type { Skeleton } from "../body/skeleton";
+
+/** MediaPipe's 33 landmarks of one frame; axes of the camera: x to the right of the picture, y up, z to the camera. */
+export interface Landmarks {
+  readonly world: readonly Vector[]; // m, from between the hips
+  readonly picture: readonly (readonly [number, number])[]; // heights of the picture, from its middle, y up
+  readonly visible: readonly number[]; // probability
+}
+
+const MARKS = { nose: 0, left_ear: 7, right_ear: 8 } as const;
+const SIDES = ["left", "right"] as const;
+const PARTS = ["shoulder", "elbow", "wrist", "pinky", "index", "thumb", "hip", "knee", "ankle", "heel", "toe"] as const;
+const VISIBLE = 0.5; // probability from which a landmark counts as seen
+const NEAR = 0.3; // m from the camera: nobody comes nearer
+const UNSEEN_LEGS = 3; // times as far off is a body whose legs are not seen
+const PLACED_BY = ["shoulder", "elbow", "wrist", "hip", "knee", "ankle"] as const;
+const LIMBS = [
+  ["shoulder", "elbow"],
+  ["elbow", "wrist"],
+  ["hip", "knee"],
+  ["knee", "ankle"],
+  ["ankle", "toe"],
+] as const;
+
+function mark(side: (typeof SIDES)[number], part: (typeof PARTS)[number]): number {
+  return 11 + 2 * PARTS.indexOf(part) + (side === "left" ? 0 : 1);
+}
+
+interface Laid {
+  readonly position: ReadonlyMap<string, Vector>; // m from the pelvis
+  readonly visible: ReadonlyMap<string, number>;
+  readonly rotation: ReadonlyMap<string, Quaternion>;
+}
+
+/** Points of the body in the room: the camera's axes, the lowest foot on the floor, z 0 at `depth` m before the camera. */
+export class LandmarkPoints {
+  private begun: number | null = null; // m: the z at which the person was first seen
+  private place: Vector | null = null; // m, of the pelvis, smoothed
+
+  constructor(private readonly focal: number) {} // in heights of the picture
+
+  /** Null where no torso is seen. `passed`: s since the frame before. */
+  read(landmarks: Landmarks, skeleton: Skeleton, passed: number): Point[] | null {
+    const torso = SIDES.flatMap((side) => [
+      landmarks.visible[mark(side, "shoulder")],
+      landmarks.visible[mark(side, "hip")],
+    ]);
+    if (Math.min(...torso.slice(0, 1), torso[2]) < VISIBLE) return null;
+    const laid = lay(landmarks, skeleton);
+    const seen = located(laid, landmarks, this.focal);
+    const [near, far] = [1 - 2 ** (-passed / 0.1), 1 - 2 ** (-passed / 0.3)];
+    const before = this.place ?? seen;
+    this.place = [
+      before[0] + near * (seen[0] - before[0]),
+      before[1] + near * (seen[1] - before[1]),
+      before[2] + far * (seen[2] - before[2]),
+    ];
+    this.begun ??= this.place[2];
+    const rest = restOf(skeleton);
+    const up = skeleton.restOffset[1]; // m: how high the pelvis stands over the floor at rest
+    // By the ankles alone: how far toes point down is the least sure of all, and would lift the whole body.
+    const lowest = Math.min(
+      ...SIDES.map(
+        (side) => (laid.position.get(`${side}_ankle`)?.[1] ?? 0) - (rest.get(`${side}_ankle`)?.[1] ?? 0) - up,
+      ),
+    );
+    const root: Vector = [this.place[0], -lowest, this.place[2] - this.begun];
+    return pointsOf(laid, root);
+  }
+}
+
+function pointsOf({ position, visible, rotation }: Laid, root: Vector): Point[] {
+  const legs = SIDES.flatMap((side) => ["knee", "ankle", "foot", "toe"].map((part) => `${side}_${part}`));
+  const arms = SIDES.flatMap((side) => ["shoulder", "elbow", "wrist"].map((part) => `${side}_${part}`));
+  const isStanding = Math.max(...legs.map((name) => visible.get(name) ?? 0)) >= VISIBLE;
+  const error = ACCURACY.landmark * (isStanding ? 1 : UNSEEN_LEGS);
+  const names = ["head", ...arms, ...legs].filter((name) => (visible.get(name) ?? 0) >= VISIBLE);
+  const points = names.map((name): Point => {
+    const place = position.get(name);
+    return {
+      name,
+      position: place ? add(place, root) : null,
+      rotation: rotation.get(name) ?? null,
+      accuracy: error / (visible.get(name) ?? 1),
+    };
+  });
+  const chest = rotation.get("spine3");
+  return chest ? [...points, { name: "spine3", position: null, rotation: chest, accuracy: error }] : points;
+}
+
+function lay({ world, visible: seen }: Landmarks, skeleton: Skeleton): Laid {
+  const rest = restOf(skeleton);
+  const at = (name: string): Vector => rest.get(name) ?? [0, 0, 0];
+  const position = new Map<string, Vector>([["pelvis", [0, 0, 0]]]);
+  const visible = new Map<string, number>();
+  const rotation = new Map<string, Quaternion>();
+  const both = (part: (typeof PARTS)[number]) => SIDES.map((side) => world[mark(side, part)]);
+  const middle = ([a, b]: readonly Vector[]): Vector => scaled(add(a, b), 0.5);
+  const [shoulders, hips] = [both("shoulder"), both("hip")];
+  const spine = subtract(middle(shoulders), middle(hips));
+  const pelvis = frame(subtract(hips[0], hips[1]), spine);
+  const chest = frame(subtract(shoulders[0], shoulders[1]), spine);
+  const ears = [world[MARKS.left_ear], world[MARKS.right_ear]];
+  const across = subtract(ears[0], ears[1]);
+  const ahead = subtract(world[MARKS.nose], middle(ears));
+  const head = frame(across, cross(ahead, across));
+  rotation.set("spine3", chest).set("head", head);
+  const neck = subtract(at("head"), at("neck"));
+  position.set("head", add(rotate(chest, at("neck")), scaled(add(rotate(chest, neck), rotate(head, neck)), 0.5)));
+  visible.set(
+    "head",
+    Math.min(seen[MARKS.left_ear], seen[MARKS.right_ear], ...SIDES.map((side) => seen[mark(side, "shoulder")])),
+  );
+  const [hx, , hz] = rotate(pelvis, [1, 0, 0]);
+  const heading = frame([hx, 0, hz], [0, 1, 0]);
+  for (const side of SIDES) {
+    for (const [part, turn] of [
+      ["hip", pelvis],
+      ["shoulder", chest],
+    ] as const) {
+      position.set(`${side}_${part}`, rotate(turn, at(`${side}_${part}`)));
+      visible.set(`${side}_${part}`, seen[mark(side, part)]);
+    }
+    for (const [start, end] of LIMBS) {
+      const [first, last] = [`${side}_${start}`, `${side}_${end}`];
+      const bone = subtract(at(last), at(first));
+      const isSeen = Math.min(seen[mark(side, start)], seen[mark(side, end)]) >= VISIBLE;
+      const isArm = start === "shoulder" || start === "elbow";
+      const direction = subtract(world[mark(side, end)], world[mark(side, start)]);
+      const laid = isSeen || isArm ? scaled(unit(direction), size(bone)) : rotate(heading, bone); // an unseen leg stands
+      position.set(last, add(position.get(first) ?? [0, 0, 0], laid));
+      visible.set(last, Math.min(visible.get(first) ?? 0, seen[mark(side, end)]));
+    }
+    ball(side, at, position, visible);
+    const hand = handOf(side, world);
+    if (Math.min(seen[mark(side, "wrist")], seen[mark(side, "index")]) >= VISIBLE && hand)
+      rotation.set(`${side}_wrist`, hand);
+  }
+  return { position, visible, rotation };
+}
+
+/** The ball of a foot, between its ankle and its toes. */
+function ball(
+  side: string,
+  at: (name: string) => Vector,
+  position: Map<string, Vector>,
+  visible: Map<string, number>,
+): void {
+  const [knee, ankle, toe, foot] = ["knee", "ankle", "toe", "foot"].map((part) => `${side}_${part}`);
+  const placed = (name: string): Vector => position.get(name) ?? [0, 0, 0];
+  const before = frame(subtract(at(toe), at(ankle)), subtract(at(knee), at(ankle)));
+  const after = frame(subtract(placed(toe), placed(ankle)), subtract(placed(knee), placed(ankle)));
+  const [w, x, y, z] = before;
+  const own = rotate([w, -x, -y, -z], subtract(at(foot), at(ankle)));
+  position.set(foot, add(placed(ankle), rotate(after, own)));
+  visible.set(foot, visible.get(toe) ?? 0);
+}
+
+/** A hand's turn from the knuckles of index and little finger: fingers along ±X, the thumb's side along +Z. */
+function handOf(side: (typeof SIDES)[number], world: readonly Vector[]): Quaternion | null {
+  const [wrist, index, pinky] = [world[mark(side, "wrist")], world[mark(side, "index")], world[mark(side, "pinky")]];
+  const along = subtract(scaled(add(index, pinky), 0.5), wrist);
+  const across = subtract(index, pinky);
+  if (size(along) < 0.01 || size(across) < 0.005) return null;
+  const x = scaled(unit(along), side === "left" ? 1 : -1);
+  const y = unit(cross(across, x));
+  return fromAxes(x, y, cross(x, y));
+}
+
+/** Where the pelvis is in the camera's axes, so that joints are seen where the landmarks are: least squares. */
+function located({ position }: Laid, { picture, visible }: Landmarks, focal: number): Vector {
+  const normal = Array.from({ length: 3 }, () => new Float64Array(3));
+  const right = new Float64Array(3);
+  const addRow = (row: readonly number[], value: number, pull: number): void => {
+    for (let i = 0; i < 3; i++) {
+      right[i] += pull * pull * row[i] * value;
+      for (let j = 0; j < 3; j++) normal[i][j] += pull * pull * row[i] * row[j];
+    }
+  };
+  for (const side of SIDES) {
+    for (const part of PLACED_BY) {
+      const q = position.get(`${side}_${part}`) ?? [0, 0, 0];
+      const [u, v] = picture[mark(side, part)];
+      const pull = Math.min(Math.max(visible[mark(side, part)], 0.05), 1);
+      addRow([focal, 0, -u], -focal * q[0] - u * q[2], pull);
+      addRow([0, focal, -v], -focal * q[1] - v * q[2], pull);
+    }
+  }
+  const [x, y, depth] = solve(normal, right);
+  return [x, y, -Math.max(depth, NEAR)];
+}
+
+/** The rotation whose x is along `across` and whose y is nearest to `up`. */
+function frame(across: Vector, up: Vector): Quaternion {
+  const x = unit(across);
+  const y = unit(subtract(up, scaled(x, up[0] * x[0] + up[1] * x[1] + up[2] * x[2])));
+  return fromAxes(x, y, cross(x, y));
+}
+
+/** Points of the rest pose, m from the root. */
+function restOf({ points, parents, restOffset }: Skeleton): Map<string, Vector> {
+  const found: Vector[] = [];
+  parents.forEach((parent, point) => {
+    const offset = [0, 1, 2].map((k) => restOffset[3 * point + k]) as unknown as Vector;
+    found.push(parent < 0 ? [0, 0, 0] : add(found[parent], offset));
+  });
+  return new Map(points.map((name, point) => [name, found[point]]));
+}

@@ -1,0 +1,22 @@
+/** Whether somebody is before a camera, though a picture now and then shows nobody. */
+
+const LOST = { pictures: 3, seconds: 1.5 } as const; // without a person, both: then nobody is there
+
+export class Presence {
+  isThere = false;
+  private missed = 0; // pictures since the last one with a person
+  private last = 0; // ms, of that one
+
+  /** Whether somebody is there, after a picture that shows them or not. */
+  look(isSeen: boolean, milliseconds: number): boolean {
+    if (isSeen) {
+      this.isThere = true;
+      this.missed = 0;
+      this.last = milliseconds;
+    } else {
+      this.missed += 1;
+      if (this.missed >= LOST.pictures && milliseconds - this.last > 1000 * LOST.seconds) this.isThere = false;
+    }
+    return this.isThere;
+  }
+}
