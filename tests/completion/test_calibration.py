@@ -38,6 +38,13 @@ def test_height_is_measured_to_the_spread_of_necks(body: int) -> None:
     assert abs(stature(person.skeleton.rest_offset) - stature(pose.skeleton.rest_offset)) < 0.04
 
 
+def test_height_is_measured_from_the_floor() -> None:
+    observation, _ = standing(1)
+    raised = replace(observation, position=observation.position + np.array([0.0, 0.3, 0.0]))
+    on_floor, on_platform = calibrated(observation, Person()), calibrated(raised, Person(), floor=0.3)
+    assert on_platform.skeleton.height == pytest.approx(on_floor.skeleton.height)
+
+
 def test_arms_out_measure_their_reach() -> None:
     observation, pose = standing(2, arms_out=True, name="three_point")
     wrists = pose.skeleton.indices(["left_wrist", "right_wrist"])
