@@ -146,7 +146,7 @@ def import_time(runs: int = 9, json: Path | None = None) -> None:
     numpy_seconds is `import numpy` alone, which is part of what the tracker takes.
 
     Args:
-        runs: Processes; the median is told.
+        runs: Number of processes; the median is printed.
         json: Write the numbers here, as one flat object.
     """
     import subprocess

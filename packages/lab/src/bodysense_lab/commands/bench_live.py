@@ -165,7 +165,7 @@ class Load:
             self._clients.append(one)
 
     def run(self, seconds: float, points: int = 3) -> None:
-        """Send frames of so many points as they are due, and read what comes, for a while."""
+        """Send frames of `points` points when due, and read the answers, for `seconds`."""
         end = time.monotonic() + seconds
         for one in self._clients:
             one.due = max(one.due, time.monotonic())
@@ -185,7 +185,7 @@ class Load:
         return 1000 * (time.monotonic() - begun)
 
     def numbers(self) -> dict[str, float]:
-        """Of all that was answered since `forget`."""
+        """Return the figures of all answers since `forget`."""
         if not self._spent:
             raise BodysenseError("the server answered no frame in time; give fewer --sessions or more --seconds")
         spent, trips = np.array(self._spent) / 1000, np.array(self._round_trips) * 1000

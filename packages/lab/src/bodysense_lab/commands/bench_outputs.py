@@ -91,7 +91,7 @@ class _Peers:
 
     def body(self, k: int, rate: float) -> dict[str, float] | None:
         """Seconds until the body of the k-th packet is at each output; None where it did not come."""
-        while (left := self._due - time.monotonic()) > 0:  # what comes meanwhile is of the packet before
+        while (left := self._due - time.monotonic()) > 0:  # packets that arrive meanwhile belong to the previous one
             self._ready(left)
         self._ready(0)
         self._due = max(self._due + 1 / rate, time.monotonic())

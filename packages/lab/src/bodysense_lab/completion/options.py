@@ -1,4 +1,4 @@
-"""What the training and the tables of the tracker are asked; read by the command line, so without PyTorch."""
+"""Options of the tracker's training and tables. The command line imports them, so they do not import PyTorch."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class CompletionTraining(MotionRun, Card):
 
     @property
     def folder(self) -> Path:
-        """Of the run."""
+        """The run's folder."""
         return self.out.with_suffix("") if self.run is None else self.run
 
     def __post_init__(self) -> None:
@@ -60,7 +60,7 @@ class FingerTraining(MotionRun):
     """folder of generated fingers; OUT's folder if omitted"""
     schedule: Flat[Schedule] = FINGER_SCHEDULE
     leave_out: str = ""
-    """person of whom nothing is learned"""
+    """person excluded from training"""
     generated_hours: float = 0.0
     """hours of generated fingers that are mixed with recorded ones; 0: none"""
     threads: int | None = 1
@@ -68,7 +68,7 @@ class FingerTraining(MotionRun):
 
     @property
     def folder(self) -> Path:
-        """Of the run."""
+        """The run's folder."""
         return self.out.parent if self.run is None else self.run
 
     def __post_init__(self) -> None:
@@ -88,7 +88,7 @@ class CompletionEvaluation(MotionEvaluation):
     sets: tuple[str, ...] = TABLE_SETS
     """sensor sets"""
     bodies: tuple[Body, ...] = BODIES
-    """whose proportions: the recording's, or a stranger's of which all, the height or nothing is told"""
+    """proportions: the recording's, or an unseen body's of which all, the height or nothing is known"""
     limit: int | None = None
     """number of clips, spread evenly; all if omitted"""
     model: Path | None = None
