@@ -314,7 +314,7 @@ class Session:
         return Placed(self._placement.offset, self._placement.heading)
 
     def truth(self, root: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the true pose, (3,) and (J, 4) in the signal's world, as it is displayed with the answer."""
+        """Return the true pose, (3,) and (J, 4) in the signal's world, in the form that is sent with the answer."""
         turned = rotation.copy()
         turned[:1] = self._placement.turn(rotation[:1])
         root = self._placement.place(root[None])[0]

@@ -149,11 +149,11 @@ class Showing:
         return pose, sent, estimate.points[0] if as_completed else None
 
     def truth(self, skeleton: Skeleton, root: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the true pose, (3,) and (J, 4), as it is displayed with the answer."""
+        """Return the true pose, (3,) and (J, 4), in the form that is sent with the answer."""
         return mirrored(skeleton, root, rotation) if self._settings.mirror else (root, rotation)
 
     def _ease(self, observation: Observation, points: np.ndarray) -> None:
-        """Where something came to be tracked, or is not any more, and the body leaps for it, let it come there soon."""
+        """Ease the body if it leaps because a point is found or lost."""
         seen = [name for k, name in enumerate(observation.points) if observation.has_position[0, k]]
         before, self._seen_before = self._seen_before, (seen, points)
         if before is not None and before[0] != seen and np.abs(points - before[1]).max() > LEAP:

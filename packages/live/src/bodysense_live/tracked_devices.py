@@ -103,9 +103,9 @@ class TrackedDevices:
         return DeviceState(devices, hands, undecided, at), reason
 
     def observation(self, now: float, state: DeviceState) -> Observation | None:
-        """One frame of `SIGNALS`, ordered as `POINTS`, as of the last device that came; None where none came lately.
+        """Return a frame of `SIGNALS`, ordered as `POINTS`, at the newest device's time; None without a recent device.
 
-        The headset's and the controllers' axes are WebXR's (−Z forward), a tracker's are its own, as it is strapped on.
+        The headset's and the controllers' axes are WebXR's (−Z forward); a tracker has the axes of its own mounting.
         """
         if state.at is None:
             return None
