@@ -110,7 +110,7 @@ def occlusion(frames: int = 30_000, json: Path | None = None) -> None:
 
 
 def bvh(megabytes: int = 60, json: Path | None = None) -> None:
-    """Time reading a large BVH file, beside parsing the same floats with NumPy alone.
+    """Time reading a large BVH file, compared with parsing its floats by NumPy alone.
 
     Args:
         megabytes: Size of the file, written to a temporary folder.

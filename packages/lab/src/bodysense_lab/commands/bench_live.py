@@ -125,7 +125,7 @@ class Load:
         places = clip.pose.skeleton.indices(_POINTS)
         position, rotation = (np.asarray(values)[:, places] for values in forward_kinematics(clip.pose))
         every, has = np.arange(3, dtype=np.uint8), np.full(3, 3, dtype=np.uint8)
-        # There and back again, so that the motion has no jump where it begins anew.
+        # Forward and backward, so that the motion has no jump when it repeats.
         order = [*range(_BEAT), *range(_BEAT, 0, -1)]
         self._signals = [write_signal(SignalFrame(0, 0.0, every, has, position[t], rotation[t]))[16:] for t in order]
         self.forget()

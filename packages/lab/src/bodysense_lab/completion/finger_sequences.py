@@ -239,7 +239,7 @@ def with_other_hands(body: TrainingBody, rng: np.random.Generator) -> TrainingBo
 
 
 def with_moved_fingers(local: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
-    """Local rotations (T, 2, 15, 4) with fingers that bend and spread at random beside, slowly."""
+    """Add slow random bending and spreading to local finger rotations (T, 2, 15, 4)."""
     frames = len(local)
     count = len(_FINGERS)
     noise = wander(frames, 2 * count * 3, rate, 0.8, rng).reshape(frames, 2, count, 3)

@@ -270,7 +270,7 @@ def finger_validation(corpus: Corpus, train: Corpus) -> dict[str, FingerValidati
 
 
 def finger_batches(corpus: Corpus, sets: tuple[str, ...]) -> dict[str, list[FingerBatch]]:
-    """Whole clips with fingers, on their own hands and on a stranger's, told, by set of sensors."""
+    """Return whole clips with fingers by set of sensors, on their own and on unseen hands, both known."""
     clips = [int(clip) for clip in clips_with_fingers(corpus)]
     clips.sort(key=lambda clip: corpus.length[clip] / corpus.rate[clip])
     strangers = sample_bodies("validation", len(clips))

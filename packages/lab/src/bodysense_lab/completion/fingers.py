@@ -1,4 +1,4 @@
-"""The finger network: fingers of both hands from whichever of their joints and tips are tracked, and from the wrist.
+"""The finger network: fingers of both hands from any of their joints and tips that are tracked, and from the wrist.
 
 Each hand is read in its wrist's frame, the right one in a mirror, by one network for both.
 """

@@ -1,6 +1,6 @@
 """The completion network: any points of a body, on any proportions, → rotations, contacts and expected errors.
 
-It reads whichever of 27 points are tracked (the 22 joints of `BODY`, head top and toe tips, and the middle of each
+It reads any of 27 points that are tracked (the 22 joints of `BODY`, head top and toe tips, and the middle of each
 hand's knuckles), each with a position, a rotation, both or neither, and the known lengths of the wearer's bones.
 It works in the frame under the head (x, z from the head, the floor at y = 0, turned by the head's heading) and at one
 stature: a body that is elsewhere, turned or larger gets the same answer. It states every joint's rotation from that
@@ -57,7 +57,7 @@ class TrackedSignal(NamedTuple):
     turn: Tensor  # (B, T, 3, 3) row vectors of the world @ turn are those of the frame under the head
     origin: Tensor  # (B, T, 3) m, of that frame
     before: Before
-    rest_offset: Tensor  # (B, 25, 3) m, as far as known
+    rest_offset: Tensor  # (B, 25, 3) m, known or estimated
     certainty: Tensor  # (B, 25) m, standard deviation of each of those lengths; 0 if known
     size: Tensor  # (B,) the wearer's stature divided by the reference stature
     acceleration: Tensor  # (B, T, 12, 3) m/s², world, of `ACCELERATED`

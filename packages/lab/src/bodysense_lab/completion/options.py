@@ -84,7 +84,7 @@ class CompletionEvaluation(MotionEvaluation):
     """The tracker on any sensors and any proportions."""
 
     split: Split = "test"
-    """people, and strangers' bodies, to score"""
+    """people, and unseen bodies, to score"""
     sets: tuple[str, ...] = TABLE_SETS
     """sensor sets"""
     bodies: tuple[Body, ...] = BODIES
@@ -112,7 +112,7 @@ class CompletionEvaluation(MotionEvaluation):
     worst: int = 12
     """number of frames on the sheet: those with the largest mean error, at most one of a clip"""
     sheet: Path | None = None
-    """file for a sheet of the worst frames, truth beside result (PNG)"""
+    """file for a sheet of the worst frames, truth next to result (PNG)"""
 
     @property
     def outputs(self) -> tuple[Path, ...]:
@@ -156,7 +156,7 @@ class UntrackedFingerEvaluation:
 
 @dataclass(frozen=True, kw_only=True)
 class HoleEvaluation(MotionEvaluation):
-    """Filled holes beside interpolation."""
+    """Filled holes compared with interpolation."""
 
     clips: int | None = None
     """number of clips, spread evenly; all if omitted"""

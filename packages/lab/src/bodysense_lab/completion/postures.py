@@ -89,7 +89,7 @@ class _Posture:
 
 
 def standing_share(corpus: Corpus) -> np.ndarray:
-    """(C,) the share of each clip in which its person stands and hardly walks."""
+    """Return (C,): the share of each clip in which its person stands still."""
     shares = np.zeros(len(corpus))
     for clip in range(len(corpus)):
         first, count = int(corpus.start[clip]), int(corpus.length[clip])
@@ -105,7 +105,7 @@ def stands(root: np.ndarray, rest: float, rate: float) -> np.ndarray:
 
 
 def low_share(corpus: Corpus) -> np.ndarray:
-    """(C,) the share of each clip in which the pelvis is below four fifths of its height at rest."""
+    """Return (C,): the share of each clip in which the pelvis is below four fifths of its height at rest."""
     return np.array(
         [
             (corpus.root[first : first + count, 1] < 0.8 * rest[0, 1]).mean()

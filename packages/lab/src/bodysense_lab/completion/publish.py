@@ -62,10 +62,10 @@ Scenes = Mapping[Truth, Sequence[Sequence[TrackedScene]]]
 
 
 def sample_errors(learned: Scenes, watched: Scenes, model: CompletionModel, seed: int = 5) -> ErrorSamples:
-    """Run the tracker over batches of scenes, 'own' and 'stranger', of people who were learned from, and of others.
+    """Run the tracker over batches of scenes, 'own' and 'stranger', of people in the training data, and of others.
 
-    The model's expected errors are the network's own, and in place of their bounds it gives how far apart the network's
-    two answers are (`unchanged_errors`, `shown_apart`).
+    The model gives the network's own expected errors and, in place of their bounds, the distance between the network's
+    two answers (`unchanged_errors`, `shown_apart`).
     """
     rng = np.random.default_rng(seed)
     draws: list[tuple[SensorSet, Body]] = [(SENSOR_SETS[name], body) for name in TABLE_SETS for body in BODIES]

@@ -76,14 +76,14 @@ class TrackedScene:
 
 
 def scene_of(clip: Clip, truth: Truth, split: Split | Literal["all"]) -> TrackedScene:
-    """A clip at `RATE`, on its own body or on the stranger of its name."""
+    """Return a clip at `RATE`, on its own body or on the unseen body drawn by its name."""
     clip = resample(clip, RATE)
     pose = clip.pose if truth == "own" else retargeted(clip.pose, stranger_of(clip, split))
     return TrackedScene(f"{clip.person}/{clip.name}", group_of(clip), pose, clip.person)
 
 
 def stranger_of(clip: Clip, split: Split | Literal["all"]) -> Skeleton:
-    """The body on which a clip moves as a stranger: always the same one of the split's, by the clip's name."""
+    """Return the unseen body of a clip: fixed by the clip's name, from the bodies of the split."""
     bodies = _strangers(body_split(split))
     digest = hashlib.sha256(f"{clip.person}/{clip.name}".encode()).digest()
     return clip.pose.skeleton.with_offsets(bodies[int.from_bytes(digest[:8], "big") % len(bodies)])

@@ -48,7 +48,7 @@ class WorstFrame:
 
 @dataclass(frozen=True)
 class CompletionTable:
-    """Averages of every cell by category group, calibrations of the main group, and what stands beside them."""
+    """Averages of every cell by category group, calibrations of the main group, and baselines and other scores."""
 
     settings: CompletionSettings
     cells: dict[tuple[str, Body, str], Averages] = field(default_factory=dict, repr=False)

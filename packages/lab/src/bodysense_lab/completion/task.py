@@ -289,7 +289,7 @@ _GROUP = 16  # sequences side by side
 
 
 def validation_batches(corpus: Corpus, stride: int) -> dict[str, list[SequenceBatch]]:
-    """Whole clips of what wearers do, every `stride`-th, on their own body and on a stranger's; by set and body."""
+    """Return every `stride`-th clip of what wearers do, whole, on its own and on an unseen body; by set and body."""
     clips = [k for k in range(len(corpus)) if corpus.category[k] in WORN][::stride]
     if not clips:
         raise BodysenseError("the val split has no everyday motion; give --data with some, or without categories")
