@@ -26,7 +26,7 @@ _LONGEST_REQUEST = 8192  # bytes
 
 @dataclass(frozen=True)
 class OscAddress:
-    """An address that is taken: its OSC types and what it is."""
+    """An accepted address: its OSC types and its description."""
 
     types: str
     description: str
@@ -42,7 +42,7 @@ class OscService:
     taken: Mapping[str, OscAddress]
 
     def host_info(self) -> dict[str, Any]:
-        """HOST_INFO: where OSC is taken, and what of OSCQuery is known here."""
+        """Return HOST_INFO: the port for OSC, and the supported attributes of OSCQuery."""
         known = {"ACCESS": True, "CLIPMODE": False, "RANGE": False, "TYPE": True, "VALUE": True}
         return {
             "NAME": self.name,

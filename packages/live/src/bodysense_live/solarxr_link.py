@@ -223,7 +223,7 @@ class SolarxrLink:
             writer.close()
 
     async def _beat(self) -> None:
-        """Updates while no body comes."""
+        """Send updates while no body arrives."""
         loop = asyncio.get_running_loop()
         while True:
             await asyncio.sleep(_SLOWEST)
