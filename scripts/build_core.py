@@ -28,7 +28,7 @@ _FLAGS = (
 
 
 def system_compiler() -> list[str] | None:
-    """The command of the system's C compiler; None if there is none."""
+    """Return the command of the system's C compiler; None without one."""
     if os.environ.get("CC"):
         return shlex.split(os.environ["CC"])
     found = next((name for name in ("cc", "gcc", "clang") if shutil.which(name)), None)
@@ -36,7 +36,7 @@ def system_compiler() -> list[str] | None:
 
 
 def compiler() -> list[str]:
-    """The command of a C compiler. Ends the program if there is none."""
+    """Return the command of a C compiler. Ends the program without one."""
     found = system_compiler()
     if found is None and find_spec("ziglang") is not None:
         found = [sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline"]
@@ -46,7 +46,7 @@ def compiler() -> list[str]:
 
 
 def build(library: Path | None = None, command: list[str] | None = None) -> Path:
-    """Compile core/src into a shared library, beside the package's modules if no path is given."""
+    """Compile core/src into a shared library, in the package's folder if `library` is None."""
     if library is None:
         library = ROOT / "src" / "bodysense" / LIBRARIES.get(sys.platform, "_core.so")
     sources = sorted(str(path) for path in (ROOT / "core" / "src").glob("*.c"))

@@ -31,8 +31,8 @@ from bodysense.files import written_beside
 WHEEL = "mediapipe==0.10.21"
 RUNTIME = "@mediapipe/tasks-vision@1.1.0"  # of npm, as in web/package-lock.json
 RUNTIME_FILES = ("vision_wasm_module_internal.js", "vision_wasm_module_internal.wasm")
-# What a .task file holds: the name in it, the model in the wheel, and (mean, standard deviation) of the pixels that a
-# model without metadata of its own was trained on.
+# Contents of each .task file: name in it, model in the wheel, and (mean, standard deviation) of the pixels that a model
+# without metadata of its own was trained on.
 BUNDLES = {
     POSE_LANDMARKER: (
         ("pose_detector.tflite", "pose_detection/pose_detection.tflite", (127.5, 127.5)),

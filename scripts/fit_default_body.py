@@ -208,7 +208,7 @@ def capsule(name: str, joint: str, start: Sequence[float], end: Sequence[float],
 
 
 def capsule_along(name: str, joint: str, vertices: np.ndarray, axis: Sequence, centred: bool, tip: bool) -> dict:
-    """Return a capsule along a bone, its radius the median distance of the vertices beside the bone from its axis.
+    """Return a capsule along a bone, its radius the median distance of the vertices next to the bone from its axis.
 
     Args:
         name: name of the primitive.

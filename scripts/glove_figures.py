@@ -10,7 +10,7 @@
     python scripts/glove_figures.py FIGURES
 
 GLOVES is packaged for the laboratory (`glove_markers_paper.onnx`), or comes from `bodysense train gloves --form paper`.
-Files that are not there leave their table as it is.
+If a file is missing, its table stays unchanged.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def paper(numbers: Numbers) -> str:
 
 
 def sentence(read: dict[str, Numbers]) -> str:
-    """What README says of hands that no network has learned."""
+    """Return README's sentence on hands that were left out of training."""
     table3, table4 = (read[f"gloves-{name}"] for name in ("table3", "table4"))
     text = (
         "Gloves, on an avatar's hand that was left out of training: a marker hidden for a second is "
@@ -100,7 +100,7 @@ def other_sets(numbers: Numbers) -> str:
 
 
 def summary(read: dict[str, Numbers]) -> str:
-    """The main figures, beside the paper's."""
+    """Return the main figures, next to the paper's."""
     table3, table4, frame = (read[f"gloves-{name}"] for name in ("table3", "table4", "speed"))
     rows = []
     for hidden in (HIDDEN[0], HIDDEN[-1]):
@@ -199,7 +199,7 @@ def occlusion(numbers: Numbers) -> str:
 
 
 def limits(numbers: Numbers) -> str:
-    """What the paper's gloves cannot do, with and without what is done about it."""
+    """Return the limits of the paper's gloves, without and with our remedies."""
     rows = []
     for prefix, motion in (("", "recorded"), ("synthesised_", "synthesised")):
         for line in LINES:

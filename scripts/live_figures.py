@@ -5,7 +5,7 @@
     bodysense bench live-fuzz --json FIGURES/live-fuzz.json
     python scripts/live_figures.py FIGURES
 
-What is not there leaves its line out.
+If a file is missing, its line is left out.
 """
 
 from __future__ import annotations

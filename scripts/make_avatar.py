@@ -202,8 +202,8 @@ def boundary(triangles: np.ndarray) -> np.ndarray:
 
 
 def skin(mesh: Mesh, figure: Character, covered: list[np.ndarray]) -> None:
-    """What clothes leave bare, and a little of what they cover; with lips that smile, brows and a blush."""
-    bare = 0.02 - np.maximum.reduce(covered)  # 2 cm go on under the cloth
+    """Add the bare skin and 2 cm of the covered skin, with smiling lips, brows and a blush."""
+    bare = 0.02 - np.maximum.reduce(covered)  # 2 cm continue under the cloth
     bare[figure.part == 1] = -1.0
     ankle = figure.rest[figure.skeleton.index("left_ankle")][1]
     bare[(figure.vertices[:, 1] < ankle - 0.03)] = -1.0  # in the shoes
@@ -240,7 +240,7 @@ def grid(rows: int, columns: int) -> np.ndarray:
 
 
 def shoes(mesh: Mesh, figure: Character) -> None:
-    """Shoes: rings across each foot, as wide and high as it is, round in front and behind, flat below."""
+    """Add shoes: rings across each foot with its width and height, round in front and behind, flat below."""
     for side in ("left", "right"):
         ankle, ball = (figure.skeleton.index(f"{side}_{part}") for part in ("ankle", "foot"))
         own = np.isin(figure.joint[:, 0], [ankle, ball]) & (figure.vertices[:, 1] < figure.rest[ankle][1] + 0.02)

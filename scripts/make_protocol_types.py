@@ -39,7 +39,7 @@ export interface SignalFrame {
 
 export interface PoseFrame {
   kind: typeof POSE | typeof TRUTH;
-  /** Of the signal that is answered. */
+  /** That of the signal that it answers. */
   sequence: number;
   /** s, of that signal. */
   time: number;
@@ -76,7 +76,7 @@ export function writeSignal(frame: SignalFrame): ArrayBuffer {
   return buffer;
 }
 
-/** What a binary message of the server is. */
+/** Return the kind of a binary message of the server. */
 export function kindOf(buffer: ArrayBuffer): number {
   return new DataView(buffer).getUint8(0);
 }
@@ -99,7 +99,7 @@ export function readSignal(buffer: ArrayBuffer): SignalFrame {
   return { sequence: view.getUint32(4, true), time: view.getFloat64(8, true), points };
 }
 
-/** A pose or a truth of a skeleton with so many points. */
+/** Read a pose or a truth of a skeleton with `points` points. */
 export function readPose(buffer: ArrayBuffer, points: number): PoseFrame {
   const view = new DataView(buffer);
   const kind = view.getUint8(0) as typeof POSE | typeof TRUTH;
@@ -157,7 +157,7 @@ def interface(kind: type, tag: str | None) -> str:
     hints, remarks = get_type_hints(kind), remarks_of(kind)
     lines = [f'  type: "{tag}";\n'] if tag else []
     for field in fields(kind):
-        # What a client leaves out has its default; a server leaves nothing out.
+        # Fields that a client leaves out have their default; a server sends every field.
         optional = "?" if tag in messages.CLIENT and field.default is not MISSING else ""
         type_ = typescript(hints[field.name])
         if optional and type_ == "Settings":
@@ -167,7 +167,7 @@ def interface(kind: type, tag: str | None) -> str:
 
 
 def remarks_of(kind: type) -> dict[str, str]:
-    """What is said under the fields of a dataclass."""
+    """Return the docstrings under the fields of a dataclass."""
     body = next(node for node in ast.parse(inspect.getsource(kind)).body if isinstance(node, ast.ClassDef)).body
     found = {}
     for before, node in pairwise(body):

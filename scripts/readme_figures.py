@@ -16,7 +16,7 @@
     python scripts/readme_figures.py FIGURES
 
 VAES comes from `bodysense train hmd-vae --sweep --grid one`, NETWORKS from `bodysense train unoc-tables
---window-stride 24 --batch-scale 0.25`. Files that are not there leave their table as it is.
+--window-stride 24 --batch-scale 0.25`. If a file is missing, its table stays unchanged.
 """
 
 from __future__ import annotations
@@ -271,7 +271,7 @@ SIGHT = {  # measures of sight: column, and the factor of its figures
 
 
 def sight(numbers: dict[str, float]) -> str:
-    """What a wearer sees, of every set that was scored, with known proportions."""
+    """Return the measures of sight of every scored sensor set, with known proportions."""
     rows = [
         [
             _sensors(sensors),
@@ -291,7 +291,7 @@ def _scaled(numbers: dict[str, float], key: str, factor: float) -> str:
 
 
 def published(numbers: dict[str, float]) -> str:
-    """Three points, beside what others publish."""
+    """Return the figures of three points, next to published ones."""
     columns = ("mpjpe_cm", "velocity_cm_s", "jitter")
     rows = [
         [f"bodysense, {body}", *(_figure(numbers, f"three_point_{body}_{column}") for column in columns)]
@@ -454,7 +454,7 @@ def smoothness(numbers: dict[str, float]) -> str:
 
 
 def beyond(jerk: dict[str, float], trust: dict[str, float], training: dict[str, float]) -> str:
-    """What the paper does not measure: re-entry, calibrated confidence, and how fast sequences train."""
+    """Return figures that the paper does not have: re-entry, calibrated confidence, and how fast sequences train."""
     peaks = [jerk[f"{who}_regained_peak_jerk"] for who in ("truth", "last_known", "best", "tracker")]
     errors = [jerk[f"{who}_occluded_rmsjpe_cm"] for who in ("best", "tracker")]
     head = ["peak jerk in the second after a joint is seen again", "m/s³"]
@@ -515,7 +515,7 @@ def cameras(read: dict[str, dict[str, float]]) -> str:
 
 
 def speed(read: dict[str, dict[str, float]]) -> str:
-    """What the bench commands measured."""
+    """Return the figures of the bench commands."""
     step, ik = read["step"], read["ik"]
     rows = [
         ["`bench step`", "a frame, whole", f"p50 {step['p50_ms']:.2f} ms, p99 {step['p99_ms']:.2f} ms"],

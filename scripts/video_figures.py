@@ -10,7 +10,7 @@
     bodysense bench arms --json FIGURES/arms-speed.json
     python scripts/video_figures.py FIGURES
 
-Files that are not there leave their table as it is.
+If a file is missing, its table stays unchanged.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the wearer of a headset does and when: postures, contacts, steps, glances.
+"""The script of a headset's wearer in time: postures, contacts, steps, glances.
 
 World: +Y up, metres; the wearer starts at the origin and faces +Z. Angles in degrees.
 """
@@ -58,7 +58,7 @@ class Passing:
 
 
 def both(**posture: float) -> dict[str, float]:
-    """The same angles on both sides."""
+    """Return a posture's angles for both sides."""
     return {f"{side}_{name}": value for side in ("left", "right") for name, value in posture.items()}
 
 

@@ -64,10 +64,10 @@ class Probe:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What a motion of T frames should be."""
+    """The goals of a motion of T frames."""
 
     machine: Machine
-    reference: np.ndarray  # (T, N) where every degree of freedom would rather be
+    reference: np.ndarray  # (T, N) preferred value of every degree of freedom
     reference_weight: np.ndarray  # (T, N)
     acceleration_weight: np.ndarray  # (N,) on squared second differences
     terms: Sequence[Touch | Aim]

@@ -100,7 +100,7 @@ def footfalls(walks: Sequence[Walk], seconds: float) -> list[Footfall]:
 
 
 def sway(walks: Sequence[Walk], time: np.ndarray) -> dict[str, np.ndarray]:
-    """What a walk adds to the body, by degree of freedom, metres and radians: (T,) each."""
+    """Return what walks add to the body, by degree of freedom, in metres and radians: (T,) each."""
     names = ("x", "y", "z", "heading", "roll", "turn", "bend", "left_arm_forward", "right_arm_forward")
     added = {name: np.zeros(len(time)) for name in (*names, "left_elbow", "right_elbow")}
     for walk in walks:

@@ -257,7 +257,7 @@ export class App {
     this.sensors.offer(this.source.sensors, true);
   }
 
-  /** What is known of the person that a source tracks: of whoever is at this page more than of others. */
+  /** The known measurements of the person that a source tracks; the user's own include the calibration. */
   private personOf({ isYou }: Source): Person {
     return personFrom(this.settings.height, isYou ? this.settings.measured : null);
   }

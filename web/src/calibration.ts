@@ -10,7 +10,7 @@ const SPAN = { least: 0.9, most: 2.0 } as const; // m between wrists of arms tha
 export const DEVIATION = 0.02; // m
 const FEWEST = 3; // frames: a device that can hardly keep up is measured, too
 
-/** The person after standing still. Throws an Error of one line for whoever did not. */
+/** Measure a person standing still. Throws an Error of one line if the head moved or was not tracked. */
 export function calibrated(frames: readonly Observation[]): Person {
   const heads = frames.flatMap(({ points }) =>
     points.filter(({ name, position }) => name === "head" && position).map(({ position }) => position as Vector),

@@ -1,4 +1,4 @@
-/** What was completed, bounded: the timeline and the files that are saved read from here. */
+/** The completed bodies, up to a limit; the timeline and saved files read them. */
 
 import type { Point } from "./body/observation";
 import type { Body } from "./body/skeleton";
@@ -55,7 +55,7 @@ export class History {
     this.moments.length = 0;
   }
 
-  /** Index of the last moment at or before a time; 0 before the first, −1 while there is none. */
+  /** Index of the last moment at or before a time; 0 before the first, −1 if there are no moments. */
   indexAt(time: number): number {
     let [low, high] = [0, this.moments.length - 1];
     while (low < high) {

@@ -6,7 +6,7 @@ import type { Keeper } from "./take";
 
 const [NAME, STORE] = ["bodysense", "take"];
 
-/** Frames as they are stored. */
+/** Stored frames. */
 interface Chunk {
   readonly time: Float64Array; // s
   readonly root: Float32Array; // (frames × 3) m
@@ -25,7 +25,7 @@ export class KeptTake implements Keeper {
     this.turn = this.turn.then(() => this.put(chunkOf(frames), isFirst)).catch((error: unknown) => this.fail(error));
   }
 
-  /** What was kept of a take of so many joints; nothing where this browser keeps nothing. */
+  /** Load the stored take of bodies with `joints` joints; empty without storage. */
   async load(joints: number): Promise<readonly BodyFrame[]> {
     const chunks = await inStore<Chunk[]>("readonly", (store) => store.getAll()).catch(() => []);
     const isWhole = chunks.every(({ time, rotation }) => rotation.length === 4 * joints * time.length);

@@ -1,4 +1,4 @@
-/** The live body: what a source tracks goes to the worker, what comes back goes to the history. */
+/** The live body: observations go to the worker, completed bodies go to the history. */
 
 import type { Observation } from "./body/observation";
 import type { Body, Skeleton } from "./body/skeleton";

@@ -19,7 +19,7 @@ export class Notice {
     this.show(text, "news", null);
   }
 
-  /** What went wrong; `again` offers to connect again. */
+  /** Show an error; `again` offers to connect again. */
   fault(text: string, again: (() => void) | null = null): void {
     this.show(text, "fault", again);
   }

@@ -2,7 +2,7 @@
 
 import { fetched } from "./engine/files";
 
-/** What a folder of the page says of itself (`page.json`). */
+/** The description of a folder of the page (`page.json`). */
 export interface About {
   readonly server: boolean; // a server of bodysense is behind it
   readonly webcam: boolean; // MediaPipe's files are in it

@@ -191,7 +191,7 @@ export interface SignalFrame {
 
 export interface PoseFrame {
   kind: typeof POSE | typeof TRUTH;
-  /** Of the signal that is answered. */
+  /** That of the signal that it answers. */
   sequence: number;
   /** s, of that signal. */
   time: number;
@@ -228,7 +228,7 @@ export function writeSignal(frame: SignalFrame): ArrayBuffer {
   return buffer;
 }
 
-/** What a binary message of the server is. */
+/** Return the kind of a binary message of the server. */
 export function kindOf(buffer: ArrayBuffer): number {
   return new DataView(buffer).getUint8(0);
 }
@@ -251,7 +251,7 @@ export function readSignal(buffer: ArrayBuffer): SignalFrame {
   return { sequence: view.getUint32(4, true), time: view.getFloat64(8, true), points };
 }
 
-/** A pose or a truth of a skeleton with so many points. */
+/** Read a pose or a truth of a skeleton with `points` points. */
 export function readPose(buffer: ArrayBuffer, points: number): PoseFrame {
   const view = new DataView(buffer);
   const kind = view.getUint8(0) as typeof POSE | typeof TRUTH;

@@ -1,4 +1,4 @@
-/** What a person set up, saved in this browser. */
+/** The user's settings, saved in this browser. */
 
 import { SENSOR_SETS, type SensorSet } from "./body/clip";
 import { COLOURINGS } from "./view/colours";
@@ -30,7 +30,7 @@ export const DEFAULT_SETTINGS: Settings = {
 
 const KEY = "bodysense.page";
 
-/** What of a text is valid settings; the default stands for the rest. */
+/** Return the valid settings in a text; invalid ones get their default. */
 export function settingsFrom(text: string | null): Settings {
   const saved = record(parsed(text));
   const fallback = DEFAULT_SETTINGS;

@@ -1,4 +1,4 @@
-/** A take: what was recorded between two presses, kept until the next one, also where its source is gone. */
+/** A take: the frames between two presses, kept until the next take, even after its source is gone. */
 
 import type { BodyFrame, History, Moment } from "./history";
 
@@ -60,7 +60,7 @@ export class Take {
     if (frames.length > 1 && this.frames.length === 0) this.frames = frames;
   }
 
-  /** What is saved: the take, or else the longest stretch of the history. */
+  /** Return the frames to save: the take, or else the longest stretch of the history. */
   toSave(): readonly BodyFrame[] {
     return this.frames.length > 1 ? this.frames : this.history.longestRun();
   }

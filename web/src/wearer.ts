@@ -1,4 +1,4 @@
-/** What is known of the wearer, from one source to the next, and from one visit to the next. */
+/** The wearer's measurements, kept from source to source and from visit to visit. */
 
 import type { Person as Known } from "@bodysense/core";
 import { DEVIATION } from "./calibration";
@@ -7,7 +7,7 @@ export interface Person extends Known {
   readonly head?: number; // m: height of the standing wearer's head joint, from which an unknown height follows
 }
 
-/** What measuring found. */
+/** The result of measuring. */
 export interface Measurement {
   readonly head: number; // m: height of the head joint
   readonly reach: number | null; // m, from wrist to wrist
@@ -36,12 +36,12 @@ export function personFrom(height: number | null, measured: Measurement | null):
   return head === null ? NOBODY : { head, lengths };
 }
 
-/** What calibration found, as it is kept. */
+/** Return the result of a calibration in the form that is stored. */
 export function measurementOf({ head, lengths }: Person): Measurement | null {
   return head === undefined ? null : { head, reach: lengths?.[0]?.value ?? null };
 }
 
-/** A measurement that was kept; null if it is none, or nobody's. */
+/** Return a stored measurement; null if it is invalid or not a person's. */
 export function measurementFrom(value: unknown): Measurement | null {
   if (typeof value !== "object" || value === null) return null;
   const { head, reach } = value as Record<string, unknown>;

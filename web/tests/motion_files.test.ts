@@ -1,4 +1,4 @@
-/** Files that are dropped: motions of many rigs, recordings, and what is none of them. */
+/** Dropped files: motions of many rigs, recordings, and other files. */
 
 import { describe, expect, it } from "vitest";
 import { bodyAt } from "../src/body/clip";
@@ -13,7 +13,7 @@ import { moment, skeleton } from "./body";
 
 const file = (name: string, content: string | Uint8Array<ArrayBuffer>) => Object.assign(new Blob([content]), { name });
 
-/** A person who stands and bows a little, as our own BVH. */
+/** Return our BVH of a standing person who bows a little. */
 function ownBvh(): string {
   const history = new History();
   [0, 0.05, 0.1, 0.15].forEach((time, k) => history.add(moment(k, time, 0.15)));

@@ -1,7 +1,7 @@
 import { expect, it } from "vitest";
 import { Presence } from "../src/sources/presence";
 
-/** What is believed after each of these pictures: whether they show a person. */
+/** Return whether a person counts as present after each picture. */
 function believed(pictures: readonly boolean[], apart: number): boolean[] {
   const presence = new Presence();
   return pictures.map((isSeen, k) => presence.look(isSeen, k * apart));

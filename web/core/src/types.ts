@@ -45,7 +45,7 @@ export type Length = Readonly<{ start: string; end: string; value: number; devia
 /** How a tracker is worn: T_joint_tracker. Of an inertial sensor (`rotationOnly`) only the rotation is known. */
 export type Mount = Readonly<{ joint: string; translation: Vector; rotation: Quaternion; rotationOnly?: boolean }>;
 
-/** What is known of a person. An empty object is the likeliest adult. */
+/** A person's known measurements. An empty object is the likeliest adult. */
 export interface Person {
   readonly height?: number | null; // m, floor to crown
   readonly heightDeviation?: number; // m, standard deviation; 0.001
@@ -65,7 +65,7 @@ export interface Model {
 
 /** Everything that one person's next frame depends on. */
 export interface State {
-  /** Complete the next frame, by the settings of the start if none are given. Throws the core's message as an Error. */
+  /** Complete the next frame; `settings` default to those of the start. Throws the core's message as an Error. */
   step(observation: Observation, settings?: Partial<Settings>): Estimate;
   /** The person as believed now. */
   person(): Person;

@@ -1,4 +1,4 @@
-/** A motion, and what simulated sensors track of it. */
+/** A motion and its observation by simulated sensors. */
 
 import type { Quaternion, Vector } from "./math";
 import { ACCURACY, type Observation } from "./observation";
@@ -50,7 +50,7 @@ export function duration({ frames, rate }: Clip): number {
   return (frames - 1) / rate;
 }
 
-/** What sensors track of a body. */
+/** Observe a body with simulated sensors. */
 export function observe(body: Body, skeleton: Skeleton, sensors: readonly string[], time: number): Observation {
   const points = sensors.map((name) => {
     const point = skeleton.points.indexOf(name);

@@ -1,4 +1,4 @@
-/** What was tracked in one frame: named points of the body, world frame (+Y up, metres). */
+/** The observation of one frame: named points of the body, world frame (+Y up, metres). */
 
 export type { Observation, Point } from "@bodysense/core";
 

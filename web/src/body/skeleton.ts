@@ -36,7 +36,7 @@ export function skeletonOfRows({ joints, end_sites }: SkeletonRows): Skeleton {
   };
 }
 
-/** The same tree with other proportions. */
+/** Return the tree with other proportions. */
 export function withOffsets(skeleton: Skeleton, restOffset: Float32Array): Skeleton {
   return { ...skeleton, restOffset };
 }

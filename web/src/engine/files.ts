@@ -1,4 +1,4 @@
-/** The page's own files beside its code: those of the library, as `bodysense page` puts them there. */
+/** The page's files from the library, which `bodysense page` copies next to its code. */
 
 import { inflated } from "../files/npz";
 import { skeletonOfRows, type Skeleton, type SkeletonRows } from "../body/skeleton";

@@ -1,4 +1,4 @@
-/** What the page and the worker that completes bodies tell each other. */
+/** Messages between the page and the worker that completes bodies. */
 
 import type { Observation } from "../body/observation";
 import type { Person } from "../wearer";

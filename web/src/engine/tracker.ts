@@ -37,7 +37,7 @@ export class Tracker {
     this.ratio = restPoint(adult, "head_top")[1] / restPoint(adult, "head")[1];
   }
 
-  /** Begin anew, with a wearer of whom only this is known. */
+  /** Reset, with a wearer whose known measurements are `person`. */
   start(person: Person = NOBODY): void {
     const state = this.model.start(this.known(person));
     this.state.close();

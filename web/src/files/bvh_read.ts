@@ -14,7 +14,7 @@ const AXES: Readonly<Record<string, Vector>> = { X: [1, 0, 0], Y: [0, 1, 0], Z: 
 const MOST_FRAMES = 60_000;
 const MOST_JOINTS = 500;
 
-/** Throws an Error of one line for what is no BVH. */
+/** Read a BVH. Throws an Error of one line for other text. */
 export function readBvh(text: string, name: string): RigMotion {
   const [head, motion] = text.split(/^\s*MOTION\s*$/m);
   if (motion === undefined || !/^\s*HIERARCHY/.test(head))

@@ -61,7 +61,7 @@ export async function inflated(bytes: ArrayBuffer, format: CompressionFormat, mo
   return new Response(unpacked).arrayBuffer();
 }
 
-/** An array of numbers by name. Throws an Error of a few words where there is none, or its shape is another. */
+/** Return an array of numbers by name. Throws an Error of a few words if it is missing or has another shape. */
 export function numbers(archive: Archive, name: string, shape?: readonly (number | null)[]): NumpyArray {
   const array = archive.get(name);
   if (!array || !("shape" in array)) throw new Error(`it has no numbers ${name}`);

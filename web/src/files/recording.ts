@@ -5,14 +5,14 @@ import { numbers, texts, type Archive } from "./npz";
 import { ACCURACY, type Observation, type Point } from "../body/observation";
 
 const FORMAT = "bodysense recording 1";
-// What is read of a .npz recording.
+// Arrays that are read from a .npz recording.
 export const RECORDING_ARRAYS: readonly string[] =
   "format points time position rotation has_position has_rotation accuracy".split(" ");
 const LONGEST_LINE = 65_536; // characters: a frame of a hundred points has a fifth of it
 const MOST_FRAMES = 200_000;
 const WORN: ReadonlySet<string> = new Set(["head", "left_wrist", "right_wrist"]);
 
-/** The frames of a .npz recording. Throws an Error of a few words where it is none. */
+/** Return the frames of a .npz recording. Throws an Error of a few words for other archives. */
 export function recordingOf(archive: Archive): Observation[] {
   const format = texts(archive, "format")[0];
   if (format !== FORMAT) throw new Error(`it has the format ${format}, and this page reads ${FORMAT}`);
@@ -44,7 +44,7 @@ export function recordingOf(archive: Archive): Observation[] {
   );
 }
 
-/** The frames of a .jsonl recording. Throws an Error of a few words where it is none. */
+/** Return the frames of a .jsonl recording. Throws an Error of a few words for other text. */
 export function recordingOfLines(text: string): Observation[] {
   const lines = text.split("\n");
   const long = lines.findIndex((line) => line.length > LONGEST_LINE);

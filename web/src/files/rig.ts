@@ -112,7 +112,7 @@ function parted(name: string): readonly ["left" | "right" | null, string] {
   return [short[1].toLowerCase().startsWith("l") ? "left" : "right", rest];
 }
 
-/** The motion on our skeleton, as tall as the rig's legs say. Throws an Error of one line for what is no person. */
+/** Return the motion on our skeleton, scaled by the rig's legs. Throws an Error of one line for rigs of no person. */
 export function clipOf(rig: RigMotion, tree: Skeleton): Clip {
   const joints = jointsOf(rig.joints);
   const missing = NEEDED.filter((joint) => !joints.has(joint));

@@ -13,7 +13,7 @@ export interface BridgeEvents {
   lost(reason: string, isOver: boolean): void;
 }
 
-/** The address of a bridge in what somebody typed. Throws an Error of one line where it is none, or cannot be reached. */
+/** Return the address of a bridge from typed text. Throws an Error of one line if it is invalid or unreachable. */
 export function bridgeAddress(text: string, page: Pick<Location, "protocol">): string {
   const typed = text.trim();
   const found = URL.parse(/^\w+:\/\//.test(typed) ? typed : `ws://${typed}`);

@@ -20,7 +20,7 @@ export interface HeadsetEvents {
   left(wasAsked: boolean): void;
 }
 
-/** What is missing for a headset on this page, in a sentence; null where nothing is. */
+/** Return what a headset on this page lacks, as a sentence; null if it can be used. */
 export async function missingForHeadset(): Promise<string | null> {
   if (!isSecureContext)
     return "A headset needs a safe address: open this page by https, or as http://localhost on the headset itself (`adb reverse tcp:8000 tcp:8000`).";
@@ -95,7 +95,7 @@ export class Headset implements Source {
     this.isPlaced = false;
   }
 
-  /** Raise somebody who sits to where their head stands, from the next frame on; false: leave them where they are. */
+  /** Raise a seated wearer to standing head height from the next frame on; false: do not. */
   sit(isSeated: boolean): void {
     this.isSeated = isSeated;
     this.recentre();

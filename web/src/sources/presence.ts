@@ -1,6 +1,6 @@
-/** Whether somebody is before a camera, though a picture now and then shows nobody. */
+/** Presence of a person before a camera; single pictures without a person do not count. */
 
-const LOST = { pictures: 3, seconds: 1.5 } as const; // without a person, both: then nobody is there
+const LOST = { pictures: 3, seconds: 1.5 } as const; // without a person, both must pass until the person counts as gone
 
 export class Presence {
   isThere = false;

@@ -1,11 +1,11 @@
-/** A source: what gives the page something to complete, or a completed body. */
+/** A source: it gives the page observations to complete, or completed bodies. */
 
 import type { Observation } from "../body/observation";
 import type { Body } from "../body/skeleton";
 
 /** Where a source's frames go. */
 export interface Sink {
-  /** What was tracked, and how the body truly stood where that is known. */
+  /** Take an observation, and the true body if it is known. */
   track(observation: Observation, truth: Body | null): void;
 }
 

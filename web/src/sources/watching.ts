@@ -1,4 +1,4 @@
-/** The wearers of a server: the first is looked at, the others stand beside it. */
+/** The wearers of a server: the camera follows the first, the others are next to it. */
 
 import { Group, type Object3D } from "three";
 import type { Skeleton } from "../body/skeleton";

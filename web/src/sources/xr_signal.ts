@@ -1,4 +1,4 @@
-/** What a headset tracks in a frame, as points of a signal: the viewer, and controllers or 25 joints of a hand. */
+/** A headset's frame as points of a signal: the viewer, and controllers or 25 joints of a hand. */
 
 import type { SignalPoint } from "../protocol";
 
@@ -29,7 +29,7 @@ const INDEX: ReadonlyMap<string, number> = new Map(XR_POINTS.map((name, index) =
 export class HeadsetReader {
   private readonly measured = new Set<number>();
 
-  /** What is tracked in a frame, in the frame of `space`. */
+  /** Return the tracked points of a frame, in the frame of `space`. */
   read(frame: XRFrame, space: XRReferenceSpace, sources: Iterable<XRInputSource>): SignalPoint[] {
     const points: SignalPoint[] = [];
     const add = (name: string, pose: XRPose | null | undefined): void => {

@@ -1,4 +1,4 @@
-/** The webcam's picture, small beside the body, with the landmarks that were found, and a line on how it goes. */
+/** The webcam's picture, small next to the body, with the landmarks that were found and a line on its state. */
 
 import { element, find } from "../page";
 

@@ -1,6 +1,6 @@
 /** Keys that steer the page, where no control of the page takes them. */
 
-// What takes a key for itself: Space presses a button and ticks a box, arrows move a slider.
+// Controls that use keys themselves: Space presses a button and ticks a box, arrows move a slider.
 const TAKES_KEYS = "input, select, textarea, button, summary, a[href], [contenteditable]";
 
 export function onKeys(keys: Readonly<Record<string, () => void>>): void {

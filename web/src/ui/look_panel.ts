@@ -41,7 +41,7 @@ export class LookPanel {
     }
   }
 
-  /** What there is to be chosen from now, and what the colours mean. */
+  /** Show the choices that are available now, and the meaning of the colours. */
   show(settings: Settings, { names, wornName }: Pick<Wardrobe, "names" | "wornName">, hasTruth: boolean): void {
     this.offer(names, wornName);
     const isFigure = settings.figure === "figure" || wornName === null;

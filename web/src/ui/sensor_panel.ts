@@ -1,4 +1,4 @@
-/** What is tracked: the simulated sensors, and parts of the body that one can switch off. */
+/** The panel of sensors: simulated ones, and parts of the body that can be switched off. */
 
 import { SENSOR_SETS, type SensorSet } from "../body/clip";
 import { checkbox, choices, element } from "../page";

@@ -7,7 +7,7 @@ import { GLTFLoader, type GLTF } from "three/addons/loaders/GLTFLoader.js";
 import { drivenJoints, localRotation, type Driven } from "./retarget";
 import { rootHeight, type Body, type Skeleton } from "../body/skeleton";
 
-/** Read the bytes of a .vrm or .glb file. Throws an Error of one line for what is none. */
+/** Read the bytes of a .vrm or .glb file. Throws an Error of one line for other bytes. */
 export async function readGlb(bytes: ArrayBuffer, name: string): Promise<GLTF> {
   const loader = new GLTFLoader().setMeshoptDecoder(MeshoptDecoder).register((parser) => new VRMLoaderPlugin(parser));
   return loader.parseAsync(bytes, "").catch((error: unknown) => {
@@ -38,7 +38,7 @@ export class Avatar {
     });
   }
 
-  /** The avatar in a file; null where it is none. */
+  /** Return the avatar in a file; null without one. */
   static of(file: GLTF, name: string): Avatar | null {
     const vrm = file.userData["vrm"] as VRM | undefined;
     if (!vrm && /\.vrm$/i.test(name))

@@ -1,4 +1,4 @@
-/** What stands on the stage: the result (an avatar, or a figure that shows how sure it is), the truth, the signal. */
+/** The bodies of the scene: the result (an avatar, or a figure that shows how sure it is), the truth, the signal. */
 
 import type { Object3D } from "three";
 import { withOffsets, type Skeleton } from "../body/skeleton";

@@ -1,4 +1,4 @@
-/** What a body's colours mean: confidence, what was hidden, the error against the truth. */
+/** A body's colours: confidence, hidden parts, the error against the truth. */
 
 import { Color } from "three";
 import type { Moment } from "../history";

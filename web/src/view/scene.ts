@@ -111,7 +111,7 @@ export class View {
     this.controls.update();
   }
 
-  /** Go after somebody who stands at (x, z), m, `seconds` after the picture before. */
+  /** Follow a body at (x, z), m, `seconds` after the previous picture. */
   follow(x: number, z: number, seconds: number): void {
     const share = 1 - Math.exp(-FOLLOW * seconds);
     const { target } = this.controls;
@@ -123,7 +123,7 @@ export class View {
     this.lightAt(target.x, target.z);
   }
 
-  /** Light and floor for somebody who stands at (x, z), m. */
+  /** Move light and floor to a body at (x, z), m. */
   lightAt(x: number, z: number): void {
     this.sun.position.set(x + 1.6, 4.2, z + 2.4);
     this.sun.target.position.set(x, 0.8, z);

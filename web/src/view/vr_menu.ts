@@ -1,4 +1,4 @@
-/** A menu in VR, beside the mirror: buttons on a board, pointed at by a hand's or a controller's ray. */
+/** A menu in VR, next to the mirror: buttons on a board, pointed at by a hand's or a controller's ray. */
 
 import {
   CanvasTexture,

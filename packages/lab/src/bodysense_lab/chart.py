@@ -1,4 +1,4 @@
-"""Charts: groups of bars, with errors as in UNOC's Fig. 6 or beside published figures, and lines."""
+"""Charts: groups of bars, with errors as in UNOC's Fig. 6 or next to published figures, and lines."""
 
 from __future__ import annotations
 

@@ -50,9 +50,9 @@ def save_checkpoint(
     average: AveragedModel,
     best: dict[str, Any] | None = None,
 ) -> None:
-    """Written beside and renamed, so that a run (its `identity`) killed at any moment can go on.
+    """Write a checkpoint to a temporary file and rename it, so that a run (its `identity`) may be killed at any moment.
 
-    `best` holds the weights that did best so far, where a run keeps those.
+    `best` holds the best weights so far, if the run keeps them.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(path.name + ".part")

@@ -93,7 +93,7 @@ class Task:
         return rate_at(self.schedule, step, self.steps)
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[Any]:
-        """Batches from step `done` on; a resumed run draws anew from there."""
+        """Batches from step `done` on; a resumed run draws new ones from there."""
         raise NotImplementedError
 
     def loss(self, batch: Any, memory: Any) -> tuple[dict[str, Tensor], Any]:

@@ -1,4 +1,4 @@
-"""How well holes are filled: parts of people are taken away for some seconds, filled, and compared with the truth."""
+"""How well holes are filled: parts of people are removed for some seconds, filled, and compared with the truth."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from bodysense_lab.chart import BarPanel, plain_bars
 from bodysense_lab.table import Report, finite
 
 RATE, LEAD = 30.0, 1.0  # Hz; s of known frames that a clip has on either side of a gap at least
-KEPT = 2.0  # s of known frames on either side that are used at most
+KEPT = 2.0  # s of known frames on either side that are used, at most
 SECONDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 KNOTS = 2  # known frames on either side through which a cubic spline goes
-# What is taken away with all that hangs on it, and the points that are scored.
+# joints that are removed with all their descendants, and points that are scored
 PARTS = {
     "arm": (("left_shoulder",), ("left_elbow", "left_wrist")),
     "leg": (("left_hip",), ("left_knee", "left_ankle", "left_foot")),

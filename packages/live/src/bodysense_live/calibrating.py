@@ -21,7 +21,7 @@ STANDING = 1.0  # s
 class Calibrated:
     """The result of a calibration."""
 
-    person: Person | None  # None without a headset
+    person: Person | None  # unset without a headset
     worn: Mapping[str, str]  # undecided trackers → the joints that they are on
     inertial: Inertial
     said: tuple[str, ...]  # to the wearer

@@ -30,13 +30,13 @@ def lan_address() -> str:
 
 
 def state_folder() -> Path:
-    """Where what is made once is kept for the next time."""
+    """Return the folder of files that are kept between runs."""
     told = os.environ.get("XDG_STATE_HOME") or os.environ.get("LOCALAPPDATA")
     return (Path(told) if told else Path.home() / ".local" / "state") / "bodysense"
 
 
 def own_certificate(folder: Path, addresses: Sequence[str]) -> tuple[Path, Path]:
-    """Certificate and key for these addresses and names, as PEM files in a folder; made anew where they do not fit.
+    """Return certificate and key for addresses and names, as PEM files in a folder; created again if they do not fit.
 
     Raises BodysenseError for a folder that cannot be written to.
     """

@@ -108,7 +108,7 @@ def _check_size(message: str | bytes, live: Live) -> None:
 
 
 async def _send(socket: WebSocket, outbox: Outbox) -> None:
-    """Send what is in the outbox until the client is gone or another connection took its place."""
+    """Send the queued messages until the client is gone or another connection replaced it."""
     from starlette.websockets import WebSocketDisconnect
 
     try:

@@ -36,11 +36,11 @@ class Receiver:
     protocol: Literal["vmc", "vrchat"]
     host: str
     port: int
-    parts: tuple[str, ...] = ADVISED  # of the body, whose trackers a VRChat is sent
+    parts: tuple[str, ...] = ADVISED  # of the body whose trackers are sent to VRChat
 
 
 class PoseSender:
-    """Sends each pose as datagrams; what cannot be sent at once is dropped. Raises BodysenseError for unknown hosts."""
+    """A sender of poses as datagrams; drops those not sent at once. Raises BodysenseError for unknown hosts."""
 
     def __init__(self, receivers: Sequence[Receiver], metrics: Metrics) -> None:
         self._metrics = metrics

@@ -3,8 +3,8 @@
 `left_knee_imu` is a sensor on what the joint `left_knee` turns, the shin. A calibration second gives both unknowns of
 each sensor. Its heading: a strap sits on a usual side of its segment (`FACING`), which then points where the wearer
 faces. Its mount: the remaining rotation between it and the joint of a standing wearer. From then on a sensor gives its
-joint's rotation. A person keeps the mounts; headings drift, and are others whenever a sensor was switched on: they are
-taken anew, with the mounts as they are, when a sensor first comes and whenever the wearer recentres.
+joint's rotation. A person keeps the mounts. Headings drift, and change whenever a sensor is switched on. They are
+measured again, with unchanged mounts, when a sensor first sends and whenever the wearer recentres.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class Inertial:
         )
 
     def headed(self, observation: Observation, skeleton: Skeleton) -> Inertial:
-        """Return the sensors with headings of those that are new, of a wearer who stands upright."""
+        """Return the sensors with headings of the new ones; the wearer must stand upright."""
         fresh = [name for name, one in self.worn.items() if one.heading is None and name in observation.points]
         head = observation.points.index("head") if "head" in observation.points else None
         if not fresh or (head is not None and not observation.has_rotation[:, head].any()):
@@ -109,7 +109,7 @@ class Inertial:
         return Inertial({**self.worn, **{name: whole[name] for name in fresh}})
 
     def reheaded(self, observation: Observation, skeleton: Skeleton) -> Inertial:
-        """Return the sensors with new headings, of a wearer who stands upright and faces where the head does."""
+        """Return the sensors with new headings; the wearer must stand upright and face the head's direction."""
         stood = _stood(observation, skeleton, "standing")
         worn = dict(self.worn)
         for name, turned in _turned(observation).items():

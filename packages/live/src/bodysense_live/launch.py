@@ -34,7 +34,7 @@ _POINTS = ("headset", "left_controller", "right_controller")
 
 
 def rehearse() -> None:
-    """Load the network, complete a few frames of somebody, and let another process's session be resumed."""
+    """Load the network, complete a few frames, and resume a session of another process."""
     load()
     session = Session(_POINTS, Person())
     places = np.array([[0, 1.6, 0], [-0.3, 1.0, -0.3], [0.3, 1.0, -0.3]], dtype=np.float32)
@@ -126,6 +126,6 @@ def serve(
         server = prepared(settings, started)
         rehearse()
         gc.collect()
-        gc.freeze()  # what is loaded stays: searched again and again, it would hold a frame up for 20 ms
+        gc.freeze()  # loaded objects stay: collecting them again and again would delay a frame by 20 ms
         sys.setswitchinterval(_SWITCH)
         server.run(list(bound))

@@ -70,14 +70,14 @@ class Reader(Protocol):
         ...
 
     def serials(self, state: Any) -> Mapping[str, str]:
-        """Return the names in the signal of trackers whose serials say nothing, by serial."""
+        """Return the names in the signal of trackers whose serials name no joint, by serial."""
         ...
 
 
 class DeviceInput(asyncio.DatagramProtocol):
-    """Packets become signal frames of `points`, each of one packet, or of what came within two milliseconds.
+    """Turns packets into signal frames of `points`; packets within two milliseconds share a frame.
 
-    `sender`: the only address that is listened to, where it is known.
+    `sender`: the only address that is accepted, if it is known.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class DeviceInput(asyncio.DatagramProtocol):
             self._later = loop.call_later(TOGETHER, self._flush)
 
     def serials(self) -> Mapping[str, str]:
-        """Return the names in the signal of trackers whose serials say nothing, by serial."""
+        """Return the names in the signal of trackers whose serials name no joint, by serial."""
         return self._reader.serials(self.state)
 
     def _flush(self) -> None:

@@ -229,7 +229,7 @@ class Live:
         return seat
 
     def _keep(self, seat: Seat) -> None:
-        """Let other processes know of a session what they need to resume it."""
+        """Store what other processes need to resume a session."""
         if self._store is None or seat.source is not None:
             return
         session = seat.session
@@ -261,7 +261,7 @@ class Live:
         return seat
 
     def _tell(self, seat: Seat) -> None:
-        """Tell the clients of a session what they do not know yet."""
+        """Send a session's new messages to its clients."""
         notes: list[ServerMessage] = seat.session.notes()
         if seat.told != seat.session.revision:
             seat.told = seat.session.revision

@@ -34,19 +34,19 @@ _POLL = 0.1  # s within which a receiver that is closed stops
 
 @dataclass(frozen=True)
 class StreamCounts:
-    """What became of the messages that came in."""
+    """Counts of received messages by outcome."""
 
-    frames: int  # that were good
-    missed: int  # of these: a newer one came before they were taken
-    dropped: int  # that were no frame: malformed, too large, of another address
-    late: int  # whose time was not after the frame's before
+    frames: int  # good frames
+    missed: int  # of these: replaced by a newer one before they were read
+    dropped: int  # not a frame: malformed, too large or another address
+    late: int  # time not after that of the previous frame
 
 
 class MarkerReceiver:
     """Receives frames of markers while it is open: `with MarkerReceiver(('left', 'right')) as receiver: …`.
 
-    `hands` are those whose gloves are wanted; other markers are left out. Names, unit and axes of the sender are told
-    by `form`, as for files; port 0 takes any that is free. Raises BodysenseError where the port is taken.
+    `hands` are those whose gloves are wanted; other markers are left out. `form` has the sender's names, unit and
+    axes, as for files. Port 0 takes any free port. Raises BodysenseError if the port is taken.
     """
 
     def __init__(
@@ -94,12 +94,12 @@ class MarkerReceiver:
 
     @property
     def counts(self) -> StreamCounts:
-        """What became of the messages until now."""
+        """Counts of the messages until now."""
         with self._changed:
             return self._counts
 
     def wait(self, seconds: float) -> Observation | None:
-        """The newest frame (1, …) that was not taken yet, waited for at most so long; None where none came."""
+        """Wait at most `seconds` for a frame that was not read yet, and return the newest (1, …); None without one."""
         with self._changed:
             self._changed.wait_for(lambda: self._frame is not None, seconds)
             frame, self._frame = self._frame, None
@@ -163,7 +163,7 @@ def send_frame(address: tuple[str, int], now: float, markers: Mapping[str, np.nd
 
 
 def replay(address: tuple[str, int], observation: Observation, speed: float = 1.0) -> None:
-    """Send the gloves' markers of a recording (T frames) as they were seen, `speed` times as fast."""
+    """Send the gloves' markers of a recording (T frames) at its own times, `speed` times as fast."""
     here = [(k, name) for k, name in enumerate(observation.points) if glove_marker(name)]
     begun = time.monotonic()
     for t, moment in enumerate(observation.time):

@@ -25,7 +25,7 @@ class Moments:
         return self._time is not None
 
     def of(self, time: float) -> float | None:
-        """The moment of the next frame, by the client's time of it; None for one that comes late."""
+        """Return the moment of the next frame from the client's time; None for a late frame."""
         if self._time is not None:
             step = time - self._time
             if -CLOCK_SET < step < SHORTEST_STEP and not self._starts_afresh:

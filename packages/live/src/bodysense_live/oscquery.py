@@ -1,7 +1,7 @@
-"""OSCQuery: what we take by OSC as a tree of JSON over HTTP, so that VRChat finds it and sends there by itself.
+"""OSCQuery: our OSC addresses as a tree of JSON over HTTP, so that VRChat finds them and sends there by itself.
 
-Source: the OSCQuery proposal (Vidvox) and VRChat's library for it. VRChat sends its tracking to whoever's tree has
-`/tracking/vrsystem`. Nothing that is answered is secret, and nothing can be changed by asking.
+Source: the OSCQuery proposal (Vidvox) and VRChat's library for it. VRChat sends its tracking to every service whose
+tree has `/tracking/vrsystem`. The answers contain no secrets, and requests cannot change anything.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _LONGEST_REQUEST = 8192  # bytes
 
 @dataclass(frozen=True)
 class OscAddress:
-    """An address that is taken: its OSC types and what it is."""
+    """An accepted address: its OSC types and its description."""
 
     types: str
     description: str
@@ -34,7 +34,7 @@ class OscAddress:
 
 @dataclass(frozen=True)
 class OscService:
-    """A receiver of OSC, as it is announced."""
+    """A receiver of OSC that is announced."""
 
     name: str
     host: str
@@ -42,7 +42,7 @@ class OscService:
     taken: Mapping[str, OscAddress]
 
     def host_info(self) -> dict[str, Any]:
-        """HOST_INFO: where OSC is taken, and what of OSCQuery is known here."""
+        """Return HOST_INFO: the port for OSC, and the supported attributes of OSCQuery."""
         known = {"ACCESS": True, "CLIPMODE": False, "RANGE": False, "TYPE": True, "VALUE": True}
         return {
             "NAME": self.name,

@@ -1,4 +1,4 @@
-"""The files of the page: what is built from web/, and what it reads of the library, each kept once.
+"""The files of the page: those built from web/, and those it reads from the library, each stored once.
 
 A folder of them is a whole product on any static host; `bodysense serve` answers with the same ones.
 """
@@ -24,13 +24,13 @@ _OF_THE_LIBRARY = {
 }
 _NETWORK = "completion.safetensors"
 LIBRARY_FILES = (f"{_NETWORK}.gz", *_OF_THE_LIBRARY)  # by the names that the page asks for
-# What MediaPipe needs to see a person in a webcam, where somebody put it.
+# MediaPipe's files for finding a person in a webcam's picture; optional.
 WEBCAM = (
     "pose_landmarker_full.task",
     "vision_wasm_module_internal.js",
     "vision_wasm_module_internal.wasm",
 )
-_WHEN_SEEN = frozenset({*WEBCAM, "webcam.js", "camera_worker.js"})  # kept for later visits once they were used
+_WHEN_SEEN = frozenset({*WEBCAM, "webcam.js", "camera_worker.js"})  # cached for later visits once they were used
 
 
 def built() -> Path:

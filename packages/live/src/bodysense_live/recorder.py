@@ -53,7 +53,7 @@ class Recorder:
         return self._stream.frames
 
     def _lowered(self, pose: Pose) -> np.ndarray:
-        """(3,) m: where the root of the recording's body is, its legs being as long as they are."""
+        """Return (3,) m: the root's position on the recording's body, whose legs may have another length."""
         if pose.skeleton is self._skeleton:
             return pose.root_position
         return pose.root_position + np.array([0.0, _root_height(self._skeleton) - _root_height(pose.skeleton), 0.0])

@@ -44,7 +44,7 @@ class Recordings:
             seat.tell(Notice(f"recording to {seat.recorder.path.name}"))
 
     def stop(self, seat: Seat) -> None:
-        """End a recording and say what became of it."""
+        """End a recording and report its result."""
         if seat.recorder is None:
             return
         recorder, seat.recorder = seat.recorder, None

@@ -50,7 +50,7 @@ class Playable:
         return float(self.time[-1])
 
     def frame(self, index: int) -> SignalFrame:
-        """What was tracked; its sequence is the frame's index."""
+        """Return the signal of a frame; its sequence is the frame's index."""
         seen = self.observation
         has = HAS_POSITION * seen.has_position[index] + HAS_ROTATION * seen.has_rotation[index]
         here = np.flatnonzero(has)
@@ -76,7 +76,7 @@ class Player:
         self._changed = asyncio.Event()
 
     def change(self, message: Replay) -> None:
-        """Do what a watcher asks for. Raises BodysenseError for a speed that is none."""
+        """Apply a watcher's request. Raises BodysenseError for a speed out of range."""
         if message.speed is not None:
             if not SLOWEST <= message.speed <= FASTEST:
                 raise BodysenseError(f"replay: speed {message.speed:g}; give {SLOWEST:g} to {FASTEST:g}")

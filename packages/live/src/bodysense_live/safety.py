@@ -100,7 +100,7 @@ class Guesses:
                 del self._waiting[address]
 
     def is_busy(self, address: str) -> bool:
-        """Whether so many refusals of this address wait that its tokens are not compared."""
+        """Whether too many refusals of this address are pending to compare its tokens."""
         return self._waiting.get(address, 0) >= _MOST_WAITING
 
 

@@ -37,18 +37,18 @@ class Seat:
     playing: asyncio.Task[None] | None = None
     recorder: Recorder | None = None
     told: int = 0  # the revision of the session that its clients know
-    kept: object = None  # what the store has of the session, as `Live` compares it
+    kept: object = None  # the stored state of the session, for comparison in `Live`
     serials: Callable[[], Mapping[str, str]] = dict  # of nameless trackers of the server's own input, to their names
-    known_serials: Mapping[str, str] = field(default_factory=dict)  # those that the session was given joints for
+    known_serials: Mapping[str, str] = field(default_factory=dict)  # those whose joints the session knows
 
     def tell(self, message: ServerMessage) -> None:
-        """Tell all its clients."""
+        """Send a message to all its clients."""
         for outbox in self.outboxes:
             outbox.tell(message)
 
     @property
     def is_driven(self) -> bool:
-        """Whether anybody is connected to it who does not only watch."""
+        """Whether a client is connected that does more than watch."""
         return any(not outbox.watches for outbox in self.outboxes)
 
     def welcome(

@@ -241,11 +241,11 @@ class Session:
         return self.answer(job, estimate, state)
 
     def abandon(self) -> None:
-        """Give the job up that is under way, because it failed; start afresh."""
+        """Drop the running job, because it failed, and reset."""
         self._busy, self._state = False, self._pipeline.start()
 
     def start_afresh(self) -> None:
-        """Whatever time the next frame has, it begins a new motion."""
+        """Begin a new motion with the next frame, at any time."""
         self._moments.start_afresh()
 
     def notes(self) -> list[ServerMessage]:
@@ -314,7 +314,7 @@ class Session:
         return Placed(self._placement.offset, self._placement.heading)
 
     def truth(self, root: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the true pose, (3,) and (J, 4) in the signal's world, as it is displayed with the answer."""
+        """Return the true pose, (3,) and (J, 4) in the signal's world, in the form that is sent with the answer."""
         turned = rotation.copy()
         turned[:1] = self._placement.turn(rotation[:1])
         root = self._placement.place(root[None])[0]
@@ -333,7 +333,7 @@ class Session:
         self._notes.append(ProportionsChanged(rounded(self.skeleton), round(self.height, 4)))
 
     def _set_up(self, frame: SignalFrame, moment: float, observation: Observation) -> Observation:
-        """The observation of a frame, after what waits for a headset was done with it."""
+        """Return the observation of a frame, after the changes that wait for a headset were made."""
         if "head" not in observation.points:  # sensors alone
             if self._recentres:
                 self._inertial, self._recentres = self._inertial.reheaded(observation, self.skeleton), False
@@ -360,7 +360,7 @@ class Session:
         return self.settings.floor + float(rest[self.skeleton.index("head")] - rest.min())
 
     def _calibrate(self, stood: Sequence[Observation]) -> None:
-        """Make a person of what was tracked while the wearer stood for a second."""
+        """Calibrate the person from a second of standing."""
         self._stood = None
         stance = "arms out" if self._arms_out else "standing"
         try:

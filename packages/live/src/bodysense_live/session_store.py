@@ -100,7 +100,7 @@ class SessionStore:
             return None
 
     def sweep(self) -> None:
-        """Forget what is over."""
+        """Delete sessions that can no longer be resumed."""
         for path in self._folder.glob("*.json"):
             try:
                 if time.time() - path.stat().st_mtime > 2 * self._seconds:

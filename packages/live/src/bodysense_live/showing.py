@@ -1,4 +1,4 @@
-"""The displayed body: regions that are kept still, a mirror, smoothing, and no jumps where settings change."""
+"""The displayed body: regions that are kept still, a mirror, smoothing, and changes of settings without jumps."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class Display:
 
     smoothed: Smoothed | None = None  # the pose before, ahead of the offset
     shown: Pose | None = None  # before
-    offset: Offset | None = None  # of what is shown from what is completed
-    breaks: bool = False  # with the next pose, which no jump may show
+    offset: Offset | None = None  # of the displayed body from the completed one
+    breaks: bool = False  # continuity with the next pose, which must not jump
 
     def broken(self) -> Display:
         """The next pose is by other settings; it is led to from the one that is shown."""
@@ -90,7 +90,7 @@ def followed(before: Smoothed, time: float, root: np.ndarray, rotation: np.ndarr
 
 LEAP = 0.03  # m from one frame to the next
 _OTHER_FOOT = [CONTACT_POINTS.index(name) for name in ("right_ankle", "left_ankle", "right_foot", "left_foot")]
-_LED_OVER = ("regions", "smoothing", "hold_feet")  # settings whose change no jump may show
+_LED_OVER = ("regions", "smoothing", "hold_feet")  # settings that change without a jump
 _PARTS: dict[str, Region] = {
     **dict.fromkeys(("spine1", "spine2", "spine3"), "torso"),
     **dict.fromkeys(("neck", "head"), "head"),
@@ -100,11 +100,11 @@ _PARTS: dict[str, Region] = {
 
 
 class Showing:
-    """How one person is shown. `eased`: a body that leaps where a tracker is lost or found comes there soon instead."""
+    """The display of one person. `eased`: ease the body if it would leap because a tracker is lost or found."""
 
     def __init__(self, skeleton: Skeleton, settings: Settings, eased: bool) -> None:
         self._eased, self._display = eased, Display()
-        self._seen_before: tuple[list[str], np.ndarray] | None = None  # what was tracked, and (P, 3) m the body
+        self._seen_before: tuple[list[str], np.ndarray] | None = None  # tracked points, and (P, 3) m of the body
         self._standing = standing_pose(skeleton).rotation
         self._joints, self._mirror = skeleton.joints, skeleton.mirror  # those of all bodies
         self._choose(settings)
@@ -149,11 +149,11 @@ class Showing:
         return pose, sent, estimate.points[0] if as_completed else None
 
     def truth(self, skeleton: Skeleton, root: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the true pose, (3,) and (J, 4), as it is displayed with the answer."""
+        """Return the true pose, (3,) and (J, 4), in the form that is sent with the answer."""
         return mirrored(skeleton, root, rotation) if self._settings.mirror else (root, rotation)
 
     def _ease(self, observation: Observation, points: np.ndarray) -> None:
-        """Where something came to be tracked, or is not any more, and the body leaps for it, let it come there soon."""
+        """Ease the body if it leaps because a point is found or lost."""
         seen = [name for k, name in enumerate(observation.points) if observation.has_position[0, k]]
         before, self._seen_before = self._seen_before, (seen, points)
         if before is not None and before[0] != seen and np.abs(points - before[1]).max() > LEAP:

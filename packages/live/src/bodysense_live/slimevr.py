@@ -1,8 +1,8 @@
-"""SlimeVR's trackers by UDP: what they say, read; what a server answers, written. No sockets here.
+"""SlimeVR's trackers by UDP: their packets read, the server's answers written. No sockets here.
 
-Source: SlimeVR's server and firmware (protocol 22). A datagram is a type (u32), a number that rises (u64) and what is
-said, all big-endian. Trackers tell how they are turned, in a world of their own whose +Z is up; where they are, and
-how they are worn, they do not tell (`inertial`).
+Source: SlimeVR's server and firmware (protocol 22). A datagram is a type (u32), an increasing number (u64) and the
+content, all big-endian. Trackers send their rotation, in a world of their own with +Z up. They do not send their
+position or mounting (`inertial`).
 """
 
 from __future__ import annotations
@@ -188,7 +188,7 @@ class _Reading:
         return self._put(sensor, replace(self._sensor(sensor), works=True, rotation=turn, at=now))
 
     def _told(self, body: bytes) -> str | None:
-        """Take in what a sensor says of itself, and say that it was heard."""
+        """Read a sensor's description and acknowledge it."""
         sensor, status = struct.unpack_from(">BB", body)
         joint = POSITIONS.get(body[6]) if len(body) > 6 else None
         was = self._sensor(sensor)

@@ -33,7 +33,7 @@ _ACCURACY = float(usual_accuracy(["pelvis"])[0])
 
 @dataclass(frozen=True)
 class SlimevrSettings:
-    """Where trackers are heard, and what each is on: joint by serial, 'AA:BB:CC:DD:EE:FF' or '…/1' for its second."""
+    """The address for trackers, and the joint of each: by serial, 'AA:BB:CC:DD:EE:FF' or '…/1' for its second."""
 
     host: str = "0.0.0.0"
     port: int = PORT
@@ -49,7 +49,7 @@ class SlimevrSettings:
 
     @property
     def known(self) -> frozenset[str]:
-        """Serials of trackers that are let in; all, where nothing is said."""
+        """Serials of accepted trackers; empty: all."""
         return frozenset(serial.partition("/")[0] for serial in self.joints)
 
 
@@ -120,11 +120,11 @@ class SlimevrLink(asyncio.DatagramProtocol):
         )
 
     def joined(self, reader: Reader) -> Reader:
-        """Another input's reader, whose frames have the sensors, too."""
+        """Return another input's reader with these sensors in its frames."""
         return _WithSensors(reader, self.observation)
 
     def show(self, answer: Answer) -> None:
-        """Trackers are given nothing."""
+        """Do nothing: trackers take no poses."""
 
     def close(self) -> None:
         """Listen no more."""

@@ -37,12 +37,12 @@ class Asked:
 
     polls: bool = False  # one update
     interval: float | None = None  # s, at least, between updates from now on
-    settings: tuple[int | None, ...] = ()  # transactions of requests for settings; None where they have no number
+    settings: tuple[int | None, ...] = ()  # transactions of requests for settings; None without a number
 
 
 @dataclass(frozen=True)
 class Told:
-    """What does not change from one update to the next: trackers (body part, name), bones (body part, length in m)."""
+    """The constants of a body between updates: trackers (body part, name), bones (body part, length in m)."""
 
     trackers: tuple[tuple[int, str], ...]
     bones: tuple[tuple[int, float], ...]
@@ -50,16 +50,16 @@ class Told:
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """What does: places in m and rotations, x y z w."""
+    """The values that change with every update: positions in m and rotations, x y z w."""
 
     place: np.ndarray  # (T, 3) of trackers
     turn: np.ndarray  # (T, 4)
-    head: np.ndarray  # (B, 3) where bones begin, from which they point along their −Y
-    along: np.ndarray  # (B, 4) how they are turned
+    head: np.ndarray  # (B, 3) starts of the bones, which point along their −Y
+    along: np.ndarray  # (B, 4) rotations of the bones
 
 
 def read_bundle(packet: bytes) -> Asked | str:
-    """What a message asks for, or why it is none; what is not known here is left out."""
+    """Return the requests of a message, or why it is not one; unknown requests are left out."""
     try:
         root = _root(packet)
         polls, interval, settings = False, None, list[int | None]()
@@ -237,7 +237,7 @@ def _tracker(builder: Any, k: int, body_part: int, name: str, moved: Moved | Non
     builder.PrependBoolSlot(5, True, False)  # computed, not a sensor's own
     builder.PrependUOffsetTRelativeSlot(7, text, 0)
     info = builder.EndObject()
-    builder.StartObject(2)  # without a device: it is nobody's own
+    builder.StartObject(2)  # without a device: the tracker belongs to no hardware
     builder.PrependUint8Slot(1, k + 1, 0)
     identity = builder.EndObject()
     builder.StartObject(13)
@@ -281,8 +281,8 @@ class _Bone:
     body_part: int
     start: str
     end: str
-    turn: str  # the joint that turns it
-    rest: tuple[float, float, float] = (0.0, -1.0, 0.0)  # where it points on somebody who stands, facing −Z
+    turn: str  # joint whose rotation it has
+    rest: tuple[float, float, float] = (0.0, -1.0, 0.0)  # direction on a standing body that faces −Z
 
 
 def _sided(number: int, start: str, end: str, turn: str, rest: tuple[float, float, float] = (0, -1, 0)) -> list[_Bone]:
@@ -327,7 +327,7 @@ _TO_BONE = np.asarray(shortest_arc(np.broadcast_to(_DOWN, _REST.shape), _REST))
 
 
 def told_of(skeleton: Skeleton, eyes: np.ndarray) -> Told:
-    """What is told of a body; `eyes` (3,) m from the head's joint."""
+    """Return the constants of a body; `eyes` (3,) m from the head's joint."""
     rest = skeleton.path @ skeleton.rest_offset
     apart = np.linalg.norm(rest[skeleton.indices(_ENDS)] - rest[skeleton.indices(_STARTS)], axis=1)
     bones = zip((bone.body_part for bone in BONES), apart.tolist(), strict=True)

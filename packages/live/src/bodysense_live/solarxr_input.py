@@ -1,7 +1,7 @@
 """Headset and controllers that an OpenXR runtime tells SlimeVR's server of: protobuf messages, read by hand.
 
-Source: SlimeVR's driver protocol (`ProtobufMessages.proto`) and its sender in Monado. A controller comes as the pose by
-which it points, not as it is held, so only a controller's position is used.
+Source: SlimeVR's driver protocol (`ProtobufMessages.proto`) and its sender in Monado. A controller is sent with its
+pointing pose, not its grip pose, so only its position is used.
 """
 
 from __future__ import annotations

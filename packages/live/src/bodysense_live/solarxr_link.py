@@ -43,13 +43,13 @@ RPC, INPUT = "SlimeVRRpc", "SlimeVRInput"
 PORT = 21110  # of SlimeVR's WebSocket
 FASTEST = 1 / 120  # s between updates, and so between poses of a headset
 _SLOWEST = 1 / 45  # s
-_GROWN = 0.01  # m by which a bone must have changed to be told anew: a runtime then makes its skeleton anew
+_GROWN = 0.01  # m; smaller changes of a bone are not sent, because a runtime rebuilds its skeleton for each
 _LARGEST_REQUEST = 1 << 16  # bytes
 _MOST_BEHIND = 1 << 16  # bytes that a runtime has not read, after which updates are left out for it
 _MOST_CLIENTS = 8
 _SIZE = struct.Struct("<I")  # counts itself
 _QUIET = logging.getLogger("bodysense.solarxr")
-_QUIET.setLevel(logging.CRITICAL)  # who is no client is no news
+_QUIET.setLevel(logging.CRITICAL)  # do not log connections that are not clients
 
 
 @dataclass(frozen=True)
@@ -223,7 +223,7 @@ class SolarxrLink:
             writer.close()
 
     async def _beat(self) -> None:
-        """Updates while no body comes."""
+        """Send updates while no body arrives."""
         loop = asyncio.get_running_loop()
         while True:
             await asyncio.sleep(_SLOWEST)

@@ -103,9 +103,9 @@ class TrackedDevices:
         return DeviceState(devices, hands, undecided, at), reason
 
     def observation(self, now: float, state: DeviceState) -> Observation | None:
-        """One frame of `SIGNALS`, ordered as `POINTS`, as of the last device that came; None where none came lately.
+        """Return a frame of `SIGNALS`, ordered as `POINTS`, at the newest device's time; None without a recent device.
 
-        The headset's and the controllers' axes are WebXR's (−Z forward), a tracker's are its own, as it is strapped on.
+        The headset's and the controllers' axes are WebXR's (−Z forward); a tracker has the axes of its own mounting.
         """
         if state.at is None:
             return None
@@ -156,7 +156,7 @@ class TrackedDevices:
         return f"{side}_{part}" if side and part else None
 
     def _undecided(self, devices: Mapping[str, Device], undecided: Mapping[str, str]) -> Mapping[str, str]:
-        """Names for trackers whose serials say nothing; who was first keeps its name."""
+        """Name trackers whose serials name no joint; named ones keep their names."""
         new = [
             name
             for name, device in devices.items()
@@ -168,7 +168,7 @@ class TrackedDevices:
         return {**undecided, **dict(zip(new, free, strict=False))}
 
     def _hands(self, devices: Mapping[str, Device], now: float, hands: Mapping[str, str]) -> Mapping[str, str]:
-        """The hands of controllers whose names do not say it."""
+        """Return the hands of controllers without a hand in their names."""
         fresh = {serial: device for serial, device in devices.items() if now - device.at <= self.longest_silence}
         nameless = [name for name, device in fresh.items() if device.kind == "Con" and not self._point(name, "Con")]
         new = [name for name in nameless if name not in hands]
@@ -209,7 +209,7 @@ class DeviceReader:
         return ()
 
     def serials(self, state: Any) -> Mapping[str, str]:
-        """Return the names in the signal of trackers whose serials say nothing, by serial."""
+        """Return the signal's names of trackers whose serials name no joint, by serial."""
         return state.devices.undecided
 
 

@@ -89,7 +89,7 @@ class VmcState:
 class VmcTrackers(DeviceReader):
     """How packets are read. See the module's text."""
 
-    longest_delay: float = 1.0  # s: a sender's clock that goes back by more was started afresh
+    longest_delay: float = 1.0  # s: a sender's clock that goes back by more was restarted
 
     def start(self) -> VmcState:
         """Nothing came yet."""

@@ -17,13 +17,13 @@ from bodysense_live.tracked_devices import SIGNALS, TrackedDevices
 from bodysense_live.vmt import DRIVER_PORT, LAST_INDEX, TRACKERS, off_messages, subscriptions, tracker_packet
 from bodysense_live.vmt_hands import hand_packet
 
-_ASK_EVERY = 1.0  # s: a SteamVR that was restarted has forgotten what was asked of it
+_ASK_EVERY = 1.0  # s between requests: a restarted SteamVR has lost the earlier one
 _SIDES = ("left", "right")
 
 
 @dataclass(frozen=True)
 class VmtSettings:
-    """Where VMT's driver is and what it is sent."""
+    """The address of VMT's driver and what is sent to it."""
 
     host: str = "127.0.0.1"
     driver_port: int = DRIVER_PORT

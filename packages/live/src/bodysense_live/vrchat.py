@@ -160,7 +160,7 @@ class VrchatReader:
         return bool(fresh) and max(fresh) == 0
 
     def commands(self, packet: bytes) -> list[Calibrate | Recentre]:
-        """Return what a packet asks for."""
+        """Return the requests of a packet."""
         return commands_of(packet)
 
     def serials(self, state: VrchatState) -> Mapping[str, str]:

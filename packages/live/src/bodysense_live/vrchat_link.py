@@ -30,7 +30,7 @@ class VrchatSettings:
 
     host: str = "127.0.0.1"
     port: int = PORT  # until one is found by OSCQuery
-    parts: tuple[str, ...] = ADVISED  # of the body, whose trackers are sent
+    parts: tuple[str, ...] = ADVISED  # of the body whose trackers are sent
 
 
 class VrchatLink:

@@ -73,10 +73,10 @@ class Workers:
             time.sleep(0.02)
 
     def look(self) -> None:
-        """See who is ready by now, and start who is due."""
+        """Check which workers are ready, and start those that are due."""
         if self._due and self._due[0] <= time.monotonic():
             self._due.pop(0)
-            # Beside the loop that hands connections out: to start a process takes a while.
+            # In a thread, because starting a process takes longer than the loop that hands out connections may wait.
             threading.Thread(target=lambda: self.all.append(self._started()), daemon=True).start()
         for worker in list(self.all):
             if not worker.serves and worker.ready.acquire(block=False):
@@ -152,7 +152,7 @@ def hand_out(bound: socket.socket, pool: Workers) -> None:
 
 
 def _turn(bound: socket.socket, pool: Workers) -> None:
-    """Do what there is to do, or wait for it for a moment."""
+    """Handle pending connections and messages, or wait for them for a moment."""
     pool.look()
     serving = pool.serving
     with selectors.DefaultSelector() as selector:
@@ -169,7 +169,7 @@ def _turn(bound: socket.socket, pool: Workers) -> None:
             key.data.count -= ended
             if not ended:
                 pool.replace(key.data)
-                return  # those who serve are others now
+                return  # the serving workers have changed
 
 
 def _said(channel: socket.socket) -> int:

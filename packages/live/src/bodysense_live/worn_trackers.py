@@ -1,7 +1,7 @@
-"""Trackers whose serials say nothing: the joints that they are worn on, kept in a person's file and found by place.
+"""Trackers whose serials name no joint: the joints that they are worn on, kept in a person's file and found by place.
 
 A calibration second decides which joint each nameless tracker is strapped to. A person's file keeps this by serial, so
-that the trackers count at once after a restart. Serials may change, so other nameless trackers are matched by place,
+that the trackers are used at once after a restart. Serials may change, so other nameless trackers are matched by place,
 while the wearer stands, to the joints whose mounts the person's file has.
 """
 

@@ -110,7 +110,7 @@ def occlusion(frames: int = 30_000, json: Path | None = None) -> None:
 
 
 def bvh(megabytes: int = 60, json: Path | None = None) -> None:
-    """Time reading a large BVH file, beside parsing the same floats with NumPy alone.
+    """Time reading a large BVH file, compared with parsing its floats by NumPy alone.
 
     Args:
         megabytes: Size of the file, written to a temporary folder.
@@ -146,7 +146,7 @@ def import_time(runs: int = 9, json: Path | None = None) -> None:
     numpy_seconds is `import numpy` alone, which is part of what the tracker takes.
 
     Args:
-        runs: Processes; the median is told.
+        runs: Number of processes; the median is printed.
         json: Write the numbers here, as one flat object.
     """
     import subprocess

@@ -125,7 +125,7 @@ class Load:
         places = clip.pose.skeleton.indices(_POINTS)
         position, rotation = (np.asarray(values)[:, places] for values in forward_kinematics(clip.pose))
         every, has = np.arange(3, dtype=np.uint8), np.full(3, 3, dtype=np.uint8)
-        # There and back again, so that the motion has no jump where it begins anew.
+        # Forward and backward, so that the motion has no jump when it repeats.
         order = [*range(_BEAT), *range(_BEAT, 0, -1)]
         self._signals = [write_signal(SignalFrame(0, 0.0, every, has, position[t], rotation[t]))[16:] for t in order]
         self.forget()
@@ -165,7 +165,7 @@ class Load:
             self._clients.append(one)
 
     def run(self, seconds: float, points: int = 3) -> None:
-        """Send frames of so many points as they are due, and read what comes, for a while."""
+        """Send frames of `points` points when due, and read the answers, for `seconds`."""
         end = time.monotonic() + seconds
         for one in self._clients:
             one.due = max(one.due, time.monotonic())
@@ -185,7 +185,7 @@ class Load:
         return 1000 * (time.monotonic() - begun)
 
     def numbers(self) -> dict[str, float]:
-        """Of all that was answered since `forget`."""
+        """Return the figures of all answers since `forget`."""
         if not self._spent:
             raise BodysenseError("the server answered no frame in time; give fewer --sessions or more --seconds")
         spent, trips = np.array(self._spent) / 1000, np.array(self._round_trips) * 1000

@@ -90,8 +90,8 @@ class _Peers:
         self._stack.close()
 
     def body(self, k: int, rate: float) -> dict[str, float] | None:
-        """Seconds until the body of the k-th packet is at each output; None where it did not come."""
-        while (left := self._due - time.monotonic()) > 0:  # what comes meanwhile is of the packet before
+        """Return the seconds until the body of the k-th packet is at each output; None if it did not arrive."""
+        while (left := self._due - time.monotonic()) > 0:  # packets that arrive meanwhile belong to the previous one
             self._ready(left)
         self._ready(0)
         self._due = max(self._due + 1 / rate, time.monotonic())
@@ -170,7 +170,7 @@ def _runtime(folder: Path) -> Iterator[socket.socket]:
 
 
 def _devices(time: float) -> bytes:
-    """Headset and controllers of somebody who sways, in one packet of VMC."""
+    """Return headset and controllers of a swaying wearer, in one packet of VMC."""
     from bodysense.io.osc import bundled, message_bytes
 
     sway = 0.1 * float(np.sin(2 * np.pi * 0.3 * time))

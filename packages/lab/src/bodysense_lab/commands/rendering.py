@@ -76,7 +76,7 @@ def _planned(run: Rendering, motion: Path, rng: np.random.Generator) -> list[tup
 
 
 def video_rendered(run: Flat[VideoEvaluation]) -> None:
-    """PAHMT, Table 3: arms and hands from the pixels of rendered videos, beside inverse kinematics of landmarks."""
+    """PAHMT, Table 3: arms and hands from the pixels of rendered videos, and inverse kinematics of landmarks."""
     from rich.progress import Progress
 
     from bodysense.devices.video.arms import load_arms

@@ -1,6 +1,6 @@
-"""What hidden joints are compared with: the mean body of people whose head is as high and as pitched.
+"""The baseline of hidden joints: the mean body of people whose head has a similar height and pitch.
 
-Where cameras never saw a joint, its last known place is a standing dummy's; a mean body says more.
+If cameras never saw a joint, its last known position is that of a standing dummy; a mean body is a better baseline.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class MeanBody:
 
 
 def fit_mean_body(clips: Iterable[Clip]) -> MeanBody:
-    """Average the bodies of clips, in canonical form. Raises BodysenseError where there are none."""
+    """Average the bodies of clips, in canonical form. Raises BodysenseError if `clips` is empty."""
     total, count = np.zeros(0), np.zeros(len(HEIGHTS) * len(PITCHES))
     for clip in (resample(clip, _RATE) for clip in clips):
         skeleton = clip.pose.skeleton
@@ -67,9 +67,9 @@ def fit_mean_body(clips: Iterable[Clip]) -> MeanBody:
 
 
 def cached_mean_body(data: Path, advance: Callable[[Clip], None] = lambda clip: None) -> MeanBody | None:
-    """The mean body of the train split of a folder or store, kept in the user's cache; None where it has no such split.
+    """Return the mean body of the train split of a folder or store, cached for the user; None without that split.
 
-    `advance` is told of every clip that is read.
+    `advance` is called for every clip that is read.
     """
     try:
         count = count_clips(data, "train")

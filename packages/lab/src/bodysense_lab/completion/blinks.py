@@ -1,4 +1,4 @@
-"""Sensors that blink: hands that cameras lose as they were measured to, and a finger that comes and goes.
+"""Sensors that blink: hands that cameras lose for measured durations, and a finger that comes and goes.
 
 How long a hand is lost was measured on headsets that track hands: 1,518 gaps in 129 recordings, the two hands
 independent of each other. How often is an assumption.
@@ -15,7 +15,7 @@ from bodysense.body.skeleton import FINGERS
 from bodysense.devices.simulated.noise import hide
 from bodysense.observation import Observation
 
-# Shares of the gaps that are no longer than so many seconds.
+# Share of the gaps that last at most `_SECONDS`.
 _SHARE = np.array([0.0, 0.10, 0.50, 0.61, 0.89, 0.90, 0.99, 1.0])
 _SECONDS = np.array([0.02, 0.03, 0.10, 0.20, 1.00, 1.10, 6.70, 17.0])
 APART, USUALLY = 1.0, 2.0  # s between gaps: at least, and on average beyond that

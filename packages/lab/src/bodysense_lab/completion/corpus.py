@@ -90,7 +90,7 @@ def content_of(data: Path) -> str:
 
 
 def corpus_of(clips: Iterable[Clip]) -> Corpus:
-    """Return the clips as training reads them. Raises BodysenseError where there are none."""
+    """Convert clips to the form that training reads. Raises BodysenseError if there are no clips."""
     rows: list[dict[str, np.ndarray]] = []
     about: list[tuple[float, str, str]] = []
     for clip in clips:

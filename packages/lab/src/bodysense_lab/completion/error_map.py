@@ -41,7 +41,7 @@ def shown_apart() -> ErrorMap:
 
 
 def unchanged_errors() -> ErrorMap:
-    """The map that leaves expected errors as they are."""
+    """Return the map that leaves expected errors unchanged."""
     return ErrorMap(
         np.eye(KNOWN, POINTS),
         np.zeros((KNOWN, HIDDEN)),
@@ -52,7 +52,7 @@ def unchanged_errors() -> ErrorMap:
 
 
 def error_tables(mean: ErrorMap, bound: ErrorMap) -> dict[str, np.ndarray]:
-    """Both maps as the core reads them, one beside the other: rows of 25 means, then of 25 bounds.
+    """Return both maps as the tables that the core reads: rows of 25 means, then of 25 bounds.
 
     `inward` (96, 119) and its `bias` (96,), `weight` (50, 119 + 96) and its `bias` (50,). They read deviations of bones
     in metres.

@@ -1,4 +1,4 @@
-"""The features of the completion network, of sequences to learn from. The core computes the same of a single frame."""
+"""The features of the completion network, of training sequences. The core computes them for a single frame."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ WIDTHS = {
     "bones": 3 * PLACED,
     "certainty": PLACED,
     "interval": 1,
-    # What networks of earlier releases do not read comes last: their tables are those of today with fewer columns.
+    # Features that networks of earlier releases do not read come last, so that their tables only lack columns.
     "acceleration": 3 * len(ACCELERATED),
     "has_acceleration": len(ACCELERATED),
 }
@@ -48,7 +48,7 @@ _BONE_SCALE, _CERTAINTY_SCALE = 20.0, 20.0  # 1/m: a deviation of 5 cm is 1
 
 
 class Reading(NamedTuple):
-    """What the features are made of, in N frames.
+    """Inputs of the features, in N frames.
 
     Rows are vectors in the world: places of the 27 points from the origin; the change since the frame before of these,
     and of the x axes, then the y axes, of `SPINNING`; the x axes, then the y axes, of the 22 joints.
@@ -57,17 +57,17 @@ class Reading(NamedTuple):
     rows: Tensor  # (N, 1, 104, 3)
     seen: Tensor  # (N, 104) whether each row is tracked: 1 or 0
     into: Tensor  # (N, 1, 3, 3) row vectors of the world @ this are those of the frame under the head
-    size: Tensor  # (N, 1) the wearer's stature beside the reference's
+    size: Tensor  # (N, 1) the wearer's stature divided by the reference stature
     interval: Tensor  # (N, 1) s
     accuracy: Tensor  # (N, 27) m
     rest_offset: Tensor  # (N, 75) m
     certainty: Tensor  # (N, 25) m
     acceleration: Tensor  # (N, 1, 12, 3) m/s², world, of `ACCELERATED`, without gravity
-    accelerated: Tensor  # (N, 12) whether each is told: 1 or 0
+    accelerated: Tensor  # (N, 12) whether each is measured: 1 or 0
 
 
 class Features(nn.Module):
-    """A reading as features, as it is and in a mirror at the plane x = 0 of the frame under the head."""
+    """A reading as features: itself, and mirrored at the plane x = 0 of the frame under the head."""
 
     row_scale: Tensor
     row_constant: Tensor
@@ -78,7 +78,7 @@ class Features(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        # Of each row: how it goes with the inverse size, with that and the rate, with the rate, and with neither.
+        # Which factor each row is multiplied by: inverse size, inverse size times rate, rate, or 1.
         kinds = [0] * READ + [1] * READ + [2] * SPIN_ROWS + [3] * AXIS_ROWS
         scales = torch.eye(4)[kinds]
         limit = torch.tensor([_UNLIMITED, _FASTEST, _SWIFTEST, _UNLIMITED])[kinds]
@@ -153,7 +153,7 @@ def _columns(name: str) -> list[int]:
 
 
 def _scales(name: str) -> list[float]:
-    """What the numbers of a kind of feature are multiplied by."""
+    """Return the factors that scale the numbers of a kind of feature."""
     scale = {
         "accuracy": 1 / math.log(10),
         "bones": _BONE_SCALE,
@@ -161,7 +161,7 @@ def _scales(name: str) -> list[float]:
         "interval": 1 / _USUAL_INTERVAL,
         "acceleration": _ACCELERATION_SCALE,
     }.get(name, 1.0)
-    if name == "bones":  # the pelvis hangs on nothing
+    if name == "bones":  # the pelvis has no parent
         return [0.0] * 3 + [scale] * (WIDTHS[name] - 3)
     return [scale] * WIDTHS[name]
 

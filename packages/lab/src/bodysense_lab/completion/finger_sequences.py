@@ -59,7 +59,7 @@ class FingerSequence:
     wrist: np.ndarray  # (T, 2, 3) float32 m, in the frame under the head, from the head
     wrist_rotation: np.ndarray  # (T, 2, 4) float32 wxyz, frame under the head ← wrist
     wrist_velocity: np.ndarray  # (T, 2, 3) float32 m/s, in that frame
-    rest_offset: np.ndarray  # (2, 20, 3) float32 m, as told
+    rest_offset: np.ndarray  # (2, 20, 3) float32 m, as known to the tracker
     interval: float  # s
 
     def __len__(self) -> int:
@@ -75,7 +75,7 @@ class FingersTracked:
     has_wrist: np.ndarray  # (T, 2) bool: measured, not estimated
 
 
-# What is tracked in frames every so many s, of which cameras see (T, 2).
+# Draw what is tracked, from the frames in which cameras see each hand (T, 2), the interval in s, and random numbers.
 TrackFingers = Callable[[np.ndarray, float, np.random.Generator], FingersTracked]
 
 
@@ -130,7 +130,7 @@ def make_finger_sequence(
         track: what is tracked of the hands.
         rng: random numbers.
         local: (T, 2, 15, 4) wxyz, parent ← joint, of the drawn part; None: as recorded.
-        moved: whether fingers move at random beside what was recorded.
+        moved: whether random motion is added to the recorded fingers.
     """
     # The headset's cameras stand for every device here: what they see of the hands is in the masks that come back.
     body = make_sequence(corpus, clip, replace(draw, track=_camera), rng)
@@ -147,7 +147,7 @@ def make_finger_sequence(
     wrist = np.where(tracked.has_wrist[..., None], body.rotation[:, _WRISTS], wrist)
     place = np.where(tracked.has_wrist[..., None], body.position[:, _WRISTS], place)
 
-    # In the world, and from there into the frame of the wrist as it is tracked: so the graph reads them.
+    # The graph reads fingers in the frame of the tracked wrist, so convert to the world first, then to that frame.
     position = quaternion_rotate(true_wrist[:, :, None], true_position) + true_place[:, :, None]
     rotation = quaternion_multiply(true_wrist[:, :, None], true_rotation)
     if draw.noisy:
@@ -227,7 +227,7 @@ def _some(has_position: np.ndarray, has_rotation: np.ndarray, rng: np.random.Gen
 def with_other_hands(body: TrainingBody, rng: np.random.Generator) -> TrainingBody:
     """Vary the hands of a body: their size, the lengths of fingers and the directions in which these rest.
 
-    Hands that are told are told as varied; others are told as the body was.
+    If the proportions are known, the varied hands are known too; otherwise the known offsets stay unchanged.
     """
     true = body.true.copy()
     left = true[HAND_POINTS[0]]
@@ -239,7 +239,7 @@ def with_other_hands(body: TrainingBody, rng: np.random.Generator) -> TrainingBo
 
 
 def with_moved_fingers(local: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
-    """Local rotations (T, 2, 15, 4) with fingers that bend and spread at random beside, slowly."""
+    """Add slow random bending and spreading to local finger rotations (T, 2, 15, 4)."""
     frames = len(local)
     count = len(_FINGERS)
     noise = wander(frames, 2 * count * 3, rate, 0.8, rng).reshape(frames, 2, count, 3)
@@ -283,7 +283,7 @@ PARENT_PLACES = _parent_places()
 
 
 def _camera(visible: np.ndarray, interval: float, rng: np.random.Generator) -> DrawnSensors:
-    """What the headset's cameras see, and the head's pose."""
+    """Draw the sensors of a headset: the points that its cameras see, and the head's pose."""
     del interval, rng
     known = np.ones(len(visible), dtype=bool)
     assert visible.shape[1] == READ

@@ -1,6 +1,6 @@
-"""What the finger network learns: batches of sequences, losses, and figures on validation clips.
+"""The training task of the finger network: batches of sequences, losses, and figures on validation clips.
 
-Validation of fingers: clips that no one trains on, on recorded and on strangers' hands, beside simple baselines.
+Validation uses clips that are not trained on, on recorded and on unseen hands, and compares with simple baselines.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class FingerTaskConfig:
     chunk: int = 48  # frames of truncated backpropagation
     losses: FingerLosses = field(default_factory=FingerLosses)
     generated_hours: float = 0.0  # of generated fingers, which clips without fingers move; 0: those are left out
-    left_out: str = ""  # person of whom nothing is learned
+    left_out: str = ""  # person whose clips are excluded from training
 
 
 class FingerBatch(NamedTuple):
@@ -101,7 +101,7 @@ class FingerTask(Task):
     mixed = True
 
     def identity(self) -> str:
-        """What a checkpoint must agree on."""
+        """Return the settings that a checkpoint must agree on."""
         return identity(self.configuration, self.schedule, self.source)
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[FingerBatch]:
@@ -171,7 +171,7 @@ def scored_distances(errors: list[Tensor], batches: list[FingerBatch]) -> Tensor
 
 
 def mean_error(errors: list[Tensor], batches: list[FingerBatch]) -> float:
-    """Mean over the scored points of distances (B, T, 2, 20); NaN where none is scored."""
+    """Return the mean distance over the scored points of (B, T, 2, 20); NaN if no point is scored."""
     return float(scored_distances(errors, batches).mean())
 
 
@@ -260,7 +260,7 @@ _ROUNDS = 50  # of the mean hand's search
 def finger_validation(corpus: Corpus, train: Corpus) -> dict[str, FingerValidation]:
     """Sequences of `finger_batches` with a baseline.
 
-    The baseline is the hand as it was last known, and the mean hand of `train` where it never was.
+    The baseline is the last known hand, or the mean hand of `train` before the first.
     """
     mean = mean_hand(train)
     return {
@@ -270,7 +270,7 @@ def finger_validation(corpus: Corpus, train: Corpus) -> dict[str, FingerValidati
 
 
 def finger_batches(corpus: Corpus, sets: tuple[str, ...]) -> dict[str, list[FingerBatch]]:
-    """Whole clips with fingers, on their own hands and on a stranger's, told, by set of sensors."""
+    """Return whole clips with fingers by set of sensors, on their own and on unseen hands, both known."""
     clips = [int(clip) for clip in clips_with_fingers(corpus)]
     clips.sort(key=lambda clip: corpus.length[clip] / corpus.rate[clip])
     strangers = sample_bodies("validation", len(clips))
@@ -311,7 +311,7 @@ def mean_hand(corpus: Corpus) -> Tensor:
 
 
 def last_known_error(batch: FingerBatch, mean: Tensor) -> Tensor:
-    """Distances (B, T, 2, 20), m, of the hand as it was last seen, and before that of the hand `mean` (15, 3, 3)."""
+    """Return distances (B, T, 2, 20), m, of the hand last seen; before the first, of the hand `mean` (15, 3, 3)."""
     mirror = torch.tensor([[1.0, -1, -1], [-1.0, 1, 1], [-1.0, 1, 1]])
     held = torch.stack([mean, mean * mirror])[None].expand(len(batch.begins), -1, -1, -1, -1)
     seen = batch.signal.has_position.all(dim=-1)[..., None, None, None]

@@ -1,4 +1,4 @@
-"""The finger network: fingers of both hands from whichever of their joints and tips are tracked, and from the wrist.
+"""The finger network: fingers of both hands from any of their joints and tips that are tracked, and from the wrist.
 
 Each hand is read in its wrist's frame, the right one in a mirror, by one network for both.
 """
@@ -59,7 +59,7 @@ class FingerConfig:
 
 
 class FingerSignal(NamedTuple):
-    """What was tracked of both hands, in T frames of B sequences; the hand axis is left, right."""
+    """Tracked points of both hands, in T frames of B sequences; the hand axis is left, right."""
 
     position: Tensor  # (B, T, 2, 20, 3) m, from the wrist, in its frame; absent ones 0
     has_position: Tensor  # (B, T, 2, 20) bool
@@ -73,7 +73,7 @@ class FingerSignal(NamedTuple):
 
 
 class FingerReading(NamedTuple):
-    """What the features are made of, in N frames; the hand axis is left, right.
+    """Inputs of the features, in N frames; the hand axis is left, right.
 
     Rows are vectors in the wrist's frame: places of the points from the wrist, x axes of the joints, y axes of the
     joints. Rows of the wrist are in the frame under the head: its place from the head, its velocity, its x and y axes.

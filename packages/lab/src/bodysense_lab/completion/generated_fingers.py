@@ -59,7 +59,7 @@ def write_fingers(path: Path, fingers: np.ndarray) -> None:
 
 
 def read_fingers(path: Path) -> np.ndarray:
-    """What `write_fingers` wrote. Raises BodysenseError for every other file."""
+    """Read the file that `write_fingers` wrote. Raises BodysenseError for every other file."""
     try:
         with np.load(path, allow_pickle=False) as saved:
             if str(saved["format"]) == FORMAT:

@@ -121,7 +121,7 @@ class Averages:
     weight: dict[str, float] = field(default_factory=dict)
 
     def add(self, name: str, value: float, weight: float) -> None:
-        """Count a mean over so many frames, joints or minutes; nothing where there are none."""
+        """Add a mean with its weight in frames, joints or minutes; a weight of 0 adds nothing."""
         if weight:
             self.total[name] = self.total.get(name, 0.0) + value * weight
             self.weight[name] = self.weight.get(name, 0.0) + weight

@@ -1,7 +1,7 @@
 """The completion network: any points of a body, on any proportions, → rotations, contacts and expected errors.
 
-It reads whichever of 27 points are tracked (the 22 joints of `BODY`, head top and toe tips, and the middle of each
-hand's knuckles), each with a position, a rotation, both or neither, and the wearer's bones as far as they are known.
+It reads any of 27 points that are tracked (the 22 joints of `BODY`, head top and toe tips, and the middle of each
+hand's knuckles), each with a position, a rotation, both or neither, and the known lengths of the wearer's bones.
 It works in the frame under the head (x, z from the head, the floor at y = 0, turned by the head's heading) and at one
 stature: a body that is elsewhere, turned or larger gets the same answer. It states every joint's rotation from that
 frame, not from its parent's, so that a bone depends on one rotation and errors do not add up along a chain.
@@ -42,11 +42,11 @@ class CompletionConfig:
     layers: int = 2  # recurrent layers
     branch: int = 512  # units of the layer that turns the joints
     judge_branch: int = 128  # units of the layer that judges contact and expected error
-    dropout: float = 0.15  # of what the recurrent layers give, while training
+    dropout: float = 0.15  # of the recurrent layers' outputs, in training
 
 
 class TrackedSignal(NamedTuple):
-    """What was tracked in T frames of B sequences, and what is known of the wearers. Absent values are finite."""
+    """Tracked points in T frames of B sequences, and the known proportions of wearers. Absent values are finite."""
 
     position: Tensor  # (B, T, 27, 3) m, world
     rotation: Tensor  # (B, T, 22, 3, 3) world ← joint
@@ -57,15 +57,15 @@ class TrackedSignal(NamedTuple):
     turn: Tensor  # (B, T, 3, 3) row vectors of the world @ turn are those of the frame under the head
     origin: Tensor  # (B, T, 3) m, of that frame
     before: Before
-    rest_offset: Tensor  # (B, 25, 3) m, as far as known
-    certainty: Tensor  # (B, 25) m, standard deviation of each of those lengths; 0 where told
-    size: Tensor  # (B,) the wearer's stature beside the reference's
+    rest_offset: Tensor  # (B, 25, 3) m, known or estimated
+    certainty: Tensor  # (B, 25) m, standard deviation of each of those lengths; 0 if known
+    size: Tensor  # (B,) the wearer's stature divided by the reference stature
     acceleration: Tensor  # (B, T, 12, 3) m/s², world, of `ACCELERATED`
     has_acceleration: Tensor  # (B, T, 12) bool
 
 
 class Before(NamedTuple):
-    """What was tracked a frame earlier."""
+    """Tracked points of the previous frame."""
 
     position: Tensor  # (B, T, 27, 3) m, world
     has_position: Tensor  # (B, T, 27) bool
@@ -74,7 +74,7 @@ class Before(NamedTuple):
 
 
 class Prediction(NamedTuple):
-    """What the network says, in the frame under the head, at the reference stature."""
+    """The network's prediction, in the frame under the head, at the reference stature."""
 
     axes: Tensor  # (B, T, 22, 3, 2) first two columns of frame ← joint, not yet orthonormal
     head: Tensor  # (B, T, 3) m, where the head is if it is not tracked
@@ -129,7 +129,7 @@ class CompletionNetwork(nn.Module):
         return (self.turn_branch(both), self.judge_branch(both)), memory
 
     def prediction(self, turned: Tensor, judged: Tensor) -> Prediction:
-        """What the raw outputs mean."""
+        """Convert raw outputs to a prediction."""
         axes = turned[..., : 6 * JOINTS].unflatten(-1, (JOINTS, 3, 2)) + self.standing_axes
         contact, error = judged[..., : len(CONTACT)], judged[..., len(CONTACT) :]
         raised = turned[..., 6 * JOINTS :] + turned.new_tensor([0.0, HEAD_HEIGHT, 0.0])
@@ -142,7 +142,7 @@ class CompletionNetwork(nn.Module):
 
 
 def reading_of(signal: TrackedSignal) -> Reading:
-    """What the features are made of, frame by frame."""
+    """Return the inputs of the features, frame by frame."""
     frames = signal.interval.shape
     placed = signal.position - signal.origin[..., None, :]
     axes, spun = axis_rows(signal.rotation), axis_rows(signal.rotation[..., SPIN_PLACES, :, :])

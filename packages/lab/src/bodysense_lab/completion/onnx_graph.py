@@ -1,4 +1,4 @@
-"""The step as an ONNX graph of an earlier version: what it reads of observations, to time the core against."""
+"""The step as an ONNX graph of an earlier version: its inputs, to time the core against."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def open_graph(path: Path) -> Network:
 
 
 def graph_inputs(observation: Observation, people: Sequence[Person]) -> Iterator[dict[str, np.ndarray]]:
-    """What a graph reads, frame by frame, of an observation (B, T, P) of people whose proportions do not change."""
+    """Yield a graph's inputs, frame by frame, of an observation (B, T, P) of people with constant proportions."""
     count = len(people)
     place = default_skeleton().indices(observation.points)
     joint = np.flatnonzero(place < JOINTS)

@@ -1,4 +1,4 @@
-"""What the training and the tables of the tracker are asked; read by the command line, so without PyTorch."""
+"""Options of the tracker's training and tables. The command line imports them, so they do not import PyTorch."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class CompletionTraining(MotionRun, Card):
 
     @property
     def folder(self) -> Path:
-        """Of the run."""
+        """The run's folder."""
         return self.out.with_suffix("") if self.run is None else self.run
 
     def __post_init__(self) -> None:
@@ -60,7 +60,7 @@ class FingerTraining(MotionRun):
     """folder of generated fingers; OUT's folder if omitted"""
     schedule: Flat[Schedule] = FINGER_SCHEDULE
     leave_out: str = ""
-    """person of whom nothing is learned"""
+    """person excluded from training"""
     generated_hours: float = 0.0
     """hours of generated fingers that are mixed with recorded ones; 0: none"""
     threads: int | None = 1
@@ -68,7 +68,7 @@ class FingerTraining(MotionRun):
 
     @property
     def folder(self) -> Path:
-        """Of the run."""
+        """The run's folder."""
         return self.out.parent if self.run is None else self.run
 
     def __post_init__(self) -> None:
@@ -84,11 +84,11 @@ class CompletionEvaluation(MotionEvaluation):
     """The tracker on any sensors and any proportions."""
 
     split: Split = "test"
-    """people, and strangers' bodies, to score"""
+    """people, and unseen bodies, to score"""
     sets: tuple[str, ...] = TABLE_SETS
     """sensor sets"""
     bodies: tuple[Body, ...] = BODIES
-    """whose proportions: the recording's, or a stranger's of which all, the height or nothing is told"""
+    """proportions: the recording's, or an unseen body's of which all, the height or nothing is known"""
     limit: int | None = None
     """number of clips, spread evenly; all if omitted"""
     model: Path | None = None
@@ -112,7 +112,7 @@ class CompletionEvaluation(MotionEvaluation):
     worst: int = 12
     """number of frames on the sheet: those with the largest mean error, at most one of a clip"""
     sheet: Path | None = None
-    """file for a sheet of the worst frames, truth beside result (PNG)"""
+    """file for a sheet of the worst frames, truth next to result (PNG)"""
 
     @property
     def outputs(self) -> tuple[Path, ...]:
@@ -156,7 +156,7 @@ class UntrackedFingerEvaluation:
 
 @dataclass(frozen=True, kw_only=True)
 class HoleEvaluation(MotionEvaluation):
-    """Filled holes beside interpolation."""
+    """Filled holes compared with interpolation."""
 
     clips: int | None = None
     """number of clips, spread evenly; all if omitted"""

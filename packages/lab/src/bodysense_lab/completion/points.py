@@ -46,7 +46,7 @@ def reference_offsets() -> np.ndarray:
 
 
 def stature(rest_offset: np.ndarray) -> np.ndarray:
-    """(B, 25, 3) m → (B,): how high the head rests above the soles, beside the reference's."""
+    """Return (B,): the head's rest height over the soles, of (B, 25, 3) m, divided by the reference's."""
     height = (path_from_head() @ rest_offset[..., 1:, :])[..., 1]
     return -height.min(axis=-1) / HEAD_HEIGHT
 

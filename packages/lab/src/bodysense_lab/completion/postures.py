@@ -1,8 +1,8 @@
-"""Postures that recordings hardly show: the upper body of somebody who stands, on a seat, on their knees or lying.
+"""Postures that are rare in recordings: a standing person's upper body moved onto a seat, onto the knees or lying.
 
-People with a headset sit most of the time, and recorded people hardly do. Here the pelvis of somebody who stands is put
-at another height, their feet or knees on the floor below it, and the legs between them by the lengths of their bones;
-hands rest on thighs or hold still in front. It lasts for a whole sequence, or begins and ends within it.
+People with a headset sit most of the time, and recorded people rarely do. This module takes a standing person, moves
+the pelvis to another height, puts the feet or knees on the floor below it, and places the legs between them by their
+bone lengths; hands rest on thighs or hold still in front. A posture lasts for a whole sequence or for a part of it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense_lab.completion.corpus import Corpus
 from bodysense_lab.completion.wandering import wander
 
-# How often each is drawn. Somebody who stands moves their hands only.
+# How often each is drawn. `standing` changes the arms only.
 KINDS = {
     "chair": 0.46,
     "floor": 0.10,
@@ -35,11 +35,11 @@ _UPPER = [k for k, name in enumerate(BODY) if name.rpartition("_")[2] not in ("h
 # By how much of the lean, and of the pelvis's own tilt, each joint of the upper body turns.
 _LEANS = {"pelvis": 0.0, "spine1": 0.5, "spine2": 0.85, "neck": 0.6, "head": 0.25}
 _TILTS = {"pelvis": 1.0, "spine1": 0.5, "spine2": 0.1}
-_SWAY, _TURNING = 0.15, 0.3  # what is left of how somebody who stands moves about, and turns
+_SWAY, _TURNING = 0.15, 0.3  # share of the standing person's horizontal motion, and of the turning, that is kept
 _LYING = [f"{side}_{part}" for side in _SIDES for part in ("shoulder", "hip", "knee", "ankle")]
-_KNEE, _SOLE = 0.06, 0.08  # m: how high a knee rests on the floor, and the ankle of a foot that stands
+_KNEE, _SOLE = 0.06, 0.08  # m: how high a knee rests on the floor, and the ankle of a standing foot
 _BACK = np.radians(120)  # feet that point down by more lie on their backs, toes too
-_CALM, _UPRIGHT = 0.3, 0.85  # m/s of the pelvis, and its share of its height at rest: whoever is calm stands
+_CALM, _UPRIGHT = 0.3, 0.85  # m/s, share of the rest height: a slower and higher pelvis stands
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class _Posture:
 
 
 def standing_share(corpus: Corpus) -> np.ndarray:
-    """(C,) the share of each clip in which its person stands and hardly walks."""
+    """Return (C,): the share of each clip in which its person stands still."""
     shares = np.zeros(len(corpus))
     for clip in range(len(corpus)):
         first, count = int(corpus.start[clip]), int(corpus.length[clip])
@@ -99,13 +99,13 @@ def standing_share(corpus: Corpus) -> np.ndarray:
 
 
 def stands(root: np.ndarray, rest: float, rate: float) -> np.ndarray:
-    """(T,) bool: whether a pelvis on a path (T, 3) m, which rests `rest` m high, is of somebody who stands."""
+    """Return (T,) bool: whether a pelvis on the path (T, 3) m, with rest height `rest` in m, belongs to a stander."""
     speed = np.linalg.norm(np.gradient(root[:, [0, 2]], axis=0), axis=-1) * rate
     return (root[:, 1] > _UPRIGHT * rest) & (speed < _CALM)
 
 
 def low_share(corpus: Corpus) -> np.ndarray:
-    """(C,) the share of each clip in which the pelvis is below four fifths of its height at rest."""
+    """Return (C,): the share of each clip in which the pelvis is below four fifths of its height at rest."""
     return np.array(
         [
             (corpus.root[first : first + count, 1] < 0.8 * rest[0, 1]).mean()
@@ -122,9 +122,9 @@ def draw_kind(rng: np.random.Generator) -> str:
 def settled(
     rotation: np.ndarray, root: np.ndarray, offset: np.ndarray, kind: str, rate: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """World rotations (T, 22, 4) wxyz and the pelvis's path (T, 3) m of somebody who stands, settled as one of `KINDS`.
+    """Change a standing person's world rotations (T, 22, 4) wxyz and pelvis path (T, 3) m to a posture of `KINDS`.
 
-    `offset` (65, 3) m are their bones.
+    `offset` (65, 3) m are the person's rest offsets.
     """
     if kind == "lying":
         return _laid(rotation, root, offset, rate, rng)
@@ -161,7 +161,7 @@ def _when(frames: int, rate: float, rng: np.random.Generator) -> np.ndarray:
 class _Bones:
     """Lengths (m) that a posture is drawn by."""
 
-    scale: float  # beside the body for which heights are given here
+    scale: float  # of the body, relative to the one that the heights here are given for
     thigh: float
     shin: float
 
@@ -299,14 +299,14 @@ def _lowered(
     rate: float,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Matrices (T, 22, 3, 3) and the pelvis's path of a posture that is there as far as `share` (T,) says."""
+    """Matrices (T, 22, 3, 3) and the pelvis's path of a posture blended in by `share` (T,)."""
     facing = before[:, 0, :, 2]
     yaw = np.unwrap(np.arctan2(facing[:, 0], facing[:, 2]))
     kept = yaw.mean() + _TURNING * (yaw - yaw.mean())
     turn, square = _about_up(kept - yaw), _about_up(kept)
     slow = wander(len(root), 2, rate, 2.5, rng) * np.radians([2.0, 5.0])
     tilt = posture.tilt + slow[:, 0]
-    # Whoever sits down or gets up leans forward.
+    # People lean forward while they sit down or get up.
     lean = posture.lean + slow[:, 1] + 4 * share * (1 - share) * np.radians(rng.uniform(15, 45))
     side = square[:, :, 0]
     after = before.copy()
@@ -357,7 +357,7 @@ def _lowered(
 def _laid(
     rotation: np.ndarray, root: np.ndarray, offset: np.ndarray, rate: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Somebody who stands, laid down on their back, belly or side as they are."""
+    """Lay a standing person on their back, belly or side, with the pose unchanged."""
     before = quaternion_to_matrix(rotation.astype(float))
     facing = before[:, 0, :, 2]
     yaw = np.arctan2(facing[:, 0], facing[:, 2])
@@ -437,7 +437,7 @@ def _reached(
     share: np.ndarray,
     hand: np.ndarray | None,
 ) -> np.ndarray:
-    """An arm that reaches a target as far as `share` (T,) says; the hand goes with the forearm if none is given."""
+    """Move an arm toward a target by `share` (T,); the hand follows the forearm if `hand` is None."""
     limb = _limb("arm", side, offset)
     elbow = matrix[:, limb.first] @ limb.upper
     wrist = shoulder + elbow + matrix[:, limb.second] @ limb.lower

@@ -49,23 +49,23 @@ _PULL = 1e-4  # toward errors as expected
 
 @dataclass(frozen=True, eq=False)
 class ErrorSamples:
-    """What was known, and what came of it, N frames."""
+    """Inputs of the error map and the errors that were measured, N frames."""
 
     known: np.ndarray  # (N, 119) float32: see `error_map.KNOWN`
     error: np.ndarray  # (N, 25) float32 m
     counts: np.ndarray  # (N, 25) bool: the point was not tracked
-    learned: np.ndarray  # (N,) bool: of people whose motion the network learned
-    group: np.ndarray  # (N,) which draw of sensors and body it is of
+    learned: np.ndarray  # (N,) bool: person in the training data
+    group: np.ndarray  # (N,) index of the draw of sensors and body
 
 
 Scenes = Mapping[Truth, Sequence[Sequence[TrackedScene]]]
 
 
 def sample_errors(learned: Scenes, watched: Scenes, model: CompletionModel, seed: int = 5) -> ErrorSamples:
-    """Run the tracker over batches of scenes, 'own' and 'stranger', of people who were learned from, and of others.
+    """Run the tracker over batches of scenes, 'own' and 'stranger', of people in the training data, and of others.
 
-    The model's expected errors are the network's own, and in place of their bounds it gives how far apart the network's
-    two answers are (`unchanged_errors`, `shown_apart`).
+    The model gives the network's own expected errors and, in place of their bounds, the distance between the network's
+    two answers (`unchanged_errors`, `shown_apart`).
     """
     rng = np.random.default_rng(seed)
     draws: list[tuple[SensorSet, Body]] = [(SENSOR_SETS[name], body) for name in TABLE_SETS for body in BODIES]
@@ -126,10 +126,11 @@ _FIT_STEPS, _TRIAL_STEPS = 3000, 100  # optimiser steps of an error map, and of 
 def fit_error_map(
     samples: ErrorSamples, quantile: float | None = None, steps: int = _FIT_STEPS, seed: int = 6
 ) -> ErrorMap:
-    """Fit the mean error, or a quantile of it, to samples, in so many steps of an optimiser.
+    """Fit the mean error, or a quantile of it, to samples, in `steps` optimiser steps.
 
-    Of people who were learned from there are many, and their errors are smaller: how errors spread is learned from all,
-    how large they are from the others. For that the fit is told who is who, and what is fitted knows only the others.
+    Most people were in the training data, and their errors are smaller. The fit learns how errors spread from
+    everybody, and how large they are from the other people. For that it reads who was in the training data as one more
+    input, which the fitted map does not have: the map assumes unseen people.
     """
     known = torch.from_numpy(np.column_stack([samples.known, samples.learned]).astype(np.float32))
     error = torch.from_numpy(samples.error.astype(np.float32)).clamp(min=1e-4)
@@ -137,7 +138,7 @@ def fit_error_map(
     generator = torch.Generator().manual_seed(seed)
     start = unchanged_errors()
     parts = [torch.tensor(getattr(start, name), dtype=torch.float32) for name in vars(start)]
-    parts[:2] = [torch.cat([part, torch.zeros(1, part.shape[1])]) for part in parts[:2]]  # who was learned from
+    parts[:2] = [torch.cat([part, torch.zeros(1, part.shape[1])]) for part in parts[:2]]  # `learned`
     parts[1] = torch.randn(parts[1].shape, generator=generator) * 0.1
     weight, inward, inward_offset, outward, offset = parts = [part.requires_grad_() for part in parts]
     optimizer = torch.optim.AdamW(parts, lr=_RATE, weight_decay=0.0)
@@ -222,10 +223,10 @@ def _training_batches(body: CompletionNetwork, data: Path, limit: int | None) ->
 def _scenes(
     data: Path, splits: tuple[Split, ...], limit: int | None, settled: bool = False
 ) -> dict[Truth, list[list[TrackedScene]]]:
-    """Batches of scenes of what wearers do, on their own bodies and on strangers'.
+    """Return batches of scenes of what wearers do, on their own bodies and on unseen ones.
 
-    Of people that were watched all clips, and of people that were learned from a few each: the former are few, and how
-    far errors spread shows in many people only. With `settled` clips of people who stand come in other postures too.
+    Validation people give all their clips; training people give a few each. The former are few, and how far errors
+    spread is visible over many people only. With `settled`, clips of standing people are added in other postures.
     """
     truths: tuple[Truth, ...] = ("own", "stranger")
     scenes: dict[Truth, list[list[TrackedScene]]] = {truth: [] for truth in truths}

@@ -26,7 +26,7 @@ class Quantiles:
         self.count += other.count
 
     def at(self, percent: float) -> float:
-        """The value below which so many percent of the values are, to 1 %; NaN without values."""
+        """Return a percentile of the values, to 1 %; NaN without values."""
         total = np.cumsum(self.count)
         if not total[-1]:
             return math.nan

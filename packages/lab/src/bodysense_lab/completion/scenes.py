@@ -1,4 +1,4 @@
-"""What the tables score: recorded clips on their own bodies and on strangers, and what the tracker is told of each."""
+"""The scenes that the tables score: recorded clips on own and on unseen bodies, and what the tracker knows of each."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from bodysense.scoring import RATE, group_of
 from bodysense_lab.completion.options import Body
 
 Truth = Literal["own", "stranger"]
-# Whose proportions move in each column; the last three differ in what the tracker is told.
+# The body that moves in each column; the last three differ in what the tracker knows of it.
 TRUTH_OF: dict[Body, Truth] = {"own": "own", "stranger": "stranger", "height": "stranger", "nothing": "stranger"}
-STRANGERS = 512  # bodies of a split, of which each clip has one
+STRANGERS = 512  # bodies of a split; each clip gets one
 _MOST_CLIPS, _MOST_FRAMES = 32, 24_000  # of a batch, padding included
 
 
@@ -66,7 +66,7 @@ class TrackedScene:
         return see_points(self.skeleton, *self.placed).visible
 
     def observe(self, sensors: SensorSet) -> Observation:
-        """What a set of sensors tracks."""
+        """Return the observation of a set of sensors."""
         visible = self.visible if sensors.camera else None
         return observe_points(self.skeleton, *self.placed, self.time, sensors, visible)
 
@@ -76,14 +76,14 @@ class TrackedScene:
 
 
 def scene_of(clip: Clip, truth: Truth, split: Split | Literal["all"]) -> TrackedScene:
-    """A clip at `RATE`, on its own body or on the stranger of its name."""
+    """Return a clip at `RATE`, on its own body or on the unseen body drawn by its name."""
     clip = resample(clip, RATE)
     pose = clip.pose if truth == "own" else retargeted(clip.pose, stranger_of(clip, split))
     return TrackedScene(f"{clip.person}/{clip.name}", group_of(clip), pose, clip.person)
 
 
 def stranger_of(clip: Clip, split: Split | Literal["all"]) -> Skeleton:
-    """The body on which a clip moves as a stranger: always the same one of the split's, by the clip's name."""
+    """Return the unseen body of a clip: fixed by the clip's name, from the bodies of the split."""
     bodies = _strangers(body_split(split))
     digest = hashlib.sha256(f"{clip.person}/{clip.name}".encode()).digest()
     return clip.pose.skeleton.with_offsets(bodies[int.from_bytes(digest[:8], "big") % len(bodies)])
@@ -102,7 +102,7 @@ def _strangers(split: BodySplit) -> np.ndarray:
 
 
 def person_of(body: Body, skeleton: Skeleton) -> Person:
-    """What the tracker is told of a wearer with these proportions."""
+    """Return what the tracker knows of a wearer with these proportions."""
     if body == "height":
         return Person(height=float(stature(skeleton.rest_offset)))
     return Person() if body == "nothing" else Person(skeleton)

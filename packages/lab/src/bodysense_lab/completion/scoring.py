@@ -75,7 +75,7 @@ def evaluate_completion(
         times: times the steps of one wearer; None leaves this out.
         spread: where the work is done.
         kept: results of clips that are scored already, and where those of others are kept.
-        advance: is told how many clips of a cell, or edges of the lattice, are done, and what they were.
+        advance: called with the number of clips of a cell, or edges of the lattice, that are done, and their kind.
     """
     table = CompletionTable(settings)
     clips = list(clips)
@@ -113,7 +113,7 @@ def evaluate_completion(
 
 
 def _told(count: int, settings: CompletionSettings, truth: Truth) -> int:
-    """How much `advance` is told of clips of one truth."""
+    """Return the work that `advance` counts for clips of one truth."""
     return count * len(settings.sets) * sum(TRUTH_OF[body] == truth for body in settings.bodies)
 
 
@@ -141,7 +141,7 @@ def _score_edges(edges: Sequence[Edge], scenes: Sequence[TrackedScene], track: T
 
 
 def work_of(count: int, settings: CompletionSettings) -> int:
-    """How much `advance` is told in all of `count` clips."""
+    """Return the work that `advance` counts in all for `count` clips."""
     return count * len(settings.sets) * len(settings.bodies) + settings.edges
 
 
@@ -154,7 +154,7 @@ def _score_set(
     track: TrackBatch,
     takes: TrackTake | None,
 ) -> None:
-    """Score one set of sensors on scenes of one truth, for all that the tracker may be told."""
+    """Score one set of sensors on scenes of one truth, once for each amount of knowledge about the body."""
     observations = [scene.observe(SENSOR_SETS[sensors]) for scene in scenes]
     if sensors == "headset_camera":
         for table, scene, seen in zip(tables, scenes, observations, strict=True):
@@ -200,7 +200,7 @@ def _score_blinks(
     observations: Sequence[Observation],
     track: TrackBatch,
 ) -> None:
-    """What hands that are lost and a finger that blinks do to bodies whose proportions are told."""
+    """Score the effect of lost hands and a blinking finger on bodies of known proportions."""
     people = [person_of("own", scene.skeleton) for scene in scenes]
     lost = [lose_hands(seen, rng_of(scene.name)) for scene, seen in zip(scenes, observations, strict=True)]
     batch = track(people, stacked(lost))

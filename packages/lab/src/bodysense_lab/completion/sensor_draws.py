@@ -223,7 +223,7 @@ def lost_hand(frames: int, interval: float, rng: np.random.Generator) -> np.ndar
 def spans(
     frames: int, interval: float, rng: np.random.Generator, per_minute: float, longest: float = 3.0
 ) -> np.ndarray:
-    """(T,) bool: spans of 0.2 s to `longest`, log-uniform, so many a minute on average."""
+    """Return (T,) bool: spans of 0.2 s to `longest`, log-uniform, `per_minute` a minute on average."""
     lost = np.zeros(frames, dtype=bool)
     for _ in range(rng.poisson(per_minute * frames * interval / 60)):
         begin = rng.uniform(0, frames)

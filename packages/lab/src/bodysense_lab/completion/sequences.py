@@ -1,4 +1,4 @@
-"""Training sequences: a recorded clip on a body of the family, tracked by sensors that err, told in part."""
+"""Training sequences: a recorded clip on a body of the family, seen by noisy sensors, proportions known in part."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ _WRISTS = [BODY.index("left_wrist"), BODY.index("right_wrist")]
 _SOLES = [BODY_POINTS.index(f"{side}_{part}") for side in ("left", "right") for part in ("ankle", "foot", "toe")]
 _CONTACT = [BODY.index(name) for name in CONTACT]
 _MIRROR, _MIRROR_65 = partners(BODY), default_skeleton().mirror
-# A foot is in contact while it is at most this far above where it stands at rest and at most this fast; feet of the
-# CMU recordings slide by 0.13 m/s where they stand.
+# A foot is in contact while it is at most this far above its rest height and at most this fast; standing feet of the
+# CMU recordings slide by 0.13 m/s.
 _LOW, _SLOW, _HALF_WINDOW = 0.05, 0.3, 0.04  # m, m/s, s
-# Of wrists about the forearm, sideways and toward the palm, radians: how they are held, by how much they move, and the
-# farthest.
+# radians: wrists about the forearm, sideways and toward the palm: spread of the held angle, spread of the motion, and
+# limit
 _HELD = np.radians([40.0, 7.0, 17.0])
 _MOVING = np.radians([25.0, 10.0, 25.0])
 _FARTHEST = np.radians([100.0, 25.0, 60.0])
@@ -88,7 +88,7 @@ class Sequence:
     has_acceleration: np.ndarray  # (T, 12) bool
     anchor: np.ndarray  # (T, 4) float32: cosine and sine of the heading, x and z of the frame under the head
     accuracy: np.ndarray  # (27,) float32 m
-    rest_offset: np.ndarray  # (25, 3) float32 m, as told
+    rest_offset: np.ndarray  # (25, 3) float32 m, as known to the tracker
     certainty: np.ndarray  # (25,) float32 m
     size: float
     interval: float  # s
@@ -99,7 +99,7 @@ class Sequence:
 
 @dataclass(frozen=True)
 class TrainingBody:
-    """Rest offsets of a body (65, 3) m, as it is and as it is told."""
+    """Rest offsets of a body (65, 3) m: the true ones, and those known to the tracker."""
 
     true: np.ndarray
     told: np.ndarray
@@ -107,7 +107,7 @@ class TrainingBody:
 
 
 def draw_body(own: np.ndarray, rng: np.random.Generator) -> TrainingBody:
-    """Draw proportions: the recording's own, a body of the family, or one between; told, told in part, or not."""
+    """Draw proportions: the recording's own, a body of the family, or one between; known, known in part, or unknown."""
     space = shape_space()
     drawn = rng.uniform()
     true = own.copy()
@@ -121,7 +121,7 @@ def draw_body(own: np.ndarray, rng: np.random.Generator) -> TrainingBody:
 
 
 def _told(true: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """What is told of a body: all of it, its height, a guess of that, or some lengths too."""
+    """Draw what is known of a body: all of it, its height, a guess of the height, or some lengths too."""
     drawn = rng.uniform()
     if drawn < 0.55:
         return true, np.zeros(len(true))
@@ -147,7 +147,7 @@ def _jittered(offset: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     scale = np.exp(rng.normal(0, 0.03, (len(offset), 1)))
     changed = quaternion_rotate(turn, offset) * scale
     mirrored = changed[_MIRROR_65] * np.array([-1.0, 1.0, 1.0])
-    # Of each pair the left one decides; points of the middle keep to the middle.
+    # The left point of each pair decides; points of the middle stay in the middle.
     left = np.array([name.startswith("left_") for name in default_skeleton().points])[:, None]
     right = np.array([name.startswith("right_") for name in default_skeleton().points])[:, None]
     changed = np.where(left, changed, np.where(right, mirrored, (changed + mirrored) / 2))
@@ -166,7 +166,7 @@ Track = Callable[[np.ndarray, float, np.random.Generator], DrawnSensors]
 
 @dataclass(frozen=True)
 class Draw:
-    """What may differ about a clip."""
+    """Choices that vary between sequences of one clip."""
 
     body: TrainingBody
     track: Track = draw_tracked
@@ -176,7 +176,7 @@ class Draw:
     longest: float = np.inf  # s
     mirrored: bool = False
     bent: bool = False  # wrists turn freely
-    posture: str | None = None  # one of `postures.KINDS` that somebody who stands takes
+    posture: str | None = None  # of `postures.KINDS`; None: as recorded
     noisy: bool = False
 
 
@@ -186,7 +186,7 @@ def draw_sequence(corpus: Corpus, clip: int, rng: np.random.Generator) -> Sequen
 
 
 def draw_settled_sequence(corpus: Corpus, clip: int, rng: np.random.Generator) -> Sequence:
-    """The same of a clip whose person stands, and takes another posture."""
+    """Draw a sequence of a clip whose person stands, in another posture."""
     return _drawn(corpus, clip, draw_kind(rng), rng)
 
 
@@ -322,7 +322,7 @@ def in_contact(feet: np.ndarray, standing: np.ndarray, rate: float) -> np.ndarra
 def _with_turned_wrists(rotation: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
     """Wrists that turn freely: about the forearm, as palms are held down, inward or up, and across it.
 
-    It is theirs alone: arms stay as they are. Recorded bending stays.
+    Only the wrists change; arms and recorded bending stay.
     """
     held = rng.normal(0, 1, (2, 3)) * _HELD
     if rng.uniform() < 0.5:  # both hands alike

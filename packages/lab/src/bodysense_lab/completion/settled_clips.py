@@ -1,4 +1,4 @@
-"""Recorded clips of people who stand, settled in a posture that recordings hardly show (`postures`)."""
+"""Recorded clips of standing people, changed to a posture that is rare in recordings (`postures`)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _MOSTLY = 0.7  # share of a clip in which its person stands
 
 
 def settled_clips(clips: Iterable[Clip], seed: int = 9) -> Iterator[Clip]:
-    """Of clips whose person mostly stands one each, settled; kinds take turns."""
+    """Yield one changed clip of each clip whose person mostly stands; postures take turns."""
     rng, kinds, turn = np.random.default_rng(seed), [kind for kind in KINDS if kind != "standing"], 0
     for clip in clips:
         root, rest = clip.pose.root_position, clip.pose.skeleton.rest_offset

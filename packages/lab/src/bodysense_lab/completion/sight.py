@@ -1,8 +1,8 @@
 """Measures of sight: what a wearer sees go wrong, each a function of true and output positions.
 
 Positions are (T, P, 3) m in the world (+Y up) at `rate` Hz, masks of what is tracked are (T, P) bool. A mean error does
-not count these faults: a body that freezes for a frame and then leaps, feet that hover, knees that bend while their
-wearer stands, steps that nobody took, hands that fly back into view.
+not count these faults: a body that freezes for a frame and then leaps, feet that hover, knees that bend while the
+wearer stands, steps that the wearer did not take, hands that fly back into view.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ FAST = 1.0  # m/s: a hidden point that truly moves faster is seen to move
 FROZEN = 0.25  # of the true speed: a point that is output slower is frozen
 FLOATING = 0.03  # m over its rest height: a ball that is higher does not touch the floor
 STANDING = 0.10  # m over its rest height: the true ball that carries the body is lower, even on tiptoe
-UPRIGHT = 0.8  # of its rest height: the pelvis of who stands is higher
+UPRIGHT = 0.8  # of its rest height: a standing pelvis is higher
 STRAIGHT = 10.0  # °: a true knee that is bent less is straight
 BACKWARD = 5.0  # °: a knee that is bent farther the wrong way bends backward
 STRIDE = 0.20  # m between the ankles, along the pelvis' heading

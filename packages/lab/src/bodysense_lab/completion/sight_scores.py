@@ -1,4 +1,4 @@
-"""What the measures of sight come to over many clips: shares, rates, percentiles and mean jerk curves."""
+"""The measures of sight over many clips: shares, rates, percentiles and mean jerk curves."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The table of `bodysense evaluate completion`: sensor sets by bodies.
-
-The tables of `evaluate completion` as they are handed out: a short one, one of all measures, one of confidence.
-"""
+"""The tables of `bodysense evaluate completion`, sensor sets by bodies: short, all measures, confidence, sight."""
 
 from __future__ import annotations
 
@@ -29,7 +26,7 @@ Key = TypeVar("Key")
 
 @dataclass(frozen=True)
 class CompletionSettings:
-    """What is scored."""
+    """Settings of the tables."""
 
     split: Split | Literal["all"] = "test"
     sets: tuple[str, ...] = TABLE_SETS
@@ -51,7 +48,7 @@ class WorstFrame:
 
 @dataclass(frozen=True)
 class CompletionTable:
-    """Averages of every cell by category group, calibrations of the main group, and what stands beside them."""
+    """Averages of every cell by category group, calibrations of the main group, and baselines and other scores."""
 
     settings: CompletionSettings
     cells: dict[tuple[str, Body, str], Averages] = field(default_factory=dict, repr=False)
@@ -169,12 +166,12 @@ def _merge(ours: dict[Key, Averages], theirs: dict[Key, Averages]) -> None:
 
 
 def headline(sensors: str) -> str:
-    """The measure by which a set is told first."""
+    """Return the main measure of a sensor set."""
     return "occluded_mpjpe_cm" if sensors == "headset_camera" else "mpjpe_cm"
 
 
 def groups_of(table: CompletionTable) -> tuple[str, ...]:
-    """The category groups of which there was motion."""
+    """Return the category groups that have motion."""
     return tuple(group for group in GROUPS if any(key[-1] == group for key in table.cells))
 
 
@@ -285,7 +282,7 @@ def _rows(table: CompletionTable) -> Iterator[tuple[Cell, ...]]:
 
 
 def _sight_report(table: CompletionTable) -> Report:
-    """What a wearer sees go wrong, by group, set and body."""
+    """Report the faults that a wearer sees, by group, set and body."""
     rows: list[tuple[Cell, ...]] = []
     for group in groups_of(table):
         for name in table.settings.sets:

@@ -1,7 +1,4 @@
-"""What the completion network learns: batches of sequences, losses, and figures on validation people and bodies.
-
-`bodysense train completion`: from recorded motion to trained weights, watched on validation people.
-"""
+"""The training task of the completion network: batches, losses, and figures on validation people and bodies."""
 
 from __future__ import annotations
 
@@ -50,10 +47,10 @@ from bodysense_lab.options import Schedule
 from bodysense_lab.precision import layer_autocast
 
 WORN = ("sit", "talk_gesture", "everyday", "locomotion", "")  # what wearers of a headset do; unknown motion counts
-_SETTLED = 0.15  # share of sequences in postures that recordings hardly show
+_SETTLED = 0.15  # share of sequences in postures that are rare in recordings
 _FEET = [BODY.index(name) for name in CONTACT]
-# How much a joint's rotation counts beside the others', and its position. Recorded feet turn unreliably; elbows and
-# what carries them are what a wearer sees of themselves, and few points tell them.
+# Weight of a joint's rotation relative to other joints, and of its position. Recorded rotations of feet are unreliable.
+# Wearers see their own elbows and shoulders, and few tracked points determine them.
 _TURN_WEIGHT = {"ankle": 0.6, "foot": 0.3, "collar": 1.5, "shoulder": 2.0, "elbow": 2.5}
 _PLACE_WEIGHT = {"shoulder": 1.5, "elbow": 2.0}
 
@@ -106,7 +103,7 @@ class CompletionTask(Task):
     mixed = True
 
     def identity(self) -> str:
-        """What a checkpoint must agree on."""
+        """Return the settings that a checkpoint must agree on."""
         return identity(self.configuration, self.schedule, self.source)
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[SequenceBatch]:
@@ -292,7 +289,7 @@ _GROUP = 16  # sequences side by side
 
 
 def validation_batches(corpus: Corpus, stride: int) -> dict[str, list[SequenceBatch]]:
-    """Whole clips of what wearers do, every `stride`-th, on their own body and on a stranger's; by set and body."""
+    """Return every `stride`-th clip of what wearers do, whole, on its own and on an unseen body; by set and body."""
     clips = [k for k in range(len(corpus)) if corpus.category[k] in WORN][::stride]
     if not clips:
         raise BodysenseError("the val split has no everyday motion; give --data with some, or without categories")

@@ -29,7 +29,7 @@ _WARM_UP = 30  # frames that are not timed
 
 @dataclass(frozen=True, eq=False)
 class TrackedBatch:
-    """What a tracker makes of the observations of B people, T frames each."""
+    """A tracker's estimates for B people, T frames each."""
 
     position: np.ndarray  # (B, T, P, 3) m, world
     rotation: np.ndarray  # (B, T, J, 4) wxyz, parent ← joint
@@ -38,7 +38,7 @@ class TrackedBatch:
     contact: np.ndarray  # (B, T, 4) probability: left ankle and ball, right ankle and ball
 
     def of_person(self, index: int, frames: int) -> TrackedBatch:
-        """The first `frames` of one person, without the batch axis."""
+        """Return the first `frames` of one person, without the batch axis."""
         return TrackedBatch(
             position=self.position[index, :frames],
             rotation=self.rotation[index, :frames],
@@ -109,8 +109,8 @@ def step_times(person: Person, observation: Observation, network: CompletionMode
     return np.array(taken[min(_WARM_UP, len(taken) // 2) :])
 
 
-TOLERANCE = 0.01  # by so much of itself a mean error may grow
-CLIPS, FRAMES = 24, 300  # strangers on which an edge is judged: so many scenes, their first 10 s
+TOLERANCE = 0.01  # share by which a mean error may grow
+CLIPS, FRAMES = 24, 300  # scenes of unseen bodies, and frames of each (10 s), that score an edge
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class EdgeScore:
 def score_lattice(
     scenes: Sequence[TrackedScene], edges: Sequence[Edge], track: TrackBatch, advance: Callable[[], None] = lambda: None
 ) -> list[EdgeScore]:
-    """Score edges on scenes whose proportions are told; `advance` is called after each edge."""
+    """Score edges on scenes of known proportions; `advance` is called after each edge."""
     known: dict[SensorSet, float] = {}
 
     def error_of(sensors: SensorSet) -> float:

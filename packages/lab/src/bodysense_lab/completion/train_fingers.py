@@ -1,10 +1,9 @@
 """The finger network, from recorded motion to trained weights, and back from a checkpoint.
 
-Fingers that are not tracked, of a person of whom nothing was learned (`evaluate fingers`).
-
-Hidden fingers are those that the headset's cameras do not see, beside the hand as it was last known and, before that,
-the mean hand of those who were learned from. Synthesised ones are of hands of which only the wrist is tracked, beside
-that mean hand. Errors are root mean squares of distances in the frame of the wrist, of points that bend.
+`evaluate fingers` scores untracked fingers of a person who was left out of training. Hidden fingers are those that the
+headset's cameras do not see; their baseline is the last known hand or, before the first, the mean hand of the training
+people. Synthesised fingers belong to hands with a tracked wrist only; their baseline is that mean hand. Errors are root
+mean squares of distances in the frame of the wrist, of points that bend.
 """
 
 from __future__ import annotations
@@ -56,7 +55,7 @@ def train_fingers(
 
 
 def without(corpus: Corpus, person: str) -> Corpus:
-    """The corpus without the fingers of a person. Raises BodysenseError where it has none of theirs."""
+    """Return the corpus without the fingers of a person. Raises BodysenseError if it has no fingers of that person."""
     theirs = np.array([str(name).split("/")[0] == person for name in corpus.name]) & (corpus.finger_start >= 0)
     if not theirs.any():
         people = sorted({str(corpus.name[clip]).split("/")[0] for clip in clips_with_fingers(corpus)})
@@ -105,7 +104,7 @@ class FingerScore:
 
     @property
     def ratio(self) -> float:
-        """Of the network's error to the baseline's."""
+        """The network's error divided by the baseline's."""
         return self.error / self.baseline
 
 

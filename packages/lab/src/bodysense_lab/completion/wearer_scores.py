@@ -1,4 +1,4 @@
-"""`bodysense evaluate sight`: what scripted wearers and real headset signals come to."""
+"""`bodysense evaluate sight`: scores of scripted wearers and real headset signals."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from bodysense_lab.table import Cell, Report
 SEATED_HEIGHTS = (1.55, 1.74, 1.88)  # m
 STANDING_HEIGHTS = (1.55, 1.70, 1.85)  # m
 LOWERED = (0.0, 0.05, 0.10, 0.15)  # m by which a standing head is lowered
-STANDS = 0.85  # of its standing height: a head that is higher is of somebody who stands
+STANDS = 0.85  # of its standing height: a higher head means that the wearer stands
 SETTLES, BELIEVED = 3.0, 10.0  # s after which a seated pelvis is in place, and from which no height may shrink
 _GAZE = 1.0  # s after which a raised arm is looked at
 _PAIR = ("left", "right")
@@ -107,7 +107,7 @@ def _bent(skeleton: Skeleton, position: np.ndarray) -> np.ndarray:
 
 
 def _standing(network: CompletionModel | None) -> Iterator[SightScore]:
-    """Who stands still, of known height: how high the feet are, and how bent the knees."""
+    """Score standing still at known height: how high the feet are, and how bent the knees."""
     bodies = [(known_body(height), lowered) for height in STANDING_HEIGHTS for lowered in LOWERED]
     people = [Person(height=height) for height in STANDING_HEIGHTS for _ in LOWERED]
     for palms in PALMS:
@@ -125,7 +125,7 @@ def _standing(network: CompletionModel | None) -> Iterator[SightScore]:
 
 
 def _seated(network: CompletionModel | None) -> Iterator[SightScore]:
-    """Who sits from the first frame, and of whom nothing is known."""
+    """Score an unknown body that sits from the first frame."""
     bodies = [known_body(height) for height in SEATED_HEIGHTS]
     poses = [seated(skeleton) for skeleton in bodies]
     time = np.arange(len(poses[0].root_position)) / RATE
@@ -146,7 +146,7 @@ def _seated(network: CompletionModel | None) -> Iterator[SightScore]:
 
 
 def _raised(network: CompletionModel | None) -> Iterator[SightScore]:
-    """Who raises the arms out of the cameras' view: how high the wrists are 1 s after the second is lost."""
+    """Score arms raised out of the cameras' view: how high the wrists are 1 s after the second is lost."""
     skeleton = known_body(HEIGHT)
     for way in RAISES:
         pose = arms_raised(skeleton, way)

@@ -115,7 +115,7 @@ def standing_head(skeleton: Skeleton, lowered: float, seconds: float = 4.0) -> H
 
 
 def seated(skeleton: Skeleton, seconds: float = 15.0) -> Pose:
-    """Who sits upright on a seat as high as the shins, hands before the lap, and looks around a little."""
+    """Return a wearer seated upright on a seat of shin height, hands before the lap, who looks around a little."""
     time = np.arange(round(seconds * RATE)) / RATE
     pose = standing_pose(skeleton)
     rotation = np.tile(pose.rotation, (len(time), 1, 1))
@@ -141,7 +141,7 @@ def seated(skeleton: Skeleton, seconds: float = 15.0) -> Pose:
 
 
 def arms_raised(skeleton: Skeleton, way: Raise, elevation: float = 75.0, seconds: float = 6.0) -> Pose:
-    """Who stands with the arms low ahead for 2 s, and raises them over the shoulders within 0.7 s.
+    """Return a standing wearer with the arms low ahead for 2 s, who then raises them over the shoulders within 0.7 s.
 
     The wrists go up ahead of the body, or out to the sides and up. `elevation` is in degrees.
     """

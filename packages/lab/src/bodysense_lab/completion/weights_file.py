@@ -79,9 +79,9 @@ def tables_of(networks: TrainedNetworks) -> dict[str, np.ndarray]:
 
 
 def read_weights(path: Path) -> tuple[CompletionNetwork, FingerNetwork]:
-    """The body's and the fingers' network of a file, with weights as they are stored: rounded.
+    """Read the body's and the fingers' network of a file, with the rounded weights that it stores.
 
-    Raises BodysenseError for a file that is not there, or no completion network.
+    Raises BodysenseError for a file that is missing or is not a completion network.
     """
     tensors, card = read_safetensors(path)
     if card.get("format") != FORMAT:

@@ -1,4 +1,4 @@
-"""A sheet of the worst frames of an evaluation: the truth, and beside it what the tracker made of it."""
+"""A sheet of the worst frames of an evaluation: the truth and, next to it, the tracker's estimate."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def draw_worst(
     track: TrackBatch,
     count: int,
 ) -> None:
-    """Write a PNG of the worst frames: the true body, red where it was not tracked, and the result beside it.
+    """Write a PNG of the worst frames: the true body, untracked points in red, next to the result.
 
     The clips of these frames are tracked once more, up to them.
     """

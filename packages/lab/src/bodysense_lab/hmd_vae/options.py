@@ -120,7 +120,7 @@ class VaeRun(MotionRun, Card):
 
 @dataclass(frozen=True, kw_only=True)
 class VaeTraining(VaeRun):
-    """Train HMD-VAE, as NAME.onnx beside NAME.pt, or NAME.pt alone, or many networks of a sweep into a folder."""
+    """Train HMD-VAE, as NAME.onnx and NAME.pt, or NAME.pt alone, or many networks of a sweep into a folder."""
 
     sweep: bool = False
     """train models 0 to 4 of many settings into the folder --out, with results.csv; what is there is kept"""

@@ -97,7 +97,7 @@ def vae_report(scored: Sequence[Scored], census: Census, data: DataSet) -> Repor
 
 
 def metrics_report(scored: Sequence[Scored], census: Census, data: DataSet) -> Report:
-    """Measures of later papers: of the best network of each model, beside published ones."""
+    """Measures of later papers: of the best network of each model, next to published ones."""
     rows: list[tuple[Cell, ...]] = []
     best = best_of(scored)
     for (origin, model), one in best.items():

@@ -153,7 +153,7 @@ def read_data(run: VaeRun) -> VaeData:
 
 
 def run_vae(run: VaeRun) -> None:
-    """Train one network; the weights (.pt), log (.jsonl) and checkpoint (.ckpt) lie beside `run.out`."""
+    """Train one network; the weights (.pt), log (.jsonl) and checkpoint (.ckpt) are written next to `run.out`."""
     check_place(run.out)
     weights, whole = run.out.with_suffix(".pt"), whole_body(run)
     fabric = launched(run.devices, run.nodes)

@@ -1,4 +1,4 @@
-"""Rotations of arms and hands from key-points: AHMT, PAHMT and the CNN beside them (Liu et al., CVPR Workshops 2022).
+"""Rotations of arms and hands from key-points: AHMT, PAHMT and the compared CNN (Liu et al., CVPR Workshops 2022).
 
 A window of 32 frames of `ArmKeypoints` goes in, local rotations of the 38 `ARM_JOINTS` come out, for every frame. The
 features are made inside (`features.py`), so that training, the exported file and the run time share them.

@@ -28,7 +28,7 @@ class ArmNetworkConfig:
     kind: Annotated[Kind, arg(name="model")] = "pahmt"
     """convolutions over time, a transformer over time, or that with a branch over joints"""
     input: Input = "arms-hands"
-    """'hands' sees hands alone and answers for fingers alone (Table 1, h2h)"""
+    """'hands' reads hands alone and predicts fingers alone (Table 1, h2h)"""
     width: int = 512
     """width of the features over time, D_t; a multiple of --heads and of 16"""
     layers: int = 4
@@ -79,7 +79,7 @@ class ArmNetworkConfig:
 
     @property
     def joints(self) -> tuple[int, ...]:
-        """Which of `ARM_JOINTS` it answers for."""
+        """Indices of the `ARM_JOINTS` that it predicts."""
         return FINGERS if self.input == "hands" else tuple(range(len(ARM_JOINTS)))
 
     @property
@@ -179,7 +179,7 @@ class ArmRun(MotionRun, Card):
 
 @dataclass(frozen=True, kw_only=True)
 class ArmTraining(ArmRun):
-    """Train arms and hands from key-points of a video (PAHMT), as NAME.onnx beside NAME.pt, or NAME.pt alone.
+    """Train arms and hands from key-points of a video (PAHMT), as NAME.onnx and NAME.pt, or NAME.pt alone.
 
     Training takes the clips with fingers of the train split and keeps the weights that are best on the val split.
     """

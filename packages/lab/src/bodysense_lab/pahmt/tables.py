@@ -309,7 +309,7 @@ def arm_report(scored: tuple[list[ScoredRow], Census], data: DataSet, perfect: b
 
 
 def _curves(rows: list[ScoredRow]) -> Iterator[LinePanel]:
-    """How the networks learned, where their logs are beside them."""
+    """Yield the learning curves of networks whose logs are next to them."""
     for measure, factor, unit in (("overall_m", 100, "cm"), ("arms_deg", 1, "°"), ("hands_m", 100, "cm")):
         lines = []
         for row in rows:

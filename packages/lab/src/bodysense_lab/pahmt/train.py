@@ -134,7 +134,7 @@ def read_data(run: ArmRun) -> ArmData:
 
 
 def run_arms(run: ArmTraining) -> None:
-    """Train one network; the weights (.pt), log (.jsonl) and checkpoint (.ckpt) lie beside `run.out`."""
+    """Train one network; the weights (.pt), log (.jsonl) and checkpoint (.ckpt) are written next to `run.out`."""
     check_place(run.out)
     weights = run.out.with_suffix(".pt")
     fabric = launched(run.devices, run.nodes)

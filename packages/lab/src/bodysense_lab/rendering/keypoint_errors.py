@@ -154,12 +154,12 @@ Errors = dict[str, list[np.ndarray]]  # by what errs: arrays (T, …) over time,
 
 
 def keypoint_errors(found: ArmKeypoints, true: ArmKeypoints) -> Errors:
-    """Errors of key-points (T,) that were found beside true ones of the same frames.
+    """Return the errors of detected key-points (T,) against the true ones of those frames.
 
     `arm`, `arm_true` (T, 2, 2, 3) the directions themselves, found and true; `torso` (T, 3) rad; `shape` (T, 2, 4) of
     hands: the linear map that takes a true hand about its middle to the found one, less the identity; `hand`
     (T, 2, 21, 2) what that leaves, in shares of the longer side of the true hand's box; `missed`, `arm_missed` (T, 2)
-    1 where what could be seen was not found.
+    1 if a visible part was not found.
     """
     arms, hands = found.has_arm & true.has_arm, found.has_hand & true.has_hand
     torso = quaternion_log(quaternion_multiply(found.torso, quaternion_conjugate(true.torso)))

@@ -123,7 +123,7 @@ async def fuzz(frames: int, rng: np.random.Generator, counts: FuzzCounts) -> Non
 
 
 async def _watch(watchman: FakeSocket, moment: float, counts: FuzzCounts) -> None:
-    """An ordinary frame of somebody else must be answered with a body of numbers."""
+    """Check that an ordinary frame of another client is answered with a body of finite numbers."""
     watchman.shown.clear()
     watchman.put(write_signal(_ordinary(0, moment)))
     try:

@@ -209,7 +209,7 @@ async def _read(client: object, points: int, counts: SoakCounts, seen: _Seen) ->
 
 
 def worn(sequence: int, now: float, phase: float) -> SignalFrame:
-    """Head and wrists of somebody who sways and waves."""
+    """Return head and wrists of a wearer who sways and waves."""
     a, b = np.sin(now + phase), np.sin(2.3 * now + phase)
     places = np.array(
         [[0.1 * a, 1.55, 0.05 * b], [0.3, 1.1 + 0.2 * b, 0.3], [-0.3, 1.1 + 0.2 * a, 0.3]], dtype=np.float32

@@ -195,7 +195,7 @@ def _tested(skeleton: Skeleton) -> list[int]:
 
 @contextmanager
 def _new_folder(folder: Path) -> Iterator[Path]:
-    """Give a folder beside `folder` to fill; it takes the name when the block ends well, and is removed when not."""
+    """Yield a temporary folder to fill; it is renamed to `folder` if the block succeeds, and removed otherwise."""
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
         raise BodysenseError(f"{folder} is there already; name a new folder, so that no study loses its key")
     folder = folder.resolve()

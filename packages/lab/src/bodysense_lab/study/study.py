@@ -1,4 +1,4 @@
-"""The user study (UNOC, section 5.1 and Fig. 6; papers.md 1.18): what is shown to whom, the key, and the answers.
+"""The user study (UNOC, section 5.1 and Fig. 6; papers.md 1.18): who sees which animations, the key, and the answers.
 
 Each scene is rendered under three conditions. A rater sees every pair of every scene once, side by side, and chooses
 the more natural one or neither. Animations have opaque names; the key tells what they show and is never served.
@@ -31,7 +31,7 @@ _WORD = 2**32
 
 @dataclass(frozen=True)
 class StudyScene:
-    """One motion under every condition, as a ring of animations (`pairs_for` says how they are shown)."""
+    """One motion under every condition, as a ring of animations (`pairs_for` defines their order)."""
 
     name: str
     condition: dict[str, Condition]  # of every animation, by its opaque name, in the ring's order
@@ -89,7 +89,7 @@ def pairs_for(key: StudyKey, rater: str) -> list[tuple[str, str]]:
     """Every pair of every scene, (left, right), in the order that follows from the study and the rater's name.
 
     A ring is shown in its direction in one half of the scenes and against it in the other. So for each rater each
-    condition stands on the left as often as on the right (as in the paper), and with an even number of scenes each
+    condition is on the left as often as on the right (as in the paper), and with an even number of scenes each
     comparison has each side order equally often. The page does the same (study/assets/study.js, `pairsFor`).
     """
     drawn = numbers(f"{key.study}:{rater}")

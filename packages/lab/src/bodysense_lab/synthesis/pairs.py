@@ -59,7 +59,7 @@ class HandMeeting:
     slide: float = 0.008  # m, deviation of where they meet
     again: int = 0  # times at most that they part and meet once more
     rub: bool = False  # … without parting
-    closing: str | None = None  # gesture toward which fingers close then, as far as flesh allows
+    closing: str | None = None  # gesture toward which fingers then close, until they touch
     gap: tuple[float, float] = (0.0, 0.0)  # m between them, from, to
     often: float = 1.0
 
@@ -189,10 +189,10 @@ def _script(meetings: Sequence[HandMeeting], rng: np.random.Generator) -> tuple[
 def _touching_distance(
     hand: Skeleton, angles: np.ndarray, root: np.ndarray, turn: np.ndarray, come: np.ndarray
 ) -> np.ndarray:
-    """(K,) m by which both hands (2, K, …) are moved toward where they come from so that their flesh just meets.
+    """(K,) m by which both hands (2, K, …) are moved toward where they come from so that they just touch.
 
-    From far away each step goes as far as the flesh is apart, so none can pass through (conservative advancement).
-    Hands that miss each other stay where they would be without.
+    From far away each step is as long as the gap, so no hand can pass through the other (conservative advancement).
+    Hands that miss each other are not moved.
     """
     away = np.full(root.shape[1], _FARTHEST / 2)
     for _ in range(_STEPS):
@@ -212,7 +212,7 @@ def _closed(
     meetings: Sequence[HandMeeting],
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Angles (2, K, 26) with the fingers closed in meetings that ask for it, as far as flesh lets them."""
+    """Angles (2, K, 26) with the fingers closed, until they touch, in meetings that ask for it."""
     closes = np.flatnonzero([meeting.closing is not None for meeting in meetings])
     result = angles.copy()
     if not len(closes):
