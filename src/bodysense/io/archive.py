@@ -1,4 +1,4 @@
-"""Motion files where they lie: on disk, or in a zip file, which is read without unpacking it to disk."""
+"""Motion files on disk and inside zip files, which are read without unpacking."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bodysense.errors import BodysenseError
 
 SUFFIXES = (".bvh", ".npz")  # of files on disk; in a zip file only .bvh is looked for
 ZIP = ".zip"
-# What a damaged, encrypted or foreign zip file raises when it is opened or read.
+# Exceptions that a damaged, encrypted or foreign zip file raises when it is opened or read.
 _BROKEN = (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError, ValueError)
 
 
@@ -24,7 +24,7 @@ _BROKEN = (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotI
 class MotionFile:
     """A motion file on disk, or a member of the zip file at `path`.
 
-    Of a zip file without a member the only motion is read; where it has none or several, that is said.
+    A zip file without a member must hold exactly one motion; otherwise reading raises BodysenseError.
     """
 
     path: Path
@@ -41,12 +41,12 @@ class MotionFile:
         return place.with_suffix("") / self.member.lstrip("/") if self.path.suffix.lower() == ZIP else place
 
     def read(self) -> bytes:
-        """All its bytes. Raises BodysenseError, naming it, where it cannot be read."""
+        """Return all its bytes. Raises BodysenseError, naming the file, if it cannot be read."""
         with self._opened() as stream:
             return stream.read()
 
     def head(self, count: int = 512) -> bytes:
-        """Its first bytes; none where it cannot be read (reading it whole says why)."""
+        """Return its first bytes; empty if it cannot be read (`read` raises the reason)."""
         try:
             with self._opened() as stream:
                 return stream.read(count)
@@ -54,7 +54,7 @@ class MotionFile:
             return b""
 
     def sha256(self) -> str:
-        """Hash of its bytes, as hexadecimal digits; '' where it cannot be read (reading it says why)."""
+        """Return the hash of its bytes as hexadecimal digits; '' if it cannot be read (`read` raises the reason)."""
         digest = hashlib.sha256()
         try:
             with self._opened() as stream:
@@ -87,8 +87,8 @@ class MotionFile:
 def motion_files(directory: Path) -> list[MotionFile]:
     """The .bvh and .npz files below a folder and the .bvh members of the zip files there, sorted.
 
-    A zip file that lies beside its own unpacked copy is counted once, as the copy. One that is damaged or has no .bvh
-    stands in the list by itself, so that it is reported when it is read.
+    A zip file next to its own unpacked copy is counted once, as the copy. A zip file that is damaged or has no .bvh is
+    listed itself, so that reading it reports the error.
     """
     files: list[MotionFile] = []
     for path in (path for path in directory.rglob("*") if path.is_file() and not _is_shadow(path)):
@@ -113,7 +113,7 @@ def _members(path: Path) -> list[str]:
 
 
 def _is_shadow(path: PurePath) -> bool:
-    """Whether it is one of the files of attributes that macOS writes beside others."""
+    """Whether the file is a resource fork that macOS writes next to others."""
     return path.name.startswith("._") or "__MACOSX" in path.parts
 
 
@@ -122,7 +122,7 @@ def _is_unpacked(path: Path, member: str) -> bool:
 
 
 def _only_member(path: Path) -> str:
-    """The one motion in a zip file. Raises BodysenseError where there is none, or several."""
+    """Return the only motion in a zip file. Raises BodysenseError if it holds no motion or several."""
     try:
         with zipfile.ZipFile(path) as archive:
             count = len(archive.infolist())

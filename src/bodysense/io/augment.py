@@ -1,4 +1,4 @@
-"""Augmentation: other people and other directions from the same motion, on clips in canonical form."""
+"""Augmentation: other body shapes and directions from the same motion, on clips in canonical form."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SPREAD_LIMIT = 2.5  # standard deviations
 
 
 def mirrored(clip: Clip) -> Clip:
-    """The clip in a mirror at the plane x = 0: left and right change places, on the mirrored body."""
+    """Mirror the clip at the plane x = 0: left and right are exchanged, on the mirrored body."""
     pose, skeleton = clip.pose, clip.pose.skeleton
     partner = skeleton.mirror
     flip = np.array([-1.0, 1.0, 1.0])
@@ -36,14 +36,14 @@ def mirrored(clip: Clip) -> Clip:
 
 
 def at_height(clip: Clip, height: float) -> Clip:
-    """The same rotations on a body of the same proportions, `height` m tall; the root's path is scaled with it."""
+    """Scale the body to `height` m at unchanged proportions and rotations; the root's path is scaled with it."""
     skeleton = clip.pose.skeleton.scaled(height)
     root = clip.pose.root_position * (skeleton.height / clip.pose.skeleton.height)
     return replace(clip, pose=Pose(skeleton, root, clip.pose.rotation))
 
 
 def with_limb_proportions(clip: Clip, spread: float, rng: np.random.Generator) -> Clip:
-    """The same rotations on another body: the lengths of each group of `LIMBS` times a random factor of its own.
+    """Scale each group of `LIMBS` by a random factor of its own; rotations are unchanged.
 
     `spread` is the standard deviation of the factors' logarithm, cut at `SPREAD_LIMIT` of it (0.03 to 0.05 is how
     adults differ in a limb's share of their height). Left and right stay alike. The root's path is scaled with the
@@ -69,5 +69,5 @@ def _part(name: str) -> str:
 
 
 def _leg_length(skeleton: Skeleton) -> float:
-    """How far the lowest point lies below the pelvis in the rest pose, metres."""
+    """Return how far the lowest point is below the pelvis in the rest pose, metres."""
     return float(-(skeleton.path @ skeleton.rest_offset)[:, 1].min())

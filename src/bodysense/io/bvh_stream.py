@@ -1,9 +1,7 @@
-"""Writing a BVH file frame by frame, for motion that is too long to keep in memory.
+"""BVH files written frame by frame, and BVH files whose numbers are edited in place.
 
-A BVH file as it was written: every number keeps its text until it is replaced.
-
-`io.bvh_text` says what a file holds; this module changes some of its numbers and leaves all others as they are, to the
-byte.
+`BvhStream` writes motion that is too long to keep in memory. `BvhLines` is a file as written: every number keeps its
+text until it is replaced, and all other bytes are unchanged. `io.bvh_text` parses the same format without editing.
 """
 
 from __future__ import annotations
@@ -28,7 +26,7 @@ from bodysense.files import check_plain, written_beside
 from bodysense.io.bvh import hierarchy_text, motion_text
 from bodysense.io.bvh_text import parse_bvh, with_plain_nan
 
-_UNIT, _ORDER = 0.01, "ZXY"  # as `write_bvh` has them
+_UNIT, _ORDER = 0.01, "ZXY"  # units and channel order of `write_bvh`
 _DIGITS = 12  # of the number of frames, which is written last
 _SAME = 1e-4  # frames; Unix times are exact to 3e-7 s
 _ROUNDED = 0.05  # frames by which the last one may come early: containers round times to a millisecond
@@ -114,7 +112,7 @@ def euler_near(rotation: np.ndarray, order: str, before: np.ndarray) -> np.ndarr
 
 
 def _apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """How far angles (T, 3) are from others, whole turns aside."""
+    """Return the sum of the angular distances (T,) between angles (T, 3), ignoring whole turns."""
     return np.abs((a - b + np.pi) % _TURN - np.pi).sum(axis=1)
 
 
@@ -133,12 +131,12 @@ class BvhLines:
     parents: tuple[int, ...]  # -1 for a root
     offset: np.ndarray  # (J, 3) file units
     channels: tuple[tuple[str, ...], ...]  # of each joint, in the file's order
-    values: np.ndarray  # (T, C); NaN where the file has no number
+    values: np.ndarray  # (T, C); NaN where the file's value is not a number
     interval: float  # s between frames
 
     @cached_property
     def columns(self) -> tuple[range, ...]:
-        """Where in a frame each joint's channels stand."""
+        """Each joint's columns in a frame."""
         ends = accumulate((len(channels) for channels in self.channels), initial=0)
         return tuple(range(a, b) for a, b in pairwise(ends))
 
@@ -159,7 +157,7 @@ class BvhLines:
 
     @cached_property
     def mended(self) -> BvhLines:
-        """The same with a line from the number before to the one after in place of those that are missing.
+        """The file with missing numbers interpolated linearly between their neighbours.
 
         A channel without any number is zero, or for a position the joint's offset.
         """
@@ -203,7 +201,7 @@ class BvhLines:
             raise BodysenseError(f"{self.path}: numbers to be written are not finite")
         lines = list(self.lines)
         for frame in np.flatnonzero(changed.any(axis=1)):
-            # Words and the space between them by turns: those that are kept stay as they stand.
+            # Split into words and the space between them, so that unchanged words keep their text.
             parts = re.split(rb"(\S+)", lines[frame])
             for column in np.flatnonzero(changed[frame]):
                 parts[2 * column + 1] = b"%.6f" % values[frame, column]
@@ -240,7 +238,7 @@ class BvhLines:
 
 
 def open_bvh(path: str | Path) -> BvhLines:
-    """Read a file as it stands. Raises BodysenseError, naming the file and the fix, for what is no BVH file."""
+    """Read a BVH file. Raises BodysenseError, naming the file and the fix, for anything else."""
     path = Path(path)
     try:
         data = path.read_bytes()
@@ -258,7 +256,7 @@ def open_bvh(path: str | Path) -> BvhLines:
         raise BodysenseError(f"{path}: its motion cannot be read line by line; export it again")
     values = np.where(sound(numbers), numbers, np.nan).reshape(frames, -1)
     lines = _lines(body, words, *values.shape)
-    # What the hierarchy says is read beside numbers that are all there.
+    # The hierarchy is parsed together with one complete frame, because the file's own numbers may be missing.
     plain = b"\n".join(b" ".join(b"%.9g" % value for value in row) for row in _bridged(values, 0.0)[:1])
     file = parse_bvh(_TIMING.sub(b"Frames: 1 Frame Time: \\2 ", data[:begin]) + plain, path)
     joints = [k for k, node in enumerate(file.nodes) if not node.is_site]
@@ -278,7 +276,7 @@ def open_bvh(path: str | Path) -> BvhLines:
 
 
 def _numbers(words: list[bytes]) -> np.ndarray | None:
-    """Words as numbers; None where one is none."""
+    """Return words as numbers, or None if a word is not a number."""
     try:
         return np.array(words, dtype=np.float64)
     except ValueError:
@@ -297,7 +295,7 @@ def _bridged(values: np.ndarray, rest: np.ndarray | float) -> np.ndarray:
 
 
 def _lines(body: bytes, words: list[bytes], frames: int, count: int) -> tuple[bytes, ...]:
-    """A line a frame, as it stands where the file has them so."""
+    """Return one line a frame, unchanged if the file has one line a frame."""
     lines = [line for line in body.splitlines(keepends=True) if line.strip()]
     if len(lines) == frames and all(len(line.split()) == count for line in lines):
         return tuple(lines)

@@ -1,4 +1,4 @@
-"""The text of a BVH file: its tree of nodes and its table of numbers, as they stand."""
+"""The text of a BVH file: its tree of nodes and its table of numbers."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _TIMING = re.compile(rb"\s*Frames\s*:\s*(\d{1,12})\s+Frame\s+Time\s*:\s*(\S+)", 
 
 @dataclass
 class Node:
-    """A joint or End Site, as the HIERARCHY section has it."""
+    """A joint or End Site of the HIERARCHY section."""
 
     name: str
     parent: int  # among the nodes; -1 for a root
@@ -43,7 +43,7 @@ class Node:
 
 @dataclass(frozen=True, eq=False)
 class BvhFile:
-    """What a BVH file says: nodes, parents before children, and a number a channel and frame."""
+    """The content of a BVH file: nodes, parents before children, and one number for each channel and frame."""
 
     path: Path
     nodes: tuple[Node, ...]
@@ -52,7 +52,7 @@ class BvhFile:
 
     @property
     def roots(self) -> list[int]:
-        """The nodes that hang on none."""
+        """The nodes without a parent."""
         return [k for k, node in enumerate(self.nodes) if node.parent < 0]
 
     def columns(self, node: int) -> slice:
@@ -61,7 +61,7 @@ class BvhFile:
         return slice(start, start + len(self.nodes[node].channels))
 
     def figure(self, root: int) -> Figure:
-        """Everything below a root, in file units. End Sites are named after their joints, 'LeftToeBase_end'."""
+        """Return the tree below a root, in file units. End Sites are named after their joints, 'LeftToeBase_end'."""
         inside: set[int] = set()
         for k, node in enumerate(self.nodes):
             if k == root or node.parent in inside:
@@ -253,7 +253,7 @@ def _parse_motion(path: Path, data: bytes, start: int, channels: int) -> tuple[n
 
 
 def with_plain_nan(block: bytes) -> bytes:
-    """A motion block in which what is no number is 'nan', however it was written: 1.#IND, -nan(ind)."""
+    """Return a motion block in which every spelling of NaN (1.#IND, -nan(ind)) is 'nan'."""
     return _NOT_A_NUMBER.sub(b"nan", block) if b"#" in block or b"(" in block else block
 
 

@@ -1,4 +1,4 @@
-"""Holes: which joints of a motion are missing, and when. Told by name, or seen in the file itself."""
+"""Holes: which joints of a motion are missing, and when, given by name or detected in the file."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from bodysense.io.bvh_stream import BvhLines
 from bodysense.io.rigs.names import joint_of
 from bodysense.io.rigs.source_joints import SourceJoints
 
-FLAT = 0.5  # s: a limb that keeps every digit for so long, while the trunk turns, was not tracked
+FLAT = 0.5  # s: a limb whose numbers are constant for this long, while the trunk turns, was not tracked
 _ITEM = re.compile(r"(?P<name>.+?)(?P<below>\+?)(?::(?P<first>\d+)-(?P<last>\d+))?")
 _SIDES = ("left", "right")
-# Joints that never keep every digit while the body moves. Knees at their stop, toes, fingers and collars may.
+# Joints whose numbers are never constant while the body moves. Knees at their stop, toes, fingers and collars may be.
 _RESTLESS = tuple(f"{side}_{part}" for side in _SIDES for part in ("shoulder", "elbow", "hip", "wrist", "ankle"))
-_ENDS = ("wrist", "ankle")  # which some rigs never turn, from the first frame to the last
-_LIMB = ("elbow", "wrist", "knee", "ankle")  # which go with a shoulder or hip that was never tracked
+_ENDS = ("wrist", "ankle")  # some rigs never turn these, from the first frame to the last
+_LIMB = ("elbow", "wrist", "knee", "ankle")  # missing together with a shoulder or hip that was never tracked
 
 
 @dataclass(frozen=True)
 class Missing:
-    """One item of what is told missing: a joint, alone or with all that hangs on it, always or in some frames."""
+    """One item of a list of missing joints: a joint, alone or with its descendants, always or in some frames."""
 
     name: str
     below: bool = False
@@ -62,16 +62,16 @@ def _items_of(given: str) -> list[Missing]:
 def told_missing(
     items: Sequence[Missing], joints: Sequence[str], parents: Sequence[int], frames: int, ours: Mapping[str, int]
 ) -> np.ndarray:
-    """(T, J) bool: what the items say is missing.
+    """Return (T, J) bool: the joints that the items name as missing.
 
     Args:
-        items: what is told.
+        items: the missing joints.
         joints: names of the motion's joints, parents before children.
         parents: of each joint; -1 for the root.
         frames: T.
         ours: our name → the motion's joint.
 
-    Raises BodysenseError for names that mean no joint or two, and for ranges that the motion does not have.
+    Raises BodysenseError for unknown or ambiguous names, and for ranges that the motion does not have.
     """
     mask = np.zeros((frames, len(joints)), dtype=bool)
     for item in items:
@@ -88,10 +88,10 @@ def told_missing(
 
 
 def flat_lined(file: BvhLines, rig: SourceJoints) -> np.ndarray:
-    """(T, J) bool: runs in which a limb of a file keeps every digit while the trunk turns.
+    """Return (T, J) bool: runs in which all numbers of a limb are constant while the trunk turns.
 
-    Lost limbs are often written as they were last seen, or at zero. What hangs on such a joint is missing with it where
-    it is as still.
+    Lost limbs are often written with their last pose, or at zero. Equally still descendants of such a joint are
+    missing with it.
     """
     mask = np.zeros((len(file.lines), len(file.joints)), dtype=bool)
     still = np.stack([_still(file, joint) for joint in range(len(file.joints))], axis=1)
@@ -116,7 +116,7 @@ def flat_lined(file: BvhLines, rig: SourceJoints) -> np.ndarray:
 
 
 def below(joint: int, parents: Sequence[int]) -> list[int]:
-    """A joint and all that hangs on it."""
+    """Return a joint and its descendants."""
     found = [joint]
     for other in range(joint + 1, len(parents)):
         if parents[other] in found:
@@ -125,7 +125,7 @@ def below(joint: int, parents: Sequence[int]) -> list[int]:
 
 
 def _still(file: BvhLines, joint: int) -> np.ndarray:
-    """(T,) bool: the joint's angles are those of the frame before."""
+    """Return (T,) bool: the joint's angles equal those of the frame before."""
     columns = file.columns_of(joint, "rotation")
     same = np.zeros(len(file.lines), dtype=bool)
     same[1:] = (file.values[1:, columns] == file.values[:-1, columns]).all(axis=1)
@@ -133,7 +133,7 @@ def _still(file: BvhLines, joint: int) -> np.ndarray:
 
 
 def _joint(name: str, joints: Sequence[str], ours: Mapping[str, int]) -> int:
-    """The joint that a name means: the motion's own, ours, or what people call it."""
+    """Return the joint that a name means: the motion's own name, ours, or a common one."""
     if name in joints:
         return joints.index(name)
     meant = {k for k, given in enumerate(joints) if _plain(given) == _plain(name)}
@@ -152,5 +152,5 @@ def _joint(name: str, joints: Sequence[str], ours: Mapping[str, int]) -> int:
 
 
 def _plain(name: str) -> str:
-    """What counts of a name: letters and digits, without the prefix of a character."""
+    """Return a name's letters and digits, without a character's prefix."""
     return re.sub(r"[^a-z0-9]", "", name.lower().rpartition(":")[2])

@@ -1,4 +1,4 @@
-"""Public motion data that the readers know, for `bodysense data sources`, and what is said where a set is missing."""
+"""Public motion data that the readers know, for `bodysense data sources` and for errors about missing sets."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ CATALOGUE = (
 
 
 def entry(name: str) -> Entry:
-    """The collection of that name. Raises BodysenseError with the names there are."""
+    """Return the collection of that name. Raises BodysenseError with the valid names."""
     for one in CATALOGUE:
         if one.name.lower() == name.lower():
             return one
@@ -91,9 +91,9 @@ def entry(name: str) -> Entry:
 
 
 def require(name: str, directory: str | Path | None) -> Path:
-    """The folder or store of a data set that a table needs.
+    """Return the folder or store of a data set that a table needs.
 
-    Raises BodysenseError where none is given or there is no motion in it; its one line says which data is missing,
+    Raises BodysenseError if no folder is given or it holds no motion. The message says which data set is missing,
     where to get it and under which licence.
     """
     data = entry(name)

@@ -1,4 +1,4 @@
-"""Motion files on disk: one file, a folder of them, and what is known of each (person, category, split)."""
+"""Motion files on disk: one file, a folder of them, and the person, category and split of each."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ from bodysense.io.rigs.rigged import read_rigged
 
 @dataclass(frozen=True)
 class Source:
-    """A motion file and what its folder says of it."""
+    """A motion file and its labels from the folder."""
 
     path: Path
     person: str
     split: Split
     category: str = ""
-    skeleton: Skeleton | None = None  # of the body, where the file does not hold it
+    skeleton: Skeleton | None = None  # of the body, if the file does not hold it
     member: str = ""  # of the zip file at `path`
-    rest: Literal["given", "found"] = "given"  # found: in the motion, if the file's is no standing body (`stance`)
+    rest: Literal["given", "found"] = "given"  # found: from the motion, if the file's does not stand (`stance`)
 
     @property
     def file(self) -> MotionFile:
-        """Where it lies."""
+        """The file on disk or in its zip file."""
         return MotionFile(self.path, self.member)
 
     def key(self, directory: Path) -> str:
-        """Its place in a folder, the name of the zip file included."""
+        """Return its path relative to a folder, the name of the zip file included."""
         return self.file.place.relative_to(directory).as_posix()
 
 
 def read_source(source: Source, options: ReadingOptions = AS_FOUND) -> Clip:
-    """The clip of a source in canonical form, with its person and category. Raises for halves, too."""
+    """Read the clip of a source in canonical form, with its person and category. Raises for half bodies, too."""
     clip = read_with_rig(source, options)[0]
     if clip.lacks:
         raise BodysenseError(
@@ -129,7 +129,7 @@ def skeleton_from_entry(entry: dict[str, Any]) -> Skeleton:
 
 
 def _described_sets(directory: Path) -> Collection[str]:
-    """The sets that a folder's splits.json names; none where there is no such file."""
+    """Return the sets that a folder's splits.json names; empty if there is no such file."""
     try:
         return json.loads((directory / "splits.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -166,7 +166,7 @@ def _described_sources(directory: Path) -> list[Source]:
 
 
 def as_told(clip: Clip, options: ReadingOptions, kind: str, up: str) -> Clip:
-    """A motion of a `kind` of files that say all but the floor and the body's height, and have one axis `up`."""
+    """Apply options to a motion of a `kind` of files that fix all but the floor and the height, with axis `up`."""
     for option, value in (("unit", options.unit), ("joints", options.joints), ("figure", options.figure)):
         if value is not None:
             raise BodysenseError(

@@ -1,4 +1,4 @@
-"""Splits by person: who moves in training is never seen in validation or test."""
+"""Splits by person: a person of the training split is never in validation or test."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ SPLITS: tuple[Split, ...] = ("train", "val", "test")
 
 
 def split_of(person: str) -> Split:
-    """The split of a person by name alone: about 80 % train, 10 % val, 10 % test, the same on every machine.
+    """Return the split of a person by name alone: about 80 % train, 10 % val, 10 % test, equal on every machine.
 
-    Adding people never moves anybody. A handful of people may leave a split empty.
+    Adding people never moves anyone. A handful of people may leave a split empty.
     """
     share = int.from_bytes(hashlib.sha256(person.encode()).digest()[:8], "big") / 2**64
     return "train" if share < 0.8 else "val" if share < 0.9 else "test"
 
 
 def empty_split(name: str, split: str, splits: Iterable[str]) -> str:
-    """What to say of motion `name` whose clips are of `splits` where none is of the one asked for."""
+    """Return the message for motion `name` whose clips are of `splits` if the requested split is empty."""
     counts = Counter(splits)
     there = ", ".join(f"{counts[known]} of {known}" for known in SPLITS if counts[known])
     return (

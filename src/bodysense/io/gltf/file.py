@@ -1,4 +1,4 @@
-"""A glTF 2.0 file, .glb or .gltf: its document, its arrays and its nodes, all checked against what is there."""
+"""A glTF 2.0 file, .glb or .gltf: its document, its arrays and its nodes, all checked."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 @dataclass(frozen=True, eq=False)
 class GltfFile:
-    """What a file holds."""
+    """A glTF file in memory."""
 
     path: Path
     document: dict[str, Any]
     buffers: tuple[bytes, ...]
 
     def array(self, accessor: int) -> np.ndarray:
-        """(count, width) float64 of an accessor. Raises BodysenseError where its numbers are not in the file."""
+        """Return an accessor as (count, width) float64. Raises BodysenseError if its numbers are not in the file."""
         try:
             about = self.document["accessors"][accessor]
             view = self.document["bufferViews"][about["bufferView"]]
@@ -48,7 +48,7 @@ class GltfFile:
             raw = np.lib.stride_tricks.as_strided(
                 np.frombuffer(data, "u1", offset=start), (count, row), (step, 1), writeable=False
             )
-            with np.errstate(invalid="ignore"):  # of damaged numbers, which are NaN
+            with np.errstate(invalid="ignore"):  # damaged numbers become NaN
                 values = np.ascontiguousarray(raw).view(kind).astype(np.float64)
         except (KeyError, IndexError, TypeError, ValueError) as error:
             raise BodysenseError(f"{self.path}: array {accessor} cannot be read ({error}); export it again") from None
@@ -58,7 +58,7 @@ class GltfFile:
 
     @cached_property
     def nodes(self) -> list[dict[str, Any]]:
-        """Its nodes. Raises BodysenseError where they are too many or not objects."""
+        """Its nodes. Raises BodysenseError if they are too many or not objects."""
         nodes = self.document.get("nodes", [])
         if not isinstance(nodes, list) or not all(isinstance(node, dict) for node in nodes):
             raise BodysenseError(f"{self.path}: its nodes are not a list of objects; export it again")
@@ -68,7 +68,7 @@ class GltfFile:
 
     @cached_property
     def parents(self) -> list[int]:
-        """The node that each hangs on, -1 for none. Raises BodysenseError where they are no trees."""
+        """The parent of each node, -1 for a root. Raises BodysenseError if they are not trees."""
         parents = [-1] * len(self.nodes)
         for k, node in enumerate(self.nodes):
             for child in node.get("children", []):
@@ -94,7 +94,7 @@ class GltfFile:
 
 
 def open_gltf(path: Path) -> GltfFile:
-    """Open a file. Raises BodysenseError for one that is none, cut short, or with buffers elsewhere than beside."""
+    """Open a file. Raises BodysenseError if it is not glTF, cut short, or has buffers outside its folder."""
     try:
         if path.stat().st_size > LARGEST_TEXT:
             raise BodysenseError(f"{path}: larger than {LARGEST_TEXT >> 30} GiB; export the skeleton without meshes")
@@ -136,7 +136,7 @@ def _chunks(path: Path, data: bytes) -> tuple[bytes, bytes]:
 
 
 def _buffer(path: Path, about: dict[str, Any], binary: bytes) -> bytes:
-    """The bytes of a buffer: in the file, in its text, or in a file beside."""
+    """Return the bytes of a buffer: in the file, in its text, or in a file next to it."""
     uri = about.get("uri")
     if uri is None:
         return binary

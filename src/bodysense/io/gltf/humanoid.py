@@ -69,7 +69,7 @@ def check_humanoid(skeleton: Skeleton) -> None:
 
 
 def t_posed(pose: Pose) -> Pose:
-    """The same posture (..., J), every joint where it was, from a rest pose that is VRM's T-pose."""
+    """Return the posture (..., J) relative to VRM's T-pose; joint positions are unchanged."""
     skeleton, turn = _t_pose(pose.skeleton)
     above = quaternion_conjugate(turn[list(skeleton.parents[: len(skeleton.joints)])])
     above[0] = [1, 0, 0, 0]
@@ -79,7 +79,7 @@ def t_posed(pose: Pose) -> Pose:
 
 @lru_cache(maxsize=64)
 def _t_pose(skeleton: Skeleton) -> tuple[Skeleton, np.ndarray]:
-    """The skeleton with its thumbs straight, and how (J, 4) each joint's axes there lie in its own."""
+    """Return the skeleton with its thumbs straight, and each joint's axes there (J, 4) in its own."""
     offset, turn = skeleton.rest_offset.copy(), np.zeros((len(skeleton.joints), 4))
     turn[:, 0] = 1
     for side, x in (("left", 1.0), ("right", -1.0)):
@@ -98,9 +98,9 @@ def _t_pose(skeleton: Skeleton) -> tuple[Skeleton, np.ndarray]:
 
 
 def from_t_posed(pose: Pose) -> Pose:
-    """The same posture of some of our joints, from a rest pose with thumbs as our default body's: `t_posed` undone.
+    """Return the posture of some of our joints relative to our default thumbs: the inverse of `t_posed`.
 
-    Of a body with thumbs that rest elsewhere, joints still stand where they stood.
+    Joint positions are unchanged even if the body's thumbs rest elsewhere.
     """
     ours, skeleton = default_skeleton(), pose.skeleton
     known = _t_pose(ours)[1]

@@ -1,9 +1,9 @@
-"""Motion of a humanoid in glTF 2.0: .glb and .gltf with an animated skeleton, VRM animations, VRM avatars that move.
+"""Motion of a humanoid in glTF 2.0: animated skeletons in .glb and .gltf, VRM animations, animated VRM avatars.
 
-Rest poses of nodes may be turned and scaled as they like: what counts is where joints are in the world while resting
-and how far they turn from there.
+Rest poses of nodes may be turned and scaled freely: only the joints' resting positions in the world and their
+rotations from there matter.
 
-Animation of glTF: how properties of nodes change, and their values at any time.
+glTF animation: `Track` is the change of one property of a node, `sampled` its values at any time.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from bodysense.io.rigs.rig import Rig, recognise
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """How one property of a node changes."""
+    """The change of one property of a node."""
 
     times: np.ndarray  # (K,) s
     values: np.ndarray  # (K, …)
@@ -45,7 +45,7 @@ class Track:
 
 
 def tracks_of(file: GltfFile) -> dict[tuple[int, str], Track]:
-    """What moves, of the animation that moves most, by node and property."""
+    """Return the tracks of the animation with the most tracks, by node and property."""
     best: dict[tuple[int, str], Track] = {}
     animations = file.document.get("animations", [])
     for animation in animations if isinstance(animations, list) else []:
@@ -70,7 +70,7 @@ def tracks_of(file: GltfFile) -> dict[tuple[int, str], Track]:
 
 
 def sampled(track: Track, time: np.ndarray, turns: bool) -> np.ndarray:
-    """Values (T, …) of a track at some times; before its first and after its last it stays."""
+    """Return values (T, …) of a track at some times; constant before its first and after its last."""
     after = np.clip(np.searchsorted(track.times, time, side="right"), 1, max(len(track.times) - 1, 1))
     before = after - 1
     if len(track.times) == 1:
@@ -112,7 +112,7 @@ _LONGEST = 10**7  # frames × nodes
 def read_gltf(path: Path, joints: Path | None = None) -> tuple[Clip, tuple[str, ...]]:
     """The motion of a file in canonical form, and remarks. Raises BodysenseError for one without a moving humanoid.
 
-    `joints` is a file that says which joint is which (`io.rigs.named`); they are recognised if it is omitted.
+    `joints` is a file that names the joints (`io.rigs.named`); they are recognised if it is omitted.
     """
     file = open_gltf(path)
     names, is_vrm = _names(file)
@@ -153,7 +153,7 @@ def read_gltf(path: Path, joints: Path | None = None) -> tuple[Clip, tuple[str, 
 
 
 def _names(file: GltfFile) -> tuple[list[str], bool]:
-    """Names of the nodes, different from each other; those of a VRM humanoid's bones are ours. Whether it is one."""
+    """Return unique names of the nodes, in a VRM humanoid our names of its bones, and whether the file is VRM."""
     names = [str(node.get("name", f"node {k}")) for k, node in enumerate(file.nodes)]
     bones = _bones(file)
     if bones:
@@ -170,7 +170,7 @@ def _names(file: GltfFile) -> tuple[list[str], bool]:
 
 
 def _bones(file: GltfFile) -> dict[str, int]:
-    """Node by our joint, of a file that says which are a humanoid's bones."""
+    """Return the node of each of our joints, if the file names a humanoid's bones."""
     extensions = file.document.get("extensions")
     extensions = extensions if isinstance(extensions, dict) else {}
     ours = {bone: joint for joint, bone in VRM_BONES.items()}
@@ -195,7 +195,7 @@ def _bones(file: GltfFile) -> dict[str, int]:
 
 
 def _recognised(file: GltfFile, figure: Figure, joints: Path | None) -> Rig:
-    """The rig of what moves; where it is none because its nodes are scaled to nothing, that is said."""
+    """Return the rig of the animated tree. Nodes scaled to zero have an error message of their own."""
     try:
         return recognise(figure, ReadingOptions(up="y", floor=0.0, joints=joints))
     except BodysenseError:
@@ -204,7 +204,7 @@ def _recognised(file: GltfFile, figure: Figure, joints: Path | None) -> Rig:
 
 
 def figure_of_gltf(path: Path) -> Figure:
-    """What moves in a file, whose joints are to be named. Raises BodysenseError where nothing does."""
+    """Return the animated tree, whose joints are to be named. Raises BodysenseError if nothing is animated."""
     file = open_gltf(path)
     return _figure(file, _names(file)[0], _tracks(file))
 
@@ -217,14 +217,14 @@ def _tracks(file: GltfFile) -> Mapping[tuple[int, str], Track]:
 
 
 def _figure(file: GltfFile, names: list[str], tracks: Mapping[tuple[int, str], Track]) -> Figure:
-    """The tree that moves, in a few of its frames: only where joints are is kept, not how they are turned."""
+    """Return the animated tree in a few of its frames: joint positions only, without rotations."""
     tops = Counter(_above(file, node)[-1] for node, _ in tracks if 0 <= node < len(names))
     below = _below(file, tops.most_common(1)[0][0]) if tops else []
     time = _times(file.path, tracks, below)
     place = np.moveaxis(_world(file, below, tracks, time[:: max(1, len(time) // _LOOKED_AT)])[:, :, :3, 3], 0, 1)
     rest = _world(file, below, {}, np.zeros(1))[:, 0, :3, 3]
     parents = tuple(below.index(file.parents[k]) if n else -1 for n, k in enumerate(below))
-    # Where joints are is enough: each hangs on its parent without turning.
+    # Positions are enough: each joint hangs on its parent without turning.
     turns = np.zeros((*place.shape[:2], 4))
     turns[..., 0] = 1
     offset, moving = (np.array(values) for values in (rest, place))
@@ -244,7 +244,7 @@ def _figure(file: GltfFile, names: list[str], tracks: Mapping[tuple[int, str], T
 
 
 def _above(file: GltfFile, node: int) -> list[int]:
-    """A node, its parent … up to a root."""
+    """Return a node, its parent … up to a root."""
     chain = [node]
     while file.parents[chain[-1]] >= 0:
         chain.append(file.parents[chain[-1]])
@@ -252,7 +252,7 @@ def _above(file: GltfFile, node: int) -> list[int]:
 
 
 def _below(file: GltfFile, root: int) -> list[int]:
-    """The nodes that hang on one, itself first, parents before children."""
+    """Return a node and its descendants, parents before children."""
     inside = {root}
     for k in file.order:
         if file.parents[k] in inside:
@@ -261,7 +261,7 @@ def _below(file: GltfFile, root: int) -> list[int]:
 
 
 def _in_our_order(below: list[int], names: list[str]) -> list[int]:
-    """Nodes as our points are ordered, where they are just these: then joints and end sites are told apart."""
+    """Return nodes in the order of our points if they are exactly ours, so that end sites can be separated."""
     points = default_skeleton().points
     if {names[k] for k in below} != set(points) or len(below) != len(points):
         return below
@@ -269,7 +269,7 @@ def _in_our_order(below: list[int], names: list[str]) -> list[int]:
 
 
 def _times(path: Path, tracks: Mapping[tuple[int, str], Track], below: list[int]) -> np.ndarray:
-    """(T,) s at a constant rate: those of the densest track of the body."""
+    """Return the times (T,) s of the body's densest track, at a constant rate."""
     own = [track for (node, _), track in tracks.items() if node in below]
     if not own:
         raise BodysenseError(f"{path}: its animation does not move the body; export the body's animation")
@@ -282,7 +282,7 @@ def _times(path: Path, tracks: Mapping[tuple[int, str], Track], below: list[int]
 
 
 def _world(file: GltfFile, below: list[int], tracks: Mapping[tuple[int, str], Track], time: np.ndarray) -> np.ndarray:
-    """World matrices (N, T, 4, 4) of some nodes and parents first."""
+    """Return world matrices (N, T, 4, 4) of nodes given with parents first."""
     chain = _above(file, below[0])[:0:-1]
     matrices: dict[int, np.ndarray] = {-1: np.eye(4)[None]}
     for k in (*chain, *below):
@@ -291,7 +291,7 @@ def _world(file: GltfFile, below: list[int], tracks: Mapping[tuple[int, str], Tr
 
 
 def _local(file: GltfFile, k: int, tracks: Mapping[tuple[int, str], Track], time: np.ndarray) -> np.ndarray:
-    """Matrices (T or 1, 4, 4) of a node in its parent."""
+    """Return matrices (T or 1, 4, 4) of a node in its parent."""
     node = file.nodes[k]
     try:
         if "matrix" in node:
@@ -315,7 +315,7 @@ def _local(file: GltfFile, k: int, tracks: Mapping[tuple[int, str], Track], time
 
 
 def _turns(path: Path, matrices: np.ndarray) -> np.ndarray:
-    """Rotations (N, T, 4) of matrices whose axes may be scaled."""
+    """Return rotations (N, T, 4) of matrices whose axes may be scaled."""
     axes = matrices[..., :3, :3]
     length = np.linalg.norm(axes, axis=-2, keepdims=True)
     if not (length > 1e-9).all() or not (np.linalg.det(axes) > 0).all():
@@ -324,7 +324,7 @@ def _turns(path: Path, matrices: np.ndarray) -> np.ndarray:
 
 
 def _scale(path: Path, place: np.ndarray) -> tuple[float, tuple[str, ...]]:
-    """Metres of one unit, from the resting body (N, 3), and what is to be said of it."""
+    """Return metres per unit, from the resting body (N, 3), and remarks on an unusual unit."""
     height = float(np.ptp(place[:, 1]))
     for unit, name in ((1.0, ""), (0.01, "centimetres"), (0.001, "millimetres")):
         if HEIGHTS[0] <= height * unit <= HEIGHTS[1]:
@@ -335,7 +335,7 @@ def _scale(path: Path, place: np.ndarray) -> tuple[float, tuple[str, ...]]:
 
 
 def _skeleton(path: Path, names: list[str], parents: tuple[int, ...], offset: np.ndarray) -> Skeleton:
-    """All nodes as joints; but where names and order are those of our points, end sites are end sites."""
+    """Return a skeleton of all nodes as joints; if names and order are those of our points, end sites are separated."""
     ours = default_skeleton()
     joints = ours.joints if tuple(names) == ours.points else tuple(names)
     try:

@@ -1,7 +1,7 @@
-"""glTF 2.0 in one binary file (.glb): a skeleton that moves, and a mesh on it that viewers show.
+"""glTF 2.0 in one binary file (.glb): an animated skeleton with a mesh that viewers display.
 
-glTF's world is ours: right-handed, +Y up, metres, bodies face +Z; only quaternions are x, y, z, w. A node stands for
-every point of the skeleton, under its own name; in the rest pose nothing is turned.
+glTF's world is ours: right-handed, +Y up, metres, bodies face +Z; only quaternions are x, y, z, w. Every point of the
+skeleton is a node under its own name; in the rest pose nothing is rotated.
 
 VRM animation (.vrma, VRMC_vrm_animation 1.0): a motion that any VRM avatar can play.
 
@@ -36,13 +36,13 @@ class SkinMesh:
 
     position: np.ndarray = field(repr=False)  # (V, 3) m, world
     normal: np.ndarray = field(repr=False)  # (V, 3) unit
-    color: np.ndarray = field(repr=False)  # (V, 3) red, green, blue, 0 to 1, as shown (sRGB)
+    color: np.ndarray = field(repr=False)  # (V, 3) red, green, blue, 0 to 1, sRGB
     joint: np.ndarray = field(repr=False)  # (V,) index of the joint that carries each
     triangle: np.ndarray = field(repr=False)  # (F, 3) vertices
 
 
 def skin_mesh(skeleton: Skeleton) -> SkinMesh:
-    """The hulls of the flesh's links. Raises BodysenseError for a skeleton without the default's points and parents."""
+    """Build the hulls of the flesh's links. Raises BodysenseError unless points and parents are the default's."""
     flesh = fit_flesh(skeleton)
     rest = skeleton.path @ skeleton.rest_offset
     center = (rest[flesh.joint] + flesh.center)[flesh.link]  # (L, 2, 3)
@@ -81,7 +81,7 @@ def skin_mesh(skeleton: Skeleton) -> SkinMesh:
     begin = np.arange(len(axis))[:, None, None] * (2 * _RINGS * _AROUND)
     triangle = (begin + np.concatenate([first[_AROUND:], second[:-_AROUND]])).reshape(
         -1, 3
-    )  # none without area at poles
+    )  # no triangles of zero area at the poles
     return SkinMesh(position.reshape(-1, 3), normal.reshape(-1, 3), color.reshape(-1, 3), joint.ravel(), triangle)
 
 
@@ -101,7 +101,7 @@ class Arrays:
         self.binary = bytearray()
 
     def add(self, values: np.ndarray, target: int | None = None, **more: Any) -> int:
-        """Add an array (N, …) and return its accessor; `more` goes into it as it is."""
+        """Add an array (N, …) and return its accessor; `more` is added to it unchanged."""
         data = np.ascontiguousarray(values)
         self.views.append({"buffer": 0, "byteOffset": len(self.binary), "byteLength": data.nbytes})
         if target is not None:
@@ -113,7 +113,7 @@ class Arrays:
         return len(self.accessors) - 1
 
     def add_bounded(self, values: np.ndarray, target: int | None = None) -> int:
-        """The same with the least and greatest value of each column, where the format wants them."""
+        """Add an array with the minimum and maximum of each column, which the format requires of some arrays."""
         columns = values.reshape(len(values), -1)
         return self.add(values, target, min=columns.min(axis=0).tolist(), max=columns.max(axis=0).tolist())
 
@@ -166,7 +166,7 @@ def check_motion(path: str | Path, clip: Clip) -> None:
 
 
 def skeleton_nodes(skeleton: Skeleton, names: tuple[str, ...]) -> list[dict[str, Any]]:
-    """A node for each of the first points of a skeleton, as many as there are names, in the rest pose."""
+    """Return a node in the rest pose for each of the first points of a skeleton, one for each name."""
     nodes: list[dict[str, Any]] = [
         {"name": name, "translation": place} for name, place in zip(names, skeleton.rest_offset.tolist(), strict=False)
     ]
@@ -176,7 +176,7 @@ def skeleton_nodes(skeleton: Skeleton, names: tuple[str, ...]) -> list[dict[str,
 
 
 def animation(clip: Clip, joints: Any, arrays: Arrays) -> dict[str, Any]:
-    """The motion of nodes 0 … J − 1, which stand for the joints: the root's place, and turns of `joints`."""
+    """Return the motion of nodes 0 … J − 1, which are the joints: the root's position, and rotations of `joints`."""
     times = arrays.add_bounded(clip.time.astype("<f4"))
     samplers = [{"input": times, "output": arrays.add(np.asarray(clip.pose.root_position).astype("<f4"))}]
     channels: list[dict[str, Any]] = [{"sampler": 0, "target": {"node": 0, "path": "translation"}}]
@@ -205,7 +205,7 @@ def write_binary(path: str | Path, document: dict[str, Any], arrays: Arrays) -> 
 
 
 def _continuous(rotation: np.ndarray) -> np.ndarray:
-    """The same rotations (T, J, 4), each quaternion nearer to the one before than its negative is."""
+    """Return rotations (T, J, 4) with signs chosen so that each quaternion is close to the one before."""
     flips = np.sign((rotation[1:] * rotation[:-1]).sum(axis=-1, keepdims=True))
     flips[flips == 0] = 1
     return np.concatenate([rotation[:1], rotation[1:] * np.cumprod(flips, axis=0)])
@@ -216,7 +216,7 @@ def _unit(values: np.ndarray) -> np.ndarray:
 
 
 def _linear(color: np.ndarray) -> np.ndarray:
-    """Colours as shown (sRGB) → linear, as glTF has those of vertices."""
+    """Convert sRGB colours to linear ones, as glTF requires for vertices."""
     return np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
 
 

@@ -1,1 +1,1 @@
-"""Marker files: read whoever wrote them, and recognised as gloves or as a body."""
+"""Marker files of any program, recognised as gloves or as a body."""

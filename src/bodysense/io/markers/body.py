@@ -1,4 +1,4 @@
-"""A body from the markers on it: their set is recognised, unit, up and floor are looked for, joints follow."""
+"""A body from its markers: the set is recognised, unit, up axis and floor are inferred, and joints are computed."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from bodysense.io.markers.raw_markers import (
 )
 from bodysense.observation import Observation
 
-SIZES = (0.55, 1.45)  # of an adult: what a person's may be
+SIZES = (0.55, 1.45)  # of an adult's size: range of a person's
 SEEN = 0.1  # share of the frames in which a marker must be seen
-CLEAR = 0.7  # cosine to an axis of the world from which on a body stands along it
-FLOOR = 0.08  # m: a floor that is nearer to 0 is 0
-UNKNOWN = 0.5  # share of labels from which on it is doubtful that a set was understood
-SURE = 8  # joints that follow where so many labels are unknown
+CLEAR = 0.7  # cosine between the body and a world axis above which the body stands along it
+FLOOR = 0.08  # m: a floor closer to 0 is taken as 0
+UNKNOWN = 0.5  # share of unknown labels from which the recognised set is doubtful
+SURE = 8  # joints that are enough for a set with that share of unknown labels
 _UNNAMED = re.compile(r"(\*|unlabel|u_?\d|new \d|uname)", re.IGNORECASE)  # labels that programs give to unnamed points
-_LIMBS = (  # a bone's name, what lies at its end, where it points at rest; in Motive's words, then in ours
+_LIMBS = (  # a bone's name, its end, its direction at rest; in Motive's words, then in ours
     ("UArm", "FArm", (1.0, 0.0, 0.0)),
     ("Thigh", "Shin", (0.0, -1.0, 0.0)),
     ("Shin", "Foot", (0.0, -1.0, 0.0)),
@@ -40,12 +40,12 @@ _LIMBS = (  # a bone's name, what lies at its end, where it points at rest; in M
     ("hip", "knee", (0.0, -1.0, 0.0)),
     ("knee", "ankle", (0.0, -1.0, 0.0)),
 )
-AGREES = np.deg2rad(25.0)  # bones whose rotations turn our rest pose so near to where they point are as ours
+AGREES = np.deg2rad(25.0)  # rad; the rotations of a file are used if they take our bones this close to its own
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A body's points, and what was found of the file."""
+    """A body's points, and remarks on the file."""
 
     observation: Observation
     remarks: tuple[str, ...]
@@ -55,9 +55,9 @@ class Found:
 def body_of(
     raw: RawMarkers, form: MarkerFormat, known: Recognised, place: str, of_gloves: Collection[str] = ()
 ) -> Found:
-    """The points of the body that wears the markers of a set; `of_gloves` are labels of gloves in the same file.
+    """Compute the points of the body that wears a marker set; `of_gloves` are labels of gloves in the same file.
 
-    Raises BodysenseError, naming `place`, for no body.
+    Raises BodysenseError, naming `place`, if the markers are not on a body.
     """
     markers, columns = known.markers, known.columns
     share = np.isfinite(raw.position[..., 0]).mean(axis=0)
@@ -86,7 +86,7 @@ def body_of(
 
 
 def _recognised(raw: RawMarkers, known: Recognised, here: Mapping[str, int]) -> str:
-    """What was recognised, in a line."""
+    """Describe the recognised set in one line."""
     others = [name for k, name in enumerate(raw.names) if k not in known.columns.values()]
     rarely = [name for name in known.columns if name not in here]
     text = f"{known.markers.name}: {len(here)} markers at {raw.frame_rate:g} Hz"
@@ -97,9 +97,9 @@ def _recognised(raw: RawMarkers, known: Recognised, here: Mapping[str, int]) -> 
 def _unmarked(
     raw: RawMarkers, known: Recognised, accuracy: Mapping[str, float], place: str, of_gloves: Collection[str]
 ) -> list[str]:
-    """Warn of limbs without markers in a file of whose labels many are unknown: some of these may be the limbs'.
+    """Warn of limbs without markers if many labels are unknown: some of these may belong to the limbs.
 
-    Raises BodysenseError if so little follows that the set itself is doubtful.
+    Raises BodysenseError if so few points follow that the set itself is doubtful.
     """
     used = {raw.names[k] for k in known.columns.values()} | set(of_gloves)
     others = [name for name in raw.names if name not in used and not _UNNAMED.match(name)]
@@ -131,7 +131,7 @@ def _unit(
     place: str,
     remarks: list[str],
 ) -> tuple[Unit, float]:
-    """The unit in which the markers are as far apart as on a person, and the size as a factor of an adult's."""
+    """Return the unit at which marker distances fit a person, and the size as a factor of an adult's."""
     ratios = []
     for a, b, usual in markers.spans:
         if a in file and b in file:
@@ -159,7 +159,7 @@ def _unit(
 def _axes(
     markers: MarkerSet, file: Mapping[str, np.ndarray], raw: RawMarkers, form: MarkerFormat, remarks: list[str]
 ) -> np.ndarray:
-    """(3, 3) our axes in the file's: as the file says, unless the body stands along another one."""
+    """Return our axes (3, 3) in the file's: the declared ones, unless the body stands along another one."""
     declared = np.eye(3) if raw.axes is None else raw.axes
     if form.up is not None:
         return declared
@@ -183,7 +183,7 @@ def _axes(
 def _settle(markers: MarkerSet, places: Places, form: MarkerFormat, remarks: list[str]) -> float:
     """Move the body so that the floor under its feet is y = 0, if it is elsewhere and no floor is given.
 
-    Returns the height of the floor before that, m.
+    Returns the previous height of the floor, m.
     """
     feet = [places[name][:, 1] - high for name, high in markers.floor if name in places]
     if form.floor is not None or not feet:
@@ -204,7 +204,7 @@ def _settle(markers: MarkerSet, places: Places, form: MarkerFormat, remarks: lis
 def _bones(
     raw: RawMarkers, known: Recognised, here: Mapping[str, int], places: Places, remarks: list[str]
 ) -> dict[str, np.ndarray]:
-    """Rotations (T, 4) of bones whose rest pose is ours: their rotations take our bones to where theirs point."""
+    """Return rotations (T, 4) of bones whose rest pose is ours: they take our bones to the file's directions."""
     if raw.rotation is None or not known.markers.bones:
         return {}
     file = np.eye(3) if raw.axes is None else raw.axes
@@ -226,7 +226,7 @@ def _bones(
 
 
 def _angles(rotation: np.ndarray, rest: np.ndarray, way: np.ndarray) -> list[float]:
-    """Radians between where rotations (T, 4) take a resting bone (3,) and where it points (T, 3); of seen frames."""
+    """Return angles (radians) between resting bones (3,) rotated (T, 4) and their measured directions (T, 3)."""
     seen = np.isfinite(way).all(axis=-1) & np.isfinite(rotation).all(axis=-1)
     way = way[seen]
     cosine = (quaternion_rotate(rotation[seen], np.broadcast_to(rest, way.shape)) * way).sum(axis=-1)
@@ -234,7 +234,7 @@ def _angles(rotation: np.ndarray, rest: np.ndarray, way: np.ndarray) -> list[flo
 
 
 def _frames(markers: MarkerSet, places: Places) -> dict[str, np.ndarray]:
-    """The axes of every segment whose markers are there, by the first way that is."""
+    """Return the axes of every segment whose markers are present, by the first recipe that applies."""
     frames: dict[str, np.ndarray] = {}
     for frame in markers.frames:
         needed = [name for _, start, end in frame.axes for name in (*start, *end)]
@@ -244,13 +244,13 @@ def _frames(markers: MarkerSet, places: Places) -> dict[str, np.ndarray]:
 
 
 def _can(recipe: Recipe, places: Places, frames: Mapping[str, np.ndarray]) -> bool:
-    """Whether a recipe has its markers and its frame; a hinge does without."""
+    """Whether a recipe has its markers and its frame; a hinge needs no frame."""
     has_frame = recipe.how == "hinge" or all(name in frames for name in recipe.frames)
     return has_frame and all(name in places for name in recipe.markers)
 
 
 def _check_mirror(markers: MarkerSet, places: Places, frames: Mapping[str, np.ndarray], place: str) -> None:
-    """Refuse a body whose pelvis is upside down while it stands: left is right there, or the world is mirrored."""
+    """Refuse a body whose pelvis is upside down while it stands: sides are swapped, or the world is mirrored."""
     pelvis = next((frame for frame in markers.frames if frame.name == "pelvis" and frame.name in frames), None)
     ends = [[places[name] for name in names if name in places] for names in (markers.low, markers.high)]
     if pelvis is None or not all(ends):
@@ -267,7 +267,7 @@ def _check_mirror(markers: MarkerSet, places: Places, frames: Mapping[str, np.nd
 def _observed(
     raw: RawMarkers, places: Places, rotations: Mapping[str, np.ndarray], accuracy: Mapping[str, float]
 ) -> Observation:
-    """The points that were made, in the order of the skeleton."""
+    """Return the computed points, in the order of the skeleton."""
     points = tuple(name for name in default_skeleton().points if name in accuracy or name in rotations)
     frames = len(raw.time)
     position, rotation = np.full((frames, len(points), 3), np.nan), np.full((frames, len(points), 4), np.nan)

@@ -1,8 +1,8 @@
-"""Markers as C3D (c3d.org), read and written here: what a file announces is checked against what is there.
+"""Markers as C3D (c3d.org), read and written; a file's announcements are checked against its content.
 
-A missing marker has a negative residual, as the format says, or coordinates that are NaN or all zero, as some write it.
+A missing marker has a negative residual (the format), or coordinates that are NaN or all zero (some programs).
 
-The parameters of a C3D file: groups of named numbers and texts, of three kinds of processors.
+The parameters of a C3D file are groups of named numbers and texts, from three kinds of processors.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from bodysense.files import written_beside
 from bodysense.io.markers.raw_markers import RawMarkers, Unit
 from bodysense.observation import Observation
 
-BLOCK = 512  # bytes, of which a file consists; the first is the header
+BLOCK = 512  # bytes; a file consists of such blocks, and the first is the header
 INTEL, DEC, MIPS = 84, 85, 86  # the processors that wrote files
 BYTE_ORDERS = {INTEL: "<", DEC: "<", MIPS: ">"}
 _SIZES = {-1: 1, 1: 1, 2: 2, 4: 4}  # bytes of a character, a byte, an integer, a real
@@ -36,21 +36,21 @@ class Parameters:
     values: Mapping[tuple[str, str], Value]
 
     def texts(self, group: str, name: str) -> list[str]:
-        """Texts without the blanks around them; none where there are none."""
+        """Return texts without the blanks around them; empty if missing."""
         value = self.values.get((group, name), [])
         return list(value) if isinstance(value, list) else []
 
     def text(self, group: str, name: str) -> str:
-        """The first of some texts; '' where there is none."""
+        """Return the first of some texts; '' if missing."""
         return (self.texts(group, name) or [""])[0]
 
     def number(self, group: str, name: str) -> float:
-        """The first of some numbers; 0 where there is none."""
+        """Return the first of some numbers; 0 if missing."""
         value = self.values.get((group, name))
         return float(value.flat[0]) if isinstance(value, np.ndarray) and value.size else 0.0
 
     def frames(self) -> int:
-        """How many frames there are where the header's 16 bits do not hold it; 0 where nothing says so."""
+        """Return the number of frames if the header's 16 bits cannot hold it; 0 if unknown."""
         ends = [self.values.get(("TRIAL", f"ACTUAL_{end}_FIELD")) for end in ("START", "END")]
         if all(isinstance(value, np.ndarray) and value.size == 2 and value.dtype.kind == "i" for value in ends):
             first, last = (int(value[0]) % 65536 + 65536 * (int(value[1]) % 65536) for value in ends)  # type: ignore[index]
@@ -59,7 +59,7 @@ class Parameters:
 
 
 def read_parameters(path: Path, data: bytes) -> tuple[Parameters, int]:
-    """The parameters of a whole file, and the processor that wrote it. Raises BodysenseError for damaged ones."""
+    """Return a file's parameters, and the processor that wrote it. Raises BodysenseError if they are damaged."""
     at = BLOCK * (max(data[0], 1) - 1)
     if at + 4 > len(data):
         raise BodysenseError(f"{path}: cannot be read as C3D (it ends before its parameters); was the file cut short?")
@@ -91,14 +91,14 @@ def read_parameters(path: Path, data: bytes) -> tuple[Parameters, int]:
 
 
 def from_dec(raw: np.ndarray) -> np.ndarray:
-    """Reals of DEC's processors, bytes (..., 4 N), as numbers (..., N): halves change places, 2 off the exponent."""
+    """Convert reals of DEC's processors, bytes (..., 4 N), to numbers (..., N): swap halves, take 2 off the exponent."""
     words = np.ascontiguousarray(raw).view("<u2")
     swapped = np.stack([words[..., 1::2], words[..., 0::2]], axis=-1)
     return np.ascontiguousarray(swapped).view("<f4")[..., 0].astype(np.float64) / 4
 
 
 def parameter_blocks(groups: Mapping[str, Mapping[str, object]]) -> bytes:
-    """Groups of whole numbers, reals and lists of texts as the parameter blocks of a file of Intel's."""
+    """Return groups of whole numbers, reals and lists of texts as parameter blocks in Intel's order."""
     records: list[bytes] = []
     for number, (group, values) in enumerate(groups.items(), start=1):
         records.append(_record(group, -number, b""))
@@ -109,14 +109,14 @@ def parameter_blocks(groups: Mapping[str, Mapping[str, object]]) -> bytes:
 
 
 def _record(name: str, group: int, content: bytes) -> bytes:
-    """A group or a parameter without a description; its step leads from itself to the next."""
+    """Return a group or a parameter without a description; its step leads from itself to the next."""
     return (
         struct.pack("bb", len(name), group) + name.encode() + struct.pack("<h", 2 + len(content) + 1) + content + b"\0"
     )
 
 
 def _packed(value: object) -> bytes:
-    """Type, dimensions and data of a parameter."""
+    """Return type, dimensions and data of a parameter."""
     if isinstance(value, list):
         texts = [str(text).encode("latin-1", "replace")[:255] for text in value]
         width = max((len(text) for text in texts), default=0)
@@ -127,7 +127,7 @@ def _packed(value: object) -> bytes:
 
 
 def _value(data: bytes, at: int, processor: int) -> Value:
-    """The parameter whose type stands at a place. Raises ValueError where it does not end within the file."""
+    """Read the parameter whose type is at `at`. Raises ValueError if it does not end within the file."""
     kind, dimensions = struct.unpack_from("bB", data, at)
     if kind not in _SIZES:
         raise ValueError(f"a parameter of type {kind}")
@@ -154,14 +154,14 @@ _KEY = 0x50  # second byte of every C3D file
 _LARGEST = 4 << 30  # bytes
 _UNITS: dict[str, Unit] = {"": "mm", "mm": "mm", "cm": "cm", "m": "m", "millimeters": "mm", "meters": "m"}
 _Z_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
-_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")  # points that are no places
+_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")  # points that are not positions
 
 
 def read_c3d(path: Path) -> RawMarkers:
-    """Read the points of a C3D file: unit by POINT:UNITS, axes by X_SCREEN and Y_SCREEN, +Z up where those are missing.
+    """Read the points of a C3D file: unit from POINT:UNITS, axes from X_SCREEN and Y_SCREEN, +Z up if missing.
 
-    What a model computed (angles, moments …) is left out. Raises BodysenseError for a file that is none, or without
-    points, or cut short, or whose unit is not a length.
+    Outputs of a model (angles, moments …) are skipped. Raises BodysenseError for a file that is not C3D, has no points,
+    is cut short, or whose unit is not a length.
     """
     data, parameters, order = _opened(path)
     block = _point_block(path, data, order, parameters)
@@ -178,14 +178,14 @@ def read_c3d(path: Path) -> RawMarkers:
 
 
 def filled_c3d(path: Path, position: np.ndarray, filled: np.ndarray) -> bytes:
-    """Return the bytes of a C3D file with other positions of some points.
+    """Return the bytes of a C3D file with new positions of some points.
 
     Args:
-        path: the file, whose points `read_c3d` read.
+        path: a file that `read_c3d` reads.
         position: (T, M, 3) of these points in the file's unit and axes.
-        filled: (T, M) bool: which of them are written, with the residual 0, which says that they were interpolated.
+        filled: (T, M) bool: points to write, with the residual 0, which marks interpolated points.
 
-    Every other byte stays. Raises BodysenseError for positions that the file's whole numbers cannot hold.
+    Every other byte is unchanged. Raises BodysenseError for positions that the file's whole numbers cannot hold.
     """
     data, parameters, order = _opened(path)
     block = _point_block(path, data, order, parameters)
@@ -203,7 +203,7 @@ class PointBlock:
 
     start: int  # byte
     row: int  # bytes of a frame
-    width: int  # bytes of a number: 4 of reals, 2 of whole numbers
+    width: int  # bytes of a number: 4 for reals, 2 for whole numbers
     frames: int
     count: int  # of points
     scale: float  # of whole numbers
@@ -215,7 +215,7 @@ class PointBlock:
         raw = np.frombuffer(data, dtype="u1", count=self.frames * self.row, offset=self.start)
         raw = np.ascontiguousarray(raw.reshape(self.frames, self.row)[:, : 4 * self.count * self.width])
         mark = BYTE_ORDERS[self.order]
-        with np.errstate(invalid="ignore"):  # of damaged numbers, which are NaN
+        with np.errstate(invalid="ignore"):  # damaged numbers become NaN
             if self.width == 4:
                 values = from_dec(raw) if self.order == DEC else raw.view(f"{mark}f4").astype(np.float64)
             else:
@@ -237,7 +237,7 @@ class PointBlock:
 
 
 def _opened(path: Path) -> tuple[bytes, Parameters, int]:
-    """A file's bytes, its parameters and the processor that wrote it."""
+    """Return a file's bytes, its parameters and the processor that wrote it."""
     try:
         if path.stat().st_size > _LARGEST:
             raise BodysenseError(f"{path}: larger than {_LARGEST >> 30} GiB; export the trajectories alone")
@@ -251,7 +251,7 @@ def _opened(path: Path) -> tuple[bytes, Parameters, int]:
 
 
 def _places(parameters: Parameters, count: int) -> tuple[list[str], list[int]]:
-    """The labels of all points, and which of these are places, not what a model computed."""
+    """Return the labels of all points, and the indices of those that are positions, not outputs of a model."""
     names = _labels(parameters, count)
     outputs = {name for kind in _OUTPUTS for name in parameters.texts("POINT", kind)}
     return names, [k for k, name in enumerate(names) if name not in outputs]
@@ -292,7 +292,7 @@ def write_c3d(path: Path, observation: Observation, rate: float) -> None:
 
 
 def _point_block(path: Path, data: bytes, order: int, parameters: Parameters) -> PointBlock:
-    """How the points are stored. Raises BodysenseError for a file without points, or cut short."""
+    """Return the storage layout of the points. Raises BodysenseError for a file without points, or cut short."""
     mark = BYTE_ORDERS[order]
     count, analog, first, last = struct.unpack(f"{mark}4H", data[2:10])
     block, _ = struct.unpack(f"{mark}2H", data[16:20])
@@ -316,7 +316,7 @@ def _point_block(path: Path, data: bytes, order: int, parameters: Parameters) ->
 
 
 def _to_dec(values: np.ndarray) -> bytes:
-    """Numbers (N,) as reals of DEC's processors, the inverse of `from_dec`."""
+    """Convert numbers (N,) to reals of DEC's processors, the inverse of `from_dec`."""
     words = (values * 4).astype("<f4").view("<u2").reshape(-1, 2)
     return np.ascontiguousarray(words[:, ::-1]).tobytes()
 
@@ -329,14 +329,14 @@ def _real(data: bytes, order: int) -> float:
 
 def _labels(parameters: Parameters, count: int) -> list[str]:
     names = parameters.texts("POINT", "LABELS")
-    for k in range(2, 100):  # more than 255 labels go on in LABELS2, LABELS3 …
+    for k in range(2, 100):  # labels beyond 255 continue in LABELS2, LABELS3 …
         names += parameters.texts("POINT", f"LABELS{k}")
     names = names[:count]
     return names + [f"unlabelled {k + 1}" for k in range(len(names), count)]
 
 
 def _axes(path: Path, parameters: Parameters) -> np.ndarray:
-    """(3, 3) our axes, rows, in the file's: x along the screen, y up it; +Z up where the file does not say."""
+    """Return our axes (3, 3), rows, in the file's: x along the screen, y up it; +Z up if the file does not say."""
     screens = [parameters.text("POINT", name).upper() for name in ("X_SCREEN", "Y_SCREEN")]
     if not all(screens):
         return _Z_UP

@@ -1,4 +1,4 @@
-"""Is it a hand? Marker data are looked at before they are tracked: their unit, their handedness, their identifiers."""
+"""Plausibility of glove markers before tracking: unit, handedness and identifiers."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from bodysense.errors import BodysenseError
 from bodysense.io.markers.raw_markers import METRES, Unit
 from bodysense.observation import Observation
 
-FRAMES = 40  # at most, spread over the recording, that are looked at
-FEWEST = 7  # markers, the three on the back of the hand among them, that a frame must have
-SPANS = (0.06, 0.5)  # m between the markers of a hand that are farthest apart
-SIZES = (0.6, 1.6)  # of our hand: what a person's may be
-MIRRORED = 0.7  # a mirror image that is nearer to a hand than this share of what it is
-SWAPPED = 0.97  # the same for two markers that change names
+FRAMES = 40  # at most, spread over the recording, that are checked
+FEWEST = 7  # markers in a frame, the three on the back of the hand among them
+SPANS = (0.06, 0.5)  # m between the two markers of a hand that are farthest apart
+SIZES = (0.6, 1.6)  # of our hand's size: range of a person's
+MIRRORED = 0.7  # a hand is mirrored if its mirror image has less than this share of its error
+SWAPPED = 0.97  # two markers are swapped if exchanging them leaves less than this share of the error
 
-_FAR = 0.03  # m: beyond it a marker says nothing of the size
+_FAR = 0.03  # m; beyond it a marker does not count for the size
 
 
 @dataclass(frozen=True)
 class GloveCheck:
-    """What was found of a recording's gloves."""
+    """The result of checking a recording's gloves."""
 
     sizes: dict[str, float]  # of each hand, as a factor of ours
-    remarks: tuple[str, ...]  # what is doubtful, a sentence each
+    remarks: tuple[str, ...]  # one sentence for each doubt
 
 
 def check_gloves(observation: Observation, place: str, unit: Unit = "m") -> GloveCheck:
-    """Look at every glove of a recording (T frames), which was read as being in `unit`s.
+    """Check every glove of a recording (T frames), which was read as being in `unit`s.
 
-    A hand that is never seen well enough (`FEWEST`) is passed over with a remark. Raises BodysenseError, with the fix,
-    for a hand of impossible size and for one that is a hand in a mirror only.
+    A hand that is never seen well enough (`FEWEST`) is skipped with a remark. Raises BodysenseError, with the fix,
+    for a hand of impossible size and for a hand that is mirrored.
     """
     sizes, remarks, mirrored = {}, [], []
     for hand in glove_hands(observation.points):
@@ -52,7 +52,7 @@ def check_gloves(observation: Observation, place: str, unit: Unit = "m") -> Glov
             )
             continue
         _check_size(seen, hand, place, unit)
-        # Handedness and names are told by shape alone: in the size of our hand, as its back has it.
+        # Handedness and names depend on shape alone, so scale the hand to ours by the markers on its back.
         markers = seen * (_side(_shapes()[0, list(ALIGNMENT)]) / _side(seen[:, list(ALIGNMENT)]))
         like = _likeness(markers)
         if _likeness(markers * [-1, 1, 1]) < MIRRORED * like:
@@ -69,7 +69,7 @@ def check_gloves(observation: Observation, place: str, unit: Unit = "m") -> Glov
 
 
 def _good_frames(observation: Observation, hand: str) -> np.ndarray:
-    """(N, 9, 3) m: frames, as a left hand's, that show enough of a glove; NaN where missing."""
+    """Return frames (N, 9, 3) m that show enough of a glove, as a left hand's; NaN where missing."""
     names = glove_points(hand)
     markers = np.full((len(observation), len(MARKERS), 3), np.nan)
     for k, name in enumerate(names):
@@ -87,12 +87,12 @@ def _shapes() -> np.ndarray:
 
 
 def _side(triangle: np.ndarray) -> float:
-    """Mean side of triangles (..., 3, 3): the median of all."""
+    """Return the mean side of triangles (..., 3, 3): the median of all."""
     return float(np.median(np.linalg.norm(triangle - np.roll(triangle, 1, axis=-2), axis=-1).mean(axis=-1)))
 
 
 def _check_size(markers: np.ndarray, hand: str, place: str, declared: Unit) -> None:
-    """Refuse a hand that no person has; name the unit that would make it one."""
+    """Refuse a hand of impossible size; name the unit that would make it possible."""
     apart, ours = _side(markers[:, list(ALIGNMENT)]), _side(_shapes()[0, list(ALIGNMENT)])
     if SIZES[0] <= apart / ours <= SIZES[1]:
         return
@@ -107,7 +107,7 @@ def _check_size(markers: np.ndarray, hand: str, place: str, declared: Unit) -> N
 
 
 def _check_span(observation: Observation, hand: str, place: str, declared: Unit) -> None:
-    """Refuse a glove of another marker set that spans no hand; name the unit in which it would."""
+    """Refuse a glove of another marker set with an impossible span; name the unit that would make it possible."""
     here = [k for k, name in enumerate(observation.points) if name.startswith(f"{hand}_glove_")]
     frames = np.unique(np.linspace(0, len(observation) - 1, min(len(observation), FRAMES)).astype(int))
     seen = observation.position[frames][:, here]
@@ -125,7 +125,7 @@ def _check_span(observation: Observation, hand: str, place: str, declared: Unit)
 
 
 def _size(markers: np.ndarray) -> float:
-    """How large a hand is as a factor of ours: the size at which its markers are nearest to where a hand has them."""
+    """Return a hand's size as a factor of ours: the size at which its markers are closest to a hand's."""
     hand = hand_skeleton(default_skeleton(), "left")
     ranges, back = marker_ranges(hand), list(ALIGNMENT)
     flat, known = template(default_glove(), hand)[back], np.ones((len(markers), len(back)), dtype=bool)
@@ -140,12 +140,12 @@ def _size(markers: np.ndarray) -> float:
 
 
 def _likeness(markers: np.ndarray) -> float:
-    """m: how far nine markers are from a hand's, median of the frames."""
+    """Return the error (m) between nine markers and a hand's, median of the frames."""
     return float(np.median(unlikeness(_shapes(), markers)))
 
 
 def _swapped(markers: np.ndarray, hand: str, like: float) -> list[str]:
-    """A remark on the two markers that had better change names, if there are such."""
+    """Return a remark on two markers whose names should be exchanged, if there are such."""
     best, pair = like * SWAPPED, None
     for a, b in combinations(range(len(MARKERS)), 2):
         order = np.arange(len(MARKERS))
